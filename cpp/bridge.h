@@ -1,8 +1,8 @@
-// All that cxx's glue sees of the C++ side. No OpenVDB header is included here (the types are
-// pointers to implementations), so the glue compiles in a second.
+// The C++ side of the bridge as cxx's generated code sees it. No OpenVDB header is included here (the types
+// are pointers to implementations), so that the generated code compiles in a second.
 //
-// Every function that can throw is a `Result` on the Rust side. Signs, winding and units are
-// OpenVDB's own here; src/vdb/ corrects them, each in one place.
+// Functions that can throw return a `Result` on the Rust side. Signs, winding and units are OpenVDB's here;
+// src/vdb/ corrects them.
 #pragma once
 
 #include <rust/cxx.h>
@@ -14,7 +14,7 @@
 
 namespace rust {
 namespace behavior {
-// Only std::exception crosses the bridge by itself; anything else would abort the process.
+// cxx passes only std::exception; any other exception would abort the process.
 template <typename Try, typename Fail>
 static void trycatch(Try&& attempt, Fail&& fail) noexcept {
   try {
@@ -30,10 +30,10 @@ static void trycatch(Try&& attempt, Fail&& fail) noexcept {
 
 namespace druse {
 
-// Rust's: how many threads to use, and whether to go on.
+// Threads and cancellation; implemented in Rust.
 struct Host;
 
-// Shared structs, defined by the glue.
+// Shared structs, defined by the generated code.
 struct LeafHead;
 struct Tile;
 struct MetaEntry;
@@ -45,7 +45,7 @@ struct Camera;
 enum class Filter : std::uint8_t;
 enum class Csg : std::uint8_t;
 
-// A FloatGrid, or in files a grid of any type.
+// A FloatGrid, or, from a file, a grid of any type.
 class Grid {
  public:
   struct Impl;
@@ -63,7 +63,7 @@ class Block {
   std::unique_ptr<Impl> impl;
 };
 
-// Pointers to the leaves of one grid, in order of origin (x, y, z); valid while the grid is unchanged.
+// Pointers to the leaves of one grid, in order of origin (x, y, z); valid while the grid does not change.
 class LeafTable {
  public:
   struct Impl;
@@ -75,7 +75,7 @@ class LeafTable {
   std::unique_ptr<Impl> impl;
 };
 
-// The mesh that volumeToMesh made: points in world space, four indices a quad.
+// A mesh of volumeToMesh: points in world space, four indices per quad.
 class Surface {
  public:
   struct Impl;
@@ -86,7 +86,7 @@ class Surface {
   std::unique_ptr<Impl> impl;
 };
 
-// A file opened for reading; grids are read on demand, wholly, never delayed.
+// A file opened for reading; grids are read on demand, each completely.
 class FileIn {
  public:
   struct Impl;
@@ -100,7 +100,7 @@ class FileIn {
   std::unique_ptr<Impl> impl;
 };
 
-// The contents of a file to be written.
+// The contents of a file to write.
 class FileOut {
  public:
   struct Impl;
@@ -110,7 +110,7 @@ class FileOut {
   std::unique_ptr<Impl> impl;
 };
 
-// A file of one grid that is written while its blocks come and go.
+// A file that is written block by block.
 class Stream {
  public:
   struct Impl;
@@ -119,14 +119,14 @@ class Stream {
   std::unique_ptr<Impl> impl;
 };
 
-// grid.cc: grids as wholes, and blocks
+// grid.cc: whole grids, and blocks
 void initialize();
 std::unique_ptr<Grid> grid_new(double voxel_size, float background);
 std::unique_ptr<Grid> grid_copy(const Grid&);
 std::unique_ptr<Grid> grid_with_neighbours(const Grid&);
 void grid_clear(Grid&);
-void grid_place(Grid&, double voxel_size, const std::array<double, 3>& origin);
-std::unique_ptr<Grid> grid_raw(double voxel_size, const std::array<double, 3>& origin, float background,
+void grid_set_transform(Grid&, double voxel_size, const std::array<double, 3>& origin);
+std::unique_ptr<Grid> grid_new_of_class(double voxel_size, const std::array<double, 3>& origin, float background,
                                rust::Str class_name);
 void grid_put_leaf(Grid&, const std::array<std::int32_t, 3>& origin, const std::array<std::uint64_t, 8>& mask,
                    const std::array<float, 512>& values);
@@ -142,10 +142,10 @@ void grid_attach(Grid&, std::unique_ptr<Block>);
 void grid_flood_fill(Grid&, const Host&);
 std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
 
-// leaves.cc: what a tree holds
+// leaves.cc: leaves, tiles and values of a tree
 std::unique_ptr<LeafTable> leaf_table(const Grid&);
 std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, rust::Slice<const float> values);
-rust::Vec<Tile> grid_tiles(const Grid&, bool everything);
+rust::Vec<Tile> grid_tiles(const Grid&, bool all_tiles);
 void grid_put_leaves(Grid&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
                      rust::Slice<const float> values);
 void grid_edit(Grid&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
@@ -154,24 +154,24 @@ void grid_values(const Grid&, rust::Slice<const std::int32_t> voxels, rust::Slic
 void grid_samples(const Grid&, rust::Slice<const double> points, bool quadratic, rust::Slice<float> values);
 
 // filter.cc: operations that need neighbours
-void grid_filter(Grid&, Filter kind, Smoothing how, const Host&);
-void grid_offset(Grid&, double offset, Smoothing how, const Host&);
-void grid_renormalise(Grid&, Smoothing how, const Host&);
+void grid_filter(Grid&, Filter kind, Smoothing smoothing, const Host&);
+void grid_offset(Grid&, double offset, Smoothing smoothing, const Host&);
+void grid_renormalise(Grid&, Smoothing smoothing, const Host&);
 
-// shape.cc: widths of bands, varying offsets, masks, blends, fillets
+// shape.cc: band widths, masked offsets, blends, fillets
 void grid_set_background(Grid&, float background, const Host&);
-void grid_resize(Grid&, int voxels, Smoothing how, const Host&);
-void grid_vary(Grid&, double offset, const Grid& by, Range range, Smoothing how, const Host&);
-void grid_mix(Grid&, const Grid& before, const Grid& by, Range range, Smoothing how, const Host&);
-void grid_blend(Grid&, std::unique_ptr<Grid> operand, double radius, Smoothing how, const Host&);
-void grid_fillet(Grid&, double radius, Smoothing how, const Host&);
+void grid_resize(Grid&, int voxels, Smoothing smoothing, const Host&);
+void grid_offset_masked(Grid&, double offset, const Grid& mask, Range range, Smoothing smoothing, const Host&);
+void grid_restrict_change(Grid&, const Grid& before, const Grid& mask, Range range, Smoothing smoothing, const Host&);
+void grid_blend(Grid&, std::unique_ptr<Grid> operand, double radius, Smoothing smoothing, const Host&);
+void grid_fillet(Grid&, double radius, Smoothing smoothing, const Host&);
 void grid_prune(Grid&, const Host&);
 
 // csg.cc
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);
 
 // mesh.cc: to and from meshes
-std::unique_ptr<Surface> grid_to_mesh(const Grid&, double adaptivity, double far, const Host&);
+std::unique_ptr<Surface> grid_to_mesh(const Grid&, double adaptivity, double max_coordinate, const Host&);
 std::unique_ptr<Grid> grid_from_mesh(rust::Slice<const float> points, rust::Slice<const std::uint32_t> triangles,
                                      double voxel_size, float half_width, const Host&);
 
@@ -204,7 +204,7 @@ void stream_values(Stream&, const std::array<std::int32_t, 3>& origin, rust::Sli
 std::int32_t stream_close(Stream&);
 
 // render.cc
-void grid_trace(const Grid&, const Camera&, rust::Slice<const std::uint32_t> wanted, rust::Slice<float> hits,
+void grid_trace(const Grid&, const Camera&, rust::Slice<const std::uint32_t> samples, rust::Slice<float> hits,
                 const Host&);
 void grid_shade(const Grid&, const Camera&, rust::Slice<float> hits, const Host&);
 

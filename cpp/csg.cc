@@ -1,4 +1,4 @@
-// Boolean operations; each empties its operand.
+// Boolean operations; each consumes its operand.
 #include "impl.h"
 
 #include <openvdb/tools/Composite.h>

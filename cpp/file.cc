@@ -1,4 +1,4 @@
-// Files: whole, eager reading; writing through our own stream, which notices a full disk.
+// Reading of files, completely and at once; writing through a stream that reports a full disk.
 #include "file.h"
 
 #include <openvdb/io/Archive.h>
@@ -34,7 +34,7 @@ rust::Vec<MetaEntry> entries(const MetaMap& map) {
 
 std::string text(rust::Str s) { return std::string(s.data(), s.size()); }
 
-// Gives access to the writer that takes any stream: io::File::write reports success on a full disk.
+// Exposes the writer for any stream: io::File::write reports success on a full disk.
 struct StreamArchive : io::Archive {
   void put(std::ostream& os, const GridCPtrVec& grids, const MetaMap& metadata) const {
     write(os, grids, /*seekable=*/true, metadata);
@@ -45,7 +45,7 @@ struct StreamArchive : io::Archive {
 
 std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path) {
   auto in = std::make_unique<FileIn::Impl>(std::string(reinterpret_cast<const char*>(path.data()), path.size()));
-  // Delayed loading of a damaged file crashes, hangs or eats all memory.
+  // Delayed loading of a damaged file crashes, hangs or exhausts memory.
   in->file.open(/*delayLoad=*/false);
   for (auto it = in->file.beginName(); it != in->file.endName(); ++it) in->names.push_back(it.gridName());
   return std::make_unique<FileIn>(std::move(in));
@@ -72,7 +72,8 @@ std::unique_ptr<FileOut> file_new() { return std::make_unique<FileOut>(std::make
 std::size_t file_add(FileOut& out, const Grid& handle, rust::Str name, double scale, bool half, const Host& host) {
   GridBase::Ptr any;
   if (scale == 1.0 || handle.impl->base->getGridClass() != GRID_LEVEL_SET) {
-    // Shares the tree, which nobody changes until the file is written; only distances have a unit.
+    // Shares the tree, which does not change until the file is written. Values of other classes have no length
+    // unit.
     any = handle.impl->base->copyGrid();
     if (scale != 1.0) any->transform().postScale(scale);
   } else {

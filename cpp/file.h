@@ -1,4 +1,4 @@
-// What the writers of files share: the contents, and a stream that notices a full disk.
+// Shared by the writers of files: the contents, and a stream that reports a full disk.
 #pragma once
 
 #include "impl.h"
@@ -17,8 +17,8 @@ struct FileOut::Impl {
   openvdb::MetaMap metadata;
 };
 
-// A seekable stream onto a file descriptor that keeps the first error number, and refuses more
-// bytes once the user asked to stop.
+// A seekable stream onto a file descriptor. It keeps the first error number, and rejects bytes after
+// cancellation.
 class DescriptorBuffer final : public std::streambuf {
  public:
   DescriptorBuffer(int descriptor, Interrupter& interrupter) : descriptor_(descriptor), interrupter_(interrupter) {
@@ -41,7 +41,7 @@ class DescriptorBuffer final : public std::streambuf {
   int sync() override { return flush() ? 0 : -1; }
 
   pos_type seekoff(off_type offset, std::ios_base::seekdir whence, std::ios_base::openmode) override {
-    // Asking for the position must not flush: OpenVDB does it for every node.
+    // A query of the position must not flush: OpenVDB makes one for every node.
     if (whence == std::ios_base::cur && offset == 0) return pos_type(position_ + (pptr() - pbase()));
     if (!flush()) return pos_type(off_type(-1));
     const int origin = whence == std::ios_base::beg ? SEEK_SET : whence == std::ios_base::cur ? SEEK_CUR : SEEK_END;
@@ -86,7 +86,7 @@ class DescriptorBuffer final : public std::streambuf {
   int error_ = 0;
 };
 
-// Lets `work` write to a descriptor: 0, or the error number of the first write that failed.
+// Runs `work` on a stream to a descriptor; returns 0, or the error number of the first write that failed.
 template <typename Work>
 std::int32_t write_through(std::int32_t descriptor, const Host& host, Work&& work) {
   Interrupter interrupter(host);

@@ -1,4 +1,4 @@
-// Operations on the narrow band that need neighbours; each ends within the interrupter's reach.
+// Offsets and filters of OpenVDB; all can be interrupted.
 #include "impl.h"
 
 #include <openvdb/tools/LevelSetFilter.h>
@@ -9,47 +9,47 @@ namespace druse {
 
 namespace {
 
-using Worker = tools::LevelSetFilter<FloatGrid>;
+using LevelSetFilter = tools::LevelSetFilter<FloatGrid>;
 
-// Sets up the filter, runs `work` on it and throws when the user asked to stop: the grid is then
-// in between and must be thrown away.
+// Sets up the filter, runs `work` on it and throws on cancellation; the grid is then invalid and must be
+// discarded.
 template <typename Work>
-void filtered(Grid& handle, const Smoothing& how, const Host& host, Work&& work) {
+void with_filter(Grid& handle, const Smoothing& smoothing, const Host& host, Work&& work) {
   ThrowingInterrupter interrupter(host);
   in_arena(host, [&] {
-    Worker worker(floats(handle), &interrupter);
-    worker.setSpatialScheme(how.high_order ? math::HJWENO5_BIAS : math::FIRST_BIAS);
-    worker.setGrainSize(1);
-    if (how.normalisations >= 0) worker.setNormCount(how.normalisations);
-    work(worker);
+    LevelSetFilter filter(floats(handle), &interrupter);
+    filter.setSpatialScheme(smoothing.high_order ? math::HJWENO5_BIAS : math::FIRST_BIAS);
+    filter.setGrainSize(1);
+    if (smoothing.normalisations >= 0) filter.setNormCount(smoothing.normalisations);
+    work(filter);
   });
   if (host_cancelled(host)) throw std::runtime_error("interrupted");
 }
 
 }  // namespace
 
-void grid_filter(Grid& handle, Filter kind, Smoothing how, const Host& host) {
-  filtered(handle, how, host, [&](Worker& worker) {
-    for (int n = 0; n < how.iterations; ++n) {
+void grid_filter(Grid& handle, Filter kind, Smoothing smoothing, const Host& host) {
+  with_filter(handle, smoothing, host, [&](LevelSetFilter& filter) {
+    for (int n = 0; n < smoothing.iterations; ++n) {
       switch (kind) {
-        case Filter::Mean: worker.mean(how.width); break;
-        case Filter::Gaussian: worker.gaussian(how.width); break;
-        case Filter::Median: worker.median(how.width); break;
-        case Filter::Laplacian: worker.laplacian(); break;
-        case Filter::Curvature: worker.meanCurvature(); break;
+        case Filter::Mean: filter.mean(smoothing.width); break;
+        case Filter::Gaussian: filter.gaussian(smoothing.width); break;
+        case Filter::Median: filter.median(smoothing.width); break;
+        case Filter::Laplacian: filter.laplacian(); break;
+        case Filter::Curvature: filter.meanCurvature(); break;
         default: throw std::invalid_argument("unknown filter");
       }
     }
   });
 }
 
-void grid_offset(Grid& handle, double offset, Smoothing how, const Host& host) {
-  filtered(handle, how, host,
-           [&](Worker& worker) { worker.offset(static_cast<float>(offset)); });
+void grid_offset(Grid& handle, double offset, Smoothing smoothing, const Host& host) {
+  with_filter(handle, smoothing, host,
+           [&](LevelSetFilter& filter) { filter.offset(static_cast<float>(offset)); });
 }
 
-void grid_renormalise(Grid& handle, Smoothing how, const Host& host) {
-  filtered(handle, how, host, [&](Worker& worker) { worker.track(); });
+void grid_renormalise(Grid& handle, Smoothing smoothing, const Host& host) {
+  with_filter(handle, smoothing, host, [&](LevelSetFilter& filter) { filter.track(); });
 }
 
 }  // namespace druse

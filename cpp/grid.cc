@@ -1,4 +1,4 @@
-// Grids as wholes: creation, copies, facts; blocks of 128^3 voxels and their attachment.
+// Whole grids: creation, copies, descriptions; blocks of 128^3 voxels and their attachment.
 #include "impl.h"
 
 #include <openvdb/tools/LevelSetUtil.h>
@@ -43,14 +43,14 @@ std::unique_ptr<Grid> grid_with_neighbours(const Grid& grid) {
 
 void grid_clear(Grid& handle) { floats(handle).clear(); }
 
-void grid_place(Grid& handle, double voxel_size, const std::array<double, 3>& origin) {
+void grid_set_transform(Grid& handle, double voxel_size, const std::array<double, 3>& origin) {
   FloatGrid& grid = floats(handle);
   const auto transform = math::Transform::createLinearTransform(voxel_size);
   transform->postTranslate(Vec3d(origin[0], origin[1], origin[2]));
   grid.setTransform(transform);
 }
 
-std::unique_ptr<Grid> grid_raw(double voxel_size, const std::array<double, 3>& origin, float background,
+std::unique_ptr<Grid> grid_new_of_class(double voxel_size, const std::array<double, 3>& origin, float background,
                                rust::Str class_name) {
   auto grid = FloatGrid::create(background);
   const auto transform = math::Transform::createLinearTransform(voxel_size);
@@ -83,7 +83,7 @@ void grid_put_tile(Grid& handle, const std::array<std::int32_t, 3>& at, std::int
 
 namespace {
 
-// Uniform positive scale and translation, nothing else.
+// Whether a transform is only a uniform positive scale and a translation.
 bool is_plain(const math::Transform& transform) {
   if (!transform.isLinear() || !transform.hasUniformScale()) return false;
   const auto m = transform.baseMap()->getAffineMap()->getMat4();
@@ -191,7 +191,7 @@ void block_add_leaves(Block& block, rust::Slice<const std::int32_t> origins, rus
     const Coord origin(origins[3 * n], origins[3 * n + 1], origins[3 * n + 2]);
     if ((origin & ~127) != node.origin() || (origin & ~7) != origin)
       throw std::out_of_range("leaf at (" + std::to_string(origin[0]) + ", " + std::to_string(origin[1]) + ", " +
-                              std::to_string(origin[2]) + ") is no leaf of its block");
+                              std::to_string(origin[2]) + ") is not in its block");
     if (node.probeLeaf(origin)) throw std::invalid_argument("a leaf was given twice");
     auto leaf = std::make_unique<Leaf>(PartialCreate(), origin, block.impl->background, false);
     leaf->allocate();
@@ -216,7 +216,7 @@ void grid_attach(Grid& handle, std::unique_ptr<Block> block) {
 }
 
 void grid_flood_fill(Grid& handle, const Host& host) {
-  floats(handle).setGridClass(GRID_LEVEL_SET);  // files may leave that open
+  floats(handle).setGridClass(GRID_LEVEL_SET);  // may be unset in files
   in_arena(host, [&] { tools::signedFloodFill(floats(handle).tree()); });
 }
 
@@ -224,7 +224,7 @@ std::unique_ptr<Grid> grid_fog(const Grid& handle, const Host& host) {
   FloatGrid::Ptr fog;
   in_arena(host, [&] {
     fog = floats(handle).deepCopy();
-    // What is not active says no more than its sign: a fog is of what a file of the level set says.
+    // Only the signs of inactive values are stored in files; the fog must not depend on more.
     const float outside = fog->background();
     tree::LeafManager<FloatTree> leaves(fog->tree());
     leaves.foreach([outside](Leaf& leaf, std::size_t) {

@@ -1,4 +1,4 @@
-// What the translation units share: the grid behind the pimpl, thread width, the interrupter.
+// Shared by the translation units: the implementation of Grid, the interrupter, the task arena.
 #pragma once
 
 #include "bridge.h"
@@ -49,7 +49,7 @@ inline openvdb::FloatGrid& floats(Grid& grid) {
   return *grid.impl->grid;
 }
 
-// Asks Rust, at most every 20 ms and from any thread, whether to go on. Once stopped it stays so.
+// Checks for cancellation in Rust, at most every 20 ms and from any thread. Cancellation is permanent.
 class Interrupter : public openvdb::util::NullInterrupter {
  public:
   explicit Interrupter(const Host& host) : host_(host) {}
@@ -72,8 +72,8 @@ class Interrupter : public openvdb::util::NullInterrupter {
   std::atomic<std::chrono::milliseconds::rep> next_{0};
 };
 
-// The same, but leaves by an exception: a filter that is told to stop would otherwise go through the
-// motions of its remaining passes, copying and dilating the whole grid in each.
+// Throws on cancellation: an interrupted filter would otherwise copy and dilate the whole grid in each of its
+// remaining passes.
 class ThrowingInterrupter final : public Interrupter {
  public:
   using Interrupter::Interrupter;
@@ -84,8 +84,8 @@ class ThrowingInterrupter final : public Interrupter {
   }
 };
 
-// Runs `work` on as many threads as the host allows; exceptions come through. The arena is its own,
-// so that a cancelled loop of OpenVDB leaves no cancelled context behind for the next call.
+// Runs `work` on the host's number of threads; exceptions pass through. Each call has its own arena, so that a
+// cancelled loop of OpenVDB leaves no cancelled context for the next call.
 template <typename Work>
 void in_arena(const Host& host, Work&& work) {
   tbb::task_arena arena(static_cast<int>(host_threads(host)));

@@ -1,4 +1,4 @@
-// What a tree holds: leaves in order of origin without a copy, tiles, single values, interpolated samples.
+// Contents of a tree: leaves in order of origin without copies, tiles, single values, interpolated samples.
 #include "impl.h"
 
 #include <openvdb/tools/Dense.h>
@@ -13,7 +13,7 @@ using namespace openvdb;
 namespace druse {
 
 struct LeafTable::Impl {
-  // Masks are read where they are asked for: by whichever threads go through the table.
+  // Masks are read on access, by the threads that use the table.
   struct Entry {
     Coord origin;
     const Leaf::NodeMaskType* mask;
@@ -23,7 +23,7 @@ struct LeafTable::Impl {
   std::size_t components = 1;
 
   template <typename TreeType>
-  void list(const TreeType& tree) {
+  void add_leaves(const TreeType& tree) {
     std::vector<const typename TreeType::LeafNodeType*> nodes;
     tree.getNodes(nodes);
     leaves.reserve(nodes.size());
@@ -42,9 +42,9 @@ std::unique_ptr<LeafTable> leaf_table(const Grid& handle) {
   if (const auto* vectors = dynamic_cast<const Vec3SGrid*>(handle.impl->base.get())) {
     static_assert(sizeof(Vec3s) == 3 * sizeof(float), "vectors are packed");
     table->components = 3;
-    table->list(vectors->tree());
+    table->add_leaves(vectors->tree());
   } else {
-    table->list(floats(handle).tree());
+    table->add_leaves(floats(handle).tree());
   }
   return std::make_unique<LeafTable>(std::move(table));
 }
@@ -96,16 +96,16 @@ std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, 
   throw std::invalid_argument("an attribute of " + std::to_string(components) + " components");
 }
 
-rust::Vec<Tile> grid_tiles(const Grid& handle, bool everything) {
-  if (!handle.impl->grid) return {};  // attributes have none
+rust::Vec<Tile> grid_tiles(const Grid& handle, bool all_tiles) {
+  if (!handle.impl->grid) return {};  // grids of vectors have no relevant tiles
   const auto& tree = floats(handle).tree();
   rust::Vec<Tile> tiles;
   auto it = tree.cbeginValueAll();
   it.setMaxDepth(FloatTree::ValueAllCIter::LEAF_DEPTH - 1);
   for (; it; ++it) {
     const CoordBBox box = it.getBoundingBox();
-    // Background outside is what a tree without the tile would say.
-    if (!everything && !it.isValueOn() && *it >= 0) continue;
+    // An inactive outside tile equals the background.
+    if (!all_tiles && !it.isValueOn() && *it >= 0) continue;
     Tile tile{};
     for (int a = 0; a < 3; ++a) tile.origin[a] = box.min()[a];
     tile.edge = box.dim()[0];
@@ -124,7 +124,7 @@ void grid_edit(Grid& handle, rust::Slice<const std::int32_t> origins, rust::Slic
   auto& tree = floats(handle).tree();
   for (std::size_t n = 0; n < count; ++n) {
     Leaf* leaf = tree.probeLeaf(Coord(origins[3 * n], origins[3 * n + 1], origins[3 * n + 2]));
-    if (!leaf) throw std::out_of_range("a leaf to be edited is not there");
+    if (!leaf) throw std::out_of_range("a leaf to edit does not exist");
     std::copy_n(values.data() + 512 * n, 512, leaf->buffer().data());
     Leaf::NodeMaskType mask;
     for (int w = 0; w < 8; ++w) mask.getWord<std::uint64_t>(w) = masks[8 * n + w];
@@ -160,20 +160,20 @@ void grid_values(const Grid& handle, rust::Slice<const std::int32_t> voxels, rus
 
 namespace {
 
-// The voxels around some points, if they are so few that to copy them all takes less than to look for those of each
-// point; none otherwise, nor where a point lies beyond the numbers that voxels have.
-CoordBBox worth_copying(const std::vector<Vec3d>& points) {
-  constexpr std::size_t kEach = 64, kFewest = 8;
-  constexpr double kFarthest = 1e9;
-  constexpr int kEdge = 1024;
-  if (points.size() < kFewest) return {};
+// The box of voxels around some points, if a dense copy of it is faster than a tree access for each point. Empty
+// otherwise, and if a point lies beyond the range of voxel indices.
+CoordBBox dense_box(const std::vector<Vec3d>& points) {
+  constexpr std::size_t kMaxVoxelsPerPoint = 64, kMinPoints = 8;
+  constexpr double kMaxIndex = 1e9;
+  constexpr int kMaxEdge = 1024;
+  if (points.size() < kMinPoints) return {};
   CoordBBox around;
   for (const Vec3d& point : points) {
     for (int axis = 0; axis < 3; ++axis)
-      if (!(std::abs(point[axis]) < kFarthest)) return {};
+      if (!(std::abs(point[axis]) < kMaxIndex)) return {};
     around.expand(Coord::floor(point));
   }
-  if (around.dim()[around.maxExtent()] > kEdge || around.volume() > kEach * points.size()) return {};
+  if (around.dim()[around.maxExtent()] > kMaxEdge || around.volume() > kMaxVoxelsPerPoint * points.size()) return {};
   around.expand(2);
   return around;
 }
@@ -190,7 +190,7 @@ void grid_samples(const Grid& handle, rust::Slice<const double> points, bool qua
     for (std::size_t n = 0; n < at.size(); ++n)
       values[n] = quadratic ? tools::QuadraticSampler::sample(voxels, at[n]) : tools::BoxSampler::sample(voxels, at[n]);
   };
-  if (const CoordBBox around = worth_copying(at); !around.empty()) {
+  if (const CoordBBox around = dense_box(at); !around.empty()) {
     tools::Dense<float> voxels(around);
     tools::copyToDense(grid.tree(), voxels, /*serial=*/true);
     sample(voxels);

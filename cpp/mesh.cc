@@ -1,4 +1,4 @@
-// Level set to mesh and back, with OpenVDB's own winding: src/vdb/mesh.rs turns it.
+// Level set to mesh and back, with OpenVDB's winding; src/vdb/mesh.rs reverses it.
 #include "impl.h"
 
 #include <openvdb/tools/MeshToVolume.h>
@@ -32,38 +32,38 @@ rust::Slice<const std::uint32_t> Surface::quads() const {
 
 namespace {
 
-// A copy without values so small that vertices of several cells would fall onto one voxel in 32 bits:
-// where a wall lies in a plane of voxels, those would make edges of more than two faces. Signs stay. The
-// grid may be a part of a whole whose leaves reach up to `far`, which is treated alike in all parts.
-FloatGrid::Ptr without_zeros(const FloatGrid& grid, double far) {
+// A copy without values so small that vertices of several cells would coincide at one voxel in 32 bits, which
+// would make edges of more than two faces where a wall lies in a plane of voxels. Signs do not change. The grid
+// may be a part of a whole with coordinates up to `max_coordinate`; all parts are then treated alike.
+FloatGrid::Ptr without_small_values(const FloatGrid& grid, double max_coordinate) {
   const FloatGrid::Ptr copy = grid.deepCopy();
   const double h = grid.voxelSize()[0];
   const CoordBBox box = grid.evalActiveVoxelBoundingBox();
   constexpr Int32 edge = Leaf::DIM;
   const Coord last = (box.max() & ~(edge - 1)).offsetBy(edge);
   const Vec3d low = grid.indexToWorld(box.min() & ~(edge - 1)), high = grid.indexToWorld(last);
-  for (int a = 0; a < 3 && !box.empty(); ++a) far = std::max({far, std::abs(low[a]), std::abs(high[a])});
-  const double rounding = 8.0 * far / h * std::ldexp(1.0, -23);
-  const auto least = static_cast<float>(h * std::clamp(rounding, 1e-4, 1e-2));
+  for (int a = 0; a < 3 && !box.empty(); ++a) max_coordinate = std::max({max_coordinate, std::abs(low[a]), std::abs(high[a])});
+  const double rounding = 8.0 * max_coordinate / h * std::ldexp(1.0, -23);
+  const auto min_magnitude = static_cast<float>(h * std::clamp(rounding, 1e-4, 1e-2));
   tree::LeafManager<FloatTree> leaves(copy->tree());
-  leaves.foreach([least](Leaf& leaf, std::size_t) {
+  leaves.foreach([min_magnitude](Leaf& leaf, std::size_t) {
     float* values = leaf.buffer().data();
     for (Index n = 0; n < Leaf::SIZE; ++n)
-      if (std::abs(values[n]) < least) values[n] = values[n] < 0 ? -least : least;
+      if (std::abs(values[n]) < min_magnitude) values[n] = values[n] < 0 ? -min_magnitude : min_magnitude;
   });
   return copy;
 }
 
 }  // namespace
 
-std::unique_ptr<Surface> grid_to_mesh(const Grid& handle, double adaptivity, double far, const Host& host) {
+std::unique_ptr<Surface> grid_to_mesh(const Grid& handle, double adaptivity, double max_coordinate, const Host& host) {
   auto surface = std::make_unique<Surface::Impl>();
-  // volumeToMesh takes no interrupter: ask before and after.
+  // volumeToMesh takes no interrupter; cancellation is checked before and after.
   Interrupter interrupter(host);
   if (interrupter.wasInterrupted()) throw std::runtime_error("interrupted");
   in_arena(host, [&] {
     std::vector<Vec3I> triangles;
-    const FloatGrid::Ptr grid = without_zeros(floats(handle), far);
+    const FloatGrid::Ptr grid = without_small_values(floats(handle), max_coordinate);
     tools::volumeToMesh(*grid, surface->points, triangles, surface->quads, 0.0, adaptivity, true);
     surface->quads.reserve(surface->quads.size() + triangles.size());
     for (const Vec3I& t : triangles) surface->quads.emplace_back(t[0], t[1], t[2], t[2]);
@@ -84,7 +84,7 @@ std::unique_ptr<Grid> grid_from_mesh(rust::Slice<const float> points, rust::Slic
   for (std::size_t n = 0; n < faces.size(); ++n) {
     faces[n] = Vec3I(triangles[3 * n], triangles[3 * n + 1], triangles[3 * n + 2]);
     for (int a = 0; a < 3; ++a)
-      if (faces[n][a] >= vertices.size()) throw std::out_of_range("a triangle names a vertex that is not there");
+      if (faces[n][a] >= vertices.size()) throw std::out_of_range("a triangle refers to a vertex that does not exist");
   }
   FloatGrid::Ptr grid;
   Interrupter interrupter(host);

@@ -1,4 +1,4 @@
-// NanoVDB files: each grid as one block of memory that a GPU reads as it is.
+// Writing of NanoVDB files: each grid is one block of memory, as a GPU uses it.
 #include "file.h"
 
 #define NANOVDB_USE_BLOSC

@@ -1,7 +1,7 @@
-// Rays against a level set: depth, normal and shadow of each sample; nothing about colour.
+// Ray casting of a level set: depth, normal and shadow of each sample.
 //
-// A ray goes by the distance that the level set holds for where it is, in cubes without leaves to their end,
-// and where the sign changes to the zero between. That takes a dozen looks at the grid a ray.
+// A ray advances by the distance at its position (sphere tracing), leaves tiles at their boundary, and finds the
+// zero between two positions of different sign. This takes about a dozen tree accesses per ray.
 #include "impl.h"
 
 #include <tbb/blocked_range.h>
@@ -18,25 +18,25 @@ namespace druse {
 namespace {
 
 constexpr double kFar = std::numeric_limits<double>::max();
-constexpr std::size_t kNumbers = 6;
+constexpr std::size_t kRayValues = 6;
 
-// Steps, in voxels. Values are at most so steep that a step of their share stays before the surface; close to it
-// steps have a least length, below which nothing is that a grid can hold.
-constexpr double kShare = 0.9, kLeastStep = 0.35;
-// Farthest that the nearest voxel's centre is from a place, rounded up.
-constexpr double kToCentre = 0.87;
-// Looks at which a zero is closed in.
-constexpr int kCloser = 4;
+// Steps, in voxels. A step of this share of the distance does not cross the surface, even where the slope of the
+// values exceeds 1. The minimum step is below the size of details that a grid can resolve.
+constexpr double kStepShare = 0.9, kMinStep = 0.35;
+// Greatest distance of a point from the nearest voxel centre, sqrt(3) / 2, rounded up.
+constexpr double kCentreDistance = 0.87;
+// Greatest number of steps to refine a zero.
+constexpr int kRootSteps = 4;
 
 Vec3d vec(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
 
-// What is found on a ray: its length, voxels, and the slope there.
-struct Found {
+// A hit: the length of the ray, voxels, and the gradient there.
+struct Hit {
   double time;
-  Vec3d slope;
+  Vec3d gradient;
 };
 
-// One thread's view of the scene: accessors are not to be shared. Lengths are voxels, but for the camera's.
+// Traces rays on one thread (accessors are not shared). Lengths are in voxels, those of the camera in world units.
 class Tracer {
  public:
   Tracer(const FloatGrid& grid, const CoordBBox& box, const Camera& camera)
@@ -46,9 +46,9 @@ class Tracer {
     low_ = box.min().asVec3d() - Vec3d(1.0);
     high_ = box.max().asVec3d() + Vec3d(1.0);
     if (camera.cut_axis >= 0) {
-      axis_ = camera.cut_axis;
-      // The side of the eye is left away.
-      side_ = camera.forward[axis_] < 0 ? 1 : -1;
+      cut_axis_ = camera.cut_axis;
+      // The eye's side of the cut is not shown.
+      cut_side_ = camera.forward[cut_axis_] < 0 ? 1 : -1;
     }
   }
 
@@ -57,19 +57,19 @@ class Tracer {
     Vec3d eye, direction;
     ray(i, j, eye, direction);
     double start = 0;
-    if (axis_ >= 0 && side_ * (eye[axis_] - camera_.cut) > 0) {
-      if (side_ * direction[axis_] >= 0) return;  // never leaves what is left away
-      start = (camera_.cut - eye[axis_]) / direction[axis_];
+    if (cut_axis_ >= 0 && cut_side_ * (eye[cut_axis_] - camera_.cut) > 0) {
+      if (cut_side_ * direction[cut_axis_] >= 0) return;  // stays on the hidden side
+      start = (camera_.cut - eye[cut_axis_]) / direction[cut_axis_];
       const Vec3d at = grid_.worldToIndex(eye + direction * start);
       if ((cell(at) ? value() : access_.getValue(base_)) < 0) {
         Vec3d normal(0);
-        normal[axis_] = side_;
+        normal[cut_axis_] = cut_side_;
         return store(out, eye + direction * start, normal, start, true);
       }
     }
-    Found found;
+    Hit found;
     if (march(grid_.worldToIndex(eye), direction, start * per_voxel_, kFar, found)) {
-      Vec3d normal = found.slope;
+      Vec3d normal = found.gradient;
       normal.normalize();
       if (normal.dot(direction) > 0) normal = -normal;
       const double depth = found.time * voxel_;
@@ -77,7 +77,7 @@ class Tracer {
     }
   }
 
-  // Puts a sample that was found in the light, perhaps in another grid, into this one's shadow.
+  // Removes the light from a hit, of this or another grid, that lies in this grid's shadow.
   void shade(std::size_t i, std::size_t j, float* out) {
     if (!std::isfinite(out[0]) || out[5] == 0) return;
     Vec3d eye, direction;
@@ -106,18 +106,18 @@ class Tracer {
 
   bool is_lit(const Vec3d& point) {
     double end = kFar;
-    if (axis_ >= 0 && side_ * light_[axis_] > 0) {
-      end = (camera_.cut - point[axis_]) / light_[axis_];
+    if (cut_axis_ >= 0 && cut_side_ * light_[cut_axis_] > 0) {
+      end = (camera_.cut - point[cut_axis_]) / light_[cut_axis_];
       if (end <= 0) return true;
     }
-    Found found;
+    Hit found;
     return !march(grid_.worldToIndex(point), light_, 0, end == kFar ? kFar : end * per_voxel_, found);
   }
 
-  // The voxels around a place, if the least of them is in a leaf.
+  // Loads the cell around a point; false if its least voxel is not in a leaf.
   bool cell(const Vec3d& at) {
     const Coord base = Coord::floor(at);
-    share_ = at - base.asVec3d();
+    fraction_ = at - base.asVec3d();
     if (base == base_ && leaf_) return true;
     base_ = base;
     leaf_ = access_.probeConstLeaf(base);
@@ -134,16 +134,16 @@ class Tracer {
     return true;
   }
 
-  // Linear between the corners of the cell.
+  // Trilinear value at the current point of the cell.
   double value() const {
     double x[4];
-    for (int c = 0; c < 4; ++c) x[c] = corner_[c] + (corner_[c + 4] - corner_[c]) * share_[0];
-    const double y0 = x[0] + (x[2] - x[0]) * share_[1], y1 = x[1] + (x[3] - x[1]) * share_[1];
-    return y0 + (y1 - y0) * share_[2];
+    for (int c = 0; c < 4; ++c) x[c] = corner_[c] + (corner_[c + 4] - corner_[c]) * fraction_[0];
+    const double y0 = x[0] + (x[2] - x[0]) * fraction_[1], y1 = x[1] + (x[3] - x[1]) * fraction_[1];
+    return y0 + (y1 - y0) * fraction_[2];
   }
 
-  Vec3d slope() const {
-    const double x = share_[0], y = share_[1], z = share_[2];
+  Vec3d gradient() const {
+    const double x = fraction_[0], y = fraction_[1], z = fraction_[2];
     const auto mix = [](double a, double b, double t) { return a + (b - a) * t; };
     const auto along = [&](int step, int u, int v, double s, double t) {
       const auto rise = [&](int c) { return corner_[c + step] - corner_[c]; };
@@ -152,8 +152,8 @@ class Tracer {
     return {along(4, 2, 1, y, z), along(2, 4, 1, x, z), along(1, 4, 2, x, y)};
   }
 
-  // Where a ray first comes from outside into the solid, between two lengths of it.
-  bool march(const Vec3d& from, const Vec3d& direction, double time, double end, Found& found) {
+  // Finds the first point between two lengths of a ray at which it enters the solid from outside.
+  bool march(const Vec3d& from, const Vec3d& direction, double time, double end, Hit& found) {
     for (int a = 0; a < 3; ++a) {
       if (direction[a] == 0) {
         if (from[a] < low_[a] || from[a] > high_[a]) return false;
@@ -163,38 +163,38 @@ class Tracer {
       time = std::max(time, std::min(one, other));
       end = std::min(end, std::max(one, other));
     }
-    double before = time, outside = 1;  // the last place outside, and its distance
+    double before = time, outside = 1;  // the last point outside, and its distance
     while (time <= end) {
       const Vec3d at = from + direction * time;
       if (!cell(at)) {
-        time = leave(at, direction, time);
+        time = leave_tile(at, direction, time);
         continue;
       }
-      const double near = leaf_value(at) - kToCentre;
-      if (near > kLeastStep) {
+      const double safe = leaf_value(at) - kCentreDistance;
+      if (safe > kMinStep) {
         before = time;
-        outside = near;
-        time += near;
+        outside = safe;
+        time += safe;
         continue;
       }
       const double distance = value();
-      if (distance < 0) return close(from, direction, before, time, outside, distance, found);
+      if (distance < 0) return refine_hit(from, direction, before, time, outside, distance, found);
       before = time;
       outside = distance;
-      time += std::max(kShare * distance, kLeastStep);
+      time += std::max(kStepShare * distance, kMinStep);
     }
     return false;
   }
 
-  // The value at the voxel nearest to a place, if it is in the leaf at hand, else none.
+  // The value at the voxel nearest to a point, if it is in the current leaf, else 0.
   double leaf_value(const Vec3d& at) const {
     const Coord nearest = Coord::round(at);
     if ((nearest & ~7) != leaf_->origin()) return 0;
     return leaf_->buffer().data()[Leaf::coordToOffset(nearest)] * per_voxel_;
   }
 
-  // The length at which a ray leaves the cube without leaves that it is in.
-  double leave(const Vec3d& at, const Vec3d& direction, double time) {
+  // The length at which a ray leaves the tile that it is in.
+  double leave_tile(const Vec3d& at, const Vec3d& direction, double time) {
     const int depth = access_.getValueDepth(base_);
     const Int32 edge = depth >= 2 ? 8 : depth == 1 ? 128 : 4096;
     const Vec3d low = (base_ & ~(edge - 1)).asVec3d();
@@ -203,15 +203,15 @@ class Tracer {
       if (direction[a] == 0) continue;
       step = std::min(step, (low[a] + (direction[a] > 0 ? edge : 0) - at[a]) / direction[a]);
     }
-    // A hair beyond, into the next.
+    // Slightly beyond the boundary, into the next node.
     return time + std::max(step, 0.0) + 1e-3;
   }
 
-  // Closes in the zero between a place outside and one inside.
-  bool close(const Vec3d& from, const Vec3d& direction, double outer, double inner, double outside, double inside,
-             Found& found) {
+  // Refines the zero between a point outside and one inside, by false position.
+  bool refine_hit(const Vec3d& from, const Vec3d& direction, double outer, double inner, double outside, double inside,
+             Hit& found) {
     double time = inner;
-    for (int n = 0; n < kCloser; ++n) {
+    for (int n = 0; n < kRootSteps; ++n) {
       const double share = std::clamp(outside / (outside - inside), 0.02, 0.98);
       time = outer + (inner - outer) * share;
       if (!cell(from + direction * time)) break;
@@ -226,7 +226,7 @@ class Tracer {
       }
     }
     if (!cell(from + direction * time)) cell(from + direction * (time = inner));
-    found = {time, slope()};
+    found = {time, gradient()};
     return true;
   }
 
@@ -235,26 +235,25 @@ class Tracer {
   const Camera& camera_;
   Vec3d light_, low_, high_;
   double voxel_ = 1, per_voxel_ = 1;
-  int axis_ = -1;
-  double side_ = 1;
-  // The cell at hand: its least voxel, the leaf of that, the values at its corners, a place in it.
+  int cut_axis_ = -1;
+  double cut_side_ = 1;
+  // The current cell: its least voxel, the leaf of that voxel, the values at its corners, the position in the cell.
   Coord base_ = Coord::max();
   const Leaf* leaf_ = nullptr;
   double corner_[8] = {};
-  Vec3d share_{0.0};
+  Vec3d fraction_{0.0};
 };
 
 }  // namespace
 
 namespace {
 
-// Calls `visit` for samples of a view, all of them or those with some numbers, in parallel, with a tracer and the
-// sample's numbers.
+// Calls `visit` in parallel for the given samples of a view, or for all, with a tracer and the sample's values.
 template <typename Visit>
-void each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<const std::uint32_t> wanted,
+void for_each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<const std::uint32_t> samples,
                  rust::Slice<float> hits, const Host& host, Visit&& visit) {
-  const std::size_t count = wanted.empty() ? camera.columns * camera.rows : wanted.size();
-  if (hits.size() != kNumbers * count)
+  const std::size_t count = samples.empty() ? camera.columns * camera.rows : samples.size();
+  if (hits.size() != kRayValues * count)
     throw std::invalid_argument("the picture's buffer has " + std::to_string(hits.size()) + " numbers");
   const CoordBBox box = grid.evalActiveVoxelBoundingBox();
   Interrupter interrupter(host);
@@ -263,8 +262,8 @@ void each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<const 
       Tracer tracer(grid, box, camera);
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         if (n % 1024 == 0 && interrupter.wasInterrupted()) return;
-        const std::size_t at = wanted.empty() ? n : wanted[n];
-        visit(tracer, at % camera.columns, at / camera.columns, hits.data() + kNumbers * n);
+        const std::size_t at = samples.empty() ? n : samples[n];
+        visit(tracer, at % camera.columns, at / camera.columns, hits.data() + kRayValues * n);
       }
     });
   });
@@ -273,21 +272,21 @@ void each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<const 
 
 }  // namespace
 
-void grid_trace(const Grid& handle, const Camera& camera, rust::Slice<const std::uint32_t> wanted,
+void grid_trace(const Grid& handle, const Camera& camera, rust::Slice<const std::uint32_t> samples,
                 rust::Slice<float> hits, const Host& host) {
   const FloatGrid& grid = floats(handle);
   if (grid.empty()) {
-    for (std::size_t n = 0; n < hits.size(); n += kNumbers) hits[n] = std::numeric_limits<float>::infinity();
+    for (std::size_t n = 0; n < hits.size(); n += kRayValues) hits[n] = std::numeric_limits<float>::infinity();
     return;
   }
-  each_sample(grid, camera, wanted, hits, host,
+  for_each_sample(grid, camera, samples, hits, host,
               [](Tracer& tracer, std::size_t i, std::size_t j, float* out) { tracer.sample(i, j, out); });
 }
 
 void grid_shade(const Grid& handle, const Camera& camera, rust::Slice<float> hits, const Host& host) {
   const FloatGrid& grid = floats(handle);
   if (grid.empty()) return;
-  each_sample(grid, camera, {}, hits, host,
+  for_each_sample(grid, camera, {}, hits, host,
               [](Tracer& tracer, std::size_t i, std::size_t j, float* out) { tracer.shade(i, j, out); });
 }
 

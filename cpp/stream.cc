@@ -1,5 +1,5 @@
-// Grids of any size into one ordinary file: of each the masks and tiles of all nodes first, then the
-// values of all leaves, each block of 128^3 voxels made for the moment of writing it and freed at once.
+// Streaming of grids of any size into an ordinary file: per grid first the masks and tiles of all nodes, then
+// the values of all leaves. Each block of 128^3 voxels exists only while it is written.
 #include "file.h"
 
 #include <openvdb/io/Archive.h>
@@ -15,19 +15,19 @@ namespace druse {
 
 namespace {
 
-// The writer's own steps, which io::Archive keeps to itself.
+// Exposes protected steps of the writer in io::Archive.
 struct OpenArchive : io::Archive {
   io::Archive::Ptr copy() const override { return io::Archive::Ptr(new OpenArchive(*this)); }
   void header(std::ostream& os) const { writeHeader(os, /*seekable=*/true); }
   void tag(std::ostream& os, const GridBase& grid) const { setGridCompression(os, grid); }
 };
 
-// A grid on its way: what its nodes are made with.
+// The grid that is being written.
 struct Current {
   GridBase::ConstPtr grid;
   io::GridDescriptor descriptor;
-  std::streamoff positions;  // where the descriptor's positions are to be entered
-  float inside;              // value of tiles inside, and whether they are active
+  std::streamoff positions;  // where the descriptor's stream positions are written
+  float inside;              // value of inside tiles, and whether they are active
   bool active;
   bool half;
   bool values = false;
@@ -60,7 +60,7 @@ struct Stream::Impl {
 
   // Runs `work` with a null pointer to a tree of the current grid's type.
   template <typename Work>
-  void typed(Work&& work) {
+  void with_tree_type(Work&& work) {
     if (!current) throw std::logic_error("no grid has begun");
     if (current->grid->isType<Vec3SGrid>()) {
       work(static_cast<const Vec3STree*>(nullptr));
@@ -69,7 +69,7 @@ struct Stream::Impl {
     }
   }
 
-  // Ends the current grid: its positions are entered where they belong.
+  // Ends the current grid and writes its stream positions.
   void finish() {
     if (!current) return;
     begin_values();
@@ -95,7 +95,7 @@ Stream::~Stream() {
 
 namespace {
 
-// Runs a step of writing; what fails in the system is told by stream_close.
+// Runs a step of writing; stream_close returns errors of the system.
 template <typename Work>
 void step(Stream& stream, Work&& work) {
   if (stream.impl->buffer.error() != 0) return;
@@ -106,9 +106,9 @@ void step(Stream& stream, Work&& work) {
   }
 }
 
-// A block with its leaves, whose values are all or none given.
+// A block with its leaves; values are given for all leaves or for none.
 template <typename TreeType>
-std::unique_ptr<typename TreeType::RootNodeType::ChildNodeType::ChildNodeType> made(
+std::unique_ptr<typename TreeType::RootNodeType::ChildNodeType::ChildNodeType> make_block(
     const Current& c, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> origins,
     rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values) {
   using Value = typename TreeType::ValueType;
@@ -123,7 +123,7 @@ std::unique_ptr<typename TreeType::RootNodeType::ChildNodeType::ChildNodeType> m
   auto node = std::make_unique<BlockType>(Coord(origin[0], origin[1], origin[2]), outside, false);
   for (std::size_t n = 0; n < count; ++n) {
     const Coord at(origins[3 * n], origins[3 * n + 1], origins[3 * n + 2]);
-    if ((at & ~127) != node->origin() || (at & ~7) != at) throw std::out_of_range("a leaf is not of its block");
+    if ((at & ~127) != node->origin() || (at & ~7) != at) throw std::out_of_range("a leaf is not in its block");
     auto leaf = std::make_unique<LeafType>(PartialCreate(), at, outside, false);
     if (!values.empty()) {
       leaf->allocate();
@@ -191,7 +191,7 @@ void stream_grid(Stream& stream, std::size_t index, const TreeFacts& facts) {
 
 void stream_root(Stream& stream, rust::Slice<const std::int32_t> tiles, std::uint32_t nodes) {
   step(stream, [&](Stream::Impl& s) {
-    s.typed([&](auto* tree) {
+    s.with_tree_type([&](auto* tree) {
       const auto& outside = background(*s.current, tree);
       using Value = std::decay_t<decltype(outside)>;
       s.put(std::int32_t(1));  // buffers
@@ -213,7 +213,7 @@ void stream_upper(Stream& stream, const std::array<std::int32_t, 3>& origin,
   constexpr Index kWords = Node2::NUM_VALUES / 64;
   if (children.size() != kWords || inside.size() != kWords) throw std::invalid_argument("masks of a wrong size");
   step(stream, [&](Stream::Impl& s) {
-    s.typed([&](auto* tree) {
+    s.with_tree_type([&](auto* tree) {
       const auto& outside = background(*s.current, tree);
       using Value = std::decay_t<decltype(outside)>;
       for (const std::int32_t c : origin) s.put(c);
@@ -237,10 +237,10 @@ void stream_topology(Stream& stream, const std::array<std::int32_t, 3>& origin,
                      rust::Slice<const std::uint64_t> inside) {
   if (inside.size() != Node1::NUM_VALUES / 64) throw std::invalid_argument("a mask of a wrong size");
   step(stream, [&](Stream::Impl& s) {
-    s.typed([&](auto* tree) {
+    s.with_tree_type([&](auto* tree) {
       using TreeType = std::remove_const_t<std::remove_pointer_t<decltype(tree)>>;
       const Current& c = *s.current;
-      const auto node = made<TreeType>(c, origin, leaves, masks, {});
+      const auto node = make_block<TreeType>(c, origin, leaves, masks, {});
       for (Index n = 0; n < Node1::NUM_VALUES; ++n) {
         if (!is_set(inside, n) || node->isChildMaskOn(n)) continue;
         node->addTile(n, typename TreeType::ValueType(c.inside), c.active);
@@ -253,11 +253,11 @@ void stream_topology(Stream& stream, const std::array<std::int32_t, 3>& origin,
 void stream_values(Stream& stream, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> leaves,
                    rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values) {
   step(stream, [&](Stream::Impl& s) {
-    s.typed([&](auto* tree) {
+    s.with_tree_type([&](auto* tree) {
       using TreeType = std::remove_const_t<std::remove_pointer_t<decltype(tree)>>;
       if (values.empty() && !leaves.empty()) throw std::invalid_argument("leaves without values");
       s.begin_values();
-      made<TreeType>(*s.current, origin, leaves, masks, values)->writeBuffers(s.os, s.current->half);
+      make_block<TreeType>(*s.current, origin, leaves, masks, values)->writeBuffers(s.os, s.current->half);
     });
   });
 }

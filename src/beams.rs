@@ -1,22 +1,14 @@
-//! Round beams and plates in world space as one distance field.
+//! Unions of round beams and plates in world space, as one distance field.
 //!
-//! The solid is the union of balls swept along segments ([`Beam`]) and over triangles ([`Plate`]), their radii
-//! linear along each. A value is the least of the parts' exact distances: exact outside and within any one
-//! part; where parts overlap the depth is that of the deepest. The field is 1-Lipschitz, which all bounds
-//! rest on. Far parts cost nothing: a tree over the parts' boxes finds those near a leaf, and those that
-//! another one beats everywhere in the leaf are left out. [`Beams::with_fillet`] rounds the corners between parts.
+//! The solid is the union of balls swept along segments ([`Beam`]) and over triangles ([`Plate`]), with
+//! linear radii. A value is the minimum of the parts' exact distances: exact outside and within any single
+//! part; where parts overlap, the depth is that of the deepest part. The field is 1-Lipschitz, which all
+//! bounds use. A tree over the parts' bounding boxes finds the parts near a leaf, and parts that are
+//! farther than another one everywhere in the leaf are omitted. [`Beams::with_fillet`] rounds the corners
+//! between parts.
 //!
-//! [`Network`] maps the struts and plates of a cell through the elements of a scaffold; [`Cut`] ends the
-//! solid at the scaffold's outer faces. [`Rods`] are cones with flat or half-round ends.
-//!
-//! ```
-//! use druse::beams::{Beam, Beams};
-//! use druse::field::Field;
-//! use druse::frame::{Vec3, WorldPoint};
-//! let cone = Beam { ends: [Vec3::zeros(), Vec3::x() * 5.0], radii: [1.0, 2.0] };
-//! let beams = Beams::new(&[cone], &[]).unwrap();
-//! assert_eq!(beams.value(WorldPoint(Vec3::new(9.0, 0.0, 0.0))), 2.0);
-//! ```
+//! [`Network`] maps the struts and plates of a cell through the elements of a scaffold. [`Cut`] clips the
+//! solid at the scaffold's outer faces. [`Rods`] are cones with flat or hemispherical ends.
 
 use crate::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
@@ -30,41 +22,50 @@ mod rod;
 mod rows;
 mod size;
 pub use cut::{Cut, ScaffoldSolid};
-pub use network::{Network, NetworkError, Shapes};
+pub use network::{Network, NetworkError, ReferenceParts};
 pub use part::{Beam, Plate};
 pub use rod::{Rod, Rods};
 pub use size::{DiametersAt, WeightsAt, Width};
 
 use part::{Axis, Part};
-use rows::{Near, ROW};
+use rows::{NearbyParts, ROW_LEN};
 
 /// Samples along the edge of a leaf.
-const LEAF: usize = 8;
-/// Scratch for rounding, as a share of a step.
-const MARGIN: f64 = 1e-4;
+const LEAF_EDGE: usize = 8;
+/// Margin for rounding, in sample steps.
+const ROUNDING_MARGIN: f64 = 1e-4;
 
 /// A union of beams and plates.
+///
+/// ```
+/// use druse::beams::{Beam, Beams};
+/// use druse::field::Field;
+/// use druse::frame::{Vec3, WorldPoint};
+/// let cone = Beam { ends: [Vec3::zeros(), Vec3::x() * 5.0], radii: [1.0, 2.0] };
+/// let beams = Beams::new(&[cone], &[]).unwrap();
+/// assert_eq!(beams.value(WorldPoint(Vec3::new(9.0, 0.0, 0.0))), 2.0);
+/// ```
 pub struct Beams {
     /// In the order of the tree's slots.
     parts: Vec<Part>,
     tree: Bvh,
     bounds: Aabb,
-    /// Radius that rounds the corners where parts meet, world units; 0 for none.
+    /// Fillet radius at corners between parts, world units; 0 for none.
     fillet: f64,
 }
 
-/// What a leaf's samples are found to be.
-enum Filled {
-    /// All at least the background, with those around them.
+/// Classification of a leaf's samples.
+enum LeafContent {
+    /// All samples, and the layer around them, are at least the background.
     Outside,
-    /// All at most minus the background, with those around them.
+    /// All samples, and the layer around them, are at most minus the background.
     Inside,
-    /// Values are written.
+    /// The values are written.
     Values,
 }
 
 impl Beams {
-    /// The union of some beams and plates; `None` if there are none.
+    /// The union of beams and plates; `None` without any.
     pub fn new(beams: &[Beam], plates: &[Plate]) -> Option<Self> {
         let part = |n: usize| match beams.get(n) {
             Some(beam) => Part::Beam(Axis::new(beam)),
@@ -85,8 +86,8 @@ impl Beams {
         })
     }
 
-    /// The same with corners between parts rounded by a radius, world units. Nothing farther than that from
-    /// two parts changes.
+    /// The same union with corners between parts rounded by a radius, world units. Points farther than the
+    /// radius from two parts keep their values.
     #[must_use]
     pub fn with_fillet(self, radius: f64) -> Self {
         Self {
@@ -95,7 +96,7 @@ impl Beams {
         }
     }
 
-    /// The box around the solid, world units.
+    /// The bounding box of the solid, world units.
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
@@ -105,13 +106,13 @@ impl Beams {
         self.parts.len()
     }
 
-    /// Whether there are none; never.
+    /// Whether the union has no parts, which never holds.
     pub fn is_empty(&self) -> bool {
         self.parts.is_empty()
     }
 
-    /// Its beams, in no order that means anything; a beam one of whose balls holds the other is a ball, its
-    /// ends the same. Without the plates.
+    /// The beams without the plates, in unspecified order. A beam with one end ball inside the other is
+    /// returned as a ball with equal ends.
     pub fn beams(&self) -> impl Iterator<Item = Beam> + '_ {
         self.parts.iter().filter_map(|part| match part {
             Part::Beam(axis) => Some(axis.beam()),
@@ -119,12 +120,12 @@ impl Beams {
         })
     }
 
-    /// Whether there are plates.
+    /// Whether the union has plates.
     pub fn has_plates(&self) -> bool {
         self.parts.iter().any(|part| matches!(part, Part::Plate(_)))
     }
 
-    /// Bytes that it takes.
+    /// Memory in bytes.
     pub fn bytes(&self) -> usize {
         let plate = |p: &Part| match p {
             Part::Beam(_) => 0,
@@ -136,35 +137,34 @@ impl Beams {
             + size_of_val(self.tree.order())
     }
 
-    /// The least distance and the part that has it.
-    fn least(&self, p: Vec3) -> (f64, usize) {
+    /// The smallest distance, and the part that has it.
+    fn nearest_part(&self, p: Vec3) -> (f64, usize) {
         let mut best = (f64::INFINITY, 0);
         self.tree.nearest(p, f64::INFINITY, |slot| {
             let d = self.parts[slot].nearest(p).0;
             (d < best.0).then(|| {
                 best = (d, slot);
-                // Within the solid all parts whose boxes hold the point count.
+                // Inside the solid, all parts whose boxes contain the point are candidates.
                 d.max(0.0)
             })
         });
         best
     }
 
-    /// Collects into `found` the parts that give the least value somewhere in a ball, where that is below
-    /// `reach`; gives the least distance of its centre, or infinity if nothing is nearer than `reach` in the
-    /// ball.
+    /// Collects into `found` the parts that give the minimum below `reach` somewhere in a ball. Returns the
+    /// smallest distance of the centre, or infinity if no part is within `reach` of the ball.
     fn gather(&self, centre: Vec3, radius: f64, reach: f64, found: &mut Vec<(f64, u32)>) -> f64 {
         found.clear();
-        let around = Aabb {
+        let point_box = Aabb {
             min: centre,
             max: centre,
         };
         let far = radius + reach;
-        // Farther ones round corners.
+        // Fillets extend to farther parts.
         let rounding = self.rounding_reach(radius);
         let mut least = f64::INFINITY;
         self.tree
-            .overlapping(&around.dilated(far.max(0.0)), |slot| {
+            .overlapping(&point_box.dilated(far.max(0.0)), |slot| {
                 let d = self.parts[slot].nearest(centre).0;
                 if d <= far.min((least + 2.0 * radius).max(rounding)) {
                     least = least.min(d);
@@ -176,7 +176,8 @@ impl Beams {
         least
     }
 
-    /// Distance from the centre of a ball below which parts round corners in it; none if negative.
+    /// Distance from the centre of a ball below which parts affect fillets in the ball; negative infinity
+    /// without fillets.
     fn rounding_reach(&self, radius: f64) -> f64 {
         if self.fillet > 0.0 {
             self.fillet + radius
@@ -185,14 +186,14 @@ impl Beams {
         }
     }
 
-    /// How much lower than the least distance values may be in a ball around whose centre parts were found.
+    /// Maximal decrease of values by fillets in a ball, from the parts around its centre.
     fn depth_of_fillets(&self, radius: f64, found: &[(f64, u32)]) -> f64 {
         let reach = self.rounding_reach(radius);
         let is_corner = found.iter().filter(|f| f.0 < reach).count() > 1;
         if is_corner { self.fillet } else { 0.0 }
     }
 
-    /// Rounds corners in values of the plain union at the places `at(n)`.
+    /// Applies fillets to values of the plain union at the points `at(n)`.
     fn round_corners(
         &self,
         scratch: &mut Scratch,
@@ -210,12 +211,12 @@ impl Beams {
             if f64::from(*value) < self.fillet {
                 let parts = found.iter().map(|f| &self.parts[f.1 as usize]);
                 let union = (f64::from(*value), Vec3::zeros());
-                *value = fillet::rounded(parts, at(n), self.fillet, union, close).0 as f32;
+                *value = fillet::with_fillets(parts, at(n), self.fillet, union, close).0 as f32;
             }
         }
     }
 
-    /// Values of a leaf, less `by`, clamped to the background.
+    /// Values of a leaf, minus `by`, clamped to the background.
     fn leaf(
         &self,
         origin: Vec3,
@@ -223,10 +224,10 @@ impl Beams {
         (by, background): (f64, f64),
         out: &mut [f32; 512],
         scratch: &mut Scratch,
-    ) -> Filled {
-        let half = (LEAF - 1) as f64 / 2.0;
+    ) -> LeafContent {
+        let half = (LEAF_EDGE - 1) as f64 / 2.0;
         let centre = origin.add_scalar(half * step);
-        let radius = (half * 3f64.sqrt() + MARGIN) * step;
+        let radius = (half * 3f64.sqrt() + ROUNDING_MARGIN) * step;
         let reach = if self.fillet > 0.0 {
             (background + by).max(0.0) + self.fillet
         } else {
@@ -234,18 +235,18 @@ impl Beams {
         };
         let least = self.gather(centre, radius, reach, &mut scratch.found);
         if least - self.depth_of_fillets(radius, &scratch.found) - by >= background + radius {
-            return Filled::Outside;
+            return LeafContent::Outside;
         }
         if least - by <= -background - radius {
-            return Filled::Inside;
+            return LeafContent::Inside;
         }
         scratch.near.clear();
         for &(_, slot) in &scratch.found {
             scratch.near.push(&self.parts[slot as usize], centre);
         }
-        let at: [f32; LEAF] = std::array::from_fn(|n| ((n as f64 - half) * step) as f32);
+        let at: [f32; LEAF_EDGE] = std::array::from_fn(|n| ((n as f64 - half) * step) as f32);
         out.fill((background + by).max(self.fillet) as f32);
-        rows::lower(&scratch.near, &at, &at, &at, out);
+        rows::lower_to_distances(&scratch.near, &at, &at, &at, out);
         if self.fillet > 0.0 {
             let place = |n: usize| {
                 let steps = [n >> 6, n >> 3 & 7, n & 7].map(|c| c as f64 - half);
@@ -262,15 +263,15 @@ impl Beams {
                 *v -= by as f32;
             }
         }
-        Filled::Values
+        LeafContent::Values
     }
 
     /// Values of a block of at most 8^3 samples.
     fn block(&self, lattice: &SampleLattice<WorldPoint>, scratch: &mut Scratch) {
         let span = lattice.span();
         let centre = span.centre().0;
-        let radius = span.half_diagonal() + MARGIN * lattice.step;
-        let (least, _) = self.least(centre);
+        let radius = span.half_diagonal() + ROUNDING_MARGIN * lattice.step;
+        let (least, _) = self.nearest_part(centre);
         let reach = (least + radius).max(self.fillet);
         self.gather(centre, radius, reach, &mut scratch.found);
         scratch.near.clear();
@@ -281,20 +282,20 @@ impl Beams {
             let from = lattice.origin.0[axis] - centre[axis];
             (from + n as f64 * lattice.step) as f32
         };
-        let xs: [f32; ROW] = std::array::from_fn(|n| at(0, n));
-        let ys: [f32; ROW] = std::array::from_fn(|n| at(1, n));
-        let zs: [f32; ROW] = std::array::from_fn(|n| at(2, n));
+        let xs: [f32; ROW_LEN] = std::array::from_fn(|n| at(0, n));
+        let ys: [f32; ROW_LEN] = std::array::from_fn(|n| at(1, n));
+        let zs: [f32; ROW_LEN] = std::array::from_fn(|n| at(2, n));
         let [nx, ny, _] = lattice.counts;
-        scratch.values[..nx * ny * ROW].fill(f32::INFINITY);
-        let values = &mut scratch.values[..nx * ny * ROW];
-        rows::lower(&scratch.near, &xs[..nx], &ys[..ny], &zs, values);
+        scratch.values[..nx * ny * ROW_LEN].fill(f32::INFINITY);
+        let values = &mut scratch.values[..nx * ny * ROW_LEN];
+        rows::lower_to_distances(&scratch.near, &xs[..nx], &ys[..ny], &zs, values);
         if self.fillet > 0.0 {
             let mut values = std::mem::take(&mut scratch.values);
             let place = |n: usize| {
-                let [i, j, k] = [n / ROW / ny, n / ROW % ny, n % ROW].map(|c| c as f64);
+                let [i, j, k] = [n / ROW_LEN / ny, n / ROW_LEN % ny, n % ROW_LEN].map(|c| c as f64);
                 lattice.origin.0 + Vec3::new(i, j, k) * lattice.step
             };
-            self.round_corners(scratch, radius, place, &mut values[..nx * ny * ROW]);
+            self.round_corners(scratch, radius, place, &mut values[..nx * ny * ROW_LEN]);
             scratch.values = values;
         }
     }
@@ -302,10 +303,11 @@ impl Beams {
 
 /// Buffers of an evaluation.
 struct Scratch {
+    /// Distances from the centre and slots of the collected parts.
     found: Vec<(f64, u32)>,
     /// Distances and directions of the parts at a corner.
     close: Vec<(f64, Vec3)>,
-    near: Near,
+    near: NearbyParts,
     values: Vec<f32>,
 }
 
@@ -314,8 +316,8 @@ impl Scratch {
         Self {
             found: Vec::new(),
             close: Vec::new(),
-            near: Near::default(),
-            values: vec![0.0; LEAF * LEAF * ROW],
+            near: NearbyParts::default(),
+            values: vec![0.0; LEAF_EDGE * LEAF_EDGE * ROW_LEN],
         }
     }
 }
@@ -330,7 +332,7 @@ fn without_band(inside: bool) -> LeafBits {
     }
 }
 
-/// Whether samples beyond the background have the sign of their neighbours, which a slope of at most 1 shows.
+/// Whether samples beyond the background have the sign of their neighbours, as a slope of at most 1 implies.
 fn is_settled(background: f64, step: f64) -> bool {
     background >= 1.75 * step
 }
@@ -342,27 +344,31 @@ impl Field for Beams {
         if self.fillet > 0.0 {
             return self.value_and_gradient(p).0;
         }
-        self.least(p.0).0
+        self.nearest_part(p.0).0
     }
 
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
-        let (value, slot) = self.least(p.0);
+        let (value, slot) = self.nearest_part(p.0);
         let (_, centre) = self.parts[slot].nearest(p.0);
         let union = (value, (p.0 - centre).try_normalize(0.0).unwrap_or_default());
         if self.fillet <= 0.0 || value >= self.fillet {
             return union;
         }
-        let around = Aabb { min: p.0, max: p.0 };
+        let point_box = Aabb { min: p.0, max: p.0 };
         let mut parts = Vec::new();
-        self.tree.overlapping(&around.dilated(self.fillet), |slot| {
-            parts.push(&self.parts[slot]);
-            true
-        });
-        fillet::rounded(parts.into_iter(), p.0, self.fillet, union, &mut Vec::new())
+        self.tree
+            .overlapping(&point_box.dilated(self.fillet), |slot| {
+                parts.push(&self.parts[slot]);
+                true
+            });
+        fillet::with_fillets(parts.into_iter(), p.0, self.fillet, union, &mut Vec::new())
     }
 
     fn bound(&self, region: &Aabb) -> Interval {
-        let (value, radius) = (self.least(region.centre().0).0, region.half_diagonal());
+        let (value, radius) = (
+            self.nearest_part(region.centre().0).0,
+            region.half_diagonal(),
+        );
         let least = value - radius;
         let depth = if least < self.fillet {
             self.fillet
@@ -375,10 +381,14 @@ impl Field for Beams {
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let mut scratch = Scratch::new();
         let [nx, ny, nz] = lattice.counts;
-        for i in (0..nx).step_by(LEAF) {
-            for j in (0..ny).step_by(LEAF) {
-                for k in (0..nz).step_by(ROW) {
-                    let counts = [(nx - i).min(LEAF), (ny - j).min(LEAF), (nz - k).min(ROW)];
+        for i in (0..nx).step_by(LEAF_EDGE) {
+            for j in (0..ny).step_by(LEAF_EDGE) {
+                for k in (0..nz).step_by(ROW_LEN) {
+                    let counts = [
+                        (nx - i).min(LEAF_EDGE),
+                        (ny - j).min(LEAF_EDGE),
+                        (nz - k).min(ROW_LEN),
+                    ];
                     let origin = lattice.point((i * ny + j) * nz + k);
                     let part = SampleLattice {
                         origin,
@@ -388,7 +398,7 @@ impl Field for Beams {
                     self.block(&part, &mut scratch);
                     for (row, values) in scratch
                         .values
-                        .chunks(ROW)
+                        .chunks(ROW_LEN)
                         .take(counts[0] * counts[1])
                         .enumerate()
                     {
@@ -417,13 +427,13 @@ impl Field for Beams {
                 values,
                 &mut scratch,
             ) {
-                Filled::Outside => without_band(false),
-                Filled::Inside => without_band(true),
-                Filled::Values => {
+                LeafContent::Outside => without_band(false),
+                LeafContent::Inside => without_band(true),
+                LeafContent::Values => {
                     evaluated += 512;
                     LeafBits {
                         settled: true,
-                        ..LeafBits::look_at(values, leaves.background)
+                        ..LeafBits::from_values(values, leaves.background)
                     }
                 }
             };
@@ -433,15 +443,15 @@ impl Field for Beams {
     }
 
     fn sides(&self, first: WorldPoint, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
-        // Each leaf in eight parts of 4^3 samples, with the layer around them 5^3: of the cube's 32 samples
-        // along an axis the parts' middles are these.
+        // Each leaf is divided into eight parts of 4^3 samples, 5^3 with the layer around the leaf. These are
+        // the positions of the parts' middles among the 32 samples of the cube along an axis.
         const MIDDLES: [f64; 8] = [1.0, 6.0, 9.0, 14.0, 17.0, 22.0, 25.0, 30.0];
         let half = 15.5;
         let centre = first.0.add_scalar(half * step);
-        let reach = (2.0 * 3f64.sqrt() + MARGIN) * step;
+        let reach = (2.0 * 3f64.sqrt() + ROUNDING_MARGIN) * step;
         let radius = 14.5 * 3f64.sqrt() * step;
         let mut scratch = Scratch::new();
-        // Rounded corners lie deeper than the union.
+        // Fillets lower the values of the union.
         let outer = band[1] + reach + self.fillet;
         let least = self.gather(centre, radius, outer, &mut scratch.found);
         if least >= outer + radius {
@@ -452,13 +462,13 @@ impl Field for Beams {
         }
         let at = MIDDLES.map(|m| ((m - half) * step) as f32);
         scratch.values.fill((outer + reach) as f32);
-        rows::lower(&scratch.near, &at, &at, &at, &mut scratch.values);
+        rows::lower_to_distances(&scratch.near, &at, &at, &at, &mut scratch.values);
         let (mut not_inside, mut not_outside) = (0u64, 0u64);
-        let ends = [(band[0] - reach) as f32, outer as f32];
+        let limits = [(band[0] - reach) as f32, outer as f32];
         for (n, &v) in scratch.values.iter().enumerate() {
             let bit = 1 << (16 * (n >> 7) + 4 * (n >> 4 & 3) + (n >> 1 & 3));
-            not_inside |= if v <= ends[0] { 0 } else { bit };
-            not_outside |= if v >= ends[1] { 0 } else { bit };
+            not_inside |= if v <= limits[0] { 0 } else { bit };
+            not_outside |= if v >= limits[1] { 0 } else { bit };
         }
         Some([!not_inside, !not_outside])
     }

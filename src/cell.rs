@@ -1,42 +1,14 @@
 //! Unit cells: symmetric Fourier series in an element's reference frame.
 //!
-//! A cell is a real function Phi = sum over orbits of C exp(2 pi i k.u) that is invariant under a
-//! group of symmetries of its element, together with what is solid: Phi < level, Phi > level,
-//! |Phi| < level. With the element's whole group it continues across the faces of a mesh whatever the
-//! numbering of the nodes ([`Cell::fits_any_numbering`]); with a smaller one only where elements are
-//! turned alike. What is not one series (averages over several bands, minima, sheets) is a [`Form`].
+//! A cell is a real function Phi = sum over orbits of C exp(2 pi i k.u), invariant under a group of
+//! symmetries of its element, together with the solid: Phi < level, Phi > level or |Phi| < level. With
+//! the element's full group, a cell continues across the faces of a mesh for any numbering of the nodes
+//! ([`Cell::fits_any_numbering`]). With a subgroup it continues only between elements of equal
+//! orientation. A function that is not one series (averages, minima, sheets) is an [`Expression`].
 //!
-//! Conventions: points are Cartesian reference coordinates ([`Element`]: edges 1, of the tet sqrt 2);
-//! lengths, gradients and |f| are in that unit; a [`Cell`] as a [`Field`] is negative inside its
-//! solid. `shift` moves the field by a constant, not the surface by a distance. Volume fractions are
-//! of the *element*, not of the period. Cells of planar elements are fields in space that do not
-//! depend on z.
-//!
-//! | element | groups | lattices |
-//! |---|---|---|
-//! | tri | D3, C1 | hex2 |
-//! | quad | D4, C1 | square |
-//! | tet | Td, T, C3v, C1 | fcc2, cubic |
-//! | hex | Oh, O, T, Th, Td, D4h, D2h, C4v, C3v, C1 | cubic |
-//! | wedge | D3h, C3v, C1 | hexprism |
-//! | pyramid | C4v, C1 | fcc1, tetragonal |
-//! | ball | Ih | icosahedral |
-//!
-//! The first group (the whole one) and the first lattice are the defaults; any other group that
-//! keeps the element and the lattice will do. The ball is no element of a scaffold: the icosahedral
-//! group has no lattice in space, and a cell of it is one solid that stands alone ([`Icosahedral`]).
-//!
-//! [`fit()`] and [`fit_source`] make a cell from geometry, [`Surface`] from a closed form; [`Table`] is
-//! the fast evaluation, [`Cell::from_json`] and [`Cell::to_json`] the text of a `.cell` file.
-//!
-//! ```
-//! use druse::cell::{Cell, Surface};
-//! use druse::field::Field;
-//! use druse::frame::{CellPoint, Element, Vec3};
-//! let p = Surface::SchwarzP.cell(Element::Hex).unwrap();
-//! assert!((p.value(CellPoint(Vec3::zeros())) - 3.0).abs() < 1e-14);
-//! assert!((p.level_for_volume_fraction(0.35).unwrap() + 0.525_019_98).abs() < 1e-6);
-//! ```
+//! [`fit()`] and [`fit_source`] make a cell from geometry, [`Surface`] from a closed form. [`Table`]
+//! evaluates a cell fast. [`Cell::from_json`] and [`Cell::to_json`] read and write a `.cell` file.
+//! [`groups`] lists the groups and lattices of each element.
 
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
@@ -69,7 +41,7 @@ mod trig_sum;
 pub use compatibility::{default_group, groups, lattices, operators_of, rank, symmetry};
 pub use constraint::Constraint;
 pub use error::CellError;
-pub use expression::{Form, Node};
+pub use expression::{Expression, Node};
 pub use file::CellTextError;
 pub use fit::{
     Components, Distance, Filter, FitError, FitOptions, FitReport, Hausdorff, Method, Placement,
@@ -81,7 +53,7 @@ pub use hybrid::Join;
 pub use icosahedral::{Icosahedral, lifted};
 pub use level_search::Density;
 pub use series::{Coefficient, Series};
-pub use solid::{Fold, Smooth, Solid};
+pub use solid::{Fold, SmoothFunction, Solid};
 pub use source::{
     Caps, Origin, Skeleton, SkeletonError, Source, SourceKind, VoxelError, Voxels, graphs,
     plate_sets,
@@ -90,13 +62,25 @@ pub use surface::Surface;
 pub use table::Table;
 pub use trig_products::{Along, Column, FUNCTIONS, Products};
 
-/// A unit cell of an element; as a [`Field`] negative inside its solid, evaluated exactly. The field of
-/// a planar element's cell does not depend on z.
+/// A unit cell of an element. As a [`Field`] it is negative inside its solid and evaluated exactly.
+///
+/// Points are Cartesian reference coordinates ([`Element`]: edges 1, of the tet sqrt 2). Lengths,
+/// gradients and |f| are in that unit. Volume fractions refer to the *element*, not to the period.
+/// The field of a planar element's cell does not depend on z.
+///
+/// ```
+/// use druse::cell::{Cell, Surface};
+/// use druse::field::Field;
+/// use druse::frame::{CellPoint, Element, Vec3};
+/// let p = Surface::SchwarzP.cell(Element::Hex).unwrap();
+/// assert!((p.value(CellPoint(Vec3::zeros())) - 3.0).abs() < 1e-14);
+/// assert!((p.level_for_volume_fraction(0.35).unwrap() + 0.525_019_98).abs() < 1e-6);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Cell {
     name: String,
     element: Element,
-    form: Form,
+    expression: Expression,
     group: String,
     operators: Arc<[Mat3]>,
     level: f64,
@@ -107,18 +91,22 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// A cell with level 0 and the solid below it, from a series or an expression of several.
+    /// A cell with level 0 and the solid below it, from a series or an expression of series.
     ///
     /// # Errors
-    /// [`CellError::Unfitting`] unless every series has the element's dimension, a group of
-    /// symmetries of the element and one of its lattices.
-    pub fn new(name: &str, element: Element, form: impl Into<Form>) -> Result<Self, CellError> {
-        let form = form.into();
-        let (group, operators) = compatibility::symmetry_of(element, &form)?;
+    /// [`CellError::Unfitting`] unless every series has the element's dimension, a group of symmetries of
+    /// the element and one of the element's lattices.
+    pub fn new(
+        name: &str,
+        element: Element,
+        expression: impl Into<Expression>,
+    ) -> Result<Self, CellError> {
+        let expression = expression.into();
+        let (group, operators) = compatibility::symmetry_of(element, &expression)?;
         Ok(Self {
             name: name.to_owned(),
             element,
-            form,
+            expression,
             group,
             operators: operators.into(),
             level: 0.0,
@@ -129,8 +117,8 @@ impl Cell {
         })
     }
 
-    /// The element's whole group and the lattice of that name for a solid element, ready for a
-    /// series or a basis; [`symmetry()`] has other groups and planar elements.
+    /// The full group of a solid element and its lattice of the given name, for a series or a basis.
+    /// [`symmetry()`] also accepts other groups and planar elements.
     ///
     /// # Errors
     /// [`CellError::Unfitting`] for a lattice of another element.
@@ -141,29 +129,29 @@ impl Cell {
         symmetry(element, None, lattice)
     }
 
-    /// Its name, for people.
+    /// The display name.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The element it fills.
+    /// The element that the cell fills.
     pub fn element(&self) -> Element {
         self.element
     }
 
     /// The function whose level set is the surface.
-    pub fn form(&self) -> &Form {
-        &self.form
+    pub fn expression(&self) -> &Expression {
+        &self.expression
     }
 
-    /// The function, if it is one series in space.
+    /// The function, if it is a single series in space.
     pub fn series(&self) -> Option<&Series<3>> {
-        self.form.series()
+        self.expression.series()
     }
 
-    /// The function, if it is one series in the plane.
+    /// The function, if it is a single series in the plane.
     pub fn planar(&self) -> Option<&Series<2>> {
-        self.form.planar()
+        self.expression.planar()
     }
 
     /// Name of the group of all operators that are known to leave the function unchanged.
@@ -171,18 +159,18 @@ impl Cell {
         &self.group
     }
 
-    /// Those operators as Cartesian matrices; of a planar cell they leave z in place.
+    /// The operators of that group as Cartesian matrices. Those of a planar cell leave z unchanged.
     pub fn operators(&self) -> &[Mat3] {
         &self.operators
     }
 
-    /// Whether the cell is the same whatever the numbering of an element's nodes: whether its group
-    /// is the element's whole one.
+    /// Whether the cell is independent of the numbering of an element's nodes, that is, whether its group
+    /// is the full group of the element.
     pub fn fits_any_numbering(&self) -> bool {
         self.operators.len() == self.element.symmetry_order()
     }
 
-    /// The level, in field units; for a sheet half its thickness in field units.
+    /// The level in field units. For a sheet it is half the thickness in field units.
     pub fn level(&self) -> f64 {
         self.level
     }
@@ -192,12 +180,12 @@ impl Cell {
         self.solid
     }
 
-    /// Whether the surface was made to meet the element's faces at a right angle.
+    /// Whether the fit constrained the surface to meet the element's faces at a right angle.
     pub fn face_normal(&self) -> bool {
         self.face_normal
     }
 
-    /// How it was fitted, if it was.
+    /// The report of the fit, if the cell is fitted.
     pub fn report(&self) -> Option<&FitReport> {
         self.report.as_deref()
     }
@@ -219,7 +207,7 @@ impl Cell {
         self
     }
 
-    /// The same cell under another name.
+    /// The same cell with another name.
     #[must_use]
     pub fn named(mut self, name: &str) -> Self {
         name.clone_into(&mut self.name);
@@ -229,7 +217,7 @@ impl Cell {
     /// The same function with another solid.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] for a level that is not finite, or of a sheet not positive.
+    /// [`CellError::OutOfRange`] for a level that is not finite, or not positive for a sheet or channels.
     pub fn with_solid(mut self, solid: Solid, level: f64) -> Result<Self, CellError> {
         solid.check(level)?;
         self.solid = solid;
@@ -238,10 +226,11 @@ impl Cell {
         Ok(self)
     }
 
-    /// The cell whose field is lower by `by` (in field units): positive values add material.
+    /// The cell whose field is lower by `by` field units. Positive values add material. The surface moves
+    /// by a change of level, not by a constant distance.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] if a sheet would lose all its thickness.
+    /// [`CellError::OutOfRange`] if the thickness of a sheet would become 0 or negative.
     pub fn shifted(self, by: f64) -> Result<Self, CellError> {
         let level = self.solid.shifted(self.level, by);
         let solid = self.solid;
@@ -263,7 +252,7 @@ impl Cell {
         let centre = self.solid.centre(self.level);
         let mut cell = self;
         if centre != 0.0 {
-            cell.form = cell.form.shifted(centre);
+            cell.expression = cell.expression.shifted(centre);
         }
         cell.with_solid(Solid::Sheet, half)
     }
@@ -273,16 +262,17 @@ impl Field for Cell {
     type Point = CellPoint<3>;
 
     fn value(&self, p: CellPoint<3>) -> f64 {
-        self.solid.value(self.form.value(p), self.level)
+        self.solid.value(self.expression.value(p), self.level)
     }
 
     fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
-        let (v, g) = self.form.value_and_gradient(p);
+        let (v, g) = self.expression.value_and_gradient(p);
         let (v, s) = self.solid.value_and_slope(v, self.level);
         (v, g * s)
     }
 
     fn bound(&self, region: &CellBox<3>) -> Interval {
-        self.solid.interval(self.form.bound(region), self.level)
+        self.solid
+            .interval(self.expression.bound(region), self.level)
     }
 }

@@ -1,15 +1,15 @@
-//! Fields: real functions on one frame, negative inside the solid, that know a bound over any box.
+//! Fields: real functions on one frame, negative inside the solid, with bounds over boxes.
 //!
-//! Everything between the sources and the first operation that needs neighbours is a field: cells in
-//! the cell frame, the tiling, envelopes, skins and primitives in world space. Fields combine by
-//! minimum (union) and maximum (intersection) and are culled together by their bounds.
+//! Cells in the cell frame are fields, and so are the tiling, envelopes, skins and primitives in world space:
+//! everything up to the first operation that needs neighbouring samples. Fields combine by minimum (union)
+//! and maximum (intersection) and are culled by their bounds.
 //!
-//! Conventions: phi < 0 inside. [`Field::bound`] is conservative: it contains every value that
-//! [`Field::value`] returns in the region, to rounding. Bulk results are `f32` in the caller's buffer,
-//! z fastest, then y, then x: the layout of an OpenVDB leaf.
+//! [`Field::bound`] is conservative: it contains every value of [`Field::value`] in the region, up to
+//! rounding. Bulk results are `f32` in the caller's buffer, z fastest, then y, then x, which is the layout of
+//! an OpenVDB leaf.
 //!
-//! A *distance field* is a world field whose values are signed distances in world units wherever
-//! |value| < w, its band half width; beyond, it only promises |value| >= w with the right sign.
+//! A *distance field* is a world field whose values are signed distances in world units wherever |value| < w,
+//! its band half width. Elsewhere only the sign and |value| >= w hold.
 
 use crate::frame::{Aabb, CellBox, CellPoint, Vec3, WorldPoint};
 use nalgebra::SVector;
@@ -34,15 +34,15 @@ pub use revolved::{Capsule, Cylinder, HalfSpace};
 /// A closed interval of field values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
-    /// Least value.
+    /// Lower end.
     pub lo: f64,
-    /// Greatest value.
+    /// Upper end.
     pub hi: f64,
 }
 
 impl Interval {
-    /// Every number.
-    pub const ALL: Self = Self {
+    /// All numbers.
+    pub const REAL_LINE: Self = Self {
         lo: f64::NEG_INFINITY,
         hi: f64::INFINITY,
     };
@@ -52,24 +52,24 @@ impl Interval {
         Self { lo, hi }
     }
 
-    /// Whether `v` lies within, the ends included.
+    /// Whether `v` lies in the closed interval.
     pub fn contains(self, v: f64) -> bool {
         self.lo <= v && v <= self.hi
     }
 
-    /// Whether it may hold values nearer to 0 than `near`.
-    pub fn comes_within(self, near: f64) -> bool {
-        let is_beyond = self.lo >= near || self.hi <= -near;
+    /// Whether the interval contains values whose magnitude is less than `distance`.
+    pub fn may_be_within(self, distance: f64) -> bool {
+        let is_beyond = self.lo >= distance || self.hi <= -distance;
         !is_beyond
     }
 
-    /// The negatives.
+    /// The interval of the negatives.
     #[must_use]
     pub fn negated(self) -> Self {
         Self::new(-self.hi, -self.lo)
     }
 
-    /// The magnitudes.
+    /// The interval of the magnitudes.
     #[must_use]
     pub fn magnitude(self) -> Self {
         let (lo, hi) = (self.lo.abs(), self.hi.abs());
@@ -79,7 +79,7 @@ impl Interval {
         )
     }
 
-    /// The smallest interval that holds both.
+    /// The smallest interval that contains both.
     #[must_use]
     pub fn hull(self, other: Self) -> Self {
         Self {
@@ -89,13 +89,13 @@ impl Interval {
     }
 }
 
-/// The points of a frame: which region a bound is asked over, which vector a gradient is.
+/// The points of a frame, with the types of its regions and vectors.
 pub trait Point: Copy + Send + Sync {
     /// An axis-aligned box in the frame.
     type Region: Copy;
     /// A difference of two points.
     type Vector: Copy;
-    /// The point moved by `step * (i, j, k)`; planar frames ignore what they lack.
+    /// The point translated by `step * (i, j, k)`; planar frames ignore k.
     #[must_use]
     fn stepped(self, step: f64, index: [usize; 3]) -> Self;
 }
@@ -135,12 +135,12 @@ impl<P: Point> SampleLattice<P> {
         self.counts.iter().product()
     }
 
-    /// Whether there are none.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Sample number `n` in storage order (z fastest).
+    /// Sample `n` in storage order (z fastest).
     pub fn point(&self, n: usize) -> P {
         let [_, ny, nz] = self.counts;
         self.origin
@@ -149,7 +149,7 @@ impl<P: Point> SampleLattice<P> {
 }
 
 impl SampleLattice<WorldPoint> {
-    /// The box that the samples span.
+    /// The bounding box of the samples.
     pub fn span(&self) -> Aabb {
         let last = self.counts.map(|c| c.saturating_sub(1));
         Aabb {
@@ -159,34 +159,34 @@ impl SampleLattice<WorldPoint> {
     }
 }
 
-/// A real function on one frame, negative inside.
+/// A real function on one frame, negative inside the solid.
 pub trait Field: Send + Sync {
-    /// The frame it lives in.
+    /// The points of the frame.
     type Point: Point;
 
     /// Value at a point.
     fn value(&self, p: Self::Point) -> f64;
 
-    /// Value and gradient at a point; where the field has a kink, the gradient of one side.
+    /// Value and gradient at a point. At a kink, the gradient of one side.
     fn value_and_gradient(&self, p: Self::Point) -> (f64, <Self::Point as Point>::Vector);
 
     /// An interval that contains every value in the closed region.
     fn bound(&self, region: &<Self::Point as Point>::Region) -> Interval;
 
-    /// The same for eight regions, of fields for which eight at once cost less than one after the other.
+    /// The bounds of eight regions, for fields that bound eight regions faster than one after the other.
     fn bounds(&self, _: &[<Self::Point as Point>::Region; 8]) -> Option<[Interval; 8]> {
         None
     }
 
-    /// An interval that contains every value at the samples of a leaf; and if none of them is nearer to 0 than
-    /// `near`, the samples around the leaf have their sign. Once it holds values nearer than that the parts that
-    /// are left need not be looked at: it says no more.
+    /// An interval that contains every value at the samples of a leaf. If none of them is nearer to 0 than
+    /// `near`, it also shows that the samples around the leaf have the same sign. The bound stops at the
+    /// first parts that hold nearer values and is then only a hull of these parts.
     fn leaf_bound(&self, parts: &LeafParts<<Self::Point as Point>::Region>, near: f64) -> Interval {
         let all = self.bounds(&parts.wide);
         let bound = |n: usize| all.map_or_else(|| self.bound(&parts.wide[n]), |all| all[n]);
         let mut joint = bound(0);
         for n in 1..8 {
-            if joint.comes_within(near) {
+            if joint.may_be_within(near) {
                 break;
             }
             joint = joint.hull(bound(n));
@@ -201,54 +201,54 @@ pub trait Field: Send + Sync {
         }
     }
 
-    /// The same; returns at how many points the field was looked at, which may be fewer than there are
+    /// [`Field::fill`] that returns the number of evaluated points, which may be less than the number of
     /// samples.
     fn fill_counting(&self, lattice: &SampleLattice<Self::Point>, out: &mut [f32]) -> u64 {
         self.fill(lattice, out);
         lattice.len() as u64
     }
 
-    /// Fills leaves and says at how many points the field was looked at, of fields for which many leaves
-    /// at once cost less than one after the other.
+    /// Fills leaves and returns the number of evaluated points, for fields that fill many leaves faster
+    /// than one after the other.
     fn fill_leaves(&self, _: &mut Leaves<'_, Self::Point>) -> Option<u64> {
         None
     }
 
-    /// Which leaves of a cube of 4^3 hold no sample between the two ends of a band, nor does the layer around
-    /// them, all of these being at most the lesser end, or all at least the greater: bit `16 x + 4 y + z` of
-    /// the first or second word for leaf (x, y, z). From the cube's first sample and the samples' distance;
-    /// of fields that know this sooner than a bound of each leaf.
+    /// Classifies the leaves of a cube of 4^3 leaves, from the cube's first sample and the sample distance.
+    /// A leaf is classified if all its samples and the layer around it are at most the lower end of the
+    /// band, or all at least the upper end: bit `16 x + 4 y + z` of the first or second word for leaf (x,
+    /// y, z). For fields that classify leaves faster than by a bound of each.
     fn sides(&self, _first: Self::Point, _step: f64, _band: [f64; 2]) -> Option<[u64; 2]> {
         None
     }
 
-    /// Where values on a lattice of at most 64 samples along z are negative: bit `k` of `rows[i ny + j]`
-    /// for sample (i, j, k). For fields that know a sign sooner than a value. Returns at how many points
-    /// the field was looked at.
+    /// The signs on a lattice of at most 64 samples along z: bit `k` of `rows[i ny + j]` is set if sample
+    /// (i, j, k) is negative. Returns the number of evaluated points. For fields that determine a sign faster
+    /// than a value.
     fn signs(&self, lattice: &SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
         signs_of_values(self, lattice, rows)
     }
 }
 
-/// [`Field::signs`] of a field that does not know them sooner.
+/// [`Field::signs`] from the values of a field.
 pub(crate) fn signs_of_values<F: Field + ?Sized>(
     field: &F,
     lattice: &SampleLattice<F::Point>,
     rows: &mut [u64],
 ) -> u64 {
     let mut values = vec![0.0; lattice.len()];
-    let looked = field.fill_counting(lattice, &mut values);
-    enter_signs(&values, lattice.counts[2], rows);
-    looked
+    let evaluated = field.fill_counting(lattice, &mut values);
+    pack_signs(&values, lattice.counts[2], rows);
+    evaluated
 }
 
-/// A bit for each negative value, rows of `along` values each.
-pub(crate) fn enter_signs(values: &[f32], along: usize, rows: &mut [u64]) {
+/// Packs the signs of values into bits, in rows of `along` values each.
+pub(crate) fn pack_signs(values: &[f32], along: usize, rows: &mut [u64]) {
     for (row, values) in rows.iter_mut().zip(values.chunks(along.max(1))) {
         let bits = values.iter().enumerate();
         *row = bits.fold(0, |row, (k, &v)| row | u64::from(v < 0.0) << k);
     }
 }
 
-/// A field in world space, as the band sees it.
+/// A field in world space.
 pub type WorldField<'a> = dyn Field<Point = WorldPoint> + 'a;

@@ -1,19 +1,13 @@
-//! Frames: the coordinate systems of Druse, and every change of frame that is not an element's map.
+//! Frames: the coordinate systems of Druse, and the changes of frame other than element maps.
 //!
 //! | frame | type | unit | origin |
 //! |---|---|---|---|
 //! | cell | [`CellPoint`] | none (hex edge 1, tet edge sqrt 2) | centroid of the reference element |
 //! | lattice | [`LatticePoint`] | lattice vectors of the cell | the same point |
 //! | world | [`WorldPoint`] | the recipe's unit | the user's |
-//! | index | [`Coord`] | voxels | world origin; sample (i, j, k) sits at world `i h`, the voxel's centre |
+//! | index | [`Coord`] | voxels | world origin; sample (i, j, k) is at world `i h`, the voxel's centre |
 //!
-//! A field lives in exactly one frame, so that mixing two does not compile.
-//!
-//! ```
-//! use druse::frame::{Coord, Transform};
-//! let t = Transform::new(0.5).unwrap();
-//! assert_eq!(t.world(Coord::new(2, 0, -4)).0.as_slice(), [1.0, 0.0, -2.0]);
-//! ```
+//! Each field has exactly one frame, so that code that mixes two frames does not compile.
 
 use nalgebra::{SVector, Vector3};
 use std::ops::Index;
@@ -25,7 +19,7 @@ pub use figures::{figures, place_figures};
 pub use reference::{Element, Face};
 pub use unit::{LengthUnit, UnknownUnit};
 
-/// A vector of three Cartesian components; its frame is that of the point it is added to.
+/// A vector of three Cartesian components, in the frame of the point to which it is added.
 pub type Vec3 = Vector3<f64>;
 /// A 3x3 matrix acting on [`Vec3`].
 pub type Mat3 = nalgebra::Matrix3<f64>;
@@ -52,14 +46,14 @@ impl Coord {
         Self([x, y, z])
     }
 
-    /// The origin of the aligned cube of `edge` voxels (a power of two) that holds this voxel.
+    /// The origin of the aligned cube of `edge` voxels (a power of two) that contains this voxel.
     #[must_use]
     pub fn aligned(self, edge: i32) -> Self {
         Self(self.0.map(|c| c & !(edge - 1)))
     }
 
-    /// This voxel moved by (x, y, z). Index space is a ring of 2^32 voxels along each axis, as it is to
-    /// OpenVDB: a damaged file may hold leaves at its very end.
+    /// This voxel translated by (x, y, z). Index space wraps around at 2^32 voxels along each axis, as in
+    /// OpenVDB, since a damaged file may contain leaves at its end.
     ///
     /// ```
     /// use druse::frame::Coord;
@@ -79,15 +73,21 @@ impl Index<usize> for Coord {
     }
 }
 
-/// Index space to world space: a uniform scale by the voxel size, no rotation, no translation.
+/// Index space to world space: a uniform scale by the voxel size, without rotation or translation.
+///
+/// ```
+/// use druse::frame::{Coord, Transform};
+/// let t = Transform::new(0.5).unwrap();
+/// assert_eq!(t.world(Coord::new(2, 0, -4)).0.as_slice(), [1.0, 0.0, -2.0]);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transform {
     voxel_size: f64,
 }
 
 impl Transform {
-    /// The smallest voxel size of a grid: OpenVDB takes a scale for zero if its cube is below 3e-15.
-    pub const LEAST_VOXEL: f64 = 1.4423e-5;
+    /// The smallest voxel size of a grid: OpenVDB treats a scale as zero if its cube is below 3e-15.
+    pub const MIN_VOXEL_SIZE: f64 = 1.4423e-5;
 
     /// A transform with this voxel size in world units; `None` unless it is positive and finite.
     pub fn new(voxel_size: f64) -> Option<Self> {
@@ -104,7 +104,7 @@ impl Transform {
         WorldPoint(Vec3::from(voxel.0.map(|c| f64::from(c) * self.voxel_size)))
     }
 
-    /// The box spanned by the sample points of a cube of `edge` voxels that starts at `origin`.
+    /// The bounding box of the sample points of a cube of `edge` voxels that starts at `origin`.
     pub fn sample_box(self, origin: Coord, edge: i32) -> Aabb {
         let last = origin.offset(edge - 1, edge - 1, edge - 1);
         Aabb {
@@ -117,20 +117,20 @@ impl Transform {
 /// An axis-aligned box in world space; empty where `min > max` on an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
-    /// Least corner, world units.
+    /// Lower corner, world units.
     pub min: Vec3,
-    /// Greatest corner, world units.
+    /// Upper corner, world units.
     pub max: Vec3,
 }
 
 impl Aabb {
-    /// The box that holds nothing; the neutral element of [`Aabb::union`].
+    /// The empty box, the neutral element of [`Aabb::union`].
     pub const EMPTY: Self = Self {
         min: Vec3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
         max: Vec3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
     };
 
-    /// The smallest box around points.
+    /// The smallest box that contains the points.
     pub fn of(points: impl IntoIterator<Item = Vec3>) -> Self {
         points.into_iter().fold(Self::EMPTY, |b, p| Self {
             min: b.min.inf(&p),
@@ -138,7 +138,7 @@ impl Aabb {
         })
     }
 
-    /// The smallest box around both.
+    /// The smallest box that contains both boxes.
     #[must_use]
     #[inline]
     pub fn union(self, other: Self) -> Self {
@@ -148,7 +148,7 @@ impl Aabb {
         }
     }
 
-    /// The common part, empty if there is none.
+    /// The intersection, which may be empty.
     #[must_use]
     #[inline]
     pub fn intersection(self, other: Self) -> Self {
@@ -168,7 +168,7 @@ impl Aabb {
         }
     }
 
-    /// Whether no point is inside.
+    /// Whether the box contains no point.
     pub fn is_empty(self) -> bool {
         (0..3).any(|a| self.min[a] > self.max[a])
     }
@@ -179,7 +179,7 @@ impl Aabb {
         !self.intersection(other).is_empty()
     }
 
-    /// Whether the closed box holds the point.
+    /// Whether the closed box contains the point.
     pub fn contains(self, p: WorldPoint) -> bool {
         (0..3).all(|a| self.min[a] <= p.0[a] && p.0[a] <= self.max[a])
     }
@@ -202,7 +202,7 @@ impl Aabb {
         self.size().norm() / 2.0
     }
 
-    /// How far from a point of it the farthest corner is.
+    /// Distance from a point in the box to the farthest corner.
     #[inline]
     pub fn farthest(self, p: WorldPoint) -> f64 {
         (self.max - p.0).sup(&(p.0 - self.min)).norm()
@@ -212,14 +212,14 @@ impl Aabb {
 /// An axis-aligned box in the cell frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellBox<const D: usize> {
-    /// Least corner.
+    /// Lower corner.
     pub min: SVector<f64, D>,
-    /// Greatest corner.
+    /// Upper corner.
     pub max: SVector<f64, D>,
 }
 
 impl<const D: usize> CellBox<D> {
-    /// The smallest box around points; infinite and inverted if there are none.
+    /// The smallest box that contains the points; infinite and inverted without points.
     pub fn of(points: impl IntoIterator<Item = CellPoint<D>>) -> Self {
         let empty = Self {
             min: SVector::repeat(f64::INFINITY),
@@ -231,7 +231,7 @@ impl<const D: usize> CellBox<D> {
         })
     }
 
-    /// The common part of two boxes; may be empty (`min > max` on an axis).
+    /// The intersection of two boxes; empty if `min > max` on an axis.
     #[must_use]
     #[inline]
     pub fn intersection(self, other: Self) -> Self {
@@ -241,7 +241,7 @@ impl<const D: usize> CellBox<D> {
         }
     }
 
-    /// Whether no point is inside.
+    /// Whether the box contains no point.
     pub fn is_empty(self) -> bool {
         (0..D).any(|a| self.min[a] > self.max[a])
     }

@@ -1,9 +1,9 @@
-//! Reading and writing files, one format a file; outputs appear atomically.
+//! Readers and writers of files, one module per format; outputs appear atomically.
 //!
-//! Readers take a path and give the object plus what the file says about itself. Every failure is one
-//! [`ReadError`]: it names the file and the place, says what was found and what was expected, and often
-//! what to do. Counts claimed by a header are checked against the file's size before memory is asked
-//! for. Writers stream into any [`std::io::Write`]; [`atomic`] puts the finished file under its name.
+//! Readers take a path and return the object with the file's metadata. Every failure is a [`ReadError`]: it
+//! gives the file, the place, what was found, what was expected, and often a hint. Counts in a header are
+//! checked against the file's size before memory is allocated. Writers stream into any [`std::io::Write`];
+//! [`atomic`] moves the finished file to its name.
 //!
 //! ```
 //! use druse::io::{ErrorClass, Place, ReadError};
@@ -56,7 +56,7 @@ pub use beams::{
 };
 pub use cell::{read_cell, write_cell};
 pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
-pub use crystal::{DiskFiles, carry_out, read_crystal, read_script, script_fault};
+pub use crystal::{DiskFiles, read_crystal, read_script, run_script, script_error};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use fe_deck::{DeckCounts, DeckMaterial, VoxelMesh, write_voxel_deck};
 pub use graph::{read_skeleton, read_skeleton_noted};

@@ -1,8 +1,8 @@
 //! Triangle meshes: measures, checks, winding number, signed distance.
 //!
-//! A [`TriMesh`] is vertices in `f64` and triangles of vertex numbers, counter-clockwise seen from
-//! outside; its unit and frame are its owner's. It may be open, self-intersecting or non-manifold:
-//! only indices and numbers are validated.
+//! A [`TriMesh`] holds vertices in `f64` and triangles as vertex indices, counter-clockwise seen from
+//! outside; its owner defines unit and frame. It may be open, self-intersecting or non-manifold:
+//! only indices and finite coordinates are validated.
 //!
 //! ```
 //! use druse::frame::Aabb;
@@ -45,28 +45,28 @@ mod winding;
 pub(crate) use bvh::Bvh;
 pub use check::{Defect, Finding, MeshReport, check, check_with};
 pub use cloud::{CloudError, CloudSolid};
-pub use openness::{Hole, HopelessMesh, Openness};
-pub use projection::{Fate, Projected, Projection};
+pub use openness::{Hole, NoSolidError, Openness};
+pub use projection::{ProjectionOptions, ProjectionSummary, VertexProjection};
 pub use quads::QuadMesh;
-pub(crate) use quads::cut;
+pub(crate) use quads::split_quads;
 pub use repair::{Repair, RepairKind, ShellReport};
-pub use shells::bodies;
+pub use shells::count_bodies;
 pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
-pub use soup::Closest;
-pub(crate) use soup::Distances;
+pub use soup::ClosestPoint;
+pub(crate) use soup::TriangleDistances;
 
-/// Why vertices and triangles do not make a mesh.
+/// Why vertices and triangles form no mesh.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// A triangle names a vertex that does not exist.
+    /// A triangle refers to a vertex that does not exist.
     #[error("triangle {triangle} names vertex {index}; expected one of 0 to {}", *count as i64 - 1)]
     NoSuchVertex {
         /// Number of the triangle, from 0.
         triangle: usize,
-        /// The vertex it names.
+        /// The index of the missing vertex.
         index: u32,
-        /// How many vertices there are.
+        /// The number of vertices.
         count: usize,
     },
     /// A coordinate is infinite or not a number.
@@ -77,15 +77,15 @@ pub enum MeshError {
         /// The coordinate.
         value: f64,
     },
-    /// More vertices than a 32-bit index can name.
+    /// More vertices than 32-bit indices can address.
     #[error("{0} vertices; expected at most 4294967295")]
     TooMany(usize),
 }
 
-/// What [`TriMesh::measures`] found.
+/// The result of [`TriMesh::measures`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshMeasures {
-    /// The box around the triangles; empty for an empty mesh.
+    /// The bounding box of the triangles; empty for an empty mesh.
     pub bounds: Aabb,
     /// As [`TriMesh::volume`].
     pub volume: f64,
@@ -93,7 +93,7 @@ pub struct MeshMeasures {
     pub area: f64,
 }
 
-/// Triangles over shared vertices; indices in range and coordinates finite, nothing else promised.
+/// Triangles over shared vertices; only indices in range and finite coordinates are guaranteed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriMesh {
     vertices: Vec<Vec3>,
@@ -104,7 +104,7 @@ impl TriMesh {
     /// A mesh from vertices and triangles (counter-clockwise seen from outside).
     ///
     /// # Errors
-    /// [`MeshError`] when an index has no vertex or a coordinate is not finite.
+    /// [`MeshError`] when an index is out of range or a coordinate is not finite.
     pub fn new(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         validate(&vertices, triangles.iter().copied())?;
         Ok(Self {
@@ -113,8 +113,8 @@ impl TriMesh {
         })
     }
 
-    /// The same of what is known to be in range and finite.
-    pub(crate) fn known(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
+    /// As [`TriMesh::new`] for indices and coordinates that are known to be valid.
+    pub(crate) fn new_unchecked(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
         debug_assert!(validate(&vertices, triangles.iter().copied()).is_ok());
         Self {
             vertices,
@@ -122,17 +122,17 @@ impl TriMesh {
         }
     }
 
-    /// The vertices, some of which may belong to no triangle.
+    /// The vertices; some may belong to no triangle.
     pub fn vertices(&self) -> &[Vec3] {
         &self.vertices
     }
 
-    /// The triangles as vertex numbers.
+    /// The triangles as vertex indices.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Whether it has no triangle.
+    /// Whether the mesh has no triangle.
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
@@ -147,69 +147,72 @@ impl TriMesh {
         (0..self.triangles.len()).map(|t| self.corners(t))
     }
 
-    /// The box around the triangles; empty for an empty mesh.
+    /// The bounding box of the triangles; empty for an empty mesh.
     pub fn bounds(&self) -> Aabb {
         Aabb::of(self.iter_corners().flatten())
     }
 
-    /// Signed volume enclosed, by the divergence theorem: positive when the triangles wind
-    /// counter-clockwise seen from outside. Means little for an open mesh.
+    /// The enclosed signed volume by the divergence theorem: positive when the triangles wind
+    /// counter-clockwise seen from outside. Meaningful for closed meshes only.
     pub fn volume(&self) -> f64 {
         let o = self.reference();
-        let six: f64 = self
+        let six_volumes: f64 = self
             .iter_corners()
             .map(|[a, b, c]| (a - o).dot(&(b - o).cross(&(c - o))))
             .sum();
-        six / 6.0
+        six_volumes / 6.0
     }
 
-    /// Sum of the triangles' areas.
+    /// The sum of the triangles' areas.
     pub fn area(&self) -> f64 {
-        let two: f64 = self
+        let two_areas: f64 = self
             .iter_corners()
             .map(|[a, b, c]| (b - a).cross(&(c - a)).norm())
             .sum();
-        two / 2.0
+        two_areas / 2.0
     }
 
-    /// Box, volume and area at once, by the threads of the pool that it is called in. Sums of parts of fixed
-    /// size, in order: no number depends on the threads.
+    /// Bounding box, volume and area at once, in parallel. Chunks of fixed size are summed in order, so the
+    /// result does not depend on the number of threads.
     pub fn measures(&self) -> MeshMeasures {
-        const PART: usize = 1 << 14;
-        let parts = self.triangles.par_chunks(PART);
-        let boxes: Vec<Aabb> = parts
+        const CHUNK_TRIANGLES: usize = 1 << 14;
+        let chunks = self.triangles.par_chunks(CHUNK_TRIANGLES);
+        let boxes: Vec<Aabb> = chunks
             .clone()
-            .map(|part| {
-                let corners = part.iter().flatten();
+            .map(|chunk| {
+                let corners = chunk.iter().flatten();
                 Aabb::of(corners.map(|&v| self.vertices[v as usize]))
             })
             .collect();
         let bounds = boxes.into_iter().fold(Aabb::EMPTY, Aabb::union);
-        let middle = if bounds.is_empty() {
+        let origin = if bounds.is_empty() {
             Vec3::zeros()
         } else {
             bounds.centre().0
         };
-        let sums: Vec<[f64; 2]> = parts
-            .map(|part| {
-                let corners = part.iter().map(|t| t.map(|v| self.vertices[v as usize]));
-                corners.fold([0.0; 2], |[six, two], [a, b, c]| {
+        let sums: Vec<[f64; 2]> = chunks
+            .map(|chunk| {
+                let corners = chunk.iter().map(|t| t.map(|v| self.vertices[v as usize]));
+                corners.fold([0.0; 2], |[six_volumes, two_areas], [a, b, c]| {
                     let normal = (b - a).cross(&(c - a));
-                    [six + (a - middle).dot(&normal), two + normal.norm()]
+                    [
+                        six_volumes + (a - origin).dot(&normal),
+                        two_areas + normal.norm(),
+                    ]
                 })
             })
             .collect();
-        let [six, two] = sums
+        let [six_volumes, two_areas] = sums
             .iter()
             .fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
         MeshMeasures {
             bounds,
-            volume: six / 6.0,
-            area: two / 2.0,
+            volume: six_volumes / 6.0,
+            area: two_areas / 2.0,
         }
     }
 
-    /// The middle of the box: measures are taken from here so that far-away meshes lose no digits.
+    /// The centre of the bounding box: the origin for measures, so that meshes far from zero lose no digits.
     fn reference(&self) -> Vec3 {
         let b = self.bounds();
         if b.is_empty() {
@@ -219,11 +222,11 @@ impl TriMesh {
         }
     }
 
-    /// The mesh with every vertex moved; a map that mirrors also turns the winding (see
+    /// The mesh with every vertex mapped; a reflection also reverses the orientation (see
     /// [`TriMesh::flipped`]).
     ///
     /// # Panics
-    /// When the map gives a coordinate that is not finite.
+    /// When the map returns a coordinate that is not finite.
     #[must_use]
     pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3) -> Self {
         let vertices: Vec<Vec3> = self.vertices.iter().map(|&v| map(v)).collect();
@@ -237,7 +240,7 @@ impl TriMesh {
         }
     }
 
-    /// The mesh with every triangle wound the other way: inside and outside exchanged.
+    /// The mesh with every triangle reversed: inside and outside exchanged.
     #[must_use]
     pub fn flipped(&self) -> Self {
         Self {
@@ -246,35 +249,35 @@ impl TriMesh {
         }
     }
 
-    /// Adds the triangles of another mesh; no vertices are shared.
+    /// Appends the triangles of another mesh; no vertices are shared.
     ///
     /// # Errors
-    /// [`MeshError::TooMany`] when together they have more vertices than an index can name.
+    /// [`MeshError::TooMany`] when both meshes have more vertices than 32-bit indices can address.
     pub fn append(&mut self, other: &Self) -> Result<(), MeshError> {
         let total = self.vertices.len() + other.vertices.len();
         if total > u32::MAX as usize {
             return Err(MeshError::TooMany(total));
         }
-        let shift = self.vertices.len() as u32;
+        let offset = self.vertices.len() as u32;
         self.vertices.extend_from_slice(&other.vertices);
-        let moved = other.triangles.iter().map(|t| t.map(|v| v + shift));
-        self.triangles.extend(moved);
+        let shifted = other.triangles.iter().map(|t| t.map(|v| v + offset));
+        self.triangles.extend(shifted);
         Ok(())
     }
 
-    /// The mesh with some triangles wound the other way; one flag per triangle.
-    fn with_turned(mut self, turned: &[bool]) -> Self {
-        for (t, _) in self.triangles.iter_mut().zip(turned).filter(|t| *t.1) {
+    /// The mesh with some triangles reversed; one flag per triangle.
+    fn with_flipped(mut self, is_flipped: &[bool]) -> Self {
+        for (t, _) in self.triangles.iter_mut().zip(is_flipped).filter(|t| *t.1) {
             t.swap(1, 2);
         }
         self
     }
 
-    /// The mesh with vertices of identical coordinates made one and unused ones left out, in order
-    /// of first use; triangles keep their order and number, those that collapse included.
+    /// The mesh with vertices of identical coordinates merged and unused vertices removed, in order
+    /// of first use; triangles keep their order and number, degenerate ones included.
     #[must_use]
     pub fn merged(&self) -> Self {
-        let mut merger = Merger::default();
+        let mut merger = VertexMerger::default();
         let triangles = self.iter_corners().map(|t| t.map(|p| merger.add(p)));
         let triangles = triangles.collect();
         Self {
@@ -283,8 +286,8 @@ impl TriMesh {
         }
     }
 
-    /// Every undirected edge once, as vertex numbers in rising order, sorted; edges of zero length
-    /// by index are left out.
+    /// Every undirected edge once, as ascending vertex indices, sorted; edges from a vertex to itself are
+    /// left out.
     pub fn edges(&self) -> Vec<[u32; 2]> {
         let sides = self
             .triangles
@@ -300,7 +303,7 @@ impl TriMesh {
     }
 }
 
-/// Whether triangles name vertices that are there, with finite coordinates.
+/// Checks that all indices are in range and all coordinates finite.
 fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Result<(), MeshError> {
     let count = vertices.len();
     if count > u32::MAX as usize {
@@ -323,7 +326,7 @@ fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Res
     Ok(())
 }
 
-/// Mixes the bits of coordinates: keys are few words, and nobody chooses them to collide.
+/// Hashes the bits of coordinates: fast for short keys, without protection against adversarial input.
 #[derive(Clone, Copy, Default)]
 struct BitHasher(u64);
 
@@ -348,15 +351,15 @@ impl Hasher for BitHasher {
     fn write_usize(&mut self, _: usize) {}
 }
 
-/// Makes vertices of identical coordinates one, in order of first appearance.
+/// Merges vertices of identical coordinates, in order of first appearance.
 #[derive(Default)]
-pub(crate) struct Merger {
+pub(crate) struct VertexMerger {
     index: HashMap<[u64; 3], u32, BuildHasherDefault<BitHasher>>,
     pub(crate) vertices: Vec<Vec3>,
 }
 
-impl Merger {
-    /// The number of the vertex at `p`; there must be fewer than 2^32 of them.
+impl VertexMerger {
+    /// The index of the vertex at `p`; there must be fewer than 2^32 vertices.
     pub(crate) fn add(&mut self, p: Vec3) -> u32 {
         // Adding zero makes -0 equal to 0.
         let key = [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());

@@ -1,8 +1,7 @@
-//! From a recipe to files: the only module that knows all stages.
+//! From a recipe to files: the module that connects all stages.
 //!
-//! [`plan`] predicts a run, [`run`] makes it: read the inputs, make the solid one field, sample its
-//! band, operate on the level set, measure, write. Until the first operation that needs neighbours all
-//! is a field; until the outputs nothing is written, and each output appears whole or not at all.
+//! [`plan`] predicts a run. [`run`] executes it: it reads the inputs, combines them into one field, samples
+//! the narrow band, applies level-set operations, measures the solid and writes the outputs atomically.
 //!
 //! ```
 //! use druse::pipeline::{RunOptions, run};
@@ -11,8 +10,8 @@
 //! let text = "druse = 1\n[band]\nvoxel_size = 0.25\n[[op]]\nunion = { sphere = { radius = 5 } }\n";
 //! let recipe = Recipe::parse(text, &[]).unwrap();
 //! let report = run(&recipe, &RunOptions::default(), &Silent).unwrap();
-//! let ball = 4.0 / 3.0 * std::f64::consts::PI * 125.0;
-//! assert!((report.solid.volume / ball - 1.0).abs() < 0.01);
+//! let volume = 4.0 / 3.0 * std::f64::consts::PI * 125.0;
+//! assert!((report.solid.volume / volume - 1.0).abs() < 0.01);
 //! ```
 
 use crate::band::BandStats;
@@ -72,7 +71,7 @@ mod volumes;
 mod voxels;
 
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
-pub use cells::{levelled, make_cell, one_element, own_element, read_source};
+pub use cells::{make_cell, one_element, own_element, read_source, with_level};
 pub use crystals::{CrystalScript, crystal_script};
 pub use error::RunError;
 pub use estimate::Estimate;
@@ -83,79 +82,83 @@ pub use homogenize::{
 };
 pub use lattice::solid_picture;
 pub use plot::{
-    Curve, Plot, SweepCurve, modulus_picture, plot, sheet, sheet_columns, sweep_picture,
+    Curve, Plot, SweepCurve, contact_sheet, contact_sheet_columns, modulus_picture, plot,
+    sweep_picture,
 };
 pub use report::{
-    Asked, BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetReport, OutputFile,
-    Report, ScaffoldReport, SolidReport, Stage, ThicknessReport, Warning, Way,
+    BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetMethod, OffsetReport,
+    OutputFile, Report, RequestedThickness, ScaffoldReport, SolidReport, Stage, ThicknessReport,
+    Warning,
 };
 pub use requirements::{Requirement, judge_level_set, judge_mesh};
-pub use sampling::{Probe, Probed};
-pub use source::{CellFault, enter_source};
-
-pub use slices::{SliceOptions, Sliced, slice};
+pub use sampling::{FieldSample, Probe};
+pub use slices::{SliceOptions, SliceSummary, slice};
+pub use source::{CellFault, set_source};
 
 use cut_faces::CutFaces;
-use inputs::Stock;
+use inputs::Inputs;
 use least_wall::Phase;
-use level_set_ops::Bench;
-use thickness::{Lattice, Measured, Thickness, sampled_walls};
+use level_set_ops::StageContext;
+use thickness::{SolidGeometry, Thickness, VoxelLattice, sampled_walls};
 
 /// How a recipe is run.
 #[derive(Clone, Debug, Default)]
 pub struct RunOptions {
     /// Worker threads; 0 means one per core.
     pub threads: usize,
-    /// Memory that the run may use, bytes; what the machine has when left out.
+    /// Memory that the run may use, bytes; by default what the machine has available.
     pub memory: Option<u64>,
-    /// Go through bricks of so many blocks of 128 voxels a side, whatever memory there is. When left
-    /// out a run does so only if it would need more memory than it may use, with bricks that fit.
+    /// Edge of a brick in blocks of 128 voxels. With a value the run always goes through bricks. Without
+    /// one it does so only if it needs more memory than it may use, and it chooses bricks that fit.
     pub bricks: Option<u32>,
-    /// Directory of the outputs; the recipe's own when left out. With it, `report.json` is always
-    /// written.
+    /// Directory of the outputs; by default the recipe's own. With it the run always writes
+    /// `report.json`.
     pub out: Option<PathBuf>,
     /// Whether a warning ends the run.
     pub strict: bool,
-    /// Whether measures of the solid that take time, and that no output needs, are left away: walls,
-    /// and the mesh of a run that writes none.
+    /// Whether to skip slow measures that no output needs: wall thickness, and the mesh of a run that
+    /// writes none.
     pub brief: bool,
-    /// The child process that opens `.vdb` files of others; without one they are read in this process,
-    /// which a damaged file can bring down.
+    /// The child process that opens `.vdb` input files. Without one, this process reads them, and a
+    /// damaged file can crash it.
     pub isolated: Option<crate::vdb::subprocess::Program>,
-    /// A grid of such a file that has been read already: the run takes it instead of reading it again.
-    pub opened: Option<crate::vdb::subprocess::Opened>,
+    /// A grid of such a file that is in memory already; the run uses it and does not read the file
+    /// again.
+    pub opened: Option<crate::vdb::subprocess::PrefetchedGrid>,
 }
 
-/// Predicts what [`run`] would need and make, in a few seconds.
+/// Predicts what [`run`] needs and writes, in a few seconds.
 ///
 /// # Errors
-/// As [`run`], but for outputs; too little memory is no error here.
+/// As [`run`], but for outputs; too little memory is not an error here.
 pub fn plan(
     recipe: &Recipe,
     options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<Estimate, RunError> {
     let threads = threads(options)?;
-    let stock = Stock::load(recipe, &threads, options, progress)?;
-    let mut found = estimate::estimate(&stock, &threads, progress)?;
-    match bricks::decide(&stock, &threads, options, progress) {
+    let inputs = Inputs::load(recipe, &threads, options, progress)?;
+    let mut estimate = estimate::estimate(&inputs, &threads, progress)?;
+    match bricks::plan_if_needed(&inputs, &threads, options, progress) {
         Ok(Some(plan)) => {
-            found.bricks = plan.bricks.len() as u64;
-            found.brick_bytes = bricks::brick_bytes(&stock, &plan);
-            found.peak_memory_bytes = plan.memory_bytes;
+            estimate.bricks = plan.bricks.len() as u64;
+            estimate.brick_bytes = bricks::brick_bytes(&inputs, &plan);
+            estimate.peak_memory_bytes = plan.memory_bytes;
         }
         Ok(None)
-        | Err(RunError::Memory { .. } | RunError::Whole { .. } | RunError::Budget { .. }) => {}
+        | Err(
+            RunError::Memory { .. } | RunError::BricksUnsupported { .. } | RunError::Budget { .. },
+        ) => {}
         Err(other) => return Err(other),
     }
-    Ok(found)
+    Ok(estimate)
 }
 
-/// Runs a recipe to its files.
+/// Runs a recipe and writes its outputs.
 ///
 /// # Errors
-/// [`RunError`]: what is wrong with the recipe, an input, an output or the solid; too little memory,
-/// before anything large is made; or the user stopped it.
+/// [`RunError`]: a fault of the recipe, an input, an output or the solid; too little memory,
+/// found before any large allocation; or cancellation.
 pub fn run(
     recipe: &Recipe,
     options: &RunOptions,
@@ -163,142 +166,140 @@ pub fn run(
 ) -> Result<Report, RunError> {
     let threads = threads(options)?;
     let sections = recipe.sections();
-    let mut clock = Clock::new(progress);
-    let mut stock = Stock::load(recipe, &threads, options, progress)?;
-    let outputs = targets(&stock, options.out.as_deref())?;
-    clock.lap("inputs")?;
+    let mut timer = StageTimer::new(progress);
+    let mut inputs = Inputs::load(recipe, &threads, options, progress)?;
+    let outputs = output_targets(&inputs, options.out.as_deref())?;
+    timer.end_stage("inputs")?;
 
-    let needs_bricks = bricks::decide(&stock, &threads, options, progress)?;
-    clock.lap("estimate")?;
+    let needs_bricks = bricks::plan_if_needed(&inputs, &threads, options, progress)?;
+    timer.end_stage("estimate")?;
     if let Some(plan) = needs_bricks {
-        let parts = bricks::run(&stock, plan, options, &threads, &outputs, &mut clock)?;
-        return conclude(stock, parts, (&threads, options.brief), &outputs, clock);
+        let results = bricks::run(&inputs, plan, options, &threads, &outputs, &mut timer)?;
+        return finish_report(inputs, results, (&threads, options.brief), &outputs, timer);
     }
 
-    let mut bench = Bench::new(recipe, &threads, progress);
-    let first = stock.pointwise();
-    let (mut solid, stats) = if let Some(start) = stock.volumes.take_start() {
+    let mut context = StageContext::new(recipe, &threads, progress);
+    let first = inputs.field_operation_count();
+    let (mut solid, stats) = if let Some(start) = inputs.volumes.take_start() {
         (start, BandStats::default())
     } else {
-        stock.begin_visits();
-        bench.sample(&field_ops::shape(&stock, bench.scale)?, "band")?
+        inputs.clear_visits();
+        context.sample(&field_ops::shape(&inputs, context.scale)?, "band")?
     };
-    clock.lap("band")?;
+    timer.end_stage("band")?;
 
     let mut measured = SolidReport::default();
     for (n, op) in sections.op.iter().enumerate().skip(first) {
-        level_set_ops::apply(&mut bench, &stock, (n, op), &mut solid, &mut measured)?;
-        clock.lap(&format!("op.{n}.{}", op.name()))?;
+        level_set_ops::apply(&mut context, &inputs, (n, op), &mut solid, &mut measured)?;
+        timer.end_stage(&format!("op.{n}.{}", op.name()))?;
     }
 
-    let wanted = !options.brief || outputs.want_a_mesh();
+    let needs_mesh = !options.brief || outputs.needs_mesh();
     let mesh = measure(
-        bench,
-        &stock,
+        context,
+        &inputs,
         &solid,
         &mut measured,
-        (wanted, !options.brief),
-        &mut clock,
+        (needs_mesh, !options.brief),
+        &mut timer,
     )?;
     let info = solid.info().map_err(RunError::level_set("counting"))?;
     let band = BandReport {
-        voxel_size: bench.scale.voxel_size,
-        half_width: bench.half_width,
+        voxel_size: context.scale.voxel_size,
+        half_width: context.half_width,
         active_voxels: info.active_voxels,
         leaves: info.leaves,
         active_voxels_sampled: stats.active_voxels,
-        leaves_touched: stats.leaves_touched,
+        leaves_touched: stats.leaves_evaluated,
         leaves_kept: stats.leaves_kept,
-        voxels_evaluated: stats.voxels_evaluated,
+        voxels_evaluated: stats.samples_evaluated,
         ..BandReport::default()
     };
-    let measured_mesh = mesh.as_ref().filter(|_| outputs.want_thickness());
+    let measured_mesh = mesh.as_ref().filter(|_| outputs.needs_thickness());
     let thickness = measured_mesh.map(|mesh| {
-        let thickness = Thickness::of_mesh(bench, mesh, to_measure(bench, &solid, mesh)?)?;
-        clock.lap("thickness")?;
+        let thickness = Thickness::of_mesh(context, mesh, solid_geometry(context, &solid, mesh)?)?;
+        timer.end_stage("thickness")?;
         Ok::<_, RunError>(thickness)
     });
     let thickness = thickness.transpose()?;
-    // What only told the solid's measures makes room.
-    let mesh = mesh.filter(|_| outputs.write_meshes());
-    let done = output::Finished {
-        stock: &stock,
+    // A mesh that no output writes has served its purpose; its memory is freed.
+    let mesh = mesh.filter(|_| outputs.writes_meshes());
+    let finished = output::FinishedSolid {
+        inputs: &inputs,
         solid: &solid,
         mesh: mesh.as_ref(),
         thickness: thickness.as_ref(),
     };
     let mut written = Vec::new();
     for (output, path) in &outputs.files {
-        written.extend(output::write(bench, done, output, path)?);
-        clock.lap("write")?;
+        written.extend(output::write(context, finished, output, path)?);
+        timer.end_stage("write")?;
     }
-    let parts = Parts {
+    let results = StageResults {
         band,
         solid: measured,
         bricks: None,
         outputs: written,
     };
-    conclude(stock, parts, (&threads, options.brief), &outputs, clock)
+    finish_report(inputs, results, (&threads, options.brief), &outputs, timer)
 }
 
-/// What a run has found and made.
-struct Parts {
+/// Results of the stages of a run.
+struct StageResults {
     band: BandReport,
     solid: SolidReport,
     bricks: Option<BricksReport>,
     outputs: Vec<OutputFile>,
 }
 
-/// Looks at what was made, and writes the report.
-fn conclude(
-    mut stock: Stock,
-    parts: Parts,
+/// Checks the finished solid, judges the requirements and writes the report.
+fn finish_report(
+    mut inputs: Inputs,
+    results: StageResults,
     (threads, is_brief): (&Threads, bool),
     outputs: &Targets,
-    mut clock: Clock,
+    mut timer: StageTimer,
 ) -> Result<Report, RunError> {
     let scale = crate::recipe::Scale {
-        voxel_size: parts.band.voxel_size,
-        ..stock.recipe.scale()
+        voxel_size: results.band.voxel_size,
+        ..inputs.recipe.scale()
     };
-    stock.look_at(&parts.solid, scale)?;
+    inputs.check_solid(&results.solid, scale)?;
     let mut continuity = None;
-    if let Some(fill) = stock.fill().filter(|_| wants_certificate(stock.recipe)) {
-        let found = threads.install(|| fill.certificate())?;
+    let certified = inputs
+        .tiling()
+        .filter(|_| requests_certificate(inputs.recipe));
+    if let Some(tiling) = certified {
+        let found = threads.install(|| tiling.certificate())?;
         continuity = Some(ContinuityReport::from(&found));
-        clock.lap("certificate")?;
+        timer.end_stage("certificate")?;
     }
-    for message in parts.outputs.iter().filter_map(deck::dropped) {
-        stock.warn(Warning::DECK, message)?;
+    for message in results.outputs.iter().filter_map(deck::dropped) {
+        inputs.warn(Warning::DECK, message)?;
     }
     if let Some(message) = continuity.as_ref().and_then(ContinuityReport::warning) {
-        stock.warn(Warning::CONTINUITY, message)?;
+        inputs.warn(Warning::CONTINUITY, message)?;
     }
     let mut report = Report {
         band: BandReport {
-            elements_visited: stock.elements_visited(),
-            leaves_by_nodes: stock.leaves_by_nodes(),
-            kernel: stock.kernel(),
-            ..parts.band
+            elements_visited: inputs.elements_visited(),
+            leaves_by_nodes: inputs.leaves_by_nodes(),
+            kernel: inputs.kernel(),
+            ..results.band
         },
-        solid: parts.solid,
-        bricks: parts.bricks,
-        outputs: parts.outputs,
+        solid: results.solid,
+        bricks: results.bricks,
+        outputs: results.outputs,
         threads: threads.count(),
         continuity,
-        ..stock.report()
+        ..inputs.report()
     };
-    if let Some(require) = stock
-        .recipe
-        .sections()
-        .require
-        .as_ref()
-        .filter(|_| !is_brief)
-    {
+    let require = inputs.recipe.sections().require.as_ref();
+    if let Some(require) = require.filter(|_| !is_brief) {
         report.solid.mass = requirements::mass(require, &report.solid, scale.unit);
         report.requirements = requirements::judge(require, &report, scale);
     }
-    report.stages = clock.stages;
+    report.stages = timer.stages;
     report.peak_memory_bytes = memory::peak();
     for path in &outputs.reports {
         let text = serde_json::to_string_pretty(&report)
@@ -308,8 +309,8 @@ fn conclude(
     Ok(report)
 }
 
-/// Whether the recipe asks for its continuity to be measured.
-fn wants_certificate(recipe: &Recipe) -> bool {
+/// Whether the recipe requests the continuity certificate.
+fn requests_certificate(recipe: &Recipe) -> bool {
     let tiling = recipe.sections().tiling.as_ref();
     let require = recipe.sections().require.as_ref();
     tiling.is_some_and(|t| t.certificate) || require.is_some_and(|r| r.value_jump_max.is_some())
@@ -319,75 +320,77 @@ fn threads(options: &RunOptions) -> Result<Threads, RunError> {
     Threads::new(options.threads).map_err(|e| RunError::Threads(e.to_string()))
 }
 
-/// Volume, area, pieces, and as wanted mesh and walls of the solid; gives its mesh.
+/// Measures volume, area and components of the solid and, on request, its mesh and wall thickness.
+/// Returns the mesh.
 fn measure(
-    bench: Bench,
-    stock: &Stock,
+    context: StageContext,
+    inputs: &Inputs,
     solid: &crate::vdb::LevelSet,
     report: &mut SolidReport,
-    (wants_mesh, wants_walls): (bool, bool),
-    clock: &mut Clock,
+    (needs_mesh, needs_walls): (bool, bool),
+    timer: &mut StageTimer,
 ) -> Result<Option<crate::mesh::TriMesh>, RunError> {
     let failed = RunError::level_set("measure");
-    let session = bench.session();
-    if !wants_mesh {
+    let session = context.session();
+    if !needs_mesh {
         let found = solid.measures(session).map_err(&failed)?;
         report.volume = found.volume;
         report.area = found.area;
         report.components = found.components;
         report.bounds = Some(found.bounds);
-        clock.lap("measure")?;
+        timer.end_stage("measure")?;
         return Ok(None);
     }
-    bench.progress.stage("mesh", None);
+    context.progress.stage("mesh", None);
     let mesh = solid.to_mesh(session).map_err(&failed)?;
     if mesh.is_empty() {
-        let last = stock.recipe.sections().op.len();
+        let last = inputs.recipe.sections().op.len();
         return Err(RunError::Empty(match last {
             0 => "sampling".into(),
             n => format!("op.{}", n - 1),
         }));
     }
-    clock.lap("mesh")?;
-    bench.progress.stage("measure", None);
-    // Of the mesh, which is what leaves; OpenVDB's own measure errs by as much to the other side.
-    let found = bench.threads.install(|| mesh.measures());
+    timer.end_stage("mesh")?;
+    context.progress.stage("measure", None);
+    // The measures are those of the mesh that is written. OpenVDB's own have an error of the same size
+    // and opposite sign.
+    let found = context.threads.install(|| mesh.measures());
     report.volume = found.volume;
     report.area = found.area;
     report.components = solid.components(session).map_err(&failed)?.len() as u64;
     report.bounds = Some(found.bounds);
-    (report.volume_fraction_asked, report.volume_fraction_cell) = stock.fractions();
-    report.volume_fraction = stock.room().map(|room| report.volume / room);
-    clock.lap("measure")?;
-    if !wants_walls {
+    (report.volume_fraction_target, report.volume_fraction_cell) = inputs.volume_fractions();
+    report.volume_fraction = inputs.reference_volume().map(|whole| report.volume / whole);
+    timer.end_stage("measure")?;
+    if !needs_walls {
         return Ok(Some(mesh));
     }
-    let measured = to_measure(bench, solid, &mesh)?;
-    let walls = sampled_walls(bench, &mesh, measured, Phase::Solid)?;
-    let cut = CutFaces::new(stock, bench.scale.voxel_size);
-    report.add_walls(walls, stock.thickness_asked(), &cut, bench.threads);
-    clock.lap("walls")?;
-    if let Some(require) = &stock.recipe.sections().require {
-        requirements::measure(require, bench, (solid, &mesh, measured), report)?;
-        clock.lap("requirements")?;
+    let geometry = solid_geometry(context, solid, &mesh)?;
+    let walls = sampled_walls(context, &mesh, geometry, Phase::Solid)?;
+    let cut = CutFaces::new(inputs, context.scale.voxel_size);
+    report.add_walls(walls, inputs.target_thickness(), &cut, context.threads);
+    timer.end_stage("walls")?;
+    if let Some(require) = &inputs.recipe.sections().require {
+        requirements::measure(require, context, (solid, &mesh, geometry), report)?;
+        timer.end_stage("requirements")?;
     }
     Ok(Some(mesh))
 }
 
-/// What measures of its walls need to know of a solid.
-fn to_measure(
-    bench: Bench,
+/// The properties of a solid that wall thickness is measured with.
+fn solid_geometry(
+    context: StageContext,
     solid: &crate::vdb::LevelSet,
     mesh: &crate::mesh::TriMesh,
-) -> Result<Measured, RunError> {
+) -> Result<SolidGeometry, RunError> {
     let counted = solid.active_voxels();
-    Ok(Measured {
-        lattice: Lattice {
+    Ok(SolidGeometry {
+        lattice: VoxelLattice {
             origin: solid.origin(),
-            voxel_size: bench.scale.voxel_size,
+            voxel_size: context.scale.voxel_size,
         },
         active_voxels: counted.map_err(RunError::level_set("counting"))?,
-        extent: mesh.bounds().size().max() / bench.scale.voxel_size,
+        extent: mesh.bounds().size().max() / context.scale.voxel_size,
     })
 }
 
@@ -398,33 +401,36 @@ struct Targets<'a> {
 }
 
 impl Targets<'_> {
-    /// The outputs of a kind.
-    fn of(&self, kind: OutputKind) -> impl Iterator<Item = (&crate::recipe::Output, &PathBuf)> {
-        let is_wanted = move |o: &crate::recipe::Output| o.named().iter().any(|n| n.0 == kind);
+    /// Outputs of one kind.
+    fn of_kind(
+        &self,
+        kind: OutputKind,
+    ) -> impl Iterator<Item = (&crate::recipe::Output, &PathBuf)> {
+        let has_kind = move |o: &crate::recipe::Output| o.named().iter().any(|n| n.0 == kind);
         let files = self
             .files
             .iter()
-            .filter(move |(output, _)| is_wanted(output));
+            .filter(move |(output, _)| has_kind(output));
         files.map(|(output, path)| (*output, path))
     }
 
-    fn want_a_mesh(&self) -> bool {
-        self.want_thickness() || self.write_meshes()
+    fn needs_mesh(&self) -> bool {
+        self.needs_thickness() || self.writes_meshes()
     }
 
-    fn write_meshes(&self) -> bool {
+    fn writes_meshes(&self) -> bool {
         self.files.iter().any(|(output, _)| output.mesh.is_some())
     }
 
-    fn want_thickness(&self) -> bool {
+    fn needs_thickness(&self) -> bool {
         self.files.iter().any(|(o, _)| o.holds_thickness())
     }
 }
 
-/// Resolves the outputs, refuses those that would overwrite an input, and makes the directory asked
-/// for.
-fn targets<'a>(stock: &Stock<'a>, out: Option<&Path>) -> Result<Targets<'a>, RunError> {
-    let recipe = stock.recipe;
+/// Resolves the paths of the outputs, refuses those that would overwrite an input, and creates the
+/// output directory.
+fn output_targets<'a>(inputs: &Inputs<'a>, out: Option<&Path>) -> Result<Targets<'a>, RunError> {
+    let recipe = inputs.recipe;
     let mut targets = Targets {
         files: Vec::new(),
         reports: Vec::new(),
@@ -432,7 +438,7 @@ fn targets<'a>(stock: &Stock<'a>, out: Option<&Path>) -> Result<Targets<'a>, Run
     for output in &recipe.sections().output {
         for (kind, path) in output.named() {
             let path = output::target(recipe, out, path);
-            if stock.is_input(&path) {
+            if inputs.is_input(&path) {
                 return Err(RunError::Overwrite(path));
             }
             match kind {
@@ -453,15 +459,15 @@ fn targets<'a>(stock: &Stock<'a>, out: Option<&Path>) -> Result<Targets<'a>, Run
     Ok(targets)
 }
 
-/// Measures stages and asks after each whether to go on.
-struct Clock<'a> {
+/// Times the stages of a run and checks for cancellation after each.
+struct StageTimer<'a> {
     progress: &'a dyn Progress,
     began: SystemTime,
     last: Instant,
     stages: Vec<Stage>,
 }
 
-impl<'a> Clock<'a> {
+impl<'a> StageTimer<'a> {
     fn new(progress: &'a dyn Progress) -> Self {
         Self {
             progress,
@@ -471,8 +477,8 @@ impl<'a> Clock<'a> {
         }
     }
 
-    /// Ends a stage; equal names in a row are one.
-    fn lap(&mut self, name: &str) -> Result<(), Cancelled> {
+    /// Ends a stage. Consecutive stages of one name are merged.
+    fn end_stage(&mut self, name: &str) -> Result<(), Cancelled> {
         let seconds = self.last.elapsed().as_secs_f64();
         self.last = Instant::now();
         match self.stages.last_mut() {

@@ -1,16 +1,16 @@
-//! Progress and cancelling as one object; threads as a value. The library owns no process state.
+//! Progress, cancellation and thread pools, passed as values: the library owns no process state.
 
-/// Receives progress and answers whether to go on. One object serves a whole run.
+/// Receives progress and reports cancellation. One object serves a whole run.
 pub trait Progress: Sync {
-    /// A stage begins; `total` is in the stage's own units (blocks, triangles), if known.
+    /// A stage begins; `total` counts the stage's units of work (blocks, triangles), if known.
     fn stage(&self, name: &str, total: Option<u64>);
-    /// `n` more units of the current stage are done. Called from any thread.
+    /// Another `n` units of the current stage are done. Any thread may call this.
     fn advance(&self, n: u64);
-    /// Whether the user asked to stop; long work asks at least every 0.1 s.
+    /// Whether the user has cancelled the run; long work checks at least every 0.1 s.
     fn cancelled(&self) -> bool;
 }
 
-/// No display, no cancelling.
+/// A [`Progress`] that displays nothing and never cancels.
 pub struct Silent;
 
 impl Progress for Silent {
@@ -21,12 +21,12 @@ impl Progress for Silent {
     }
 }
 
-/// Work stopped because [`Progress::cancelled`] said so; nothing half-done remains.
+/// The error of work that stopped because [`Progress::cancelled`] returned true; no partial result remains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// A pool of worker threads; its size is also the width given to OpenVDB's own tasks.
+/// A pool of worker threads; its size also limits the threads of OpenVDB.
 pub struct Threads {
     pool: rayon::ThreadPool,
 }
@@ -35,19 +35,19 @@ impl Threads {
     /// A pool of `count` threads; 0 means one per available core.
     ///
     /// # Errors
-    /// When the system refuses the threads.
+    /// When the system cannot create the threads.
     pub fn new(count: usize) -> Result<Self, rayon::ThreadPoolBuildError> {
         Ok(Self {
             pool: rayon::ThreadPoolBuilder::new().num_threads(count).build()?,
         })
     }
 
-    /// How many threads there are.
+    /// The number of threads.
     pub fn count(&self) -> usize {
         self.pool.current_num_threads()
     }
 
-    /// Runs `work` inside the pool: rayon iterators in it use these threads.
+    /// Runs `work` in the pool: its rayon iterators use these threads.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.pool.install(work)
     }

@@ -1,10 +1,10 @@
-//! Eight single-precision numbers at a time, or four of double precision, on whatever processor there is.
+//! SIMD arithmetic on rows of eight `f32` or four `f64`, with runtime dispatch.
 //!
-//! A [`Work`] is written once, over [`Lanes`], and compiled three times: for processors with AVX-512, for
-//! those with AVX2 and fused multiplications, both recognised when the program runs, and for any
-//! processor of its kind. The first two give the same bits. The third gives its own, everywhere the same:
-//! products and sums are rounded one by one, and nothing calls the mathematics library.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! A [`SimdKernel`] is written once over [`Lanes`] and compiled three times: for AVX-512, for AVX2 with
+//! fused multiply-add (FMA), and for the baseline of the target. The processor is detected at run time.
+//! AVX-512 and AVX2 give the same bits. The portable code gives other bits, the same on every processor:
+//! it rounds products before it adds them, and it calls no mathematics library.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
 mod number;
@@ -13,9 +13,9 @@ mod wide;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 pub use number::{Eight, Four, Number};
-pub(crate) use number::{alike, difference};
-pub use scalar::Plain;
-pub use wide::{Rows, Twice};
+pub(crate) use number::{difference, splat_vector};
+pub use scalar::PortableLanes;
+pub use wide::{RowPair, WideLanes};
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -23,24 +23,24 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use {
     pulp::{NullaryFnOnce, x86::V3, x86::V4},
     std::sync::OnceLock,
-    x86::{Single, Wide, Width},
+    x86::{Avx2Lanes, NoAvx512, WideSupport},
 };
 
-/// Arithmetic on rows of eight singles and of four doubles.
+/// Arithmetic on rows of eight `f32` and of four `f64`.
 pub trait Lanes: Copy {
-    /// Eight numbers.
+    /// Eight `f32`.
     type F: Copy;
-    /// Four doubles.
+    /// Four `f64`.
     type D: Copy;
-    /// Arithmetic on two rows at a time.
-    type Two: Twice<Row = Self::F, Four = Self::D>;
-    /// Two rows at a time.
-    fn two(self) -> Self::Two;
-    /// The same number eight times.
+    /// Arithmetic on rows of twice the length.
+    type Wide: WideLanes<Row = Self::F, Four = Self::D>;
+    /// The arithmetic on rows of twice the length.
+    fn wide(self) -> Self::Wide;
+    /// `v` in all eight lanes.
     fn splat(self, v: f32) -> Self::F;
-    /// Eight numbers from memory.
+    /// Loads eight numbers.
     fn load(self, v: &[f32; 8]) -> Self::F;
-    /// Eight numbers to memory.
+    /// Stores eight numbers.
     fn store(self, v: Self::F, to: &mut [f32; 8]);
     /// a + b.
     fn add(self, a: Self::F, b: Self::F) -> Self::F;
@@ -50,50 +50,50 @@ pub trait Lanes: Copy {
     fn mul(self, a: Self::F, b: Self::F) -> Self::F;
     /// a / b.
     fn div(self, a: Self::F, b: Self::F) -> Self::F;
-    /// a b + c, fused where that is one instruction.
+    /// a b + c, fused where the processor has FMA.
     fn fused(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
     /// Square root.
     fn sqrt(self, a: Self::F) -> Self::F;
-    /// The lesser.
+    /// The lesser of a and b.
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
-    /// The greater.
+    /// The greater of a and b.
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
     /// |a|.
     fn magnitude(self, a: Self::F) -> Self::F;
-    /// One bit per number: whether a < b.
+    /// One bit per lane: whether a < b.
     fn below(self, a: Self::F, b: Self::F) -> u8;
-    /// One bit per number: its sign, also that of a zero.
-    fn signs(self, a: Self::F) -> u8;
+    /// One bit per lane: the sign bit, also of a zero.
+    fn sign_bits(self, a: Self::F) -> u8;
     /// x where a < b, else y.
     fn select_below(self, a: Self::F, b: Self::F, x: Self::F, y: Self::F) -> Self::F;
-    /// The greatest integers not above, of numbers below 2^31.
+    /// The greatest integers not above `a`, for |a| < 2^31.
     fn floor(self, a: Self::F) -> Self::F;
-    /// 1 or -1, with the sign.
+    /// 1 or -1, with the sign of `a`.
     fn sign(self, a: Self::F) -> Self::F;
-    /// Of numbers that are integers.
-    fn integers(self, a: Self::F) -> [i32; 8];
-    /// The sums of neighbours: in each half two of the first row, then two of the second.
-    fn neighbours(self, a: Self::F, b: Self::F) -> Self::F;
-    /// The sum of its halves.
-    fn total(self, v: Self::F) -> [f32; 4];
-    /// Both rows in turn: in each half first those of its places 0 and 1, then of its places 2 and 3.
-    fn interleaved(self, a: Self::F, b: Self::F) -> [Self::F; 2];
-    /// The first halves of two rows, and the second.
-    fn halves(self, a: Self::F, b: Self::F) -> [Self::F; 2];
-    /// What four rows hold at each of their eight places.
-    fn by_place(self, rows: [Self::F; 4]) -> [[f32; 4]; 8];
-    /// Four rows, from what they hold at each of their eight places.
-    fn by_row(self, places: &[[f32; 4]; 8]) -> [Self::F; 4];
-    /// The first, the second, the first and so on.
+    /// Converts integral numbers to `i32`.
+    fn to_integers(self, a: Self::F) -> [i32; 8];
+    /// Sums of adjacent lanes: in each half two of row a, then two of row b.
+    fn add_adjacent(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The sum of the lower and the upper half.
+    fn add_halves(self, v: Self::F) -> [f32; 4];
+    /// Interleaves two rows within each half: first its lanes 0 and 1, then its lanes 2 and 3.
+    fn interleave(self, a: Self::F, b: Self::F) -> [Self::F; 2];
+    /// The lower halves of both rows, and the upper halves.
+    fn regroup_halves(self, a: Self::F, b: Self::F) -> [Self::F; 2];
+    /// Transposes four rows to eight columns.
+    fn rows_to_columns(self, rows: [Self::F; 4]) -> [[f32; 4]; 8];
+    /// Transposes eight columns to four rows.
+    fn columns_to_rows(self, columns: &[[f32; 4]; 8]) -> [Self::F; 4];
+    /// `v[0]` in the even lanes and `v[1]` in the odd ones.
     fn alternating(self, v: [f32; 2]) -> Self::F;
-    /// Eight numbers from two rows of four.
-    fn both(self, low: [f32; 4], high: [f32; 4]) -> Self::F;
-    /// Four doubles from memory.
-    fn four(self, v: [f64; 4]) -> Self::D;
-    /// Four points, by coordinate.
-    fn turned(self, points: [[f64; 3]; 4]) -> [Self::D; 3];
-    /// The same double four times.
-    fn all_four(self, v: f64) -> Self::D;
+    /// A row from its lower and its upper half.
+    fn join_halves(self, low: [f32; 4], high: [f32; 4]) -> Self::F;
+    /// Loads four `f64`.
+    fn load_four(self, v: [f64; 4]) -> Self::D;
+    /// The coordinates of four points: a row each for x, y and z.
+    fn transpose_points(self, points: [[f64; 3]; 4]) -> [Self::D; 3];
+    /// `v` in all four lanes.
+    fn splat_four(self, v: f64) -> Self::D;
     /// a + b.
     fn add_four(self, a: Self::D, b: Self::D) -> Self::D;
     /// a - b.
@@ -102,140 +102,145 @@ pub trait Lanes: Copy {
     fn mul_four(self, a: Self::D, b: Self::D) -> Self::D;
     /// a / b.
     fn div_four(self, a: Self::D, b: Self::D) -> Self::D;
-    /// a b + c, fused where that is one instruction.
+    /// a b + c, fused where the processor has FMA.
     fn fused_four(self, a: Self::D, b: Self::D, c: Self::D) -> Self::D;
     /// Square root.
     fn sqrt_four(self, a: Self::D) -> Self::D;
     /// x where a < b, else y.
     fn select_below_four(self, a: Self::D, b: Self::D, x: Self::D, y: Self::D) -> Self::D;
-    /// One bit per number: whether a < b.
+    /// One bit per lane: whether a < b.
     fn below_four(self, a: Self::D, b: Self::D) -> u8;
-    /// Doubles from singles.
-    fn wide(self, v: Self::F) -> [Self::D; 2];
-    /// The lesser.
+    /// Converts to `f64`.
+    fn widen(self, v: Self::F) -> [Self::D; 2];
+    /// The lesser of a and b.
     fn min_four(self, a: Self::D, b: Self::D) -> Self::D;
-    /// The greater.
+    /// The greater of a and b.
     fn max_four(self, a: Self::D, b: Self::D) -> Self::D;
-    /// The greatest integers not above.
+    /// The greatest integers not above `v`.
     fn floor_four(self, v: Self::D) -> Self::D;
-    /// To memory.
-    fn doubles(self, v: Self::D) -> [f64; 4];
-    /// In single precision.
-    fn singles(self, v: Self::D) -> [f32; 4];
+    /// The four numbers as an array.
+    fn four_to_array(self, v: Self::D) -> [f64; 4];
+    /// Converts to `f32`.
+    fn narrow(self, v: Self::D) -> [f32; 4];
 }
 
-/// Sixteen numbers on some lanes.
-pub type Pair<L> = <<L as Lanes>::Two as Twice>::Pair;
+/// Sixteen `f32`: two rows.
+pub type Pair<L> = <<L as Lanes>::Wide as WideLanes>::Pair;
 
-/// Something to be done on eight numbers at a time.
-pub trait Work {
-    /// What it gives.
+/// A computation written over [`Lanes`], to be compiled for each instruction set.
+pub trait SimdKernel {
+    /// The result of [`Self::run`].
     type Output;
-    /// Does it; must be inlined, so that it is compiled for the lanes it gets.
+    /// Runs the computation. Implementations must be `#[inline(always)]`: only then they are compiled for
+    /// the instruction set of `lanes`.
     fn run<L: Lanes>(self, lanes: L) -> Self::Output;
 }
 
-/// What work may ask of the processor.
+/// The instructions that kernels may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Code {
-    /// What any processor of its kind can, whose results are the same bits on all of them.
+pub enum InstructionSet {
+    /// The baseline of the target: the same bits on every processor.
     Portable,
-    /// At most AVX2 and fused multiplications.
+    /// At most AVX2 with FMA.
     Avx2,
-    /// All that it has.
+    /// All that the processor has.
     Best,
 }
 
-static CODE: AtomicU8 = AtomicU8::new(Code::Best as u8);
+static ACTIVE_SET: AtomicU8 = AtomicU8::new(InstructionSet::Best as u8);
 
-/// From now on does all work in this way; for programs, not for libraries, since it holds for the whole
-/// process.
-pub fn use_code(code: Code) {
-    CODE.store(code as u8, Ordering::Relaxed);
+/// Sets the instructions that [`run`] uses from now on. This holds for the whole process: it is meant for
+/// programs, not for libraries.
+pub fn use_instruction_set(set: InstructionSet) {
+    ACTIVE_SET.store(set as u8, Ordering::Relaxed);
 }
 
-/// The way in which work is done.
-pub fn code() -> Code {
-    let all = [Code::Portable, Code::Avx2];
-    let chosen = CODE.load(Ordering::Relaxed);
-    let code = all.into_iter().find(|&c| c as u8 == chosen);
-    code.unwrap_or(Code::Best)
+/// The instructions that [`run`] may use.
+pub fn instruction_set() -> InstructionSet {
+    let all = [InstructionSet::Portable, InstructionSet::Avx2];
+    let chosen = ACTIVE_SET.load(Ordering::Relaxed);
+    let set = all.into_iter().find(|&s| s as u8 == chosen);
+    set.unwrap_or(InstructionSet::Best)
 }
 
-/// Whether work is done in the way of any processor.
+/// Whether kernels are restricted to [`InstructionSet::Portable`].
 pub fn is_portable() -> bool {
-    code() == Code::Portable
+    instruction_set() == InstructionSet::Portable
 }
 
-/// Whether results are the bits of any processor, by choice or for lack of fused multiplications.
+/// Whether kernels give the portable bits: by choice, or because the processor has no FMA.
 pub fn gives_portable_bits() -> bool {
     #[cfg(target_arch = "x86_64")]
-    return is_portable() || level().is_none();
+    return is_portable() || processor_level().is_none();
     #[cfg(not(target_arch = "x86_64"))]
     true
 }
 
 #[cfg(target_arch = "x86_64")]
-struct OnWide<W, T>(W, V3, T);
+struct OnAvx2<W, T>(W, V3, T);
 
 #[cfg(target_arch = "x86_64")]
-impl<W: Work, T: Width> NullaryFnOnce for OnWide<W, T> {
+impl<W: SimdKernel, T: WideSupport> NullaryFnOnce for OnAvx2<W, T> {
     type Output = W::Output;
     #[inline(always)]
     fn call(self) -> W::Output {
-        self.0.run(Wide(self.1, self.2))
+        self.0.run(Avx2Lanes(self.1, self.2))
     }
 }
 
-/// What a processor has beyond what all of them do.
+/// The instructions of the processor beyond the baseline.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy)]
-enum Level {
-    /// AVX2 and fused multiplications.
-    Fast(V3),
-    /// AVX-512 too.
-    Fastest(V4),
+enum ProcessorLevel {
+    /// AVX2 and FMA.
+    Avx2(V3),
+    /// AVX-512, AVX2 and FMA.
+    Avx512(V4),
 }
 
 #[cfg(target_arch = "x86_64")]
 #[inline]
-fn level() -> Option<Level> {
-    static FOUND: OnceLock<Option<Level>> = OnceLock::new();
-    *FOUND.get_or_init(|| match V4::try_new() {
-        Some(v4) => Some(Level::Fastest(v4)),
-        None => V3::try_new().map(Level::Fast),
+fn processor_level() -> Option<ProcessorLevel> {
+    static LEVEL: OnceLock<Option<ProcessorLevel>> = OnceLock::new();
+    *LEVEL.get_or_init(|| match V4::try_new() {
+        Some(v4) => Some(ProcessorLevel::Avx512(v4)),
+        None => V3::try_new().map(ProcessorLevel::Avx2),
     })
 }
 
-/// Does a work the fastest way that the processor knows, and the program allows.
+/// Runs a kernel with the best instructions that the processor has and the program allows.
 #[inline]
-pub fn run<W: Work>(work: W) -> W::Output {
-    run_by(code(), work)
+pub fn run<W: SimdKernel>(kernel: W) -> W::Output {
+    run_with(instruction_set(), kernel)
 }
 
-/// The same, of one's own choice.
+/// Runs a kernel with at most the instructions of `set`.
 #[inline]
-pub fn run_by<W: Work>(code: Code, work: W) -> W::Output {
+pub fn run_with<W: SimdKernel>(set: InstructionSet, kernel: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
-    match (level(), code) {
-        (Some(Level::Fastest(v4)), Code::Best) => return v4.vectorize(OnWide(work, *v4, v4)),
-        (Some(Level::Fastest(v4)), Code::Avx2) => return v4.vectorize(OnWide(work, *v4, Single)),
-        (Some(Level::Fast(v3)), Code::Best | Code::Avx2) => {
-            return v3.vectorize(OnWide(work, v3, Single));
+    match (processor_level(), set) {
+        (Some(ProcessorLevel::Avx512(v4)), InstructionSet::Best) => {
+            return v4.vectorize(OnAvx2(kernel, *v4, v4));
+        }
+        (Some(ProcessorLevel::Avx512(v4)), InstructionSet::Avx2) => {
+            return v4.vectorize(OnAvx2(kernel, *v4, NoAvx512));
+        }
+        (Some(ProcessorLevel::Avx2(v3)), InstructionSet::Best | InstructionSet::Avx2) => {
+            return v3.vectorize(OnAvx2(kernel, v3, NoAvx512));
         }
         _ => {}
     }
-    work.run(Plain)
+    kernel.run(PortableLanes)
 }
 
-/// Runs ordinary arithmetic, all of it inlined into `work`, on wide registers where the processor has
-/// them. Nothing is fused, so that the results are the same bits everywhere.
+/// Runs a closure of ordinary scalar code, compiled for the instruction set of the processor so that the
+/// compiler can vectorise it. Nothing is fused: the bits are the same on every processor.
 #[inline]
-pub fn widely(work: impl FnOnce()) {
+pub fn run_vectorized(work: impl FnOnce()) {
     #[cfg(target_arch = "x86_64")]
-    match level() {
-        Some(Level::Fastest(v4)) => return v4.vectorize(work),
-        Some(Level::Fast(v3)) => return v3.vectorize(work),
+    match processor_level() {
+        Some(ProcessorLevel::Avx512(v4)) => return v4.vectorize(work),
+        Some(ProcessorLevel::Avx2(v3)) => return v3.vectorize(work),
         None => {}
     }
     work();
@@ -246,32 +251,35 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Everything that is done on two rows at a time, each result with all its bits.
-    struct Everything<'a>([&'a [[f32; 8]; 2]; 3], [&'a [f64; 8]; 3]);
+    /// The results of all operations on rows of twice the length.
+    struct AllOperations<'a>([&'a [[f32; 8]; 2]; 3], [&'a [f64; 8]; 3]);
 
-    impl Work for Everything<'_> {
+    impl SimdKernel for AllOperations<'_> {
         type Output = (Vec<[[f32; 8]; 2]>, Vec<[f64; 8]>, Vec<u64>);
         #[inline(always)]
         fn run<L: Lanes>(self, l: L) -> Self::Output {
-            let two = l.two();
+            let two = l.wide();
             let Self([a, b, c], [x, y, z]) = self;
             let (a, b, c) = (two.load(a), two.load(b), two.load(c));
-            let rows = two.rows(a);
+            let rows = two.split_rows(a);
             let all = [
                 a,
-                two.pair([rows[1], rows[0]]),
-                two.each([0.5, -3.0]),
+                two.join_rows([rows[1], rows[0]]),
+                two.splat_rows([0.5, -3.0]),
                 two.mul(a, b),
                 two.add(a, b),
                 two.sub(a, b),
                 two.min(a, b),
                 two.max(a, b),
                 two.magnitude(a),
-                two.pair([l.floor(rows[0]), l.sign(rows[1])]),
-                two.pair(l.interleaved(rows[0], rows[1])),
-                two.pair(l.halves(rows[0], rows[1])),
-                two.pair([l.neighbours(rows[0], rows[1]), rows[0]]),
-                two.pair([rows[1], l.both(l.total(rows[0]), l.total(rows[1]))]),
+                two.join_rows([l.floor(rows[0]), l.sign(rows[1])]),
+                two.join_rows(l.interleave(rows[0], rows[1])),
+                two.join_rows(l.regroup_halves(rows[0], rows[1])),
+                two.join_rows([l.add_adjacent(rows[0], rows[1]), rows[0]]),
+                two.join_rows([
+                    rows[1],
+                    l.join_halves(l.add_halves(rows[0]), l.add_halves(rows[1])),
+                ]),
                 two.fused(a, b, c),
             ];
             let mut singles = Vec::new();
@@ -280,13 +288,13 @@ mod tests {
                 two.store(pair, &mut to);
                 singles.push(to);
             }
-            let (x, y, z) = (two.doubles_of(x), two.doubles_of(y), two.doubles_of(z));
-            let four = [l.four([1.0, -2.0, 3.0, 4.5]), l.all_four(7.0)];
+            let (x, y, z) = (two.load_eight(x), two.load_eight(y), two.load_eight(z));
+            let four = [l.load_four([1.0, -2.0, 3.0, 4.5]), l.splat_four(7.0)];
             let all = [
                 x,
-                two.eight(four),
-                two.all_eight(-0.25),
-                two.wide_eight(rows[0]),
+                two.join_fours(four),
+                two.splat_eight(-0.25),
+                two.widen_eight(rows[0]),
                 two.add_eight(x, y),
                 two.sub_eight(x, y),
                 two.mul_eight(x, y),
@@ -300,23 +308,23 @@ mod tests {
             ];
             let mut doubles = Vec::new();
             for eight in all {
-                doubles.push(two.doubles(eight));
+                doubles.push(two.eight_to_array(eight));
             }
             let [p, q, r] = self.1;
             let mut points = [[0.0; 3]; 8];
             for (n, point) in points.iter_mut().enumerate() {
                 *point = [p[n], q[n], r[n]];
             }
-            for turned in two.turned_eight(&points) {
-                doubles.push(two.doubles(turned));
+            for turned in two.transpose_eight(&points) {
+                doubles.push(two.eight_to_array(turned));
             }
             let mut to = [[0.0; 8]; 2];
-            l.store(two.singles_eight(x), &mut to[0]);
+            l.store(two.narrow_eight(x), &mut to[0]);
             singles.push(to);
             let mut bits = vec![u64::from(two.below(a, b)), u64::from(two.below_eight(x, y))];
-            bits.push(u64::from(two.signs(a)));
-            bits.push(u64::from(two.signs(two.each([-0.0, 0.0]))));
-            for n in l.integers(l.floor(rows[0])) {
+            bits.push(u64::from(two.sign_bits(a)));
+            bits.push(u64::from(two.sign_bits(two.splat_rows([-0.0, 0.0]))));
+            for n in l.to_integers(l.floor(rows[0])) {
                 bits.push(n as u64);
             }
             (singles, doubles, bits)
@@ -325,16 +333,16 @@ mod tests {
 
     proptest! {
         #[test]
-        fn two_rows_at_a_time_are_two_rows_to_the_last_bit(
+        fn wide_rows_equal_pairs_of_rows_bit_by_bit(
             singles in prop::array::uniform3(prop::array::uniform2(prop::array::uniform8(-9f32..9.0))),
             doubles in prop::array::uniform3(prop::array::uniform8(-1e6f64..1e6)),
         ) {
             let [a, b, c] = &singles;
             let [x, y, z] = &doubles;
-            let by = |code| run_by(code, Everything([a, b, c], [x, y, z]));
-            let (best, rows) = (by(Code::Best), by(Code::Avx2));
-            // Fused or not, sums of products are all that the portable way may differ in.
-            let plain = by(Code::Portable);
+            let by = |set| run_with(set, AllOperations([a, b, c], [x, y, z]));
+            let (best, rows) = (by(InstructionSet::Best), by(InstructionSet::Avx2));
+            // Portable results may differ only in sums of products, which are not fused.
+            let plain = by(InstructionSet::Portable);
             prop_assert_eq!(&best, &rows);
             prop_assert_eq!(&best.2, &plain.2);
             let fused = best.0.len() - 2;
@@ -350,25 +358,25 @@ mod tests {
         }
 
         #[test]
-        fn places_and_rows_are_each_others_turn(places in prop::array::uniform8(prop::array::uniform4(-9f32..9.0))) {
-            struct Turn<'a>(&'a [[f32; 4]; 8]);
-            impl Work for Turn<'_> {
+        fn rows_and_columns_are_transposes(columns in prop::array::uniform8(prop::array::uniform4(-9f32..9.0))) {
+        struct Transpose<'a>(&'a [[f32; 4]; 8]);
+            impl SimdKernel for Transpose<'_> {
                 type Output = ([[f32; 4]; 8], [[f32; 8]; 4]);
                 #[inline(always)]
                 fn run<L: Lanes>(self, l: L) -> Self::Output {
-                    let rows = l.by_row(self.0);
+                    let rows = l.columns_to_rows(self.0);
                     let mut stored = [[0.0; 8]; 4];
                     for (row, to) in rows.iter().zip(&mut stored) {
                         l.store(*row, to);
                     }
-                    (l.by_place(rows), stored)
+                    (l.rows_to_columns(rows), stored)
                 }
             }
-            for code in [Code::Portable, Code::Avx2, Code::Best] {
-                let (back, rows) = run_by(code, Turn(&places));
-                prop_assert_eq!(back, places);
-                for (n, place) in places.iter().enumerate() {
-                    for (r, v) in place.iter().enumerate() {
+            for set in [InstructionSet::Portable, InstructionSet::Avx2, InstructionSet::Best] {
+                let (back, rows) = run_with(set, Transpose(&columns));
+                prop_assert_eq!(back, columns);
+                for (n, column) in columns.iter().enumerate() {
+                for (r, v) in column.iter().enumerate() {
                         prop_assert_eq!(rows[r][n], *v);
                     }
                 }

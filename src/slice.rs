@@ -1,24 +1,13 @@
-//! Layers of a solid: the outline and the picture of a field on planes, as printers take them.
+//! Layers of a solid: outlines and images of plane sections of a field, for printers.
 //!
-//! A layer of height t that begins at z is cut at its middle, z + t / 2. Its outline is found on a
-//! square grid of samples (marching squares, linear along each edge; where two opposite corners of a
-//! square are inside, the mean of the four decides), its picture by the share of each pixel inside,
-//! estimated from the field's value and slope there.
+//! A layer of height t that begins at z is cut at its middle, z + t / 2. Its outline is computed on a square
+//! grid of samples (marching squares, linear along each edge; if two opposite corners of a square are inside,
+//! the mean of the four corners decides). Its image has the coverage of each pixel, estimated from value and
+//! slope of the field there.
 //!
-//! The plane's axes (u, v) and the axis of the layers are right-handed, so that nothing is mirrored:
-//! along z they are (x, y), along x (y, z), along y (z, x). Outlines run counter-clockwise around the
-//! solid and clockwise around its holes; row 0 of a picture is at the greatest v.
-//!
-//! ```
-//! use druse::field::Sphere;
-//! use druse::frame::{Aabb, Vec3};
-//! use druse::slice::Plan;
-//! let ball = Sphere { centre: Vec3::zeros(), radius: 5.0 };
-//! let room = Aabb { min: Vec3::repeat(-5.0), max: Vec3::repeat(5.0) };
-//! let plan = Plan::new(room, 2, 0.25, 0.25).unwrap();
-//! let volume: f64 = (0..plan.layers()).map(|n| plan.layer(&ball, n).area() * 0.25).sum();
-//! assert!((volume / 523.6 - 1.0).abs() < 0.005);
-//! ```
+//! The plane's axes (u, v) and the axis of the layers are right-handed: along z they are (x, y), along x
+//! (y, z), along y (z, x). Outlines are counter-clockwise around the solid and clockwise around its holes.
+//! Row 0 of an image is at the largest v.
 
 use crate::field::{SampleLattice, WorldField};
 use crate::frame::{Aabb, Vec3, WorldPoint};
@@ -27,36 +16,47 @@ use std::collections::HashMap;
 mod formats;
 pub use formats::{cli_head, cli_layer, cli_tail, grey_png, svg_head, svg_layer, svg_tail};
 
-/// Where a solid is cut.
+/// The planes and the pixel grid of the layers of a solid.
+///
+/// ```
+/// use druse::field::Sphere;
+/// use druse::frame::{Aabb, Vec3};
+/// use druse::slice::Plan;
+/// let ball = Sphere { centre: Vec3::zeros(), radius: 5.0 };
+/// let bounds = Aabb { min: Vec3::repeat(-5.0), max: Vec3::repeat(5.0) };
+/// let plan = Plan::new(bounds, 2, 0.25, 0.25).unwrap();
+/// let volume: f64 = (0..plan.layers()).map(|n| plan.layer(&ball, n).area() * 0.25).sum();
+/// assert!((volume / 523.6 - 1.0).abs() < 0.005);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
-    /// 0, 1, 2 for x, y, z.
+    /// Axis of the layers: 0, 1, 2 for x, y, z.
     pub axis: usize,
     /// Height of a layer, world units.
     pub height: f64,
     /// Edge of a pixel, world units.
     pub pixel: f64,
-    /// Lowest end of the first layer along the axis.
+    /// Lower end of the first layer along the axis.
     pub start: f64,
-    /// The plane's least u and v: the outer corner of the first pixel.
+    /// Smallest u and v of the plane: the outer corner of the first pixel.
     pub corner: [f64; 2],
     /// Pixels along u and v.
     pub pixels: [usize; 2],
     layers: usize,
 }
 
-/// Why a solid cannot be cut so.
+/// Why a plan of layers is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// A length out of range.
+    /// A length that is not positive and finite.
     #[error("{what} is {value}; expected a positive, finite length")]
     Length {
-        /// Which.
+        /// Name of the length.
         what: &'static str,
         /// Its value.
         value: f64,
     },
-    /// Far too much.
+    /// Too many pixels or layers.
     #[error(
         "layers of {pixels:?} pixels, {layers} of them; expected at most 32768 pixels a side and 1000000 layers: take larger pixels or layers"
     )]
@@ -68,9 +68,9 @@ pub enum PlanError {
     },
 }
 
-/// A cut: values of the field on a square grid, and what follows from them.
+/// A plane section: values of the field on a square grid.
 pub struct Layer {
-    /// Coordinate of the cut along the axis, world units.
+    /// Coordinate of the plane along the axis, world units.
     pub at: f64,
     values: Vec<f32>,
     counts: [usize; 2],
@@ -78,47 +78,47 @@ pub struct Layer {
     pixel: f64,
 }
 
-/// A closed outline in the plane: counter-clockwise around solid, clockwise around a hole; the last
-/// point is not the first again.
+/// A closed outline in the plane, counter-clockwise around solid, clockwise around a hole. The first point is
+/// not repeated at the end.
 pub type Outline = Vec<[f64; 2]>;
 
 impl Plan {
-    /// Cuts across a box, world units, with one pixel of margin.
+    /// A plan for the given box, world units, with one pixel of margin.
     ///
     /// # Errors
-    /// [`PlanError`]: a length that is no length, or more than anybody could want.
-    pub fn new(room: Aabb, axis: usize, height: f64, pixel: f64) -> Result<Self, PlanError> {
+    /// [`PlanError`]: a length that is not positive and finite, or too many pixels or layers.
+    pub fn new(bounds: Aabb, axis: usize, height: f64, pixel: f64) -> Result<Self, PlanError> {
         for (what, value) in [
             ("the height of a layer", height),
             ("the edge of a pixel", pixel),
-            ("the least extent of the solid", room.size().min()),
+            ("the least extent of the solid", bounds.size().min()),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return Err(PlanError::Length { what, value });
             }
         }
         let axes = [(axis + 1) % 3, (axis + 2) % 3];
-        let size = room.size();
+        let size = bounds.size();
         let pixels = axes.map(|a| (size[a] / pixel).ceil() + 2.0);
-        // Rounding must not add a layer of nothing.
+        // The tolerance prevents rounding from adding an empty layer.
         let layers = (size[axis] / height - 1e-9).ceil().max(1.0);
         if pixels.iter().any(|&p| p > 32768.0) || layers > 1e6 {
             return Err(PlanError::TooMany { pixels, layers });
         }
         let pixels_used = pixels.map(|p| p as usize);
-        let centre = room.centre().0;
+        let centre = bounds.centre().0;
         Ok(Self {
             axis,
             height,
             pixel,
-            start: room.min[axis],
+            start: bounds.min[axis],
             corner: [0, 1].map(|k| centre[axes[k]] - pixels[k] * pixel / 2.0),
             pixels: pixels_used,
             layers: layers as usize,
         })
     }
 
-    /// How many layers there are.
+    /// Number of layers.
     pub fn layers(&self) -> usize {
         self.layers
     }
@@ -128,7 +128,7 @@ impl Plan {
         self.start + n as f64 * self.height
     }
 
-    /// Cuts a field through the middle of layer `n`. Pixels' centres are the samples.
+    /// The section of a field through the middle of layer `n`, sampled at the centres of the pixels.
     pub fn layer(&self, field: &WorldField, n: usize) -> Layer {
         let at = self.bottom(n) + self.height / 2.0;
         let axes = [(self.axis + 1) % 3, (self.axis + 2) % 3];
@@ -140,9 +140,9 @@ impl Plan {
             counts[axes[k]] = self.pixels[k];
         }
         let mut raw = vec![0.0; self.pixels[0] * self.pixels[1]];
-        // In strips, so that fields that decide for small boxes can.
+        // Fields cull well in small boxes, so the section is filled in strips.
         self.fill(field, origin, counts, &mut raw);
-        // Storage order of the lattice is x, y, z; here u is slow and v fast.
+        // The storage order of the lattice is x, y, z; here u is slow and v is fast.
         let values = if axes[0] < axes[1] {
             raw
         } else {
@@ -159,14 +159,14 @@ impl Plan {
     }
 
     fn fill(&self, field: &WorldField, origin: Vec3, counts: [usize; 3], out: &mut [f32]) {
-        const STRIP: usize = 16;
+        const STRIP_WIDTH: usize = 16;
         let slow = (0..3).find(|&a| counts[a] > 1).unwrap_or(0);
         let fast = (0..3).rev().find(|&a| counts[a] > 1).unwrap_or(2);
         let row = counts[fast];
-        for first in (0..counts[slow]).step_by(STRIP) {
-            let rows = STRIP.min(counts[slow] - first);
-            for start in (0..row).step_by(STRIP) {
-                let columns = STRIP.min(row - start);
+        for first in (0..counts[slow]).step_by(STRIP_WIDTH) {
+            let rows = STRIP_WIDTH.min(counts[slow] - first);
+            for start in (0..row).step_by(STRIP_WIDTH) {
+                let columns = STRIP_WIDTH.min(row - start);
                 let mut part = [1; 3];
                 let mut corner = origin;
                 part[slow] = rows;
@@ -180,7 +180,7 @@ impl Plan {
                 };
                 let mut tile = vec![0.0; lattice.len()];
                 let bound = field.bound(&lattice.span());
-                // Beyond two pixels only the side matters.
+                // Beyond two pixels from the surface only the sign matters.
                 if bound.lo > 2.0 * self.pixel || bound.hi < -2.0 * self.pixel {
                     let value = if bound.lo > 0.0 { bound.lo } else { bound.hi };
                     tile.fill(value as f32);
@@ -201,7 +201,8 @@ impl Layer {
         f64::from(self.values[i * self.counts[1] + j])
     }
 
-    /// The share of each pixel that is inside, 0 to 255; rows from the greatest v down, u across.
+    /// The share of each pixel inside the solid, 0 to 255. Rows go from the largest v down, with u along a
+    /// row.
     pub fn coverage(&self) -> Vec<u8> {
         let [nu, nv] = self.counts;
         let mut shares = Vec::with_capacity(nu * nv);
@@ -212,7 +213,7 @@ impl Layer {
                 let [j0, j1] = [j.saturating_sub(1), (j + 1).min(nv - 1)];
                 let gu = across(self.value(i0, j), self.value(i1, j), (i1 - i0) as f64);
                 let gv = across(self.value(i, j0), self.value(i, j1), (j1 - j0) as f64);
-                // The pixel's shadow along the slope: how far the edge travels to cross it.
+                // The extent of the pixel along the gradient.
                 let reach = (gu.abs() + gv.abs()).max(1e-3) * self.pixel;
                 let share = (0.5 - self.value(i, j) / reach).clamp(0.0, 1.0);
                 shares.push((share * 255.0).round() as u8);
@@ -221,20 +222,20 @@ impl Layer {
         shares
     }
 
-    /// The area inside, world units squared, by the outlines.
+    /// The area inside the outlines, world units squared.
     pub fn area(&self) -> f64 {
         self.outlines().iter().map(|o| signed_area(o)).sum()
     }
 
-    /// The outlines, in order of the square in which they begin.
+    /// The outlines, ordered by the square of their first point.
     pub fn outlines(&self) -> Vec<Outline> {
         let [nu, nv] = self.counts;
-        // From edge to edge: an edge is the sample it starts from, and 0 along u or 1 along v.
+        // The next edge of each edge. An edge is its first sample, with 0 along u or 1 along v.
         let mut next: HashMap<(usize, usize), (usize, usize)> = HashMap::new();
         let mut starts = Vec::new();
         for i in 0..nu.saturating_sub(1) {
             for j in 0..nv.saturating_sub(1) {
-                for (from, to) in self.square(i, j) {
+                for (from, to) in self.segments(i, j) {
                     next.insert(from, to);
                     starts.push(from);
                 }
@@ -255,8 +256,8 @@ impl Layer {
         outlines
     }
 
-    /// The pieces of outline in a square, inside on their left.
-    fn square(&self, i: usize, j: usize) -> Vec<((usize, usize), (usize, usize))> {
+    /// The segments of outline in a square, with the solid on their left.
+    fn segments(&self, i: usize, j: usize) -> Vec<((usize, usize), (usize, usize))> {
         let nv = self.counts[1];
         let at = |i: usize, j: usize| i * nv + j;
         let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
@@ -269,8 +270,8 @@ impl Layer {
             (at(i, j + 1), 0),
             (at(i, j), 1),
         ];
-        // An outline begins where, going around, inside turns to outside, and ends where outside turns
-        // to inside: so the solid is on its left.
+        // A segment begins at an edge from inside to outside, in counter-clockwise order, and ends at an
+        // edge from outside to inside. The solid is therefore on its left.
         let out = |k: usize| inside[k] && !inside[(k + 1) % 4];
         let into = |k: usize| !inside[k] && inside[(k + 1) % 4];
         let leaving: Vec<usize> = (0..4).filter(|&k| out(k)).collect();
@@ -280,7 +281,8 @@ impl Layer {
             ([a, b], [_, _]) => {
                 let joined = values.iter().sum::<f64>() < 0.0;
                 let pair = |k: usize| {
-                    // Joined: around the outside corner ahead; apart: around the inside corner behind.
+                    // Connected: around the outside corner that follows; separate: around the inside corner
+                    // before.
                     let to = if joined { (k + 1) % 4 } else { (k + 3) % 4 };
                     (edges[k], edges[to])
                 };
@@ -290,7 +292,7 @@ impl Layer {
         }
     }
 
-    /// Where the field is zero along an edge.
+    /// The zero of the field along an edge.
     fn crossing(&self, (sample, along): (usize, usize)) -> [f64; 2] {
         let (i, j) = (sample / self.counts[1], sample % self.counts[1]);
         let a = self.value(i, j);
@@ -310,7 +312,7 @@ impl Layer {
     }
 }
 
-/// Area that an outline encloses: positive counter-clockwise.
+/// Signed area of an outline, positive if counter-clockwise.
 pub fn signed_area(outline: &[[f64; 2]]) -> f64 {
     let pairs = outline.iter().zip(outline.iter().cycle().skip(1));
     pairs.map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>() / 2.0

@@ -1,27 +1,18 @@
 //! Point groups as integer matrices on a lattice, and the orbits of frequencies under them.
 //!
-//! A lattice L (columns: its vectors) gives coordinates u with x = L u and plane waves
-//! `psi_k`(u) = exp(2 pi i k.u), k in Z^D, of Cartesian frequency f = L^-T k. A point group that maps
-//! the lattice to itself is a finite set of integer matrices M = L^-1 Q L acting on u; composing a
-//! wave with one moves its index, `psi_k` o M = `psi_{M^T k}`. A function is invariant exactly if its
-//! coefficients are constant on the orbits {M^T k}, and real if `C_{-k}` = conj `C_k`.
+//! A lattice L (columns: its vectors) defines coordinates u with x = L u and plane waves `psi_k`(u) =
+//! exp(2 pi i k.u), k in Z^D, of Cartesian frequency f = L^-T k. A point group that maps the lattice onto
+//! itself is a finite set of integer matrices M = L^-1 Q L acting on u, and `psi_k` o M = `psi_{M^T k}`. A
+//! function is invariant exactly if its coefficients are constant on the orbits {M^T k}, and real if
+//! `C_{-k}` = conj `C_k`.
 //!
-//! Conventions: operators are written on u as `x,-z,y` (the images of the three coordinates); the
-//! representative of an orbit is its lexicographically greatest member; a band is the ball
-//! |f| <= R, which every group keeps. Orthonormal functions carry (|L| m)^(-1/2) in front of the
-//! sum over an orbit of m members (Eq. 1-8 of the symmetric Fourier construction, with the
-//! conjugate in Eq. 8 restored).
-//!
-//! The icosahedral group has no lattice in space, but one in six dimensions: the functions that are
-//! periodic there, seen in the first three (x, 0), are sums of plane waves whose frequencies form a
-//! module of rank 6. Coordinates beyond z are named u, v, w.
-//!
-//! ```
-//! use druse::symmetry::{Lattice, PointGroup};
-//! let td = PointGroup::named("Td", &Lattice::<3>::named("fcc2").unwrap()).unwrap();
-//! assert_eq!(td.order(), 24);
-//! assert_eq!(td.orbit([1, 0, 0]).members.len(), 4);
-//! ```
+//! Operators are written on u as `x,-z,y` (the images of the coordinates). The representative of an orbit is
+//! its lexicographically largest member. A band is the ball |f| <= R, which is invariant under every group.
+//! Orthonormal functions have the factor (|L| m)^(-1/2) in front of the sum over an orbit of m members
+//! (Eq. 1-8 of the symmetric Fourier construction, with the conjugate in Eq. 8 restored). The icosahedral
+//! group has no lattice in space, but one in six dimensions: functions with its periods, restricted to
+//! (x, 0), are sums of plane waves whose frequencies form a module of rank 6. Coordinates beyond z are
+//! named u, v, w.
 
 mod basis;
 mod lattice;
@@ -42,14 +33,14 @@ pub type Frequency<const D: usize> = [i32; D];
 /// Why a symmetry cannot be built.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SymmetryError {
-    /// Text that is no operator.
+    /// Text that is not an operator.
     #[error("operator {text:?}: {reason}; expected {dimension} images such as \"x,-z,y\"")]
     Operator {
-        /// What was given.
+        /// The text.
         text: String,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
-        /// Coordinates of the space.
+        /// Dimension of the space.
         dimension: usize,
     },
     /// A generator that does not map the lattice onto itself.
@@ -60,7 +51,7 @@ pub enum SymmetryError {
         /// Its determinant.
         determinant: i64,
     },
-    /// Generators whose products never close.
+    /// Generators of an infinite group.
     #[error(
         "the generators {generators} produce more than {limit} operators: the group is infinite \
          (a finite group of integer matrices in {dimension} dimensions has at most {limit})"
@@ -68,22 +59,22 @@ pub enum SymmetryError {
     Infinite {
         /// The generators, as text.
         generators: String,
-        /// Greatest order of a finite group of integer matrices of this size.
+        /// Largest order of a finite group of integer matrices of this dimension.
         limit: usize,
-        /// Coordinates of the space.
+        /// Dimension of the space.
         dimension: usize,
     },
-    /// A name that no group has.
+    /// An unknown name of a group.
     #[error("unknown group {name:?} in {dimension} dimensions; known: {known}")]
     UnknownGroup {
-        /// What was given.
+        /// The name.
         name: String,
-        /// Coordinates of the space.
+        /// Dimension of the space.
         dimension: usize,
-        /// The names there are.
+        /// The known names.
         known: String,
     },
-    /// An icosahedral group.
+    /// An icosahedral group in space.
     #[error(
         "group {group} is not crystallographic: no lattice in space has axes of order 5 (a rotation \
          by 72 degrees has the trace 1.618, which no integer matrix has), so that no cell with it can \
@@ -94,17 +85,17 @@ pub enum SymmetryError {
         /// The group.
         group: String,
     },
-    /// A name that no lattice has.
+    /// An unknown name of a lattice.
     #[error("unknown lattice {name:?} in {dimension} dimensions; known: {known}")]
     UnknownLattice {
-        /// What was given.
+        /// The name.
         name: String,
-        /// Coordinates of the space.
+        /// Dimension of the space.
         dimension: usize,
-        /// The names there are.
+        /// The known names.
         known: String,
     },
-    /// A group with an operator that does not map the lattice to itself.
+    /// A group with an operator that does not map the lattice onto itself.
     #[error(
         "group {group} does not keep the lattice {lattice}: an operator has entry {entry} there"
     )]
@@ -113,15 +104,15 @@ pub enum SymmetryError {
         group: String,
         /// The lattice.
         lattice: String,
-        /// The entry that is no integer.
+        /// The entry that is not an integer.
         entry: f64,
     },
-    /// Lattice vectors that do not span the space.
+    /// Linearly dependent lattice vectors.
     #[error(
         "lattice vectors span a cell of volume {volume:e}; expected three independent, finite vectors"
     )]
     Flat {
-        /// The volume found.
+        /// The volume of the period cell.
         volume: f64,
     },
 }

@@ -1,26 +1,15 @@
-//! Tilings: one cell over all elements of a scaffold, as a distance field in world space.
+//! Tilings: one cell over all elements of a scaffold, as a signed distance field in world space.
 //!
-//! In element `e` with map `x = M_e(xi)` the tiled field is `F(x) = Phi(M_e^-1(x))`: continuous over
-//! shared faces whatever the elements' numbering, because the cell has the full symmetry of its
-//! element; its gradient is not. [`TiledSolid`] turns F into distances:
+//! [`TiledSolid`] states the field and its distance rules Q and R. Five evaluators compute values; the
+//! first row that applies is used. [`TiledSolid::new`] decides on the first, `fill` on the others.
 //!
-//! - **Fast** (rule Q, the default). Every element near `x` measures by two
-//!   Newton steps *with its own field*, continued beyond its faces, how far the zero set is:
-//!   `s_e = |x - p2| / |F_e(x)|`. Then `d = F sum w_e s_e / sum w_e` with weights that fade within
-//!   one voxel of the shared faces: the positive scale is blended, so that d is continuous
-//!   and its zero set is exactly that of F.
-//! - **Exact** (rule R). The closest of the zero points found in each cell, on each face and on each
-//!   edge within the band, never more than rule Q: the distance to the zero set where the searches
-//!   converge.
-//!
-//! **The scaffold's boundary.** With D the signed distance to the scaffold's outer faces the solid is
-//! `max(d, D)`; outside, d takes its value at the closest point of the scaffold, so that dilating a
-//! block of void cells creates no solid. [`Boundary::Extend`] drops D: something else, an
-//! envelope, ends the part. Components of the scaffold that are not joined by faces are each
-//! treated so by themselves and united by the minimum, so that overlaps depend on no order.
-//!
-//! Values are world distances clamped to `[-w, w]`; phi < 0 inside. All points are `f64`; what the
-//! cell's table rounds to `f32` it rounds alike in all elements.
+//! | module | elements | conditions | method |
+//! |---|---|---|---|
+//! | `axis_aligned` | a box of equal hexes along the axes | rule Q, a cell that is a short trigonometric series, a narrow band | products of tabulated sines and cosines |
+//! | `interpolated` | one element over a leaf of 8^3 samples | rule Q, more than w inside the boundary, at most 0.7 waves of the cell over the leaf | polynomials through 4^3 or 6^3 nodes |
+//! | `affine` | at most 1,024 affine elements near a lattice | rule Q | 64 samples at a time, no search |
+//! | `curved` | any | rule Q | blocks of 2^3 samples, Newton's method for the inverse map |
+//! | `distance_scale`, `exact` | any | single points, rule R, several components without a cut | point by point |
 
 use crate::cell::Table;
 use crate::field::{Field, Interval, LeafParts, Leaves, SampleLattice, signs_of_values};
@@ -57,61 +46,61 @@ mod transition_levels;
 mod visits;
 
 pub use blend::{Blend, Member};
-pub use certificate::{Certificate, FaceStatistics, Seam, certify};
+pub use certificate::{Certificate, Discontinuity, FaceStatistics, certify};
 pub use distribution::{Graded, Interpolation, Weights};
 pub use error::TilingError;
-pub(crate) use interface::Ways;
+pub(crate) use interface::FaceJoins;
 pub use source::{CellField, Filling, fills};
-pub use transition_connectivity::{PathCheck, check_path};
+pub use transition_connectivity::{TransitionCheck, check_transition};
 pub use visits::Visits;
 
-use affine::Wanted;
-use bound::Together;
-use boundary::Known;
-use locality::Local;
-use patch::{Patch, Search};
-use source::Held;
+use affine::Quantity;
+use bound::RegionGroup;
+use boundary::RegionFacts;
+use locality::LocalSearch;
+use patch::{InverseOptions, Patch};
+use source::FillingRef;
 
-/// How distances are measured across element faces.
+/// The distance rule, see [`TiledSolid`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Distance {
-    /// Two Newton steps, blended over faces.
+    /// Rule Q: two Newton steps, blended over faces.
     #[default]
     Fast,
-    /// Closest points, several times the time.
+    /// Rule R: closest points, at several times the cost.
     Exact,
 }
 
-/// What the scaffold's outer faces do.
+/// The treatment of the scaffold's outer faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Boundary {
-    /// They end the solid.
+    /// The solid ends at them.
     #[default]
     Cut,
-    /// The field goes on beyond them, constant along the way to the closest point.
+    /// The field continues beyond them with its value at the closest point of the scaffold.
     Extend,
 }
 
-/// How a tiling finds its values.
+/// The evaluator of a tiling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kernel {
-    /// From sines and cosines tabulated along the axes of a box of equal hexes.
+    /// Products of sines and cosines, tabulated along the axes of a box of equal hexes.
     Products,
-    /// By look-ups in the cells' tables, through the elements' maps.
+    /// Look-ups in the cells' tables, through the elements' inverse maps.
     Tables,
 }
 
 /// Parameters of a [`TiledSolid`].
 #[derive(Clone, Copy, Debug)]
 pub struct TilingOptions {
-    /// Voxel size, world units: the scale of blending and of what may be neglected.
+    /// Voxel size, world units: the length over which faces are blended, and the scale of tolerances.
     pub voxel_size: f64,
     /// Half width w of the band, world units: values are clamped to it.
     pub half_width: f64,
-    /// How distances are measured.
+    /// The distance rule.
     pub distance: Distance,
-    /// What the scaffold's outer faces do.
+    /// The treatment of the scaffold's outer faces.
     pub boundary: Boundary,
 }
 
@@ -120,7 +109,7 @@ struct Component {
     boundary: MeshSolid,
 }
 
-/// What [`TiledSolid::sample`] finds at a point of the scaffold.
+/// Value, gradient and position at a point of the scaffold, see [`TiledSolid::sample`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Value of the cell's field: negative inside.
@@ -136,25 +125,46 @@ pub struct Sample {
 }
 
 /// A cell over all elements of a scaffold, as a field of signed distances.
+///
+/// In element `e` with map `x = M_e(xi)` the tiled field is `F(x) = Phi(M_e^-1(x))`. F is continuous over
+/// shared faces whatever the elements' numbering, because the cell has the full symmetry of its element.
+/// Its gradient is not. Two rules turn F into distances:
+///
+/// - **Rule Q** ([`Distance::Fast`], the default). Each element near `x` estimates the distance to the zero
+///   set by two Newton steps with its own field, continued beyond its faces: `s_e = |x - p2| / |F_e(x)|`.
+///   Then `d = F sum w_e s_e / sum w_e`, with weights that fall to zero within one voxel of the shared
+///   faces. Only the positive scale is blended: d is continuous, and its zero set is that of F.
+/// - **Rule R** ([`Distance::Exact`]). The distance to the closest of the zero points found in each cell, on
+///   each face and on each edge within the band, and at most that of rule Q. It is the distance to the zero
+///   set where the searches converge.
+///
+/// **Boundary.** With D the signed distance to the scaffold's outer faces, the solid is `max(d, D)`.
+/// Outside, d takes its value at the closest point of the scaffold, so that dilating a block of void cells
+/// creates no solid. [`Boundary::Extend`] drops D, for parts that end at another surface. Components of the
+/// scaffold that share no faces are evaluated separately and united by the minimum, so that overlaps depend
+/// on no order.
+///
+/// Values are world distances clamped to `[-w, w]`, negative inside. Points are `f64`; the cell's table
+/// rounds to `f32` in the same way in all elements.
 pub struct TiledSolid<'a, F: Filling = Table> {
     scaffold: &'a Scaffold,
-    filling: Held<'a, F>,
+    filling: FillingRef<'a, F>,
     options: TilingOptions,
     patches: Vec<Patch>,
-    /// The largest of their slope bounds L near the surface.
-    steepest: f64,
+    /// The largest slope bound L of the elements, near the surface.
+    max_slope_sup: f64,
     component_of: Vec<u32>,
     components: Vec<Component>,
-    /// The whole as one function over a box, where it is one.
-    aligned: Option<axis_aligned::Aligned>,
-    /// How far leaves told by nodes may displace the surface, world units, if they may at all.
-    nodes: Option<f64>,
-    /// Where the elements are noted that bulk evaluation comes near.
+    /// The whole tiling as one periodic function over a box, where it is one.
+    hex_grid: Option<axis_aligned::HexGrid>,
+    /// The displacement of the surface, world units, that interpolated leaves may cause; none: no interpolation.
+    interpolation_tolerance: Option<f64>,
+    /// Records the elements near the samples of bulk evaluation.
     visits: Option<&'a Visits>,
 }
 
 /// Chordal error of the boundary's triangles on curved faces, in voxels.
-const CHORD: f64 = 0.05;
+const CHORD_TOLERANCE: f64 = 0.05;
 
 impl<'a, F: Filling> TiledSolid<'a, F> {
     /// Prepares the tiling: slopes of every element, boundary of every component.
@@ -166,24 +176,24 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         filling: &'a F,
         options: TilingOptions,
     ) -> Result<Self, TilingError> {
-        Self::holding(scaffold, Held::Borrowed(filling), options)
+        Self::from_ref(scaffold, FillingRef::Borrowed(filling), options)
     }
 
-    /// As [`Self::new`], of a filling that the tiling keeps.
+    /// As [`Self::new`], with a filling that the tiling owns.
     ///
     /// # Errors
     /// See [`TilingError`].
-    pub fn owning(
+    pub fn with_owned_filling(
         scaffold: &'a Scaffold,
         filling: F,
         options: TilingOptions,
     ) -> Result<Self, TilingError> {
-        Self::holding(scaffold, Held::Owned(Box::new(filling)), options)
+        Self::from_ref(scaffold, FillingRef::Owned(Box::new(filling)), options)
     }
 
-    fn holding(
+    fn from_ref(
         scaffold: &'a Scaffold,
-        filling: Held<'a, F>,
+        filling: FillingRef<'a, F>,
         options: TilingOptions,
     ) -> Result<Self, TilingError> {
         for (what, value) in [
@@ -199,7 +209,14 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         }
         filling.check(scaffold)?;
         let patches: Vec<Patch> = (0..scaffold.len())
-            .map(|number| Patch::new(scaffold, &*filling, number, locality::near_surface(options)))
+            .map(|number| {
+                Patch::new(
+                    scaffold,
+                    &*filling,
+                    number,
+                    locality::near_surface_distance(options),
+                )
+            })
             .collect();
         let mut component_of = vec![0; scaffold.len()];
         let mut components = Vec::new();
@@ -207,52 +224,53 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             for &e in elements {
                 component_of[e as usize] = number as u32;
             }
-            let outer = scaffold.boundary(number, CHORD * options.voxel_size);
+            let outer = scaffold.boundary(number, CHORD_TOLERANCE * options.voxel_size);
             components.push(Component {
                 boundary: MeshSolid::new(outer.mesh),
             });
         }
-        let aligned = filling
+        let hex_grid = filling
             .products()
-            .and_then(|products| axis_aligned::Aligned::new(scaffold, products, &patches, options));
-        let steepest = patches.iter().map(|p| p.slope_sup).fold(0.0, f64::max);
+            .and_then(|products| axis_aligned::HexGrid::new(scaffold, products, &patches, options));
+        let max_slope_sup = patches.iter().map(|p| p.slope_sup).fold(0.0, f64::max);
         Ok(Self {
             scaffold,
             filling,
             options,
-            steepest,
+            max_slope_sup,
             patches,
             component_of,
             components,
-            aligned,
-            nodes: None,
+            hex_grid,
+            interpolation_tolerance: None,
             visits: None,
         })
     }
 
-    /// Notes from now on which elements bulk evaluation comes near. Of a box evaluated as one
-    /// function the set holds as many elements, not the same.
+    /// Records the elements near the samples of bulk evaluation in `visits`. Where a box of hexes is evaluated
+    /// as one periodic function, the number of elements is right, but not which ones they are.
     #[must_use]
-    pub fn noting(self, visits: &'a Visits) -> Self {
+    pub fn with_visits(self, visits: &'a Visits) -> Self {
         Self {
             visits: Some(visits),
             ..self
         }
     }
 
-    /// From now on whole leaves that lie within one element are told by the field at a few nodes, where that
-    /// displaces the surface by at most so much, world units. Single points are not, nor other lattices.
+    /// Interpolates leaves of 8^3 samples within one element from the cell's values at a few nodes, where this
+    /// displaces the surface by at most `max_displacement`, world units. Single points and other lattices are
+    /// not interpolated.
     #[must_use]
-    pub fn by_nodes(self, most: f64) -> Self {
+    pub fn with_interpolation(self, max_displacement: f64) -> Self {
         Self {
-            nodes: Some(most).filter(|m| *m > 0.0),
+            interpolation_tolerance: Some(max_displacement).filter(|m| *m > 0.0),
             ..self
         }
     }
 
-    /// How values are found: products only where they are within 0.0025 voxel of the rule's distances.
+    /// The evaluator. [`Kernel::Products`] is chosen only where it is within 0.0025 voxels of rule Q.
     pub fn kernel(&self) -> Kernel {
-        match self.aligned {
+        match self.hex_grid {
             Some(_) => Kernel::Products,
             None => Kernel::Tables,
         }
@@ -263,7 +281,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         self.components.len()
     }
 
-    /// Number of pairs of components that overlap: an element's centre of one lies inside the other.
+    /// Number of pairs of overlapping components: the centre of an element of one lies inside the other.
     pub fn overlap_count(&self) -> usize {
         let mut pairs = std::collections::BTreeSet::new();
         let mut found = Vec::new();
@@ -271,7 +289,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             return 0;
         }
         for (number, patch) in self.patches.iter().enumerate() {
-            let own = self.component_of[number];
+            let component = self.component_of[number];
             let centre = patch.point(self.scaffold, Vec3::zeros());
             found.clear();
             let here = Aabb {
@@ -280,37 +298,40 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             };
             self.scaffold.candidates(&here, &mut found);
             for &other in &found {
-                let theirs = self.component_of[other as usize];
+                let other_component = self.component_of[other as usize];
                 let inside = || {
                     self.patches[other as usize]
-                        .spot(self.scaffold, centre, 0.0, Search::default())
-                        .is_some_and(|s| s.beyond <= 0.0)
+                        .preimage(self.scaffold, centre, 0.0, InverseOptions::default())
+                        .is_some_and(|s| s.face_distance <= 0.0)
                 };
-                if theirs != own && inside() {
-                    pairs.insert((own.min(theirs), own.max(theirs)));
+                if other_component != component && inside() {
+                    pairs.insert((
+                        component.min(other_component),
+                        component.max(other_component),
+                    ));
                 }
             }
         }
         pairs.len()
     }
 
-    /// The box around the scaffold's elements, world units.
+    /// The bounding box of the scaffold, world units.
     pub fn bounds(&self) -> Aabb {
         self.components
             .iter()
             .fold(Aabb::EMPTY, |b, c| b.union(c.boundary.bounds()))
     }
 
-    /// The tiled field at a point: value, gradient, distance and where in which element the point
-    /// lies. `None` outside the scaffold.
+    /// Value, gradient and distance at a point, with its element and reference coordinates. `None` outside the
+    /// scaffold.
     pub fn sample(&self, p: WorldPoint) -> Option<Sample> {
         let (element, reference) = self.scaffold.locate(p)?;
         let element = element as usize;
-        let spot = self.patches[element].spot_anyway(self.scaffold, p.0);
+        let preimage = self.patches[element].preimage_or_affine(self.scaffold, p.0);
         let (phi, slope) = self.filling.value_and_gradient(element, reference);
         Some(Sample {
             phi,
-            gradient: spot.inverse.transpose() * slope,
+            gradient: preimage.inverse.transpose() * slope,
             distance: self.value(p),
             element,
             reference,
@@ -325,20 +346,20 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             return w;
         }
         let here = Aabb { min: x, max: x };
-        let mut local = Local::new(self.near(component, &here, self.margin()));
+        let mut local = LocalSearch::new(self.near(component, &here, self.margin()));
         if self.owner(&mut local, x).is_none() {
-            // The value is taken at the closest point of the boundary.
+            // Outside, the field is evaluated at the closest point of the boundary.
             let q = boundary.closest(x).point;
-            let wide = here
+            let around = here
                 .union(Aabb { min: q, max: q })
                 .dilated(self.chord_slack());
-            local = Local::new(self.near(component, &wide, self.margin()));
+            local = LocalSearch::new(self.near(component, &around, self.margin()));
         }
-        self.value_at(component, &mut local, x, Known::NOTHING)
+        self.value_at(component, &mut local, x, RegionFacts::UNKNOWN)
     }
 
-    /// Which components give the value at `x`, when their boundaries do not cut: those that
-    /// contain it, or the nearest.
+    /// The components that determine the value at `x` under [`Boundary::Extend`]: those that contain `x`, else
+    /// the nearest ones.
     fn governing(&self, x: Vec3) -> Vec<usize> {
         if self.components.len() == 1 {
             return vec![0];
@@ -359,8 +380,8 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     type Point = WorldPoint;
 
     fn value(&self, p: WorldPoint) -> f64 {
-        if let Some(aligned) = &self.aligned {
-            return aligned.value(p.0);
+        if let Some(hex_grid) = &self.hex_grid {
+            return hex_grid.value(p.0);
         }
         let governing = match self.options.boundary {
             Boundary::Cut => (0..self.components.len()).collect(),
@@ -372,7 +393,7 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
             .fold(self.options.half_width, f64::min)
     }
 
-    /// The gradient is a central difference over 1/1000 voxel; less where that straddles a kink.
+    /// The gradient is a central difference over 1/1000 voxel, or over less near a kink.
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
         let here = self.value(p);
         let gradient = Vec3::from_fn(|axis, _| {
@@ -393,23 +414,23 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     }
 
     fn bound(&self, region: &Aabb) -> Interval {
-        match &self.aligned {
-            Some(aligned) => aligned.bound(region),
+        match &self.hex_grid {
+            Some(hex_grid) => hex_grid.bound(region),
             None => self.bound_of_all(region),
         }
     }
 
     fn bounds(&self, regions: &[Aabb; 8]) -> Option<[Interval; 8]> {
-        Some(match &self.aligned {
-            Some(aligned) => aligned.bounds(regions),
+        Some(match &self.hex_grid {
+            Some(hex_grid) => hex_grid.bounds(regions),
             None => self.bounds_of_all(&regions.into()),
         })
     }
 
     fn leaf_bound(&self, parts: &LeafParts<Aabb>, near: f64) -> Interval {
-        let all = match &self.aligned {
-            Some(aligned) => aligned.bounds(&parts.wide),
-            None => self.bounds_of_all(&Together::leaf(parts, near)),
+        let all = match &self.hex_grid {
+            Some(hex_grid) => hex_grid.bounds(&parts.wide),
+            None => self.bounds_of_all(&RegionGroup::leaf(parts, near)),
         };
         all[1..].iter().fold(all[0], |a, &b| a.hull(b))
     }
@@ -419,36 +440,36 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     }
 
     fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
-        match &self.aligned {
-            Some(aligned) => {
+        match &self.hex_grid {
+            Some(hex_grid) => {
                 if let Some(visits) = self.visits {
-                    aligned.note(&lattice.span().dilated(self.delta()), visits);
+                    hex_grid.record(&lattice.span().dilated(self.delta()), visits);
                 }
-                aligned.fill(lattice, out);
+                hex_grid.fill(lattice, out);
                 lattice.len() as u64
             }
-            None => self.fill_all((lattice, Wanted::Distances), out).0,
+            None => self.fill_all((lattice, Quantity::Distances), out).0,
         }
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
-        let Some(aligned) = &self.aligned else {
-            return self.fill_each(leaves);
+        let Some(hex_grid) = &self.hex_grid else {
+            return self.fill_leaves_separately(leaves);
         };
         if let Some(visits) = self.visits {
-            aligned.note_leaves(leaves, self.delta(), visits);
+            hex_grid.record_leaves(leaves, self.delta(), visits);
         }
-        aligned.fill_leaves(leaves)
+        hex_grid.fill_leaves(leaves)
     }
 
     fn sides(&self, first: WorldPoint, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
-        let aligned = self.aligned.as_ref()?;
-        Some(aligned.sides(first.0, step, band))
+        let hex_grid = self.hex_grid.as_ref()?;
+        Some(hex_grid.sides(first.0, step, band))
     }
 
     fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {
-        match &self.aligned {
-            Some(aligned) if aligned.signs(lattice, rows) => lattice.len() as u64,
+        match &self.hex_grid {
+            Some(hex_grid) if hex_grid.signs(lattice, rows) => lattice.len() as u64,
             Some(_) => signs_of_values(self, lattice, rows),
             None => self.fill_signs(lattice, rows),
         }

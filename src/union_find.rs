@@ -1,16 +1,16 @@
-//! Disjoint sets of numbered things: what hangs together.
+//! Union-find: disjoint sets of integers, for connected components.
 
-/// Sets of the numbers below a count, each alone at first. The least member represents its set, so
-/// nothing depends on the order in which sets are joined.
-pub(crate) struct Sets(Vec<u32>);
+/// Disjoint sets of the integers below a count, each a set of its own at first. The least member represents
+/// its set, so no result depends on the order of the unions.
+pub(crate) struct UnionFind(Vec<u32>);
 
-impl Sets {
-    /// So many sets of one member; at most 2^32.
+impl UnionFind {
+    /// `count` sets of one member each; at most 2^32.
     pub fn new(count: usize) -> Self {
         Self((0..count).map(|n| n as u32).collect())
     }
 
-    /// So many more of one member; gives the first.
+    /// Adds `count` sets of one member each; returns the first new member.
     #[cfg(feature = "vdb")]
     pub fn extend(&mut self, count: usize) -> usize {
         let first = self.0.len();
@@ -18,70 +18,70 @@ impl Sets {
         first
     }
 
-    /// The least member of the set that holds `n`.
-    pub fn root(&mut self, n: usize) -> usize {
+    /// The representative of the set that contains `n`: its least member. Shortens the path to it.
+    pub fn find(&mut self, n: usize) -> usize {
         let mut n = n as u32;
         while self.0[n as usize] != n {
-            let above = self.0[self.0[n as usize] as usize];
-            self.0[n as usize] = above;
-            n = above;
+            let grandparent = self.0[self.0[n as usize] as usize];
+            self.0[n as usize] = grandparent;
+            n = grandparent;
         }
         n as usize
     }
 
-    /// Makes one set of the two that hold `a` and `b`.
-    pub fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
+    /// Merges the sets that contain `a` and `b`.
+    pub fn union(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b)] = a.min(b) as u32;
     }
 
-    /// Numbers the sets that hold a member of `among` in order of appearance: the number of each
-    /// member asked for (`u32::MAX` of the others), and how many sets there are.
-    pub fn numbered(&mut self, among: impl Iterator<Item = usize>) -> (Vec<u32>, usize) {
-        let mut number = vec![u32::MAX; self.0.len()];
+    /// Labels the sets of some members in order of appearance: the label of each of these members
+    /// (`u32::MAX` for all other integers) and the number of labels.
+    pub fn labels(&mut self, members: impl Iterator<Item = usize>) -> (Vec<u32>, usize) {
+        let mut labels = vec![u32::MAX; self.0.len()];
         let mut count = 0;
-        for n in among {
-            let root = self.root(n);
-            if number[root] == u32::MAX {
-                number[root] = count;
+        for n in members {
+            let root = self.find(n);
+            if labels[root] == u32::MAX {
+                labels[root] = count;
                 count += 1;
             }
-            number[n] = number[root];
+            labels[n] = labels[root];
         }
-        (number, count as usize)
+        (labels, count as usize)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Sets;
+    use super::UnionFind;
     use proptest::prelude::*;
 
     proptest! {
         #[test]
-        fn sets_are_the_connected_parts_of_a_graph(
+        fn sets_are_the_connected_components_of_a_graph(
             edges in prop::collection::vec((0usize..30, 0usize..30), 0..40)
         ) {
-            let mut sets = Sets::new(30);
+            let mut sets = UnionFind::new(30);
             for &(a, b) in &edges {
-                sets.join(a, b);
+                sets.union(a, b);
             }
-            // By definition: the least number that can be reached.
-            let mut least: Vec<usize> = (0..30).collect();
+            // The definition: the least vertex that a path reaches.
+            let mut expected: Vec<usize> = (0..30).collect();
             for _ in 0..30 {
                 for &(a, b) in &edges {
-                    let m = least[a].min(least[b]);
-                    (least[a], least[b]) = (m, m);
+                    let m = expected[a].min(expected[b]);
+                    (expected[a], expected[b]) = (m, m);
                 }
             }
             for n in 0..30 {
-                prop_assert_eq!(sets.root(n), least[n]);
+                prop_assert_eq!(sets.find(n), expected[n]);
             }
-            let (number, count) = sets.numbered(0..30);
-            let roots: Vec<usize> = (0..30).filter(|&n| least[n] == n).collect();
+            let (labels, count) = sets.labels(0..30);
+            let roots: Vec<usize> = (0..30).filter(|&n| expected[n] == n).collect();
             prop_assert_eq!(count, roots.len());
             for n in 0..30 {
-                prop_assert_eq!(roots[number[n] as usize], least[n]);
+                prop_assert_eq!(roots[labels[n] as usize], expected[n]);
             }
         }
     }

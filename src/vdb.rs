@@ -1,40 +1,18 @@
-//! Level sets in OpenVDB behind a safe interface.
+//! Level sets in OpenVDB, behind a safe interface.
 //!
-//! A [`LevelSet`] is a promise: class level set, cubic voxels, floats, background = half width of the
-//! band x voxel size, signs filled in everywhere. It is born from a [`LevelSetBuilder`] (leaves of
-//! signed distances), a mesh, or a file that passed the same checks; never from raw values. An
-//! operation that fails or is cancelled leaves it empty, never half-done.
+//! A [`LevelSet`] has guarantees: class level set, cubic voxels, floats, a background of half width times
+//! voxel size, and signs filled in everywhere. It is made by a [`LevelSetBuilder`] from leaves of signed
+//! distances, from a mesh, or from a file that passed the same checks. An operation that fails or is
+//! cancelled leaves it empty.
 //!
-//! Conventions: negative inside; distances and lengths in world units, widths of kernels in voxels;
-//! triangles counter-clockwise seen from outside. OpenVDB's own differ in two places, each corrected
-//! once: `offset(+d)` shrinks (see [`LevelSet::dilate`]) and its meshes are wound clockwise (see
-//! [`LevelSet::to_mesh`]).
+//! Conventions: negative inside; distances and lengths in world units; kernel widths in voxels; triangles
+//! counter-clockwise seen from outside. OpenVDB differs in two places, each corrected once: `offset(+d)`
+//! shrinks the solid ([`LevelSet::dilate`]), and its meshes are wound clockwise ([`LevelSet::to_mesh`]).
+//! Every operation takes a [`Session`]: threads, progress with cancellation, numerical scheme.
 //!
-//! Every call takes a [`Session`]: threads, progress with cancelling, and the order of the scheme.
-//!
-//! To add a tool: a function in the translation unit of its family under `cpp/` that checks sizes,
-//! does one thing and throws with numbers; one line with units and ownership in the bridge; a method
-//! here that takes this crate's types and alone knows signs and winding; a test of its law.
-//!
-//! ```
-//! use druse::band::Band;
-//! use druse::field::Sphere;
-//! use druse::frame::{Aabb, Transform, Vec3};
-//! use druse::progress::{Silent, Threads};
-//! use druse::vdb::{LevelSetBuilder, Session};
-//!
-//! let ball = Sphere { centre: Vec3::zeros(), radius: 10.0 };
-//! let extent = Aabb { min: Vec3::repeat(-10.0), max: Vec3::repeat(10.0) };
-//! let (voxel, threads) = (Transform::new(0.5).unwrap(), Threads::new(2).unwrap());
-//! let session = Session::new(&threads, &Silent);
-//! let builder = LevelSetBuilder::new(voxel, 3.0).unwrap();
-//! let band = Band { field: &ball, transform: voxel, half_width: 3.0, extent };
-//! band.evaluate(&threads, &Silent, &builder).unwrap();
-//! let mut solid = builder.finish(session).unwrap();
-//! solid.dilate(1.0, session).unwrap();
-//! let exact = 4.0 / 3.0 * std::f64::consts::PI * 11f64.powi(3);
-//! assert!((solid.volume(session).unwrap() / exact - 1.0).abs() < 0.01);
-//! ```
+//! To add a tool, add a function under `cpp/` in the translation unit of its family (it checks sizes and
+//! throws with numbers), its declaration in the bridge with units and ownership, a method here that applies
+//! signs and winding, and a test.
 
 use crate::frame::{Aabb, Transform, Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
@@ -85,12 +63,12 @@ mod volume;
 mod voxel_mask;
 mod write;
 
-pub use as_field::{MOST_FINER, Placement, Sampled};
+pub use as_field::{MAX_REFINEMENT_RATIO, Placement, SampledLevelSet};
 pub use attribute::Attribute;
 pub use builder::LevelSetBuilder;
 pub use check::{GradientStatistics, LevelSetCheck};
 pub(crate) use colormap::linear_colour;
-pub use components::Piece;
+pub use components::Component;
 pub use error::{FileError, VdbError};
 pub use file::{FileInfo, GridInfo, info, read};
 pub use fog::Fog;
@@ -100,68 +78,69 @@ pub use leaves::{LeafView, Leaves, TileView};
 pub use measures::Measures;
 pub use memory::{peak_memory, resident_memory};
 pub use on_disk::{StoredRemoval, StoredSegments, stored_components, stored_voids};
-pub use remove_components::{Dropped, REMOVAL_REACH, Unwanted};
+pub use remove_components::{ComponentSelection, REMOVAL_REACH, RemovedComponents};
 pub use render::{Image, Picture};
 pub use render_parts::{VisitPart, render_parts};
 pub use shape_ops::{Mask, WallSide};
 pub use solid_cubes::{MAX_CUBES, SolidCubes, largest_face_component};
-pub use stream::{StoredFog, Streamed};
+pub use stream::{StoredFog, StoredGrid};
 pub use volume::Volume;
-pub use write::{Compression, VdbWriter, Written};
+pub use write::{Compression, VdbWriter, WrittenFile};
 
-/// How accurately the narrow band is kept a distance after each step of a filter.
+/// The finite-difference scheme that restores distances after each step of a filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scheme {
-    /// First order, upwind: a third of the time.
+    /// First order, upwind; takes a third of the time of [`Scheme::Weno5`].
     #[default]
     First,
     /// Fifth order (HJ-WENO).
     Weno5,
 }
 
-/// Whose tools smooth and move a level set, where there are two.
+/// The implementation that smooths and offsets a level set, where there are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tools {
+    /// This crate's tools, several times faster, for [`Scheme::First`]:
     /// [`Smoother`](crate::band::Smoother) for means, Gaussians and Laplacian flow, and
-    /// [`SurfacePoints`](crate::band::SurfacePoints) for moves by a distance and for wider bands, several
-    /// times faster: for [`Scheme::First`]. All else is OpenVDB's.
+    /// [`SurfacePoints`](crate::band::SurfacePoints) for offsets and wider bands. Everything else is
+    /// OpenVDB's.
     #[default]
-    Own,
+    Native,
     /// OpenVDB's filters.
     OpenVdb,
 }
 
-/// What operations may use: so many threads, an ear for "stop", and the scheme.
+/// Threads, cancellation and numerical scheme of level-set operations.
 #[derive(Clone, Copy)]
 pub struct Session<'a> {
-    /// Width of OpenVDB's parallel loops.
+    /// Threads of parallel loops.
     pub threads: &'a Threads,
-    /// Asked at least every 0.1 s whether to go on, except while meshing.
+    /// Progress; checked for cancellation at least every 0.1 s, except during OpenVDB's meshing.
     pub progress: &'a dyn Progress,
-    /// Of filters and offsets.
+    /// Scheme of filters and offsets.
     pub scheme: Scheme,
-    /// Of filters and offsets.
+    /// Implementation of filters and offsets.
     pub tools: Tools,
 }
 
 impl<'a> Session<'a> {
-    /// A session with the first-order scheme and this crate's own tools.
+    /// A session with the first-order scheme and this crate's tools.
     pub fn new(threads: &'a Threads, progress: &'a dyn Progress) -> Self {
         Self {
             threads,
             progress,
             scheme: Scheme::First,
-            tools: Tools::Own,
+            tools: Tools::Native,
         }
     }
 
-    /// The same with other tools.
+    /// Sets the implementation of filters and offsets.
     #[must_use]
     pub fn with_tools(self, tools: Tools) -> Self {
         Self { tools, ..self }
     }
 
-    /// The same with another scheme.
+    /// Sets the scheme of filters and offsets.
     #[must_use]
     pub fn with_scheme(self, scheme: Scheme) -> Self {
         Self { scheme, ..self }
@@ -175,18 +154,38 @@ impl<'a> Session<'a> {
     }
 }
 
-/// A narrow-band level set; see the [module](self) for what it promises.
+/// A narrow-band level set; the [module](self) lists its guarantees.
+///
+/// ```
+/// use druse::band::Band;
+/// use druse::field::Sphere;
+/// use druse::frame::{Aabb, Transform, Vec3};
+/// use druse::progress::{Silent, Threads};
+/// use druse::vdb::{LevelSetBuilder, Session};
+///
+/// let ball = Sphere { centre: Vec3::zeros(), radius: 10.0 };
+/// let extent = Aabb { min: Vec3::repeat(-10.0), max: Vec3::repeat(10.0) };
+/// let (voxel, threads) = (Transform::new(0.5).unwrap(), Threads::new(2).unwrap());
+/// let session = Session::new(&threads, &Silent);
+/// let builder = LevelSetBuilder::new(voxel, 3.0).unwrap();
+/// let band = Band { field: &ball, transform: voxel, half_width: 3.0, extent };
+/// band.evaluate(&threads, &Silent, &builder).unwrap();
+/// let mut solid = builder.finish(session).unwrap();
+/// solid.dilate(1.0, session).unwrap();
+/// let exact = 4.0 / 3.0 * std::f64::consts::PI * 11f64.powi(3);
+/// assert!((solid.volume(session).unwrap() / exact - 1.0).abs() < 0.01);
+/// ```
 pub struct LevelSet {
     grid: UniquePtr<ffi::Grid>,
     transform: Transform,
-    /// World position of voxel (0, 0, 0); zero unless a file said otherwise.
+    /// World position of voxel (0, 0, 0); zero unless a file sets it.
     origin: Vec3,
-    /// Voxels.
+    /// Half width of the band in voxels.
     half_width: f64,
 }
 
 impl LevelSet {
-    /// Nothing: empty space everywhere.
+    /// An empty level set.
     ///
     /// # Errors
     /// As [`LevelSetBuilder::new`].
@@ -198,7 +197,7 @@ impl LevelSet {
         LevelSetBuilder::new(transform, half_width)?.finish(session)
     }
 
-    /// Index to world, but for [`LevelSet::origin`].
+    /// The map from voxels to the world, without [`LevelSet::origin`].
     pub fn transform(&self) -> Transform {
         self.transform
     }
@@ -208,7 +207,7 @@ impl LevelSet {
         self.transform.voxel_size()
     }
 
-    /// World position of voxel (0, 0, 0): zero for all that runs make.
+    /// World position of voxel (0, 0, 0); zero for level sets that Druse makes.
     pub fn origin(&self) -> Vec3 {
         self.origin
     }
@@ -226,13 +225,13 @@ impl LevelSet {
     /// Active voxels, leaves, bytes and the box of active voxels.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn info(&self) -> Result<GridInfo, VdbError> {
         let facts = ffi::grid_facts(&self.grid).map_err(|e| VdbError::plain("counting", &e))?;
         Ok(GridInfo::from_facts(facts))
     }
 
-    /// Voxels of the narrow band.
+    /// Number of active voxels.
     ///
     /// # Errors
     /// As [`LevelSet::info`].
@@ -240,7 +239,7 @@ impl LevelSet {
         ffi::grid_active_voxels(&self.grid).map_err(|e| VdbError::plain("counting", &e))
     }
 
-    /// Memory that the tree takes, bytes.
+    /// Memory of the tree, bytes.
     ///
     /// # Errors
     /// As [`LevelSet::info`].
@@ -248,14 +247,14 @@ impl LevelSet {
         Ok(self.info()?.bytes)
     }
 
-    /// The box around the solid in world units, to a small part of a voxel; empty for an empty one.
+    /// The box around the solid in world units, to a fraction of a voxel; empty for an empty solid.
     ///
     /// # Errors
     /// As [`LevelSet::leaves`].
     pub fn bounds(&self) -> Result<Aabb, VdbError> {
         let mut bounds = Aabb::EMPTY;
         self.for_each_leaf(|leaf| {
-            // Leaves within the box so far, with what their values reach beyond them, cannot widen it.
+            // A leaf whose box, dilated by its deepest value, lies within the bounds cannot extend them.
             let deepest = leaf
                 .values
                 .iter()
@@ -286,7 +285,7 @@ impl LevelSet {
     /// Volume of the solid, world units cubed.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn volume(&self, session: Session<'_>) -> Result<f64, VdbError> {
         ffi::grid_volume(&self.grid, &session.host())
             .map_err(|e| VdbError::of("measuring", session, &e))
@@ -295,19 +294,19 @@ impl LevelSet {
     /// Area of the surface, world units squared.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn area(&self, session: Session<'_>) -> Result<f64, VdbError> {
         ffi::grid_area(&self.grid, &session.host())
             .map_err(|e| VdbError::of("measuring", session, &e))
     }
 
-    /// Puts voxel (0, 0, 0) at a place of the world, world units; all voxels come along.
+    /// Sets the world position of voxel (0, 0, 0), which translates the solid.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
-    pub fn place_at(&mut self, origin: Vec3) -> Result<(), VdbError> {
+    /// Only errors of OpenVDB.
+    pub fn set_origin(&mut self, origin: Vec3) -> Result<(), VdbError> {
         let voxel = self.voxel_size();
-        ffi::grid_place(self.grid.pin_mut(), voxel, &origin.into())
+        ffi::grid_set_transform(self.grid.pin_mut(), voxel, &origin.into())
             .map_err(|e| VdbError::plain("placing", &e))?;
         self.origin = origin;
         Ok(())
@@ -316,7 +315,7 @@ impl LevelSet {
     /// An independent copy.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses (memory).
+    /// Only errors of OpenVDB (memory).
     pub fn duplicate(&self) -> Result<Self, VdbError> {
         Ok(Self {
             grid: ffi::grid_copy(&self.grid).map_err(|e| VdbError::plain("copying", &e))?,

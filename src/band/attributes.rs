@@ -1,11 +1,11 @@
-//! Numbers that go with the active voxels of leaf files, in files beside them.
+//! Attribute files: values at the active voxels of leaf files.
 //!
-//! A **number file** has those of one brick: 8 bytes `DRUSENF1`, 32 bytes that say of what they are (a
-//! hash of all that decides them), then `f32`, little-endian: block after block in order of origin,
-//! leaf after leaf in order of place, of each active voxel in order of offset one number or three. Last
-//! 32 bytes: the BLAKE3 of everything before. Where a block's numbers stand follows from the leaf files.
+//! An attribute file belongs to one brick: 8 bytes `DRUSENF1`, 32 bytes of identity (a hash of everything
+//! that determines the values), then `f32`, little-endian: blocks in order of origin, their leaves in order
+//! of slot, their active voxels in order of offset, one or three values each. Last 32 bytes: the BLAKE3 of
+//! everything before. The position of a block's values follows from the leaf files.
 
-use super::leaf::count;
+use super::leaf::population;
 use super::leaf_file::{digest, read_range};
 use super::{BLOCK, LeafFileError, LeafStore, StoreError};
 use crate::frame::Coord;
@@ -17,40 +17,40 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8; 8] = b"DRUSENF1";
-const HEAD: u64 = 40;
-const TAIL: u64 = 32;
-/// Memory for reading ahead, bytes.
-const AHEAD: u64 = 16 << 20;
-/// Bytes of the largest leaf's numbers: 512 vectors.
-const LARGEST: u64 = 512 * 12;
+const HEAD_BYTES: u64 = 40;
+const TAIL_BYTES: u64 = 32;
+/// Memory for read-ahead over all cursors, bytes.
+const READ_AHEAD_BYTES: u64 = 16 << 20;
+/// Bytes of a leaf's values at most: 512 vectors.
+const MAX_LEAF_BYTES: u64 = 512 * 12;
 
-/// Writes a number file.
-pub struct NumberFileWriter<W> {
+/// Writes an attribute file.
+pub struct AttributeFileWriter<W> {
     out: W,
     hasher: blake3::Hasher,
 }
 
-impl<W: Write> NumberFileWriter<W> {
-    /// Begins a file of what `of` says.
+impl<W: Write> AttributeFileWriter<W> {
+    /// Begins a file with an identity.
     ///
     /// # Errors
-    /// The system's.
-    pub fn new(out: W, of: &[u8; 32]) -> io::Result<Self> {
+    /// I/O errors.
+    pub fn new(out: W, identity: &[u8; 32]) -> io::Result<Self> {
         let mut file = Self {
             out,
             hasher: blake3::Hasher::new(),
         };
         file.write(MAGIC)?;
-        file.write(of)?;
+        file.write(identity)?;
         Ok(file)
     }
 
-    /// Appends numbers.
+    /// Appends values.
     ///
     /// # Errors
-    /// The system's.
-    pub fn put(&mut self, numbers: impl Iterator<Item = f32>) -> io::Result<()> {
-        let bytes: Vec<u8> = numbers.flat_map(f32::to_le_bytes).collect();
+    /// I/O errors.
+    pub fn put(&mut self, values: impl Iterator<Item = f32>) -> io::Result<()> {
+        let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
         self.write(&bytes)
     }
 
@@ -59,10 +59,10 @@ impl<W: Write> NumberFileWriter<W> {
         self.out.write_all(bytes)
     }
 
-    /// Completes the file and gives it back, for the caller to sync and to name.
+    /// Completes the file and returns it, for the caller to sync and rename.
     ///
     /// # Errors
-    /// The system's.
+    /// I/O errors.
     pub fn finish(mut self) -> io::Result<W> {
         let hash = self.hasher.finalize();
         self.out.write_all(hash.as_bytes())?;
@@ -71,21 +71,21 @@ impl<W: Write> NumberFileWriter<W> {
     }
 }
 
-/// The number files of a store's bricks.
-pub struct NumberStore {
+/// The attribute files of a store's bricks.
+pub struct AttributeStore {
     files: Vec<PathBuf>,
-    /// Numbers a voxel: 1 or 3.
+    /// Values per voxel: 1 or 3.
     width: usize,
-    /// Of each block its file, where its numbers begin there, and its active voxels.
+    /// For each block its file, the start of its values there, and its active voxels.
     blocks: BTreeMap<Coord, (usize, u64, u64)>,
 }
 
-impl NumberStore {
-    /// Opens number files after checking each as a whole: one for each leaf file of the store, in its
-    /// order, with what it shall be of.
+impl AttributeStore {
+    /// Opens attribute files after a check of each whole file: one for each leaf file of the store, in its
+    /// order, with the expected identity.
     ///
     /// # Errors
-    /// [`StoreError`]: files that are missing or unfit, or cancelling.
+    /// [`StoreError`]: missing or invalid files, or cancellation.
     pub fn open(
         files: Vec<(PathBuf, [u8; 32])>,
         width: usize,
@@ -93,28 +93,28 @@ impl NumberStore {
         threads: &Threads,
         progress: &dyn Progress,
     ) -> Result<Self, StoreError> {
-        let mut ends = vec![HEAD; files.len()];
+        let mut ends = vec![HEAD_BYTES; files.len()];
         let mut blocks = BTreeMap::new();
         for block in store.blocks() {
-            let Some((file, active)) = store.place_of(block) else {
+            let Some((file, active)) = store.file_of(block) else {
                 continue;
             };
             blocks.insert(block, (file, ends[file], active));
             ends[file] += 4 * width as u64 * active;
         }
         let checked: Vec<Result<(), LeafFileError>> = threads.install(|| {
-            let each = files.par_iter().zip(&ends).map(|((path, of), end)| {
+            let checks = files.par_iter().zip(&ends).map(|((path, identity), end)| {
                 if progress.cancelled() {
                     return Err(Cancelled);
                 }
-                Ok(check(path, of, end + TAIL))
+                Ok(check(path, identity, end + TAIL_BYTES))
             });
-            each.collect::<Result<_, Cancelled>>()
+            checks.collect::<Result<_, Cancelled>>()
         })?;
-        let faults = checked.into_iter().enumerate();
-        let faults: Vec<_> = faults.filter_map(|(n, r)| Some((n, r.err()?))).collect();
-        if !faults.is_empty() {
-            return Err(StoreError::Unfit(faults));
+        let results = checked.into_iter().enumerate();
+        let errors: Vec<_> = results.filter_map(|(n, r)| Some((n, r.err()?))).collect();
+        if !errors.is_empty() {
+            return Err(StoreError::Invalid(errors));
         }
         Ok(Self {
             files: files.into_iter().map(|(path, _)| path).collect(),
@@ -123,28 +123,32 @@ impl NumberStore {
         })
     }
 
-    /// Checks the number file of one brick, of a store whose leaf file with this number is the brick's.
+    /// Checks the attribute file of one brick with `active` active voxels.
     ///
     /// # Errors
-    /// [`LeafFileError`] when it is missing or unfit.
+    /// [`LeafFileError`] if it is missing or invalid.
     pub fn check(
         path: &Path,
-        of: &[u8; 32],
+        identity: &[u8; 32],
         width: usize,
         active: u64,
     ) -> Result<(), LeafFileError> {
-        check(path, of, HEAD + 4 * width as u64 * active + TAIL)
+        check(
+            path,
+            identity,
+            HEAD_BYTES + 4 * width as u64 * active + TAIL_BYTES,
+        )
     }
 
-    /// Numbers a voxel: 1 or 3.
+    /// Values per voxel: 1 or 3.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// The numbers of a block: of its leaves in order, of their active voxels in order of offset.
+    /// The values of a block: leaves in order, their active voxels in order of offset.
     ///
     /// # Errors
-    /// [`LeafFileError`] when the file has changed since it was opened.
+    /// [`LeafFileError`] if the file has changed since it was opened.
     pub fn read(&self, block: Coord) -> Result<Vec<f32>, LeafFileError> {
         let Some(&(file, start, active)) = self.blocks.get(&block) else {
             return Ok(Vec::new());
@@ -162,11 +166,11 @@ impl NumberStore {
         })
     }
 
-    /// As [`LeafStore::for_each_leaf`] with the numbers in place of the values; `store` is the one that
-    /// they go with.
+    /// As [`LeafStore::for_each_leaf`], with attribute values in place of distances; `store` holds the
+    /// leaves.
     ///
     /// # Errors
-    /// As there.
+    /// As [`LeafStore::for_each_leaf`].
     pub fn for_each_leaf(
         &self,
         store: &LeafStore,
@@ -174,7 +178,7 @@ impl NumberStore {
         mut visit: impl FnMut(Coord, &[u64; 8], &[f32]),
     ) -> Result<(), StoreError> {
         let mut slab = None;
-        let mut ahead = LARGEST;
+        let mut ahead = MAX_LEAF_BYTES;
         let mut cursors: HashMap<Coord, Cursor> = HashMap::new();
         store.for_each_leaf(progress, |origin, mask, _| {
             let block = origin.aligned(BLOCK);
@@ -183,21 +187,22 @@ impl NumberStore {
                 cursors.clear();
                 let from = Coord([block[0], i32::MIN, i32::MIN]);
                 let to = Coord([block[0], i32::MAX, i32::MAX]);
-                let many = self.blocks.range(from..=to).count() as u64;
-                ahead = (AHEAD / many.max(1)).clamp(LARGEST, 1 << 18);
+                let blocks = self.blocks.range(from..=to).count() as u64;
+                ahead = (READ_AHEAD_BYTES / blocks.max(1)).clamp(MAX_LEAF_BYTES, 1 << 18);
             }
             let cursor = cursors.entry(block).or_default();
-            let numbers = cursor.next(self, block, 4 * self.width * count(mask) as usize, ahead)?;
-            visit(origin, mask, &numbers);
+            let bytes = 4 * self.width * population(mask) as usize;
+            let values = cursor.next(self, block, bytes, ahead)?;
+            visit(origin, mask, &values);
             Ok(())
         })
     }
 }
 
-/// Reads a block's numbers one leaf after the other, a little ahead.
+/// Reads a block's values one leaf after another, with read-ahead.
 #[derive(Default)]
 struct Cursor {
-    /// Bytes of the block that have been read.
+    /// Bytes of the block read so far.
     read: u64,
     buffer: Vec<u8>,
     used: usize,
@@ -206,13 +211,13 @@ struct Cursor {
 impl Cursor {
     fn next(
         &mut self,
-        store: &NumberStore,
+        store: &AttributeStore,
         block: Coord,
         bytes: usize,
         ahead: u64,
     ) -> Result<Vec<f32>, LeafFileError> {
-        let place = store.blocks.get(&block);
-        let (file, start, active) = place.copied().unwrap_or_default();
+        let entry = store.blocks.get(&block);
+        let (file, start, active) = entry.copied().unwrap_or_default();
         if self.buffer.len() - self.used < bytes {
             self.buffer.drain(..self.used);
             self.used = 0;
@@ -222,15 +227,15 @@ impl Cursor {
                 .extend(store.bytes(file, start + self.read, more)?);
             self.read += more;
         }
-        let Some(own) = self.buffer.get(self.used..self.used + bytes) else {
-            return Err(LeafFileError::Unfit {
+        let Some(leaf_bytes) = self.buffer.get(self.used..self.used + bytes) else {
+            return Err(LeafFileError::Invalid {
                 path: store.files[file].clone(),
-                found: format!("too few numbers for the block at {:?}", block.0),
-                expected: "the numbers of this plan and brick",
+                found: format!("too few values for the block at {:?}", block.0),
+                expected: "the attribute values of this plan and brick",
             });
         };
         self.used += bytes;
-        Ok(floats(own).collect())
+        Ok(floats(leaf_bytes).collect())
     }
 }
 
@@ -239,29 +244,29 @@ fn floats(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
     bytes.chunks_exact(4).map(value)
 }
 
-/// Checks a whole file: its length, what it is of, and its hash.
-fn check(path: &Path, of: &[u8; 32], length: u64) -> Result<(), LeafFileError> {
+/// Checks a whole file: its length, identity and hash.
+fn check(path: &Path, identity: &[u8; 32], length: u64) -> Result<(), LeafFileError> {
     let failed = |source| LeafFileError::Io {
         path: path.to_owned(),
         source,
     };
-    let unfit = |found: String| LeafFileError::Unfit {
+    let invalid = |found: String| LeafFileError::Invalid {
         path: path.to_owned(),
         found,
-        expected: "the numbers of this plan and brick",
+        expected: "the attribute values of this plan and brick",
     };
     let mut file = File::open(path).map_err(failed)?;
     let found = file.metadata().map_err(failed)?.len();
     if found != length {
-        return Err(unfit(format!("{found} bytes instead of {length}")));
+        return Err(invalid(format!("{found} bytes instead of {length}")));
     }
-    let head = read_range(&mut file, 0, HEAD as usize).map_err(failed)?;
-    if head[..8] != MAGIC[..] || head[8..] != of[..] {
-        return Err(unfit("another kind of file, plan or brick".into()));
+    let head = read_range(&mut file, 0, HEAD_BYTES as usize).map_err(failed)?;
+    if head[..8] != MAGIC[..] || head[8..] != identity[..] {
+        return Err(invalid("another kind of file, plan or brick".into()));
     }
-    let tail = read_range(&mut file, length - TAIL, TAIL as usize).map_err(failed)?;
-    if tail[..] != digest(&mut file, length - TAIL).map_err(failed)? {
-        return Err(unfit("contents that do not match their hash".into()));
+    let tail = read_range(&mut file, length - TAIL_BYTES, TAIL_BYTES as usize).map_err(failed)?;
+    if tail[..] != digest(&mut file, length - TAIL_BYTES).map_err(failed)? {
+        return Err(invalid("contents that do not match their hash".into()));
     }
     Ok(())
 }

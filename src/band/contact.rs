@@ -1,13 +1,18 @@
-//! Leaves whose samples lie where solids touch.
+//! Samples in contact planes of two solids, replaced so that the solids merge.
 
 use super::cull::Culler;
 use super::{LEAF, VOXELS};
 use crate::field::{LeafBits, SampleLattice, leaf_contacts};
 use crate::frame::Coord;
 
-/// Gives samples of a leaf that lie on a contact of two solids the value that they have without it. The
-/// neighbours beyond the leaf are sampled, so that a leaf depends on nothing but the field.
-pub(super) fn join(culler: &Culler, leaf: Coord, values: &mut [f32; VOXELS], bits: &mut LeafBits) {
+/// Gives the samples of a leaf in a contact plane of two solids the value that they would have without the
+/// contact. Neighbours beyond the leaf are sampled again, so that a leaf depends on the field alone.
+pub(super) fn merge_solids(
+    culler: &Culler,
+    leaf: Coord,
+    values: &mut [f32; VOXELS],
+    bits: &mut LeafBits,
+) {
     let step = culler.transform.voxel_size();
     let layer = |axis: usize, side: usize| {
         let mut first = leaf;
@@ -19,7 +24,7 @@ pub(super) fn join(culler: &Culler, leaf: Coord, values: &mut [f32; VOXELS], bit
             step,
             counts,
         };
-        // Most leaves that ask lie along a face, beyond which there is nothing.
+        // Most leaves with samples at zero lie along a face of the solid, with no other solid beyond it.
         let bound = culler.field.bound(&lattice.span());
         let mut samples = [bound.lo as f32; 64];
         if bound.lo <= step {

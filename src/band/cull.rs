@@ -1,74 +1,78 @@
-//! Which blocks and leaves can meet the band: halving of aligned cubes by the field's bound.
+//! Culling: aligned cubes are halved while the field's bound cannot exclude them from the band.
 
 use super::{BLOCK, Band, BandError, LEAF, Region};
 use crate::field::{Interval, LeafParts, WorldField};
 use crate::frame::{Aabb, Coord, Transform};
 
-/// Edge of the cubes whose leaves' sides are asked for at once.
-const CUBE: i32 = 4 * LEAF;
+/// Edge of the cubes of 4^3 leaves that a field may classify in one call
+/// ([`Field::sides`](crate::field::Field::sides)).
+const LEAF_CUBE_EDGE: i32 = 4 * LEAF;
 /// Leaves along a block's edge.
-const EDGE: i32 = BLOCK / LEAF;
-/// The range of voxel indices in use; leaves room for neighbours and for doubling a cube.
-const LARGEST_INDEX: f64 = (1 << 29) as f64;
+const BLOCK_EDGE_LEAVES: i32 = BLOCK / LEAF;
+/// Bound of the voxel indices; leaves room for neighbours and for the doubling of a cube.
+const MAX_INDEX: f64 = (1 << 29) as f64;
 
-/// What a bound says about a cube of samples; those of the layer around it have their sign.
+/// The side of the band on which a cube of samples and the layer around it lie.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Side {
     /// Every value is at most minus the half width.
     Inside,
     /// Every value is at least the half width.
     Outside,
-    /// The band may be met.
+    /// The cube may meet the band.
     Unknown,
 }
 
-/// Leaves of a block that the first test of leaves is tried on, at least.
-const TRIED: u32 = 64;
-/// Where it decides fewer than one in so many, the last one alone takes less time.
-const WORTH: u32 = 6;
-/// It is then made for one in so many cubes, as the block may be another there.
-const AGAIN: u32 = 8;
+/// Leaves of a block on which the batch test runs in any case.
+const BATCH_TEST_MIN_TRIALS: u32 = 64;
+/// Above this number of trials per decided leaf, the final test alone takes less time.
+const BATCH_TEST_MAX_TRIALS_PER_HIT: u32 = 6;
+/// The batch test then runs for one in this many cubes, since another part of the block may differ.
+const BATCH_TEST_RETRY_INTERVAL: u32 = 8;
 
-/// How often the first test of leaves has been made in a block, and how often it has decided.
+/// Success statistics, within a block, of the batch test: one bound for each of the eight leaves of a
+/// cube, before the final test of single leaves.
 #[derive(Clone, Copy, Default)]
-struct Trial {
-    made: u32,
-    decided: u32,
-    /// Cubes for which it might have been made.
-    asked: u32,
+struct BatchTestStats {
+    /// Leaves tested.
+    trials: u32,
+    /// Leaves that the test decided.
+    hits: u32,
+    /// Cubes for which the test was considered.
+    cubes: u32,
 }
 
-impl Trial {
-    fn note(&mut self, side: Side) {
-        self.made += 1;
-        self.decided += u32::from(side != Side::Unknown);
+impl BatchTestStats {
+    fn record(&mut self, side: Side) {
+        self.trials += 1;
+        self.hits += u32::from(side != Side::Unknown);
     }
 
-    fn is_worth_it(&mut self) -> bool {
-        self.asked += 1;
-        let is_worth_it = self.made < TRIED || WORTH * self.decided >= self.made;
-        is_worth_it || self.asked.is_multiple_of(AGAIN)
+    fn should_run(&mut self) -> bool {
+        self.cubes += 1;
+        let pays_off = self.trials < BATCH_TEST_MIN_TRIALS
+            || BATCH_TEST_MAX_TRIALS_PER_HIT * self.hits >= self.trials;
+        pays_off || self.cubes.is_multiple_of(BATCH_TEST_RETRY_INTERVAL)
     }
 }
 
-/// What halving leaves of a cube.
+/// The cubes that a halving ends at. Cubes outside are left out.
 #[derive(Default)]
-pub(super) struct Sieve {
+pub(super) struct CubeClassification {
     /// Cubes of the smallest edge that may hold active voxels, sorted by origin.
     pub unknown: Vec<Coord>,
-    /// Cubes of other edges, at most a block's, that lie inside and hold none.
+    /// Cubes, of any edge up to a block's, that lie inside and hold no active voxel: origin, edge.
     pub inside: Vec<(Coord, i32)>,
-    /// Of leaves by eights.
-    trial: Trial,
+    batch_test: BatchTestStats,
 }
 
-/// Culls for one band.
+/// The culling of one band.
 pub(super) struct Culler<'a> {
     pub field: &'a WorldField<'a>,
     pub transform: Transform,
     /// Half width in world units.
     pub background: f64,
-    /// Least and greatest voxel of interest.
+    /// Least and greatest voxel of the range to evaluate.
     range: [Coord; 2],
 }
 
@@ -88,7 +92,7 @@ impl<'a> Culler<'a> {
         let low = (extent.min / h).map(|c| (c - half_width).floor() - 1.0);
         let high = (extent.max / h).map(|c| (c + half_width).ceil() + 1.0);
         let usable =
-            (0..3).all(|a| low[a] <= high[a] && low[a].abs().max(high[a].abs()) < LARGEST_INDEX);
+            (0..3).all(|a| low[a] <= high[a] && low[a].abs().max(high[a].abs()) < MAX_INDEX);
         if !usable || extent.is_empty() {
             return Err(BandError::Extent {
                 extent,
@@ -118,35 +122,34 @@ impl<'a> Culler<'a> {
         }
     }
 
-    /// Whether a cube of `edge` voxels is of interest.
+    /// Whether a cube of `edge` voxels overlaps the range.
     fn meets(&self, origin: Coord, edge: i32) -> bool {
         (0..3).all(|a| origin[a] <= self.range[1][a] && origin[a] + edge > self.range[0][a])
     }
 
-    /// The samples of a cube and of the layer around it.
-    fn surrounded(&self, origin: Coord, edge: i32) -> Aabb {
+    /// The box of a cube's samples and of the layer around it.
+    fn padded_box(&self, origin: Coord, edge: i32) -> Aabb {
         let h = self.transform.voxel_size();
         self.transform.sample_box(origin, edge).dilated(h)
     }
 
-    /// What the bound says about the cube of `edge` voxels at `origin`; outside where it is of no
-    /// interest.
+    /// The side of the cube of `edge` voxels at `origin`; `Outside` beyond the range.
     fn side(&self, origin: Coord, edge: i32) -> Side {
         if self.meets(origin, edge) {
-            self.side_of(self.field.bound(&self.surrounded(origin, edge)))
+            self.side_of(self.field.bound(&self.padded_box(origin, edge)))
         } else {
             Side::Outside
         }
     }
 
-    /// The same for the eight halves of a cube, if the field knows them at once.
+    /// The sides of the eight octants of a cube, if the field bounds them in one call.
     fn sides(&self, origin: Coord, half: i32) -> Option<[Side; 8]> {
-        let parts = std::array::from_fn(|n| part(origin, half, n));
+        let octants = std::array::from_fn(|n| octant(origin, half, n));
         let bounds = self
             .field
-            .bounds(&parts.map(|p| self.surrounded(p, half)))?;
+            .bounds(&octants.map(|p| self.padded_box(p, half)))?;
         Some(std::array::from_fn(|n| {
-            if self.meets(parts[n], half) {
+            if self.meets(octants[n], half) {
                 self.side_of(bounds[n])
             } else {
                 Side::Outside
@@ -154,56 +157,68 @@ impl<'a> Culler<'a> {
         }))
     }
 
-    /// The last test of a leaf, in eight parts of 4^3 samples, with the layer around them 5^3. Sharper than the
-    /// whole, as all bounds are over smaller boxes.
+    /// The final test of a leaf: bounds of eight parts of 4^3 samples (5^3 with the layer around them) are
+    /// sharper than one bound of the whole.
     fn leaf_side(&self, origin: Coord) -> Side {
-        const HALF: i32 = LEAF / 2;
+        const HALF_EDGE: i32 = LEAF / 2;
         let boxes = |first: Coord, edge: i32| {
-            std::array::from_fn(|n| self.transform.sample_box(part(first, edge, n), edge))
+            std::array::from_fn(|n| self.transform.sample_box(octant(first, edge, n), edge))
         };
         let parts = LeafParts {
-            own: boxes(origin, HALF),
-            wide: boxes(origin.offset(-1, -1, -1), HALF + 1),
+            own: boxes(origin, HALF_EDGE),
+            wide: boxes(origin.offset(-1, -1, -1), HALF_EDGE + 1),
             step: self.transform.voxel_size(),
         };
         self.side_of(self.field.leaf_bound(&parts, self.background))
     }
 
-    /// Halves a cube, on this side, down to cubes of `smallest` voxels that may be active; ascending
-    /// Morton order.
-    fn halve(&self, origin: Coord, edge: i32, side: Side, smallest: i32, sieve: &mut Sieve) {
-        let mut side = side;
+    /// Halves a cube of a known side down to cubes of `smallest` voxels that may be active; visits them in
+    /// ascending Morton order.
+    fn halve(
+        &self,
+        origin: Coord,
+        edge: i32,
+        mut side: Side,
+        smallest: i32,
+        cubes: &mut CubeClassification,
+    ) {
         if side == Side::Unknown && edge == LEAF {
             side = self.leaf_side(origin);
         }
         match side {
             Side::Outside => return,
-            Side::Inside if edge <= BLOCK => return sieve.inside.push((origin, edge)),
-            Side::Unknown if edge == smallest => return sieve.unknown.push(origin),
-            Side::Unknown if edge == CUBE && smallest == LEAF && self.part(origin, sieve) => return,
+            Side::Inside if edge <= BLOCK => return cubes.inside.push((origin, edge)),
+            Side::Unknown if edge == smallest => return cubes.unknown.push(origin),
+            Side::Unknown
+                if edge == LEAF_CUBE_EDGE
+                    && smallest == LEAF
+                    && self.classify_leaves(origin, cubes) =>
+            {
+                return;
+            }
             _ => {}
         }
         let half = edge / 2;
-        let is_last = half == LEAF;
-        let is_tried = !is_last || sieve.trial.is_worth_it();
-        let sides = is_tried.then(|| self.sides(origin, half)).flatten();
+        let are_leaves = half == LEAF;
+        let is_tested = !are_leaves || cubes.batch_test.should_run();
+        let sides = is_tested.then(|| self.sides(origin, half)).flatten();
         for n in 0..8 {
-            let origin = part(origin, half, n);
+            let origin = octant(origin, half, n);
             let side = match sides {
                 Some(all) => all[n],
-                None if is_tried => self.side(origin, half),
+                None if is_tested => self.side(origin, half),
                 None if self.meets(origin, half) => Side::Unknown,
                 None => Side::Outside,
             };
-            if is_last && is_tried {
-                sieve.trial.note(side);
+            if are_leaves && is_tested {
+                cubes.batch_test.record(side);
             }
-            self.halve(origin, half, side, smallest, sieve);
+            self.halve(origin, half, side, smallest, cubes);
         }
     }
 
-    /// Parts the leaves of a cube, if the field knows their sides at once; whether it does.
-    fn part(&self, origin: Coord, sieve: &mut Sieve) -> bool {
+    /// Classifies all leaves of a cube in one call of the field; false if the field cannot.
+    fn classify_leaves(&self, origin: Coord, cubes: &mut CubeClassification) -> bool {
         let first = self.transform.world(origin);
         let h = self.transform.voxel_size();
         let Some([inside, outside]) =
@@ -213,48 +228,48 @@ impl<'a> Culler<'a> {
             return false;
         };
         for half in 0..8 {
-            let half_origin = part(origin, CUBE / 2, half);
-            // Of this half's leaves; of the leaf (x, y, z) bit 16 x + 4 y + z.
+            let half_origin = octant(origin, LEAF_CUBE_EDGE / 2, half);
+            // The bits of this octant's leaves; leaf (x, y, z) has bit 16 x + 4 y + z.
             let first = 32 * (half >> 2) + 8 * (half >> 1 & 1) + 2 * (half & 1);
             let all = 0x0033_0033u64 << first;
             if outside & all == all {
                 continue;
             }
-            if inside & all == all && self.holds(half_origin, CUBE / 2) {
-                sieve.inside.push((half_origin, CUBE / 2));
+            if inside & all == all && self.contains(half_origin, LEAF_CUBE_EDGE / 2) {
+                cubes.inside.push((half_origin, LEAF_CUBE_EDGE / 2));
                 continue;
             }
             for n in 0..8 {
                 let bit = 1u64 << (first + 16 * (n >> 2) + 4 * (n >> 1 & 1) + (n & 1));
-                let leaf = part(half_origin, LEAF, n);
+                let leaf = octant(half_origin, LEAF, n);
                 if outside & bit != 0 || !self.meets(leaf, LEAF) {
                     continue;
                 }
                 if inside & bit == 0 {
-                    sieve.unknown.push(leaf);
+                    cubes.unknown.push(leaf);
                 } else {
-                    sieve.inside.push((leaf, LEAF));
+                    cubes.inside.push((leaf, LEAF));
                 }
             }
         }
         true
     }
 
-    /// Whether all leaves of a cube are of interest.
-    fn holds(&self, origin: Coord, edge: i32) -> bool {
+    /// Whether all leaves of a cube overlap the range.
+    fn contains(&self, origin: Coord, edge: i32) -> bool {
         let last = origin.offset(edge - LEAF, edge - LEAF, edge - LEAF);
         self.meets(origin, LEAF) && self.meets(last, LEAF)
     }
 
     /// Blocks that may hold active voxels, and those that lie inside.
-    pub fn blocks(&self) -> Sieve {
+    pub fn blocks(&self) -> CubeClassification {
         let size = (0..3)
             .map(|a| self.range[1][a] - self.range[0][a] + 1)
             .max()
             .unwrap_or(1);
-        let mut sieve = Sieve::default();
+        let mut cubes = CubeClassification::default();
         if (0..3).any(|a| self.range[0][a] > self.range[1][a]) {
-            return sieve;
+            return cubes;
         }
         let mut edge = BLOCK;
         while edge < size {
@@ -262,39 +277,43 @@ impl<'a> Culler<'a> {
         }
         let first = self.range[0].aligned(edge);
         for n in 0..8 {
-            let origin = part(first, edge, n);
+            let origin = octant(first, edge, n);
             let side = self.side(origin, edge);
-            self.halve(origin, edge, side, BLOCK, &mut sieve);
+            self.halve(origin, edge, side, BLOCK, &mut cubes);
         }
-        sieve.unknown.sort_unstable();
-        sieve
+        cubes.unknown.sort_unstable();
+        cubes
     }
 
-    /// Leaves of a block that may hold active voxels, and cubes of it that lie inside.
-    pub fn leaves(&self, block: Coord) -> Sieve {
-        let mut sieve = Sieve::default();
+    /// Leaves of a block that may hold active voxels, and its cubes that lie inside.
+    pub fn leaves(&self, block: Coord) -> CubeClassification {
+        let mut cubes = CubeClassification::default();
         let side = self.side(block, BLOCK);
-        self.halve(block, BLOCK, side, LEAF, &mut sieve);
-        // A mark for each leaf found sorts them.
-        let mut marks = [0u16; (EDGE * EDGE) as usize];
-        for leaf in sieve.unknown.drain(..) {
+        self.halve(block, BLOCK, side, LEAF, &mut cubes);
+        // Sorts the leaves by a bit for each.
+        let mut marks = [0u16; (BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES) as usize];
+        for leaf in cubes.unknown.drain(..) {
             let [x, y, z] = [0, 1, 2].map(|a| (leaf[a] - block[a]) / LEAF);
-            marks[(x * EDGE + y) as usize] |= 1 << z;
+            marks[(x * BLOCK_EDGE_LEAVES + y) as usize] |= 1 << z;
         }
         for (row, mut marks) in (0..).zip(marks) {
             while marks != 0 {
                 let z = marks.trailing_zeros() as i32;
                 marks &= marks - 1;
-                let leaf = block.offset(row / EDGE * LEAF, row % EDGE * LEAF, z * LEAF);
-                sieve.unknown.push(leaf);
+                let leaf = block.offset(
+                    row / BLOCK_EDGE_LEAVES * LEAF,
+                    row % BLOCK_EDGE_LEAVES * LEAF,
+                    z * LEAF,
+                );
+                cubes.unknown.push(leaf);
             }
         }
-        sieve
+        cubes
     }
 }
 
-/// Origin of part `n` of the eight halves of a cube, in Morton order.
-fn part(origin: Coord, half: i32, n: usize) -> Coord {
+/// Origin of octant `n` of a cube, in Morton order; `half` is the octant's edge.
+fn octant(origin: Coord, half: i32, n: usize) -> Coord {
     let [x, y, z] = [4, 2, 1].map(|bit| if n & bit == 0 { 0 } else { half });
     origin.offset(x, y, z)
 }

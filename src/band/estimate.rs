@@ -3,7 +3,7 @@
 use super::activate::Neighbourhood;
 use super::cull::Culler;
 use super::evaluate::leaf_values;
-use super::leaf::count;
+use super::leaf::population;
 use super::{Band, BandError, Region, VOXELS};
 use crate::field::LeafBits;
 use crate::frame::{Coord, WorldPoint};
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 pub struct Sampling {
     /// Leaves to evaluate; all of them if there are fewer.
     pub leaves: usize,
-    /// Start of the generator that draws them; the same seed gives the same estimate.
+    /// Seed of the random generator; the same seed gives the same estimate.
     pub seed: u64,
 }
 
@@ -28,13 +28,13 @@ impl Default for Sampling {
     }
 }
 
-/// A predicted band, with standard errors where it is predicted and not counted.
+/// The predicted size of a band, with standard errors of the predicted numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
     /// Blocks that will be visited (counted).
     pub blocks: u64,
     /// Leaves that will be evaluated (counted).
-    pub leaves_touched: u64,
+    pub leaves_evaluated: u64,
     /// Leaves that will be kept.
     pub leaves_kept: f64,
     /// Standard error of `leaves_kept`.
@@ -43,21 +43,21 @@ pub struct Estimate {
     pub active_voxels: f64,
     /// Standard error of `active_voxels`.
     pub active_voxels_error: f64,
-    /// Edges between neighbouring voxels that the surface crosses: as many quads has its mesh.
+    /// Lattice edges that the surface crosses; a quad mesh of it has one quad per edge.
     pub crossings: f64,
     /// Leaves that were evaluated for the estimate.
     pub leaves_sampled: u64,
-    /// Seconds per evaluated leaf and thread, measured; the one field that differs between runs.
+    /// LeafSample seconds per evaluated leaf and thread; the only field that differs between runs.
     pub seconds_per_leaf: f64,
 }
 
 impl Band<'_> {
-    /// Predicts what [`Band::evaluate`] will find, from culling all leaves and evaluating a stratified
-    /// sample: the leaves in order of block and origin are cut into runs of equal length, and one leaf
-    /// is drawn from each.
+    /// Predicts the result of [`Band::evaluate`]: culls all leaves and evaluates a stratified sample. The
+    /// leaves, in order of block and origin, are divided into runs of equal length; one leaf is drawn from
+    /// each.
     ///
     /// # Errors
-    /// As [`Band::evaluate`]; a value that is not finite shows only if it is sampled.
+    /// As [`Band::evaluate`]; a value that is not finite is found only if it is sampled.
     pub fn estimate(
         &self,
         threads: &Threads,
@@ -80,7 +80,7 @@ impl Band<'_> {
                 .collect::<Result<_, _>>()?;
             let leaves: Vec<Coord> = leaves.into_iter().flatten().collect();
             let drawn = draw(leaves.len(), sampling);
-            let measured: Vec<Measured> = drawn
+            let measured: Vec<LeafSample> = drawn
                 .par_iter()
                 .map(|&n| {
                     if progress.cancelled() {
@@ -88,7 +88,7 @@ impl Band<'_> {
                     }
                     let start = std::time::Instant::now();
                     let (bits, _) = leaf_values(&culler, leaves[n], &mut [0.0; VOXELS])?;
-                    Ok(Measured {
+                    Ok(LeafSample {
                         active: active_voxels(&bits),
                         crossings: crossings(&bits.negative),
                         seconds: start.elapsed().as_secs_f64(),
@@ -96,16 +96,16 @@ impl Band<'_> {
                 })
                 .collect::<Result<_, BandError>>()?;
             let seconds: f64 = measured.iter().map(|m| m.seconds).sum();
-            let active = |m: &Measured| m.active as f64;
-            let kept = |m: &Measured| f64::from(u8::from(m.active > 0));
+            let active = |m: &LeafSample| m.active as f64;
+            let kept = |m: &LeafSample| f64::from(u8::from(m.active > 0));
             let (active_voxels, active_voxels_error) = total(&measured, leaves.len(), active);
             let (leaves_kept, leaves_kept_error) = total(&measured, leaves.len(), kept);
-            // Of the eight edges along a row, seven lie within the leaf.
+            // Seven of the eight edges along a row lie within the leaf.
             let (within, _) = total(&measured, leaves.len(), |m| m.crossings as f64);
             Ok(Estimate {
                 crossings: within * 8.0 / 7.0,
                 blocks: blocks.len() as u64,
-                leaves_touched: leaves.len() as u64,
+                leaves_evaluated: leaves.len() as u64,
                 leaves_kept,
                 leaves_kept_error,
                 active_voxels,
@@ -117,12 +117,13 @@ impl Band<'_> {
     }
 }
 
-/// Blocks that voxels are drawn from at most, and voxels of one leaf.
-const DRAWN_BLOCKS: usize = 64;
-const PER_LEAF: usize = 4;
+/// Greatest number of blocks that voxels are drawn from.
+const MAX_DRAWN_BLOCKS: usize = 64;
+/// Voxels drawn from one leaf.
+const DRAWN_VOXELS_PER_LEAF: usize = 4;
 
 impl Band<'_> {
-    /// Places of at most `count` active voxels, drawn from blocks all over the band, always the same.
+    /// Positions of at most `count` active voxels, drawn from blocks all over the band; deterministic.
     ///
     /// # Errors
     /// As [`Band::evaluate`].
@@ -133,10 +134,10 @@ impl Band<'_> {
         count: usize,
     ) -> Result<Vec<WorldPoint>, BandError> {
         let culler = Culler::new(self, Region::EVERYWHERE)?;
-        let some = |leaves| Sampling { leaves, seed: 1 };
+        let sampling = |leaves| Sampling { leaves, seed: 1 };
         threads.install(|| {
             let blocks = culler.blocks().unknown;
-            let blocks: Vec<Coord> = draw(blocks.len(), some(DRAWN_BLOCKS))
+            let blocks: Vec<Coord> = draw(blocks.len(), sampling(MAX_DRAWN_BLOCKS))
                 .into_iter()
                 .map(|n| blocks[n])
                 .collect();
@@ -144,11 +145,14 @@ impl Band<'_> {
                 .par_iter()
                 .flat_map_iter(|&block| culler.leaves(block).unknown)
                 .collect();
-            // Not every leaf that cannot be excluded has active voxels.
-            let leaves: Vec<Coord> = draw(leaves.len(), some(2 * count.div_ceil(PER_LEAF)))
-                .into_iter()
-                .map(|n| leaves[n])
-                .collect();
+            // Twice the leaves needed: not every leaf that culling keeps has active voxels.
+            let leaves: Vec<Coord> = draw(
+                leaves.len(),
+                sampling(2 * count.div_ceil(DRAWN_VOXELS_PER_LEAF)),
+            )
+            .into_iter()
+            .map(|n| leaves[n])
+            .collect();
             let places: Vec<Vec<WorldPoint>> = leaves
                 .par_iter()
                 .map(|&leaf| {
@@ -159,7 +163,7 @@ impl Band<'_> {
                     let active: Vec<usize> = (0..VOXELS)
                         .filter(|&n| within[n >> 6] >> (n & 63) & 1 == 1)
                         .collect();
-                    let stride = active.len().div_ceil(PER_LEAF).max(1);
+                    let stride = active.len().div_ceil(DRAWN_VOXELS_PER_LEAF).max(1);
                     let place = |n: &usize| {
                         let [x, y, z] = [n >> 6, n >> 3 & 7, n & 7].map(|c| c as i32);
                         self.transform.world(leaf.offset(x, y, z))
@@ -168,7 +172,7 @@ impl Band<'_> {
                 })
                 .collect::<Result<_, BandError>>()?;
             let places: Vec<WorldPoint> = places.into_iter().flatten().collect();
-            Ok(draw(places.len(), some(count))
+            Ok(draw(places.len(), sampling(count))
                 .into_iter()
                 .map(|n| places[n])
                 .collect())
@@ -176,8 +180,8 @@ impl Band<'_> {
     }
 }
 
-/// What one leaf of the sample showed.
-struct Measured {
+/// Counts and time of one sampled leaf.
+struct LeafSample {
     active: u64,
     crossings: u64,
     seconds: f64,
@@ -185,32 +189,32 @@ struct Measured {
 
 /// Edges within a leaf whose ends differ in sign.
 fn crossings(negative: &[u64; 8]) -> u64 {
-    // All but the last voxel along z, and along y.
-    const NOT_LAST: u64 = 0x7f7f_7f7f_7f7f_7f7f;
+    // All voxels but those at z = 7.
+    const BELOW_Z_MAX_BITS: u64 = 0x7f7f_7f7f_7f7f_7f7f;
     let along_x = negative.windows(2).map(|w| (w[0] ^ w[1]).count_ones());
     let across = negative.iter().map(|w| {
         let along_y = (w ^ w >> 8) & (u64::MAX >> 8);
-        let along_z = (w ^ w >> 1) & NOT_LAST;
+        let along_z = (w ^ w >> 1) & BELOW_Z_MAX_BITS;
         along_y.count_ones() + along_z.count_ones()
     });
     along_x.chain(across).map(u64::from).sum()
 }
 
-/// Active voxels of a leaf by itself: changes of sign to its neighbours are not looked for.
+/// Active voxels of an isolated leaf: changes of sign towards its neighbours do not count.
 fn active_voxels(bits: &LeafBits) -> u64 {
-    let mut alone = Neighbourhood::default();
-    alone.enter_leaf([1; 3], &bits.negative);
+    let mut isolated = Neighbourhood::default();
+    isolated.set_leaf([1; 3], &bits.negative);
     let mut mask = bits.within;
-    for (word, changed) in mask.iter_mut().zip(alone.next_to_change()) {
+    for (word, changed) in mask.iter_mut().zip(isolated.next_to_change()) {
         *word |= changed;
     }
-    count(&mask)
+    population(&mask)
 }
 
-/// One of each of `sampling.leaves` runs of `0..population`.
-fn draw(population: usize, sampling: Sampling) -> Vec<usize> {
-    if population <= sampling.leaves {
-        return (0..population).collect();
+/// Draws one number from each of `sampling.leaves` runs of `0..total`.
+fn draw(total: usize, sampling: Sampling) -> Vec<usize> {
+    if total <= sampling.leaves {
+        return (0..total).collect();
     }
     let mut state = sampling.seed;
     (0..sampling.leaves)
@@ -222,18 +226,18 @@ fn draw(population: usize, sampling: Sampling) -> Vec<usize> {
             z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
             let uniform = ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64;
             let [first, next] = [run, run + 1]
-                .map(|r| (r as u128 * population as u128 / sampling.leaves as u128) as usize);
+                .map(|r| (r as u128 * total as u128 / sampling.leaves as u128) as usize);
             first + (uniform * (next - first) as f64) as usize
         })
         .collect()
 }
 
-/// The total over the population and its standard error. Neighbouring runs stand for the spread
-/// within a run: half the mean square of successive differences estimates the variance.
-fn total(sample: &[Measured], population: usize, of: impl Fn(&Measured) -> f64) -> (f64, f64) {
+/// The estimated total over all leaves and its standard error. The variance within a run is estimated from
+/// neighbouring runs: half the mean square of successive differences.
+fn total(sample: &[LeafSample], leaves: usize, of: impl Fn(&LeafSample) -> f64) -> (f64, f64) {
     let n = sample.len() as f64;
     let sum: f64 = sample.iter().map(&of).sum();
-    if sample.len() == population {
+    if sample.len() == leaves {
         return (sum, 0.0);
     }
     let squares: f64 = sample
@@ -241,7 +245,7 @@ fn total(sample: &[Measured], population: usize, of: impl Fn(&Measured) -> f64) 
         .map(|w| (of(&w[0]) - of(&w[1])).powi(2))
         .sum();
     let variance = squares / 2.0 / (n - 1.0);
-    let all = population as f64;
+    let all = leaves as f64;
     let left_out = 1.0 - n / all;
     (sum / n * all, all * (variance * left_out / n).sqrt())
 }

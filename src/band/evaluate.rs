@@ -1,4 +1,4 @@
-//! Evaluation by blocks.
+//! Evaluation of a band, block by block.
 
 use super::activate::{Neighbourhood, SPAN};
 use super::buffers::{self, Signs};
@@ -11,20 +11,21 @@ use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Most leaves in a batch, which are evaluated at once, between two looks at whether the user asked to stop.
-const GROUP: usize = 32;
-/// Most leaves of a stretch: no fewer than those of one x.
-const STRETCH: usize = (EDGE * EDGE) as usize;
+/// Greatest number of leaves in a batch. A batch is one call of the field; cancellation is checked
+/// between batches.
+const BATCH_LEAVES: usize = 32;
+/// Greatest number of leaves in a slab; one x layer of a block has at most as many.
+const SLAB_LEAVES: usize = (BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES) as usize;
 /// Leaves along a block's edge.
-const EDGE: i32 = BLOCK / LEAF;
-/// A leaf that was not evaluated, in a block's table.
-const ABSENT: u16 = u16::MAX;
+const BLOCK_EDGE_LEAVES: i32 = BLOCK / LEAF;
+/// Entry of a block's table without an evaluated leaf.
+const NO_LEAF: u16 = u16::MAX;
 
 impl Band<'_> {
     /// Evaluates the band and hands its leaves to a sink.
     ///
     /// # Errors
-    /// A half width or extent out of range, a value that is not finite, cancelling, the sink's error.
+    /// A half width or extent out of range, a value that is not finite, cancellation, the sink's error.
     pub fn evaluate(
         &self,
         threads: &Threads,
@@ -34,9 +35,9 @@ impl Band<'_> {
         self.evaluate_within(Region::EVERYWHERE, threads, progress, sink)
     }
 
-    /// The same for the leaves that meet a region. Values do not depend on the region, nor do active
-    /// voxels, but for those that are active only because the sign changes towards a voxel outside of
-    /// a region that is not made of blocks.
+    /// Evaluates only the leaves that meet a region. Values do not depend on the region. Active voxels do
+    /// not either, except those that are active only by a change of sign towards a voxel outside a region
+    /// that is not a union of blocks.
     ///
     /// # Errors
     /// As [`Band::evaluate`].
@@ -56,7 +57,7 @@ impl Band<'_> {
                 .unknown
                 .par_iter()
                 .map(|&origin| {
-                    let stats = block(&culler, origin, progress, sink)?;
+                    let stats = evaluate_block(&culler, origin, progress, sink)?;
                     progress.advance(1);
                     Ok(stats)
                 })
@@ -67,7 +68,7 @@ impl Band<'_> {
         })
     }
 
-    /// The blocks that the bound cannot exclude, sorted by origin: what [`Band::evaluate`] visits.
+    /// The blocks that the bound cannot exclude, sorted by origin; [`Band::evaluate`] visits these.
     ///
     /// # Errors
     /// A half width or extent out of range.
@@ -76,61 +77,61 @@ impl Band<'_> {
     }
 }
 
-/// One block: cull, then evaluate, activate and deliver its leaves by the stretch.
+/// Evaluates one block: culls, then evaluates, activates and delivers its leaves slab by slab.
 ///
-/// What a leaf's mask takes of its neighbours are signs, so that values are kept of two stretches at a
-/// time: of the one to be delivered, and of the next one, whose signs it waits for. A stretch whose
-/// leaves are settled waits for nothing, and its values are still in the cache when they are read. Leaves
-/// that are proved to have no active voxels leave no values.
-fn block(
+/// A leaf's mask depends on the signs of its neighbours, so that the values of two slabs are in memory at
+/// a time: the slab to deliver, and the next one, whose signs it needs. A slab of complete leaves is
+/// delivered at once, while its values are in the cache. Leaves proved to have no active voxels have no
+/// values.
+fn evaluate_block(
     culler: &Culler,
     origin: Coord,
     progress: &dyn Progress,
     sink: &dyn LeafSink,
 ) -> Result<BandStats, BandError> {
-    let sieve = culler.leaves(origin);
-    let mut block = Block::new(culler, origin, sieve.unknown);
-    let mut inside = sieve.inside;
+    let leaves = culler.leaves(origin);
+    let mut block = Block::new(culler, origin, leaves.unknown);
+    let mut inside = leaves.inside;
     let mut stats = BandStats {
         blocks: 1,
-        leaves_touched: block.origins.len() as u64,
+        leaves_evaluated: block.origins.len() as u64,
         ..BandStats::default()
     };
-    let mut waiting: Option<Stretch> = None;
+    let mut waiting: Option<Slab> = None;
     let mut first = 0;
     while first < block.origins.len() || waiting.is_some() {
         if progress.cancelled() {
             return Err(Cancelled.into());
         }
-        let last = block.stretch(first);
+        let last = block.slab_end(first);
         let mut next = None;
         if first < last {
-            let (stretch, looked) = block.evaluate(first..last, progress)?;
-            stats.voxels_evaluated += looked;
-            next = Some(stretch);
+            let (slab, samples) = block.evaluate(first..last, progress)?;
+            stats.samples_evaluated += samples;
+            next = Some(slab);
         }
         first = last;
-        let settled = next.take_if(|stretch| stretch.is_settled);
-        for mut stretch in [waiting.take(), settled].into_iter().flatten() {
-            stats.voxels_evaluated += block.settle(&mut stretch, &mut inside);
-            for batch in stretch.batches {
+        let complete = next.take_if(|slab| slab.is_complete);
+        for mut slab in [waiting.take(), complete].into_iter().flatten() {
+            stats.samples_evaluated += block.complete(&mut slab, &mut inside);
+            for batch in slab.batches {
                 stats.leaves_kept += batch.len() as u64;
                 stats.active_voxels += batch.active_voxels();
                 if !batch.is_empty() {
                     sink.block(origin, &batch)?;
                 }
-                buffers::give_batch(batch);
+                buffers::recycle_batch(batch);
             }
         }
         waiting = next;
     }
     sink.inside(&inside);
-    buffers::give_signs(block.signs);
+    buffers::recycle_signs(block.signs);
     Ok(stats)
 }
 
-/// Fills in the values of one leaf, clamped to the band; says what they are and at how many points the
-/// field was looked at.
+/// Evaluates one leaf, clamped to the band; returns the bits of its values and the number of samples
+/// evaluated.
 ///
 /// # Errors
 /// A value that is not finite.
@@ -141,12 +142,12 @@ pub(super) fn leaf_values(
 ) -> Result<(LeafBits, u64), BandError> {
     let mut bits = [LeafBits::default()];
     let values = std::slice::from_mut(values);
-    let looked = group_values(culler, &[origin], values, &mut bits)?;
-    Ok((bits[0], looked))
+    let samples = batch_values(culler, &[origin], values, &mut bits)?;
+    Ok((bits[0], samples))
 }
 
-/// The same for at most [`GROUP`] leaves, sorted by origin.
-pub(super) fn group_values(
+/// Evaluates at most [`BATCH_LEAVES`] leaves, sorted by origin; returns the number of samples evaluated.
+pub(super) fn batch_values(
     culler: &Culler,
     leaves: &[Coord],
     values: &mut [[f32; VOXELS]],
@@ -154,11 +155,11 @@ pub(super) fn group_values(
 ) -> Result<u64, BandError> {
     let step = culler.transform.voxel_size();
     let background = culler.background as f32;
-    let mut origins = [WorldPoint(Vec3::zeros()); GROUP];
+    let mut origins = [WorldPoint(Vec3::zeros()); BATCH_LEAVES];
     for (to, &leaf) in origins.iter_mut().zip(leaves) {
         *to = culler.transform.world(leaf);
     }
-    let together = culler.field.fill_leaves(&mut Leaves {
+    let filled = culler.field.fill_leaves(&mut Leaves {
         origins: &origins[..leaves.len()],
         step,
         by: 0.0,
@@ -166,25 +167,25 @@ pub(super) fn group_values(
         values,
         bits,
     });
-    if let Some(looked) = together
+    if let Some(samples) = filled
         && bits.iter().all(|b| b.finite)
     {
-        // Leaves that are out have left no values.
+        // Leaves out of the band have no values.
         let kept = leaves.iter().zip(bits).filter(|(_, bits)| !bits.is_out());
         for ((&leaf, bits), values) in kept.zip(values) {
-            contact::join(culler, leaf, values, bits);
+            contact::merge_solids(culler, leaf, values, bits);
         }
-        return Ok(looked);
+        return Ok(samples);
     }
-    let mut looked = 0;
+    let mut samples = 0;
     for (n, values) in values.iter_mut().enumerate() {
         let lattice = SampleLattice {
             origin: origins[n],
             step,
             counts: [LEAF as usize; 3],
         };
-        looked += culler.field.fill_counting(&lattice, values);
-        bits[n] = LeafBits::look_at(values, background);
+        samples += culler.field.fill_counting(&lattice, values);
+        bits[n] = LeafBits::from_values(values, background);
         if !bits[n].finite {
             let m = values.iter().position(|v| !v.is_finite()).unwrap_or(0);
             let voxel = leaves[n].offset((m >> 6) as i32, (m >> 3 & 7) as i32, (m & 7) as i32);
@@ -194,67 +195,68 @@ pub(super) fn group_values(
                 place: culler.transform.world(voxel),
             });
         }
-        contact::join(culler, leaves[n], values, &mut bits[n]);
+        contact::merge_solids(culler, leaves[n], values, &mut bits[n]);
     }
-    Ok(looked)
+    Ok(samples)
 }
 
-/// What is known of a leaf.
+/// The state of a leaf's mask.
 #[derive(Clone, Copy, PartialEq)]
-enum Standing {
-    /// Voxels may be active because a neighbour beyond the band has the other sign.
-    Open,
-    /// Its mask is all there is to it.
-    Settled,
-    /// No voxel is active: it has no values.
-    Out,
+enum LeafState {
+    /// More voxels may become active by a neighbour beyond the band with the other sign.
+    Pending,
+    /// The mask is final.
+    Complete,
+    /// No voxel is active; the leaf has no values.
+    Inactive,
 }
 
-/// Consecutive leaves of a block, evaluated: the values of those that are not out, and for masks what
-/// lies within the band.
-struct Stretch {
+/// Evaluated consecutive leaves of a block. Batches hold those that are not inactive; their masks hold
+/// the voxels within the band.
+struct Slab {
     leaves: Range<usize>,
-    batches: [LeafBatch; STRETCH / GROUP],
-    /// Whether no leaf is open.
-    is_settled: bool,
+    batches: [LeafBatch; SLAB_LEAVES / BATCH_LEAVES],
+    /// Whether no leaf is pending.
+    is_complete: bool,
 }
 
-/// The leaves of a block that may be active, sorted by origin, and what is known of them.
+/// The leaves of a block that may be active, sorted by origin, with their signs and states.
 struct Block<'a> {
     culler: &'a Culler<'a>,
     origin: Coord,
     origins: Vec<Coord>,
-    /// Of the leaves that were evaluated.
+    /// Signs of the evaluated leaves.
     signs: Vec<Signs>,
-    standings: Vec<Standing>,
-    /// Number of the leaf at each of the 16^3 places, z fastest.
+    states: Vec<LeafState>,
+    /// Number of the leaf in each of the 16^3 slots, z fastest.
     table: Vec<u16>,
 }
 
 impl<'a> Block<'a> {
     fn new(culler: &'a Culler<'a>, origin: Coord, origins: Vec<Coord>) -> Self {
-        let mut table = vec![ABSENT; (EDGE * EDGE * EDGE) as usize];
+        let mut table =
+            vec![NO_LEAF; (BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES) as usize];
         for (n, &leaf) in origins.iter().enumerate() {
-            let [x, y, z] = place(origin, leaf);
-            table[((x * EDGE + y) * EDGE + z) as usize] = n as u16;
+            let [x, y, z] = slot(origin, leaf);
+            table[((x * BLOCK_EDGE_LEAVES + y) * BLOCK_EDGE_LEAVES + z) as usize] = n as u16;
         }
         Self {
             culler,
             origin,
-            signs: buffers::signs(origins.len()),
-            standings: vec![Standing::Open; origins.len()],
+            signs: buffers::take_signs(origins.len()),
+            states: vec![LeafState::Pending; origins.len()],
             origins,
             table,
         }
     }
 
-    /// Where the stretch from a leaf on ends: after as many layers of leaves of one x as it may hold,
-    /// at least one, so that no leaf has a neighbour beyond the next stretch.
-    fn stretch(&self, first: usize) -> usize {
+    /// The end of the slab that begins at leaf `first`: as many whole x layers as fit, at least one, so
+    /// that no leaf has a neighbour beyond the next slab.
+    fn slab_end(&self, first: usize) -> usize {
         let mut last = first;
         while let Some(leaf) = self.origins.get(last) {
             let layer = self.origins[last..].partition_point(|o| o[0] == leaf[0]);
-            if last > first && last + layer > first + STRETCH {
+            if last > first && last + layer > first + SLAB_LEAVES {
                 break;
             }
             last += layer;
@@ -262,91 +264,91 @@ impl<'a> Block<'a> {
         last
     }
 
-    /// Evaluates a stretch; gives its values, and at how many points the field was looked at.
+    /// Evaluates a slab; returns it and the number of samples evaluated.
     fn evaluate(
         &mut self,
         leaves: Range<usize>,
         progress: &dyn Progress,
-    ) -> Result<(Stretch, u64), BandError> {
-        let mut batches: [LeafBatch; STRETCH / GROUP] = Default::default();
-        let looked = self.origins[leaves.clone()]
-            .par_chunks(GROUP)
+    ) -> Result<(Slab, u64), BandError> {
+        let mut batches: [LeafBatch; SLAB_LEAVES / BATCH_LEAVES] = Default::default();
+        let samples = self.origins[leaves.clone()]
+            .par_chunks(BATCH_LEAVES)
             .zip(&mut batches)
-            .zip(self.signs[leaves.clone()].par_chunks_mut(GROUP))
-            .zip(self.standings[leaves.clone()].par_chunks_mut(GROUP))
-            .map(|(((group, batch), signs), standings)| {
+            .zip(self.signs[leaves.clone()].par_chunks_mut(BATCH_LEAVES))
+            .zip(self.states[leaves.clone()].par_chunks_mut(BATCH_LEAVES))
+            .map(|(((origins, batch), signs), states)| {
                 if progress.cancelled() {
                     return Err(BandError::from(Cancelled));
                 }
-                *batch = buffers::batch(group.len());
-                let mut bits = [LeafBits::default(); GROUP];
-                let bits = &mut bits[..group.len()];
-                let looked = group_values(self.culler, group, &mut batch.values, bits)?;
+                *batch = buffers::take_batch(origins.len());
+                let mut bits = [LeafBits::default(); BATCH_LEAVES];
+                let bits = &mut bits[..origins.len()];
+                let samples = batch_values(self.culler, origins, &mut batch.values, bits)?;
                 for (n, bits) in bits.iter().enumerate() {
                     signs[n] = bits.negative;
-                    standings[n] = if bits.is_out() {
-                        Standing::Out
+                    states[n] = if bits.is_out() {
+                        LeafState::Inactive
                     } else if bits.settled || bits.within == [u64::MAX; 8] {
-                        // Only an inactive voxel may become active by its neighbours.
-                        Standing::Settled
+                        // Neighbours can only activate inactive voxels; here there are none.
+                        LeafState::Complete
                     } else {
-                        Standing::Open
+                        LeafState::Pending
                     };
                     if !bits.is_out() {
-                        batch.origins.push(group[n]);
+                        batch.origins.push(origins[n]);
                         batch.masks.push(bits.within);
                     }
                 }
                 batch.values.truncate(batch.len());
-                Ok(looked)
+                Ok(samples)
             })
             .try_reduce(|| 0, |a, b| Ok(a + b))?;
-        let is_settled = !self.standings[leaves.clone()].contains(&Standing::Open);
-        let stretch = Stretch {
+        let is_complete = !self.states[leaves.clone()].contains(&LeafState::Pending);
+        let slab = Slab {
             leaves,
             batches,
-            is_settled,
+            is_complete,
         };
-        Ok((stretch, looked))
+        Ok((slab, samples))
     }
 
-    /// Activates what lies next to a change of sign and takes away the leaves that have no active voxels;
-    /// those that lie inside go to `inside`. Needs the next stretch evaluated, unless this one is settled.
-    /// Gives at how many more points the field was looked at.
-    fn settle(&mut self, stretch: &mut Stretch, inside: &mut Vec<(Coord, i32)>) -> u64 {
-        let mut looked = 0;
-        if !stretch.is_settled {
-            let batches = stretch.batches.par_iter_mut();
+    /// Completes the masks of a slab: activates voxels next to a change of sign and removes leaves without
+    /// active voxels; removed leaves that lie inside are added to `inside`. The next slab must have been
+    /// evaluated, unless this one is complete. Returns the number of further samples evaluated.
+    fn complete(&mut self, slab: &mut Slab, inside: &mut Vec<(Coord, i32)>) -> u64 {
+        let mut samples = 0;
+        if !slab.is_complete {
+            let batches = slab.batches.par_iter_mut();
             let leaves = batches.flat_map(|b| b.masks.par_iter_mut().zip(&b.origins));
-            looked = leaves
-                .filter(|(_, leaf)| self.standings[self.number(**leaf)] == Standing::Open)
+            samples = leaves
+                .filter(|(_, leaf)| self.states[self.number(**leaf)] == LeafState::Pending)
                 .map(|(mask, leaf)| self.activate(*leaf, mask))
                 .sum();
-            for batch in &mut stretch.batches {
-                self.drop_empty(batch);
+            for batch in &mut slab.batches {
+                self.remove_inactive(batch);
             }
         }
-        for n in stretch.leaves.clone() {
-            if self.standings[n] == Standing::Out && self.signs[n][0] & 1 == 1 {
+        for n in slab.leaves.clone() {
+            if self.states[n] == LeafState::Inactive && self.signs[n][0] & 1 == 1 {
                 inside.push((self.origins[n], LEAF));
             }
         }
-        looked
+        samples
     }
 
-    /// Takes the leaves without active voxels out of a batch.
-    fn drop_empty(&mut self, batch: &mut LeafBatch) {
+    /// Removes the leaves without active voxels from a batch.
+    fn remove_inactive(&mut self, batch: &mut LeafBatch) {
         let mut kept = 0;
-        for place in 0..batch.len() {
-            if batch.masks[place] == [0; 8] {
-                let number = self.number(batch.origins[place]);
-                self.standings[number] = Standing::Out;
+        for n in 0..batch.len() {
+            if batch.masks[n] == [0; 8] {
+                let number = self.number(batch.origins[n]);
+                self.states[number] = LeafState::Inactive;
                 continue;
             }
-            if kept < place {
-                batch.origins[kept] = batch.origins[place];
-                batch.masks[kept] = batch.masks[place];
-                batch.values.copy_within(place..=place, kept);
+            if kept < n {
+                batch.origins[kept] = batch.origins[n];
+                batch.masks[kept] = batch.masks[n];
+                batch.values.copy_within(n..=n, kept);
             }
             kept += 1;
         }
@@ -355,54 +357,57 @@ impl<'a> Block<'a> {
         batch.values.truncate(kept);
     }
 
-    /// The number of a leaf that was evaluated.
+    /// The number of an evaluated leaf.
     fn number(&self, leaf: Coord) -> usize {
-        let [x, y, z] = place(self.origin, leaf);
-        usize::from(self.table[((x * EDGE + y) * EDGE + z) as usize])
+        let [x, y, z] = slot(self.origin, leaf);
+        usize::from(self.table[((x * BLOCK_EDGE_LEAVES + y) * BLOCK_EDGE_LEAVES + z) as usize])
     }
 
-    /// Adds to the mask of a leaf's voxels within the band those next to a change of sign; gives how many
-    /// samples beyond the block it took to find them.
+    /// Adds the voxels next to a change of sign to a leaf's mask; returns the number of samples that were
+    /// evaluated beyond the block.
     fn activate(&self, leaf: Coord, mask: &mut [u64; 8]) -> u64 {
         let mut near = Neighbourhood::default();
-        let own = place(self.origin, leaf);
+        let own = slot(self.origin, leaf);
         for d in 0..27usize {
             let direction = [d / 9, d / 3 % 3, d % 3];
             let [x, y, z] = [0, 1, 2].map(|a| own[a] + direction[a] as i32 - 1);
-            if [x, y, z].iter().any(|c| !(0..EDGE).contains(c)) {
+            if [x, y, z]
+                .iter()
+                .any(|c| !(0..BLOCK_EDGE_LEAVES).contains(c))
+            {
                 continue;
             }
-            let number = self.table[((x * EDGE + y) * EDGE + z) as usize];
+            let number = self.table[((x * BLOCK_EDGE_LEAVES + y) * BLOCK_EDGE_LEAVES + z) as usize];
             if let Some(signs) = self.signs.get(number as usize) {
-                near.enter_leaf(direction, signs);
+                near.set_leaf(direction, signs);
             }
         }
-        let mut taken = 0;
+        let mut samples = 0;
         for axis in 0..3 {
             for (at_end, outside) in [
                 (leaf[axis] == self.origin[axis], -1),
                 (leaf[axis] + LEAF == self.origin[axis] + BLOCK, LEAF),
             ] {
                 if at_end {
-                    taken += enter_layer(self.culler, leaf, axis, outside, &mut near);
+                    samples += set_layer(self.culler, leaf, axis, outside, &mut near);
                 }
             }
         }
         for (word, changed) in mask.iter_mut().zip(near.next_to_change()) {
             *word |= changed;
         }
-        taken
+        samples
     }
 }
 
-/// Which of the 16^3 places of a block a leaf has.
-fn place(block: Coord, leaf: Coord) -> [i32; 3] {
+/// The slot of a leaf among the 16^3 of a block.
+fn slot(block: Coord, leaf: Coord) -> [i32; 3] {
     [0, 1, 2].map(|a| (leaf[a] - block[a]) / LEAF)
 }
 
-/// Enters the signs of the layer of samples at index `outside` (-1 or 8) of `axis`, which lies in
-/// another block; returns how many samples it took. None if the bound shows one sign throughout.
-fn enter_layer(
+/// Sets the signs of the layer of samples at index `outside` (-1 or 8) of `axis`, which lies in another
+/// block; returns the number of samples evaluated: 0 if the bound proves one sign throughout.
+fn set_layer(
     culler: &Culler,
     leaf: Coord,
     axis: usize,
@@ -426,18 +431,18 @@ fn enter_layer(
     let mut counts = [SPAN; 3];
     counts[axis] = 1;
     let lattice = SampleLattice {
-        origin: crate::frame::WorldPoint(corner(outside, -1)),
+        origin: WorldPoint(corner(outside, -1)),
         step: h,
         counts,
     };
     let mut rows = [0; SPAN * SPAN];
     let rows = &mut rows[..counts[0] * counts[1]];
-    let looked = culler.field.signs(&lattice, rows);
+    let samples = culler.field.signs(&lattice, rows);
     let mut first = [0; 3];
     first[axis] = (outside + 1) as usize;
-    let places = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
-    for ((i, j), &row) in places.zip(&*rows) {
-        near.enter_row([first[0] + i, first[1] + j, first[2]], counts[2], row);
+    let positions = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
+    for ((i, j), &row) in positions.zip(&*rows) {
+        near.set_row([first[0] + i, first[1] + j, first[2]], counts[2], row);
     }
-    looked
+    samples
 }

@@ -1,12 +1,12 @@
-//! Signs beyond the band, as OpenVDB's signed flood fill finds them.
+//! Signed flood fill: the signs of voxels outside the band, by the rule of OpenVDB.
 //!
-//! In a cube of n^3 slots (x slowest, z fastest) some are known: active voxels of a leaf, child nodes
-//! of a node. The others take the sign of the known slot before them on their line along z; where there
-//! is none, that of the known slot before it among the lines' beginnings along y, then along x; at last
-//! that of the first known slot's beginning. In a closed narrow band that is the right sign.
+//! In a cube of n^3 slots (x slowest, z fastest) the signs of some slots are known: the active voxels of a
+//! leaf, or the child nodes of a node. Every other slot takes the sign of the last known slot before it on
+//! its line along z; else that of the last known first slot of a line along y; else the same along x; else
+//! the sign at which the first known slot begins. In a closed narrow band this is the correct sign.
 
-/// Calls `fill` with every unknown slot and whether it is inside. `known` says of a slot whether its
-/// end is inside; `first` whether the beginning of the first known slot is.
+/// Calls `fill` with every unknown slot and whether it is inside. `known` gives whether a known slot ends
+/// inside; `first` is whether the first known slot begins inside.
 pub(super) fn flood(
     edge: usize,
     first: bool,
@@ -31,19 +31,19 @@ pub(super) fn flood(
     }
 }
 
-/// Whether the last slot of a flooded cube ends inside, from the known slots in ascending order with
-/// the sign of their ends.
+/// Whether the last slot of a filled cube ends inside, from the known slots in ascending order and whether
+/// each ends inside.
 pub(super) fn last(
     edge: usize,
     first: bool,
     known: impl DoubleEndedIterator<Item = (usize, bool)>,
 ) -> bool {
-    let counts = |slot: usize| {
+    let determines_last = |slot: usize| {
         let (x, y, z) = (slot / (edge * edge), slot / edge % edge, slot % edge);
         z == 0 && (y == 0 || x + 1 == edge) || x + 1 == edge && y + 1 == edge
     };
-    let mut before = known.rev().filter(|&(slot, _)| counts(slot));
-    before.next().map_or(first, |(_, inside)| inside)
+    let mut candidates = known.rev().filter(|&(slot, _)| determines_last(slot));
+    candidates.next().map_or(first, |(_, inside)| inside)
 }
 
 #[cfg(test)]
@@ -52,7 +52,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     #[test]
-    fn the_last_slot_is_what_the_flood_leaves_there() {
+    fn last_equals_the_flood_fill_of_the_last_slot() {
         let edge = 4;
         let mut state = 1u64;
         for _ in 0..500 {

@@ -1,40 +1,42 @@
-//! Leaves by their origins.
+//! Lookup of leaves by origin.
 
 use super::leaf::{BLOCK, LEAF};
 use crate::frame::Coord;
 use std::collections::HashMap;
 
-/// Of a block's table: no leaf.
-const ABSENT: u32 = u32::MAX;
+/// Entry of a block's table without a leaf.
+const NO_LEAF: u32 = u32::MAX;
 /// Leaves along a block's edge.
-const EDGE: usize = (BLOCK / LEAF) as usize;
+const BLOCK_EDGE_LEAVES: usize = (BLOCK / LEAF) as usize;
 
-/// The number of a leaf by its origin.
+/// Leaf numbers by origin: a table of 16^3 slots for each block.
 #[derive(Default)]
-pub(super) struct Index(HashMap<Coord, Vec<u32>>);
+pub(super) struct LeafIndex(HashMap<Coord, Vec<u32>>);
 
-impl Index {
+impl LeafIndex {
     fn slot(origin: Coord) -> usize {
         (0..3).fold(0, |n, a| {
-            n * EDGE + ((origin[a] & (BLOCK - 1)) / LEAF) as usize
+            n * BLOCK_EDGE_LEAVES + ((origin[a] & (BLOCK - 1)) / LEAF) as usize
         })
     }
 
-    /// Enters a leaf, in the place of another if there is one.
-    pub fn enter(&mut self, origin: Coord, leaf: usize) {
+    /// Inserts a leaf; replaces another at the same origin.
+    pub fn insert(&mut self, origin: Coord, leaf: usize) {
         let block = self.0.entry(origin.aligned(BLOCK));
-        let block = block.or_insert_with(|| vec![ABSENT; EDGE * EDGE * EDGE]);
+        let block = block.or_insert_with(|| {
+            vec![NO_LEAF; BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES]
+        });
         block[Self::slot(origin)] = leaf as u32;
     }
 
-    /// Memory that it takes, bytes.
+    /// Memory in use, bytes.
     pub fn bytes(&self) -> usize {
-        self.0.len() * EDGE * EDGE * EDGE * size_of::<u32>()
+        self.0.len() * BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES * size_of::<u32>()
     }
 
     /// The leaf at an origin.
     pub fn get(&self, origin: Coord) -> Option<u32> {
         let block = self.0.get(&origin.aligned(BLOCK))?;
-        Some(block[Self::slot(origin)]).filter(|&leaf| leaf != ABSENT)
+        Some(block[Self::slot(origin)]).filter(|&leaf| leaf != NO_LEAF)
     }
 }

@@ -1,9 +1,9 @@
-//! Leaves in bulk: the unit in which voxels travel.
-// Must be compiled for the processor that its caller is for.
+//! Batches of leaves, and the sinks that receive them.
+// Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 
 use crate::frame::Coord;
-use crate::simd::{Lanes, Work, run};
+use crate::simd::{Lanes, SimdKernel, run};
 use std::error::Error;
 
 /// Voxels along a leaf's edge.
@@ -16,12 +16,12 @@ pub const VOXELS: usize = 512;
 /// Leaves of one block, as parallel arrays sorted by origin.
 ///
 /// Voxel (x, y, z) of a leaf has offset `(x << 6) | (y << 3) | z`; its mask bit is bit `8 y + z` of
-/// word `x`. Inactive voxels hold minus or plus the background.
+/// word `x`. Inactive voxels hold minus or plus the background (the half width in world units).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeafBatch {
     /// Least voxel of each leaf, a multiple of 8 on every axis.
     pub origins: Vec<Coord>,
-    /// Which voxels are active.
+    /// Active voxels.
     pub masks: Vec<[u64; 8]>,
     /// Signed distances in world units.
     pub values: Vec<[f32; VOXELS]>,
@@ -47,14 +47,14 @@ impl LeafBatch {
         self.origins.is_empty()
     }
 
-    /// Takes all leaves away; the memory stays.
+    /// Removes all leaves; keeps the memory.
     pub fn clear(&mut self) {
         self.origins.clear();
         self.masks.clear();
         self.values.clear();
     }
 
-    /// Appends a leaf; keep the order of origins.
+    /// Appends a leaf; origins must ascend.
     pub fn push(&mut self, origin: Coord, mask: [u64; 8], values: &[f32; VOXELS]) {
         self.origins.push(origin);
         self.masks.push(mask);
@@ -63,64 +63,63 @@ impl LeafBatch {
 
     /// Active voxels of all leaves.
     pub fn active_voxels(&self) -> u64 {
-        run(Count(&self.masks))
+        run(MaskPopulation(&self.masks))
     }
 }
 
-/// Masks whose bits are to be counted, by the instruction that processors have for it.
-struct Count<'a>(&'a [[u64; 8]]);
+/// Counts the bits of masks with the processor's population count.
+struct MaskPopulation<'a>(&'a [[u64; 8]]);
 
-impl Work for Count<'_> {
+impl SimdKernel for MaskPopulation<'_> {
     type Output = u64;
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) -> u64 {
         let mut bits = 0;
         for mask in self.0 {
-            let mut own = 0u32;
+            let mut active = 0u32;
             for word in mask {
-                own += word.count_ones();
+                active += word.count_ones();
             }
-            bits += u64::from(own);
+            bits += u64::from(active);
         }
         bits
     }
 }
 
-/// Set bits of a leaf's mask.
-pub(super) fn count(mask: &[u64; 8]) -> u64 {
+/// Number of set bits of a leaf's mask.
+pub(super) fn population(mask: &[u64; 8]) -> u64 {
     mask.iter().map(|w| u64::from(w.count_ones())).sum()
 }
 
-/// A sink's own error, passed through the band.
+/// An error of a sink, passed through the evaluation.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 pub struct SinkError(Box<dyn Error + Send + Sync>);
 
 impl SinkError {
-    /// Wraps what went wrong in the sink.
+    /// Wraps the sink's error.
     pub fn new(cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Self(cause.into())
     }
 
-    /// What went wrong in the sink.
+    /// The sink's error.
     pub fn into_inner(self) -> Box<dyn Error + Send + Sync> {
         self.0
     }
 }
 
-/// Where leaves go: a tree, a file, a hash, statistics.
+/// A receiver of leaves: a tree, a file, a hash, a counter.
 pub trait LeafSink: Send + Sync {
-    /// Takes leaves of the block that starts at `origin`, from any thread; they are lent, since their
-    /// memory serves the next batch. Blocks come in no
-    /// particular order; a block with many leaves comes in several batches, one after the other,
-    /// ascending; a block without leaves does not come.
+    /// Receives leaves of the block at `origin`, from any thread. They are borrowed, because their memory
+    /// is reused for the next batch. Blocks arrive in any order. A block with many leaves arrives in
+    /// several batches, one after another, ascending; a block without leaves does not arrive.
     ///
     /// # Errors
-    /// Whatever ends the evaluation.
+    /// Any error ends the evaluation.
     fn block(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError>;
 
-    /// Takes cubes (least voxel, edge) that lie inside and hold no active voxel; whatever is told of
-    /// neither here nor in a leaf lies outside. Of use where a part of a band is evaluated, whose signs
-    /// cannot be told from its leaves.
+    /// Receives cubes (least voxel, edge) that lie inside and hold no active voxel. Everything that is in
+    /// neither these cubes nor a leaf lies outside. Needed for a part of a band, whose signs do not follow
+    /// from its leaves.
     fn inside(&self, _cubes: &[(Coord, i32)]) {}
 }

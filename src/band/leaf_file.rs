@@ -1,14 +1,14 @@
-//! Leaf files: the leaves of one brick of blocks on disk, complete or not there.
+//! Leaf files: the leaves of one brick on disk.
 //!
-//! Little-endian. A head of 96 bytes: `DRUSELF1`, the plan (32 bytes: a hash of all that decides the
-//! values), the brick's number (u64), half width of the band in world units (f32), 44 zeros. Then
-//! **chunks**, each the leaves of a batch of one block, ascending; a leaf is its place in the block
-//! (u16: `x << 8 | y << 4 | z` in leaves), its mask (8 x u64, never empty) and its active values
-//! (f32, world units). Then the index, per chunk: block (3 x i32), where it begins (u64), bytes (u32),
-//! leaves (u32). Last 48 bytes: number of chunks (u64), where the index begins (u64), and the BLAKE3 of
-//! everything before the hash. Inactive voxels are not kept: their signs follow from the active ones.
+//! Little-endian. A head of 96 bytes: `DRUSELF1`, the plan (32 bytes: a hash of everything that determines
+//! the values), the brick's number (u64), the half width of the band in world units (f32), 44 zeros. Then
+//! **chunks**, each the leaves of one batch of a block, ascending. A leaf is its slot in the block (u16:
+//! `x << 8 | y << 4 | z` in leaves), its mask (8 x u64, never empty) and its active values (f32, world
+//! units). Then the index, per chunk: block (3 x i32), start (u64), bytes (u32), leaves (u32). Last 48
+//! bytes: number of chunks (u64), start of the index (u64), BLAKE3 of everything before the hash.
+//! Inactive values are not stored: their signs follow from the active ones.
 
-use super::leaf::count;
+use super::leaf::population;
 use super::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError};
 use crate::frame::Coord;
 use std::fs::File;
@@ -16,31 +16,31 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-pub(super) const HEAD: u64 = 96;
-const TAIL: u64 = 48;
-const ENTRY: usize = 28;
+const HEAD_BYTES: u64 = 96;
+const TAIL_BYTES: u64 = 48;
+const INDEX_ENTRY_BYTES: usize = 28;
 const MAGIC: &[u8; 8] = b"DRUSELF1";
-/// Bytes of a leaf before its values.
-pub(super) const LEAF_HEAD: usize = 66;
-/// Bytes of the largest leaf.
-pub(super) const LARGEST_LEAF: usize = LEAF_HEAD + 2048;
+/// Bytes of a leaf before its values: slot and mask.
+pub(super) const LEAF_HEAD_BYTES: usize = 66;
+/// Bytes of a leaf with 512 values.
+pub(super) const MAX_LEAF_BYTES: usize = LEAF_HEAD_BYTES + 2048;
 /// Leaves of a full block.
-const FULL: u32 = 4096;
+const BLOCK_LEAVES: u32 = 4096;
 
-/// What a leaf file says about itself first.
+/// The identity of a leaf file, in its head.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeafFileHead {
-    /// Hash of all that decides the values.
+    /// Hash of everything that determines the values.
     pub plan: [u8; 32],
     /// Number of the brick.
     pub brick: u64,
-    /// Half width of the band, world units: inactive voxels are that far inside or outside.
+    /// Half width of the band, world units: the magnitude of inactive values.
     pub background: f32,
 }
 
 impl LeafFileHead {
-    fn bytes(&self) -> [u8; HEAD as usize] {
-        let mut bytes = [0; HEAD as usize];
+    fn to_bytes(self) -> [u8; HEAD_BYTES as usize] {
+        let mut bytes = [0; HEAD_BYTES as usize];
         bytes[..8].copy_from_slice(MAGIC);
         bytes[8..40].copy_from_slice(&self.plan);
         bytes[40..48].copy_from_slice(&self.brick.to_le_bytes());
@@ -57,17 +57,17 @@ pub enum LeafFileError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Its error.
+        /// The system's error.
         source: io::Error,
     },
-    /// It is not whole, or not what was asked for.
-    #[error("{}: {found}; expected a whole file of {expected}", .path.display())]
-    Unfit {
+    /// The file is incomplete or belongs to something else.
+    #[error("{}: {found}; expected a complete file of {expected}", .path.display())]
+    Invalid {
         /// The file.
         path: PathBuf,
         /// What was found.
         found: String,
-        /// Of what.
+        /// What the file should hold.
         expected: &'static str,
     },
 }
@@ -81,57 +81,57 @@ pub(super) struct Chunk {
     pub leaves: u32,
 }
 
-struct State<W> {
+struct WriterState<W> {
     out: W,
     hasher: blake3::Hasher,
     chunks: Vec<Chunk>,
-    at: u64,
+    position: u64,
 }
 
-impl<W: Write> State<W> {
+impl<W: Write> WriterState<W> {
     fn put(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.out.write_all(bytes)?;
         self.hasher.update(bytes);
-        self.at += bytes.len() as u64;
+        self.position += bytes.len() as u64;
         Ok(())
     }
 }
 
 /// Writes a leaf file as a [`LeafSink`]; batches of different blocks may come in any order.
-pub struct LeafFileWriter<W>(Mutex<State<W>>);
+pub struct LeafFileWriter<W>(Mutex<WriterState<W>>);
 
 impl<W: Write + Send> LeafFileWriter<W> {
     /// Begins a file.
     ///
     /// # Errors
-    /// The system's.
+    /// I/O errors.
     pub fn new(out: W, head: &LeafFileHead) -> io::Result<Self> {
-        let mut state = State {
+        let mut state = WriterState {
             out,
             hasher: blake3::Hasher::new(),
             chunks: Vec::new(),
-            at: 0,
+            position: 0,
         };
-        state.put(&head.bytes())?;
+        state.put(&head.to_bytes())?;
         Ok(Self(Mutex::new(state)))
     }
 
-    /// Writes the index and gives the file back, for the caller to sync and to name.
+    /// Writes the index and returns the file, for the caller to sync and rename.
     ///
     /// # Errors
-    /// The system's.
+    /// I/O errors.
     pub fn finish(self) -> io::Result<W> {
         let mut state = self.0.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let index = state.at;
+        let index = state.position;
         for chunk in std::mem::take(&mut state.chunks) {
-            let mut entry = Vec::with_capacity(ENTRY);
+            let mut entry = Vec::with_capacity(INDEX_ENTRY_BYTES);
             entry.extend(chunk.block.0.iter().flat_map(|c| c.to_le_bytes()));
             entry.extend(chunk.start.to_le_bytes());
             entry.extend(chunk.bytes.to_le_bytes());
             entry.extend(chunk.leaves.to_le_bytes());
             state.put(&entry)?;
         }
-        let count = (state.at - index) / ENTRY as u64;
+        let count = (state.position - index) / INDEX_ENTRY_BYTES as u64;
         state.put(&count.to_le_bytes())?;
         state.put(&index.to_le_bytes())?;
         let hash = state.hasher.finalize();
@@ -143,7 +143,7 @@ impl<W: Write + Send> LeafFileWriter<W> {
 
 impl<W: Write + Send> LeafSink for LeafFileWriter<W> {
     fn block(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
-        let mut bytes = Vec::with_capacity(leaves.len() * LARGEST_LEAF / 2);
+        let mut bytes = Vec::with_capacity(leaves.len() * MAX_LEAF_BYTES / 2);
         for ((leaf, mask), values) in leaves.origins.iter().zip(&leaves.masks).zip(&leaves.values) {
             let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - origin[a]) / LEAF) as u16);
             bytes.extend((x << 8 | y << 4 | z).to_le_bytes());
@@ -157,7 +157,7 @@ impl<W: Write + Send> LeafSink for LeafFileWriter<W> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let chunk = Chunk {
             block: origin,
-            start: state.at,
+            start: state.position,
             bytes: bytes.len() as u32,
             leaves: leaves.len() as u32,
         };
@@ -167,41 +167,44 @@ impl<W: Write + Send> LeafSink for LeafFileWriter<W> {
     }
 }
 
-/// One leaf out of a chunk.
+/// One leaf of a chunk.
 pub(super) struct StoredLeaf {
-    /// Its place in the block.
-    pub place: u16,
+    /// Slot in the block: `x << 8 | y << 4 | z` in leaves.
+    pub slot: u16,
     pub mask: [u64; 8],
     /// Active values in order of offset.
     pub active: Vec<f32>,
 }
 
 impl StoredLeaf {
-    /// Its least voxel.
+    /// Least voxel.
     pub fn origin(&self, block: Coord) -> Coord {
-        let at = |shift: u16| i32::from(self.place >> shift & 15) * LEAF;
+        let at = |shift: u16| i32::from(self.slot >> shift & 15) * LEAF;
         block.offset(at(8), at(4), at(0))
     }
 }
 
-/// Bytes of the leaf whose head stands at the beginning of `bytes`.
+/// Length of the leaf at the beginning of `bytes`; none if its head is incomplete.
 pub(super) fn leaf_length(bytes: &[u8]) -> Option<usize> {
-    let mask = bytes.get(2..LEAF_HEAD)?;
+    let mask = bytes.get(2..LEAF_HEAD_BYTES)?;
     let set: u32 = mask.iter().map(|b| b.count_ones()).sum();
-    Some(LEAF_HEAD + 4 * set as usize)
+    Some(LEAF_HEAD_BYTES + 4 * set as usize)
 }
 
-/// The leaf at the beginning of `bytes` and its length; none if it does not end within them.
+/// The leaf at the beginning of `bytes` and its length; none if it is incomplete.
 pub(super) fn leaf_at(bytes: &[u8]) -> Option<(StoredLeaf, usize)> {
     let length = leaf_length(bytes)?;
-    let values = bytes.get(LEAF_HEAD..length)?;
+    let values = bytes.get(LEAF_HEAD_BYTES..length)?;
     let mut mask = [0; 8];
-    for (word, b) in mask.iter_mut().zip(bytes[2..LEAF_HEAD].chunks_exact(8)) {
+    for (word, b) in mask
+        .iter_mut()
+        .zip(bytes[2..LEAF_HEAD_BYTES].chunks_exact(8))
+    {
         *word = b.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
     }
     let value = |b: &[u8]| b.first_chunk().map_or(0.0, |b| f32::from_le_bytes(*b));
     let leaf = StoredLeaf {
-        place: u16::from_le_bytes([bytes[0], bytes[1]]),
+        slot: u16::from_le_bytes([bytes[0], bytes[1]]),
         mask,
         active: values.chunks_exact(4).map(value).collect(),
     };
@@ -216,8 +219,8 @@ pub(super) fn read_range(file: &mut File, start: u64, bytes: usize) -> io::Resul
     Ok(buffer)
 }
 
-/// Checks a whole file against what it shall be, and gives its chunks in order of block and place.
-/// `visit` sees every leaf with the number of its chunk.
+/// Checks a whole file against the expected head; returns its chunks in order of block and slot.
+/// Calls `visit` with every leaf and its chunk.
 pub(super) fn inspect(
     path: &Path,
     expected: &LeafFileHead,
@@ -227,26 +230,26 @@ pub(super) fn inspect(
         path: path.to_owned(),
         source,
     };
-    let unfit = |found: String| LeafFileError::Unfit {
+    let invalid = |found: String| LeafFileError::Invalid {
         path: path.to_owned(),
         found,
         expected: "this plan and brick",
     };
     let mut file = File::open(path).map_err(failed)?;
     let length = file.metadata().map_err(failed)?.len();
-    if length < HEAD + TAIL {
-        return Err(unfit(format!("{length} bytes")));
+    if length < HEAD_BYTES + TAIL_BYTES {
+        return Err(invalid(format!("{length} bytes")));
     }
-    let head = read_range(&mut file, 0, HEAD as usize).map_err(failed)?;
+    let head = read_range(&mut file, 0, HEAD_BYTES as usize).map_err(failed)?;
     if head[..8] != MAGIC[..] {
-        return Err(unfit("another kind of file".into()));
+        return Err(invalid("another kind of file".into()));
     }
-    if head != expected.bytes() {
-        return Err(unfit("another plan, brick or half width".into()));
+    if head != expected.to_bytes() {
+        return Err(invalid("another plan, brick or half width".into()));
     }
-    let tail = read_range(&mut file, length - TAIL, TAIL as usize).map_err(failed)?;
+    let tail = read_range(&mut file, length - TAIL_BYTES, TAIL_BYTES as usize).map_err(failed)?;
     if tail[16..] != digest(&mut file, length - 32).map_err(failed)? {
-        return Err(unfit("contents that do not match their hash".into()));
+        return Err(invalid("contents that do not match their hash".into()));
     }
     let word = |at: usize| {
         tail[at..]
@@ -254,53 +257,62 @@ pub(super) fn inspect(
             .map_or(0, |b| u64::from_le_bytes(*b))
     };
     let (entries, index) = (word(0), word(8));
-    let end = length - TAIL;
-    if index < HEAD || index > end || !(end - index).is_multiple_of(ENTRY as u64) {
-        return Err(unfit(format!("an index at byte {index} of {length}")));
+    let end = length - TAIL_BYTES;
+    if index < HEAD_BYTES || index > end || !(end - index).is_multiple_of(INDEX_ENTRY_BYTES as u64)
+    {
+        return Err(invalid(format!("an index at byte {index} of {length}")));
     }
-    if (end - index) / ENTRY as u64 != entries {
-        return Err(unfit(format!("an index that is not of {entries} chunks")));
+    if (end - index) / INDEX_ENTRY_BYTES as u64 != entries {
+        return Err(invalid(format!("an index without {entries} chunks")));
     }
     let bytes = read_range(&mut file, index, (end - index) as usize).map_err(failed)?;
-    let mut chunks: Vec<Chunk> = bytes.chunks_exact(ENTRY).map(entry).collect();
+    let mut chunks: Vec<Chunk> = bytes
+        .chunks_exact(INDEX_ENTRY_BYTES)
+        .map(index_entry)
+        .collect();
     for c in &chunks {
-        let fits = c.start >= HEAD && c.start <= index && u64::from(c.bytes) <= index - c.start;
-        let small = c.leaves <= FULL && c.bytes as usize <= c.leaves as usize * LARGEST_LEAF;
-        let far = c.block.0.iter().any(|c| c.unsigned_abs() > 1 << 30);
-        if !fits || !small || far || c.block.aligned(BLOCK) != c.block {
-            return Err(unfit(format!("an index entry {c:?}")));
+        let is_in_file =
+            c.start >= HEAD_BYTES && c.start <= index && u64::from(c.bytes) <= index - c.start;
+        let is_small =
+            c.leaves <= BLOCK_LEAVES && c.bytes as usize <= c.leaves as usize * MAX_LEAF_BYTES;
+        let is_out_of_range = c.block.0.iter().any(|c| c.unsigned_abs() > 1 << 30);
+        if !is_in_file || !is_small || is_out_of_range || c.block.aligned(BLOCK) != c.block {
+            return Err(invalid(format!("an index entry {c:?}")));
         }
     }
     chunks.sort_by_key(|c| (c.block, c.start));
-    // Rounding of the level set's own background.
-    let most = expected.background * (1.0 + 1e-5);
-    let mut before: Option<(Coord, u16)> = None;
+    // Allows for the rounding of the level set's background.
+    let max_value = expected.background * (1.0 + 1e-5);
+    let mut previous: Option<(Coord, u16)> = None;
     for chunk in &chunks {
         let bytes = read_range(&mut file, chunk.start, chunk.bytes as usize).map_err(failed)?;
         let mut rest = &bytes[..];
         for _ in 0..chunk.leaves {
             let (leaf, used) =
-                leaf_at(rest).ok_or_else(|| unfit(format!("a leaf cut off in {chunk:?}")))?;
+                leaf_at(rest).ok_or_else(|| invalid(format!("a leaf cut off in {chunk:?}")))?;
             rest = &rest[used..];
-            let here = Some((chunk.block, leaf.place));
-            let far = |v: &f32| v.is_nan() || v.abs() > most;
-            if here <= before || leaf.place >= 4096 || count(&leaf.mask) == 0 {
-                return Err(unfit(format!("leaves out of order in {chunk:?}")));
+            let current = Some((chunk.block, leaf.slot));
+            let is_out_of_band = |v: &f32| v.is_nan() || v.abs() > max_value;
+            if current <= previous || leaf.slot >= 4096 || population(&leaf.mask) == 0 {
+                return Err(invalid(format!("leaves out of order in {chunk:?}")));
             }
-            if leaf.active.iter().any(far) {
-                return Err(unfit(format!("values beyond the band in {chunk:?}")));
+            if leaf.active.iter().any(is_out_of_band) {
+                return Err(invalid(format!("values beyond the band in {chunk:?}")));
             }
-            before = here;
+            previous = current;
             visit(chunk, &leaf);
         }
         if !rest.is_empty() {
-            return Err(unfit(format!("{} bytes too many in {chunk:?}", rest.len())));
+            return Err(invalid(format!(
+                "{} bytes too many in {chunk:?}",
+                rest.len()
+            )));
         }
     }
     Ok(chunks)
 }
 
-fn entry(bytes: &[u8]) -> Chunk {
+fn index_entry(bytes: &[u8]) -> Chunk {
     let int = |at: usize| {
         bytes[at..]
             .first_chunk()
@@ -319,6 +331,7 @@ fn entry(bytes: &[u8]) -> Chunk {
     }
 }
 
+/// BLAKE3 of the first `bytes` bytes of a file.
 pub(super) fn digest(file: &mut File, bytes: u64) -> io::Result<[u8; 32]> {
     file.seek(SeekFrom::Start(0))?;
     let mut hasher = blake3::Hasher::new();

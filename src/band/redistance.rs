@@ -1,23 +1,18 @@
-//! Distances rebuilt from points of the surface: how a level set is moved by any distance at once.
+//! Closest-point redistancing: distances from points of the surface, for offsets of any size in one step.
 //!
-//! Where the surface crosses an edge of the voxel lattice lies a point of it, with a normal and second
-//! derivatives from the voxels about it. The distance of a voxel is that to the surface through its
-//! nearest point q: with h along the normal n, t across it and k = t H t / |t|^2 the curvature of the
-//! distance's Hessian H that way,
+//! Each crossing of the surface with a lattice edge is a point with a normal and second derivatives from
+//! the voxels around it. The distance of a voxel x is that to the surface through its nearest point q. With
+//! h the component of x - q along the normal n, t the tangential component, and k = t H t / |t|^2 the
+//! curvature of the Hessian H of the distance in that direction,
 //!
 //! `d = h + k |t|^2 / (2 (1 + h k))`,
 //!
-//! exact to the second order in |t|, which is less than a voxel on a smooth surface, and never more than
-//! |x - q|, which it is where |t| is more. Points at sharp edges and corners know the planes that meet
-//! there, whose distance is exact. Signs are those of the level set. So the error does not grow with the
-//! distance, whatever the values were beyond the voxels next to the surface, and half a cell's walls or
-//! gaps are no limit.
-//!
-//! A voxel looks at what can be its nearest point only: of the points near a leaf, those near the
-//! 4^3 and 2^3 voxels that it is in. A leaf depends on nothing but the points within reach of it, so that
-//! threads, and bricks whose halo is as wide, do not show.
+//! which is exact to second order in |t| and at most |x - q|; for |t| beyond a voxel it is |x - q|. Points
+//! at sharp edges and corners use the distance to the planes that meet there, in closed form. Signs are
+//! those of the level set. The error does not grow with the distance. A leaf depends only on the points
+//! within its reach, so that results depend neither on threads nor on bricks with a halo of that width.
 
-use super::index::Index;
+use super::index::LeafIndex;
 use super::leaf::{LEAF, VOXELS};
 use super::smooth::LeafRef;
 use crate::frame::{Coord, Vec3};
@@ -38,33 +33,33 @@ use search::Search;
 use surface_points::{NO_WEDGE, Point, Stencils};
 use wedge::Wedge;
 
-/// Least half width in voxels of a band whose surface has points: stencils reach two voxels beyond it.
-const LEAST_HALF_WIDTH: f32 = 3.0;
+/// Minimum half width, voxels, of a band that determines surface points: stencils extend two voxels beyond it.
+const MIN_HALF_WIDTH: f32 = 3.0;
 
-/// Points of the surface of a level set, by the leaves that they lie in.
+/// Points of the surface of a level set, ordered by the leaves that contain them.
 pub struct SurfacePoints {
     points: Vec<Point>,
     wedges: Vec<Wedge>,
-    /// Where they lie, by coordinates.
+    /// Coordinates of the points, by axis.
     at: [Vec<f32>; 3],
-    /// Origins of leaves that hold points, ascending, with the range of theirs.
+    /// Origins of the leaves with points, ascending, and the range of their points.
     leaves: Vec<(Coord, std::ops::Range<u32>)>,
-    index: Index,
+    index: LeafIndex,
     voxel_size: f32,
     background: f32,
 }
 
-/// What a move makes of a leaf.
+/// A leaf after an offset of the surface.
 #[derive(Clone, Debug)]
 pub struct MovedLeaf {
-    /// Which voxels are active.
+    /// Active voxels.
     pub mask: [u64; 8],
     /// 512 signed distances, world units.
     pub values: [f32; VOXELS],
 }
 
 impl MovedLeaf {
-    /// Takes back what the leaf held before of distances nearer than its background (world units).
+    /// Restores the old active values of the leaf that are below the old background (world units).
     pub fn keep(&mut self, before: &LeafRef<'_>, background: f32) {
         let near = background * (1.0 - 1e-5);
         for (n, v) in before.values.iter().enumerate() {
@@ -77,14 +72,14 @@ impl MovedLeaf {
 }
 
 impl SurfacePoints {
-    /// Whether a band of so many voxels on each side is wide enough.
+    /// Whether a band of this half width (voxels) is wide enough.
     pub fn suffices(half_width: f64) -> bool {
-        half_width as f32 >= LEAST_HALF_WIDTH
+        half_width as f32 >= MIN_HALF_WIDTH
     }
 
-    /// The points of a closed band: `leaf` gives those from 0 to `count`, from any thread, in ascending
-    /// order of their origins. `voxel_size` and `background` (half width times voxel size) in world
-    /// units. Runs on the calling pool of threads.
+    /// The points of a closed band. `leaf` returns leaf 0 to `count - 1` in ascending order of origin, from any
+    /// thread. `voxel_size` and `background` (half width times voxel size) are in world units. Runs on the
+    /// caller's thread pool.
     pub fn new<'a>(
         count: usize,
         leaf: impl Fn(usize) -> LeafRef<'a> + Sync,
@@ -103,18 +98,18 @@ impl SurfacePoints {
         Self::joined(found, voxel_size, background)
     }
 
-    /// The points of some of a band's leaves, those that `wants` names, without the calling pool of threads.
+    /// The points of the leaves of a band that `is_requested` selects, on the calling thread.
     pub(super) fn of_leaves<'a>(
         count: usize,
         leaf: impl Fn(usize) -> LeafRef<'a>,
-        wants: impl Fn(Coord) -> bool,
+        is_requested: impl Fn(Coord) -> bool,
         (voxel_size, background): (f64, f32),
     ) -> Vec<LeafPoints> {
         let all = indexed(count, &leaf);
         let lengths = (voxel_size as f32, background);
         let mut stencils = Stencils::default();
-        let wanted = (0..count).filter(|&n| wants(leaf(n).origin));
-        let found = wanted.map(|n| points_of(&leaf, (n, &all), &mut stencils, lengths));
+        let requested = (0..count).filter(|&n| is_requested(leaf(n).origin));
+        let found = requested.map(|n| points_of(&leaf, (n, &all), &mut stencils, lengths));
         found.filter(|f| !f.points.is_empty()).collect()
     }
 
@@ -125,7 +120,7 @@ impl SurfacePoints {
             wedges: Vec::new(),
             at: Default::default(),
             leaves: Vec::new(),
-            index: Index::default(),
+            index: LeafIndex::default(),
             voxel_size,
             background,
         };
@@ -140,14 +135,14 @@ impl SurfacePoints {
                 at.extend(leaf.points.iter().map(|p| p.at[a]));
             }
             surface.points.extend(leaf.points);
-            surface.index.enter(leaf.origin, surface.leaves.len());
+            surface.index.insert(leaf.origin, surface.leaves.len());
             let range = first..surface.points.len() as u32;
             surface.leaves.push((leaf.origin, range));
         }
         surface
     }
 
-    /// Memory that they take, bytes.
+    /// Memory in use, bytes.
     pub(super) fn bytes(&self) -> usize {
         self.points.len() * (size_of::<Point>() + size_of::<[f32; 3]>())
             + self.wedges.len() * size_of::<Wedge>()
@@ -155,13 +150,13 @@ impl SurfacePoints {
             + self.index.bytes()
     }
 
-    /// The same points, for a band of another background (world units).
+    /// Sets the background (world units) of the band to make.
     #[must_use]
     pub fn with_background(self, background: f32) -> Self {
         Self { background, ..self }
     }
 
-    /// The same points, of a surface that is taken to be flat about each.
+    /// Sets all curvatures to zero.
     #[must_use]
     pub fn straightened(mut self) -> Self {
         for point in &mut self.points {
@@ -170,13 +165,13 @@ impl SurfacePoints {
         self
     }
 
-    /// Farthest that a point can matter, voxels, when the surface is moved by `by` world units.
+    /// Greatest distance, voxels, of a relevant point for an offset by `by` world units.
     fn reach(&self, by: f64) -> f32 {
         (by.abs() as f32 + self.background) / self.voxel_size
     }
 
-    /// The distance in voxels from a place, in voxels from a leaf's origin on, each coordinate from 0 to 8,
-    /// to the surface within reach, and the unit vector away from it; `None` if it is farther.
+    /// The distance, voxels, of a position to the surface within reach, and the unit vector away from the
+    /// surface; `None` beyond the reach. `place` is in voxels relative to a leaf's origin, 0 to 8 on each axis.
     pub(super) fn distance(&self, origin: Coord, place: Vec3) -> Option<(f64, Vec3)> {
         let mut best: Option<(f64, &Point, Vec3)> = None;
         for step in search::around(self.reach(0.0) + 1.0) {
@@ -201,8 +196,8 @@ impl SurfacePoints {
         })
     }
 
-    /// Origins of the leaves that a move by `by` (world units) can change but for the sign of all of them,
-    /// ascending.
+    /// Origins of the leaves that an offset by `by` (world units) can change, except for changes of the sign of
+    /// a whole leaf; ascending.
     pub fn leaves_within(&self, by: f64) -> Vec<Coord> {
         let around = search::around(self.reach(by));
         let near = |&(origin, _): &(Coord, _)| {
@@ -210,7 +205,7 @@ impl SurfacePoints {
             let all = steps.map(move |s| origin.offset(LEAF * s[0], LEAF * s[1], LEAF * s[2]));
             all.collect::<Vec<_>>()
         };
-        // By the stretch, since neighbours are near the same leaves.
+        // Deduplicated in chunks first, since neighbouring leaves are near the same leaves.
         let mut found: Vec<Coord> = self
             .leaves
             .par_chunks(256)
@@ -226,8 +221,8 @@ impl SurfacePoints {
         found
     }
 
-    /// The leaf at `origin` with the surface moved outwards by `by` world units (inwards if negative).
-    /// `inside` says which of its voxels lay inside, laid out as masks.
+    /// The leaf at `origin` after an offset of the surface outwards by `by` world units (inwards if negative).
+    /// `inside` holds the voxels that were inside, laid out as a mask.
     pub fn moved(&self, origin: Coord, inside: &[u64; 8], by: f64) -> MovedLeaf {
         let lengths = Move {
             by: by as f32 / self.voxel_size,
@@ -254,19 +249,19 @@ impl SurfacePoints {
     }
 }
 
-/// The numbers of leaves by their origins.
-fn indexed<'a>(count: usize, leaf: &impl Fn(usize) -> LeafRef<'a>) -> Index {
-    let mut all = Index::default();
+/// Indexes leaves by origin.
+fn indexed<'a>(count: usize, leaf: &impl Fn(usize) -> LeafRef<'a>) -> LeafIndex {
+    let mut all = LeafIndex::default();
     for n in 0..count {
-        all.enter(leaf(n).origin, n);
+        all.insert(leaf(n).origin, n);
     }
     all
 }
 
-/// The points of one leaf, which needs those about it.
+/// The points of one leaf, from its values and those of the leaves around it.
 fn points_of<'a>(
     leaf: &impl Fn(usize) -> LeafRef<'a>,
-    (n, all): (usize, &Index),
+    (n, all): (usize, &LeafIndex),
     stencils: &mut Stencils,
     lengths: (f32, f32),
 ) -> LeafPoints {
@@ -285,17 +280,17 @@ fn points_of<'a>(
     }
 }
 
-/// What is found in a leaf.
+/// The points of a leaf.
 #[derive(Clone)]
 pub(super) struct LeafPoints {
     pub origin: Coord,
     points: Vec<Point>,
-    /// Numbered by its points.
+    /// Wedges, numbered by the points.
     wedges: Vec<Wedge>,
 }
 
 impl LeafPoints {
-    /// Memory that they take, bytes.
+    /// Memory in use, bytes.
     fn bytes(&self) -> usize {
         size_of::<Self>()
             + self.points.len() * size_of::<Point>()

@@ -1,14 +1,14 @@
-//! Sinks without OpenVDB: counting, and keeping everything.
+//! Sinks in memory: a counter of leaves, and a map of all leaves.
 
 use super::{LeafBatch, LeafSink, SinkError, VOXELS};
 use crate::frame::Coord;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-/// Counts of what came.
+/// Numbers of batches, leaves and active voxels received by a sink.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Totals {
-    /// Batches.
+pub struct LeafCounts {
+    /// Batches, each of leaves of one block.
     pub batches: u64,
     /// Leaves.
     pub leaves: u64,
@@ -16,23 +16,23 @@ pub struct Totals {
     pub active_voxels: u64,
 }
 
-/// A sink that counts.
+/// A sink that only counts.
 #[derive(Default)]
-pub struct Statistics(Mutex<Totals>);
+pub struct LeafCounter(Mutex<LeafCounts>);
 
-impl Statistics {
+impl LeafCounter {
     /// The counts so far.
-    pub fn totals(&self) -> Totals {
+    pub fn counts(&self) -> LeafCounts {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl LeafSink for Statistics {
+impl LeafSink for LeafCounter {
     fn block(&self, _: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
-        let mut t = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        t.batches += 1;
-        t.leaves += leaves.len() as u64;
-        t.active_voxels += leaves.active_voxels();
+        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        counts.batches += 1;
+        counts.leaves += leaves.len() as u64;
+        counts.active_voxels += leaves.active_voxels();
         Ok(())
     }
 }
@@ -40,7 +40,7 @@ impl LeafSink for Statistics {
 /// A leaf: its mask of active voxels and its values.
 pub type Leaf = ([u64; 8], [f32; VOXELS]);
 
-/// A sink that keeps all leaves, by origin.
+/// A sink that collects all leaves by origin.
 #[derive(Default)]
 pub struct LeafMap(Mutex<BTreeMap<Coord, Leaf>>);
 

@@ -1,56 +1,13 @@
-//! Smoothing on the band's own leaves: box means, Gaussian, Laplacian flow, each followed by tracking.
+//! Smoothing of a band: box mean, Gaussian and Laplacian flow, each followed by tracking.
 //!
-//! The values are those of OpenVDB's `LevelSetFilter` with `FIRST_BIAS`, to rounding, by the same
-//! steps in the same order:
-//!
-//! - a **box mean** of width w: along x, then z, then y every active voxel becomes the mean of the
-//!   2 w + 1 voxels about it; inactive voxels take part with minus or plus the background, and stay;
-//! - a **Gaussian**: four box means, tracked after each;
-//! - **Laplacian flow**: phi + h^2 / 6 times the seven-point Laplacian;
-//! - **tracking**: the active voxels grow by one layer over faces; three explicit Euler steps of
-//!   0.3 h of `phi_t = S(phi) (1 - |grad phi|)`, with Godunov's differences of first order and
-//!   `S = phi / sqrt(phi^2 + h^2 |grad phi|^2)` (Peng et al. 1999); then voxels at or beyond the
-//!   background leave the band.
-//!
-//! What is beyond the leaves has the sign of the voxel next to it, as in every closed band. Leaves are
-//! worked on in parallel between two buffers, so that nothing depends on the number of threads.
-//!
-//! ```
-//! use druse::band::{Band, LeafMap, LeafRef, Smoother};
-//! use druse::field::Sphere;
-//! use druse::frame::{Aabb, Transform, Vec3};
-//! use druse::progress::{Silent, Threads};
-//!
-//! let ball = Sphere { centre: Vec3::zeros(), radius: 10.0 };
-//! let extent = Aabb { min: Vec3::repeat(-10.0), max: Vec3::repeat(10.0) };
-//! let (h, threads) = (Transform::new(1.0).unwrap(), Threads::new(1).unwrap());
-//! let sink = LeafMap::default();
-//! Band { field: &ball, transform: h, half_width: 3.0, extent }
-//!     .evaluate(&threads, &Silent, &sink)
-//!     .unwrap();
-//! let leaves: Vec<_> = sink.into_leaves().into_iter().collect();
-//! let leaf = |n: usize| {
-//!     let (origin, (mask, values)) = &leaves[n];
-//!     LeafRef { origin: *origin, mask: *mask, values }
-//! };
-//! let mut smoother = Smoother::new(leaves.len(), leaf, 1.0, 3.0);
-//! threads.install(|| smoother.mean(1, &Silent)).unwrap();
-//! // A mean of width 1 adds the Laplacian, 2 / r, over 3: the radius shrinks by 1 / 15.
-//! let (mut near, mut sum) = (0.0, 0.0);
-//! for leaf in smoother.leaves() {
-//!     for (n, &v) in leaf.values.iter().enumerate().filter(|(_, v)| v.abs() < 0.5) {
-//!         let [x, y, z] = [n >> 6, n >> 3 & 7, n & 7].map(|c| c as f64);
-//!         let p = h.world(leaf.origin).0 + Vec3::new(x, y, z);
-//!         near += 1.0;
-//!         sum += p.norm() - f64::from(v);
-//!     }
-//! }
-//! assert!((sum / near - (10.0 - 1.0 / 15.0)).abs() < 0.01);
-//! ```
+//! The steps and their order are those of OpenVDB's `LevelSetFilter` with `FIRST_BIAS`; the values agree to
+//! rounding. Leaves are processed in parallel between two buffers, so that the result does not depend on
+//! the number of threads. Voxels without a leaf have the sign of the nearest voxel of a leaf, as in every
+//! closed band.
 
 use crate::frame::Coord;
 use crate::progress::{Cancelled, Progress};
-use crate::simd::widely;
+use crate::simd::run_vectorized;
 use rayon::prelude::*;
 
 mod kernel;
@@ -58,35 +15,77 @@ mod pool;
 
 use pool::Pool;
 
-/// Leaves that one thread takes at a time, between two looks at whether the user asked to stop.
-const CHUNK: usize = 32;
-/// Euler steps of a tracking.
-const STEPS: usize = 3;
-/// Share of a voxel that an Euler step may move a value.
+/// Leaves that one thread processes between two checks for cancellation.
+const CHUNK_LEAVES: usize = 32;
+/// Euler steps of one tracking.
+const EULER_STEPS: usize = 3;
+/// Time step of an Euler step, voxels.
 const TIME_STEP: f32 = 0.3;
 /// Axes of a box mean, in OpenVDB's order.
 const BOX_ORDER: [usize; 3] = [0, 2, 1];
 
-/// A band that is being smoothed.
+/// Smooths a band in place.
+///
+/// - **Box mean** of width w: along x, then z, then y, every active voxel becomes the mean of the 2 w + 1
+///   voxels around it. Inactive voxels contribute minus or plus the background and do not change.
+/// - **Gaussian**: four box means, each followed by tracking.
+/// - **Laplacian flow**: phi + h^2 / 6 times the seven-point Laplacian.
+/// - **Tracking**: the active voxels are dilated by one layer over faces; three explicit Euler steps of
+///   0.3 h solve `phi_t = S(phi) (1 - |grad phi|)` with first-order Godunov differences and
+///   `S = phi / sqrt(phi^2 + h^2 |grad phi|^2)` (Peng et al. 1999); then voxels at or beyond the background
+///   become inactive.
+///
+/// ```
+/// use druse::band::{Band, LeafMap, LeafRef, Smoother};
+/// use druse::field::Sphere;
+/// use druse::frame::{Aabb, Transform, Vec3};
+/// use druse::progress::{Silent, Threads};
+///
+/// let ball = Sphere { centre: Vec3::zeros(), radius: 10.0 };
+/// let extent = Aabb { min: Vec3::repeat(-10.0), max: Vec3::repeat(10.0) };
+/// let (h, threads) = (Transform::new(1.0).unwrap(), Threads::new(1).unwrap());
+/// let sink = LeafMap::default();
+/// Band { field: &ball, transform: h, half_width: 3.0, extent }
+///     .evaluate(&threads, &Silent, &sink)
+///     .unwrap();
+/// let leaves: Vec<_> = sink.into_leaves().into_iter().collect();
+/// let leaf = |n: usize| {
+///     let (origin, (mask, values)) = &leaves[n];
+///     LeafRef { origin: *origin, mask: *mask, values }
+/// };
+/// let mut smoother = Smoother::new(leaves.len(), leaf, 1.0, 3.0);
+/// threads.install(|| smoother.mean(1, &Silent)).unwrap();
+/// // A mean of width 1 adds the Laplacian, 2 / r, over 3: the radius shrinks by 1 / 15.
+/// let (mut near, mut sum) = (0.0, 0.0);
+/// for leaf in smoother.leaves() {
+///     for (n, &v) in leaf.values.iter().enumerate().filter(|(_, v)| v.abs() < 0.5) {
+///         let [x, y, z] = [n >> 6, n >> 3 & 7, n & 7].map(|c| c as f64);
+///         let p = h.world(leaf.origin).0 + Vec3::new(x, y, z);
+///         near += 1.0;
+///         sum += p.norm() - f64::from(v);
+///     }
+/// }
+/// assert!((sum / near - (10.0 - 1.0 / 15.0)).abs() < 0.01);
+/// ```
 pub struct Smoother {
     pool: Pool,
     voxel_size: f32,
     background: f32,
 }
 
-/// A leaf of 8^3 voxels, laid out as in [`LeafBatch`](super::LeafBatch).
+/// A leaf of 8^3 voxels with the layout of [`LeafBatch`](super::LeafBatch).
 #[derive(Clone, Copy, Debug)]
 pub struct LeafRef<'a> {
     /// Least voxel, a multiple of 8 on every axis.
     pub origin: Coord,
-    /// Which voxels are active; none in a leaf that the band has left.
+    /// Active voxels; none in a leaf that the band no longer meets.
     pub mask: [u64; 8],
     /// 512 signed distances in world units; inactive voxels hold minus or plus the background.
     pub values: &'a [f32],
 }
 
 impl LeafRef<'_> {
-    /// Which voxels lie inside, laid out as masks.
+    /// Voxels inside the solid, laid out as a mask.
     pub fn inside(&self) -> [u64; 8] {
         let mut words = [0; 8];
         for (word, values) in words.iter_mut().zip(self.values.as_chunks::<64>().0) {
@@ -99,9 +98,8 @@ impl LeafRef<'_> {
 }
 
 impl Smoother {
-    /// Takes the leaves of a closed band: `leaf` gives those from 0 to `count`, from any thread, each
-    /// with an origin of its own. `voxel_size` and `background` (half width times voxel size) in world
-    /// units.
+    /// Copies the leaves of a closed band. `leaf` returns leaf 0 to `count - 1`, from any thread; origins
+    /// must differ. `voxel_size` and `background` (half width times voxel size) are in world units.
     pub fn new<'a>(
         count: usize,
         leaf: impl Fn(usize) -> LeafRef<'a> + Sync,
@@ -115,11 +113,11 @@ impl Smoother {
         }
     }
 
-    /// The leaves as they are now, those that the band has left included, in no particular order: the
-    /// ones that came, then new ones.
+    /// The current leaves: the original ones, even without active voxels, then new ones; in no particular
+    /// order.
     pub fn leaves(&self) -> impl Iterator<Item = LeafRef<'_>> {
         (0..self.pool.len())
-            .filter(|&n| self.pool.came(n) || self.pool.masks[n] != [0; 8])
+            .filter(|&n| self.pool.is_original(n) || self.pool.masks[n] != [0; 8])
             .map(|n| LeafRef {
                 origin: self.pool.origins[n],
                 mask: self.pool.masks[n],
@@ -127,15 +125,15 @@ impl Smoother {
             })
     }
 
-    /// A box mean over `2 width + 1` voxels a side, and tracking. Runs on the calling pool of threads.
+    /// A box mean over `2 width + 1` voxels a side, and tracking. Runs on the caller's thread pool.
     ///
     /// # Errors
-    /// [`Cancelled`]; the band is then half-done and good for nothing.
+    /// [`Cancelled`]; the band is then unusable.
     pub fn mean(&mut self, width: u32, progress: &dyn Progress) -> Result<(), Cancelled> {
         let width = width.max(1) as usize;
         for axis in BOX_ORDER {
             self.pass(progress, |pool, range, out| {
-                widely(
+                run_vectorized(
                     #[inline(always)]
                     || kernel::box_mean(pool, axis, width, range, out),
                 );
@@ -144,7 +142,7 @@ impl Smoother {
         self.track(progress)
     }
 
-    /// Four box means, which are nearly a Gaussian of variance 4 width (width + 1) / 3 square voxels.
+    /// Four box means, close to a Gaussian of variance 4 width (width + 1) / 3 square voxels.
     ///
     /// # Errors
     /// As [`Smoother::mean`].
@@ -158,7 +156,7 @@ impl Smoother {
     /// As [`Smoother::mean`].
     pub fn laplacian(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
         self.pass(progress, |pool, range, out| {
-            widely(
+            run_vectorized(
                 #[inline(always)]
                 || kernel::stencil(pool, range, out, kernel::laplacian_step),
             );
@@ -166,7 +164,7 @@ impl Smoother {
         self.track(progress)
     }
 
-    /// Makes the band one of distances again, after its values or its surface have moved a little.
+    /// Restores signed distances after a small change of the values.
     ///
     /// # Errors
     /// As [`Smoother::mean`].
@@ -176,9 +174,9 @@ impl Smoother {
         }
         self.pool.dilate();
         let (dt, per_voxel) = (self.voxel_size * TIME_STEP, 1.0 / self.voxel_size);
-        for _ in 0..STEPS {
+        for _ in 0..EULER_STEPS {
             self.pass(progress, |pool, range, out| {
-                widely(
+                run_vectorized(
                     #[inline(always)]
                     || {
                         kernel::stencil(pool, range, out, |slab, new| {
@@ -192,7 +190,7 @@ impl Smoother {
         Ok(())
     }
 
-    /// One pass over all leaves that have active voxels, from one buffer into the other.
+    /// One pass over all leaves with active voxels, from one buffer into the other.
     fn pass(
         &mut self,
         progress: &dyn Progress,
@@ -201,13 +199,13 @@ impl Smoother {
         let mut spare = std::mem::take(&mut self.pool.spare);
         let pool = &self.pool;
         let done = spare
-            .par_chunks_mut(CHUNK)
+            .par_chunks_mut(CHUNK_LEAVES)
             .enumerate()
             .try_for_each(|(chunk, out)| {
                 if progress.cancelled() {
                     return Err(Cancelled);
                 }
-                work(pool, chunk * CHUNK, out);
+                work(pool, chunk * CHUNK_LEAVES, out);
                 Ok(())
             });
         self.pool.spare = spare;
@@ -215,7 +213,7 @@ impl Smoother {
         done
     }
 
-    /// Voxels at or beyond the background leave the band; a leaf without any is of one sign.
+    /// Makes voxels at or beyond the background inactive; a leaf without active voxels takes one sign.
     fn trim(&mut self) {
         let background = self.background;
         let Pool {
@@ -225,11 +223,11 @@ impl Smoother {
             ..
         } = &mut self.pool;
         values
-            .par_chunks_mut(CHUNK)
-            .zip(spare.par_chunks_mut(CHUNK))
-            .zip(masks.par_chunks_mut(CHUNK))
+            .par_chunks_mut(CHUNK_LEAVES)
+            .zip(spare.par_chunks_mut(CHUNK_LEAVES))
+            .zip(masks.par_chunks_mut(CHUNK_LEAVES))
             .for_each(|((values, spare), masks)| {
-                widely(
+                run_vectorized(
                     #[inline(always)]
                     || {
                         for ((values, spare), mask) in values.iter_mut().zip(spare).zip(masks) {

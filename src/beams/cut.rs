@@ -1,19 +1,19 @@
-//! Beams that end at the outer faces of a scaffold.
+//! Beams clipped at the outer faces of a scaffold.
 
-use super::{Beams, Filled, Scratch, is_settled, without_band};
+use super::{Beams, LeafContent, Scratch, is_settled, without_band};
 use crate::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::mesh::{MeshSolid, TriMesh};
 
-/// The common part of beams and of a scaffold: the greater of both distances.
+/// The intersection of beams and a scaffold: the maximum of both distances.
 pub struct Cut<'a> {
     beams: &'a Beams,
     solid: &'a ScaffoldSolid,
 }
 
-/// The solid that the components of a scaffold fill together.
+/// The union of the components of a scaffold.
 pub struct ScaffoldSolid {
-    /// Those whose boxes do not meet share a mesh.
+    /// Meshes; components whose boxes do not meet share a mesh.
     layers: Vec<MeshSolid>,
 }
 
@@ -48,7 +48,7 @@ impl ScaffoldSolid {
         }
     }
 
-    /// Raises values to the distances from the scaffold, less `by`.
+    /// Raises values to the distances from the scaffold, minus `by`.
     fn raise(&self, lattice: &SampleLattice<WorldPoint>, by: f32, out: &mut [f32]) {
         let mut outer = vec![0.0; out.len()];
         self.fill(lattice, &mut outer);
@@ -96,7 +96,7 @@ impl Field for ScaffoldSolid {
 }
 
 impl<'a> Cut<'a> {
-    /// The beams within the scaffold.
+    /// The beams inside the scaffold.
     pub fn new(beams: &'a Beams, solid: &'a ScaffoldSolid) -> Self {
         Self { beams, solid }
     }
@@ -148,18 +148,18 @@ impl Field for Cut<'_> {
                 .leaf(origin.0, step, (by, background), values, &mut scratch);
             let with_layer = lattice.span().dilated(step);
             let ends = match found {
-                Filled::Outside => Interval::ALL,
+                LeafContent::Outside => Interval::REAL_LINE,
                 _ => self.solid.bound(&with_layer),
             };
-            let is_out = matches!(found, Filled::Outside) || ends.lo - by >= background;
+            let is_out = matches!(found, LeafContent::Outside) || ends.lo - by >= background;
             let is_whole = ends.hi - by <= -background;
             leaves.bits[n] = if is_out {
                 without_band(false)
-            } else if is_whole && matches!(found, Filled::Inside) {
+            } else if is_whole && matches!(found, LeafContent::Inside) {
                 without_band(true)
             } else {
                 evaluated += 512;
-                if matches!(found, Filled::Inside) {
+                if matches!(found, LeafContent::Inside) {
                     values.fill(-leaves.background);
                 }
                 if !is_whole {
@@ -167,7 +167,7 @@ impl Field for Cut<'_> {
                 }
                 LeafBits {
                     settled: true,
-                    ..LeafBits::look_at(values, leaves.background)
+                    ..LeafBits::from_values(values, leaves.background)
                 }
             };
             kept += usize::from(!leaves.bits[n].is_out());

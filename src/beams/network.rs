@@ -1,8 +1,9 @@
-//! The struts and plates of cells, mapped through the elements of a scaffold.
+//! Networks: struts and plates of cells, mapped through the elements of a scaffold.
 //!
-//! A strut is straight in an affine element and a polyline in a curved one, bisected until its chords leave
-//! the curve by no more than the given error. Parts that neighbours share, on faces and edges, count
-//! once: those whose corners coincide to 1e-7 of the scaffold's size. A part ends at the faces of its element.
+//! A strut is straight in an affine element and a polyline in a curved one, bisected until the deviation of
+//! its chords from the curve is within the given error. Parts that neighbours share on faces and edges are
+//! stored once: those whose corners coincide up to 1e-7 of the scaffold's size. A part is clipped to its
+//! element.
 
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::{ElementMap, Scaffold};
@@ -10,56 +11,56 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
-/// Size of a node's place, as a share of half the scaffold's diagonal.
-const GRAIN: f64 = 1e-7;
-/// How far the same node may lie apart in two elements, as a share of that size.
-const ROUNDING: f64 = 0.01;
-/// Slack of an element's faces, reference lengths.
-const SLACK: f64 = 1e-9;
-/// Most bisections of a curved strut, and most parts along the side of a curved plate.
-const MOST_BISECTIONS: u32 = 10;
-const MOST_PARTS: f64 = 64.0;
-/// Elements mapped at a time.
-const BATCH: usize = 1 << 14;
+/// Distance of nodes that are merged, as a share of half the scaffold's diagonal.
+const NODE_SPACING: f64 = 1e-7;
+/// Largest distance of the images of a node in two elements, as a share of that distance.
+const NODE_TOLERANCE: f64 = 0.01;
+/// Tolerance of an element's faces, reference lengths.
+const FACE_TOLERANCE: f64 = 1e-9;
+/// Maximal number of bisections of a curved strut, and of parts along the side of a curved plate.
+const MAX_BISECTIONS: u32 = 10;
+const MAX_PLATE_PARTS: f64 = 64.0;
+/// Elements mapped per batch.
+const BATCH_SIZE: usize = 1 << 14;
 
 /// Why a network cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NetworkError {
-    /// More nodes than are numbered.
+    /// More nodes than 32-bit indices.
     #[error("more than 4 billion nodes of beams; expected fewer: a coarser scaffold or graph")]
     TooMany,
-    /// No strut and no plate is in any element.
+    /// No strut and no plate in any element.
     #[error("no strut and no plate lies in an element; expected at least one")]
     Empty,
 }
 
-/// Struts and plates in one shape of element, reference coordinates.
+/// Struts and plates in a reference element.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Shapes {
+pub struct ReferenceParts {
     /// Ends and radius of each strut.
     pub struts: Vec<([Vec3; 2], f64)>,
     /// Corners (a flat convex polygon) and half thickness of each plate.
     pub plates: Vec<(Vec<Vec3>, f64)>,
 }
 
-impl Shapes {
-    /// What of them lies in an element.
+impl ReferenceParts {
+    /// The parts clipped to an element.
     #[must_use]
-    pub fn within(&self, element: Element) -> Self {
+    pub fn clipped_to(&self, element: Element) -> Self {
         let struts = self.struts.iter();
         let plates = self.plates.iter();
         Self {
             struts: struts
-                .filter_map(|(ends, r)| Some((clipped(element, *ends)?, *r)))
+                .filter_map(|(ends, r)| Some((clip_segment(element, *ends)?, *r)))
                 .collect(),
             plates: plates
-                .map(|(corners, r)| (cropped(element, corners), *r))
+                .map(|(corners, r)| (clip_polygon(element, corners), *r))
                 .filter(|(corners, _)| corners.len() > 2)
                 .collect(),
         }
     }
 
-    /// Their images under some operators, each part once.
+    /// The images of the parts under operators, without duplicates.
     #[must_use]
     pub fn symmetrised(&self, operators: &[Mat3]) -> Self {
         let mut all = Self::default();
@@ -90,18 +91,18 @@ impl Shapes {
 }
 
 /// The part of a segment inside an element.
-fn clipped(element: Element, [a, b]: [Vec3; 2]) -> Option<[Vec3; 2]> {
+fn clip_segment(element: Element, [a, b]: [Vec3; 2]) -> Option<[Vec3; 2]> {
     let (mut from, mut to) = (0.0f64, 1.0f64);
     for face in element.faces() {
         let [u, v] = [a, b].map(|p| face.normal.dot(&p) - face.offset);
-        if u <= SLACK && v <= SLACK {
+        if u <= FACE_TOLERANCE && v <= FACE_TOLERANCE {
             continue;
         }
-        if u > SLACK && v > SLACK {
+        if u > FACE_TOLERANCE && v > FACE_TOLERANCE {
             return None;
         }
         let cut = u / (u - v);
-        if u > SLACK {
+        if u > FACE_TOLERANCE {
             from = from.max(cut);
         } else {
             to = to.min(cut);
@@ -116,7 +117,7 @@ fn clipped(element: Element, [a, b]: [Vec3; 2]) -> Option<[Vec3; 2]> {
 }
 
 /// The part of a convex polygon inside an element.
-fn cropped(element: Element, corners: &[Vec3]) -> Vec<Vec3> {
+fn clip_polygon(element: Element, corners: &[Vec3]) -> Vec<Vec3> {
     let mut left = corners.to_vec();
     for face in element.faces() {
         let over = |p: &Vec3| face.normal.dot(p) - face.offset;
@@ -124,10 +125,12 @@ fn cropped(element: Element, corners: &[Vec3]) -> Vec<Vec3> {
         for (n, p) in left.iter().enumerate() {
             let q = left[(n + 1) % left.len()];
             let (u, v) = (over(p), over(&q));
-            if u <= SLACK {
+            if u <= FACE_TOLERANCE {
                 next.push(*p);
             }
-            if (u > SLACK && v < -SLACK) || (u < -SLACK && v > SLACK) {
+            if (u > FACE_TOLERANCE && v < -FACE_TOLERANCE)
+                || (u < -FACE_TOLERANCE && v > FACE_TOLERANCE)
+            {
                 next.push(p + (q - p) * (u / (u - v)));
             }
         }
@@ -136,33 +139,33 @@ fn cropped(element: Element, corners: &[Vec3]) -> Vec<Vec3> {
     left
 }
 
-/// A straight piece of a strut.
+/// A straight segment of a strut.
 #[derive(Clone, Debug)]
 pub(super) struct Strut {
     pub ends: [u32; 2],
-    /// Radii in reference lengths times the elements' mean scale at the ends: the mean over all elements that
-    /// share the piece.
+    /// Radii in reference lengths times the elements' mean scale at the ends, averaged over all elements that
+    /// share the segment.
     pub radii: [f64; 2],
-    /// The first element that has it, and where it lies there.
+    /// The first element of the segment, and its reference coordinates there.
     pub element: u32,
     pub reference: [Vec3; 2],
-    /// A bit for each cell that has it.
+    /// A bit for each cell that contains the segment.
     pub cells: u8,
     shared: u32,
 }
 
-/// A flat piece of a plate.
+/// A triangle of a plate.
 #[derive(Clone, Debug)]
 pub(super) struct Facet {
     pub corners: [u32; 3],
-    /// Half thicknesses, as [`Strut::radii`], of the first element.
+    /// Half thicknesses, as [`Strut::radii`], from the first element.
     pub radii: [f64; 3],
     pub element: u32,
     pub reference: [Vec3; 3],
     pub cells: u8,
 }
 
-/// Struts and plates over a scaffold, each once.
+/// Struts and plates of a scaffold, without duplicates.
 #[derive(Clone, Debug, Default)]
 pub struct Network {
     pub(super) nodes: Vec<Vec3>,
@@ -170,43 +173,43 @@ pub struct Network {
     pub(super) facets: Vec<Facet>,
 }
 
-/// A piece as an element maps it.
+/// The image of a segment or triangle under an element's map.
 #[derive(Clone, Copy)]
-struct Mapped<const N: usize> {
+struct MappedSimplex<const N: usize> {
     cell: u8,
     element: u32,
-    places: [Vec3; N],
+    points: [Vec3; N],
     reference: [Vec3; N],
     radii: [f64; N],
 }
 
-/// The pieces of one element.
-type Pieces = (Vec<Mapped<2>>, Vec<Mapped<3>>);
+/// The segments and triangles of one element.
+type MappedParts = (Vec<MappedSimplex<2>>, Vec<MappedSimplex<3>>);
 
 impl Network {
-    /// Maps the parts of cells (for each, its parts by shape of element) through all elements; `chord` bounds
-    /// how far pieces leave curved parts, world units.
+    /// Maps the parts of cells (for each cell, its parts by element shape) through all elements. `chord`
+    /// bounds the deviation of segments and triangles from curved parts, world units.
     ///
     /// # Errors
     /// [`NetworkError`].
     pub fn new(
         scaffold: &Scaffold,
-        cells: &[Vec<(Element, Shapes)>],
+        cells: &[Vec<(Element, ReferenceParts)>],
         chord: f64,
     ) -> Result<Self, NetworkError> {
-        let grain = GRAIN * scaffold.bounds().half_diagonal();
+        let node_spacing = NODE_SPACING * scaffold.bounds().half_diagonal();
         let mut builder = Builder {
             network: Self::default(),
-            grain,
-            numbers: HashMap::new(),
+            node_spacing,
+            node_indices: HashMap::new(),
             struts: HashMap::new(),
             facets: HashMap::new(),
         };
-        for first in (0..scaffold.len()).step_by(BATCH) {
-            let last = scaffold.len().min(first + BATCH);
-            let mapped: Vec<Pieces> = (first..last)
+        for first in (0..scaffold.len()).step_by(BATCH_SIZE) {
+            let last = scaffold.len().min(first + BATCH_SIZE);
+            let mapped: Vec<MappedParts> = (first..last)
                 .into_par_iter()
-                .map(|e| pieces(&scaffold.element(e), cells, chord))
+                .map(|e| map_parts(&scaffold.element(e), cells, chord))
                 .collect();
             for (lines, triangles) in mapped {
                 for line in lines {
@@ -227,17 +230,17 @@ impl Network {
         Ok(network)
     }
 
-    /// Number of nodes, of straight pieces of struts and of flat pieces of plates.
+    /// Number of nodes, of segments and of triangles.
     pub fn counts(&self) -> [usize; 3] {
         [self.nodes.len(), self.struts.len(), self.facets.len()]
     }
 }
 
-/// Numbers nodes and pieces.
+/// Merges nodes, segments and triangles.
 struct Builder {
     network: Network,
-    grain: f64,
-    numbers: HashMap<[i64; 3], u32>,
+    node_spacing: f64,
+    node_indices: HashMap<[i64; 3], u32>,
     struts: HashMap<[u32; 2], u32>,
     facets: HashMap<[u32; 3], u32>,
 }
@@ -245,33 +248,35 @@ struct Builder {
 impl Builder {
     fn node(&mut self, p: Vec3) -> Result<u32, NetworkError> {
         let next = u32::try_from(self.network.nodes.len()).map_err(|_| NetworkError::TooMany)?;
-        let scaled = p / self.grain;
+        let scaled = p / self.node_spacing;
         let key = <[i64; 3]>::from(scaled.map(|c| c.round() as i64));
-        if let Some(known) = self.numbers.get(&key) {
+        if let Some(known) = self.node_indices.get(&key) {
             return Ok(*known);
         }
-        // Rounding may have put the same place into a neighbouring cube.
-        let beside = scaled.map(|c| {
+        // Rounding may have assigned the same node to an adjacent key.
+        let offset = scaled.map(|c| {
             let part = c - c.round();
-            let near = part.abs() > 0.5 - ROUNDING;
+            let near = part.abs() > 0.5 - NODE_TOLERANCE;
             if near { part.signum() as i64 } else { 0 }
         });
-        if beside.iter().any(|&b| b != 0) {
+        if offset.iter().any(|&b| b != 0) {
             for n in 1..8 {
-                let step = |a: usize| if n >> a & 1 == 1 { beside[a] } else { 0 };
+                let step = |a: usize| {
+                    if n >> a & 1 == 1 { offset[a] } else { 0 }
+                };
                 let other = [key[0] + step(0), key[1] + step(1), key[2] + step(2)];
-                if let Some(known) = self.numbers.get(&other) {
+                if let Some(known) = self.node_indices.get(&other) {
                     return Ok(*known);
                 }
             }
         }
         self.network.nodes.push(p);
-        self.numbers.insert(key, next);
+        self.node_indices.insert(key, next);
         Ok(next)
     }
 
-    fn strut(&mut self, piece: &Mapped<2>) -> Result<(), NetworkError> {
-        let ends = [self.node(piece.places[0])?, self.node(piece.places[1])?];
+    fn strut(&mut self, simplex: &MappedSimplex<2>) -> Result<(), NetworkError> {
+        let ends = [self.node(simplex.points[0])?, self.node(simplex.points[1])?];
         if ends[0] == ends[1] {
             return Ok(());
         }
@@ -280,32 +285,32 @@ impl Builder {
             .struts
             .entry([ends[0].min(ends[1]), ends[0].max(ends[1])])
         {
-            Entry::Vacant(place) => {
-                place.insert(next);
+            Entry::Vacant(entry) => {
+                entry.insert(next);
                 self.network.struts.push(Strut {
                     ends,
-                    radii: piece.radii,
-                    element: piece.element,
-                    reference: piece.reference,
-                    cells: 1 << piece.cell,
+                    radii: simplex.radii,
+                    element: simplex.element,
+                    reference: simplex.reference,
+                    cells: 1 << simplex.cell,
                     shared: 1,
                 });
             }
-            Entry::Occupied(place) => {
-                let known = &mut self.network.struts[*place.get() as usize];
-                for (n, r) in piece.radii.into_iter().enumerate() {
+            Entry::Occupied(entry) => {
+                let known = &mut self.network.struts[*entry.get() as usize];
+                for (n, r) in simplex.radii.into_iter().enumerate() {
                     let at = if known.ends[n] == ends[n] { n } else { 1 - n };
                     known.radii[at] += r;
                 }
                 known.shared += 1;
-                known.cells |= 1 << piece.cell;
+                known.cells |= 1 << simplex.cell;
             }
         }
         Ok(())
     }
 
-    fn facet(&mut self, piece: &Mapped<3>) -> Result<(), NetworkError> {
-        let [a, b, c] = piece.places;
+    fn facet(&mut self, simplex: &MappedSimplex<3>) -> Result<(), NetworkError> {
+        let [a, b, c] = simplex.points;
         let corners = [self.node(a)?, self.node(b)?, self.node(c)?];
         let mut key = corners;
         key.sort_unstable();
@@ -314,84 +319,89 @@ impl Builder {
         }
         let next = self.network.facets.len() as u32;
         match self.facets.entry(key) {
-            Entry::Vacant(place) => {
-                place.insert(next);
+            Entry::Vacant(entry) => {
+                entry.insert(next);
                 self.network.facets.push(Facet {
                     corners,
-                    radii: piece.radii,
-                    element: piece.element,
-                    reference: piece.reference,
-                    cells: 1 << piece.cell,
+                    radii: simplex.radii,
+                    element: simplex.element,
+                    reference: simplex.reference,
+                    cells: 1 << simplex.cell,
                 });
             }
-            Entry::Occupied(place) => {
-                self.network.facets[*place.get() as usize].cells |= 1 << piece.cell;
+            Entry::Occupied(entry) => {
+                self.network.facets[*entry.get() as usize].cells |= 1 << simplex.cell;
             }
         }
         Ok(())
     }
 }
 
-/// All pieces of all cells in one element.
-fn pieces(element: &ElementMap, cells: &[Vec<(Element, Shapes)>], chord: f64) -> Pieces {
-    let mut all = Pieces::default();
+/// The segments and triangles of all cells in one element.
+fn map_parts(
+    element: &ElementMap,
+    cells: &[Vec<(Element, ReferenceParts)>],
+    chord: f64,
+) -> MappedParts {
+    let mut all = MappedParts::default();
     let shape = element.shape();
     for (cell, shapes) in cells.iter().enumerate() {
         let Some((_, parts)) = shapes.iter().find(|s| s.0 == shape) else {
             continue;
         };
-        let maker = Maker {
+        let mapper = ElementMapper {
             element,
             cell: cell as u8,
             chord,
         };
         for (ends, radius) in &parts.struts {
-            maker.line(*ends, *radius, &mut all.0);
+            mapper.line(*ends, *radius, &mut all.0);
         }
         for (corners, radius) in &parts.plates {
             for n in 1..corners.len() - 1 {
                 let fan = [corners[0], corners[n], corners[n + 1]];
-                maker.triangle(fan, *radius, &mut all.1);
+                mapper.triangle(fan, *radius, &mut all.1);
             }
         }
     }
     all
 }
 
-/// Makes the pieces of one cell in one element.
-struct Maker<'a> {
+/// Maps the parts of one cell through one element.
+struct ElementMapper<'a> {
     element: &'a ElementMap<'a>,
     cell: u8,
     chord: f64,
 }
 
-impl Maker<'_> {
-    fn place(&self, xi: Vec3) -> Vec3 {
+impl ElementMapper<'_> {
+    fn point(&self, xi: Vec3) -> Vec3 {
         self.element.map(CellPoint(xi)).0
     }
 
-    fn mapped<const N: usize>(&self, reference: [Vec3; N], radius: f64) -> Mapped<N> {
+    fn mapped<const N: usize>(&self, reference: [Vec3; N], radius: f64) -> MappedSimplex<N> {
         let at = reference.map(|xi| self.element.map_and_jacobian(CellPoint(xi)));
-        Mapped {
+        MappedSimplex {
             cell: self.cell,
             element: self.element.index() as u32,
-            places: at.map(|(p, _)| p.0),
+            points: at.map(|(p, _)| p.0),
             reference,
             radii: at.map(|(_, j)| radius * libm::cbrt(j.determinant().abs())),
         }
     }
 
-    fn line(&self, ends: [Vec3; 2], radius: f64, out: &mut Vec<Mapped<2>>) {
+    fn line(&self, ends: [Vec3; 2], radius: f64, out: &mut Vec<MappedSimplex<2>>) {
         if self.element.is_affine() {
             out.push(self.mapped(ends, radius));
             return;
         }
-        self.bisect(ends, radius, MOST_BISECTIONS, out);
+        self.bisect(ends, radius, MAX_BISECTIONS, out);
     }
 
-    fn bisect(&self, [a, b]: [Vec3; 2], radius: f64, left: u32, out: &mut Vec<Mapped<2>>) {
-        let (from, to) = (self.place(a), self.place(b));
-        let off = [0.25, 0.5, 0.75].map(|t| beside(self.place(a + (b - a) * t), [from, to]));
+    fn bisect(&self, [a, b]: [Vec3; 2], radius: f64, left: u32, out: &mut Vec<MappedSimplex<2>>) {
+        let (from, to) = (self.point(a), self.point(b));
+        let off =
+            [0.25, 0.5, 0.75].map(|t| distance_to_segment(self.point(a + (b - a) * t), [from, to]));
         if left == 0 || off.iter().all(|&d| d <= self.chord) {
             out.push(self.mapped([a, b], radius));
             return;
@@ -401,31 +411,35 @@ impl Maker<'_> {
         self.bisect([middle, b], radius, left - 1, out);
     }
 
-    fn triangle(&self, corners: [Vec3; 3], radius: f64, out: &mut Vec<Mapped<3>>) {
+    fn triangle(&self, corners: [Vec3; 3], radius: f64, out: &mut Vec<MappedSimplex<3>>) {
         let mut count = 1;
         if !self.element.is_affine() {
-            let places = corners.map(|c| self.place(c));
-            let mut worst = 0.0f64;
-            let mut look = |w: [f64; 3]| {
+            let points = corners.map(|c| self.point(c));
+            let mut max_deviation = 0.0f64;
+            let mut check = |w: [f64; 3]| {
                 let mix = |p: &[Vec3; 3]| p[0] * w[0] + p[1] * w[1] + p[2] * w[2];
-                worst = worst.max((self.place(mix(&corners)) - mix(&places)).norm());
+                max_deviation =
+                    max_deviation.max((self.point(mix(&corners)) - mix(&points)).norm());
             };
-            look([1.0 / 3.0; 3]);
+            check([1.0 / 3.0; 3]);
             for t in [0.25, 0.5, 0.75] {
-                look([t, 1.0 - t, 0.0]);
-                look([0.0, t, 1.0 - t]);
-                look([1.0 - t, 0.0, t]);
+                check([t, 1.0 - t, 0.0]);
+                check([0.0, t, 1.0 - t]);
+                check([1.0 - t, 0.0, t]);
             }
-            count = (worst / self.chord).sqrt().ceil().clamp(1.0, MOST_PARTS) as usize;
+            count = (max_deviation / self.chord)
+                .sqrt()
+                .ceil()
+                .clamp(1.0, MAX_PLATE_PARTS) as usize;
         }
-        for part in divided(corners, count) {
+        for part in subdivided(corners, count) {
             out.push(self.mapped(part, radius));
         }
     }
 }
 
-/// How far a point lies beside a segment.
-fn beside(p: Vec3, [a, b]: [Vec3; 2]) -> f64 {
+/// Distance of a point from a segment.
+fn distance_to_segment(p: Vec3, [a, b]: [Vec3; 2]) -> f64 {
     let along = b - a;
     let square = along.norm_squared();
     let t = if square > 0.0 {
@@ -436,8 +450,8 @@ fn beside(p: Vec3, [a, b]: [Vec3; 2]) -> f64 {
     (p - a - along * t).norm()
 }
 
-/// A triangle in `count`^2 equal parts.
-pub(super) fn divided([a, b, c]: [Vec3; 3], count: usize) -> impl Iterator<Item = [Vec3; 3]> {
+/// A triangle subdivided into `count`^2 equal parts.
+pub(super) fn subdivided([a, b, c]: [Vec3; 3], count: usize) -> impl Iterator<Item = [Vec3; 3]> {
     let share = move |n: usize| n as f64 / count as f64;
     let at = move |i: usize, j: usize| a + (b - a) * share(i) + (c - a) * share(j);
     (0..count).flat_map(move |i| {

@@ -1,15 +1,15 @@
-//! One round beam, one plate: exact signed distances.
+//! Exact signed distances of a round beam and of a plate.
 //!
-//! A beam is a ball swept along a segment while its radius changes linearly. With h the coordinate along
-//! the axis, q the distance from it and s the loss of radius per unit of length, the ball nearest to a point
-//! has its centre at t = h - q s / sqrt(1 - s^2), clamped to the segment; the distance is that to the centre
-//! minus the radius there. A plate is a ball swept over a triangle, its radius linear: the beams along its
-//! sides, and over its inside the two planes that touch all balls.
+//! A beam is a ball swept along a segment with a linear radius. With h the coordinate along the axis, q the
+//! distance from it and s the decrease of the radius per unit of length, the ball nearest to a point has its
+//! centre at t = h - q s / sqrt(1 - s^2), clamped to the segment. The distance is that to the centre minus
+//! the radius there. A plate is a ball swept over a triangle with a linear radius: the beams along its edges,
+//! and over its interior the two planes tangent to all balls.
 
 use crate::frame::{Aabb, Vec3};
 
-/// Largest change of a radius per unit of length: beyond it one end's ball holds the other's.
-const STEEPEST: f64 = 1.0 - 1e-9;
+/// Largest change of a radius per unit of length; for a larger one, the ball of one end contains the other's.
+const MAX_TAPER: f64 = 1.0 - 1e-9;
 
 /// A round beam: a ball swept along a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,17 +29,17 @@ pub struct Plate {
     pub radii: [f64; 3],
 }
 
-/// A beam as it is evaluated.
+/// A beam in the form of its evaluation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axis {
     /// The first centre.
     pub from: Vec3,
-    /// Unit vector towards the second one; zero for a ball.
+    /// Unit vector towards the second centre; zero for a ball.
     pub along: Vec3,
     pub length: f64,
-    /// At the first centre.
+    /// Radius at the first centre.
     pub radius: f64,
-    /// Loss of radius per unit of length, s.
+    /// Decrease of the radius per unit of length, s.
     pub slope: f64,
     /// s / sqrt(1 - s^2).
     pub shift: f64,
@@ -50,7 +50,7 @@ impl Axis {
         let [a, b] = beam.ends;
         let [ra, rb] = beam.radii;
         let length = (b - a).norm();
-        if (ra - rb).abs() >= STEEPEST * length {
+        if (ra - rb).abs() >= MAX_TAPER * length {
             return Self {
                 from: if ra >= rb { a } else { b },
                 along: Vec3::zeros(),
@@ -71,7 +71,7 @@ impl Axis {
         }
     }
 
-    /// The beam that it is of.
+    /// The corresponding beam.
     pub fn beam(&self) -> Beam {
         Beam {
             ends: [self.from, self.from + self.along * self.length],
@@ -96,23 +96,23 @@ impl Axis {
     }
 }
 
-/// The inside of a plate.
+/// The interior of a plate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slab {
     pub from: Vec3,
     pub normal: Vec3,
     /// Gradient of the radius in the plane, g.
-    pub rise: Vec3,
-    /// At `from`.
+    pub radius_gradient: Vec3,
+    /// Radius at `from`.
     pub radius: f64,
     /// sqrt(1 - g^2).
     pub cosine: f64,
     /// Barycentric coordinates: gradients in the plane, and values at `from`.
-    pub sides: [(Vec3, f64); 3],
+    pub barycentric: [(Vec3, f64); 3],
 }
 
 impl Slab {
-    /// `None` for a triangle without area, or one whose radius changes faster than the place.
+    /// `None` for a triangle without area, or for a slope of the radius of 1 or more.
     fn new(plate: &Plate) -> Option<Self> {
         let [a, b, c] = plate.corners;
         let area = (b - a).cross(&(c - a));
@@ -122,39 +122,44 @@ impl Slab {
             return None;
         }
         let normal = area / size;
-        let sides = [
+        let barycentric = [
             (normal.cross(&(c - b)) / size, 1.0),
             (normal.cross(&(a - c)) / size, 0.0),
             (normal.cross(&(b - a)) / size, 0.0),
         ];
-        let rise = (0..3).map(|n| sides[n].0 * plate.radii[n]).sum::<Vec3>();
-        let square = rise.norm_squared();
-        (square < STEEPEST).then(|| Self {
+        let radius_gradient = (0..3)
+            .map(|n| barycentric[n].0 * plate.radii[n])
+            .sum::<Vec3>();
+        let square = radius_gradient.norm_squared();
+        (square < MAX_TAPER).then(|| Self {
             from: a,
             normal,
-            rise,
+            radius_gradient,
             radius: plate.radii[0],
             cosine: (1.0 - square).sqrt(),
-            sides,
+            barycentric,
         })
     }
 
-    /// Signed distance and the nearest centre, where that lies within the triangle.
+    /// Signed distance and the nearest centre, if that lies within the triangle.
     fn nearest(&self, p: Vec3) -> Option<(f64, Vec3)> {
         let x = p - self.from;
         let h = x.dot(&self.normal);
-        let foot = x - self.normal * h + self.rise * (h.abs() / self.cosine);
-        let inside = self.sides.iter().all(|(g, w)| g.dot(&foot) + w >= 0.0);
+        let foot = x - self.normal * h + self.radius_gradient * (h.abs() / self.cosine);
+        let inside = self
+            .barycentric
+            .iter()
+            .all(|(g, w)| g.dot(&foot) + w >= 0.0);
         let x = x - self.normal * h;
-        let value = h.abs() * self.cosine - self.radius - self.rise.dot(&x);
+        let value = h.abs() * self.cosine - self.radius - self.radius_gradient.dot(&x);
         inside.then(|| (value, self.from + foot))
     }
 }
 
-/// A plate as it is evaluated: the beams along its sides, and its inside.
+/// A plate in the form of its evaluation: the beams along its edges, and its interior.
 #[derive(Clone, Debug)]
 pub(super) struct Facet {
-    pub rim: [Axis; 3],
+    pub edges: [Axis; 3],
     pub slab: Option<Slab>,
 }
 
@@ -175,7 +180,7 @@ impl From<&Plate> for Part {
             })
         };
         Self::Plate(Box::new(Facet {
-            rim: [side(0), side(1), side(2)],
+            edges: [side(0), side(1), side(2)],
             slab: Slab::new(plate),
         }))
     }
@@ -187,9 +192,9 @@ impl Part {
         match self {
             Self::Beam(axis) => axis.nearest(p),
             Self::Plate(facet) => {
-                let rim = facet.rim.iter().map(|axis| axis.nearest(p));
+                let edges = facet.edges.iter().map(|axis| axis.nearest(p));
                 let inside = facet.slab.as_ref().and_then(|slab| slab.nearest(p));
-                let least = rim.chain(inside).min_by(|a, b| a.0.total_cmp(&b.0));
+                let least = edges.chain(inside).min_by(|a, b| a.0.total_cmp(&b.0));
                 least.unwrap_or((f64::INFINITY, p))
             }
         }
@@ -198,7 +203,7 @@ impl Part {
     pub fn bounds(&self) -> Aabb {
         match self {
             Self::Beam(axis) => axis.bounds(),
-            Self::Plate(f) => f.rim.iter().fold(Aabb::EMPTY, |b, a| b.union(a.bounds())),
+            Self::Plate(f) => f.edges.iter().fold(Aabb::EMPTY, |b, a| b.union(a.bounds())),
         }
     }
 }

@@ -1,25 +1,24 @@
-//! Beams whose ends are flat or half round, their radius linear: cones cut off at both ends.
+//! Rods: beams with a linear radius and flat or hemispherical ends.
 //!
-//! In the half plane through the axis, with h along it and q away from it, such a beam is bounded by a
-//! slanted side and at each end by a straight line or a quarter of a circle. The distance is that to the
-//! nearest of the three, exact inside and outside of one beam; of several the least counts, as in
-//! [`super::Beams`].
+//! In the half plane through the axis, with h along it and q away from it, a rod is bounded by a slanted side
+//! and at each end by a straight line or a quarter circle. The distance is that to the nearest of the three,
+//! exact inside and outside of one rod. Of several rods the minimum counts, as in [`super::Beams`].
 
 use super::Beam;
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::mesh::Bvh;
 
-/// A cone, cut off at both ends.
+/// A truncated cone with flat or hemispherical ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rod {
     /// Its ends and the radii there, world units.
     pub beam: Beam,
-    /// Whether half a ball closes an end; else it is flat.
+    /// Whether an end is a hemisphere; else it is flat.
     pub is_round: [bool; 2],
 }
 
-/// A rod as it is evaluated.
+/// A rod in the form of its evaluation.
 struct Axis {
     from: Vec3,
     along: Vec3,
@@ -36,7 +35,7 @@ pub struct Rods {
     bounds: Aabb,
 }
 
-/// The point of a segment in the plane nearest to a point.
+/// The point of a planar segment nearest to a point.
 fn on_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     let d = [b[0] - a[0], b[1] - a[1]];
     let square = d[0] * d[0] + d[1] * d[1];
@@ -60,7 +59,7 @@ impl Axis {
         }
     }
 
-    /// The point of an end's boundary nearest to (h, q), h measured outward from the end.
+    /// The point of an end's boundary nearest to (h, q), with h measured outwards from the end.
     fn on_cap(&self, end: usize, [h, q]: [f64; 2]) -> [f64; 2] {
         let r = self.radii[end];
         if !self.is_round[end] {
@@ -81,11 +80,11 @@ impl Axis {
         let across = x - self.along * h;
         let q = across.norm();
         let [r, s] = self.radii;
-        let place = [h, q];
+        let point = [h, q];
         let first = self.on_cap(0, [-h, q]);
         let last = self.on_cap(1, [h - self.length, q]);
         let nearest = [
-            on_segment(place, [0.0, r], [self.length, s]),
+            on_segment(point, [0.0, r], [self.length, s]),
             [-first[0], first[1]],
             [self.length + last[0], last[1]],
         ];
@@ -117,7 +116,7 @@ impl Axis {
     fn bounds(&self) -> Aabb {
         let ball = |c: Vec3, r: f64| Aabb { min: c, max: c }.dilated(r);
         let to = self.from + self.along * self.length;
-        // Of a flat end the disc alone.
+        // A flat end is a disc.
         let disc = self.along.map(|a| (1.0 - a * a).max(0.0).sqrt());
         let end = |c: Vec3, n: usize| {
             if self.is_round[n] {
@@ -133,7 +132,7 @@ impl Axis {
 }
 
 impl Rods {
-    /// The union of some rods; `None` if there are none.
+    /// The union of rods; `None` without any.
     pub fn new(rods: &[Rod]) -> Option<Self> {
         let bounds = |n: usize| Axis::new(&rods[n]).bounds();
         let whole = (0..rods.len()).fold(Aabb::EMPTY, |b, n| b.union(bounds(n)));
@@ -149,7 +148,7 @@ impl Rods {
         })
     }
 
-    /// The box around the solid.
+    /// The bounding box of the solid.
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
@@ -168,7 +167,7 @@ impl Field for Rods {
             let found = self.axes[slot].value(p.0);
             (found.0 < best.0).then(|| {
                 best = found;
-                // Within the solid all rods whose boxes hold the point count.
+                // Inside the solid, all rods whose boxes contain the point are candidates.
                 best.0.max(0.0)
             })
         });
@@ -186,7 +185,8 @@ impl Field for Rods {
         }
         let span = lattice.span();
         let (centre, radius) = (span.centre(), span.half_diagonal());
-        // A rod that is farther from the centre than the nearest by the ball's diameter is nearest nowhere.
+        // A rod whose distance from the centre exceeds the smallest one by the ball's diameter is never
+        // nearest.
         let reach = self.value(centre) + 2.0 * radius * (1.0 + 1e-9);
         let mut near = Vec::new();
         let around = Aabb {
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn half_round_ends_and_cones_have_theirs() {
+    fn distances_of_hemispherical_ends_and_cones() {
         let rods = rod([1.0, 1.0], [true, false]);
         assert!((at(&rods, 0.0, -2.0) - 1.0).abs() < 1e-12);
         assert!(
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_follow_the_values_and_fills_the_points() {
+    fn gradients_match_differences_and_fill_matches_values() {
         let ends = [Vec3::new(0.3, -0.2, 0.1), Vec3::new(2.0, 1.0, 1.5)];
         let both = [
             Rod {
@@ -291,7 +291,7 @@ mod tests {
                 let d = Vec3::ith(a, 1.0);
                 (by(d) - by(-d)) / 2e-5
             });
-            // At creases both sides differ.
+            // At creases the one-sided derivatives differ.
             if (slope.norm() - 1.0).abs() < 1e-4 {
                 assert!((slope - gradient).norm() < 1e-3, "{p:?}");
             }

@@ -1,25 +1,25 @@
-//! Distances at the samples of a box from a few parts, eight samples at a time.
+//! Distances from a few parts at the samples of a box, eight samples at a time.
 //!
-//! Coordinates are single precision relative to the middle of the samples. The axis of a beam is put down
-//! from its point nearest to that middle, so that numbers stay as small as the box and its surroundings
-//! whatever the length of the beam.
-// Small functions of a hot path, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+//! Coordinates are in single precision relative to the middle of the samples. The axis of a beam starts at
+//! its point nearest to that middle, so that coordinates are as small as the box and its surroundings for
+//! beams of any length.
+// Small functions of a hot path, inlined so that they are compiled for the target features of the caller.
+// The compiler does not propagate target features into closures, so lane arithmetic is outside closures.
 #![allow(clippy::inline_always)]
 
 use super::part::{Axis, Part, Slab};
 use crate::frame::Vec3;
-use crate::simd::{self, Lanes, Work};
+use crate::simd::{self, Lanes, SimdKernel};
 
-/// Samples of a row.
-pub(super) const ROW: usize = 8;
+/// Samples per row.
+pub(super) const ROW_LEN: usize = 8;
 
 /// A beam near the samples.
 #[derive(Clone, Copy)]
 struct NearAxis {
     from: [f32; 3],
     along: [f32; 3],
-    /// Where the axis begins and ends.
+    /// Coordinates of the ends along the axis.
     ends: [f32; 2],
     radius: f32,
     slope: f32,
@@ -32,8 +32,8 @@ impl NearAxis {
         let t = t.clamp(0.0, axis.length);
         let from = axis.from + axis.along * t - middle;
         Self {
-            from: single(from),
-            along: single(axis.along),
+            from: to_f32(from),
+            along: to_f32(axis.along),
             ends: [(-t) as f32, (axis.length - t) as f32],
             radius: (axis.radius - axis.slope * t) as f32,
             slope: axis.slope as f32,
@@ -42,50 +42,49 @@ impl NearAxis {
     }
 }
 
-/// The inside of a plate near the samples.
+/// The interior of a plate near the samples.
 #[derive(Clone, Copy)]
 struct NearSlab {
     normal: [f32; 3],
     height: f32,
     cosine: f32,
-    rise: [f32; 3],
+    radius_gradient: [f32; 3],
     radius: f32,
-    /// Gradients of the barycentric coordinates, their values at the middle, and what they gain with the
-    /// height.
-    sides: [([f32; 3], f32, f32); 3],
+    /// Gradients of the barycentric coordinates, their values at the middle, and their increase with height.
+    barycentric: [([f32; 3], f32, f32); 3],
 }
 
 impl NearSlab {
     fn new(slab: &Slab, middle: Vec3) -> Self {
         let x = middle - slab.from;
-        let lift = slab.rise / slab.cosine;
+        let foot_shift = slab.radius_gradient / slab.cosine;
         let side = |(g, w): (Vec3, f64)| {
-            let (value, gain) = (g.dot(&x) + w, g.dot(&lift));
-            (single(g), value as f32, gain as f32)
+            let (value, gain) = (g.dot(&x) + w, g.dot(&foot_shift));
+            (to_f32(g), value as f32, gain as f32)
         };
         Self {
-            normal: single(slab.normal),
+            normal: to_f32(slab.normal),
             height: x.dot(&slab.normal) as f32,
             cosine: slab.cosine as f32,
-            rise: single(slab.rise),
-            radius: (slab.radius + slab.rise.dot(&x)) as f32,
-            sides: slab.sides.map(side),
+            radius_gradient: to_f32(slab.radius_gradient),
+            radius: (slab.radius + slab.radius_gradient.dot(&x)) as f32,
+            barycentric: slab.barycentric.map(side),
         }
     }
 }
 
-fn single(v: Vec3) -> [f32; 3] {
+fn to_f32(v: Vec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
-/// Parts near some samples.
+/// Parts near the samples.
 #[derive(Default)]
-pub(super) struct Near {
+pub(super) struct NearbyParts {
     axes: Vec<NearAxis>,
     slabs: Vec<NearSlab>,
 }
 
-impl Near {
+impl NearbyParts {
     pub fn clear(&mut self) {
         self.axes.clear();
         self.slabs.clear();
@@ -96,9 +95,9 @@ impl Near {
         match part {
             Part::Beam(axis) => self.axes.push(NearAxis::new(axis, middle)),
             Part::Plate(facet) => {
-                let rim = facet.rim.iter();
+                let edges = facet.edges.iter();
                 self.axes
-                    .extend(rim.map(|axis| NearAxis::new(axis, middle)));
+                    .extend(edges.map(|axis| NearAxis::new(axis, middle)));
                 let slab = facet.slab.iter();
                 self.slabs.extend(slab.map(|s| NearSlab::new(s, middle)));
             }
@@ -106,10 +105,16 @@ impl Near {
     }
 }
 
-/// Lowers `values` to the distances from the parts: of samples whose coordinates relative to the middle are
-/// `xs`, `ys` and a row of `zs`; z fastest.
-pub(super) fn lower(near: &Near, xs: &[f32], ys: &[f32], zs: &[f32; ROW], values: &mut [f32]) {
-    simd::run(Lower {
+/// Lowers `values` to the distances from the parts. The samples have the coordinates `xs`, `ys` and a row of
+/// `zs` relative to the middle; z is fastest.
+pub(super) fn lower_to_distances(
+    near: &NearbyParts,
+    xs: &[f32],
+    ys: &[f32],
+    zs: &[f32; ROW_LEN],
+    values: &mut [f32],
+) {
+    simd::run(LowerToDistances {
         near,
         xs,
         ys,
@@ -118,21 +123,21 @@ pub(super) fn lower(near: &Near, xs: &[f32], ys: &[f32], zs: &[f32; ROW], values
     });
 }
 
-struct Lower<'a> {
-    near: &'a Near,
+struct LowerToDistances<'a> {
+    near: &'a NearbyParts,
     xs: &'a [f32],
     ys: &'a [f32],
-    zs: &'a [f32; ROW],
+    zs: &'a [f32; ROW_LEN],
     values: &'a mut [f32],
 }
 
-impl Work for Lower<'_> {
+impl SimdKernel for LowerToDistances<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
         let zs = l.load(self.zs);
-        let rows = self.values.as_chunks_mut::<ROW>().0;
+        let rows = self.values.as_chunks_mut::<ROW_LEN>().0;
         for axis in &self.near.axes {
             let tapers = axis.slope != 0.0;
             let mut n = 0;
@@ -184,14 +189,18 @@ fn to_axis<L: Lanes>(l: L, axis: &NearAxis, at: [f32; 2], zs: L::F, tapers: bool
     l.sub(away, l.splat(axis.radius))
 }
 
-/// Distances of a row from the inside of a plate; `otherwise` beside it.
+/// Distances of a row from the interior of a plate; `otherwise` where the foot point is outside it.
 #[inline(always)]
 fn to_slab<L: Lanes>(l: L, slab: &NearSlab, at: [f32; 2], zs: L::F, otherwise: L::F) -> L::F {
     let over = affine(l, slab.normal, at, zs, slab.height);
     let size = l.magnitude(over);
-    let rise = affine(l, slab.rise, at, zs, slab.radius);
-    let mut d = l.fused(size, l.splat(slab.cosine), l.sub(l.splat(0.0), rise));
-    for (gradient, value, gain) in slab.sides {
+    let radius_gradient = affine(l, slab.radius_gradient, at, zs, slab.radius);
+    let mut d = l.fused(
+        size,
+        l.splat(slab.cosine),
+        l.sub(l.splat(0.0), radius_gradient),
+    );
+    for (gradient, value, gain) in slab.barycentric {
         let w = l.fused(size, l.splat(gain), affine(l, gradient, at, zs, value));
         d = l.select_below(w, l.splat(0.0), otherwise, d);
     }

@@ -1,49 +1,50 @@
-//! Diameters along the struts of a network, thicknesses over its plates.
+//! Sizes of a network: diameters along its struts, thicknesses over its plates.
 //!
-//! A beam's radius is linear along it. Where the requested diameter is not, the strut is bisected, down to an
-//! eighth of its length, until the radius follows within the tolerance; a plate is cut into sixteen parts.
+//! A beam's radius is linear along it. Where the requested diameter is not linear, the strut is bisected,
+//! down to an eighth of its length, until the radius is within the tolerance. A plate is divided into
+//! sixteen parts.
 
-use super::network::{Facet, Strut, divided};
+use super::network::{Facet, Strut, subdivided};
 use super::{Beam, Network, Plate};
 use crate::frame::{CellPoint, Vec3};
 use crate::scaffold::Scaffold;
 
-/// Intervals along a strut at whose ends a diameter is looked up, and along the side of a plate.
-const ALONG: usize = 8;
-const ACROSS: usize = 4;
-/// Weight of a cell that counts as none.
-const NO_WEIGHT: f64 = 1e-9;
+/// Intervals along a strut at whose ends a diameter is evaluated, and along the side of a plate.
+const STRUT_INTERVALS: usize = 8;
+const PLATE_INTERVALS: usize = 4;
+/// Weight of a cell that counts as 0.
+const ZERO_WEIGHT_TOLERANCE: f64 = 1e-9;
 
 /// Weights of at most eight cells at a point of an element.
 pub type WeightsAt<'a> = dyn Fn(usize, CellPoint<3>) -> [f64; 8] + Sync + 'a;
 /// Diameters at world points, world units.
 pub type DiametersAt<'a, E> = dyn FnMut(&[Vec3]) -> Result<Vec<f64>, E> + 'a;
 
-/// How thick parts are.
+/// Thickness of the parts.
 pub enum Width<'a, E> {
-    /// As their radii say, in reference lengths, times the elements' mean scale there.
+    /// The radii of the parts in reference lengths, times the elements' mean scale there.
     Relative,
-    /// The same everywhere, world units.
+    /// A constant diameter or thickness, world units.
     Constant(f64),
-    /// As a function of the place says, world units.
+    /// A diameter or thickness as a function of position, world units.
     Varying(&'a mut DiametersAt<'a, E>),
 }
 
-/// Points along a part, and radii there.
+/// Points along the parts, and the radii there.
 struct Samples {
-    places: Vec<Vec3>,
+    points: Vec<Vec3>,
     radii: Vec<f64>,
 }
 
 impl Network {
-    /// Beams and plates of these widths. With weights, a part's width is multiplied by the sum of the weights of
-    /// the cells that have it: parts of one cell of several taper off with its weight, and what all have in
-    /// common keeps its width. They get no thinner than the radius `least`, or half of what they would be
-    /// without weights if that is less, and are left out where they have no weight along their whole length.
-    /// `tolerance` bounds the error of the radii between their ends. All lengths are in world units.
+    /// Beams and plates with these widths. With weights, a part's width is multiplied by the sum of the
+    /// weights of the cells that contain it: parts of a single cell taper off with its weight, and parts
+    /// common to all cells keep their width. The smallest radius is `least`, or half the radius without
+    /// weights if that is less. Parts without any weight are omitted. `tolerance` bounds the error of the
+    /// radii between the ends. All lengths are in world units.
     ///
     /// # Errors
-    /// Those of a varying width.
+    /// Errors of a varying width.
     pub fn sized<E>(
         &self,
         scaffold: &Scaffold,
@@ -52,14 +53,18 @@ impl Network {
         [tolerance, least]: [f64; 2],
     ) -> Result<(Vec<Beam>, Vec<Plate>), E> {
         let varies = weights.is_some() || matches!(width, Width::Varying(_));
-        let (along, across) = if varies { (ALONG, ACROSS) } else { (1, 1) };
-        let mut places = Vec::new();
+        let (along, across) = if varies {
+            (STRUT_INTERVALS, PLATE_INTERVALS)
+        } else {
+            (1, 1)
+        };
+        let mut points = Vec::new();
         for strut in &self.struts {
-            places.extend((0..=along).map(|n| self.on_strut(scaffold, strut, (n, along))));
+            points.extend((0..=along).map(|n| self.on_strut(scaffold, strut, (n, along))));
         }
-        let per_facet = corners(across).count();
+        let per_facet = triangle_points(across).count();
         for facet in &self.facets {
-            places.extend(corners(across).map(|c| self.on_facet(scaffold, facet, c)));
+            points.extend(triangle_points(across).map(|c| self.on_facet(scaffold, facet, c)));
         }
         let mut radii = match width {
             Width::Relative => {
@@ -69,13 +74,13 @@ impl Network {
                 });
                 let facets = self.facets.iter().flat_map(|f| {
                     let [a, b, c] = f.radii;
-                    corners(across).map(move |[u, v]| a + (b - a) * u + (c - a) * v)
+                    triangle_points(across).map(move |[u, v]| a + (b - a) * u + (c - a) * v)
                 });
                 struts.chain(facets).collect()
             }
-            Width::Constant(d) => vec![d / 2.0; places.len()],
+            Width::Constant(d) => vec![d / 2.0; points.len()],
             Width::Varying(diameters) => {
-                let mut found = diameters(&places)?;
+                let mut found = diameters(&points)?;
                 for d in &mut found {
                     *d /= 2.0;
                 }
@@ -83,9 +88,9 @@ impl Network {
             }
         };
         if let Some(weights) = weights {
-            self.weigh(weights, (along, across), least, &mut radii);
+            self.apply_weights(weights, (along, across), least, &mut radii);
         }
-        let samples = Samples { places, radii };
+        let samples = Samples { points, radii };
         let mut beams = Vec::new();
         for n in 0..self.struts.len() {
             samples.beams(n * (along + 1), along, tolerance, &mut beams);
@@ -102,7 +107,7 @@ impl Network {
         if n == 0 || n == of {
             return self.nodes[strut.ends[usize::from(n == of)] as usize];
         }
-        let xi = CellPoint(mixed(strut, n as f64 / of as f64));
+        let xi = CellPoint(strut_point(strut, n as f64 / of as f64));
         scaffold.element(strut.element as usize).map(xi).0
     }
 
@@ -113,15 +118,15 @@ impl Network {
             [1.0, 0.0] => corner(1),
             [0.0, 1.0] => corner(2),
             _ => {
-                let xi = CellPoint(within(facet, c));
+                let xi = CellPoint(facet_point(facet, c));
                 scaffold.element(facet.element as usize).map(xi).0
             }
         }
     }
 
-    /// Multiplies radii by the weights of the parts' cells, down to the radius `least` or half of what they are.
-    /// Parts without any weight get no radius.
-    fn weigh(
+    /// Multiplies radii by the weights of the parts' cells, with the lower limit `least` or half the radius.
+    /// Parts without any weight get radius 0.
+    fn apply_weights(
         &self,
         weights: &WeightsAt,
         (along, across): (usize, usize),
@@ -134,8 +139,8 @@ impl Network {
             own.map(|(_, w)| w).sum::<f64>()
         };
         let taper = |radii: &mut [f64], shares: &[f64]| {
-            // A share of rounding is none.
-            let has_weight = shares.iter().any(|&s| s > NO_WEIGHT);
+            // A weight that is a rounding error counts as 0.
+            let has_weight = shares.iter().any(|&s| s > ZERO_WEIGHT_TOLERANCE);
             for (radius, share) in radii.iter_mut().zip(shares) {
                 let thinnest = least.min(*radius / 2.0);
                 *radius = if has_weight {
@@ -151,40 +156,41 @@ impl Network {
             .iter()
             .zip(of_struts.chunks_exact_mut(along + 1))
         {
-            let at = |n: usize| share(s.cells, s.element, mixed(s, n as f64 / along as f64));
+            let at = |n: usize| share(s.cells, s.element, strut_point(s, n as f64 / along as f64));
             let shares: Vec<f64> = (0..=along).map(at).collect();
             taper(radii, &shares);
         }
-        let per_facet = corners(across).count();
+        let per_facet = triangle_points(across).count();
         for (f, radii) in self
             .facets
             .iter()
             .zip(of_facets.chunks_exact_mut(per_facet))
         {
-            let shares = corners(across).map(|c| share(f.cells, f.element, within(f, c)));
+            let shares =
+                triangle_points(across).map(|c| share(f.cells, f.element, facet_point(f, c)));
             taper(radii, &shares.collect::<Vec<f64>>());
         }
     }
 }
 
-fn mixed(strut: &Strut, t: f64) -> Vec3 {
+fn strut_point(strut: &Strut, t: f64) -> Vec3 {
     let [a, b] = strut.reference;
     a + (b - a) * t
 }
 
-fn within(facet: &Facet, [u, v]: [f64; 2]) -> Vec3 {
+fn facet_point(facet: &Facet, [u, v]: [f64; 2]) -> Vec3 {
     let [a, b, c] = facet.reference;
     a + (b - a) * u + (c - a) * v
 }
 
-/// Places on a triangle cut into `count`^2 parts: shares of its second and third corner.
-fn corners(count: usize) -> impl Iterator<Item = [f64; 2]> {
+/// Points of a triangle subdivided into `count`^2 parts, as weights of the second and third corner.
+fn triangle_points(count: usize) -> impl Iterator<Item = [f64; 2]> {
     let share = move |n: usize| n as f64 / count as f64;
     (0..=count).flat_map(move |i| (0..=count - i).map(move |j| [share(i), share(j)]))
 }
 
 impl Samples {
-    /// The beams of a strut whose samples begin at `first`.
+    /// The beams of a strut with samples from `first` on.
     fn beams(&self, first: usize, count: usize, tolerance: f64, out: &mut Vec<Beam>) {
         let (from, to) = (first, first + count);
         let [a, b] = [self.radii[from], self.radii[to]];
@@ -198,34 +204,34 @@ impl Samples {
             self.beams(from + half, count - half, tolerance, out);
         } else if a > 0.0 || b > 0.0 {
             out.push(Beam {
-                ends: [self.places[from], self.places[to]],
+                ends: [self.points[from], self.points[to]],
                 radii: [a, b],
             });
         }
     }
 
-    /// The plates of a facet whose samples begin at `first`.
+    /// The plates of a facet with samples from `first` on.
     fn plates(&self, first: usize, count: usize, tolerance: f64, out: &mut Vec<Plate>) {
-        // In the order of `corners`: of the last j for i = 0, and the last i.
+        // Index in the order of `triangle_points`.
         let number = |i: usize, j: usize| first + i * (2 * count + 3 - i) / 2 + j;
         let whole = [number(0, 0), number(count, 0), number(0, count)];
         let [a, b, c] = whole.map(|n| self.radii[n]);
-        let off = corners(count).enumerate().map(|(n, [u, v])| {
+        let off = triangle_points(count).enumerate().map(|(n, [u, v])| {
             let linear = a + (b - a) * u + (c - a) * v;
             (self.radii[first + n] - linear).abs()
         });
         let mut push = |at: [usize; 3]| {
             let radii = at.map(|n| self.radii[n]);
             if radii.iter().any(|&r| r > 0.0) {
-                let corners = at.map(|n| self.places[n]);
+                let corners = at.map(|n| self.points[n]);
                 out.push(Plate { corners, radii });
             }
         };
         if off.fold(0.0, f64::max) <= tolerance {
             return push(whole);
         }
-        let places = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|[u, v]| Vec3::new(u, v, 0.0));
-        for part in divided(places, count) {
+        let points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|[u, v]| Vec3::new(u, v, 0.0));
+        for part in subdivided(points, count) {
             push(part.map(|p| {
                 let steps = (p * count as f64).map(f64::round);
                 number(steps.x as usize, steps.y as usize)

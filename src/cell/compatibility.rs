@@ -1,12 +1,25 @@
-//! Which groups and lattices go with which element.
+//! Which groups and lattices are compatible with which element.
+//!
+//! | element | groups | lattices |
+//! |---|---|---|
+//! | tri | D3, C1 | hex2 |
+//! | quad | D4, C1 | square |
+//! | tet | Td, T, C3v, C1 | fcc2, cubic |
+//! | hex | Oh, O, T, Th, Td, D4h, D2h, C4v, C3v, C1 | cubic |
+//! | wedge | D3h, C3v, C1 | hexprism |
+//! | pyramid | C4v, C1 | fcc1, tetragonal |
+//! | ball | Ih | icosahedral |
+//!
+//! The first group (the full one) and the first lattice are the defaults. The ball fills no scaffold:
+//! the icosahedral group has no lattice in space, so its cell is a single isolated solid.
 
-use super::{CellError, Form};
+use super::{CellError, Expression};
 use crate::frame::{Element, Mat3};
 use crate::symmetry::{GroupText, Lattice, PointGroup};
 use nalgebra::SMatrix;
 
-/// Element, the named groups of its symmetries, and its lattices; the first of each is the default.
-const PAIRINGS: [(Element, &[&str], &[&str]); 7] = [
+/// Each element with its named symmetry groups and its lattices; the first of each is the default.
+const ELEMENT_SYMMETRIES: [(Element, &[&str], &[&str]); 7] = [
     (Element::Tri, &["D3", "C1"], &["hex2"]),
     (Element::Quad, &["D4", "C1"], &["square"]),
     (Element::Tet, &["Td", "T", "C3v", "C1"], &["fcc2", "cubic"]),
@@ -20,7 +33,7 @@ const PAIRINGS: [(Element, &[&str], &[&str]); 7] = [
     (Element::Ball, &["Ih"], &["icosahedral"]),
 ];
 
-/// Dimension of an element's lattices: its own, of the ball that of the icosahedral module.
+/// Dimension of an element's lattices: the element's own, or 6 for the ball (icosahedral module).
 pub const fn rank(element: Element) -> usize {
     match element {
         Element::Ball => 6,
@@ -28,38 +41,39 @@ pub const fn rank(element: Element) -> usize {
     }
 }
 
-/// The name of the group that makes cells independent of the numbering of an element's nodes.
+/// The default group. It makes a cell independent of the numbering of an element's nodes.
 pub fn default_group(element: Element) -> &'static str {
     groups(element)[0]
 }
 
-/// The names of the groups for this element; the first is the default.
+/// The names of the groups of an element; the first is the default. Any other group that maps the
+/// element and the lattice onto themselves is accepted too ([`symmetry`]).
 pub fn groups(element: Element) -> &'static [&'static str] {
-    PAIRINGS[element as usize].1
+    ELEMENT_SYMMETRIES[element as usize].1
 }
 
-/// The names of the lattices for this element; the first is the default.
+/// The names of the lattices of an element; the first is the default.
 pub fn lattices(element: Element) -> &'static [&'static str] {
-    PAIRINGS[element as usize].2
+    ELEMENT_SYMMETRIES[element as usize].2
 }
 
-/// A group and a lattice for an element of dimension `D`, by name, ready for a series or a basis;
-/// `None` for the defaults. A group without a name is given by its generators, one a line or divided
-/// by `;`, as [`GroupText`] reads them: "-x,-y,z; x,-y,-z".
+/// The group and the lattice of the given names for an element of dimension `D`; `None` selects the
+/// default. A group without a name is given by its generators, one per line or separated by `;`, in
+/// the syntax of [`GroupText`]: "-x,-y,z; x,-y,-z".
 ///
 /// # Errors
 /// [`CellError::Unfitting`] for a group or lattice of another element or dimension,
-/// [`CellError::Symmetry`] for an unknown group, [`CellError::GroupText`] for generators of none.
+/// [`CellError::Symmetry`] for an unknown group, [`CellError::GroupText`] for invalid generators.
 pub fn symmetry<const D: usize>(
     element: Element,
     group: Option<&str>,
     lattice: Option<&str>,
 ) -> Result<(PointGroup<D>, Lattice<D>), CellError> {
-    let written = match group {
+    let parsed = match group {
         Some(text) if text.contains(',') => Some(GroupText::parse(&text.replace(';', "\n"))?),
         _ => None,
     };
-    let own = written.as_ref().and_then(|t| t.lattice.clone());
+    let own = parsed.as_ref().and_then(|t| t.lattice.clone());
     let name = lattice.or(own.as_deref()).unwrap_or(lattices(element)[0]);
     if rank(element) != D {
         return Err(unfitting(
@@ -74,7 +88,7 @@ pub fn symmetry<const D: usize>(
         return Err(unfitting(element, "lattice", name.to_owned(), expected));
     }
     let lattice = Lattice::named(name)?;
-    let group = match written {
+    let group = match parsed {
         None => PointGroup::named(group.unwrap_or(default_group(element)), &lattice)?,
         Some(text) => {
             let (group, home) = text.group("own", name)?;
@@ -95,9 +109,9 @@ fn unfitting(element: Element, what: &'static str, found: String, expected: Stri
 }
 
 fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), CellError> {
-    // Of the ball only the whole group: its series are summed as even in x, y and z.
+    // The ball requires the full group: its series are summed as even in x, y and z.
     let whole = element != Element::Ball || operators.len() == element.symmetry_order();
-    if whole && operators.iter().all(|q| element.is_kept_by(q)) {
+    if whole && operators.iter().all(|q| element.is_invariant_under(q)) {
         return Ok(());
     }
     if element == Element::Ball {
@@ -116,8 +130,8 @@ fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), C
     Err(unfitting(element, "group", name.to_owned(), expected))
 }
 
-/// The Cartesian operators of a group as maps of space; planar ones leave z in place, of those with
-/// internal coordinates the part in space counts.
+/// The Cartesian operators of a group as maps of space. Planar operators leave z unchanged. Of operators
+/// with internal coordinates, the block that acts on space is used.
 pub(super) fn embedded<const D: usize>(group: &PointGroup<D>, lattice: &Lattice<D>) -> Vec<Mat3> {
     let in_space = |q: &SMatrix<f64, D, D>| {
         Mat3::from_fn(|i, j| match (i < D, j < D) {
@@ -128,16 +142,19 @@ pub(super) fn embedded<const D: usize>(group: &PointGroup<D>, lattice: &Lattice<
     group.cartesian(lattice).iter().map(in_space).collect()
 }
 
-/// Whether two lists hold the same operators.
+/// Whether the list holds the operator `q`, up to rounding.
 fn contains(list: &[Mat3], q: &Mat3) -> bool {
     list.iter().any(|p| (p - q).norm_squared() < 1e-12)
 }
 
-/// Name and Cartesian operators of the group of an element's function: what is common to all its
-/// series, each of which must fit the element.
-pub(super) fn symmetry_of(element: Element, form: &Form) -> Result<(String, Vec<Mat3>), CellError> {
+/// Name and Cartesian operators of the group that all series of an element's function share. Each
+/// series must fit the element.
+pub(super) fn symmetry_of(
+    element: Element,
+    expression: &Expression,
+) -> Result<(String, Vec<Mat3>), CellError> {
     let mut found: Option<(String, Vec<Mat3>)> = None;
-    for leaf in form.leaves() {
+    for leaf in expression.leaves() {
         if leaf.dimension() != rank(element) {
             return Err(unfitting(
                 element,
@@ -168,8 +185,8 @@ pub(super) fn symmetry_of(element: Element, form: &Form) -> Result<(String, Vec<
     }
     let (name, operators) =
         found.ok_or_else(|| CellError::Expression("it holds no series".to_owned()))?;
-    // A name says which operators there are: that of a larger group would not.
-    let order = form
+    // Keep the name only if it denotes exactly these operators, not a larger group.
+    let order = expression
         .leaves()
         .iter()
         .find(|l| l.group_name() == name)
@@ -185,7 +202,7 @@ pub(super) fn symmetry_of(element: Element, form: &Form) -> Result<(String, Vec<
     Ok((named.map_or("common", |n| n).to_owned(), operators))
 }
 
-/// The Cartesian operators of a named group of an element; those of a planar one leave z in place.
+/// The Cartesian operators of a named group of an element. Those of a planar element leave z unchanged.
 ///
 /// # Errors
 /// As [`symmetry`].

@@ -1,15 +1,15 @@
 //! Homogeneous linear equations on the coefficients of a fit: A a = 0.
 //!
-//! What a cell must be (at a right angle to the faces, the same on a face as the cell of another
-//! element) is linear in its coefficients. Least squares are solved in the null space of A, which is
-//! kept as the orthonormal complement that it forbids.
+//! Some properties of a cell are linear in its coefficients: a right angle at the faces, or equality on
+//! a face with the cell of another element. Least squares are solved in the null space of A, represented
+//! by an orthonormal basis of the row space.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Rows below this share of the largest are dependent.
+/// Rows shorter than this share of the longest row count as dependent.
 const RANK_TOLERANCE: f64 = 1e-9;
 
-/// The equations A a = 0, and an orthonormal basis of what they forbid.
+/// The equations A a = 0 and an orthonormal basis of the row space of A.
 #[derive(Clone, Debug)]
 pub struct Constraint {
     /// One equation per row, of unit length, on the real orthonormal coefficients.
@@ -19,8 +19,8 @@ pub struct Constraint {
 }
 
 impl Constraint {
-    /// The equations row . a = 0, each of `unknowns` numbers; rows that vanish beside the largest one
-    /// say nothing.
+    /// The equations row . a = 0 in `unknowns` coefficients. Rows that are negligible beside the longest
+    /// row are dropped.
     pub fn new(rows: &[DVector<f64>], unknowns: usize) -> Self {
         let largest = rows.iter().map(DVector::norm).fold(0.0, f64::max);
         let rows: Vec<DVector<f64>> = rows
@@ -35,7 +35,7 @@ impl Constraint {
         }
     }
 
-    /// These equations and those of another constraint on the same unknowns.
+    /// The union of these equations and those of another constraint on the same unknowns.
     #[must_use]
     pub fn and(&self, other: &Self) -> Self {
         let all = self.rows.row_iter().chain(other.rows.row_iter());
@@ -43,8 +43,8 @@ impl Constraint {
         Self::new(&rows, self.rows.ncols())
     }
 
-    /// Constraints on unknowns that follow each other.
-    pub fn side_by_side(parts: &[Self]) -> Self {
+    /// The constraint on concatenated unknowns, one block of unknowns per part.
+    pub fn block_diagonal(parts: &[Self]) -> Self {
         let unknowns = parts.iter().map(|p| p.rows.ncols()).sum();
         let mut start = 0;
         let mut rows = Vec::new();
@@ -65,7 +65,7 @@ impl Constraint {
         self.span.ncols()
     }
 
-    /// The equations for some of the unknowns alone, the others being zero.
+    /// The equations for the `kept` unknowns alone; the other unknowns are zero.
     #[must_use]
     pub fn restricted(&self, kept: &[usize]) -> Self {
         self.reduced(kept.len(), |row| {
@@ -73,7 +73,7 @@ impl Constraint {
         })
     }
 
-    /// The equations for all unknowns of which only some may differ from zero.
+    /// The equations for all unknowns, where the unknowns that are not `kept` are zero.
     #[must_use]
     pub fn masked(&self, kept: &[bool]) -> Self {
         self.reduced(kept.len(), |row| {
@@ -95,10 +95,10 @@ impl Constraint {
         &self.span
     }
 
-    /// The nearest coefficients that fulfil the equations: a - A^+ A a.
+    /// Projects coefficients onto the null space: a - A^+ A a.
     pub fn project(&self, real: &mut [f64]) {
         let mut a = DVector::from_column_slice(real);
-        // Twice, so that the rounding of the first is taken off too.
+        // The second pass removes the rounding error of the first.
         for _ in 0..2 {
             let share = self.span.tr_mul(&a);
             a.gemv(-1.0, &self.span, &share, 1.0);
@@ -107,7 +107,7 @@ impl Constraint {
     }
 }
 
-/// An orthonormal basis of the row space, by Gram and Schmidt with the largest remainder first.
+/// An orthonormal basis of the row space, by Gram-Schmidt with the largest remainder first.
 fn row_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
     let mut rest: Vec<DVector<f64>> = rows.row_iter().map(|r| r.transpose()).collect();
     let mut found: Vec<DVector<f64>> = Vec::new();
@@ -123,7 +123,7 @@ fn row_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
             break;
         }
         let mut next = rest.swap_remove(largest).normalize();
-        // Once more against all, since the remainder may have been small.
+        // Orthogonalise again: if the remainder is small, rounding errors are relatively large.
         for v in &found {
             let share = v.dot(&next);
             next.axpy(-share, v, 1.0);

@@ -1,29 +1,27 @@
-//! The fundamental domain of an element under a group: a few flags, their points and small tetrahedra.
+//! The fundamental domain of an element under a group: a few flags and a tetrahedral grid on each.
 //!
 //! A flag is the simplex (centroid, vertex, edge midpoint, face centre) of a vertex on an edge on a
-//! face; the flags fill the element. A group of the element moves them about freely, so that one of
-//! each orbit stands for all its images: averages over the element of invariant functions are
-//! averages over these. Under the element's whole group there is 1 flag for tet and hex, 3 for the
-//! wedge, 4 for the pyramid. Points are V0 + a (V1 - V0) + b (V2 - V1) + c (V3 - V2) with
-//! 1 >= a >= b >= c >= 0: a = 1 is the element's face, a = 1 and c = 0 its edge.
+//! face. The flags fill the element. No operator but the identity fixes a flag, so one flag per orbit
+//! represents all its images, and averages of invariant functions are averages over these flags. Under
+//! the element's full group there is 1 flag for tet and hex, 3 for the wedge, 4 for the pyramid. Points
+//! are V0 + a (V1 - V0) + b (V2 - V1) + c (V3 - V2) with 1 >= a >= b >= c >= 0: a = 1 is the element's
+//! face, a = 1 and c = 0 its edge. A flag of a planar element is the triangle (centroid, vertex, edge
+//! midpoint), c = 0. Volumes of a planar cell refer to the prism over it, [`Domain::solid`].
 //!
-//! A flag of a planar element is the triangle (centroid, vertex, edge midpoint), c = 0. What holds
-//! volumes of a planar cell is the domain of the prism over it, [`Domain::solid`].
-//!
-//! The flags of the ball are those of the icosahedron in it, drawn out to the sphere so that equal
-//! volumes stay equal: a is the radius, and on the sphere a triangle is mapped onto the spherical one
-//! as Arvo does to sample it (*Stratified sampling of spherical triangles*, 1995).
+//! The flags of the ball are those of the inscribed icosahedron, mapped radially onto the sphere so that
+//! equal volumes stay equal: a is the radius, and on the sphere a triangle is mapped onto the spherical
+//! one by Arvo's sampling map (*Stratified sampling of spherical triangles*, 1995).
 
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 
-/// A simplex of the barycentric subdivision that stands for its orbit.
+/// A simplex of the barycentric subdivision that represents its orbit.
 #[derive(Clone, Debug)]
 pub(super) struct Flag {
-    /// Centroid, vertex, edge midpoint, face centre; of a planar element the last repeats.
+    /// Centroid, vertex, edge midpoint, face centre. For a planar element the last two coincide.
     pub corners: [Vec3; 4],
-    /// The part of the element that it and its images fill.
+    /// The share of the element's volume that the flag and its images fill.
     pub share: f64,
-    /// Whether it is drawn out to the sphere.
+    /// Whether the flag is mapped onto the sphere (flags of the ball).
     round: bool,
 }
 
@@ -31,20 +29,20 @@ impl Flag {
     /// The point with ordered coordinates (a, b, c).
     pub fn point(&self, coordinates: [f64; 3]) -> CellPoint<3> {
         if self.round {
-            rounded(&self.corners, coordinates)
+            spherical_point(&self.corners, coordinates)
         } else {
             point(&self.corners, coordinates)
         }
     }
 }
 
-/// The point of a flag of the ball. Its corners are a vertex, the middle of an edge, where the angle
-/// is right, and that of a face of the icosahedron.
-fn rounded(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
-    // The whole sphere by the number of flags.
+/// The point of a flag of the ball. The corners of the flag on the icosahedron are a vertex, the middle
+/// of an edge (where the spherical triangle has a right angle) and the centre of a face.
+fn spherical_point(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
+    // Solid angle of a flag: the sphere divided by the number of flags.
     const ANGLE: f64 = std::f64::consts::PI / 30.0;
     let [vertex, edge, face] = [1, 2, 3].map(|i| flag[i].normalize());
-    // From one unit vector to another, so far that the product with the first is `cosine`.
+    // The unit vector on the great circle through `from` and `to` at the angle acos(`cosine`) from `from`.
     let toward = |from: Vec3, to: Vec3, cosine: f64| {
         let across = (to - from * from.dot(&to)).try_normalize(1e-300);
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
@@ -58,7 +56,7 @@ fn rounded(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
     CellPoint(toward(vertex, on_side, height) * (a * flag[1].norm()))
 }
 
-/// One flag of each orbit; the shares add up to 1.
+/// One flag per orbit; the shares add up to 1.
 #[derive(Clone, Debug)]
 pub(super) struct Domain {
     pub flags: Vec<Flag>,
@@ -71,7 +69,7 @@ impl Domain {
             .into_iter()
             .map(|f| (f, f[1] * 0.5 + f[2] * 0.3 + f[3] * 0.2))
             .collect();
-        // The flag of an orbit that reaches farthest along x, then y, then z.
+        // The first flag of an orbit is the one that reaches farthest along x, then y, then z.
         flags.sort_by(|(_, a), (_, b)| {
             let differs = (0..3).find(|&i| (a[i] - b[i]).abs() > 1e-9);
             differs.map_or(std::cmp::Ordering::Equal, |i| b[i].total_cmp(&a[i]))
@@ -104,8 +102,8 @@ impl Domain {
         }
     }
 
-    /// The same, of a planar element that of the prism of height 1 over it, whose group is that of
-    /// the element and the reflection of z.
+    /// The domain for volumes. For a planar element it is that of the prism of height 1 over the element,
+    /// under the group extended by the reflection of z.
     pub fn solid(element: Element, operators: &[Mat3]) -> Self {
         let prism = match element {
             Element::Tri => Element::Wedge,
@@ -159,8 +157,8 @@ pub(super) struct SimplexGrid {
     n: usize,
 }
 
-/// Corners of the six tetrahedra of a cube along its diagonal, as steps per axis.
-const PATHS: [[usize; 3]; 6] = [
+/// The six tetrahedra of a cube around its diagonal, each as the order of unit steps along the axes.
+const CUBE_TETRAHEDRA: [[usize; 3]; 6] = [
     [0, 1, 2],
     [0, 2, 1],
     [1, 0, 2],
@@ -189,7 +187,7 @@ impl SimplexGrid {
         all
     }
 
-    /// The place of the point (i, j, k)/n.
+    /// The position of the point (i, j, k)/n in that order.
     pub fn index([i, j, k]: [usize; 3]) -> usize {
         i * (i + 1) * (i + 2) / 6 + j * (j + 1) / 2 + k
     }
@@ -210,11 +208,11 @@ impl SimplexGrid {
         }
     }
 
-    /// The tetrahedra of the cube whose least corner is (i, j, k)/n: six, of which those outside the simplex
-    /// are left out where the cube reaches out of it, that is unless i > j > k.
+    /// The tetrahedra of the cube whose lowest corner is (i, j, k)/n. There are six; where the cube crosses
+    /// the boundary of the simplex (unless i > j > k), those outside the simplex are omitted.
     pub fn cube(least: [usize; 3], mut visit: impl FnMut([[usize; 3]; 4])) {
         let ordered = |c: &[usize; 3]| c[0] >= c[1] && c[1] >= c[2];
-        for path in PATHS {
+        for path in CUBE_TETRAHEDRA {
             let mut corners = [least; 4];
             for step in 0..3 {
                 corners[step + 1] = corners[step];
@@ -243,7 +241,7 @@ mod tests {
 
     #[test]
     fn flags_and_their_images_fill_the_element() {
-        for element in Element::ALL {
+        for element in Element::SCAFFOLD_ELEMENTS {
             for &name in groups(element) {
                 let operators = operators(element, name);
                 let domain = Domain::new(element, &operators);

@@ -1,20 +1,20 @@
-//! Exact Euclidean distances on a grid of solid and void samples.
+//! Exact Euclidean distance transform of a grid of solid and void samples.
 //!
-//! The squared distance to the nearest sample of one phase is a separable minimum, computed axis by
-//! axis as the lower envelope of parabolas (Felzenszwalb and Huttenlocher 2012) in linear time. The
-//! surface lies half way between samples of different phase, so half a step (their mean, where they
-//! differ) is taken off.
+//! The squared distance to the nearest sample of one phase is a separable minimum. It is computed axis by
+//! axis in linear time as the lower envelope of parabolas (Felzenszwalb and Huttenlocher 2012). The
+//! surface lies half way between samples of different phase, so half a step is subtracted (half the mean
+//! step, where the steps differ).
 
 use rayon::prelude::*;
 
-/// Signed distance of every sample to the surface between solid and void, negative in the solid; the
-/// last axis is fastest. `steps` are the distances between samples along each axis, whose unit is
-/// that of the result. With `periodic` the grid wraps around along every axis.
+/// Signed distance of every sample to the surface between solid and void, negative in the solid. The
+/// last axis is fastest. `steps` are the distances between samples along each axis; the result has
+/// their unit. With `periodic` the grid wraps around along every axis.
 ///
-/// Without any solid the distance is `f64::INFINITY` everywhere, without any void its negative.
+/// Without any solid the distance is `f64::INFINITY` everywhere, without any void `f64::NEG_INFINITY`.
 ///
 /// # Panics
-/// If the shape does not hold as many samples as are given.
+/// If the number of samples is not the product of the shape.
 ///
 /// ```
 /// let row = [false, false, true, true, true, false];
@@ -58,7 +58,7 @@ fn squared(
         .collect();
     let mut inner = 1;
     for (&n, &step) in shape.iter().zip(steps).rev() {
-        // Lines along this axis: `inner` samples apart, in blocks of n * inner.
+        // Lines along this axis: consecutive samples are `inner` apart, in blocks of n * inner.
         values.par_chunks_mut(n * inner).for_each_init(
             || Envelope::new(n, step, periodic),
             |envelope, block| {
@@ -72,15 +72,15 @@ fn squared(
     values
 }
 
-/// The lower envelope of parabolas along one line, with its working memory.
+/// The lower envelope of parabolas along one line, with its buffers.
 struct Envelope {
     n: usize,
     /// Distance between samples, squared.
     unit: f64,
-    /// Copies of the line that are looked at: three where it wraps around.
+    /// Copies of the line that are evaluated: three if it is periodic.
     copies: usize,
     line: Vec<f64>,
-    /// Parabolas of the envelope and where each begins to be the lowest.
+    /// Parabolas of the envelope, and the position from which each is the lowest.
     apex: Vec<usize>,
     from: Vec<f64>,
 }
@@ -130,7 +130,7 @@ impl Envelope {
         if self.apex.is_empty() {
             return;
         }
-        // The middle copy sees its neighbours on both sides.
+        // In a periodic line, only the middle copy has neighbours on both sides.
         let offset = if self.copies == 3 { n } else { 0 };
         let mut lowest = 0;
         for i in 0..n {

@@ -1,36 +1,36 @@
-//! Why a cell cannot be made, or a question about it has no answer.
+//! Errors of making and evaluating cells.
 
 use crate::symmetry::{GroupTextError, SymmetryError};
 
-/// Why a cell cannot be made, or a question about it has no answer.
+/// Why a cell cannot be made, or why a property of it does not exist.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CellError {
-    /// The group, the lattice or an operator is wrong in itself.
+    /// An invalid group, lattice or operator.
     #[error(transparent)]
     Symmetry(#[from] SymmetryError),
-    /// Generators that are no group.
+    /// Generators that do not form a group.
     #[error("group: {0}")]
     GroupText(#[from] GroupTextError),
-    /// A coefficient that cannot stand in a series.
+    /// An invalid coefficient of a series.
     #[error("coefficient {place} (k = {index}): {reason}")]
     Coefficient {
-        /// Its place in the list, from 0.
+        /// Its position in the list, from 0.
         place: usize,
         /// Its index.
         index: String,
         /// What is wrong.
         reason: String,
     },
-    /// A group or lattice that does not go with the element.
+    /// A group or lattice that is not compatible with the element.
     #[error("a {element} cell cannot have {what} {found:?}; expected {expected}")]
     Unfitting {
         /// The element.
         element: &'static str,
-        /// "group" or "lattice".
+        /// "dimension", "group" or "lattice".
         what: &'static str,
         /// What was given.
         found: String,
-        /// What goes with the element.
+        /// What is compatible with the element.
         expected: String,
     },
     /// A number that is out of its range.
@@ -43,7 +43,7 @@ pub enum CellError {
         /// Its range.
         expected: String,
     },
-    /// A surface that has no form with the symmetry of the element.
+    /// A surface without a form that has the symmetry of the element.
     #[error(
         "surface {surface} has no form with group {group}, as a {element} cell needs: {reason}"
     )]
@@ -54,10 +54,10 @@ pub enum CellError {
         element: &'static str,
         /// The element's group.
         group: &'static str,
-        /// What happens to it under the group.
+        /// How the group changes the surface.
         reason: &'static str,
     },
-    /// A field of one sign: no surface in the element.
+    /// A field of one sign, without a surface in the element.
     #[error(
         "nothing {missing} inside the {element}: the field runs from {least} to {greatest} there, \
          which does not contain the level {level}"
@@ -67,31 +67,31 @@ pub enum CellError {
         missing: &'static str,
         /// The element.
         element: &'static str,
-        /// Least value sampled.
+        /// The smallest sampled value.
         least: f64,
-        /// Greatest value sampled.
+        /// The largest sampled value.
         greatest: f64,
         /// The level.
         level: f64,
     },
-    /// A cell that has no table.
+    /// A cell that cannot be tabulated.
     #[error("no table for this cell: {reason}")]
     NoTable {
-        /// What it would take.
+        /// The reason.
         reason: String,
     },
-    /// Functions that make no expression together.
+    /// An invalid combination of functions.
     #[error("expression: {0}")]
     Expression(String),
-    /// A band that no table can hold.
+    /// A band limit that exceeds the largest table.
     #[error(
         "the cell's largest index is {index} per period, which needs a table of more than {limit} \
          samples per axis"
     )]
     TableTooLarge {
-        /// Largest index on the cubic period.
+        /// Largest index per cubic period.
         index: i32,
-        /// Greatest number of samples per axis.
+        /// Maximal number of samples per axis.
         limit: usize,
     },
 }

@@ -1,13 +1,13 @@
-//! What a cell's function is made of: an expression whose leaves are Fourier series.
+//! The function of a cell: an expression whose leaves are Fourier series.
 //!
-//! Series of several bands and lattices, in space or in the plane, combined by weighted sums, minima
-//! and maxima (sharp or rounded), magnitude, shift and negation. Sums of series over one group and
-//! lattice are one series again, since series are linear in their coefficients; everything else
-//! breaks the band limit and stays a node.
+//! Series of several bands and lattices, in space or in the plane, are combined by weighted sums, minima
+//! and maxima (sharp or rounded), magnitude, shift and negation. A sum of series over one group and
+//! lattice is stored as one series, since series are linear in their coefficients. Any other combination
+//! has no band limit and stays a node.
 //!
-//! Rounded minimum: min(a, b) - max(r - |a - b|, 0)^2 / (4 r), which differs from the minimum only
-//! where the two are closer than the radius r, has a continuous gradient there, and never decreases
-//! when a or b grows. Of more than two the first two are taken first.
+//! Rounded minimum: min(a, b) - max(r - |a - b|, 0)^2 / (4 r). It differs from the minimum only where the
+//! values are closer than the radius r, has a continuous gradient there, and never decreases when a or b
+//! grows. Of more than two values, it is applied from the first to the last.
 
 use super::compatibility::embedded;
 use super::icosahedral::Icosahedral;
@@ -17,9 +17,9 @@ use std::sync::Arc;
 
 mod value;
 
-/// A function of the cell frame; cheap to clone.
+/// A function in the cell frame; cloning shares the nodes.
 #[derive(Clone, Debug)]
-pub struct Form(Arc<Node>);
+pub struct Expression(Arc<Node>);
 
 /// The kinds of function.
 #[derive(Debug)]
@@ -30,21 +30,21 @@ pub enum Node {
     Planar(Series<2>),
     /// A series over the icosahedral module.
     Icosahedral(Icosahedral),
-    /// The sum of functions times their weights.
-    Sum(Vec<(f64, Form)>),
-    /// The least value; rounded where values are closer than the radius, in field units.
-    Least(Vec<Form>, f64),
-    /// The greatest value, rounded likewise.
-    Greatest(Vec<Form>, f64),
+    /// The weighted sum of functions.
+    Sum(Vec<(f64, Expression)>),
+    /// The minimum, rounded where values are closer than the radius (in field units).
+    Least(Vec<Expression>, f64),
+    /// The maximum, rounded likewise.
+    Greatest(Vec<Expression>, f64),
     /// The magnitude |phi|.
-    Magnitude(Form),
-    /// The function lowered by a constant: phi - c.
-    Shift(Form, f64),
+    Magnitude(Expression),
+    /// The function minus a constant: phi - c.
+    Shift(Expression, f64),
     /// The function times -1.
-    Negation(Form),
+    Negation(Expression),
 }
 
-/// A leaf of a form.
+/// A leaf of an expression.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Leaf<'a> {
     Series(&'a Series<3>),
@@ -52,35 +52,35 @@ pub(super) enum Leaf<'a> {
     Icosahedral(&'a Icosahedral),
 }
 
-/// More parts than any expression needs, all nodes counted.
-const MOST_NODES: usize = 256;
+/// Largest number of nodes of an expression, plus one.
+const MAX_NODES: usize = 256;
 
-impl From<Series<3>> for Form {
+impl From<Series<3>> for Expression {
     fn from(series: Series<3>) -> Self {
         Self(Arc::new(Node::Series(series)))
     }
 }
 
-impl From<Series<2>> for Form {
+impl From<Series<2>> for Expression {
     fn from(series: Series<2>) -> Self {
         Self(Arc::new(Node::Planar(series)))
     }
 }
 
-impl From<Series<6>> for Form {
-    /// The series seen in space, where its internal coordinates are 0.
+impl From<Series<6>> for Expression {
+    /// The restriction of the series to space, where its internal coordinates are 0.
     fn from(series: Series<6>) -> Self {
         Self(Arc::new(Node::Icosahedral(series.into())))
     }
 }
 
-impl Form {
-    /// What it is.
+impl Expression {
+    /// The root node.
     pub fn node(&self) -> &Node {
         &self.0
     }
 
-    /// The series, if it is one in space.
+    /// The series, if the function is a single series in space.
     pub fn series(&self) -> Option<&Series<3>> {
         match self.node() {
             Node::Series(s) => Some(s),
@@ -88,7 +88,7 @@ impl Form {
         }
     }
 
-    /// The series, if it is one in the plane.
+    /// The series, if the function is a single series in the plane.
     pub fn planar(&self) -> Option<&Series<2>> {
         match self.node() {
             Node::Planar(s) => Some(s),
@@ -96,7 +96,7 @@ impl Form {
         }
     }
 
-    /// The series, if it is one over the icosahedral module.
+    /// The series, if the function is a single series over the icosahedral module.
     pub fn icosahedral(&self) -> Option<&Series<6>> {
         match self.node() {
             Node::Icosahedral(s) => Some(s.series()),
@@ -104,7 +104,7 @@ impl Form {
         }
     }
 
-    /// The sum of functions times their weights; series over one group and lattice become one.
+    /// The weighted sum of functions; series over one group and lattice merge into one.
     ///
     /// # Errors
     /// [`CellError::Expression`] for no parts, too many, or a weight that is not finite.
@@ -133,7 +133,7 @@ impl Form {
         Ok(Self(Arc::new(Node::Sum(merged))))
     }
 
-    /// The function times a number, where that is no new node.
+    /// The function times a number, if that needs no new node.
     fn scaled(&self, factor: f64) -> Option<Self> {
         match self.node() {
             Node::Series(s) => Some(s.scaled(factor).into()),
@@ -143,7 +143,7 @@ impl Form {
         }
     }
 
-    /// a self + b other, if both are series over one group and lattice.
+    /// a self + b other, if both are series over the same group and lattice.
     fn plus(&self, a: f64, other: &Self, b: f64) -> Option<Self> {
         match (self.node(), other.node()) {
             (Node::Series(s), Node::Series(t)) => s.plus(a, t, b).map(Self::from),
@@ -155,8 +155,7 @@ impl Form {
         }
     }
 
-    /// The least of the functions: the union of their solids. Rounded with the radius, if it is
-    /// positive.
+    /// The minimum of functions, which is the union of their solids; rounded if the radius is positive.
     ///
     /// # Errors
     /// [`CellError::Expression`] for no parts or too many, or a radius that is negative or not
@@ -165,10 +164,10 @@ impl Form {
         Self::extreme(parts, radius, Node::Least)
     }
 
-    /// The greatest of the functions: the intersection of their solids, rounded likewise.
+    /// The maximum of functions, which is the intersection of their solids; rounded likewise.
     ///
     /// # Errors
-    /// As [`Form::least`].
+    /// As [`Expression::least`].
     pub fn greatest(parts: Vec<Self>, radius: f64) -> Result<Self, CellError> {
         Self::extreme(parts, radius, Node::Greatest)
     }
@@ -196,7 +195,7 @@ impl Form {
         Self(Arc::new(Node::Magnitude(self.clone())))
     }
 
-    /// The function lowered by a constant: phi - c.
+    /// The function minus a constant: phi - c.
     #[must_use]
     pub fn shifted(&self, by: f64) -> Self {
         match self.node() {
@@ -208,7 +207,7 @@ impl Form {
         }
     }
 
-    /// The function times -1: solid and void exchanged.
+    /// The function times -1, which exchanges solid and void.
     #[must_use]
     pub fn negated(&self) -> Self {
         match self.node() {
@@ -220,7 +219,7 @@ impl Form {
         }
     }
 
-    /// The parts of the node.
+    /// The operands of the root node.
     fn parts(&self) -> Vec<&Self> {
         match self.node() {
             Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => Vec::new(),
@@ -235,7 +234,7 @@ impl Form {
         1 + self.parts().into_iter().map(Self::nodes).sum::<usize>()
     }
 
-    /// The series it is made of, in order.
+    /// The series of the expression, from left to right.
     pub(super) fn leaves(&self) -> Vec<Leaf<'_>> {
         match self.node() {
             Node::Series(s) => vec![Leaf::Series(s)],
@@ -245,7 +244,7 @@ impl Form {
         }
     }
 
-    /// Number of coefficients, one per orbit pair, of all its series.
+    /// Number of coefficients, one per orbit pair, of all series.
     pub fn coefficients(&self) -> usize {
         let count = |l: &Leaf| match l {
             Leaf::Series(s) => s.coefficients().len(),
@@ -255,7 +254,7 @@ impl Form {
         self.leaves().iter().map(count).sum()
     }
 
-    /// Number of exponentials of all its series: what an exact value costs.
+    /// Number of exponentials of all series, to which the cost of an exact evaluation is proportional.
     pub fn exponentials(&self) -> usize {
         let count = |l: &Leaf| match l {
             Leaf::Series(s) => s.exponentials().len(),
@@ -265,7 +264,7 @@ impl Form {
         self.leaves().iter().map(count).sum()
     }
 
-    /// Number of real degrees of freedom of all its series.
+    /// Number of real degrees of freedom of all series.
     pub fn degrees_of_freedom(&self) -> usize {
         let count = |l: &Leaf| match l {
             Leaf::Series(s) => s.degrees_of_freedom(),
@@ -275,7 +274,7 @@ impl Form {
         self.leaves().iter().map(count).sum()
     }
 
-    /// Greatest |f| among its series, in cycles per unit of reference length.
+    /// Largest |f| of all series, in cycles per unit of reference length.
     pub fn band_limit(&self) -> f64 {
         let limit = |l: &Leaf| match l {
             Leaf::Series(s) => s.band_limit(),
@@ -285,7 +284,7 @@ impl Form {
         self.leaves().iter().map(limit).fold(0.0, f64::max)
     }
 
-    /// The name that all its lattices have.
+    /// The name of the lattice, if all series have the same lattice.
     pub fn lattice_name(&self) -> Option<&'static str> {
         let leaves = self.leaves();
         let first = leaves.first()?.lattice_name();
@@ -296,16 +295,16 @@ impl Form {
     }
 }
 
-fn check_parts<'a>(parts: impl Iterator<Item = &'a Form>) -> Result<(), CellError> {
-    let nodes: usize = parts.map(Form::nodes).sum();
+fn check_parts<'a>(parts: impl Iterator<Item = &'a Expression>) -> Result<(), CellError> {
+    let nodes: usize = parts.map(Expression::nodes).sum();
     if nodes == 0 {
         return Err(CellError::Expression(
             "no parts; expected at least one".to_owned(),
         ));
     }
-    if nodes >= MOST_NODES {
+    if nodes >= MAX_NODES {
         return Err(CellError::Expression(format!(
-            "{nodes} nodes; expected fewer than {MOST_NODES}"
+            "{nodes} nodes; expected fewer than {MAX_NODES}"
         )));
     }
     Ok(())

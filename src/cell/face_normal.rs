@@ -1,18 +1,18 @@
 //! The face-normal property: the cell's surface meets the faces of its element at a right angle.
 //!
-//! On the face n.x = d the derivative n . grad Phi is a sum of waves in the plane, one for each in-plane
+//! On the face n.x = d the derivative n . grad Phi is a sum of plane waves, one for each in-plane
 //! projection p of the frequencies. It vanishes on the whole face exactly if for every p
 //!
 //! sum over the f with projection p of (f.n) exp(2 pi i f.x0) C = 0     (Eq. 11 and 12)
 //!
-//! with x0 the foot of the origin on the face. These are homogeneous linear equations in the real
-//! orthonormal coefficients: A a = 0. One face of each orbit under the group is enough, and one p of
-//! each orbit under the operators that keep the face, p and -p alike. For a cube under Oh, a square
-//! under D4 and the caps of a prism all rows vanish: they are face-normal by their symmetry.
+//! with x0 the foot of the origin on the face: homogeneous linear equations A a = 0 in the real
+//! orthonormal coefficients. One face per orbit of the group suffices, and one p per orbit of the
+//! operators that fix the face, with p and -p equivalent. For a cube under Oh, a square under D4 and the
+//! caps of a prism all rows vanish: they are face-normal by symmetry.
 //!
-//! The equations are imposed inside the fit (least squares in the null space of A). Projecting
-//! the coefficients of a fit over the element afterwards spoils it; the projection is meant for
-//! coefficients of a Fourier transform over the period, where it is the nearest function.
+//! The fit imposes the equations by least squares in the null space of A. To project the coefficients of
+//! a fit over the element afterwards would spoil the fit. Projection is for coefficients of a Fourier
+//! transform over the period, where it gives the nearest function.
 
 use super::{Constraint, Series};
 use crate::field::Field;
@@ -22,12 +22,12 @@ use nalgebra::{DVector, SMatrix, SVector};
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-/// Steps per unit of frequency that tell two projections apart.
-const RESOLUTION: f64 = 1e6;
+/// Rounding steps per unit of frequency: projections with equal rounded components are equal.
+const STEPS_PER_UNIT_FREQUENCY: f64 = 1e6;
 
 /// A bounding plane (edge, in two dimensions) of an element: normal . x = offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wall<const D: usize> {
+pub struct BoundingPlane<const D: usize> {
     /// Unit outward normal.
     pub normal: SVector<f64, D>,
     /// Distance from the origin.
@@ -35,11 +35,11 @@ pub struct Wall<const D: usize> {
 }
 
 /// The faces of a solid element, the edges of a planar one.
-pub fn walls<const D: usize>(element: Element) -> Vec<Wall<D>> {
+pub fn bounding_planes<const D: usize>(element: Element) -> Vec<BoundingPlane<D>> {
     element
         .faces()
         .into_iter()
-        .map(|f| Wall {
+        .map(|f| BoundingPlane {
             normal: SVector::from_fn(|a, _| f.normal[a]),
             offset: f.offset,
         })
@@ -49,69 +49,69 @@ pub fn walls<const D: usize>(element: Element) -> Vec<Wall<D>> {
 /// The equations of an element for a basis.
 pub fn equations<const D: usize>(basis: &Basis<D>, element: Element) -> Constraint {
     let operators = basis.group().cartesian(basis.lattice());
-    let mut chosen: Vec<Wall<D>> = Vec::new();
-    for wall in walls(element) {
-        let image = |w: &Wall<D>| {
+    let mut chosen: Vec<BoundingPlane<D>> = Vec::new();
+    for plane in bounding_planes(element) {
+        let image = |w: &BoundingPlane<D>| {
             operators
                 .iter()
-                .any(|q| (q * w.normal - wall.normal).norm() < 1e-9)
+                .any(|q| (q * w.normal - plane.normal).norm() < 1e-9)
         };
         if !chosen.iter().any(image) {
-            chosen.push(wall);
+            chosen.push(plane);
         }
     }
     let mut rows = Vec::new();
-    for wall in &chosen {
-        rows.extend(wall_rows(basis, wall, &operators));
+    for plane in &chosen {
+        rows.extend(plane_rows(basis, plane, &operators));
     }
     Constraint::new(&rows, basis.len())
 }
 
-/// Equations of one wall: the real and imaginary part of one row per projection.
-fn wall_rows<const D: usize>(
+/// Equations of one bounding plane: the real and imaginary part of one row per projection.
+fn plane_rows<const D: usize>(
     basis: &Basis<D>,
-    wall: &Wall<D>,
+    plane: &BoundingPlane<D>,
     operators: &[SMatrix<f64, D, D>],
 ) -> Vec<DVector<f64>> {
     let keepers: Vec<&SMatrix<f64, D, D>> = operators
         .iter()
-        .filter(|q| (*q * wall.normal - wall.normal).norm() < 1e-9)
+        .filter(|q| (*q * plane.normal - plane.normal).norm() < 1e-9)
         .collect();
-    // Whether p is the greatest of its images and their opposites.
+    // Whether p has the largest key among its images and their opposites.
     let greatest = |p: SVector<f64, D>| {
-        let own = key(p);
+        let own = projection_key(p);
         keepers.iter().all(|q| {
             let image = *q * p;
-            key(image) <= own && key(-image) <= own
+            projection_key(image) <= own && projection_key(-image) <= own
         })
     };
     let rows = projected(
         basis,
-        wall.normal,
-        wall.normal * wall.offset,
+        plane.normal,
+        plane.normal * plane.offset,
         |slope| (slope.abs() > 1e-12).then_some((0.0, TAU * slope)),
         greatest,
     );
     rows.into_values().flat_map(|(_, rows)| rows).collect()
 }
 
-/// A projection of frequencies onto a plane, rounded.
+/// A rounded in-plane projection of a frequency.
 pub(super) type ProjectionKey<const D: usize> = [i64; D];
 
-/// The name of a projection.
-pub(super) fn key<const D: usize>(p: SVector<f64, D>) -> ProjectionKey<D> {
-    std::array::from_fn(|a| (p[a] * RESOLUTION).round() as i64)
+/// The key of a projection.
+pub(super) fn projection_key<const D: usize>(p: SVector<f64, D>) -> ProjectionKey<D> {
+    std::array::from_fn(|a| (p[a] * STEPS_PER_UNIT_FREQUENCY).round() as i64)
 }
 
-/// For every in-plane projection p of the frequencies that is wanted: the sum over the f with that
-/// projection of factor(f.n) exp(2 pi i f.foot) C as a real and an imaginary row on the real
-/// orthonormal coefficients. Factors are complex; frequencies without one do not count.
+/// For every accepted in-plane projection p of the frequencies: the sum over the f with that projection
+/// of factor(f.n) exp(2 pi i f.foot) C, as a real and an imaginary row on the real orthonormal
+/// coefficients. Factors are complex. Frequencies whose factor is `None` are omitted.
 pub(super) fn projected<const D: usize>(
     basis: &Basis<D>,
     normal: SVector<f64, D>,
     foot: SVector<f64, D>,
     factor: impl Fn(f64) -> Option<(f64, f64)>,
-    wanted: impl Fn(SVector<f64, D>) -> bool,
+    accepted: impl Fn(SVector<f64, D>) -> bool,
 ) -> BTreeMap<ProjectionKey<D>, (SVector<f64, D>, [DVector<f64>; 2])> {
     let mut rows = BTreeMap::new();
     let n = basis.len();
@@ -126,11 +126,11 @@ pub(super) fn projected<const D: usize>(
                 let f = f * sign;
                 let slope = f.dot(&normal);
                 let p = f - normal * slope;
-                let Some(by) = factor(slope).filter(|_| wanted(p)) else {
+                let Some(by) = factor(slope).filter(|_| accepted(p)) else {
                     continue;
                 };
                 let (_, [re, im]) = rows
-                    .entry(key(p))
+                    .entry(projection_key(p))
                     .or_insert_with(|| (p, [DVector::zeros(n), DVector::zeros(n)]));
                 let (s, c) = libm::sincos(TAU * f.dot(&foot));
                 let w = (by.0 * c - by.1 * s, by.0 * s + by.1 * c);
@@ -153,7 +153,7 @@ pub(super) fn projected<const D: usize>(
     rows
 }
 
-/// Greatest |n . grad Phi| over points of the walls of an element.
+/// Largest |n . grad Phi| over sample points on the bounding planes of an element.
 pub fn residual<const D: usize>(series: &Series<D>, element: Element) -> f64 {
     let corners: Vec<SVector<f64, D>> = element
         .vertices()
@@ -161,12 +161,12 @@ pub fn residual<const D: usize>(series: &Series<D>, element: Element) -> f64 {
         .map(|v| SVector::from_fn(|a, _| v[a]))
         .collect();
     let mut largest = 0.0f64;
-    for wall in walls::<D>(element) {
+    for plane in bounding_planes::<D>(element) {
         let own: Vec<&SVector<f64, D>> = corners
             .iter()
-            .filter(|c| (wall.normal.dot(c) - wall.offset).abs() < 1e-9)
+            .filter(|c| (plane.normal.dot(c) - plane.offset).abs() < 1e-9)
             .collect();
-        // Mixtures of the corners with weights of no pattern.
+        // Convex combinations of the corners with quasi-random weights.
         for n in 1..=60u32 {
             let weights: Vec<f64> = (0..own.len())
                 .map(|i| (f64::from(n) * 0.618_034 + (i * i) as f64 * 0.414_214 + 0.1).fract())
@@ -178,7 +178,7 @@ pub fn residual<const D: usize>(series: &Series<D>, element: Element) -> f64 {
                 .map(|(c, w)| *c * (w / total))
                 .sum::<SVector<f64, D>>();
             let (_, gradient) = series.value_and_gradient(CellPoint(p));
-            largest = largest.max(gradient.dot(&wall.normal).abs());
+            largest = largest.max(gradient.dot(&plane.normal).abs());
         }
     }
     largest

@@ -1,34 +1,34 @@
-//! Traces: what the functions of a band are on the faces of their element.
+//! Traces: the restrictions of a basis to the faces of its element.
 //!
-//! On a face the plane waves of a series become waves in the plane, one for each in-plane projection
-//! p of the frequencies: `T_p` = sum over the f with projection p of exp(2 pi i f.x0) C, x0 the
-//! face's centre. Turned to a face of edge 1 that all elements share, the triangle or the square,
-//! `T_p` of a tet, a wedge and a pyramid name the same wave. Two cells agree on a common face, whatever
-//! the numbering of its corners, exactly if their `T_p` are equal and have the face's whole symmetry
-//! (D3, D4). That is linear in the coefficients; waves are grouped, never sampled, since samples of a
-//! face would leave a system of condition 1e8.
+//! On a face the plane waves of a series become waves in the plane, one for each in-plane projection p of
+//! the frequencies: `T_p` = sum over the f with projection p of exp(2 pi i f.x0) C, with x0 the face's
+//! centre. In the coordinates of a common face of edge 1 (triangle or square), `T_p` of a tet, a wedge
+//! and a pyramid refer to the same wave. Two cells agree on a common face, for any numbering of its
+//! corners, exactly if their `T_p` are equal and have the full symmetry of the face (D3, D4). These
+//! conditions are linear in the coefficients. They are imposed on waves, not on samples of the face,
+//! whose system would have condition number 1e8.
 
 use super::Constraint;
-use super::face_normal::{self, ProjectionKey, key};
+use super::face_normal::{self, ProjectionKey, projection_key};
 use crate::frame::{Element, Vec3};
 use crate::symmetry::Basis;
 use nalgebra::{DVector, Matrix2, Vector2};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The waves of a face by their frequency in the face's own coordinates, in cycles per edge: real and
+/// The waves of a face by frequency in the face's own coordinates (cycles per edge), as real and
 /// imaginary rows on the real orthonormal coefficients.
 type Waves = BTreeMap<ProjectionKey<2>, (Vector2<f64>, [DVector<f64>; 2])>;
 
 /// The trace of a basis on one kind of face.
 struct Trace {
-    /// Number of the basis it belongs to.
+    /// Index of the basis.
     owner: usize,
     corners: usize,
     waves: Waves,
 }
 
-/// The equations under which functions of several elements agree on all faces that they can share, for
-/// the coefficients of all bases one after the other.
+/// The equations under which functions of several elements agree on every face type that they share, on
+/// the concatenated coefficients of all bases.
 pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
     let unknowns: usize = bases.iter().map(|(_, b)| b.len()).sum();
     let mut starts = vec![0];
@@ -63,7 +63,7 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
             for (p, image) in first
                 .waves
                 .values()
-                .map(|(p, _)| (key(*p), key(operator * p)))
+                .map(|(p, _)| (projection_key(*p), projection_key(operator * p)))
             {
                 equal((first, p), (first, image));
             }
@@ -107,7 +107,7 @@ fn traces(owner: usize, element: Element, basis: &Basis<3>) -> Vec<Trace> {
             .map(|v| vertices[v])
             .collect();
         let centre = corners.iter().sum::<Vec3>() / corners.len() as f64;
-        // The first axis along an edge, the second towards the corners that are not on it.
+        // The first axis is along an edge, the second points towards the other corners.
         let edge = corners[1] - corners[0];
         let along = edge.normalize();
         let across = face.normal.cross(&along);
@@ -118,15 +118,18 @@ fn traces(owner: usize, element: Element, basis: &Basis<3>) -> Vec<Trace> {
             face.normal,
             centre,
             |_| Some((1.0, 0.0)),
-            // Of p and -p the rows are the same, up to a sign.
-            |p| key(p) >= key(-p),
+            // The rows of p and -p are equal up to a sign.
+            |p| projection_key(p) >= projection_key(-p),
         );
         let waves: BTreeMap<_, _> = waves
             .into_values()
             .flat_map(|(p, [re, im])| {
                 let p = Vector2::from(axes.map(|a| a.dot(&p)));
                 let conjugate = [re.clone(), -&im];
-                [(key(p), (p, [re, im])), (key(-p), (-p, conjugate))]
+                [
+                    (projection_key(p), (p, [re, im])),
+                    (projection_key(-p), (-p, conjugate)),
+                ]
             })
             .collect();
         found.push(Trace {

@@ -1,33 +1,8 @@
-//! The `.cell` file: a cell as JSON text that a person can read, with numbers that round-trip.
+//! The `.cell` file: a cell as readable JSON text whose numbers round-trip exactly.
 //!
-//! ```json
-//! {"format": "druse-cell", "version": 1, "name": "strut", "element": "tet", "group": "Td",
-//!  "lattice": [[0.0,1.0,1.0], [1.0,0.0,1.0], [1.0,1.0,0.0]],
-//!  "coefficients": [{"k": [0,0,0], "c": [0.07,0.0]}],
-//!  "level": 0.0, "solid": "below", "gamma": 1.02, "face_normal": false, "report": {}}
-//! ```
-//!
-//! Each inner list of `lattice` is one lattice vector. `c` = (re, im) multiplies every exponential
-//! exp(2 pi i k.u), x = L u, of the orbit of `k`; each orbit pair +-k is listed once, and the opposite
-//! orbit has the conjugate. `gamma` and `report` may be missing. Planar elements have two lattice
-//! vectors of two components and two indices; cells of the `ball`, whose group is Ih, six vectors of
-//! six components, of which the last three are internal (x = (x, y, z, 0, 0, 0)), and six indices. A group that has no name here is written with its
-//! `generators`, operators such as `x,-z,y` on the lattice coordinates u.
-//!
-//! A function that is not one series has, in the place of `group`, `lattice` and `coefficients`, an
-//! `expression`, a tree of objects with one key each:
-//!
-//! | node | value |
-//! |---|---|
-//! | `{"series": {"group", "lattice", "coefficients"}}` | the series |
-//! | `{"sum": [{"weight", "part"}, ..]}` | the sum of weight times part |
-//! | `{"least": {"parts": [..], "radius"}}` | the least part, rounded where two differ by less than the radius: of two min(a, b) - max(r - abs(a - b), 0)^2 / (4 r), of more from the first on |
-//! | `{"greatest": {"parts": [..], "radius"}}` | minus the least of the negatives |
-//! | `{"magnitude": part}` | its absolute value |
-//! | `{"shift": {"part", "by"}}` | part - by |
-//! | `{"negation": part}` | - part |
+//! [`Cell::from_json`] and [`Cell::to_json`] describe the format.
 
-use super::{Cell, FitReport, Form, Node, Series, Solid};
+use super::{Cell, Expression, FitReport, Node, Series, Solid};
 use crate::frame::Element;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
@@ -35,13 +10,13 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 mod expression;
-use expression::{Entry, Expression, Reader, SeriesEntry};
+use expression::{Entry, ExpressionEntry, Reader, SeriesEntry};
 
 /// The name and the version of the format.
 const FORMAT: &str = "druse-cell";
 const VERSION: u64 = 1;
 
-/// Why text is no cell: the line, from 1, if it is known, and the reason.
+/// Why text is not a cell: the line, from 1, if it is known, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}")]
 pub struct CellTextError {
@@ -51,7 +26,7 @@ pub struct CellTextError {
     pub reason: String,
 }
 
-/// A word of a known list, so that the parser can say on which line an unknown one stands.
+/// Reads a word of a list. A failure is a parse error, so that it has a line.
 fn word<'de, D: Deserializer<'de>, T>(
     d: D,
     what: &str,
@@ -80,7 +55,9 @@ fn version<'de, D: Deserializer<'de>>(d: D) -> Result<(), D::Error> {
 }
 
 fn element<'de, D: Deserializer<'de>>(d: D) -> Result<Element, D::Error> {
-    let all = Element::ALL.into_iter().chain([Element::Ball]);
+    let all = Element::SCAFFOLD_ELEMENTS
+        .into_iter()
+        .chain([Element::Ball]);
     let known: Vec<&str> = all.map(Element::name).collect();
     word(d, "element", &known.join(", "), Element::from_name)
 }
@@ -125,7 +102,7 @@ struct Document {
     #[serde(default)]
     coefficients: Option<Vec<Entry>>,
     #[serde(default)]
-    expression: Option<Expression>,
+    expression: Option<ExpressionEntry>,
     #[serde(default)]
     level: f64,
     #[serde(deserialize_with = "solid", default = "below")]
@@ -142,8 +119,8 @@ fn below() -> Solid {
     Solid::Below
 }
 
-/// What the expression of a document is, given in one of two ways.
-fn expression(document: &mut Document) -> Result<Expression, String> {
+/// The function of a document, which gives either a series or an expression.
+fn expression(document: &mut Document) -> Result<ExpressionEntry, String> {
     let own = document.expression.take();
     let group = document.group.take();
     let lattice = document.lattice.take();
@@ -163,7 +140,7 @@ fn expression(document: &mut Document) -> Result<Expression, String> {
             )),
         };
     }
-    Ok(Expression::Series(SeriesEntry {
+    Ok(ExpressionEntry::Series(SeriesEntry {
         group: group.ok_or_else(|| missing("group"))?,
         generators: document.generators.take(),
         lattice: lattice.ok_or_else(|| missing("lattice"))?,
@@ -192,20 +169,20 @@ fn write_series<const D: usize>(text: &mut String, series: &Series<D>) {
     text.push_str("  ]");
 }
 
-/// Writes an expression, one node a line.
-fn write_form(text: &mut String, form: &Form) {
-    let list = |text: &mut String, parts: &[Form]| {
+/// Writes an expression, one node per line.
+fn write_function(text: &mut String, function: &Expression) {
+    let list = |text: &mut String, parts: &[Expression]| {
         for (n, part) in parts.iter().enumerate() {
             text.push_str(if n == 0 { "\n" } else { ",\n" });
-            write_form(text, part);
+            write_function(text, part);
         }
     };
-    let extreme = |text: &mut String, word: &str, parts: &[Form], radius: f64| {
+    let extreme = |text: &mut String, word: &str, parts: &[Expression], radius: f64| {
         let _ = write!(text, "{{\"{word}\": {{\"radius\": {radius:?}, \"parts\": [");
         list(text, parts);
         text.push_str("]}}");
     };
-    match form.node() {
+    match function.node() {
         Node::Series(s) => {
             text.push_str("{\"series\": {\n");
             write_series(text, s);
@@ -226,7 +203,7 @@ fn write_form(text: &mut String, form: &Form) {
             for (n, (weight, part)) in parts.iter().enumerate() {
                 let comma = if n == 0 { "" } else { "," };
                 let _ = write!(text, "{comma}\n{{\"weight\": {weight:?}, \"part\": ");
-                write_form(text, part);
+                write_function(text, part);
                 text.push('}');
             }
             text.push_str("]}");
@@ -234,17 +211,17 @@ fn write_form(text: &mut String, form: &Form) {
         Node::Least(parts, radius) => extreme(text, "least", parts, *radius),
         Node::Greatest(parts, radius) => extreme(text, "greatest", parts, *radius),
         Node::Magnitude(part) | Node::Negation(part) => {
-            let word = match form.node() {
+            let word = match function.node() {
                 Node::Magnitude(_) => "magnitude",
                 _ => "negation",
             };
             let _ = write!(text, "{{\"{word}\": ");
-            write_form(text, part);
+            write_function(text, part);
             text.push('}');
         }
         Node::Shift(part, by) => {
             let _ = write!(text, "{{\"shift\": {{\"by\": {by:?}, \"part\": ");
-            write_form(text, part);
+            write_function(text, part);
             text.push_str("}}");
         }
     }
@@ -257,9 +234,38 @@ fn quoted(s: &str) -> String {
 impl Cell {
     /// Reads a cell from the text of a `.cell` file.
     ///
+    /// ```json
+    /// {"format": "druse-cell", "version": 1, "name": "strut", "element": "tet", "group": "Td",
+    ///  "lattice": [[0.0,1.0,1.0], [1.0,0.0,1.0], [1.0,1.0,0.0]],
+    ///  "coefficients": [{"k": [0,0,0], "c": [0.07,0.0]}],
+    ///  "level": 0.0, "solid": "below", "gamma": 1.02, "face_normal": false, "report": {}}
+    /// ```
+    ///
+    /// Each inner list of `lattice` is one lattice vector. `c` = (re, im) multiplies every exponential
+    /// exp(2 pi i k.u), x = L u, of the orbit of `k`. Each orbit pair +-k is listed once; the opposite
+    /// orbit has the conjugate. `gamma` and `report` are optional. Planar elements have two lattice vectors
+    /// of two components and two indices. Cells of the `ball`, whose group is Ih, have six vectors of six
+    /// components, the last three internal (x = (x, y, z, 0, 0, 0)), and six indices. A group without a
+    /// name is given by its `generators`, operators such as `x,-z,y` on the lattice coordinates u.
+    ///
+    /// A function that is not one series has, in place of `group`, `lattice` and `coefficients`, an
+    /// `expression`, a tree of objects with one key each:
+    ///
+    /// | node | value |
+    /// |---|---|
+    /// | `{"series": {"group", "lattice", "coefficients"}}` | the series |
+    /// | `{"sum": [{"weight", "part"}, ..]}` | the sum of weight times part |
+    /// | `{"least": {"parts": [..], "radius"}}` | the minimum, rounded where values differ by less than the
+    /// radius: for two parts min(a, b) - max(r - abs(a - b), 0)^2 / (4 r), for more parts applied from
+    /// first to last |
+    /// | `{"greatest": {"parts": [..], "radius"}}` | minus the least of the negatives |
+    /// | `{"magnitude": part}` | its absolute value |
+    /// | `{"shift": {"part", "by"}}` | part - by |
+    /// | `{"negation": part}` | - part |
+    ///
     /// # Errors
-    /// [`CellTextError`] with the line: text that is no JSON, an unknown key, format, version,
-    /// element, group or lattice, a coefficient that cannot stand, a level out of range.
+    /// [`CellTextError`] with the line: text that is not JSON, an unknown key, format, version, element,
+    /// group or lattice, an invalid coefficient, a level out of range.
     pub fn from_json(text: &str) -> Result<Self, CellTextError> {
         let mut document: Document = serde_json::from_str(text).map_err(|e| {
             let full = e.to_string();
@@ -279,9 +285,9 @@ impl Cell {
             line: reader.line("element", 0),
             reason,
         })?;
-        let form = reader.form(&tree)?;
+        let function = reader.function(&tree)?;
         reader.series = 0;
-        let mut cell = Self::new(&document.name, document.element, form)
+        let mut cell = Self::new(&document.name, document.element, function)
             .and_then(|c| c.with_solid(document.solid, document.level))
             .map_err(|e| reader.fault(&e))?;
         cell.face_normal = document.face_normal;
@@ -292,7 +298,7 @@ impl Cell {
         Ok(cell)
     }
 
-    /// The text of a `.cell` file; [`Cell::from_json`] gives the same cell back, bit for bit.
+    /// The text of a `.cell` file. [`Cell::from_json`] restores the cell bit for bit.
     pub fn to_json(&self) -> String {
         let mut text = String::new();
         // Writing to a string cannot fail.
@@ -302,13 +308,13 @@ impl Cell {
             quoted(&self.name),
             quoted(self.element.name()),
         );
-        match self.form.node() {
+        match self.expression.node() {
             Node::Series(series) => write_series(&mut text, series),
             Node::Planar(series) => write_series(&mut text, series),
             Node::Icosahedral(s) => write_series(&mut text, s.series()),
             _ => {
                 text.push_str("  \"expression\": ");
-                write_form(&mut text, &self.form);
+                write_function(&mut text, &self.expression);
             }
         }
         let _ = write!(

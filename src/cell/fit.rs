@@ -1,18 +1,17 @@
-//! Fitting a cell to geometry: weighted least squares over the element only.
+//! Fitting a cell to geometry by weighted least squares over the element.
 //!
-//! Minimises (1/V) int w (Phi - g)^2 + lambda sum (1 + |f|^2) a^2 over the real orthonormal
-//! coefficients a, where g is the signed distance to the geometry (negative inside) and the mean is
-//! taken over the element's interior, plus 0.3 times that over its faces, plus 0.1 times that over its
-//! edges (0.03 and 0.01 for face-normal cells). Nothing outside the element is used: this is a Fourier extension, whose normal equations
-//! are ill-conditioned and whose regularised solution is accurate all the same. On the lattice
-//! spanned by the tet's edges it is continuous from element to element without any reflection.
+//! The fit minimises (1/V) int w (Phi - g)^2 + lambda sum (1 + |f|^2) a^2 over the real orthonormal
+//! coefficients a, where g is the signed distance to the geometry (negative inside). The mean is that over
+//! the element's interior plus 0.3 times that over its faces plus 0.1 times that over its edges (0.03 and
+//! 0.01 for face-normal cells). Nothing outside the element is used: this is a Fourier extension, whose
+//! normal equations are ill-conditioned but whose regularised solution is accurate. On the lattice spanned
+//! by the tet's edges it is continuous across elements without reflection.
 //!
-//! By symmetry only the fundamental simplex is sampled. Geometry that lacks the element's symmetry
-//! is averaged over its images, which is the orthogonal projection; the report says how much of its
-//! energy survives and how far it was from symmetric.
+//! By symmetry only the fundamental simplex is sampled. Geometry without the element's symmetry is averaged
+//! over its images, which is the orthogonal projection; the report gives the kept energy and the residual.
 //!
-//! Conventions: lengths and distances in reference units; `band_limit` R keeps |f| <= R, in cycles
-//! per unit of reference length; results do not depend on the number of threads.
+//! Lengths are in reference units; `band_limit` R keeps |f| <= R, in cycles per unit of reference length.
+//! Results do not depend on the number of threads.
 
 use super::{Cell, CellError};
 use crate::frame::{CellPoint, Element, Mat3};
@@ -50,23 +49,23 @@ pub use transform::{Spectrum, Transform};
 pub(super) use extension::Extension;
 pub(super) use grid::grid_size;
 
-use accuracy::Extra;
+use accuracy::SourceInfo;
 use run::Job;
 
 /// A signed distance in the reference frame of an element, negative inside.
 pub type Distance<'a> = dyn Fn(CellPoint<3>) -> f64 + Sync + 'a;
 
-/// The first band limit that a tolerance tries, and the factor to the next.
-const FIRST_BAND: f64 = 4.0;
-const NEXT_BAND: f64 = 1.5;
+/// The first band limit of a search for a tolerance, and the factor to the next.
+const INITIAL_BAND_LIMIT: f64 = 4.0;
+const BAND_LIMIT_FACTOR: f64 = 1.5;
 
-/// Fits a cell of `element` to a signed distance (negative inside) given in its reference frame.
+/// Fits a cell of `element` to a signed distance (negative inside) in the element's reference frame.
 ///
-/// The solid is below level 0. The work takes seconds and stops early when `progress` says so.
+/// The solid is below level 0. A fit takes seconds; `progress` can cancel it.
 ///
 /// # Errors
-/// [`FitError`]: a source that is not finite, leaves nothing solid or nothing void inside the
-/// element, or has no symmetric part; a band that is too large; a lattice that does not fit.
+/// [`FitError`]: a source that is not finite, has no solid or no void inside the element, or has no
+/// symmetric part; a band limit that is too large; an incompatible lattice.
 ///
 /// ```
 /// use druse::cell::{FitOptions, fit};
@@ -82,17 +81,24 @@ pub fn fit(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    fit_with(name, element, source, &Extra::default(), options, progress)
+    fit_with(
+        name,
+        element,
+        source,
+        &SourceInfo::default(),
+        options,
+        progress,
+    )
 }
 
-/// Fits a cell to samples of a signed distance over one whole period of the lattice, by the plain
-/// Fourier transform: exact where the samples are symmetric and of a band below half their number.
+/// Fits a cell to samples of a signed distance over a whole period of the lattice, by Fourier transform.
+/// The fit is exact if the samples are symmetric and their band limit is below half their number.
 ///
-/// The samples stand at u = j/N - 1/2 in lattice coordinates, the last axis fastest. An infinite band
-/// limit keeps every orbit all of whose members k have `|k_i| < N/2` on each axis, which is what N samples
-/// tell apart; on skew lattices an orbit with a member beyond is dropped as a whole. A finite one
-/// keeps the ball |f| <= R of these, [`largest_band`] at most. `method` and `samples` of the options are
-/// not used. The report's differences are those to the samples' trilinear interpolant.
+/// The samples lie at u = j/N - 1/2 in lattice coordinates, the last axis fastest. An infinite band limit
+/// keeps every orbit whose members k all have `|k_i| < N/2` on each axis, which N samples can represent.
+/// On skew lattices an orbit with a member outside that box is dropped as a whole. A finite band limit keeps
+/// the ball |f| <= R of these and is at most [`largest_band`]. `method` and `samples` of the options are
+/// ignored. The report compares the cell with the trilinear interpolant of the samples.
 ///
 /// # Errors
 /// As [`fit()`], and [`FitError::TooFewSamples`].
@@ -114,8 +120,8 @@ pub fn fit_samples(
     fit_period(name, element, (samples, n), &options, progress)
 }
 
-/// The least squares of samples over one whole period, [`fit_samples`] but for its name in the report and
-/// the penalty if the options have one: over the period the waves are orthogonal.
+/// Fits a cell to samples over a whole period by least squares. Waves are orthogonal over the period, so
+/// the result is that of [`fit_samples`], except for the method in the report and an optional penalty.
 ///
 /// # Errors
 /// As [`fit_samples`].
@@ -137,7 +143,7 @@ pub fn fit_samples_least_squares(
     fit_period(name, element, (samples, n), &options, progress)
 }
 
-/// The fit of `n` samples an axis over a period, by the method of the options.
+/// The fit of `n` samples per axis over a period, by the method of the options.
 fn fit_period(
     name: &str,
     element: Element,
@@ -172,21 +178,21 @@ fn fit_period(
     };
     let source = |p: CellPoint<3>| {
         let u: [f64; 3] = (inverse * p.0).into();
-        interpolated(samples, n, &u[..dimension])
+        multilinear(samples, n, &u[..dimension])
     };
-    let extra = Extra {
+    let info = SourceInfo {
         period: Some((samples, n)),
-        ..Extra::default()
+        ..SourceInfo::default()
     };
     let options = FitOptions {
         tolerance: None,
         ..options.clone()
     };
-    fit_with(name, element, &source, &extra, &options, progress)
+    fit_with(name, element, &source, &info, &options, progress)
 }
 
-/// The greatest band limit that `n` samples along every axis of the period carry, for the lattice
-/// that the options name.
+/// The largest band limit that `n` samples along every axis of the period can represent, for the lattice
+/// of the options.
 ///
 /// # Errors
 /// [`CellError::Unfitting`] for a lattice or group of another element.
@@ -203,7 +209,7 @@ pub fn band_of_samples(element: Element, options: &FitOptions, n: usize) -> Resu
 }
 
 /// The multilinear interpolant of periodic samples at u = j/N - 1/2.
-pub(super) fn interpolated(samples: &[f64], n: usize, u: &[f64]) -> f64 {
+pub(super) fn multilinear(samples: &[f64], n: usize, u: &[f64]) -> f64 {
     let mut sum = 0.0;
     for corner in 0..1u8 << u.len() {
         let (mut index, mut weight) = (0, 1.0);
@@ -222,21 +228,21 @@ pub(super) fn interpolated(samples: &[f64], n: usize, u: &[f64]) -> f64 {
     sum
 }
 
-/// [`fit`], with what is known about the source beside its distance.
+/// [`fit`] with additional information about the source.
 fn fit_with(
     name: &str,
     element: Element,
     source: &Distance,
-    extra: &Extra,
+    info: &SourceInfo,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    options.check(extra.period.is_some())?;
+    options.check(info.period.is_some())?;
     let job = |options: &FitOptions| {
         Job {
             element,
             source,
-            extra,
+            info,
             options,
             progress,
         }
@@ -245,33 +251,33 @@ fn fit_with(
     let Some(tolerance) = options.tolerance else {
         return job(options);
     };
-    let greatest = options.band_limit;
+    let max_band_limit = options.band_limit;
     let mut own = FitOptions {
-        band_limit: FIRST_BAND.min(greatest),
+        band_limit: INITIAL_BAND_LIMIT.min(max_band_limit),
         measure: true,
         ..options.clone()
     };
     loop {
-        let tried = job(&own);
-        let distance = match &tried {
+        let result = job(&own);
+        let distance = match &result {
             Ok(cell) => cell.report().and_then(|r| r.hausdorff).map(Hausdorff::max),
-            // A coarse band may lose the whole surface.
+            // With a coarse band the surface may vanish.
             Err(FitError::Cell(CellError::NoSurface { .. })) => None,
-            Err(_) => return tried,
+            Err(_) => return result,
         };
         if distance.is_some_and(|d| d <= tolerance) {
-            return tried;
+            return result;
         }
-        if own.band_limit >= greatest {
-            let mut cell = tried?;
+        if own.band_limit >= max_band_limit {
+            let mut cell = result?;
             cell.warn(format!(
-                "the surfaces are {} apart at band limit {}, the greatest allowed; the tolerance \
+                "the surfaces are {} apart at band limit {}, the largest allowed; the tolerance \
                  was {tolerance}",
-                distance.map_or_else(|| "not measurably".to_owned(), |d| format!("{d:.4}")),
+                distance.map_or_else(|| "an unknown distance".to_owned(), |d| format!("{d:.4}")),
                 own.band_limit
             ));
             return Ok(cell);
         }
-        own.band_limit = (own.band_limit * NEXT_BAND).min(greatest);
+        own.band_limit = (own.band_limit * BAND_LIMIT_FACTOR).min(max_band_limit);
     }
 }

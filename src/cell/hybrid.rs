@@ -1,35 +1,35 @@
-//! Hybrids: cells made of other cells of one element.
+//! Hybrid cells: combinations of cells of one element.
 //!
-//! Each part enters by its solid (level and side included) divided by its gamma, the root mean
-//! square of its gradient on its surface: near the surface that is a distance in reference lengths,
-//! so that no part outweighs the others and a radius is a length.
+//! Each operand enters as its solid's function (with level and side) divided by gamma, the root mean
+//! square of its gradient on its surface. Near the surface that is a distance in reference units, so that
+//! no operand dominates and a radius is a length.
 
-use super::{Cell, CellError, Form, Solid};
+use super::{Cell, CellError, Expression, Solid};
 
-/// How solids become one.
+/// Boolean operation on solids.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Join {
-    /// What lies in any of them.
+    /// The points in any of the solids.
     Union,
-    /// What lies in all of them.
+    /// The points in all of the solids.
     Intersection,
-    /// What lies in the first and in none of the others.
+    /// The points in the first solid and in none of the others.
     Difference,
 }
 
 impl Cell {
     /// The function whose values below 0 are the cell's solid.
-    pub(super) fn solid_form(&self) -> Form {
+    pub(super) fn solid_expression(&self) -> Expression {
         match self.solid {
-            Solid::Below => self.form.shifted(self.level),
-            Solid::Above => self.form.shifted(self.level).negated(),
-            Solid::Sheet => self.form.magnitude().shifted(self.level),
-            Solid::Channels => self.form.magnitude().shifted(self.level).negated(),
+            Solid::Below => self.expression.shifted(self.level),
+            Solid::Above => self.expression.shifted(self.level).negated(),
+            Solid::Sheet => self.expression.magnitude().shifted(self.level),
+            Solid::Channels => self.expression.magnitude().shifted(self.level).negated(),
         }
     }
 
-    /// The solid's function with gamma 1.
-    fn unit_form(&self) -> Result<Form, CellError> {
+    /// The solid's function, scaled to gamma 1.
+    fn unit_expression(&self) -> Result<Expression, CellError> {
         let gamma = self.gamma();
         if !(gamma.is_finite() && gamma > 0.0) {
             return Err(CellError::Expression(format!(
@@ -38,7 +38,7 @@ impl Cell {
                 self.name
             )));
         }
-        Form::sum(vec![(gamma.recip(), self.solid_form())])
+        Expression::sum(vec![(gamma.recip(), self.solid_expression())])
     }
 
     fn check_one_element(cells: &[&Self]) -> Result<super::Element, CellError> {
@@ -59,8 +59,8 @@ impl Cell {
         }
     }
 
-    /// The weighted average of cells of one element, each divided by its gamma: a cell between them.
-    /// Bands and lattices may differ.
+    /// The weighted average of cells of one element, each divided by its gamma. It interpolates between
+    /// them. Bands and lattices may differ.
     ///
     /// # Errors
     /// [`CellError::Expression`] for no cells, several elements, a cell without slope, or weights
@@ -76,15 +76,15 @@ impl Cell {
                 "the weights are {weights:?}; expected numbers from 0 on with a positive sum"
             )));
         }
-        let forms = parts
+        let expressions = parts
             .iter()
-            .map(|(w, cell)| Ok((w / total, cell.unit_form()?)))
+            .map(|(w, cell)| Ok((w / total, cell.unit_expression()?)))
             .collect::<Result<Vec<_>, CellError>>()?;
-        Self::new(name, element, Form::sum(forms)?)
+        Self::new(name, element, Expression::sum(expressions)?)
     }
 
-    /// The union, intersection or difference of the solids of cells of one element, each divided by
-    /// its gamma. Edges where two meet are rounded with `radius`, about a length in reference
+    /// The union, intersection or difference of the solids of cells of one element, each divided by its
+    /// gamma. Edges where two surfaces meet are rounded with `radius`, approximately a length in reference
     /// units; 0 keeps them sharp.
     ///
     /// # Errors
@@ -92,25 +92,25 @@ impl Cell {
     /// or a radius that is negative or not finite.
     pub fn joined(name: &str, join: Join, cells: &[&Self], radius: f64) -> Result<Self, CellError> {
         let element = Self::check_one_element(cells)?;
-        let forms = cells
+        let expressions = cells
             .iter()
-            .map(|c| c.unit_form())
+            .map(|c| c.unit_expression())
             .collect::<Result<Vec<_>, _>>()?;
-        let form = match join {
-            Join::Union => Form::least(forms, radius)?,
-            Join::Intersection => Form::greatest(forms, radius)?,
+        let expression = match join {
+            Join::Union => Expression::least(expressions, radius)?,
+            Join::Intersection => Expression::greatest(expressions, radius)?,
             Join::Difference => {
-                let (first, rest) = forms.split_at(1);
+                let (first, rest) = expressions.split_at(1);
                 if rest.is_empty() {
                     return Err(CellError::Expression(
                         "a difference of one cell; expected at least two".to_owned(),
                     ));
                 }
                 let mut all = first.to_vec();
-                all.extend(rest.iter().map(Form::negated));
-                Form::greatest(all, radius)?
+                all.extend(rest.iter().map(Expression::negated));
+                Expression::greatest(all, radius)?
             }
         };
-        Self::new(name, element, form)
+        Self::new(name, element, expression)
     }
 }

@@ -1,14 +1,14 @@
-//! Series over the icosahedral module, seen in space: Phi(x) = Phi6(x, 0).
+//! Series over the icosahedral module, restricted to space: Phi(x) = Phi6(x, 0).
 //!
 //! Icosahedral functions have no periods in space. They are sums of plane waves whose frequencies
-//! f = 2 sum k e are integer combinations of the six axes e of order 5: a module of rank 6, on which
-//! the group acts by signed permutations of k. Such a sum is a function with periods in six
-//! dimensions, a [`Series<6>`] on the lattice `icosahedral`, at points whose three internal
-//! coordinates are 0 (cut and project; Duneau and Katz 1985). The band |f| <= R is that of all six
-//! components, so that waves whose internal part is large are left out.
+//! f = 2 sum k e are integer combinations of the six axes e of order 5: a module of rank 6, on which the
+//! group acts by signed permutations of k. Such a sum is a periodic function in six dimensions, a
+//! [`Series<6>`] on the lattice `icosahedral`, restricted to internal coordinates 0 (cut and project;
+//! Duneau and Katz 1985). The band |f| <= R uses all six components, so that waves with a large internal
+//! part are excluded.
 //!
-//! The mirrors x = 0, y = 0 and z = 0 belong to the group: the sum is one of products
-//! cos(2 pi f x) cos(2 pi f' y) cos(2 pi f'' z), far fewer than exponentials.
+//! The mirrors x = 0, y = 0 and z = 0 belong to the group, so the series is a sum of products
+//! cos(2 pi f x) cos(2 pi f' y) cos(2 pi f'' z), with far fewer terms than exponentials.
 
 use super::Series;
 use crate::field::{Field, Interval};
@@ -19,14 +19,14 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Frequencies closer than this are one.
-const SAME: f64 = 1e-9;
+/// Frequencies closer than this are equal.
+const FREQUENCY_TOLERANCE: f64 = 1e-9;
 
-/// A sum of products of cosines; every factor's frequency is one of a list.
+/// A sum of products of cosines. `frequencies` lists the distinct frequencies of all factors.
 #[derive(Debug)]
 pub(super) struct Products {
     frequencies: Vec<f64>,
-    /// By the frequencies along x and y: those along z with their weights.
+    /// Indices of the frequencies along x and y, and the range in `terms` that goes with them.
     runs: Vec<([usize; 2], Range<usize>)>,
     terms: Vec<(usize, f64)>,
 }
@@ -39,7 +39,7 @@ pub struct Icosahedral {
 }
 
 impl From<Series<6>> for Icosahedral {
-    /// The series must have the group Ih, as cells make sure.
+    /// Requires the group Ih, which cells guarantee.
     fn from(series: Series<6>) -> Self {
         let products = Arc::new(Products::new(&series));
         let series = Box::new(series);
@@ -47,7 +47,7 @@ impl From<Series<6>> for Icosahedral {
     }
 }
 
-/// A point in space among the six dimensions: its internal coordinates are 0.
+/// A point of space in six dimensions, with internal coordinates 0.
 pub fn lifted(x: Vec3) -> SVector<f64, 6> {
     SVector::from_fn(|a, _| if a < 3 { x[a] } else { 0.0 })
 }
@@ -62,7 +62,7 @@ impl Icosahedral {
         &self.products
     }
 
-    /// Greatest length of a frequency in space, in cycles per unit of reference length.
+    /// Largest length of a frequency's part in space, in cycles per unit of reference length.
     pub fn band_limit(&self) -> f64 {
         let lattice = self.series.lattice();
         let lengths = self.series.coefficients().iter();
@@ -103,8 +103,8 @@ impl Products {
             .collect();
         let mut frequencies: Vec<f64> = in_space.iter().flat_map(|t| t.0).collect();
         frequencies.sort_unstable_by(f64::total_cmp);
-        frequencies.dedup_by(|next, kept| *next - *kept < SAME);
-        let number = |f: f64| frequencies.partition_point(|other| *other < f - SAME);
+        frequencies.dedup_by(|next, kept| *next - *kept < FREQUENCY_TOLERANCE);
+        let number = |f: f64| frequencies.partition_point(|other| *other < f - FREQUENCY_TOLERANCE);
         let mut weights: BTreeMap<[usize; 3], f64> = BTreeMap::new();
         for (f, c) in in_space {
             *weights.entry(f.map(number)).or_default() += c;
@@ -126,7 +126,7 @@ impl Products {
     }
 
     /// Every product: its frequencies along the axes and its weight.
-    pub fn all(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
+    pub fn terms_with_frequencies(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
         self.runs.iter().flat_map(|([x, y], range)| {
             self.terms[range.clone()].iter().map(|(z, weight)| {
                 let f = [*x, *y, *z].map(|n| self.frequencies[n]);
@@ -135,8 +135,8 @@ impl Products {
         })
     }
 
-    /// Greatest frequency along an axis.
-    pub fn greatest(&self) -> f64 {
+    /// Largest frequency along an axis.
+    pub fn max_frequency(&self) -> f64 {
         self.frequencies.last().copied().unwrap_or(0.0)
     }
 
@@ -182,12 +182,12 @@ impl Products {
         (value, gradient)
     }
 
-    /// Values at the points of a grid that has the same `places` along every axis, z fastest.
+    /// Values on a grid with the same coordinates `places` along every axis, z fastest.
     pub fn on_grid(&self, places: &[f64]) -> Vec<f64> {
         use rayon::prelude::*;
         let n = places.len();
         let tables: Vec<Vec<f64>> = places.iter().map(|x| self.cosines(*x)).collect();
-        // Along z first, for every run; then along y, for every frequency along x.
+        // Sums along z for every run first; then along y for every frequency along x.
         let along: Vec<Vec<f64>> = self
             .runs
             .par_iter()

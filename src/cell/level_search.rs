@@ -1,9 +1,9 @@
-//! Levels: the surface inside the element, the volume it cuts off, and the level for a wanted one.
+//! Levels: the volume that a level encloses in the element, and the level for a target volume.
 //!
-//! All integrals are over the *element* (of a tet one third of the cube). The function is taken as
-//! linear on small tetrahedra of the fundamental simplex; the error is of second order in their
-//! size, and levels are extrapolated from two sizes. Cells of few waves, closed forms above all, are
-//! corrected for the bend of their surface instead, which leaves an error below 2e-6.
+//! All integrals are over the *element* (for a tet one third of the cube). The function is taken as linear
+//! on the small tetrahedra of a grid on the fundamental simplex. The error is of second order in the grid
+//! step, and levels are extrapolated from two grids. For functions of few waves, such as closed forms,
+//! the volumes are corrected for the curvature of the surface instead, with an error below 2e-6.
 
 use super::domain::{Domain, SimplexGrid};
 use super::{Cell, CellError, Solid};
@@ -17,25 +17,26 @@ mod density;
 mod layer;
 pub use density::Density;
 
-/// Exponentials below which volumes are corrected for the bend of the surface.
-const LIGHT: usize = 500;
-/// Steps that bring a level to the corrected volume.
-const CORRECTIONS: usize = 4;
+/// Number of exponentials from which volumes are extrapolated instead of corrected for curvature.
+const CORRECTION_MAX_EXPONENTIALS: usize = 500;
+/// Newton steps from an uncorrected level to the level of the corrected volume.
+const CORRECTION_STEPS: usize = 4;
 
-/// Values of a cell's function on the simplex lattice of every flag, coarse and fine.
+/// Values of a cell's function on the tetrahedral grid of every flag; every second point is the coarse grid.
 pub(super) struct Samples {
     /// Flag by flag, each in the order of [`SimplexGrid::index`].
     pub values: Vec<f64>,
     domain: Domain,
     grid: SimplexGrid,
-    /// What volumes are counted by; the same everywhere without one.
+    /// Weight of volumes; `None` for weight 1.
     density: Option<Density>,
 }
 
 impl Samples {
     pub fn new(cell: &Cell, parts: usize) -> Self {
         let domain = Domain::solid(cell.element, &cell.operators);
-        // As many points in all, whatever the number of flags; coarse grids need an even number.
+        // Keep the total number of points independent of the number of flags. The coarse grid needs an even
+        // number of parts.
         let share = libm::cbrt(domain.flags.len() as f64).recip();
         let parts = ((parts as f64 * share) as usize).next_multiple_of(2).max(8);
         let grid = SimplexGrid::new(parts);
@@ -44,7 +45,7 @@ impl Samples {
             .flags
             .iter()
             .flat_map(|flag| {
-                let value = |c: &[f64; 3]| cell.form.value(flag.point(*c));
+                let value = |c: &[f64; 3]| cell.expression.value(flag.point(*c));
                 coordinates.par_iter().map(value).collect::<Vec<f64>>()
             })
             .collect();
@@ -56,23 +57,23 @@ impl Samples {
         }
     }
 
-    /// The same, volumes counted by a density of that cell.
-    fn counted_by(self, density: Option<&Density>) -> Self {
+    /// The same samples, with volumes weighted by a density of that cell.
+    fn weighted_by(self, density: Option<&Density>) -> Self {
         Self {
             density: density.cloned(),
             ..self
         }
     }
 
-    /// The weight of the cube whose least corner is `c` of a grid of `parts`, in a flag.
+    /// The weight in a flag of the cube with lowest corner `c` on a grid of `parts` parts.
     fn weight(&self, flag: usize, parts: usize, c: [usize; 3]) -> f64 {
         self.density.as_ref().map_or(1.0, |density| {
-            // Of a cube on the border its middle lies there as well.
+            // If a cube crosses the boundary of the simplex, its centre lies on the boundary.
             density.at(flag, c.map(|x| (x as f64 + 0.5) / parts as f64))
         })
     }
 
-    /// The sum of all weights, each tetrahedron's as a share of the element.
+    /// The sum of all weights, each times its tetrahedron's share of the element.
     fn weights(&self, skip: usize) -> f64 {
         if self.density.is_none() {
             return 1.0;
@@ -80,10 +81,10 @@ impl Samples {
         self.summed(f64::INFINITY, skip).0
     }
 
-    /// Parts per edge that a second or so of evaluation allows.
+    /// Parts per edge for an evaluation time of about one second.
     fn parts(cell: &Cell) -> usize {
-        match cell.form.exponentials() {
-            0..LIGHT => 96,
+        match cell.expression.exponentials() {
+            0..CORRECTION_MAX_EXPONENTIALS => 96,
             500..10_000 => 48,
             _ => 24,
         }
@@ -103,7 +104,7 @@ impl Samples {
             })
     }
 
-    /// Share of the element below `t` and its derivative, with every `skip`-th point per edge.
+    /// Share of the element below `t` and its derivative, on the grid of every `skip`-th point per edge.
     fn below(&self, t: f64, skip: usize) -> (f64, f64) {
         let (share, rate) = self.summed(t, skip);
         if self.density.is_none() {
@@ -113,7 +114,7 @@ impl Samples {
         (share / all, rate / all)
     }
 
-    /// [`Samples::below`] before it is divided by the sum of all weights.
+    /// [`Samples::below`] before the division by the sum of all weights.
     fn summed(&self, t: f64, skip: usize) -> (f64, f64) {
         let grid = SimplexGrid::new(self.grid.parts() / skip);
         let count = (grid.parts() as f64).powi(3);
@@ -133,7 +134,7 @@ impl Samples {
         total
     }
 
-    /// Share of the element that is solid, with its derivative by the level.
+    /// Share of the element that is solid, and its derivative with respect to the level.
     fn solid(&self, solid: Solid, level: f64, skip: usize) -> (f64, f64) {
         let one_side = || self.below(level, skip);
         let band = || {
@@ -154,10 +155,10 @@ impl Samples {
         }
     }
 
-    /// What the share below `t` gains where the function bends between the points of the grid.
-    fn bend(&self, cell: &Cell, t: f64) -> f64 {
+    /// The change of the share below `t` caused by the curvature of the function between grid points.
+    fn curvature_gain(&self, cell: &Cell, t: f64) -> f64 {
         let parts = self.grid.parts();
-        let value = |p: CellPoint<3>| cell.form.value(p);
+        let value = |p: CellPoint<3>| cell.expression.value(p);
         let mut total = 0.0;
         for (number, flag) in self.domain.flags.iter().enumerate() {
             let values = self.on_flag(number);
@@ -171,20 +172,20 @@ impl Samples {
         total / self.weights(1)
     }
 
-    /// Share of the element that is solid, corrected for the bend of the surface, and its derivative.
+    /// Share of the element that is solid, corrected for curvature, and its derivative.
     fn corrected(&self, cell: &Cell, level: f64) -> (f64, f64) {
         let (share, rate) = self.solid(cell.solid, level, 1);
-        let bend = || self.bend(cell, level);
+        let curvature_gain = || self.curvature_gain(cell, level);
         let gain = match cell.solid {
-            Solid::Below => bend(),
-            Solid::Above => -bend(),
-            Solid::Sheet => bend() - self.bend(cell, -level),
-            Solid::Channels => self.bend(cell, -level) - bend(),
+            Solid::Below => curvature_gain(),
+            Solid::Above => -curvature_gain(),
+            Solid::Sheet => curvature_gain() - self.curvature_gain(cell, -level),
+            Solid::Channels => self.curvature_gain(cell, -level) - curvature_gain(),
         };
         (share + gain, rate)
     }
 
-    /// The level at which the solid's share is `fraction`: bisection safeguards Newton's steps.
+    /// The level at which the solid's share is `fraction`, by Newton's method safeguarded by bisection.
     fn level_for(&self, solid: Solid, fraction: f64, skip: usize) -> f64 {
         let (lo, hi) = self.range();
         let (mut lo, mut hi) = if solid.is_symmetric() {
@@ -217,10 +218,10 @@ impl Samples {
 }
 
 impl Samples {
-    /// The level at which the corrected share is `fraction`, from one near it.
+    /// The level at which the corrected share is `fraction`, starting from a nearby level.
     fn corrected_level(&self, cell: &Cell, fraction: f64, start: f64) -> f64 {
         let (mut level, mut best) = (start, (f64::INFINITY, start));
-        for _ in 0..CORRECTIONS {
+        for _ in 0..CORRECTION_STEPS {
             let (share, rate) = self.corrected(cell, level);
             let off = (share - fraction).abs();
             if off >= best.0 {
@@ -237,20 +238,20 @@ impl Samples {
 }
 
 impl Cell {
-    /// Share of the element that is solid (relative error about 1e-4 for a fitted cell, below 2e-6 for a
-    /// closed form).
+    /// Share of the element that is solid. The relative error is about 1e-4 for a fitted cell and below 2e-6
+    /// for a closed form.
     pub fn volume_fraction(&self) -> f64 {
         self.fraction(None)
     }
 
-    /// The same where volumes are counted by a density of this cell: of what the element is mapped to.
-    pub fn volume_fraction_by(&self, density: &Density) -> f64 {
+    /// The share weighted by a density of this cell, such as the volume to which the element is mapped.
+    pub fn weighted_volume_fraction(&self, density: &Density) -> f64 {
         self.fraction(Some(density))
     }
 
     fn fraction(&self, density: Option<&Density>) -> f64 {
-        let samples = Samples::new(self, Samples::parts(self)).counted_by(density);
-        if self.is_light() {
+        let samples = Samples::new(self, Samples::parts(self)).weighted_by(density);
+        if self.is_corrected_for_curvature() {
             return samples.corrected(self, self.level).0.clamp(0.0, 1.0);
         }
         let fine = samples.solid(self.solid, self.level, 1).0;
@@ -258,7 +259,7 @@ impl Cell {
         ((4.0 * fine - coarse) / 3.0).clamp(0.0, 1.0)
     }
 
-    /// The level at which this share of the element is solid.
+    /// The level at which the solid's share of the element is `fraction`.
     ///
     /// # Errors
     /// [`CellError::OutOfRange`] unless 0 < fraction < 1.
@@ -266,11 +267,11 @@ impl Cell {
         self.level_for_fraction(fraction, None)
     }
 
-    /// The same where volumes are counted by a density of this cell.
+    /// The level at which the solid's share, weighted by a density of this cell, is `fraction`.
     ///
     /// # Errors
     /// As [`Cell::level_for_volume_fraction`].
-    pub fn level_for_volume_fraction_by(
+    pub fn level_for_weighted_volume_fraction(
         &self,
         fraction: f64,
         density: &Density,
@@ -290,22 +291,23 @@ impl Cell {
                 expected: "a share of the element, above 0 and below 1".to_owned(),
             });
         }
-        let samples = Samples::new(self, Samples::parts(self)).counted_by(density);
+        let samples = Samples::new(self, Samples::parts(self)).weighted_by(density);
         let (lo, hi) = samples.range();
         if hi - lo <= 1e-12 * hi.abs().max(lo.abs()).max(f64::MIN_POSITIVE) {
             return Err(self.no_surface("solid", lo, hi));
         }
         let fine = samples.level_for(self.solid, fraction, 1);
-        if self.is_light() {
+        if self.is_corrected_for_curvature() {
             return Ok(samples.corrected_level(self, fraction, fine));
         }
         let coarse = samples.level_for(self.solid, fraction, 2);
         Ok((4.0 * fine - coarse) / 3.0)
     }
 
-    /// Whether its volumes are corrected for the bend of its surface: those of the ball lie on curved flags.
-    fn is_light(&self) -> bool {
-        self.form.exponentials() < LIGHT && self.element != Element::Ball
+    /// Whether volumes are corrected for curvature. The ball is excluded because its flags are curved.
+    fn is_corrected_for_curvature(&self) -> bool {
+        self.expression.exponentials() < CORRECTION_MAX_EXPONENTIALS
+            && self.element != Element::Ball
     }
 
     pub(super) fn no_surface(&self, missing: &'static str, least: f64, greatest: f64) -> CellError {
@@ -318,11 +320,10 @@ impl Cell {
         }
     }
 
-    /// Whether the element holds both solid and void, by samples; else the error that says which
-    /// is missing and what the field's range is.
+    /// Checks by samples that the element holds both solid and void.
     ///
     /// # Errors
-    /// [`CellError::NoSurface`].
+    /// [`CellError::NoSurface`] with the missing phase and the range of the field.
     pub fn check_surface(&self) -> Result<(), CellError> {
         let samples = Samples::new(self, 24);
         let solid = |v: &f64| self.solid.value(*v, self.level) < 0.0;
@@ -336,8 +337,8 @@ impl Cell {
         Ok(())
     }
 
-    /// Root mean square of the gradient on the surface inside the element (gamma), per unit of
-    /// reference length; over the whole element if it holds no surface.
+    /// Root mean square of the gradient on the surface inside the element (gamma), per unit of reference
+    /// length. If there is no surface, the mean is over the whole element.
     pub fn gamma(&self) -> f64 {
         *self.gamma.get_or_init(|| {
             let levels: &[f64] = match self.solid {
@@ -351,21 +352,21 @@ impl Cell {
     /// Root mean square of the gradient over the surfaces Phi = level inside the element.
     pub(super) fn gamma_at(&self, levels: &[f64]) -> f64 {
         let samples = Samples::new(self, Samples::parts(self).min(32));
-        let pieces: Vec<Piece> = levels
+        let patches: Vec<SurfacePatch> = levels
             .iter()
-            .flat_map(|&t| Piece::all(&samples, t))
+            .flat_map(|&t| SurfacePatch::all(&samples, t))
             .collect();
-        let squares: Vec<f64> = pieces
+        let squares: Vec<f64> = patches
             .par_iter()
             .map(|p| {
-                // The centre of a flat piece lies beside a curved surface: one step onto it.
-                let (v, g) = self.form.value_and_gradient(p.centre);
+                // The centre of a planar patch lies off a curved surface: take one Newton step onto it.
+                let (v, g) = self.expression.value_and_gradient(p.centre);
                 let step = g * ((v - p.level) / g.norm_squared().max(f64::MIN_POSITIVE));
                 let foot = CellPoint(p.centre.0 - step);
-                self.form.value_and_gradient(foot).1.norm_squared() * p.area
+                self.expression.value_and_gradient(foot).1.norm_squared() * p.area
             })
             .collect();
-        let area: f64 = pieces.iter().map(|p| p.area).sum();
+        let area: f64 = patches.iter().map(|p| p.area).sum();
         if area > 0.0 {
             return (squares.iter().sum::<f64>() / area).sqrt();
         }
@@ -373,7 +374,11 @@ impl Cell {
         let mut mean = 0.0;
         for flag in &samples.domain.flags {
             for &c in &points {
-                let square = self.form.value_and_gradient(flag.point(c)).1.norm_squared();
+                let square = self
+                    .expression
+                    .value_and_gradient(flag.point(c))
+                    .1
+                    .norm_squared();
                 mean += square * flag.share / points.len() as f64;
             }
         }
@@ -381,23 +386,23 @@ impl Cell {
     }
 }
 
-/// The part of a level surface in a small tetrahedron, as if the function were linear there.
-pub(super) struct Piece {
+/// The part of a level surface in a small tetrahedron on which the function is linear.
+pub(super) struct SurfacePatch {
     level: f64,
     pub area: f64,
     pub centre: CellPoint<3>,
 }
 
-impl Piece {
-    /// The pieces of the surface where the function is `t`; every flag has as many images.
+impl SurfacePatch {
+    /// The patches of the surface where the function is `t`, in all flags.
     pub fn all(samples: &Samples, t: f64) -> Vec<Self> {
-        let mut pieces = Vec::new();
+        let mut patches = Vec::new();
         for flag in 0..samples.domain.flags.len() {
             samples.grid.tetrahedra(|corners| {
-                pieces.extend(Self::cut(samples, flag, corners, t));
+                patches.extend(Self::cut(samples, flag, corners, t));
             });
         }
-        pieces
+        patches
     }
 
     fn cut(samples: &Samples, flag: usize, corners: [[usize; 3]; 4], t: f64) -> Option<Self> {
@@ -422,7 +427,7 @@ impl Piece {
                 }
             }
         }
-        // The share of the volume grows by area / (gradient volume) with the level.
+        // The derivative of the volume share with respect to the level is area / (|gradient| volume).
         (count > 0.0).then(|| Self {
             level: t,
             area: density * gradient.norm() * edges.determinant().abs() / 6.0,

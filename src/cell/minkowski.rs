@@ -1,14 +1,14 @@
 //! Minkowski sums and differences of two cells of one element.
 //!
-//! A (+) B holds every a + b, A (-) B every x with x + B inside A. On a grid of a period both are
-//! thresholds of a convolution of the indicators a and b: (a * b)(x) > 0, and (a * b')(x) = |B| with
-//! b'(x) = b(-x). The counts are integers, so that thresholds half way between them are exact. The
-//! result is turned into a signed distance and fitted like any other source.
+//! The sum A (+) B holds every a + b; the difference A (-) B holds every x with x + B inside A. On the grid
+//! of a period both are thresholds of a convolution of the indicators a and b: (a * b)(x) > 0, and
+//! (a * b')(x) = |B| with b'(x) = b(-x). The counts are integers, so that thresholds half way between them
+//! are exact. The signed distance of the result is fitted like any other source.
 //!
-//! B is the part of its cell inside the element, about the element's origin. A goes on beyond the
-//! element (`Environment::Torus`: periodic for a hex, by reflection for a tet and a wedge, as the
-//! neighbours of a tiling do) or ends at its faces (`Environment::Cell`, where a difference also eats
-//! from the faces).
+//! B is the part of its cell inside the element, about the element's origin. A continues beyond the
+//! element (`Environment::Torus`: periodic for a hex, by reflection for a tet and a wedge, like the
+//! neighbours in a tiling) or ends at the element's faces (`Environment::Cell`, where a difference also
+//! erodes A from the faces).
 
 use super::edt::signed_distance;
 use super::fit::{Extension, Transform};
@@ -39,7 +39,7 @@ pub enum Environment {
     Cell,
 }
 
-/// How two cells are put together.
+/// Operation and environment of a Minkowski combination.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Minkowski {
     /// Sum or difference.
@@ -48,29 +48,30 @@ pub struct Minkowski {
     pub environment: Environment,
 }
 
-/// Samples per unit of reference length, about.
-const DENSITY: f64 = 64.0;
+/// Samples per unit of reference length, before rounding to a grid size.
+const SAMPLES_PER_UNIT: f64 = 64.0;
 
 /// The sum or difference of two sets of samples on a torus of `n`^3 samples at u = j/N - 1/2, last axis
-/// fastest: exact, as if every pair of samples had been looked at.
+/// fastest. The result is exact, as if computed from all pairs of samples.
 ///
 /// # Panics
-/// If there are not `n`^3 samples of each.
+/// If `a` or `b` does not hold `n`^3 samples.
 pub fn combine(a: &[bool], b: &[bool], n: usize, operation: Operation) -> Vec<bool> {
     assert!(a.len() == n.pow(3) && b.len() == a.len(), "n^3 samples");
     let count = b.iter().filter(|s| **s).count() as f64;
     let transform = Transform::<3>::new(n);
-    let numbers =
+    let indicator =
         |set: &[bool]| -> Vec<f64> { set.iter().map(|s| f64::from(u8::from(*s))).collect() };
-    let mut product = transform.forward(&numbers(a));
-    let b = transform.forward(&numbers(b));
-    // The origin of B is at j = N/2 on each axis: the transform about it is that of B moved to 0.
-    let turn = std::f64::consts::TAU * ((n / 2) as f64) / n as f64;
+    let mut product = transform.forward(&indicator(a));
+    let b = transform.forward(&indicator(b));
+    // The origin of B is at j = N/2 on each axis; the phase factor shifts it to index 0.
+    let phase = std::f64::consts::TAU * ((n / 2) as f64) / n as f64;
     product.multiply(&b, |value, index| {
-        let moved = value * Complex64::from_polar(1.0, turn * f64::from(index.iter().sum::<i32>()));
+        let shifted =
+            value * Complex64::from_polar(1.0, phase * f64::from(index.iter().sum::<i32>()));
         match operation {
-            Operation::Sum => moved,
-            Operation::Difference => moved.conj(),
+            Operation::Sum => shifted,
+            Operation::Difference => shifted.conj(),
         }
     });
     let scale = (n as f64).powi(3).recip();
@@ -139,7 +140,7 @@ pub fn minkowski(
     fit(name, element, &source, options, progress)
 }
 
-/// The phase that a set lacks.
+/// The phase that is absent, if one is.
 fn missing(solid: &[bool]) -> Option<&'static str> {
     if !solid.contains(&true) {
         return Some("solid");
@@ -151,7 +152,7 @@ fn missing(solid: &[bool]) -> Option<&'static str> {
 struct Frame {
     n: usize,
     size: Vec3,
-    /// How the cell goes on; `None` where it ends.
+    /// The continuation of the cell; `None` if it ends at the faces.
     extension: Option<Extension>,
 }
 
@@ -165,7 +166,7 @@ impl Frame {
             });
         }
         let (size, extension) = match environment {
-            // Twice the element's box, so that nothing wraps around.
+            // Twice the element's box, so that the convolution does not wrap around.
             Environment::Cell => {
                 let v = element.vertices();
                 let reach = v.iter().fold(Vec3::zeros(), |m, p| m.sup(&p.abs()));
@@ -176,7 +177,7 @@ impl Frame {
                 (size, Some(extension))
             }
         };
-        let n = super::fit::grid_size((size.max() * DENSITY).round() as usize);
+        let n = super::fit::grid_size((size.max() * SAMPLES_PER_UNIT).round() as usize);
         Ok(Self { n, size, extension })
     }
 
@@ -188,8 +189,8 @@ impl Frame {
         let n = self.n;
         (0..n.pow(3))
             .into_par_iter()
-            .map(|place| {
-                let j = [place / (n * n), place / n % n, place % n];
+            .map(|index| {
+                let j = [index / (n * n), index / n % n, index % n];
                 let u = Vec3::from_fn(|a, _| j[a] as f64 / n as f64 - 0.5);
                 inside(CellPoint(u.component_mul(&self.size)))
             })
@@ -199,6 +200,6 @@ impl Frame {
     /// The trilinear interpolant of values on the grid.
     fn interpolate(&self, values: &[f64], p: CellPoint<3>) -> f64 {
         let u: [f64; 3] = p.0.component_div(&self.size).into();
-        super::fit::interpolated(values, self.n, &u)
+        super::fit::multilinear(values, self.n, &u)
     }
 }

@@ -1,7 +1,7 @@
-//! Symmetric Fourier series: coefficients per orbit pair on a shared basis, evaluated exactly.
+//! Symmetric Fourier series: one coefficient per orbit pair, evaluated exactly.
 
 use super::CellError;
-use super::trig_sum::{AXES, Waves};
+use super::trig_sum::{AXES, TrigSum};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint};
 use crate::symmetry::{Frequency, Lattice, PointGroup};
@@ -19,20 +19,20 @@ pub struct Coefficient<const D: usize> {
 
 /// A real, invariant, band-limited function: the sum over orbits of C exp(2 pi i k.u).
 ///
-/// Each orbit pair (k, -k) is listed once, by its lexicographically greatest member, in ascending
-/// order of (|f|, k); the opposite orbit has the conjugate coefficient.
+/// Each orbit pair (k, -k) is listed once, by its lexicographically largest member, in ascending order of
+/// (|f|, k). The opposite orbit has the conjugate coefficient.
 pub struct Series<const D: usize> {
     group: PointGroup<D>,
     lattice: Lattice<D>,
     coefficients: Vec<Coefficient<D>>,
     expanded: Vec<(Frequency<D>, [f64; 2])>,
-    waves: Waves,
+    waves: TrigSum,
 }
 
-/// Indices beyond this are refused: no cell needs them, and their tables would not fit in memory.
-const GREATEST_INDEX: i32 = 4096;
-/// Exponentials beyond this are refused.
-const MOST_EXPONENTIALS: usize = 2_000_000;
+/// Largest accepted index. No cell needs a larger one, and its table would not fit in memory.
+const MAX_INDEX: i32 = 4096;
+/// Largest accepted number of exponentials.
+const MAX_EXPONENTIALS: usize = 2_000_000;
 
 impl<const D: usize> Series<D> {
     /// The series with these coefficients, each orbit pair at most once.
@@ -57,8 +57,8 @@ impl<const D: usize> Series<D> {
             if !c.iter().all(|v| v.is_finite()) {
                 return Err(fail(format!("the coefficient {c:?} is not finite")));
             }
-            if k.iter().any(|v| v.saturating_abs() > GREATEST_INDEX) {
-                return Err(fail(format!("the index is beyond {GREATEST_INDEX}")));
+            if k.iter().any(|v| v.saturating_abs() > MAX_INDEX) {
+                return Err(fail(format!("the index is beyond {MAX_INDEX}")));
             }
             let rep = group.canonical(k);
             let opposite = group.canonical(k.map(|v| -v));
@@ -80,9 +80,9 @@ impl<const D: usize> Series<D> {
             } else {
                 c
             };
-            if expanded.len() + 2 * orbit.members.len() > MOST_EXPONENTIALS {
+            if expanded.len() + 2 * orbit.members.len() > MAX_EXPONENTIALS {
                 return Err(fail(format!(
-                    "the series has more than {MOST_EXPONENTIALS} exponentials"
+                    "the series has more than {MAX_EXPONENTIALS} exponentials"
                 )));
             }
             for &q in &orbit.members {
@@ -111,17 +111,17 @@ impl<const D: usize> Series<D> {
             group,
             lattice,
             coefficients: coefficients.into_iter().map(|(_, t)| t).collect(),
-            waves: Waves::new(padded),
+            waves: TrigSum::new(padded),
             expanded,
         })
     }
 
-    /// The group that leaves it unchanged.
+    /// The group under which the series is invariant.
     pub fn group(&self) -> &PointGroup<D> {
         &self.group
     }
 
-    /// Its periods.
+    /// The lattice of its periods.
     pub fn lattice(&self) -> &Lattice<D> {
         &self.lattice
     }
@@ -136,7 +136,7 @@ impl<const D: usize> Series<D> {
         &self.expanded
     }
 
-    /// Greatest |f| of its exponentials, in cycles per unit of reference length.
+    /// Largest |f| of its exponentials, in cycles per unit of reference length.
     pub fn band_limit(&self) -> f64 {
         self.coefficients
             .iter()
@@ -166,17 +166,17 @@ impl<const D: usize> Series<D> {
             .map_or(0.0, |t| t.c[0])
     }
 
-    /// Bound of |value - mean| everywhere: the sum of |C| over all exponentials but the constant.
+    /// Bound of |value - mean|: the sum of |C| over all exponentials except the constant.
     pub fn amplitude(&self) -> f64 {
         self.sum_of(|k| if k == [0; D] { 0.0 } else { 1.0 })
     }
 
-    /// Bound of the Cartesian gradient everywhere: 2 pi sum |C| |f|.
+    /// Bound of the length of the Cartesian gradient: 2 pi sum |C| |f|.
     pub fn gradient_bound(&self) -> f64 {
         self.sum_of(|k| TAU * self.lattice.frequency_norm(k))
     }
 
-    /// Bound of the Cartesian second derivative everywhere: 4 pi^2 sum |C| |f|^2.
+    /// Bound of the norm of the Cartesian second derivative: 4 pi^2 sum |C| |f|^2.
     pub fn hessian_bound(&self) -> f64 {
         self.sum_of(|k| (TAU * self.lattice.frequency_norm(k)).powi(2))
     }
@@ -191,7 +191,7 @@ impl<const D: usize> Series<D> {
     /// The series multiplied by a number.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
-        // The sum with 0 leaves no negative zero, which files do not keep.
+        // Adding 0 turns a negative zero into a positive one; files do not keep the sign of zero.
         let scale = |c: [f64; 2]| c.map(|v| v * factor + 0.0);
         let coefficients: Vec<Coefficient<D>> = self
             .coefficients
@@ -212,7 +212,7 @@ impl<const D: usize> Series<D> {
         let lowered = |c: [f64; 2]| [c[0] - by, c[1]];
         let mut coefficients = self.coefficients.clone();
         let mut expanded = self.expanded.clone();
-        // The constant comes first in the one list, and has its place in the other.
+        // The constant is the first coefficient; in `expanded` its position is searched.
         match coefficients.first_mut().filter(|t| t.k == constant) {
             Some(t) => t.c = lowered(t.c),
             None => coefficients.insert(
@@ -230,7 +230,7 @@ impl<const D: usize> Series<D> {
         self.with(coefficients, expanded)
     }
 
-    /// a self + b other, if both have one group and one lattice.
+    /// a self + b other, if both have the same group and lattice.
     pub fn plus(&self, a: f64, other: &Self, b: f64) -> Option<Self> {
         if self.group.operators() != other.group.operators() || self.lattice != other.lattice {
             return None;
@@ -260,7 +260,7 @@ impl<const D: usize> Series<D> {
         Some(self.with(coefficients, expanded))
     }
 
-    /// The same group and lattice with other terms.
+    /// A series over the same group and lattice with other coefficients.
     fn with(
         &self,
         coefficients: Vec<Coefficient<D>>,
@@ -270,7 +270,7 @@ impl<const D: usize> Series<D> {
             group: self.group.clone(),
             lattice: self.lattice.clone(),
             coefficients,
-            waves: Waves::new(expanded.iter().map(|&(k, c)| (pad(k), c)).collect()),
+            waves: TrigSum::new(expanded.iter().map(|&(k, c)| (pad(k), c)).collect()),
             expanded,
         }
     }
@@ -286,7 +286,7 @@ impl<const D: usize> Series<D> {
 }
 
 impl<const D: usize> std::fmt::Debug for Series<D> {
-    /// Group and coefficients; what follows from them is left out.
+    /// Shows the group, the lattice and the coefficients; derived data is omitted.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Series")
             .field("group", &self.group.name())
@@ -320,7 +320,7 @@ impl<const D: usize> Field for Series<D> {
         let centre = (region.min + region.max) / 2.0;
         let radius = (region.max - region.min).norm() / 2.0;
         let (v, g) = self.value_and_gradient(CellPoint(centre));
-        // Taylor: first order by the sum of gradients, second by the gradient at the centre.
+        // Taylor bounds of first order (gradient bound) and second order (gradient at the centre).
         let reach = (self.gradient_bound() * radius)
             .min(g.norm() * radius + self.hessian_bound() * radius * radius / 2.0);
         let (m, a) = (self.mean(), self.amplitude());

@@ -1,4 +1,4 @@
-//! What is solid: the side of a level, or the sheet around it.
+//! The solid of a cell: one side of a level, or a sheet around the zero surface.
 
 use super::CellError;
 use crate::field::Interval;
@@ -12,31 +12,31 @@ pub enum Solid {
     Above,
     /// |Phi| < level: a wall along the zero surface.
     Sheet,
-    /// |Phi| > level: what a sheet leaves out.
+    /// |Phi| > level: the complement of a sheet.
     Channels,
 }
 
-/// How a function without kinks makes a sheet or its channels: the solid field is sign (|phi| - half).
+/// How a sheet or its channels are made from a function without kinks: sign (|phi| - half).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fold {
-    /// 1 of a sheet, -1 of channels.
+    /// 1 for a sheet, -1 for channels.
     pub sign: f32,
     /// The level.
     pub half: f32,
 }
 
-/// A function without kinks that a solid field is made of.
+/// The smooth function from which a solid field is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Smooth {
-    /// Of its shortest wave, cycles per unit of reference length.
+pub struct SmoothFunction {
+    /// Frequency of its shortest wave, in cycles per unit of reference length.
     pub frequency: f64,
-    /// How the solid field is made of it; `None` if it is the function itself.
+    /// The operation that makes the solid field; `None` if the field is the function up to sign and level.
     pub fold: Option<Fold>,
 }
 
 impl Solid {
     /// Every kind.
-    pub const ALL: [Self; 4] = [Self::Below, Self::Above, Self::Sheet, Self::Channels];
+    pub const KINDS: [Self; 4] = [Self::Below, Self::Above, Self::Sheet, Self::Channels];
 
     /// The word in recipes and files.
     pub const fn name(self) -> &'static str {
@@ -50,15 +50,15 @@ impl Solid {
 
     /// The kind of that name.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|s| s.name() == name)
+        Self::KINDS.into_iter().find(|s| s.name() == name)
     }
 
-    /// Whether it is an interval around zero or its complement, so that the level is a half width.
+    /// Whether the solid is an interval around zero or its complement, so that the level is a half width.
     pub const fn is_symmetric(self) -> bool {
         matches!(self, Self::Sheet | Self::Channels)
     }
 
-    /// How the solid field is made of the function, if by more than its sign.
+    /// The fold of a sheet or its channels; `None` for one side of a level.
     pub(super) fn fold(self, half: f32) -> Option<Fold> {
         let sign = match self {
             Self::Below | Self::Above => return None,
@@ -87,7 +87,7 @@ impl Solid {
         })
     }
 
-    /// The solid field, negative inside, of a value of the function.
+    /// The solid field, negative inside, at a value of the function.
     pub fn value(self, phi: f64, level: f64) -> f64 {
         match self {
             Self::Below => phi - level,
@@ -97,8 +97,8 @@ impl Solid {
         }
     }
 
-    /// The solid field and its derivative with respect to phi; at the kink of a sheet that of the
-    /// upper side.
+    /// The solid field and its derivative with respect to phi. At the kink of a sheet, the derivative is that
+    /// of the upper side.
     pub fn value_and_slope(self, phi: f64, level: f64) -> (f64, f64) {
         let side = if phi < 0.0 { -1.0 } else { 1.0 };
         let slope = match self {
@@ -110,7 +110,7 @@ impl Solid {
         (self.value(phi, level), slope)
     }
 
-    /// The solid field's values where the function's values lie in `phi`.
+    /// The range of the solid field where the function's values lie in `phi`.
     pub fn interval(self, phi: Interval, level: f64) -> Interval {
         match self {
             Self::Below => Interval::new(phi.lo - level, phi.hi - level),
@@ -144,7 +144,7 @@ impl Solid {
         }
     }
 
-    /// The value of phi about which the solid is defined: the level itself, or 0 for a sheet.
+    /// The reference value of phi: the level, or 0 for a sheet or channels.
     pub(super) const fn centre(self, level: f64) -> f64 {
         if self.is_symmetric() { 0.0 } else { level }
     }

@@ -1,21 +1,11 @@
-//! What a cell is made from: a signed distance in the reference frame, and what is known of it.
+//! Sources: the geometry from which a cell is fitted, as signed distances in the reference frame.
 //!
-//! A [`Source`] lives in the Cartesian reference coordinates of its element, after placement; it may
-//! reach beyond its element or fill only a part of it. Whatever it came from (triangles, points, voxels,
-//! struts, plates, a formula), the fit asks it for a value at a point, negative inside.
+//! A [`Source`] lives in the Cartesian reference coordinates of its element, after placement. It may
+//! extend beyond its element or fill only a part of it. Whatever its origin (triangles, points, voxels,
+//! struts, plates, a formula), the fit evaluates it at points; values are negative inside.
 //!
-//! A source is *exact* where its value is the distance to its surface; a formula is not, nor is anything
-//! that a placement shears.
-//!
-//! ```
-//! use druse::cell::{FitOptions, Placement, Skeleton, Source, fit_source};
-//! use druse::{frame::Element, progress::Silent};
-//! let struts = Skeleton::graph(Element::Hex, "bcc", 0.1).unwrap();
-//! let source = Source::skeleton(Element::Hex, &struts, &Placement::Reference).unwrap();
-//! let options = FitOptions { band_limit: 5.0, ..FitOptions::default() };
-//! let cell = fit_source("bcc", Element::Hex, &source, &options, &Silent).unwrap();
-//! assert!(cell.report().unwrap().rms < 0.01);
-//! ```
+//! A source is *exact* if its value is the distance to its surface. A formula is not exact, and neither
+//! is a source that its placement shears.
 
 use super::FitError;
 use super::fit::{Placement, SourceReport};
@@ -33,7 +23,7 @@ pub use origin::Origin;
 pub use skeleton::{Skeleton, SkeletonError, graphs, plate_sets};
 pub use voxels::{VoxelError, Voxels};
 
-/// What a source was.
+/// The kind of geometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SourceKind {
@@ -69,20 +59,30 @@ impl SourceKind {
 /// A real function of a point in reference coordinates.
 type Value = Box<dyn Fn(Vec3) -> f64 + Send + Sync>;
 
-/// A signed distance in the reference frame of an element, negative inside, with what is known of it.
+/// A signed distance in the reference frame of an element, negative inside, with its metadata.
+///
+/// ```
+/// use druse::cell::{FitOptions, Placement, Skeleton, Source, fit_source};
+/// use druse::{frame::Element, progress::Silent};
+/// let struts = Skeleton::graph(Element::Hex, "bcc", 0.1).unwrap();
+/// let source = Source::skeleton(Element::Hex, &struts, &Placement::Reference).unwrap();
+/// let options = FitOptions { band_limit: 5.0, ..FitOptions::default() };
+/// let cell = fit_source("bcc", Element::Hex, &source, &options, &Silent).unwrap();
+/// assert!(cell.report().unwrap().rms < 0.01);
+/// ```
 pub struct Source {
     value: Value,
     /// Points of its surface inside the element.
     points: Vec<Vec3>,
     exact: bool,
-    /// Samples per unit of reference length, where it is sampled.
+    /// Samples per unit of reference length, if the source is sampled.
     resolution: Option<usize>,
     report: SourceReport,
     warnings: Vec<String>,
 }
 
 impl Source {
-    /// A function in source coordinates, placed.
+    /// A function in source coordinates, mapped to the reference frame by a placement.
     fn placed(
         kind: SourceKind,
         element: Element,
@@ -98,7 +98,7 @@ impl Source {
         let mut warnings = Vec::new();
         if shear && exact {
             warnings.push(
-                "the placement shears the source: its values are no distances any more".to_owned(),
+                "the placement shears the source: its values are no longer distances".to_owned(),
             );
         }
         let value: Value = if identity {
@@ -108,7 +108,7 @@ impl Source {
         };
         let bounds = map.bounds(bounds);
         let inside = bounds.intersection(element_box(element));
-        // Of planar elements the area: their sources are flat.
+        // Planar elements use the area, since their sources are flat.
         let extent = |b: Aabb| {
             if b.is_empty() {
                 0.0
@@ -125,7 +125,7 @@ impl Source {
                 kind,
                 box_min: bounds.min.into(),
                 box_max: bounds.max.into(),
-                share_inside: share(extent(inside), extent(bounds)),
+                share_inside: ratio(extent(inside), extent(bounds)),
                 ..SourceReport::default()
             },
             warnings,
@@ -153,10 +153,10 @@ impl Source {
     /// A formula in x, y, z, negative inside.
     ///
     /// # Errors
-    /// [`FitError::Placement`]; "fit" has no box to fit.
+    /// [`FitError::Placement`], also for "fit", since a formula has no bounding box.
     ///
     /// # Panics
-    /// When the formula has more than three variables.
+    /// If the formula has more than three variables.
     pub fn formula(
         element: Element,
         formula: Formula,
@@ -169,8 +169,8 @@ impl Source {
             ));
         }
         let value = move |p: Vec3| formula.value(&[p.x, p.y, p.z]);
-        // It is wherever its element is.
-        let everywhere = placement
+        // The formula is defined on the whole element.
+        let domain = placement
             .affine(element, Aabb::EMPTY)?
             .inverse()
             .bounds(element_box(element));
@@ -178,7 +178,7 @@ impl Source {
             SourceKind::Formula,
             element,
             value,
-            everywhere,
+            domain,
             false,
             placement,
         )
@@ -214,7 +214,7 @@ impl Source {
         Ok(source)
     }
 
-    /// Samples on a regular grid; by default its box is the element's bounding cube.
+    /// Samples on a regular grid. By default the box of the grid is the element's bounding cube.
     ///
     /// # Errors
     /// [`FitError::Placement`].
@@ -233,17 +233,17 @@ impl Source {
         Ok(source)
     }
 
-    /// The greatest band limit that it is known finely enough for: infinity unless it is sampled.
-    pub fn carried_band(&self) -> f64 {
+    /// The largest band limit that the samples support; infinite unless the source is sampled.
+    pub fn max_band_limit(&self) -> f64 {
         self.resolution
             .map_or(f64::INFINITY, |n| (n.max(3) - 1).div_euclid(2) as f64)
     }
 
-    /// Whether it is known finely enough for frequencies up to `band_limit`.
+    /// Checks that the samples support frequencies up to `band_limit`.
     ///
     /// # Errors
-    /// [`VoxelError::TooCoarse`]: 2 R + 1 samples per unit of length are needed.
-    pub fn resolves(&self, band_limit: f64) -> Result<(), VoxelError> {
+    /// [`VoxelError::TooCoarse`] for fewer than 2 R + 1 samples per unit of length.
+    pub fn check_resolution(&self, band_limit: f64) -> Result<(), VoxelError> {
         let Some(samples) = self.resolution else {
             return Ok(());
         };
@@ -264,28 +264,28 @@ impl Source {
         (self.value)(p.0)
     }
 
-    /// Whether its value is the distance to its surface.
+    /// Whether the value is the distance to the surface.
     pub fn is_exact(&self) -> bool {
         self.exact
     }
 
-    /// Points known to lie on its surface and inside the element; empty where none are known.
+    /// Known points of the surface inside the element; empty if none are known.
     pub fn surface_points(&self) -> &[Vec3] {
         &self.points
     }
 
-    /// What it is and where it stands.
+    /// Kind, size and position of the source.
     pub fn report(&self) -> SourceReport {
         self.report
     }
 
-    /// What was odd about it, one sentence each, in lower case.
+    /// Warnings, one lower-case sentence each.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 }
 
-/// The box around an element.
+/// The bounding box of an element.
 fn element_box(element: Element) -> Aabb {
     let own = element.cell_box();
     Aabb {
@@ -294,8 +294,8 @@ fn element_box(element: Element) -> Aabb {
     }
 }
 
-/// The part of the whole, from 0 to 1; none of nothing.
-fn share(part: f64, whole: f64) -> f64 {
+/// The ratio of a part to the whole, from 0 to 1; 0 if the whole is 0.
+fn ratio(part: f64, whole: f64) -> f64 {
     if whole > 0.0 {
         (part / whole).clamp(0.0, 1.0)
     } else {

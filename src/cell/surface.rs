@@ -1,4 +1,4 @@
-//! Closed-form surfaces as exact coefficient sets.
+//! Triply periodic surfaces in closed form, as exact coefficient sets.
 
 use super::{Cell, CellError, Series, default_group, symmetry};
 use crate::frame::Element;
@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 
 /// A triply periodic surface with period 1, by name.
 ///
-/// With X = 2 pi x and so on, c = cos, s = sin, and the solid where the function is below its
-/// level (0 unless another is asked for):
+/// With X = 2 pi x and so on, c = cos, s = sin. The solid is where the function is below its level, which
+/// is 0 by default:
 ///
 /// | name | function | solid below 0 |
 /// |---|---|---|
@@ -20,14 +20,15 @@ use std::collections::BTreeMap;
 /// | `gyroid` | sX cY + sY cZ + sZ cX | one of two mirror-image networks |
 /// | `lidinoid` | (s2X cY sZ + s2Y cZ sX + s2Z cX sY - c2X c2Y - c2Y c2Z - c2Z c2X) / 2 + 0.15 | one of two sides |
 ///
-/// Gyroid and lidinoid have no point of cubic symmetry: averaged over any cubic group about the usual
-/// origin the gyroid is zero. They come as periodic cells of the hex without symmetries (group C1),
-/// which fill only scaffolds whose elements are all turned alike, such as a box.
+/// Gyroid and lidinoid have no point of cubic symmetry: the average of the gyroid over any cubic group
+/// about the usual origin is zero. They are periodic cells of the hex without symmetries (group C1),
+/// which fill only scaffolds whose elements all have the same orientation, such as a box.
 ///
-/// The others but the diamond have the full cubic group and fit a hex; with the diamond they fit a tet,
-/// where they keep the cubic lattice of period 1. In a hex the diamond has the group Td, half of the
-/// hex's own, and fills scaffolds whose elements are turned alike. In a tet the network of `schwarz_p` that reaches from element to
-/// element lies *above* the level: below it are balls around the vertices.
+/// All others except the diamond have the full cubic group and fit a hex. These and the diamond also fit
+/// a tet, where they keep the cubic lattice of period 1. In a hex the diamond has the group Td, a subgroup
+/// of the hex's own, and fills scaffolds whose elements have the same orientation. In a tet, the network
+/// of `schwarz_p` that connects neighbouring elements lies *above* the level; below it are balls around
+/// the vertices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Surface {
     /// Schwarz P.
@@ -46,19 +47,19 @@ pub enum Surface {
     Lidinoid,
 }
 
-/// Orbit representatives and coefficients. A product of cosines of n distinct axes has 2^n
+/// Orbit representatives and coefficients. A product of cosines along n distinct axes has 2^n
 /// exponentials, so that its factor is divided by 2^n.
 type Terms = &'static [(Frequency<3>, [f64; 2])];
 
-/// A product over the axes: its factor, and of each axis the sine or cosine of a multiple of 2 pi x.
-type Product = (f64, [(Wave, i32); 3]);
+/// A product over the axes: a factor, and for each axis the sine or cosine of a multiple of 2 pi x.
+type Product = (f64, [(TrigFunction, i32); 3]);
 
 #[derive(Clone, Copy, PartialEq)]
-enum Wave {
+enum TrigFunction {
     Sin,
     Cos,
 }
-use Wave::{Cos, Sin};
+use TrigFunction::{Cos, Sin};
 
 const GYROID: &[Product] = &[
     (1.0, [(Sin, 1), (Cos, 1), (Cos, 0)]),
@@ -75,12 +76,12 @@ const LIDINOID: &[Product] = &[
     (0.15, [(Cos, 0), (Cos, 0), (Cos, 0)]),
 ];
 
-/// Products as exponentials, one of each pair +-k.
-fn expanded(products: &[Product]) -> Vec<(Frequency<3>, [f64; 2])> {
+/// Products exponentials into exponentials, one of each pair +-k.
+fn exponentials(products: &[Product]) -> Vec<(Frequency<3>, [f64; 2])> {
     let mut terms = BTreeMap::<Frequency<3>, [f64; 2]>::new();
     for (factor, axes) in products {
         for signs in 0..8 {
-            // cos = (e+ + e-) / 2, sin = -i (e+ - e-) / 2: each sine turns by -+ i.
+            // cos = (e+ + e-) / 2, sin = -i (e+ - e-) / 2: each sine multiplies by -+ i.
             let mut c = [factor / 8.0, 0.0];
             let mut k = [0; 3];
             for (a, (wave, multiple)) in axes.iter().enumerate() {
@@ -101,7 +102,7 @@ fn expanded(products: &[Product]) -> Vec<(Frequency<3>, [f64; 2])> {
 
 impl Surface {
     /// Every surface.
-    pub const ALL: [Self; 7] = [
+    pub const CATALOGUE: [Self; 7] = [
         Self::SchwarzP,
         Self::Diamond,
         Self::Iwp,
@@ -111,7 +112,7 @@ impl Surface {
         Self::Lidinoid,
     ];
 
-    /// Its name in recipes.
+    /// The name in recipes.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SchwarzP => "schwarz_p",
@@ -124,16 +125,15 @@ impl Surface {
         }
     }
 
-    /// The surface of that name; case, `_` and `-` do not matter.
+    /// The surface with the given name; case, `_` and `-` are ignored.
     pub fn from_name(name: &str) -> Option<Self> {
-        let plain = |s: &str| s.replace(['_', '-'], "").to_ascii_lowercase();
-        Self::ALL
+        let normalized = |s: &str| s.replace(['_', '-'], "").to_ascii_lowercase();
+        Self::CATALOGUE
             .into_iter()
-            .find(|s| plain(s.name()) == plain(name))
+            .find(|s| normalized(s.name()) == normalized(name))
     }
 
-    /// The element that it is made for unless another is asked for: the tet for the diamond, whose group
-    /// is that of a tet.
+    /// The default element: the tet for the diamond, whose group is that of a tet; else the hex.
     pub const fn element(self) -> Element {
         match self {
             Self::Diamond => Element::Tet,
@@ -141,7 +141,7 @@ impl Surface {
         }
     }
 
-    /// Its function as text.
+    /// The function as text.
     pub const fn formula(self) -> &'static str {
         match self {
             Self::SchwarzP => "cX + cY + cZ",
@@ -156,7 +156,7 @@ impl Surface {
         }
     }
 
-    /// Coefficients under Oh; of the diamond under Td, of surfaces without symmetry none.
+    /// Coefficients under Oh, for the diamond under Td; empty for gyroid and lidinoid.
     const fn terms(self) -> Terms {
         match self {
             Self::Gyroid | Self::Lidinoid => &[],
@@ -205,14 +205,14 @@ impl Surface {
                 LIDINOID
             };
             let (group, lattice) = symmetry(element, Some("C1"), Some("cubic"))?;
-            let series = Series::new(group, lattice, &expanded(products))?;
+            let series = Series::new(group, lattice, &exponentials(products))?;
             return Cell::new(self.name(), element, series);
         }
-        // Under the inversion half of the diamond's energy, sX sY sZ, changes sign.
+        // Under inversion the term sX sY sZ of the diamond changes sign.
         let group = (self == Self::Diamond).then_some("Td");
         let (group, lattice) = symmetry(element, group, Some("cubic"))?;
-        // An orbit of the full cubic group may be two opposite orbits of its subgroup; a pair is
-        // listed once in either, with the same real coefficient.
+        // An orbit of the full cubic group may split into two opposite orbits of its subgroup. The pair is
+        // then listed once, with the same real coefficient.
         let series = Series::new(group, lattice, self.terms())?;
         Cell::new(self.name(), element, series)
     }

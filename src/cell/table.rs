@@ -1,25 +1,18 @@
-//! Fast evaluation of a cell: a periodic tricubic B-spline for each of its series, in single precision.
+//! Fast evaluation of a cell: a periodic tricubic B-spline per series, in single precision.
 //!
-//! A spline's coefficients are exact: the spectrum of the series divided by that of the sampled
-//! B-spline, prod (2 + cos(2 pi h / N)) / 3 over the axes, transformed back once; the spline interpolates the
-//! series at the grid points. The grid lies along the Cartesian axes, with the series' period along
-//! each: (1, 1, 1) for the cubic lattice, 2 for `fcc2`, (1, 1, sqrt 2) for `fcc1`, (1, sqrt 3, 1) for the
-//! hexagonal ones. Operators that exchange or turn around the axes map it to itself, so that the
-//! interpolant is as symmetric as the series and cells stay continuous across faces to rounding;
-//! where a group has others (order 3 about z) the mean over the turned points restores it.
+//! A spline interpolates its series at the grid points. Its coefficients are exact: the spectrum of the
+//! series divided by that of the sampled B-spline, prod (2 + cos(2 pi h / N)) / 3 over the axes, and one
+//! inverse transform. The grid lies along the Cartesian axes with the series' period along each: (1, 1, 1)
+//! for the cubic lattice, 2 for `fcc2`, (1, 1, sqrt 2) for `fcc1`, (1, sqrt 3, 1) for the hexagonal ones.
+//! Operators that permute or reverse axes map the grid onto itself, so that the interpolant has the
+//! symmetry of the series and cells stay continuous across faces up to rounding. For other operators
+//! (order 3 about z) the mean over the rotated points restores the symmetry.
 //!
-//! Of a period a table keeps the part from which mirrors, twofold axes and centring make the rest: an
-//! eighth in a hex, a sixteenth in a tet. Points are best looked up together.
-//!
-//! Conventions: the table holds Phi minus its level (Phi itself for a sheet, whose absolute value is
-//! taken after interpolation); as a [`Field`] it is negative inside the solid. An expression of
-//! several series is evaluated from one spline each, a function of the ball from samples over a box,
-//! for the element that is the cube around the ball. The gradient is that of the interpolant. Bounds
-//! come from the coefficients of the spline's Bernstein form, of which it is a convex combination; so
-//! bounds are rigorous for what is evaluated, not for the
-//! series it approximates. [`Table::error_bound`] ties the two together.
+//! A table stores the part of a period from which mirrors, twofold axes and centring generate the rest: an
+//! eighth in a hex, a sixteenth in a tet. It holds Phi minus its level, or Phi itself for a sheet, whose
+//! absolute value is taken after interpolation.
 
-use super::{Cell, CellError, Form, Products, Solid};
+use super::{Cell, CellError, Expression, Products, Solid};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
@@ -35,54 +28,61 @@ mod resolution;
 mod spline;
 mod window;
 use build::Spectrum;
-use gradient_bound::{Slopes, Zero};
+use gradient_bound::{GradientBounds, SurfaceValues};
 use grid::Grid;
 use leaf::Leaf;
 use spline::Spline;
 
-/// Greatest number of samples per axis that [`Table::new`] uses: 9 MiB for each series of a hex.
-const LARGEST: usize = 160;
-/// Least number of samples per axis.
-const SMALLEST: usize = 32;
-/// Samples per period of the shortest wave that [`Table::new`] asks for.
+/// Maximal number of samples per axis in [`Table::new`]: 9 MiB for each series of a hex.
+const MAX_SAMPLES: usize = 160;
+/// Minimal number of samples per axis.
+const MIN_SAMPLES: usize = 32;
+/// Samples per period of the shortest wave in [`Table::new`], up to [`MAX_SAMPLES`].
 const SAMPLES_PER_WAVE: usize = 8;
-/// What is interpolated.
+
+/// The interpolated function.
 enum Function {
-    /// One series in space on a grid that its group keeps: the hot path.
-    Plain(Box<Leaf>),
-    /// An expression and its leaves in order.
-    Tree(Form, Vec<Leaf>),
+    /// One series in space, on a grid that its group maps onto itself: the fast path.
+    Single(Box<Leaf>),
+    /// An expression and its leaves from left to right.
+    Expression(Expression, Vec<Leaf>),
 }
 
-/// A cell as a table; see the module's head.
+/// A tabulated cell. As a [`Field`] it is negative inside the solid.
+///
+/// A single series is evaluated from one spline, an expression from one spline per series. A cell of the
+/// ball is sampled over a box; its table is for the hex that is the cube around the ball. The gradient is
+/// that of the interpolant. Bounds follow from the Bernstein coefficients of the spline, since it is their
+/// convex combination. They are rigorous for the interpolant, not for the series; [`Table::error_bound`]
+/// bounds the difference. Points are best evaluated in batches ([`Table::values`]).
 pub struct Table {
     element: Element,
     fits_any_numbering: bool,
     solid: Solid,
-    /// Half thickness of a sheet; 0 otherwise, since the level is in the coefficients.
-    half: f32,
-    /// Solid value = sign * interpolant where the solid is one side of the level.
+    /// Half thickness of a sheet; otherwise 0, since the level is included in the coefficients.
+    half_thickness: f32,
+    /// Solid value = sign * interpolant, for a solid that is one side of the level.
     sign: f32,
     function: Function,
     error_bound: f64,
     gradient_error_bound: f64,
     gradient_sup: f64,
-    /// The same, near the surface too, if that is known.
-    slopes: Option<Slopes>,
+    /// Bounds near the surface, for a single series.
+    gradient_bounds: Option<GradientBounds>,
     gradient_rms: f64,
     products: Option<Products>,
-    /// Whether values come from the products; the spline is for bounds then.
+    /// Whether values are computed from the products; the spline then only bounds them.
     is_direct: bool,
-    /// How much the products' values and gradients may be beyond the spline's bounds.
+    /// How far values and gradients of the products may exceed the bounds of the spline.
     slack: [f64; 2],
-    /// Exponentials that were left out.
+    /// Number of omitted exponentials.
     dropped: usize,
     error_rms: f64,
     displacement: Option<f64>,
 }
 
 impl std::fmt::Debug for Table {
-    /// Its size and bounds; the coefficients are left out.
+    /// Shows sizes and bounds; the coefficients are omitted.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Table")
             .field("element", &self.element)
@@ -94,72 +94,86 @@ impl std::fmt::Debug for Table {
 }
 
 impl Table {
-    /// The table of a cell, with at least 8 samples per shortest wave as far as 160 samples per
-    /// axis go.
+    /// The table of a cell, with at least 8 samples per shortest wave, but at most 160 samples per axis.
     ///
     /// # Errors
-    /// [`CellError::TableTooLarge`] if the band needs more than 160 samples per axis merely to be
-    /// represented (more than 79 waves per period along an axis).
+    /// [`CellError::TableTooLarge`] if the band needs more than 160 samples per axis to be represented at all
+    /// (more than 79 waves per period along an axis).
     pub fn new(cell: &Cell) -> Result<Self, CellError> {
-        let form = function(cell);
-        let leaves = spectra(&form)?
+        let expression = function(cell);
+        let leaves = spectra(&expression)?
             .into_iter()
             .map(|s| {
-                let grid = s.grid(wanted);
+                let grid = s.grid(default_samples);
                 s.check(&grid)?;
                 Ok((s, grid))
             })
             .collect::<Result<Vec<_>, CellError>>()?;
-        Ok(Self::build(cell, form, leaves))
+        Ok(Self::build(cell, expression, leaves))
     }
 
-    fn build(cell: &Cell, form: Form, leaves: Vec<(Spectrum, Grid)>) -> Self {
-        let whole = cell.fits_any_numbering();
+    fn build(cell: &Cell, expression: Expression, leaves: Vec<(Spectrum, Grid)>) -> Self {
+        let any_numbering = cell.fits_any_numbering();
         let element = cell.element();
-        let dropped = leaves.iter().map(|(s, _)| s.dropped.count).sum();
-        let mut each = leaves.iter();
-        let [error_rms, ..] = form.error_by(&mut |_| {
-            let square = each
+        let dropped = leaves.iter().map(|(s, _)| s.omitted.count).sum();
+        let mut remaining = leaves.iter();
+        let [error_rms, ..] = expression.error_bound_with(&mut |_| {
+            let square = remaining
                 .next()
                 .map_or(0.0, |(s, g)| s.error_square(g, f64::INFINITY));
             [square.sqrt(), 0.0, 0.0]
         });
-        let half = if cell.solid().is_symmetric() {
+        let half_thickness = if cell.solid().is_symmetric() {
             cell.level() as f32
         } else {
             0.0
         };
         let mut leaves: Vec<Leaf> = leaves
             .into_iter()
-            .map(|(s, g)| Leaf::new(s, g, (element, whole), Zero { half }))
-            .collect();
-        let mut each = leaves.iter();
-        let [error_bound, gradient_error_bound, _] =
-            form.error_by(&mut |_| each.next().map_or([f64::INFINITY; 3], Leaf::errors));
-        let mut each = leaves.iter();
-        let around = element.cell_box();
-        let (_, gradient_sup) = form.range_by(&mut |_| {
-            each.next().map_or((Interval::ALL, f64::INFINITY), |leaf| {
-                (leaf.range(&around).0, leaf.slopes().everywhere())
+            .map(|(s, g)| {
+                Leaf::new(
+                    s,
+                    g,
+                    (element, any_numbering),
+                    SurfaceValues {
+                        half: half_thickness,
+                    },
+                )
             })
+            .collect();
+        let mut remaining = leaves.iter();
+        let [error_bound, gradient_error_bound, _] = expression
+            .error_bound_with(&mut |_| remaining.next().map_or([f64::INFINITY; 3], Leaf::errors));
+        let mut remaining = leaves.iter();
+        let bounding_box = element.cell_box();
+        let (_, gradient_sup) = expression.bound_with(&mut |_| {
+            remaining
+                .next()
+                .map_or((Interval::REAL_LINE, f64::INFINITY), |leaf| {
+                    (
+                        leaf.range(&bounding_box).0,
+                        leaf.gradient_bounds().over_element(),
+                    )
+                })
         });
-        let products = Products::of(cell, &form);
-        let (function, slopes) = if leaves.len() == 1 && leaves[0].is_plain() && form.nodes() == 1 {
-            let leaf = leaves.swap_remove(0);
-            let slopes = leaf.slopes().clone();
-            (Function::Plain(Box::new(leaf)), Some(slopes))
-        } else {
-            (Function::Tree(form, leaves), None)
-        };
+        let products = Products::of(cell, &expression);
+        let (function, gradient_bounds) =
+            if leaves.len() == 1 && leaves[0].is_single_spline() && expression.nodes() == 1 {
+                let leaf = leaves.swap_remove(0);
+                let gradient_bounds = leaf.gradient_bounds().clone();
+                (Function::Single(Box::new(leaf)), Some(gradient_bounds))
+            } else {
+                (Function::Expression(expression, leaves), None)
+            };
         Self {
-            // What is sampled about the ball fills the cube around it.
+            // A cell of the ball is tabulated over the cube around the ball.
             element: match element {
                 Element::Ball => Element::Hex,
                 other => other,
             },
-            fits_any_numbering: whole,
+            fits_any_numbering: any_numbering,
             solid: cell.solid(),
-            half,
+            half_thickness,
             sign: if cell.solid() == Solid::Above {
                 -1.0
             } else {
@@ -169,7 +183,7 @@ impl Table {
             error_bound,
             gradient_error_bound,
             gradient_sup,
-            slopes,
+            gradient_bounds,
             gradient_rms: cell.gamma(),
             products,
             is_direct: false,
@@ -180,12 +194,12 @@ impl Table {
         }
     }
 
-    /// The same, computed by instructions that every processor has: the same bits on all of them.
+    /// The same table, evaluated with baseline instructions only: bit-identical on every processor.
     #[must_use]
     pub fn portable(mut self) -> Self {
         let leaves = match &mut self.function {
-            Function::Plain(leaf) => std::slice::from_mut(&mut **leaf),
-            Function::Tree(_, leaves) => leaves,
+            Function::Single(leaf) => std::slice::from_mut(&mut **leaf),
+            Function::Expression(_, leaves) => leaves,
         };
         for leaf in leaves {
             leaf.spline.be_portable();
@@ -193,64 +207,64 @@ impl Table {
         self
     }
 
-    /// The element the cell fills; of a ball the cube around it.
+    /// The element that the cell fills; for the ball, the hex around it.
     pub fn element(&self) -> Element {
         self.element
     }
 
-    /// Whether the cell is the same whatever the numbering of an element's nodes.
+    /// Whether the cell is independent of the numbering of an element's nodes.
     pub fn fits_any_numbering(&self) -> bool {
         self.fits_any_numbering
     }
 
     fn leaves(&self) -> &[Leaf] {
         match &self.function {
-            Function::Plain(leaf) => std::slice::from_ref(leaf),
-            Function::Tree(_, leaves) => leaves,
+            Function::Single(leaf) => std::slice::from_ref(leaf),
+            Function::Expression(_, leaves) => leaves,
         }
     }
 
-    /// Samples per period along the axis, and of the series, that has most.
+    /// The largest number of samples per period over all axes and series.
     pub fn samples(&self) -> usize {
         self.leaves().iter().map(Leaf::samples).max().unwrap_or(0)
     }
 
-    /// Memory in use.
+    /// Memory of the table in bytes.
     pub fn bytes(&self) -> usize {
         self.leaves().iter().map(Leaf::bytes).sum()
     }
 
-    /// Exponentials of the cell's series that the table leaves out, see [`Table::for_displacement`].
+    /// Number of exponentials of the cell that the table omits, see [`Table::for_displacement`].
     pub fn dropped(&self) -> usize {
         self.dropped
     }
 
-    /// Root mean square of table - cell over a period, in field units, but for rounding to single
-    /// precision; of an expression as if all its series erred at once, of a function without periods, and
-    /// where values come from products, 0.
+    /// Root mean square of table - cell over a period, in field units, without single-precision rounding. For
+    /// an expression it assumes that the errors of all series coincide. It is 0 for a function without
+    /// periods and for values computed from products.
     pub fn error_rms(&self) -> f64 {
         self.error_rms
     }
 
-    /// How far the table displaces the surface, in reference lengths, as measured: the greatest
-    /// |table - cell| over the mean slope at points spread over the element, and over the slope there at
-    /// points of the surface. Known of tables made by [`Table::for_displacement`].
+    /// The measured displacement of the surface by the table, in reference lengths: the largest |table -
+    /// cell| over the mean slope at points of the element, and over the local slope at points of the
+    /// surface. `None` for tables that are not made by [`Table::for_displacement`].
     pub fn displacement(&self) -> Option<f64> {
         self.displacement
     }
 
-    /// Rigorous bound of |table - cell| everywhere, in field units (single precision included).
+    /// Rigorous bound of |table - cell|, in field units, single-precision rounding included.
     pub fn error_bound(&self) -> f64 {
         self.error_bound
     }
 
-    /// Rigorous bound of the difference of the gradients' components, per unit of reference length,
-    /// but for points where the parts of an expression change places.
+    /// Rigorous bound of the difference of each gradient component, per unit of reference length. It does not
+    /// hold where the minimum or maximum of an expression switches between operands.
     pub fn gradient_error_bound(&self) -> f64 {
         self.gradient_error_bound
     }
 
-    /// The same function as a few products of sines and cosines, if it is one.
+    /// The same function as a sum of products of sines and cosines, if it has few of them.
     pub fn products(&self) -> Option<&Products> {
         self.products.as_ref()
     }
@@ -260,10 +274,10 @@ impl Table {
         self.gradient_sup
     }
 
-    /// A bound L of its length over those points of the element where |value| <= L `reach`: points within
-    /// `reach` of the surface are among them. Not greater than [`Self::gradient_sup`].
+    /// A bound L of the gradient's length over the points of the element where |value| <= L `reach`, which
+    /// include all points within `reach` of the surface. At most [`Self::gradient_sup`].
     pub fn gradient_sup_near(&self, reach: f64) -> f64 {
-        let near = self.slopes.as_ref().map(|s| s.within(reach));
+        let near = self.gradient_bounds.as_ref().map(|s| s.near_surface(reach));
         near.map_or(self.gradient_sup, |s| s.min(self.gradient_sup))
     }
 
@@ -272,20 +286,23 @@ impl Table {
         self.gradient_rms
     }
 
-    /// Interval of the function and bound of its gradient over a box.
+    /// Range of the function and bound of its gradient's length over a box.
     fn range(&self, region: &CellBox<3>) -> (Interval, f64) {
         match &self.function {
-            Function::Plain(leaf) => {
-                let (values, steepest) = leaf.range(region);
+            Function::Single(leaf) => {
+                let (values, max_slope) = leaf.range(region);
                 let [value, slope] = self.slack;
                 let values = Interval::new(values.lo - value, values.hi + value);
-                (values, steepest + slope)
+                (values, max_slope + slope)
             }
-            Function::Tree(form, leaves) => {
-                let mut each = leaves.iter();
-                form.range_by(&mut |_| {
-                    each.next()
-                        .map_or((Interval::ALL, f64::INFINITY), |leaf| leaf.range(region))
+            Function::Expression(expression, leaves) => {
+                let mut remaining = leaves.iter();
+                expression.bound_with(&mut |_| {
+                    remaining
+                        .next()
+                        .map_or((Interval::REAL_LINE, f64::INFINITY), |leaf| {
+                            leaf.range(region)
+                        })
                 })
             }
         }
@@ -300,16 +317,16 @@ impl Table {
     fn solid_value(&self, raw: f32) -> f32 {
         match self.solid {
             Solid::Below | Solid::Above => raw * self.sign,
-            Solid::Sheet => raw.abs() - self.half,
-            Solid::Channels => self.half - raw.abs(),
+            Solid::Sheet => raw.abs() - self.half_thickness,
+            Solid::Channels => self.half_thickness - raw.abs(),
         }
     }
 
-    /// The products that values come from, and the spline that bounds them.
+    /// The products that give the values, and the spline that bounds them.
     #[inline]
     fn direct(&self) -> Option<(&Products, &Spline)> {
         match (&self.products, &self.function) {
-            (Some(products), Function::Plain(leaf)) if self.is_direct => {
+            (Some(products), Function::Single(leaf)) if self.is_direct => {
                 Some((products, &leaf.spline))
             }
             _ => None,
@@ -319,24 +336,24 @@ impl Table {
     #[inline]
     fn raw(&self, p: CellPoint<3>) -> f32 {
         match &self.function {
-            Function::Plain(leaf) => leaf.spline.value(p),
-            Function::Tree(form, leaves) => tree_value(form, leaves, p.0),
+            Function::Single(leaf) => leaf.spline.value(p),
+            Function::Expression(expression, leaves) => expression_value(expression, leaves, p.0),
         }
     }
 
-    /// Values at points, into `out` of the same length: the bits of [`Field::value`].
+    /// Values at points, into `out` of the same length; bit-identical to [`Field::value`].
     pub fn values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
         if let Some((products, spline)) = self.direct() {
             return spline.run(direct::Values(products, points, out));
         }
         match &self.function {
-            Function::Plain(leaf) => {
+            Function::Single(leaf) => {
                 leaf.spline.values(points, out);
                 for v in out {
                     *v = self.solid_value(*v);
                 }
             }
-            Function::Tree(..) => {
+            Function::Expression(..) => {
                 for (v, &p) in out.iter_mut().zip(points) {
                     *v = self.solid_value(self.raw(p));
                 }
@@ -344,14 +361,14 @@ impl Table {
         }
     }
 
-    /// Values and gradients (value, by x, by y, by z) at points, into `out` of the same length: the
-    /// bits of [`Table::sample`].
+    /// Values and gradients (value, d/dx, d/dy, d/dz) at points, into `out` of the same length;
+    /// bit-identical to [`Table::sample`].
     pub fn values_and_gradients(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
         if let Some((products, spline)) = self.direct() {
             return spline.run(direct::Samples(products, points, out));
         }
         match &self.function {
-            Function::Plain(leaf) => {
+            Function::Single(leaf) => {
                 leaf.spline.samples(points, out);
                 for s in out {
                     let slope = self.solid_slope(s[0]);
@@ -363,7 +380,7 @@ impl Table {
                     ];
                 }
             }
-            Function::Tree(..) => {
+            Function::Expression(..) => {
                 for (s, &p) in out.iter_mut().zip(points) {
                     let (v, [x, y, z]) = self.sample(p);
                     *s = [v, x, y, z];
@@ -372,7 +389,7 @@ impl Table {
         }
     }
 
-    /// Derivative of the solid's value by the interpolant.
+    /// Derivative of the solid's value with respect to the interpolant.
     #[inline]
     fn solid_slope(&self, raw: f32) -> f32 {
         match self.solid {
@@ -382,7 +399,7 @@ impl Table {
         }
     }
 
-    /// Value and gradient in single precision, as they are computed.
+    /// Value and gradient in single precision.
     #[inline]
     pub fn sample(&self, p: CellPoint<3>) -> (f32, [f32; 3]) {
         if self.is_direct {
@@ -392,32 +409,34 @@ impl Table {
             return (v, [x, y, z]);
         }
         let (raw, g) = match &self.function {
-            Function::Plain(leaf) => leaf.spline.value_and_gradient(p),
-            Function::Tree(form, leaves) => tree_slope(form, leaves, p.0),
+            Function::Single(leaf) => leaf.spline.value_and_gradient(p),
+            Function::Expression(expression, leaves) => {
+                expression_gradient(expression, leaves, p.0)
+            }
         };
         let slope = self.solid_slope(raw);
         (self.solid_value(raw), g.map(|c| c * slope))
     }
 }
 
-/// Samples along an axis that [`Table::new`] asks for, from the greatest index.
-fn wanted(index: i32) -> usize {
-    (SAMPLES_PER_WAVE * index as usize).clamp(SMALLEST, LARGEST)
+/// Samples along an axis in [`Table::new`], from the largest index.
+fn default_samples(index: i32) -> usize {
+    (SAMPLES_PER_WAVE * index as usize).clamp(MIN_SAMPLES, MAX_SAMPLES)
 }
 
-/// The function that a cell's table holds: Phi minus the level that is solid's border.
-fn function(cell: &Cell) -> Form {
+/// The tabulated function: Phi minus the level, or Phi for a sheet or channels.
+fn function(cell: &Cell) -> Expression {
     let centre = cell.solid().centre(cell.level());
     if centre == 0.0 {
-        return cell.form().clone();
+        return cell.expression().clone();
     }
-    cell.form().shifted(centre)
+    cell.expression().shifted(centre)
 }
 
-/// The spectra of a form's leaves, in order.
-fn spectra(form: &Form) -> Result<Vec<Spectrum>, CellError> {
+/// The spectra of the leaves of an expression, from left to right.
+fn spectra(expression: &Expression) -> Result<Vec<Spectrum>, CellError> {
     let mut all = Vec::new();
-    form.value_by(&mut |leaf| {
+    expression.value_with(&mut |leaf| {
         all.push(Spectrum::new(leaf));
         0.0
     });
@@ -425,16 +444,17 @@ fn spectra(form: &Form) -> Result<Vec<Spectrum>, CellError> {
 }
 
 #[inline(never)]
-fn tree_value(form: &Form, leaves: &[Leaf], p: Vec3) -> f32 {
-    let mut each = leaves.iter();
-    form.value_by(&mut |_| each.next().map_or(f64::NAN, |leaf| leaf.value(p))) as f32
+fn expression_value(expression: &Expression, leaves: &[Leaf], p: Vec3) -> f32 {
+    let mut remaining = leaves.iter();
+    expression.value_with(&mut |_| remaining.next().map_or(f64::NAN, |leaf| leaf.value(p))) as f32
 }
 
 #[inline(never)]
-fn tree_slope(form: &Form, leaves: &[Leaf], p: Vec3) -> (f32, [f32; 3]) {
-    let mut each = leaves.iter();
-    let (v, g) = form.slope_by(&mut |_| {
-        each.next()
+fn expression_gradient(expression: &Expression, leaves: &[Leaf], p: Vec3) -> (f32, [f32; 3]) {
+    let mut remaining = leaves.iter();
+    let (v, g) = expression.gradient_with(&mut |_| {
+        remaining
+            .next()
             .map_or((f64::NAN, Vec3::zeros()), |leaf| leaf.slope(p))
     });
     (v as f32, g.map(|c| c as f32).into())
@@ -463,7 +483,7 @@ impl Field for Table {
         let (raw, _) = self.range(region);
         match self.solid {
             Solid::Below | Solid::Sheet | Solid::Channels => {
-                self.solid.interval(raw, f64::from(self.half))
+                self.solid.interval(raw, f64::from(self.half_thickness))
             }
             Solid::Above => raw.negated(),
         }

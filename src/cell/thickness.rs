@@ -1,78 +1,78 @@
-//! The thickness of a cell's solid, and the level that gives a wanted one.
+//! The thickness of a cell's solid, and the level for a target thickness.
 //!
-//! A sheet |Phi| < t has, to first order, the thickness 2 t / gamma with gamma the root mean square of
-//! the gradient on its middle surface. The thickness of anything else is measured: from points of the
-//! surface the solid is crossed along the inward normal, and the tenth percentile of the chords, by
-//! area, is taken: on a round strut its diameter, undisturbed by the nodes, where chords are longer.
-//! Beyond the element a chord goes on in the mirror image, as in a neighbour.
+//! A sheet |Phi| < t has, to first order, the thickness 2 t / gamma, with gamma the root mean square of the
+//! gradient on its middle surface. For any other solid, chords along the inward normal are measured from
+//! points of the surface; the thickness is their tenth percentile by area. For a round strut this is the
+//! diameter: the longer chords at the nodes do not affect it. Beyond the element a chord continues in the
+//! mirror image, as in a neighbour.
 
-use super::level_search::{Piece, Samples};
+use super::level_search::{Samples, SurfacePatch};
 use super::table::Table;
 use super::{Cell, CellError, Solid};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Vec3};
 use rayon::prelude::*;
 
-/// Steps along a chord, and the longest chord that is followed, in reference units.
-const STEP: f64 = 0.01;
-const LONGEST: f64 = 1.2;
+/// Step along a chord and maximal length of a chord, in reference units.
+const CHORD_STEP: f64 = 0.01;
+const MAX_CHORD: f64 = 1.2;
 /// The share of the area whose chords are shorter than the thickness.
 const PERCENTILE: f64 = 0.1;
-/// The measured thickness must meet the wanted one to this share.
+/// Accepted relative deviation of the measured thickness from the target.
 const TOLERANCE: f64 = 0.02;
-/// Parts per edge of the simplex on which surface points are found.
-const PARTS: usize = 24;
+/// Parts per edge of the simplex grid on which surface points are found.
+const GRID_PARTS: usize = 24;
 
-/// A point outside the element mirrored back through the faces; cells of a hex are periodic, those of
-/// the ball go on beyond it.
-fn folded(element: Element, mut x: Vec3) -> Vec3 {
+/// Reflects a point outside the element through the faces until it lies inside. Cells of a hex are
+/// periodic and those of the ball continue beyond it, so their points stay unchanged.
+fn reflected_inside(element: Element, mut x: Vec3) -> Vec3 {
     if matches!(element, Element::Hex | Element::Ball) {
         return x;
     }
     let faces = element.faces();
     for _ in 0..8 {
         let out = |f: &crate::frame::Face| f.normal.dot(&x) - f.offset;
-        let worst = faces
+        let farthest = faces
             .iter()
             .max_by(|a, b| out(a).total_cmp(&out(b)))
             .filter(|f| out(f) > 0.0);
-        let Some(face) = worst else { break };
+        let Some(face) = farthest else { break };
         x -= face.normal * (2.0 * out(face));
     }
     x
 }
 
-/// The function with its surface points, ready for any level.
-struct Gauge<'a> {
+/// The cell's function and its samples, from which the thickness at any level is measured.
+struct ThicknessProbe<'a> {
     cell: &'a Cell,
     samples: Samples,
-    /// The bare function: level 0, solid below.
+    /// The function itself: level 0, solid below.
     table: Table,
 }
 
-impl<'a> Gauge<'a> {
+impl<'a> ThicknessProbe<'a> {
     fn new(cell: &'a Cell) -> Result<Self, CellError> {
         let bare = cell.clone().with_solid(Solid::Below, 0.0)?;
         Ok(Self {
             cell,
-            samples: Samples::new(cell, PARTS),
+            samples: Samples::new(cell, GRID_PARTS),
             table: Table::new(&bare)?,
         })
     }
 
-    /// Length of the chord from a surface point inwards.
+    /// Length of the chord from a surface point along the inward normal.
     fn chord(&self, from: Vec3, level: f64) -> f64 {
         let (solid, element) = (self.cell.solid, self.cell.element);
-        let phi = |x: Vec3| self.table.value(CellPoint(folded(element, x)));
+        let phi = |x: Vec3| self.table.value(CellPoint(reflected_inside(element, x)));
         let (v, g) = self.table.value_and_gradient(CellPoint(from));
         let inward = -g * solid.value_and_slope(v, level).1;
         let Some(inward) = inward.try_normalize(1e-9) else {
-            return LONGEST;
+            return MAX_CHORD;
         };
         let value = |s: f64| solid.value(phi(from + inward * s), level);
-        let (mut s, mut inside) = (STEP / 4.0, 0.0);
-        while s < LONGEST {
-            if value(s) > 0.0 && s > STEP / 2.0 {
+        let (mut s, mut inside) = (CHORD_STEP / 4.0, 0.0);
+        while s < MAX_CHORD {
+            if value(s) > 0.0 && s > CHORD_STEP / 2.0 {
                 let (mut lo, mut hi) = (inside, s);
                 for _ in 0..20 {
                     let mid = f64::midpoint(lo, hi);
@@ -85,12 +85,12 @@ impl<'a> Gauge<'a> {
                 return lo;
             }
             inside = s;
-            s += STEP;
+            s += CHORD_STEP;
         }
-        LONGEST
+        MAX_CHORD
     }
 
-    /// The thickness at a level: 0 where nothing is solid, infinite where nothing is void.
+    /// The thickness at a level: 0 without solid, infinite without void.
     fn thickness(&self, level: f64) -> f64 {
         let solid = self.cell.solid;
         let levels: &[f64] = if solid.is_symmetric() {
@@ -98,11 +98,11 @@ impl<'a> Gauge<'a> {
         } else {
             &[level]
         };
-        let mut pieces = Vec::new();
+        let mut patches = Vec::new();
         for &t in levels {
-            pieces.extend(Piece::all(&self.samples, t));
+            patches.extend(SurfacePatch::all(&self.samples, t));
         }
-        let mut chords: Vec<(f64, f64)> = pieces
+        let mut chords: Vec<(f64, f64)> = patches
             .par_iter()
             .map(|p| (self.chord(p.centre.0, level), p.area))
             .collect();
@@ -119,37 +119,37 @@ impl<'a> Gauge<'a> {
                 return chord;
             }
         }
-        LONGEST
+        MAX_CHORD
     }
 }
 
-/// A level, and what thickness it gives, in units of reference length.
+/// A level and its thickness, in units of reference length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearestLevel {
     /// The level.
     pub level: f64,
-    /// The thickness that it gives: 0 where nothing is solid, infinite where nothing is void.
+    /// Its thickness: 0 without solid, infinite without void.
     pub thickness: f64,
-    /// The nearest thicknesses below and above the one asked for.
-    pub around: (f64, f64),
+    /// The nearest attainable thicknesses below and above the target.
+    pub bracket: (f64, f64),
 }
 
 impl NearestLevel {
-    /// Whether the thickness is the one asked for, within the accuracy of its measure.
-    pub fn meets(&self, asked: f64) -> bool {
-        (self.thickness - asked).abs() <= TOLERANCE * asked
+    /// Whether the thickness equals the target within the accuracy of the measurement.
+    pub fn meets(&self, target: f64) -> bool {
+        (self.thickness - target).abs() <= TOLERANCE * target
     }
 }
 
 impl Cell {
-    /// The level at which walls or struts have this thickness: the wall of a sheet to first order,
-    /// else the tenth percentile of the chords through the solid, in units of reference length.
+    /// The level at which walls or struts have the given thickness in units of reference length. For a sheet
+    /// it is the wall thickness to first order, else the tenth percentile of the chords through the solid.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] for a thickness that is not positive, or that no level gives.
+    /// [`CellError::OutOfRange`] for a thickness that is not positive or that no level attains.
     pub fn level_for_thickness(&self, thickness: f64) -> Result<f64, CellError> {
         let found = self.nearest_level_for_thickness(thickness)?;
-        let (below, above) = found.around;
+        let (below, above) = found.bracket;
         if found.meets(thickness) {
             return Ok(found.level);
         }
@@ -163,8 +163,8 @@ impl Cell {
         })
     }
 
-    /// The level whose thickness is nearest to the one asked for, measured as
-    /// [`Cell::level_for_thickness`] does.
+    /// The level whose thickness is nearest to the given one, with the measure of
+    /// [`Cell::level_for_thickness`].
     ///
     /// # Errors
     /// [`CellError::OutOfRange`] for a thickness that is not positive.
@@ -180,11 +180,11 @@ impl Cell {
             return Ok(NearestLevel {
                 level: thickness * self.gamma_at(&[0.0]) / 2.0,
                 thickness,
-                around: (thickness, thickness),
+                bracket: (thickness, thickness),
             });
         }
-        let gauge = Gauge::new(self)?;
-        let (least, greatest) = gauge.samples.range();
+        let probe = ThicknessProbe::new(self)?;
+        let (least, greatest) = probe.samples.range();
         let (mut thin, mut thick) = match self.solid {
             Solid::Below => (least, greatest),
             Solid::Above => (greatest, least),
@@ -192,13 +192,13 @@ impl Cell {
         };
         for _ in 0..30 {
             let level = f64::midpoint(thin, thick);
-            if gauge.thickness(level) < thickness {
+            if probe.thickness(level) < thickness {
                 thin = level;
             } else {
                 thick = level;
             }
         }
-        let (below, above) = (gauge.thickness(thin), gauge.thickness(thick));
+        let (below, above) = (probe.thickness(thin), probe.thickness(thick));
         let (level, found) = if (above - thickness).abs() < (below - thickness).abs() {
             (thick, above)
         } else {
@@ -207,12 +207,12 @@ impl Cell {
         Ok(NearestLevel {
             level,
             thickness: found,
-            around: (below, above),
+            bracket: (below, above),
         })
     }
 
-    /// The thickness of the solid, as [`Cell::level_for_thickness`] measures it: 0 if there is no
-    /// solid, infinite if there is no void.
+    /// The thickness of the solid, with the measure of [`Cell::level_for_thickness`]: 0 without solid,
+    /// infinite without void.
     ///
     /// # Errors
     /// [`CellError::TableTooLarge`].
@@ -220,6 +220,6 @@ impl Cell {
         if self.solid == Solid::Sheet {
             return Ok(2.0 * self.level / self.gamma_at(&[0.0]));
         }
-        Ok(Gauge::new(self)?.thickness(self.level))
+        Ok(ThicknessProbe::new(self)?.thickness(self.level))
     }
 }

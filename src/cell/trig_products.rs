@@ -1,14 +1,14 @@
 //! Short series as sums of products of sines and cosines along the axes.
 //!
-//! Phi = sum c X(x) Y(y) Z(z), where each factor is 1, cos 2 pi h x or sin 2 pi h x: of the closed
-//! forms a handful of products stands for up to some forty exponentials. Along an axis that is parallel to a
-//! row of samples a factor is tabulated once for the row, so that a value costs one multiplication per
-//! factor along the row; between samples sines and cosines follow by their sums' theorems.
+//! Phi = sum c X(x) Y(y) Z(z), where each factor is 1, cos 2 pi h x or sin 2 pi h x. A closed form has a
+//! handful of products in place of up to some forty exponentials. Along a row of samples parallel to an
+//! axis, a factor is tabulated once, so that a value costs one multiplication per factor along the row.
+//! Between samples, sines and cosines follow from the addition theorems.
 //!
-//! Functions along an axis are numbered: 0 is 1, 2 h - 1 is cos h, 2 h is sin h, of the angle
-//! 2 pi x. Derivatives are by the angles.
+//! The functions along an axis are numbered: 0 is 1, 2 h - 1 is cos h, 2 h is sin h, of the angle 2 pi x.
+//! Derivatives are with respect to the angle.
 
-use super::{Cell, Form, Solid};
+use super::{Cell, Expression, Solid};
 use crate::frame::Vec3;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -17,25 +17,26 @@ use std::ops::Range;
 mod rows;
 pub use rows::{Along, Column};
 
-/// Most harmonics along an axis.
-const HARMONICS: usize = 3;
-/// Functions along an axis, the constant included: a power of two, so that a mask keeps indices within.
-pub const FUNCTIONS: usize = (2 * HARMONICS + 1).next_power_of_two();
-const MASK: usize = FUNCTIONS - 1;
-/// Most products.
-const MOST: usize = 16;
+/// Maximal harmonic along an axis.
+const MAX_HARMONICS: usize = 3;
+/// Number of functions along an axis, the constant included; a power of two, so that a mask bounds indices.
+pub const FUNCTIONS: usize = (2 * MAX_HARMONICS + 1).next_power_of_two();
+const FUNCTION_MASK: usize = FUNCTIONS - 1;
+/// Maximal number of products.
+const MAX_PRODUCTS: usize = 16;
 
 /// `c X_i(x) Y_j(y) Z_k(z)`.
 #[derive(Clone, Copy, Debug)]
 struct Product {
     functions: [usize; 3],
-    /// The functions whose multiples are the derivatives of the functions, with the factors.
-    turned: [usize; 3],
-    rate: [f64; 3],
-    /// c, and c times each rate.
+    /// The derivative of each function is `rates` times the function `derivatives`.
+    derivatives: [usize; 3],
+    rates: [f64; 3],
+    /// c in single precision, and c times each rate.
     factor: f32,
-    steep: [f32; 3],
-    exact: f64,
+    slopes: [f32; 3],
+    /// c in double precision.
+    coefficient: f64,
 }
 
 /// The products that share a function along z.
@@ -55,17 +56,17 @@ pub struct Products {
     solid: Solid,
     half: f64,
     any_numbering: bool,
-    /// The constant product, and the sum of the others' sizes.
+    /// The constant product, and the sum of the absolute coefficients of the others.
     mean: f64,
-    most: f64,
+    amplitude: f64,
 }
 
 /// The harmonic of a product along an axis.
-fn order(p: &Product, axis: usize) -> f64 {
+fn harmonic(p: &Product, axis: usize) -> f64 {
     p.functions[axis].div_ceil(2) as f64
 }
 
-/// The function whose multiple is the derivative of a function, and the factor.
+/// The derivative of a function: the index of another function, and the factor of that function.
 fn derivative(function: usize) -> (usize, f64) {
     match function {
         0 => (0, 0.0),
@@ -75,9 +76,9 @@ fn derivative(function: usize) -> (usize, f64) {
 }
 
 impl Products {
-    /// The products of a cell that is one short series of period 1 along the axes of its element.
-    pub fn of(cell: &Cell, form: &Form) -> Option<Self> {
-        let series = form.series()?;
+    /// The products of a cell whose function is one short series of period 1 along the axes of its element.
+    pub fn of(cell: &Cell, expression: &Expression) -> Option<Self> {
+        let series = expression.series()?;
         if series.lattice().periods()? != [1.0; 3] {
             return None;
         }
@@ -86,11 +87,12 @@ impl Products {
         for &(k, [re, im]) in series.exponentials() {
             let f = series.lattice().frequency(k);
             let h: [i32; 3] = std::array::from_fn(|a| f[a].round() as i32);
-            let greatest = h.map(i32::unsigned_abs).into_iter().max()? as usize;
-            if greatest > HARMONICS || (0..3).any(|a| (f[a] - f64::from(h[a])).abs() > 1e-9) {
+            let max_harmonic = h.map(i32::unsigned_abs).into_iter().max()? as usize;
+            if max_harmonic > MAX_HARMONICS || (0..3).any(|a| (f[a] - f64::from(h[a])).abs() > 1e-9)
+            {
                 return None;
             }
-            harmonics = harmonics.max(greatest);
+            harmonics = harmonics.max(max_harmonic);
             // The real part of C prod (cos + i sin).
             for sines in 0..8usize {
                 let is_sine = |a: usize| sines >> a & 1 == 1;
@@ -121,14 +123,14 @@ impl Products {
             .into_iter()
             .filter(|(_, c)| c.abs() > 1e-12 * largest)
             .map(|(functions, c)| {
-                let rate = functions.map(|f| derivative(f).1);
+                let rates = functions.map(|f| derivative(f).1);
                 Product {
                     functions,
-                    turned: functions.map(|f| derivative(f).0),
-                    rate,
+                    derivatives: functions.map(|f| derivative(f).0),
+                    rates,
                     factor: (c * sign) as f32,
-                    steep: rate.map(|r| (c * sign * r) as f32),
-                    exact: c * sign,
+                    slopes: rates.map(|r| (c * sign * r) as f32),
+                    coefficient: c * sign,
                 }
             })
             .collect();
@@ -143,9 +145,12 @@ impl Products {
             })
             .collect();
         let is_constant = |p: &&Product| p.functions == [0; 3];
-        let mean = terms.iter().find(is_constant).map_or(0.0, |p| p.exact);
-        let sizes: f64 = terms.iter().map(|p| p.exact.abs()).sum();
-        (terms.len() <= MOST).then_some(Self {
+        let mean = terms
+            .iter()
+            .find(is_constant)
+            .map_or(0.0, |p| p.coefficient);
+        let sizes: f64 = terms.iter().map(|p| p.coefficient.abs()).sum();
+        (terms.len() <= MAX_PRODUCTS).then_some(Self {
             terms,
             along_z,
             harmonics,
@@ -157,36 +162,36 @@ impl Products {
             },
             any_numbering: cell.fits_any_numbering(),
             mean,
-            most: sizes - mean.abs(),
+            amplitude: sizes - mean.abs(),
         })
     }
 
-    /// Whether the cell is the same whatever the numbering of its element's nodes.
+    /// Whether the cell is independent of the numbering of its element's nodes.
     pub fn fits_any_numbering(&self) -> bool {
         self.any_numbering
     }
 
-    /// How many products there are.
+    /// Number of products.
     pub fn terms(&self) -> usize {
         self.terms.len()
     }
 
-    /// Whether values can be held in single precision.
+    /// Whether values are representable in single precision.
     pub fn is_single(&self) -> bool {
-        (self.most + self.mean.abs() + self.half.abs()) < 1e30
+        (self.amplitude + self.mean.abs() + self.half.abs()) < 1e30
     }
 
-    /// Value of the solid's field from that of the sum, and its derivative by it.
-    fn solid(&self, raw: f64) -> (f64, f64) {
+    /// Value of the solid field from that of the sum, and its derivative with respect to the sum.
+    fn solid(&self, sum: f64) -> (f64, f64) {
         match self.solid {
-            Solid::Below | Solid::Above => (raw, 1.0),
-            Solid::Sheet => (raw.abs() - self.half, 1f64.copysign(raw)),
-            Solid::Channels => (self.half - raw.abs(), -1f64.copysign(raw)),
+            Solid::Below | Solid::Above => (sum, 1.0),
+            Solid::Sheet => (sum.abs() - self.half, 1f64.copysign(sum)),
+            Solid::Channels => (self.half - sum.abs(), -1f64.copysign(sum)),
         }
     }
 
-    /// The sum itself and its derivatives by the coordinates, in double precision.
-    fn raw(&self, u: Vec3) -> (f64, Vec3) {
+    /// The sum and its derivatives with respect to the coordinates, in double precision.
+    fn sum(&self, u: Vec3) -> (f64, Vec3) {
         let along: [[f64; FUNCTIONS]; 3] = std::array::from_fn(|a| {
             let angle = TAU * (u[a] - u[a].round());
             let mut values = [1.0; FUNCTIONS];
@@ -202,43 +207,43 @@ impl Products {
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
         for p in &self.terms {
             let f: [f64; 3] = std::array::from_fn(|a| along[a][p.functions[a]]);
-            let g: [f64; 3] = std::array::from_fn(|a| along[a][p.turned[a]] * p.rate[a]);
-            value += p.exact * f[0] * f[1] * f[2];
-            gradient +=
-                p.exact * Vec3::new(g[0] * f[1] * f[2], f[0] * g[1] * f[2], f[0] * f[1] * g[2]);
+            let g: [f64; 3] = std::array::from_fn(|a| along[a][p.derivatives[a]] * p.rates[a]);
+            value += p.coefficient * f[0] * f[1] * f[2];
+            gradient += p.coefficient
+                * Vec3::new(g[0] * f[1] * f[2], f[0] * g[1] * f[2], f[0] * f[1] * g[2]);
         }
         (value, gradient * TAU)
     }
 
-    /// Value and gradient by reference coordinates, in double precision; negative inside.
+    /// Value (negative inside) and gradient in reference coordinates, in double precision.
     pub fn value_and_gradient(&self, u: Vec3) -> (f64, Vec3) {
-        let (raw, gradient) = self.raw(u);
-        let (value, slope) = self.solid(raw);
+        let (sum, gradient) = self.sum(u);
+        let (value, slope) = self.solid(sum);
         (value, gradient * slope)
     }
 
-    /// Contains every value in the box of reference coordinates around a centre: second-order Taylor,
-    /// the second derivatives bounded by the coefficients.
+    /// The range of values in the box of reference coordinates around a centre: second-order Taylor
+    /// expansion, with the second derivatives bounded by the coefficients.
     pub fn bound(&self, centre: Vec3, half: Vec3) -> (f64, f64) {
-        let (raw, gradient) = self.raw(centre);
-        let curved: f64 = self
+        let (sum, gradient) = self.sum(centre);
+        let remainder: f64 = self
             .terms
             .iter()
             .map(|p| {
-                let reach: f64 = (0..3).map(|a| TAU * order(p, a) * half[a]).sum();
-                p.exact.abs() * reach * reach / 2.0
+                let reach: f64 = (0..3).map(|a| TAU * harmonic(p, a) * half[a]).sum();
+                p.coefficient.abs() * reach * reach / 2.0
             })
             .sum();
-        let reach = gradient.abs().dot(&half) + curved;
-        self.solid_range(raw - reach, raw + reach, 1e-6)
+        let reach = gradient.abs().dot(&half) + remainder;
+        self.solid_range(sum - reach, sum + reach, 1e-6)
     }
 
-    /// The range of the solid's field from that of the sum, which is computed to `precision` of its
-    /// greatest size.
+    /// The range of the solid field from that of the sum. The sum has a relative rounding error `precision`
+    /// of its largest magnitude.
     pub fn solid_range(&self, lo: f64, hi: f64, precision: f64) -> (f64, f64) {
-        let slack = precision * (self.most + self.mean.abs());
-        let lo = lo.max(self.mean - self.most) - slack;
-        let hi = hi.min(self.mean + self.most) + slack;
+        let slack = precision * (self.amplitude + self.mean.abs());
+        let lo = lo.max(self.mean - self.amplitude) - slack;
+        let hi = hi.min(self.mean + self.amplitude) + slack;
         let least = if lo <= 0.0 && hi >= 0.0 {
             0.0
         } else {

@@ -1,8 +1,8 @@
-//! Exact evaluation of a real trigonometric sum from phasor tables, one table per lattice axis.
+//! Exact evaluation of a real trigonometric sum from tables of phasors, one table per lattice axis.
 
 use std::f64::consts::TAU;
 
-/// Powers exp(2 pi i k u) of one coordinate, k = -bound..=bound, computed by one sine and cosine.
+/// Powers exp(2 pi i k u) of one coordinate, k = -bound..=bound, from one sine and one cosine.
 pub(super) struct Phasors {
     bound: i32,
     re: Vec<f64>,
@@ -15,7 +15,7 @@ impl Phasors {
         let (mut re, mut im) = (vec![1.0; 2 * n + 1], vec![0.0; 2 * n + 1]);
         let (s, c) = libm::sincos(TAU * (u - u.round()));
         for k in 1..=n {
-            // The power as a product of two halves: the error grows with log k, not with k.
+            // Each power is the product of two powers of about half the exponent: the error grows with log k.
             let (a, b) = (n + k / 2, n + k - k / 2);
             (re[n + k], im[n + k]) = if k == 1 {
                 (c, s)
@@ -34,36 +34,36 @@ impl Phasors {
     }
 }
 
-/// Greatest number of indices of a wave.
+/// Number of lattice axes; functions with fewer indices are padded.
 pub(super) const AXES: usize = 6;
-/// All but the last.
-const LEADING: usize = AXES - 1;
+/// All axes but the last.
+const LEADING_AXES: usize = AXES - 1;
 
-/// Consecutive indices along the last axis: (leading.., from..).
+/// A run of consecutive indices along the last axis: (leading.., from..from + len).
 struct Run {
-    leading: [i32; LEADING],
+    leading: [i32; LEADING_AXES],
     from: i32,
     start: usize,
     len: usize,
 }
 
-/// The sum over k of `C_k` exp(2 pi i k.u) with `C_{-k}` = conj `C_k`, stored by one of each pair, the
-/// pair's coefficients doubled. Of waves with fewer indices the first are zero.
-pub(super) struct Waves {
+/// The sum over k of `C_k` exp(2 pi i k.u) with `C_{-k}` = conj `C_k`. One index of each pair is stored,
+/// with doubled coefficients. Indices of functions with fewer axes are padded with leading zeros.
+pub(super) struct TrigSum {
     runs: Vec<Run>,
     re: Vec<f64>,
     im: Vec<f64>,
     bounds: [i32; AXES],
-    /// The first axis along which anything changes, but for the last two.
-    first: usize,
+    /// The first axis along which the function varies, at most the last but one.
+    first_axis: usize,
 }
 
-/// The product of two complex numbers.
+/// The product of two complex numbers (re, im).
 fn product(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
     (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
 }
 
-/// Products in four lanes, so that the order of sums does not hinder vector instructions.
+/// The dot product with four partial sums, which the compiler can vectorise.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 4];
     let (ca, cb) = (a.chunks_exact(4), b.chunks_exact(4));
@@ -81,54 +81,57 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     lanes.iter().sum::<f64>() + tail
 }
 
-impl Waves {
-    /// From every index with its coefficient (re, im); both members of a pair must be given.
+impl TrigSum {
+    /// From all indices with their coefficients (re, im); both members of each pair must be present.
     pub fn new(mut terms: Vec<([i32; AXES], [f64; 2])>) -> Self {
         terms.retain(|(k, c)| *k >= [0; AXES] && c.iter().any(|v| *v != 0.0));
         terms.sort_by_key(|t| t.0);
-        let mut waves = Self {
+        let mut sum = Self {
             runs: Vec::new(),
             re: Vec::with_capacity(terms.len()),
             im: Vec::with_capacity(terms.len()),
             bounds: [0; AXES],
-            first: LEADING - 1,
+            first_axis: LEADING_AXES - 1,
         };
         for (k, c) in terms {
             let weight = if k == [0; AXES] { 1.0 } else { 2.0 };
-            let start = waves.re.len();
-            waves.re.push(c[0] * weight);
-            waves.im.push(c[1] * weight);
+            let start = sum.re.len();
+            sum.re.push(c[0] * weight);
+            sum.im.push(c[1] * weight);
             for a in 0..AXES {
-                waves.bounds[a] = waves.bounds[a].max(k[a].abs());
+                sum.bounds[a] = sum.bounds[a].max(k[a].abs());
             }
-            let leading: [i32; LEADING] = std::array::from_fn(|a| k[a]);
-            match waves.runs.last_mut() {
-                Some(r) if r.leading == leading && r.from + r.len as i32 == k[LEADING] => {
+            let leading: [i32; LEADING_AXES] = std::array::from_fn(|a| k[a]);
+            match sum.runs.last_mut() {
+                Some(r) if r.leading == leading && r.from + r.len as i32 == k[LEADING_AXES] => {
                     r.len += 1;
                 }
-                _ => waves.runs.push(Run {
+                _ => sum.runs.push(Run {
                     leading,
-                    from: k[LEADING],
+                    from: k[LEADING_AXES],
                     start,
                     len: 1,
                 }),
             }
         }
-        let varies = waves.bounds.iter().position(|b| *b > 0);
-        waves.first = varies.unwrap_or(AXES).min(LEADING - 1);
-        waves
+        let varies = sum.bounds.iter().position(|b| *b > 0);
+        sum.first_axis = varies.unwrap_or(AXES).min(LEADING_AXES - 1);
+        sum
     }
 
-    /// Phasors along the leading axes from the first on, and along the last.
+    /// Phasors along the leading axes from `first_axis` on, and along the last axis.
     fn tables(&self, u: [f64; AXES]) -> (Vec<Phasors>, Phasors) {
-        let axes = self.first..LEADING;
+        let axes = self.first_axis..LEADING_AXES;
         let leading = axes.map(|a| Phasors::new(u[a], self.bounds[a])).collect();
-        (leading, Phasors::new(u[LEADING], self.bounds[LEADING]))
+        (
+            leading,
+            Phasors::new(u[LEADING_AXES], self.bounds[LEADING_AXES]),
+        )
     }
 
-    /// The factor that all waves of a run share.
+    /// The product of the phasors along the leading axes, which all terms of a run share.
     fn leading(&self, run: &Run, tables: &[Phasors]) -> (f64, f64) {
-        let indices = &run.leading[self.first..];
+        let indices = &run.leading[self.first_axis..];
         let mut factor = tables[0].get(indices[0]);
         for (table, k) in tables[1..].iter().zip(&indices[1..]) {
             factor = product(factor, table.get(*k));
@@ -136,7 +139,7 @@ impl Waves {
         factor
     }
 
-    /// Value at lattice coordinates u.
+    /// Value at lattice coordinates `u`.
     pub fn value(&self, u: [f64; AXES]) -> f64 {
         let (leading, z) = self.tables(u);
         let mut sum = 0.0;
@@ -152,10 +155,10 @@ impl Waves {
         sum
     }
 
-    /// Value and derivatives with respect to lattice coordinates.
+    /// Value and derivatives with respect to the lattice coordinates.
     pub fn value_and_gradient(&self, u: [f64; AXES]) -> (f64, [f64; AXES]) {
         let (leading, z) = self.tables(u);
-        // The phasors times their index: the derivative along the last axis.
+        // Phasors times their index, for the derivative along the last axis.
         let index = |p: &[f64]| -> Vec<f64> {
             p.iter()
                 .zip(-z.bound..)
@@ -176,10 +179,10 @@ impl Waves {
             let w = self.leading(r, &leading);
             let (real, imaginary) = product(w, s);
             sum += real;
-            for a in self.first..LEADING {
+            for a in self.first_axis..LEADING_AXES {
                 grad[a] -= TAU * f64::from(r.leading[a]) * imaginary;
             }
-            grad[LEADING] -= TAU * product(w, t).1;
+            grad[LEADING_AXES] -= TAU * product(w, t).1;
         }
         (sum, grad)
     }

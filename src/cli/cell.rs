@@ -87,7 +87,7 @@ pub(super) fn read(path: &Path) -> Result<Cell, Failure> {
 
 /// What a cell is, as an object.
 pub(super) fn facts(cell: &Cell) -> Value {
-    let form = cell.form();
+    let form = cell.expression();
     json!({
         "kind": "cell",
         "name": cell.name(),
@@ -109,7 +109,7 @@ pub(super) fn facts(cell: &Cell) -> Value {
 
 /// What a cell is, for people.
 pub(super) fn describe(cell: &Cell) -> String {
-    let form = cell.form();
+    let form = cell.expression();
     let mut text = format!(
         "{}: a {} cell, group {} ({} operators), lattice {}\n\
          {} coefficients, {} degrees of freedom, frequencies up to {:.3} per unit of length\n\
@@ -165,7 +165,11 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
         return group_file(path, lattice, radius);
     }
     // That of the element whose whole group it is, or of the first that has it.
-    let all = || Element::ALL.into_iter().chain([Element::Ball]);
+    let all = || {
+        Element::SCAFFOLD_ELEMENTS
+            .into_iter()
+            .chain([Element::Ball])
+    };
     let first = || all().find(|e| groups(*e).contains(&name));
     let whole = all().find(|e| default_group(*e) == name);
     let own = match name {
@@ -208,7 +212,7 @@ fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius:
     let name = group.name().to_owned();
     let lattice_name = lattice.name().unwrap_or("of its own");
     let domain = group.frequency_domain(&lattice);
-    let elements: Vec<&str> = Element::ALL
+    let elements: Vec<&str> = Element::SCAFFOLD_ELEMENTS
         .into_iter()
         .chain([Element::Ball])
         .filter(|e| rank(*e) == D && is_of(*e, &group, &lattice))
@@ -265,7 +269,7 @@ fn is_of<const D: usize>(element: Element, group: &PointGroup<D>, lattice: &Latt
             (true, true) => q[(i, j)],
             _ => f64::from(u8::from(i == j)),
         });
-        element.is_kept_by(&in_space)
+        element.is_invariant_under(&in_space)
     })
 }
 
@@ -280,7 +284,7 @@ fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Fai
     let mut rows = Vec::new();
     for [x, y, z] in super::points::read(points, planar)? {
         let (phi, g) = cell
-            .form()
+            .expression()
             .value_and_gradient(CellPoint(Vec3::new(x, y, z)));
         let row = if planar {
             vec![x, y, phi, g.x, g.y]

@@ -70,7 +70,7 @@ pub(super) fn solid_screen(
         if mesh.is_empty() {
             // Every beam is closed by its ends.
             passed = true;
-            for (word, _) in report.words() {
+            for (word, _) in report.properties() {
                 facts[word.replace([' ', '-'], "_")] = Value::Null;
             }
             facts["passed"] = json!(true);
@@ -179,7 +179,7 @@ pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
             "open": shells.open_shells,
         });
     }
-    for (word, answer) in r.words() {
+    for (word, answer) in r.properties() {
         facts[word.replace([' ', '-'], "_")] = json!(answer);
     }
     facts

@@ -81,7 +81,7 @@ pub(super) struct Session {
 impl Session {
     pub(super) fn new(options: GlobalOptions) -> Self {
         if options.portable {
-            crate::simd::use_code(crate::simd::Code::Portable);
+            crate::simd::use_instruction_set(crate::simd::InstructionSet::Portable);
         }
         let terminal = std::io::stderr().is_terminal();
         let style = match options.progress {

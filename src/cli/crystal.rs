@@ -273,7 +273,7 @@ fn touching(mesh: &PolyMesh, session: &Session) -> Result<Option<(String, Value)
     let report: MeshReport =
         crate::mesh::check_with(&cut.mesh, true, session).map_err(|_| Failure::stopped(130))?;
     session.finish();
-    let crowded = report.crowded_edges.count;
+    let crowded = report.nonmanifold_edges.count;
     let finding = report.self_intersections.unwrap_or_default();
     if crowded + finding.count == 0 {
         return Ok(None);
@@ -281,7 +281,7 @@ fn touching(mesh: &PolyMesh, session: &Session) -> Result<Option<(String, Value)
     let place = finding
         .places
         .first()
-        .or(report.crowded_edges.places.first());
+        .or(report.nonmanifold_edges.places.first());
     let mut faces: Vec<u32> = place
         .iter()
         .flat_map(|d| d.triangles.iter().map(|&t| cut.faces[t as usize]))
@@ -316,7 +316,7 @@ fn voxel_size(p: &Parameters, mesh: &PolyMesh, unit: LengthUnit) -> f64 {
     if let Some(asked) = p.voxel_size {
         return asked.resolve(scale);
     }
-    let least = Transform::LEAST_VOXEL / unit.to(LengthUnit::Metre);
+    let least = Transform::MIN_VOXEL_SIZE / unit.to(LengthUnit::Metre);
     let wanted = mesh.bounds().size().max() / FINENESS;
     if wanted >= least {
         return wanted;
@@ -339,12 +339,12 @@ fn write(
         Some("vdb") => {
             let voxel = voxel_size(p, mesh, unit);
             let factor = unit.to(LengthUnit::Metre);
-            if voxel * factor < Transform::LEAST_VOXEL {
+            if voxel * factor < Transform::MIN_VOXEL_SIZE {
                 let message = format!(
                     "a voxel of {:e} m; OpenVDB holds none under {:e}: expected larger voxels, or a larger \
                      unit of the crystal, as in --unit cm",
                     voxel * factor,
-                    Transform::LEAST_VOXEL
+                    Transform::MIN_VOXEL_SIZE
                 );
                 return Err(Failure::data(path, message));
             }

@@ -2,7 +2,7 @@
 
 use super::{Answer, Failure, Session};
 use crate::io::atomic::{AtomicFile, write_bytes};
-use crate::pipeline::{Probe, Probed, RunOptions};
+use crate::pipeline::{FieldSample, Probe, RunOptions};
 use crate::recipe::Recipe;
 use clap::Args;
 use serde_json::{Value, json};
@@ -87,7 +87,7 @@ fn columns(cells: &[String]) -> Vec<String> {
         .collect()
 }
 
-fn row(p: &[f64; 3], f: &Probed) -> Vec<f64> {
+fn row(p: &[f64; 3], f: &FieldSample) -> Vec<f64> {
     let mut row = p.to_vec();
     row.push(f.phi);
     row.extend(f.gradient);
@@ -98,7 +98,7 @@ fn row(p: &[f64; 3], f: &Probed) -> Vec<f64> {
     row
 }
 
-fn csv(cells: &[String], points: &[[f64; 3]], found: &[Probed]) -> String {
+fn csv(cells: &[String], points: &[[f64; 3]], found: &[FieldSample]) -> String {
     let mut text = columns(cells).join(",");
     text.push('\n');
     for (p, f) in points.iter().zip(found) {
@@ -121,7 +121,7 @@ fn npz(
     path: &Path,
     cells: &[String],
     points: &[[f64; 3]],
-    found: &[Probed],
+    found: &[FieldSample],
 ) -> Result<(), Failure> {
     let names = [
         ("points", 3),

@@ -300,7 +300,7 @@ impl From<RunError> for Failure {
                     "--set band.voxel_size={fitting}, or --memory SIZE if the machine can take it"
                 )),
             ),
-            RunError::Whole { .. } => (DATA, Some("druse run RECIPE, without bricks".to_owned())),
+            RunError::BricksUnsupported { .. } => (DATA, Some("druse run RECIPE, without bricks".to_owned())),
             RunError::Budget { .. } => (DATA, Some("--memory SIZE, or larger voxels".to_owned())),
             RunError::BrickSize { fitting, .. } => (
                 DATA,
@@ -324,7 +324,7 @@ impl From<RunError> for Failure {
                 DATA,
                 Some("druse plan makes a plan of the recipe as it is here".to_owned()),
             ),
-            RunError::Apart { .. } => (
+            RunError::Disjoint { .. } => (
                 DATA,
                 Some("check the units and frames of both: unit, up, transform".to_owned()),
             ),
@@ -335,8 +335,8 @@ impl From<RunError> for Failure {
                         .into(),
                 ),
             ),
-            RunError::Voxels(_) => (DATA, Some("resample one of them first".into())),
-            RunError::Endless(_) => (DATA, Some("intersect or subtract it".into())),
+            RunError::VoxelMismatch(_) => (DATA, Some("resample one of them first".into())),
+            RunError::Unbounded(_) => (DATA, Some("intersect or subtract it".into())),
             RunError::Scaffold { file, element, .. } => {
                 return Self {
                     code: DATA,
@@ -346,7 +346,7 @@ impl From<RunError> for Failure {
                     ..Self::default()
                 };
             }
-            RunError::Mixed(_) => (
+            RunError::MixedElements(_) => (
                 DATA,
                 Some("split the mesh by shape, or mesh it with one kind of element".into()),
             ),

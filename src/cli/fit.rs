@@ -82,7 +82,7 @@ pub(super) fn make(
         crate::cell::FitError::Cancelled(_) => Failure::stopped(130),
         e => failed(e.to_string()),
     })?;
-    let cell = pipeline::levelled(cell, all).map_err(|e| failed(e.to_string()))?;
+    let cell = pipeline::with_level(cell, all).map_err(|e| failed(e.to_string()))?;
     Ok((cell, warnings))
 }
 
@@ -92,7 +92,7 @@ pub(super) fn section(
     flags: &CellSection,
 ) -> Result<(CellSection, Element), Failure> {
     let mut section = flags.clone();
-    pipeline::enter_source(input, &mut section)?;
+    pipeline::set_source(input, &mut section)?;
     let element = pipeline::own_element(&section, &Path::to_path_buf)?;
     if let Some(file) = &section.voxels {
         super::vdb::inspect_voxels(&file.path)?;

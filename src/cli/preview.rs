@@ -48,7 +48,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             "found the output {found}; expected a name with the extension .png"
         )));
     }
-    let columns = pipeline::sheet_columns(p.files.len());
+    let columns = pipeline::contact_sheet_columns(p.files.len());
     let rows = p.files.len().div_ceil(columns);
     let size = [
         (p.size.0 as usize / columns).max(16),
@@ -64,7 +64,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
     let png = match &pictures[..] {
         [(_, alone)] => alone.png()?,
-        _ => pipeline::sheet(&pictures).png()?,
+        _ => pipeline::contact_sheet(&pictures).png()?,
     };
     let bytes = write_bytes(&p.output, &png)?;
     let shown = p.output.display().to_string();
@@ -96,7 +96,7 @@ fn picture(
                 "the cut at {} misses the part, which spans {from:.6} to {to:.6} there",
                 cut.at
             );
-            session.warn_of(pipeline::Warning::CUT, message)?;
+            session.warn_of(pipeline::Warning::MISSED_CUT, message)?;
         }
     }
     let view = Picture {
@@ -111,7 +111,7 @@ fn picture(
     FileKind::of(path, &[FileKind::Vdb])?;
     let grid = super::vdb::reader()?
         .fetch(path, Some(name))?
-        .whole_cubes(path)?;
+        .require_cubes(path)?;
     let (image, range) = solid.render_by(&view, &grid, tools)?;
     Ok((image, Some(range)))
 }

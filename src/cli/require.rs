@@ -3,7 +3,7 @@
 use super::{Answer, Failure};
 use crate::frame::LengthUnit;
 use crate::io::SolidFile;
-use crate::mesh::{MeshReport, bodies};
+use crate::mesh::{MeshReport, count_bodies};
 use crate::pipeline::{Requirement, judge_level_set, judge_mesh};
 use crate::progress::{Progress, Threads};
 use crate::recipe::RequireFile;
@@ -83,7 +83,7 @@ impl Parameters {
         Ok(judge_mesh(
             require,
             (report.volume, report.bounds, unit),
-            bodies(&solid.file.mesh),
+            count_bodies(&solid.file.mesh),
         ))
     }
 }

@@ -5,7 +5,7 @@ use super::vdb_commands::{Draft, GridChoice};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::io::atomic::{AtomicFile, write_bytes};
-use crate::pipeline::{RunError, RunOptions, SliceOptions, Sliced, slice};
+use crate::pipeline::{RunError, RunOptions, SliceOptions, SliceSummary, slice};
 use crate::recipe::{Length, Recipe, Size};
 use crate::slice::{Layer, cli_head, cli_layer, cli_tail, grey_png, svg_head, svg_layer, svg_tail};
 use clap::{Args, ValueEnum};
@@ -128,21 +128,21 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(report_answer(p, &sliced, bytes))
 }
 
-fn head(format: Format, s: &Sliced, to_mm: f64) -> String {
+fn head(format: Format, s: &SliceSummary, to_mm: f64) -> String {
     match format {
         Format::Svg => svg_head(&s.plan, to_mm),
         _ => cli_head(&s.plan),
     }
 }
 
-fn body(format: Format, s: &Sliced, n: usize, layer: &Layer, to_mm: f64) -> String {
+fn body(format: Format, s: &SliceSummary, n: usize, layer: &Layer, to_mm: f64) -> String {
     match format {
         Format::Svg => svg_layer(&s.plan, n, layer, to_mm),
         _ => cli_layer(&s.plan, n, &layer.outlines(), to_mm),
     }
 }
 
-fn report_answer(p: &Parameters, s: &Sliced, bytes: u64) -> Answer {
+fn report_answer(p: &Parameters, s: &SliceSummary, bytes: u64) -> Answer {
     let shown = p.output.display().to_string();
     let (unit, plan) = (s.unit, &s.plan);
     let text = format!(

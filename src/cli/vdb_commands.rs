@@ -4,7 +4,7 @@ use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::pipeline::{Report, RunOptions, run};
 use crate::recipe::{Length, Onto, Recipe, Size};
-use crate::vdb::subprocess::Opened;
+use crate::vdb::subprocess::PrefetchedGrid;
 use clap::Args;
 use std::path::Path;
 use toml::{Table, Value};
@@ -36,7 +36,7 @@ pub(super) struct Draft {
     operations: Vec<Value>,
     outputs: Vec<Value>,
     /// The grid that it starts from, read once for its voxels and for the run.
-    pub opened: Option<Opened>,
+    pub opened: Option<PrefetchedGrid>,
 }
 
 /// A table of the keys that are there.
@@ -107,7 +107,7 @@ impl Draft {
             ("invert", choice.invert.then_some(Value::Boolean(true))),
         ]);
         draft.operation("union", table([("vdb", Some(source))]));
-        draft.opened = Some(Opened::new(path, name, volume));
+        draft.opened = Some(PrefetchedGrid::new(path, name, volume));
         Ok((draft, unit))
     }
 

@@ -3,11 +3,11 @@
 use super::{Field, Interval, SampleLattice, WorldField};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
-/// The common part of solids: the greatest value. With no operand, all of space.
+/// The intersection of solids: the maximum. Without operands, all of space.
 pub struct Intersection<'a>(pub Vec<Box<WorldField<'a>>>);
-/// All solids together: the least value. With no operand, nothing.
+/// The union of solids: the minimum. Without operands, the empty set.
 pub struct Union<'a>(pub Vec<Box<WorldField<'a>>>);
-/// What a solid leaves out: the negated value.
+/// The complement of a solid: the negated value.
 pub struct Complement<'a>(pub Box<WorldField<'a>>);
 
 /// The extreme of several fields; `S` is +1 for the maximum, -1 for the minimum.
@@ -23,8 +23,8 @@ fn extreme<const S: i8>(fields: &[Box<WorldField>], p: WorldPoint) -> (f64, Vec3
     best
 }
 
-/// Fills with the extreme of the fields that can attain it somewhere in the lattice's box; returns the
-/// greatest number of points at which one of them was looked at.
+/// Fills with the extreme of the fields that can attain it in the lattice's box. Returns the largest number
+/// of points at which one of the fields is evaluated.
 fn fill_extreme<const S: i8>(
     fields: &[Box<WorldField>],
     lattice: &SampleLattice<WorldPoint>,
@@ -32,7 +32,7 @@ fn fill_extreme<const S: i8>(
 ) -> u64 {
     let span = lattice.span();
     let bounds: Vec<Interval> = fields.iter().map(|f| f.bound(&span)).collect();
-    // A field that stays on the losing side of another everywhere in the box cannot be the extreme.
+    // A field that another one exceeds everywhere in the box cannot be the extreme.
     let floor = if S > 0 {
         bounds.iter().fold(f64::NEG_INFINITY, |m, b| m.max(b.lo))
     } else {

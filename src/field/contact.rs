@@ -1,28 +1,28 @@
-//! Samples on a plane where solids touch.
+//! Contacts: samples on a plane where solids touch.
 //!
-//! A closed solid holds its surface, so solids that share a face are one. Where the shared face is a plane
-//! of samples, the least of their distances is 0 there, and 0 counts as outside: the solid would be cut. Such
-//! a sample is told from one on a real surface by its six neighbours: both ends of an axis lie inside, and on
-//! no axis does the sign change. It takes the value of the shallower neighbour, as if the shared face were not
-//! there. The same holds with the signs exchanged, where the space between two solids meets itself: a film
-//! without thickness is no solid.
+//! A closed solid contains its surface, so solids that share a face are connected. If the shared face lies on
+//! a plane of samples, the minimum of their distances is 0 there, and 0 counts as outside: the face would
+//! separate the solids. The six neighbours distinguish such a sample from one on a real surface: both ends of
+//! an axis lie inside, and the sign changes on no axis. The sample takes the value of the shallower
+//! neighbour, as if the shared face did not exist. The same holds with the signs exchanged, for a void that
+//! touches itself: a film without thickness is not solid.
 //!
-//! A single face on a plane of samples, and a gap of one sample or more, stay as they are.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! A single face on a plane of samples, and a gap of one sample or more, stay unchanged.
+// Small functions of hot paths, inlined so that they are compiled for the target features of the caller.
 #![allow(clippy::inline_always)]
 
-use crate::simd::{self, Lanes, Work};
+use crate::simd::{self, Lanes, SimdKernel};
 
-/// Farthest from 0 that a value counts as a contact, steps between samples: coordinates of input files
-/// are rounded to single precision.
+/// Largest magnitude of a contact value, in sample steps: coordinates of input files are rounded to single
+/// precision.
 pub const CONTACT_TOLERANCE: f32 = 1e-4;
-/// Least depth of the neighbours on both sides of a contact, steps.
+/// Smallest depth of the neighbours on both sides of a contact, in steps.
 const MIN_DEPTH: f32 = 0.02;
-/// A surface has an axis along which the values of the neighbours differ in sign by at least this, steps.
+/// A surface has an axis along which the neighbours differ in sign, each by at least this, in steps.
 const MIN_SLOPE: f32 = 0.25;
 
-/// The value of a sample near 0 that lies on a contact, from the values of its neighbours below and above along
-/// each axis, a `step` away; `None` if it lies on none.
+/// The new value of a sample near 0 that lies on a contact, from the neighbours below and above along each
+/// axis at distance `step`; `None` if there is no contact.
 pub fn contact_value(neighbours: [[f32; 2]; 3], step: f32) -> Option<f32> {
     let mut found: Option<f32> = None;
     for [below, above] in neighbours {
@@ -38,7 +38,7 @@ pub fn contact_value(neighbours: [[f32; 2]; 3], step: f32) -> Option<f32> {
             continue;
         };
         found = match found {
-            // A saddle of the surface.
+            // Opposite signs on two axes: a saddle of the surface.
             Some(other) if (other < 0.0) != (value < 0.0) => return None,
             Some(other) if other.abs() >= value.abs() => found,
             _ => Some(value),
@@ -47,15 +47,15 @@ pub fn contact_value(neighbours: [[f32; 2]; 3], step: f32) -> Option<f32> {
     found
 }
 
-/// The contacts of a leaf of 8^3 samples: offsets (z fastest) and new values, ascending. `layer` gives the
-/// 8^2 samples next to the leaf along an axis, below (0) or above (1) it, the last axis fastest; it is called
-/// only where a contact is possible.
+/// The contacts of a leaf of 8^3 samples, as ascending offsets (z fastest) with new values. `layer` gives
+/// the 8^2 samples next to the leaf along an axis, below (0) or above (1) it, the last axis fastest. It is
+/// called only where a contact is possible.
 pub fn leaf_contacts(
     values: &[f32; 512],
     step: f32,
     mut layer: impl FnMut(usize, usize) -> [f32; 64],
 ) -> Vec<(usize, f32)> {
-    let near = simd::run(Near {
+    let near = simd::run(NearZero {
         values,
         tolerance: CONTACT_TOLERANCE * step,
     });
@@ -69,14 +69,14 @@ pub fn leaf_contacts(
         while bits != 0 {
             let n = 64 * x + bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            let place = [n >> 6, n >> 3 & 7, n & 7];
-            // Axes whose two neighbours lie in the leaf: most samples on a surface need no others.
+            let index = [n >> 6, n >> 3 & 7, n & 7];
+            // Axes with both neighbours in the leaf suffice for most samples on a surface.
             let mut neighbours = [[0.0; 2]; 3];
-            for axis in (0..3).filter(|&a| (1..7).contains(&place[a])) {
+            for axis in (0..3).filter(|&a| (1..7).contains(&index[a])) {
                 let stride = 64 >> (3 * axis);
                 neighbours[axis] = [values[n - stride], values[n + stride]];
             }
-            let is_inner = place.iter().all(|c| (1..7).contains(c));
+            let is_inner = index.iter().all(|c| (1..7).contains(c));
             let is_surface = neighbours
                 .iter()
                 .any(|[a, b]| a.min(*b) < -MIN_SLOPE * step && a.max(*b) > MIN_SLOPE * step);
@@ -84,20 +84,20 @@ pub fn leaf_contacts(
                 continue;
             }
             if !is_inner {
-                for axis in (0..3).filter(|&a| !(1..7).contains(&place[a])) {
+                for axis in (0..3).filter(|&a| !(1..7).contains(&index[a])) {
                     let stride = 64 >> (3 * axis);
-                    let (side, own) = match place[axis] {
+                    let (side, own) = match index[axis] {
                         0 => (0, values[n + stride]),
                         _ => (1, values[n - stride]),
                     };
-                    // Neither a contact nor a change of sign on this axis.
+                    // This axis has neither a contact nor a change of sign.
                     if own.abs() <= MIN_DEPTH * step {
                         continue;
                     }
                     let across = match axis {
-                        0 => 8 * place[1] + place[2],
-                        1 => 8 * place[0] + place[2],
-                        _ => 8 * place[0] + place[1],
+                        0 => 8 * index[1] + index[2],
+                        1 => 8 * index[0] + index[2],
+                        _ => 8 * index[0] + index[1],
                     };
                     let slot = &mut layers[2 * axis + side];
                     let beyond = slot.get_or_insert_with(|| layer(axis, side))[across];
@@ -112,13 +112,13 @@ pub fn leaf_contacts(
     found
 }
 
-/// A bit for each value within a tolerance of 0, laid out as masks.
-struct Near<'a> {
+/// A bit for each value within a tolerance of 0, in the layout of a leaf mask.
+struct NearZero<'a> {
     values: &'a [f32; 512],
     tolerance: f32,
 }
 
-impl Work for Near<'_> {
+impl SimdKernel for NearZero<'_> {
     type Output = [u64; 8];
 
     #[inline(always)]
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn contacts_are_told_from_surfaces_gaps_and_saddles() {
+    fn contacts_differ_from_surfaces_gaps_and_saddles() {
         let inner = [0.0, 0.0];
         assert_eq!(contact_value([inner, inner, [-1.0, -0.7]], 1.0), Some(-0.7));
         assert_eq!(contact_value([inner, inner, [1.0, 0.7]], 1.0), Some(0.7));
@@ -146,14 +146,14 @@ mod tests {
         assert_eq!(contact_value([inner, inner, [-1.0, 1.0]], 1.0), None);
         assert_eq!(contact_value([[-1.0, 1.0], inner, inner], 1.0), None);
         assert_eq!(contact_value([inner, inner, [-1.0, 0.0]], 1.0), None);
-        // The wall of a cylindrical hole, which bends towards the solid.
+        // The wall of a cylindrical hole, which curves towards the solid.
         let bent = [-0.1, -0.1];
         assert_eq!(contact_value([bent, inner, [-1.0, 1.0]], 1.0), None);
         assert_eq!(contact_value([[-0.3, -0.3], [0.3, 0.3], inner], 1.0), None);
     }
 
     #[test]
-    fn contacts_of_a_leaf_are_found_within_and_on_its_sides() {
+    fn contacts_are_found_inside_and_on_the_sides_of_a_leaf() {
         for plane in 0..8 {
             let depth = |z: usize| -(z as f32 - plane as f32).abs();
             let values = std::array::from_fn(|n| depth(n & 7));

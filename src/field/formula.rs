@@ -1,69 +1,71 @@
-//! Formulas: real functions of named variables, as people write them.
+//! Formulas: real functions of named variables in text form.
 //!
-//! `x^2 + y^2 + z^2 - 0.16`, `min(hypot(x, y), 0.2) - 0.1`. In order of binding: `^` (also `**`, to the
-//! right), the minus sign, `*` `/`, `+` `-`; functions with their arguments in parentheses; the
-//! constants `pi`, `tau`, `e`. Everything is `f64`; outside a function's domain the value is NaN or
-//! infinite, which is for the user of the formula to refuse.
-//!
-//! | functions | of |
-//! |---|---|
-//! | `sin cos tan asin acos atan sinh cosh tanh exp ln sqrt cbrt abs sign floor ceil round` | one argument, angles in radians |
-//! | `pow atan2 mod` | two: `atan2(y, x)`; `mod` has the sign of its second argument |
-//! | `step smoothstep mix clamp` | `step(edge, x)`, `smoothstep(from, to, x)`, `mix(a, b, t)`, `clamp(x, least, greatest)` |
-//! | `ramp` | `ramp(from, to, x)`: 0 before, 1 behind, linear between |
-//! | `noise` | `noise(x, y, z)`: smooth, between -1 and 1, features one unit apart, the same in every run |
-//! | `min max hypot` | two or more |
-//!
-//! A text becomes a short program over a stack once; a point costs some nanoseconds per operation.
-//!
-//! ```
-//! use druse::field::Formula;
-//! let f = Formula::parse("min(x, min(2y, 1e-1)) - -z^2", &["x", "y", "z"]);
-//! assert_eq!(f.unwrap_err().column, 13); // 2y: a factor needs its *
-//! let f = Formula::parse("min(x, min(2*y, 1e-1)) - -z^2", &["x", "y", "z"]).unwrap();
-//! assert_eq!(f.value(&[3.0, 4.0, 2.0]), 4.1);
-//! ```
+//! Examples are `x^2 + y^2 + z^2 - 0.16` and `min(hypot(x, y), 0.2) - 0.1`. In order of precedence: `^` (also
+//! `**`, right-associative), the minus sign, `*` `/`, `+` `-`. Functions take their arguments in parentheses.
+//! The constants are `pi`, `tau`, `e`. All numbers are `f64`. Outside a function's domain the value is NaN or
+//! infinite, and the caller must reject it. [`Formula`] lists the functions.
 
 mod noise;
 mod parse;
 
-/// Longest text, in bytes.
-const LONGEST: usize = 4096;
-/// Deepest nesting; parentheses count twice, signs once.
-const DEEPEST: usize = 128;
-/// Most intermediate values at once.
-const STACK: usize = 96;
+/// Maximal length of the text in bytes.
+const MAX_LENGTH: usize = 4096;
+/// Maximal nesting depth; parentheses count twice, signs once.
+const MAX_DEPTH: usize = 128;
+/// Maximal number of intermediate values.
+const STACK_SIZE: usize = 96;
 
-/// Why a text is no formula.
+/// Why a text is not a formula.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("formula, column {column}: found {found}; expected {expected}")]
 pub struct FormulaError {
-    /// Where, in characters from 1.
+    /// The position, in characters from 1.
     pub column: usize,
-    /// What stands there.
+    /// The text at that position.
     pub found: String,
-    /// What should.
+    /// The expected text.
     pub expected: String,
 }
 
-/// One step of the program.
+/// One instruction of the stack program.
 #[derive(Clone, Copy, Debug)]
 enum Step {
-    /// Puts a number on the stack.
+    /// Pushes a number.
     Number(f64),
-    /// Puts a variable on the stack.
+    /// Pushes a variable.
     Variable(u16),
-    /// Replaces the top by its negative.
+    /// Negates the top.
     Negate,
-    /// Replaces the two on top by one.
+    /// Replaces the two top values by a function of them.
     Binary(fn(f64, f64) -> f64),
-    /// Replaces the top by its image.
+    /// Replaces the top value by a function of it.
     Unary(fn(f64) -> f64),
-    /// Replaces the three on top by one.
+    /// Replaces the three top values by a function of them.
     Ternary(fn(f64, f64, f64) -> f64),
 }
 
 /// A parsed formula of named variables.
+///
+/// | functions | arguments |
+/// |---|---|
+/// | `sin cos tan asin acos atan sinh cosh tanh exp ln sqrt cbrt abs sign floor ceil round` | one, angles
+/// in radians |
+/// | `pow atan2 mod` | two: `atan2(y, x)`; `mod` has the sign of its second argument |
+/// | `step smoothstep mix clamp` | `step(edge, x)`, `smoothstep(from, to, x)`, `mix(a, b, t)`, `clamp(x,
+/// least, greatest)` |
+/// | `ramp` | `ramp(from, to, x)`: 0 below `from`, 1 above `to`, linear in between |
+/// | `noise` | `noise(x, y, z)`: smooth, between -1 and 1, features of size one, deterministic |
+/// | `min max hypot` | two or more |
+///
+/// The text is compiled once to a stack program; an evaluation takes some nanoseconds per operation.
+///
+/// ```
+/// use druse::field::Formula;
+/// let f = Formula::parse("min(x, min(2y, 1e-1)) - -z^2", &["x", "y", "z"]);
+/// assert_eq!(f.unwrap_err().column, 13); // 2y: a factor needs its *
+/// let f = Formula::parse("min(x, min(2*y, 1e-1)) - -z^2", &["x", "y", "z"]).unwrap();
+/// assert_eq!(f.value(&[3.0, 4.0, 2.0]), 4.1);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Formula {
     text: String,
@@ -72,12 +74,12 @@ pub struct Formula {
 }
 
 impl Formula {
-    /// Parses a text; `variables` are the names it may use, in the order in which their values are
-    /// given later.
+    /// Parses a text. `variables` are the names that it may use, in the order of the values in
+    /// [`Formula::value`].
     ///
     /// # Errors
-    /// [`FormulaError`]: no formula, an unknown name, a wrong number of arguments, more than 4096
-    /// bytes, or nested more than 64 parentheses deep.
+    /// [`FormulaError`]: a syntax error, an unknown name, a wrong number of arguments, more than 4096
+    /// bytes, or more than 64 nested parentheses.
     pub fn parse(text: &str, variables: &[&str]) -> Result<Self, FormulaError> {
         let steps = parse::steps(text, variables)?;
         Ok(Self {
@@ -87,18 +89,18 @@ impl Formula {
         })
     }
 
-    /// The text it was parsed from.
+    /// The source text.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Its value.
+    /// The value of the formula.
     ///
     /// # Panics
-    /// When there are fewer values than it was parsed with names.
+    /// If there are fewer values than variables.
     pub fn value(&self, variables: &[f64]) -> f64 {
         assert!(variables.len() >= self.variables, "a value for every name");
-        let mut stack = [0.0; STACK];
+        let mut stack = [0.0; STACK_SIZE];
         let mut top = 0;
         for step in &self.steps {
             match *step {

@@ -1,32 +1,31 @@
-//! Solids grown, shrunk and hollowed by a distance, as fields, and common parts whose distances hold
-//! beyond their edges.
+//! Fields of offset solids and walls, and of intersections with exact distances beyond their edges.
 
 use super::{Field, Interval, Leaves, SampleLattice, WorldField};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
-/// Least cosine between the normals of two surfaces whose edge is looked for: at sharper ones the two planes
-/// say nothing about where it is.
-const SHARPEST: f64 = -0.9;
+/// Smallest cosine between the normals of two surfaces at an edge. At sharper edges the two tangent planes do
+/// not determine the position of the edge.
+const MIN_EDGE_COSINE: f64 = -0.9;
 
-/// A distance field moved outwards by `by` (inwards if negative); with `half`, what lies within that
-/// distance of the moved surface. World units. Distances as far as those of `field` are.
+/// A distance field offset outwards by `by` (inwards if negative). With `half`, the solid is the wall within
+/// that distance of the offset surface. World units. Values are distances as far as those of `field` are.
 pub struct Offset<'a> {
-    /// Signed distances, as far from 0 as `by`, `half` and the band reach together.
+    /// Signed distances, valid up to a magnitude of `by` plus `half` plus the band.
     pub field: Box<WorldField<'a>>,
-    /// How far outwards.
+    /// Outward offset.
     pub by: f64,
-    /// Half the thickness of a wall along the moved surface.
+    /// Half the thickness of a wall along the offset surface.
     pub half: Option<f64>,
 }
 
 impl Offset<'_> {
-    /// What it makes of a range of the field's values.
+    /// The range of values from a range of the field's values.
     fn range(&self, b: Interval) -> Interval {
-        let moved = Interval::new(b.lo - self.by, b.hi - self.by);
+        let shifted = Interval::new(b.lo - self.by, b.hi - self.by);
         let Some(half) = self.half else {
-            return moved;
+            return shifted;
         };
-        let m = moved.magnitude();
+        let m = shifted.magnitude();
         Interval::new(m.lo - half, m.hi - half)
     }
 }
@@ -34,16 +33,16 @@ impl Offset<'_> {
 impl Field for Offset<'_> {
     type Point = WorldPoint;
     fn value(&self, p: WorldPoint) -> f64 {
-        let moved = self.field.value(p) - self.by;
-        self.half.map_or(moved, |half| moved.abs() - half)
+        let shifted = self.field.value(p) - self.by;
+        self.half.map_or(shifted, |half| shifted.abs() - half)
     }
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
         let (v, g) = self.field.value_and_gradient(p);
-        let moved = v - self.by;
+        let shifted = v - self.by;
         match self.half {
-            Some(half) if moved < 0.0 => (-moved - half, -g),
-            Some(half) => (moved - half, g),
-            None => (moved, g),
+            Some(half) if shifted < 0.0 => (-shifted - half, -g),
+            Some(half) => (shifted - half, g),
+            None => (shifted, g),
         }
     }
     fn bound(&self, region: &Aabb) -> Interval {
@@ -56,12 +55,12 @@ impl Field for Offset<'_> {
         self.fill_counting(lattice, out);
     }
     fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
-        let looked = self.field.fill_counting(lattice, out);
+        let evaluated = self.field.fill_counting(lattice, out);
         for v in out {
-            let moved = f64::from(*v) - self.by;
-            *v = self.half.map_or(moved, |half| moved.abs() - half) as f32;
+            let shifted = f64::from(*v) - self.by;
+            *v = self.half.map_or(shifted, |half| shifted.abs() - half) as f32;
         }
-        looked
+        evaluated
     }
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
         if self.half.is_some() {
@@ -84,16 +83,16 @@ impl Field for Offset<'_> {
     }
 }
 
-/// The common part of two solids. The greater of two distances is too small beyond a convex edge;
-/// here the distance there is that to the edge of the two tangent planes: with values u, v and unit
-/// gradients whose cosine is c, sqrt((u^2 - 2 c u v + v^2) / (1 - c^2)) where both planes pull.
+/// The intersection of two solids. The maximum of two distances is too small beyond a convex edge. There the
+/// distance to the edge of the two tangent planes is used: with values u, v and unit gradients of cosine c,
+/// sqrt((u^2 - 2 c u v + v^2) / (1 - c^2)), where both planes contribute.
 pub struct ExactIntersection<'a> {
     /// Distance fields.
     pub pair: [Box<WorldField<'a>>; 2],
-    /// The edge meant is that of the surfaces at this distance (world units): of a solid that is
-    /// shrunk, the one that it has then.
+    /// The edge is that of the surfaces at this distance (world units). For a solid that is shrunk later,
+    /// it is the edge of the shrunk solid.
     pub level: f64,
-    /// Distances above this one need not hold, world units.
+    /// Values above this need not be distances, world units.
     pub reach: f64,
 }
 
@@ -105,7 +104,7 @@ impl ExactIntersection<'_> {
         let (a, b) = (a.try_normalize(0.1)?, b.try_normalize(0.1)?);
         let c = a.dot(&b);
         let square = 1.0 - c * c;
-        if c < SHARPEST || square < 1e-6 {
+        if c < MIN_EDGE_COSINE || square < 1e-6 {
             return None;
         }
         let (s, t) = ((u - c * v) / square, (v - c * u) / square);
@@ -116,8 +115,8 @@ impl ExactIntersection<'_> {
         Some((distance + self.level, (a * s + b * t) / distance))
     }
 
-    /// Whether values of the two may lie beyond an edge that matters: at a sharp one also where one of
-    /// them is still negative, but never more so than the other is positive.
+    /// Whether the point may lie beyond an edge within the reach. At a sharp edge one value may be
+    /// negative, but its magnitude is less than the other value.
     fn is_beyond(&self, u: f64, v: f64) -> bool {
         u + v > 2.0 * self.level && u.max(v) < self.reach
     }
@@ -139,7 +138,7 @@ impl Field for ExactIntersection<'_> {
     fn bound(&self, region: &Aabb) -> Interval {
         let [a, b] = [0, 1].map(|n| self.pair[n].bound(region));
         let hi = a.hi.max(b.hi);
-        // To an edge it is further than to either surface.
+        // The distance to an edge exceeds the distances to both surfaces.
         let beyond = a.hi + b.hi > 2.0 * self.level;
         Interval::new(a.lo.max(b.lo), if beyond { f64::INFINITY } else { hi })
     }

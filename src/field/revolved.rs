@@ -1,9 +1,9 @@
-//! Solids about an axis, and half of space, as exact signed distances in world space.
+//! Solids of revolution and the half space, as exact signed distances in world space.
 
 use super::{Field, Interval};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
-/// A ball swept along a line.
+/// A ball swept along a segment.
 #[derive(Clone, Copy, Debug)]
 pub struct Capsule {
     /// Centres of the ball, world units.
@@ -15,13 +15,13 @@ pub struct Capsule {
 /// A straight cylinder with flat ends.
 #[derive(Clone, Copy, Debug)]
 pub struct Cylinder {
-    /// Centres of its ends, world units; not the same.
+    /// Centres of the ends, world units; distinct.
     pub ends: [Vec3; 2],
     /// Radius, world units.
     pub radius: f64,
 }
 
-/// All points before a plane.
+/// The points behind a plane.
 #[derive(Clone, Copy, Debug)]
 pub struct HalfSpace {
     /// A point of the plane, world units.
@@ -30,15 +30,15 @@ pub struct HalfSpace {
     pub normal: Vec3,
 }
 
-/// The bound of any field with Lipschitz constant 1.
+/// The bound of a field with Lipschitz constant 1.
 fn lipschitz(value: f64, region: &Aabb) -> Interval {
     let r = region.half_diagonal();
     Interval::new(value - r, value + r)
 }
 
 impl Capsule {
-    /// From the nearest point of the axis.
-    fn arm(&self, p: WorldPoint) -> Vec3 {
+    /// The vector from the nearest point of the axis.
+    fn radial_vector(&self, p: WorldPoint) -> Vec3 {
         let [a, b] = self.ends;
         let axis = b - a;
         let length = axis.norm_squared();
@@ -50,7 +50,7 @@ impl Capsule {
         p.0 - a - axis * t
     }
 
-    /// The box around it, world units.
+    /// The bounding box, world units.
     pub fn bounds(&self) -> Aabb {
         Aabb::of(self.ends).dilated(self.radius)
     }
@@ -59,12 +59,12 @@ impl Capsule {
 impl Field for Capsule {
     type Point = WorldPoint;
     fn value(&self, p: WorldPoint) -> f64 {
-        self.arm(p).norm() - self.radius
+        self.radial_vector(p).norm() - self.radius
     }
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
-        let arm = self.arm(p);
-        let n = arm.norm();
-        let gradient = arm.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+        let radial_vector = self.radial_vector(p);
+        let n = radial_vector.norm();
+        let gradient = radial_vector.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
         (n - self.radius, gradient)
     }
     fn bound(&self, region: &Aabb) -> Interval {
@@ -73,7 +73,7 @@ impl Field for Capsule {
 }
 
 impl Cylinder {
-    /// Along the axis from the middle, its direction, and away from the axis.
+    /// The coordinate along the axis from the centre, the axis, and the vector from the axis.
     fn parts(&self, p: WorldPoint) -> (f64, Vec3, Vec3) {
         let [a, b] = self.ends;
         let axis = (b - a).try_normalize(0.0).unwrap_or_else(Vec3::z);
@@ -82,13 +82,13 @@ impl Cylinder {
         (along, axis, d - axis * along)
     }
 
-    /// Beyond the end caps and beyond the mantle.
-    fn excess(&self, along: f64, arm: Vec3) -> [f64; 2] {
+    /// Signed distances to the planes of the ends and to the lateral surface.
+    fn excess(&self, along: f64, radial_vector: Vec3) -> [f64; 2] {
         let half = (self.ends[1] - self.ends[0]).norm() / 2.0;
-        [along.abs() - half, arm.norm() - self.radius]
+        [along.abs() - half, radial_vector.norm() - self.radius]
     }
 
-    /// The box around it, world units.
+    /// The bounding box, world units.
     pub fn bounds(&self) -> Aabb {
         let axis = (self.ends[1] - self.ends[0])
             .try_normalize(0.0)
@@ -105,15 +105,15 @@ impl Cylinder {
 impl Field for Cylinder {
     type Point = WorldPoint;
     fn value(&self, p: WorldPoint) -> f64 {
-        let (along, _, arm) = self.parts(p);
-        let [u, v] = self.excess(along, arm);
+        let (along, _, radial_vector) = self.parts(p);
+        let [u, v] = self.excess(along, radial_vector);
         libm::hypot(u.max(0.0), v.max(0.0)) + u.max(v).min(0.0)
     }
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
-        let (along, axis, arm) = self.parts(p);
-        let [u, v] = self.excess(along, arm);
+        let (along, axis, radial_vector) = self.parts(p);
+        let [u, v] = self.excess(along, radial_vector);
         let cap = axis * along.signum();
-        let mantle = arm.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+        let mantle = radial_vector.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
         let gradient = match (u > 0.0, v > 0.0) {
             (true, true) => (cap * u + mantle * v) / libm::hypot(u, v),
             (false, false) if v > u => mantle,

@@ -1,6 +1,6 @@
-//! Measures for people: numbers with four significant digits.
+//! Formatting of measures with four significant digits.
 
-/// A number with four significant digits, its whole part never cut: "1000", "12.50", "1.000e-6".
+/// A number with four significant digits, but with its whole integer part: "1000", "12.50", "1.000e-6".
 ///
 /// ```
 /// use druse::frame::figures;
@@ -16,7 +16,7 @@ pub fn figures(value: f64) -> String {
             value.to_string()
         };
     }
-    // The power of ten of what four digits round it to.
+    // The power of ten after rounding to four digits.
     let rounded = format!("{value:.3e}");
     let power = rounded
         .split_once('e')
@@ -31,27 +31,27 @@ pub fn figures(value: f64) -> String {
     }
 }
 
-/// A place with six significant digits of its largest coordinate, the others to the same decimal.
+/// A point with six significant digits of its largest coordinate; all have the same number of decimals.
 ///
 /// ```
 /// use druse::frame::{Vec3, place_figures};
 /// assert_eq!(place_figures(Vec3::new(0.1 + 0.2, -12.0, 1e-17)), "(0.3000, -12.0000, 0.0000)");
 /// ```
-pub fn place_figures(place: super::Vec3) -> String {
-    let largest = place.amax();
+pub fn place_figures(point: super::Vec3) -> String {
+    let largest = point.amax();
     if largest == 0.0 || !largest.is_finite() {
-        return format!("({}, {}, {})", place.x, place.y, place.z);
+        return format!("({}, {}, {})", point.x, point.y, point.z);
     }
     let power = largest.log10().floor() as i32;
     if !(-4..=15).contains(&power) {
-        return format!("({:.5e}, {:.5e}, {:.5e})", place.x, place.y, place.z);
+        return format!("({:.5e}, {:.5e}, {:.5e})", point.x, point.y, point.z);
     }
     let digits = usize::try_from(5 - power).unwrap_or(0);
-    let least = 0.5 * 10f64.powi((power - 5).min(0));
-    let plain = place.map(|c| if c.abs() < least { 0.0 } else { c });
+    let half_digit = 0.5 * 10f64.powi((power - 5).min(0));
+    let rounded = point.map(|c| if c.abs() < half_digit { 0.0 } else { c });
     format!(
         "({:.digits$}, {:.digits$}, {:.digits$})",
-        plain.x, plain.y, plain.z
+        rounded.x, rounded.y, rounded.z
     )
 }
 
@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn four_digits_are_shown_of_every_size() {
+    fn numbers_have_four_significant_digits() {
         for (value, text) in [
             (0.0, "0"),
             (1000.0, "1000"),

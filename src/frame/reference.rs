@@ -1,21 +1,20 @@
-//! Reference elements: the shapes a unit cell lives in.
+//! Reference elements: the domains of unit cells.
 //!
-//! Every element has unit edges, but for the tet, which is inscribed in the unit cube (edge sqrt 2).
-//! The origin is the point that all symmetries of the element keep: the centroid, but for the
-//! pyramid, whose origin is the centre of its base. The ball is no element of any scaffold: cells
-//! that stand alone live in it.
+//! Every element has unit edges, except the tet, which is inscribed in the unit cube (edge sqrt 2). The
+//! origin is the fixed point of all symmetries of the element: the centroid, or for the pyramid the centre
+//! of its base. The ball is not an element of scaffolds; it is the domain of isolated cells.
 
 use super::{CellBox, CellPoint, Mat3, Vec3};
 use std::sync::OnceLock;
 
 /// sqrt(3)/2, the height of the equilateral triangle of edge 1.
-const H: f64 = 0.866_025_403_784_438_6;
+const TRIANGLE_HEIGHT: f64 = 0.866_025_403_784_438_6;
 /// The golden ratio.
-const GOLDEN: f64 = 1.618_033_988_749_895;
+const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
 /// Radius of the ball.
-const RADIUS: f64 = 0.5;
+const BALL_RADIUS: f64 = 0.5;
 
-/// A kind of reference element. Second-order scaffold elements share their linear one's cell.
+/// A kind of reference element. Second-order scaffold elements use the cell of their linear counterpart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Element {
     /// Equilateral triangle of edge 1.
@@ -30,13 +29,14 @@ pub enum Element {
     Wedge,
     /// Half an octahedron of edge 1: the unit square at z = 0, the apex at z = 1/sqrt 2.
     Pyramid,
-    /// Ball of diameter 1, of which one stands alone. Its vertices, edges and faces are those of the
-    /// icosahedron inscribed in it, whose edges are parallel to the axes where these meet them.
+    /// Ball of diameter 1, the domain of a single isolated cell. Its vertices, edges and faces are those of
+    /// the inscribed icosahedron; six of its edges cross the axes at right angles and are parallel to other
+    /// axes.
     Ball,
 }
 
-/// A face of a reference element: the plane `normal . x = offset`, normal pointing out. The faces of
-/// a planar element are its edges.
+/// A face of a reference element: the plane `normal . x = offset`, with outward normal. The faces of a
+/// planar element are its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face {
     /// Unit outward normal.
@@ -46,8 +46,8 @@ pub struct Face {
 }
 
 impl Element {
-    /// Every element that scaffolds are made of.
-    pub const ALL: [Self; 6] = [
+    /// The elements of scaffolds.
+    pub const SCAFFOLD_ELEMENTS: [Self; 6] = [
         Self::Tri,
         Self::Quad,
         Self::Tet,
@@ -69,9 +69,9 @@ impl Element {
         }
     }
 
-    /// The element of that name.
+    /// The element with the given name.
     pub fn from_name(name: &str) -> Option<Self> {
-        let mut all = Self::ALL.into_iter().chain([Self::Ball]);
+        let mut all = Self::SCAFFOLD_ELEMENTS.into_iter().chain([Self::Ball]);
         all.find(|e| e.name() == name)
     }
 
@@ -88,9 +88,9 @@ impl Element {
         let v = |x, y, z| Vec3::new(x, y, z);
         let triangle = |z| {
             [
-                v(-0.5, -H / 3.0, z),
-                v(0.5, -H / 3.0, z),
-                v(0.0, H * 2.0 / 3.0, z),
+                v(-0.5, -TRIANGLE_HEIGHT / 3.0, z),
+                v(0.5, -TRIANGLE_HEIGHT / 3.0, z),
+                v(0.0, TRIANGLE_HEIGHT * 2.0 / 3.0, z),
             ]
         };
         let square = |z| {
@@ -119,16 +119,16 @@ impl Element {
                 all.push(v(0.0, 0.0, 0.5f64.sqrt()));
                 all
             }
-            Self::Ball => cycled([0.0, 1.0, GOLDEN])
-                .map(|p| p.normalize() * RADIUS)
+            Self::Ball => cyclic_permutations([0.0, 1.0, GOLDEN_RATIO])
+                .map(|p| p.normalize() * BALL_RADIUS)
                 .collect(),
         }
     }
 
-    /// Bounding faces, of a planar element its edges in the order of its vertices. Face `i` of a tet
-    /// lies opposite no particular vertex; hex faces come in the order x-, x+, y-, y+, z-, z+; wedge
-    /// and pyramid faces in VTK order: both triangles, then the sides over the edges 01, 12, 20; the
-    /// base, then the triangles over the edges 01, 12, 23, 30.
+    /// Bounding faces; for a planar element, its edges in the order of its vertices. The faces of a tet
+    /// have no fixed relation to its vertices. Hex faces are in the order x-, x+, y-, y+, z-, z+. Wedge
+    /// faces are both triangles, then the sides over the edges 01, 12, 20; pyramid faces are the base, then
+    /// the triangles over the edges 01, 12, 23, 30 (VTK order).
     pub fn faces(self) -> Vec<Face> {
         let face = |n: Vec3, offset| Face {
             normal: n.normalize(),
@@ -138,8 +138,10 @@ impl Element {
             [[0., -1.], [1., 0.], [0., 1.], [-1., 0.]]
                 .map(|[x, y]| face(Vec3::new(x, y, z), offset))
         };
-        let of_triangle =
-            || [[0., -1.], [H, 0.5], [-H, 0.5]].map(|[x, y]| face(Vec3::new(x, y, 0.0), H / 3.0));
+        let of_triangle = || {
+            [[0., -1.], [TRIANGLE_HEIGHT, 0.5], [-TRIANGLE_HEIGHT, 0.5]]
+                .map(|[x, y]| face(Vec3::new(x, y, 0.0), TRIANGLE_HEIGHT / 3.0))
+        };
         match self {
             Self::Tri => of_triangle().to_vec(),
             Self::Quad => of_square(0.0, 0.5).to_vec(),
@@ -160,24 +162,25 @@ impl Element {
                 all
             }
             Self::Ball => {
-                let offset = RADIUS * GOLDEN * GOLDEN / (3.0 * (1.0 + GOLDEN * GOLDEN)).sqrt();
+                let offset = BALL_RADIUS * GOLDEN_RATIO * GOLDEN_RATIO
+                    / (3.0 * (1.0 + GOLDEN_RATIO * GOLDEN_RATIO)).sqrt();
                 let corners = (0..8).map(|n| {
                     Vec3::from([1, 2, 4].map(|bit| if n & bit == 0 { 1.0 } else { -1.0 }))
                 });
-                let others = cycled([0.0, GOLDEN, GOLDEN.recip()]);
+                let others = cyclic_permutations([0.0, GOLDEN_RATIO, GOLDEN_RATIO.recip()]);
                 corners.chain(others).map(|n| face(n, offset)).collect()
             }
         }
     }
 
-    /// Vertices of a face, by their numbers in ascending order.
+    /// Indices of the vertices of a face, ascending.
     pub fn face_vertices(self, face: &Face) -> Vec<usize> {
         let on = |v: &Vec3| (face.normal.dot(v) - face.offset).abs() < 1e-9;
         let vertices = self.vertices();
         (0..vertices.len()).filter(|&i| on(&vertices[i])).collect()
     }
 
-    /// Pairs of vertices that an edge joins, the lower number first.
+    /// The edges as pairs of vertex indices, the lower index first.
     pub fn edges(self) -> Vec<[usize; 2]> {
         let faces: Vec<Vec<usize>> = self.faces().iter().map(|f| self.face_vertices(f)).collect();
         let shared = |i, j| {
@@ -191,10 +194,10 @@ impl Element {
             .collect()
     }
 
-    /// Area or volume of the element in its own dimension.
+    /// Area of a planar element, volume of a solid one.
     pub fn measure(self) -> f64 {
         match self {
-            Self::Tri | Self::Wedge => H / 2.0,
+            Self::Tri | Self::Wedge => TRIANGLE_HEIGHT / 2.0,
             Self::Quad | Self::Hex => 1.0,
             Self::Tet => 1.0 / 3.0,
             Self::Pyramid => 2f64.sqrt() / 6.0,
@@ -206,12 +209,12 @@ impl Element {
     pub fn edge(self) -> f64 {
         match self {
             Self::Tet => 2f64.sqrt(),
-            Self::Ball => 2.0 * RADIUS / (1.0 + GOLDEN * GOLDEN).sqrt(),
+            Self::Ball => 2.0 * BALL_RADIUS / (1.0 + GOLDEN_RATIO * GOLDEN_RATIO).sqrt(),
             _ => 1.0,
         }
     }
 
-    /// Centroid: the origin, of the pyramid a quarter of its height above it.
+    /// The centroid: the origin, except for the pyramid, where it is a quarter of the height above it.
     pub fn centroid(self) -> CellPoint<3> {
         CellPoint(match self {
             Self::Pyramid => Vec3::z() * (0.5f64.sqrt() / 4.0),
@@ -219,7 +222,7 @@ impl Element {
         })
     }
 
-    /// How many orthogonal maps take the element to itself; a planar element's leave z in place.
+    /// Number of orthogonal maps of the element onto itself; those of a planar element leave z unchanged.
     pub const fn symmetry_order(self) -> usize {
         match self {
             Self::Tri => 6,
@@ -231,8 +234,8 @@ impl Element {
         }
     }
 
-    /// Whether an orthogonal map about the origin takes the element to itself.
-    pub fn is_kept_by(self, map: &Mat3) -> bool {
+    /// Whether an orthogonal map about the origin maps the element onto itself.
+    pub fn is_invariant_under(self, map: &Mat3) -> bool {
         let vertices = self.vertices();
         vertices.iter().all(|v| {
             let image = map * v;
@@ -242,7 +245,7 @@ impl Element {
 
     /// Bounding box: the unit cube for tet, hex and ball.
     pub fn cell_box(self) -> CellBox<3> {
-        // Asked for in every image of a box.
+        // The box is cached, since hot loops use it.
         static BOXES: [OnceLock<CellBox<3>>; 7] = [const { OnceLock::new() }; 7];
         *BOXES[self as usize].get_or_init(|| match self {
             Self::Ball => Self::Hex.cell_box(),
@@ -250,14 +253,15 @@ impl Element {
         })
     }
 
-    /// Largest signed distance of a point to the planes of the faces: <= 0 inside. Planar elements
-    /// do not regard z; that of the ball is the distance to the sphere.
+    /// Largest signed distance of a point to the planes of the faces, negative inside. Planar elements
+    /// ignore z. For the ball it is the distance to the sphere.
     #[inline]
     pub fn face_distance(self, p: CellPoint<3>) -> f64 {
         let x = p.0;
-        // One instruction, unlike `f64::max`.
+        // This compiles to one instruction, unlike `f64::max`.
         let greater = |a: f64, b: f64| if a > b { a } else { b };
-        let triangle = || (x.x.abs() * H + x.y * 0.5).max(-x.y) - H / 3.0;
+        let triangle =
+            || (x.x.abs() * TRIANGLE_HEIGHT + x.y * 0.5).max(-x.y) - TRIANGLE_HEIGHT / 3.0;
         match self {
             Self::Tet => {
                 let one = greater(x.x + x.y + x.z, x.x - x.y - x.z);
@@ -268,7 +272,7 @@ impl Element {
             Self::Quad => x.x.abs().max(x.y.abs()) - 0.5,
             Self::Tri => triangle(),
             Self::Wedge => triangle().max(x.z.abs() - 0.5),
-            Self::Ball => x.norm() - RADIUS,
+            Self::Ball => x.norm() - BALL_RADIUS,
             Self::Pyramid => {
                 let across = x.x.abs().max(x.y.abs());
                 ((2.0 * across + 2f64.sqrt() * x.z - 1.0) / 6f64.sqrt()).max(-x.z)
@@ -277,8 +281,8 @@ impl Element {
     }
 }
 
-/// The twelve points (0, +-b, +-c) and those with the coordinates in turn.
-fn cycled([a, b, c]: [f64; 3]) -> impl Iterator<Item = Vec3> {
+/// The twelve points (0, +-b, +-c) and their cyclic permutations.
+fn cyclic_permutations([a, b, c]: [f64; 3]) -> impl Iterator<Item = Vec3> {
     (0..12).map(move |n| {
         let sign = |bit: i32| if n & bit == 0 { 1.0 } else { -1.0 };
         let p = [a, b * sign(1), c * sign(2)];
@@ -293,7 +297,7 @@ mod tests {
 
     #[test]
     fn faces_bound_the_vertices_and_agree_with_face_distance() {
-        for e in Element::ALL {
+        for e in Element::SCAFFOLD_ELEMENTS {
             let faces = e.faces();
             let mut points = e.vertices();
             points.extend([Vec3::new(0.1, -0.3, 0.2), Vec3::new(-0.9, 0.4, 0.6)]);
@@ -312,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ball_holds_an_icosahedron() {
+    fn vertices_and_faces_of_the_ball_are_those_of_an_icosahedron() {
         let vertices = Element::Ball.vertices();
         assert_eq!(vertices.len(), 12);
         assert!(vertices.iter().all(|v| (v.norm() - 0.5).abs() < 1e-15));
@@ -326,8 +330,10 @@ mod tests {
     }
 
     #[test]
-    fn edges_have_their_length_and_number() {
-        let all = Element::ALL.into_iter().chain([Element::Ball]);
+    fn edges_have_the_expected_length_and_number() {
+        let all = Element::SCAFFOLD_ELEMENTS
+            .into_iter()
+            .chain([Element::Ball]);
         for (e, count) in all.zip([3, 4, 6, 12, 9, 8, 30]) {
             let v = e.vertices();
             assert_eq!(e.edges().len(), count, "{e:?}");
@@ -338,14 +344,15 @@ mod tests {
     }
 
     #[test]
-    fn symmetries_keep_the_vertices() {
-        // The reflection that exchanges x and -x keeps all but the tet, whose are cyclic.
+    fn symmetries_permute_the_vertices() {
+        // The reflection of x is a symmetry of all but the tet; the cyclic permutation of the axes, of tet
+        // and hex.
         let mirror = Mat3::from_diagonal(&Vec3::new(-1.0, 1.0, 1.0));
         let cycle = Mat3::new(0., 0., 1., 1., 0., 0., 0., 1., 0.);
-        for e in Element::ALL {
-            assert_eq!(e.is_kept_by(&mirror), e != Element::Tet);
+        for e in Element::SCAFFOLD_ELEMENTS {
+            assert_eq!(e.is_invariant_under(&mirror), e != Element::Tet);
             assert_eq!(
-                e.is_kept_by(&cycle),
+                e.is_invariant_under(&cycle),
                 matches!(e, Element::Tet | Element::Hex)
             );
         }

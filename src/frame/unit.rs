@@ -1,4 +1,4 @@
-//! Units of length: what a number in a file or on the command line means.
+//! Units of length of numbers in files and on the command line.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,12 +8,12 @@ use std::str::FromStr;
 pub enum LengthUnit {
     /// Micrometre.
     Micrometre,
-    /// Millimetre: what CAD and meshes mean when they do not say.
+    /// Millimetre, the default of CAD and of meshes without a unit.
     #[default]
     Millimetre,
     /// Centimetre.
     Centimetre,
-    /// Metre: what Houdini and Blender mean.
+    /// Metre, the unit of Houdini and Blender.
     Metre,
     /// Inch.
     Inch,
@@ -22,7 +22,7 @@ pub enum LengthUnit {
 }
 
 /// Symbol, metres and 3MF name of each unit.
-const TABLE: [(LengthUnit, &str, f64, &str); 6] = [
+const UNITS: [(LengthUnit, &str, f64, &str); 6] = [
     (LengthUnit::Micrometre, "um", 1e-6, "micron"),
     (LengthUnit::Millimetre, "mm", 1e-3, "millimeter"),
     (LengthUnit::Centimetre, "cm", 1e-2, "centimeter"),
@@ -31,39 +31,39 @@ const TABLE: [(LengthUnit, &str, f64, &str); 6] = [
     (LengthUnit::Foot, "ft", 0.3048, "foot"),
 ];
 
-/// A string that names no unit of length.
+/// A string that is not a unit of length.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown unit {0:?}; expected one of um, mm, cm, m, in, ft")]
 pub struct UnknownUnit(pub String);
 
 impl LengthUnit {
     fn row(self) -> (LengthUnit, &'static str, f64, &'static str) {
-        TABLE[self as usize]
+        UNITS[self as usize]
     }
 
-    /// Its symbol, as in "0.2mm".
+    /// The symbol, as in "0.2mm".
     pub fn symbol(self) -> &'static str {
         self.row().1
     }
 
-    /// How many metres it is.
+    /// The length of the unit in metres.
     pub fn metres(self) -> f64 {
         self.row().2
     }
 
-    /// Its name in a 3MF model.
+    /// The name in a 3MF model.
     pub fn name_3mf(self) -> &'static str {
         self.row().3
     }
 
-    /// The factor that turns a number in this unit into one in `other`.
+    /// The factor from a number in this unit to a number in `other`.
     ///
     /// ```
     /// use druse::frame::LengthUnit;
     /// assert_eq!(60.0 * LengthUnit::Millimetre.to(LengthUnit::Metre), 0.06);
     /// ```
     pub fn to(self, other: Self) -> f64 {
-        // Powers of ten divide exactly in this order: 1e-3 / 1.0, 1.0 / 1e-3.
+        // In this order, ratios of powers of ten are exact: 1e-3 / 1.0, 1.0 / 1e-3.
         self.metres() / other.metres()
     }
 }
@@ -77,7 +77,7 @@ impl fmt::Display for LengthUnit {
 impl FromStr for LengthUnit {
     type Err = UnknownUnit;
     fn from_str(s: &str) -> Result<Self, UnknownUnit> {
-        TABLE
+        UNITS
             .iter()
             .find(|row| row.1 == s || row.3 == s)
             .map(|row| row.0)

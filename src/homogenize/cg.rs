@@ -5,7 +5,7 @@
 
 use super::HomogenizeError;
 use crate::progress::Progress;
-use crate::simd::widely;
+use crate::simd::run_vectorized;
 use rayon::prelude::*;
 
 /// Numbers that one task sums or updates.
@@ -63,7 +63,7 @@ pub(super) fn dot<T: Copy + Into<f64> + Sync>(a: &[T], b: &[f64]) -> f64 {
         .zip(b.par_chunks(CHUNK))
         .map(|(a, b)| {
             let mut lanes = [0.0; 8];
-            widely(
+            run_vectorized(
                 #[inline(always)]
                 || {
                     let (ca, cb) = (a.chunks_exact(8), b.chunks_exact(8));
@@ -88,7 +88,7 @@ pub(super) fn add<T: Copy + Into<f64> + Sync>(y: &mut [f64], factor: f64, x: &[T
     y.par_chunks_mut(CHUNK)
         .zip(x.par_chunks(CHUNK))
         .for_each(|(y, x)| {
-            widely(
+            run_vectorized(
                 #[inline(always)]
                 || {
                     for (y, x) in y.iter_mut().zip(x) {
@@ -146,7 +146,7 @@ pub(super) fn solve(
         p.par_chunks_mut(CHUNK)
             .zip(q.par_chunks(CHUNK))
             .for_each(|(p, z)| {
-                widely(
+                run_vectorized(
                     #[inline(always)]
                     || {
                         for (p, z) in p.iter_mut().zip(z) {

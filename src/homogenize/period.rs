@@ -188,7 +188,7 @@ impl Period {
         let Filling::Cell(cell) = &self.filling else {
             return 0.0;
         };
-        let limit = cell.form().band_limit();
+        let limit = cell.expression().band_limit();
         if self.element == Element::Tet {
             limit / self.packing.scales()[0]
         } else {
@@ -268,7 +268,7 @@ impl Period {
                 }
                 for (n, v) in layer.iter_mut().enumerate() {
                     let p = place(counts, [i, n / nz, n % nz]);
-                    *v = cell.form().value(self.reference(p));
+                    *v = cell.expression().value(self.reference(p));
                 }
             });
         stopped(progress)?;
@@ -294,7 +294,7 @@ impl Period {
             if progress.cancelled() {
                 return 0.0;
             }
-            cell.form().value(self.reference(place([n; 3], *at)))
+            cell.expression().value(self.reference(place([n; 3], *at)))
         };
         let chosen: Vec<f64> = triples.par_iter().with_min_len(64).map(value).collect();
         stopped(progress)?;

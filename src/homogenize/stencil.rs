@@ -7,7 +7,7 @@
 
 use super::grid::Grid;
 use super::spectral::Spectral;
-use crate::simd::widely;
+use crate::simd::run_vectorized;
 use rayon::prelude::*;
 
 /// Layers of corners that one task fills; one more layer of voxels is computed twice.
@@ -147,7 +147,7 @@ impl Stencil {
                     for step in 0..=count {
                         let i = (first + step + nx - 1) % nx;
                         for j in 0..ny {
-                            widely(
+                            run_vectorized(
                                 #[inline(always)]
                                 || {
                                     let next = (j + 1) % ny;

@@ -1,10 +1,8 @@
-//! Outputs that appear whole or not at all.
+//! Atomic output files: they appear complete or not at all.
 //!
-//! A new file is written under a hidden temporary name in the directory of its target (symbolic
-//! links resolved first), synced, renamed over the target, and the directory synced. Dropping it
-//! before [`AtomicFile::commit`] removes it, so an error or a cancelled run leaves nothing. A target
-//! that exists and is not a regular file (a pipe, `/dev/stdout`, a device) is written directly, with
-//! every error checked, or refused where the format must seek.
+//! A file is written under a hidden temporary name beside its target (symbolic links resolved first), synced
+//! and renamed; then the directory is synced. Dropping it before [`AtomicFile::commit`] removes it. A target that
+//! exists and is no regular file (a pipe, `/dev/stdout`) is written directly, or refused if the format must seek.
 //!
 //! ```
 //! use std::io::Write;
@@ -14,7 +12,6 @@
 //! file.write_all(b"whole").unwrap();
 //! assert!(!path.exists());
 //! assert_eq!(file.commit().unwrap(), 5);
-//! assert_eq!(std::fs::read(&path).unwrap(), b"whole");
 //! ```
 
 use super::WriteError;
@@ -25,13 +22,13 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 use tempfile::{NamedTempFile, TempPath};
 
-/// Where the bytes go until the file is committed.
+/// The destination of the bytes until the file is committed.
 enum Sink {
     Staged(BufWriter<NamedTempFile>, PathBuf),
     Direct(BufWriter<File>),
 }
 
-/// A file being written by Rust code; use it as a [`Write`] (and [`Seek`]), then commit.
+/// An output file: write to it as a [`Write`] (and [`Seek`]), then commit.
 pub struct AtomicFile {
     shown: PathBuf,
     sink: Sink,
@@ -40,7 +37,7 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Starts a file that will be written from first byte to last.
+    /// Creates a file for sequential writing.
     ///
     /// # Errors
     /// [`WriteError::Create`] when the directory is missing or not writable, or the target is a
@@ -66,7 +63,7 @@ impl AtomicFile {
         })
     }
 
-    /// Starts a file whose format must seek.
+    /// Creates a file whose format must seek.
     ///
     /// # Errors
     /// As [`AtomicFile::create`], and when the target is not a regular file.
@@ -78,14 +75,14 @@ impl AtomicFile {
         }
     }
 
-    /// States how many bytes the whole file will have, for the message when the disk is full.
+    /// Sets the expected size of the whole file, for the error message when the disk is full.
     #[must_use]
     pub fn expecting(mut self, bytes: u64) -> Self {
         self.needed = Some(bytes);
         self
     }
 
-    /// Turns an error met while writing into one that names the file and how far it came.
+    /// Converts an error during writing into one with the file and the number of bytes written.
     pub fn failed(&self, error: io::Error) -> WriteError {
         WriteError::Io {
             path: self.shown.clone(),
@@ -95,10 +92,10 @@ impl AtomicFile {
         }
     }
 
-    /// Completes the file under its name; gives its size in bytes.
+    /// Completes the file under its name; returns its size in bytes.
     ///
     /// # Errors
-    /// [`WriteError::Io`] when anything could not be written, synced or renamed.
+    /// [`WriteError::Io`] when writing, syncing or renaming fails.
     pub fn commit(mut self) -> Result<u64, WriteError> {
         self.flush().map_err(|e| self.failed(e))?;
         let Self {
@@ -157,9 +154,9 @@ impl Seek for AtomicFile {
     }
 }
 
-/// A temporary path that other code (the C++ side) writes, then commits.
+/// A temporary path for other code (OpenVDB) to write, committed afterwards.
 ///
-/// The path keeps the target's extension; it exists, empty, from the start.
+/// The path keeps the target's extension; an empty file exists from the start.
 pub struct StagedPath {
     shown: PathBuf,
     target: PathBuf,
@@ -171,7 +168,7 @@ impl StagedPath {
     ///
     /// # Errors
     /// [`WriteError::Create`] as for [`AtomicFile::create`], and when the target is not a regular
-    /// file: such code may seek.
+    /// file, since the other code may seek.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, WriteError> {
         let shown = path.as_ref().to_owned();
         match Target::of(&shown)? {
@@ -184,12 +181,12 @@ impl StagedPath {
         }
     }
 
-    /// Where to write.
+    /// The path to write to.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Turns an error met while writing into one that names the file.
+    /// Converts an error during writing into one with the file.
     pub fn failed(&self, error: io::Error) -> WriteError {
         WriteError::Io {
             path: self.shown.clone(),
@@ -199,7 +196,7 @@ impl StagedPath {
         }
     }
 
-    /// Syncs what was written and puts it under the target's name; gives its size in bytes.
+    /// Syncs the written file and moves it to the target's name; returns its size in bytes.
     ///
     /// # Errors
     /// [`WriteError::Io`] when syncing or renaming fails.
@@ -233,8 +230,8 @@ pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<u64, WriteErr
     file.commit()
 }
 
-/// Removes the temporary files of a target that were last written before a time: what programs that
-/// were killed have left. Only for a caller who knows that nobody else writes the target.
+/// Removes temporary files of a target that were last modified before `before`: leftovers of killed programs.
+/// The caller must make sure that no other process writes the target.
 pub fn remove_abandoned(path: impl AsRef<Path>, before: SystemTime) {
     let Ok(Target::Regular(target)) = Target::of(path.as_ref()) else {
         return;
@@ -256,7 +253,7 @@ pub fn remove_abandoned(path: impl AsRef<Path>, before: SystemTime) {
     }
 }
 
-/// What the names of a target's temporary files begin and end with; none for a name that is no text.
+/// The prefix and the suffix of the names of a target's temporary files; `None` for a name that is not UTF-8.
 fn affixes(target: &Path) -> Option<(String, String)> {
     let name = target.file_name()?.to_str()?;
     let stem: String = name.chars().take(64).collect();
@@ -265,9 +262,9 @@ fn affixes(target: &Path) -> Option<(String, String)> {
     Some((format!(".{stem}."), suffix))
 }
 
-/// What stands under the target's name.
+/// The kind of the output's target.
 enum Target {
-    /// Nothing or a regular file, at this path free of symbolic links in its last part.
+    /// No file or a regular file, at this path after symbolic links are resolved.
     Regular(PathBuf),
     /// A pipe, a terminal, a device.
     Special,
@@ -301,7 +298,7 @@ fn resolve_dangling(shown: &Path) -> Result<PathBuf, WriteError> {
     Err(refused(shown, "too many symbolic links".into()))
 }
 
-/// The directory a file lives in.
+/// The directory of a file.
 fn directory_of(path: &Path) -> &Path {
     match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
@@ -309,8 +306,8 @@ fn directory_of(path: &Path) -> &Path {
     }
 }
 
-/// Creates the temporary file: `.NAME.XXXXXX.partial.EXT`, with the permissions that the target has
-/// or would get.
+/// Creates the temporary file `.NAME.XXXXXX.partial.EXT` with the permissions of the target, or those that a
+/// new file gets.
 fn stage(shown: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
     let directory = directory_of(target);
     let Some((prefix, suffix)) = affixes(target) else {
@@ -330,7 +327,7 @@ fn stage(shown: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
             refused(shown, reason)
         })?;
     if let Ok(meta) = fs::metadata(target) {
-        // Keep the mode of a file that is replaced; a file system without modes may refuse.
+        // Keep the mode of a replaced file; a file system without modes may refuse.
         let _ = file.as_file().set_permissions(meta.permissions());
     }
     Ok(file)
@@ -346,11 +343,11 @@ fn refused(path: &Path, reason: String) -> WriteError {
 fn not_seekable(path: &Path) -> WriteError {
     refused(
         path,
-        "it is not a regular file, and this format is not written from first byte to last".into(),
+        "it is not a regular file, and this format is not written sequentially".into(),
     )
 }
 
-/// Makes a rename last; directories that cannot be synced (some network file systems) are let be.
+/// Makes a rename durable; directories that cannot be synced (some network file systems) are ignored.
 fn sync_directory(target: &Path) -> io::Result<()> {
     match File::open(directory_of(target)).and_then(|d| d.sync_all()) {
         Err(e) if e.kind() == io::ErrorKind::InvalidInput => Ok(()),
@@ -358,7 +355,7 @@ fn sync_directory(target: &Path) -> io::Result<()> {
     }
 }
 
-/// Syncs what can be synced: pipes and terminals cannot.
+/// Syncs a file; pipes and terminals, which cannot be synced, are ignored.
 fn sync_special(file: &File) -> io::Result<()> {
     match file.sync_all() {
         Err(e)

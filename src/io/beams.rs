@@ -1,4 +1,4 @@
-//! Lattices of straight beams, as printers that know them take them, and as files give them.
+//! Lattices of straight beams: the types, and the 3MF beam lattice extension.
 
 use super::atomic::AtomicFile;
 use super::mesh_file::{MeshFile, MeshFormat, read_mesh};
@@ -10,26 +10,26 @@ use std::path::Path;
 /// A beam between two nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beam {
-    /// Numbers of its nodes.
+    /// The indices of its nodes.
     pub ends: [u32; 2],
-    /// Radius at each end.
+    /// The radius at each end.
     pub radii: [f64; 2],
 }
 
 /// Beams over shared nodes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BeamLattice {
-    /// Places of the nodes.
+    /// The positions of the nodes.
     pub nodes: Vec<Vec3>,
-    /// What joins them.
+    /// The beams between them.
     pub beams: Vec<Beam>,
 }
 
-/// Writes beams as 3MF with its beam lattice extension, atomically; lengths times `factor` are in `unit`.
-/// The file's size in bytes.
+/// Writes beams as 3MF with the beam lattice extension, atomically; lengths times `factor` are in `unit`.
+/// Returns the file's size in bytes.
 ///
 /// # Errors
-/// [`WriteError`] for a place that cannot be written or a full disk.
+/// [`WriteError`] for a path that cannot be written or a full disk.
 pub fn write_beams(
     path: impl AsRef<Path>,
     lattice: &BeamLattice,
@@ -42,40 +42,40 @@ pub fn write_beams(
     file.commit()
 }
 
-/// How a beam of a file ends.
+/// The cap at an end of a beam.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BeamCap {
-    /// With a ball of the radius there.
+    /// A ball of the beam's radius there.
     #[default]
     Sphere,
-    /// With the half of a ball that points away from the beam.
+    /// The half of that ball that points away from the beam.
     Hemisphere,
     /// Flat.
     Butt,
 }
 
-/// A beam of a file in place: a cylinder, or a cone cut off at both ends, and its caps.
+/// A beam in file coordinates: a cylinder or a truncated cone, and its caps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FileBeam {
-    /// Its ends.
+    /// The end points of the axis.
     pub ends: [Vec3; 2],
-    /// Radius at each end.
+    /// The radius at each end.
     pub radii: [f64; 2],
-    /// What closes each end.
+    /// The cap at each end.
     pub caps: [BeamCap; 2],
 }
 
 impl FileBeam {
-    /// The box around it.
+    /// The bounding box.
     pub fn bounds(&self) -> Aabb {
-        let along = (self.ends[1] - self.ends[0])
+        let direction = (self.ends[1] - self.ends[0])
             .try_normalize(0.0)
             .unwrap_or_default();
         (0..2).fold(Aabb::EMPTY, |b, n| {
             let (c, r) = (self.ends[n], self.radii[n]);
-            let outward = if n == 0 { -along } else { along };
-            // The disc at the end, and of half a ball what points outward.
-            let disc = along.map(|a| r * (1.0 - a * a).max(0.0).sqrt());
+            let outward = if n == 0 { -direction } else { direction };
+            // The disc at the end; a hemisphere extends it on the outward side.
+            let disc = direction.map(|a| r * (1.0 - a * a).max(0.0).sqrt());
             let reach = |sign: f64| {
                 Vec3::from_fn(|axis, _| match self.caps[n] {
                     BeamCap::Sphere => r,
@@ -91,38 +91,38 @@ impl FileBeam {
     }
 }
 
-/// A mesh that ends a lattice.
+/// A mesh that clips a lattice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeamClip {
-    /// Whether the lattice is kept inside the mesh, or outside.
+    /// Whether the lattice remains inside the mesh (true) or outside.
     pub keeps_inside: bool,
-    /// The mesh, in place.
+    /// The mesh, in file coordinates.
     pub mesh: TriMesh,
 }
 
-/// The beams and balls of one object of a file, in place.
+/// The beams and balls of one object of a file, in file coordinates.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BeamPart {
     /// The beams.
     pub beams: Vec<FileBeam>,
     /// Centres and radii of balls.
     pub balls: Vec<(Vec3, f64)>,
-    /// What clips them.
+    /// The clipping mesh, if any.
     pub clip: Option<BeamClip>,
 }
 
 impl BeamPart {
-    /// Number of beams and balls.
+    /// The number of beams and balls.
     pub fn len(&self) -> usize {
         self.beams.len() + self.balls.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no beams and no balls.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A box around it: that of the clipping mesh, too, where it is smaller.
+    /// A bounding box: that of beams and balls, intersected with that of a mesh that clips the outside.
     pub fn bounds(&self) -> Aabb {
         let beams = self
             .beams
@@ -137,17 +137,17 @@ impl BeamPart {
     }
 }
 
-/// What a file holds as a solid: triangles, and beams where the format has them.
+/// The solid in a file: triangles, and beams if the format supports them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidFile {
-    /// The triangles, none where beams are all there is; the unit; what was odd.
+    /// The triangles (none in a file of beams only), the unit and the warnings.
     pub file: MeshFile,
     /// The beams of each object, in the unit of the triangles.
     pub beams: Vec<BeamPart>,
 }
 
 impl SolidFile {
-    /// The box around triangles and beams.
+    /// The bounding box of triangles and beams.
     pub fn bounds(&self) -> Aabb {
         let mesh = &self.file.mesh;
         let start = if mesh.is_empty() {
@@ -161,7 +161,7 @@ impl SolidFile {
     }
 }
 
-/// Reads a mesh with its beams, which [`read_mesh`] refuses: all formats of that, and beams of 3MF.
+/// Reads a mesh with beams: all formats of [`read_mesh`], and the beams of 3MF, which that function refuses.
 ///
 /// # Errors
 /// As [`read_mesh`].
@@ -179,7 +179,7 @@ pub fn read_solid(path: impl AsRef<Path>) -> Result<SolidFile, ReadError> {
     })
 }
 
-/// Whether a path is a 3MF that holds beams and no triangles.
+/// Whether a path is a 3MF file with beams and without triangles.
 ///
 /// # Errors
 /// [`ReadError`] for a 3MF that is missing or damaged.
@@ -192,7 +192,7 @@ pub fn is_strut_file(path: impl AsRef<Path>) -> Result<bool, ReadError> {
     Ok(solid.file.mesh.is_empty() && !solid.beams.is_empty())
 }
 
-/// Whether a path is a 3MF whose content begins as one.
+/// Whether a path has the extension and the first bytes of 3MF.
 fn is_3mf(path: &Path) -> bool {
     if MeshFormat::of(path) != Some(MeshFormat::ThreeMf) {
         return false;

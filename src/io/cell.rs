@@ -1,28 +1,28 @@
-//! `.cell` files: unit cells as JSON text (see [`Cell::from_json`] for what stands in them).
+//! `.cell` files: unit cells as JSON text (see [`Cell::from_json`] for the format).
 
 use super::{Place, ReadError, WriteError, atomic};
 use crate::cell::Cell;
 use std::fs;
 use std::path::Path;
 
-/// Larger files are refused before they are read; the cell of a thousand coefficients has 100 kB.
-const LARGEST: u64 = 256 << 20;
+/// Greatest size of a file; larger ones are refused unread. A cell of a thousand coefficients takes 100 kB.
+const MAX_FILE_BYTES: u64 = 256 << 20;
 
 /// Reads a `.cell` file.
 ///
 /// # Errors
-/// [`ReadError`] with the line, if the file is not there or is no cell.
+/// [`ReadError`] with the line, if the file is missing or is no cell.
 pub fn read_cell(path: impl AsRef<Path>) -> Result<Cell, ReadError> {
     let path = path.as_ref();
     let size = fs::metadata(path)
         .map_err(|e| ReadError::io(path, e))?
         .len();
-    if size > LARGEST {
+    if size > MAX_FILE_BYTES {
         return Err(ReadError::data(
             path,
             Place::File,
             format!("{size} bytes"),
-            format!("a cell of at most {LARGEST} bytes"),
+            format!("a cell of at most {MAX_FILE_BYTES} bytes"),
         ));
     }
     let bytes = fs::read(path).map_err(|e| ReadError::io(path, e))?;

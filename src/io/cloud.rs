@@ -1,28 +1,28 @@
-//! Points with normals: PLY, or text with x y z nx ny nz on a line.
+//! Point clouds with normals: PLY, or text with x y z nx ny nz on each line.
 //!
-//! Text (`.xyz`, `.pts`, `.csv`, `.txt`) is separated by blanks, commas or semicolons; a first line of
-//! names puts the columns in its order, lines that begin with # are passed over, further columns too.
+//! Blanks, commas or semicolons separate the columns of text (`.xyz`, `.pts`, `.csv`, `.txt`). A first line of
+//! names defines the order of the columns. Lines that begin with # and further columns are ignored.
 
 use super::{Place, ReadError, Source, ply, quote};
 use crate::frame::Vec3;
 use std::path::Path;
 
-/// Points and as many normals, of any length.
+/// Points and one normal for each, of any length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointFile {
-    /// Where.
+    /// The points.
     pub points: Vec<Vec3>,
-    /// Outward, not yet of unit length.
+    /// The outward normals, not normalised.
     pub normals: Vec<Vec3>,
 }
 
 /// Extensions of point clouds in text.
 pub const TEXT_CLOUDS: [&str; 4] = ["xyz", "pts", "csv", "txt"];
 
-/// Reads a cloud of points with normals.
+/// Reads a point cloud with normals.
 ///
 /// # Errors
-/// [`ReadError`] for a missing file, another extension, points without normals, or a line that is none.
+/// [`ReadError`] for a missing file, an unknown extension, points without normals, or a malformed line.
 pub fn read_points(path: impl AsRef<Path>) -> Result<PointFile, ReadError> {
     let path = path.as_ref();
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
@@ -39,8 +39,13 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<PointFile, ReadError> {
     text(source)
 }
 
+/// The hint for points without normals.
+const NORMALS_HINT: &str = "the normals define the inside: give every point a normal";
+
+/// The names of the columns.
 const COLUMNS: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
 
+/// Reads a text file.
 fn text(mut source: Source) -> Result<PointFile, ReadError> {
     let mut file = PointFile::default();
     let mut columns = [0, 1, 2, 3, 4, 5];
@@ -53,12 +58,12 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
         let separator = |c: char| c.is_whitespace() || c == ',' || c == ';';
         let words: Vec<&str> = line.split(separator).filter(|w| !w.is_empty()).collect();
         let numbers: Option<Vec<f64>> = words.iter().map(|w| w.parse().ok()).collect();
-        let named = std::mem::take(&mut first) && numbers.is_none();
-        if named {
+        let is_header = std::mem::take(&mut first) && numbers.is_none();
+        if is_header {
             let place = |name: &str| words.iter().position(|w| w.eq_ignore_ascii_case(name));
             for (column, name) in columns.iter_mut().zip(COLUMNS) {
                 let Some(found) = place(name) else {
-                    let hint = "the inside is known by the normals: give every point its own";
+                    let hint = NORMALS_HINT;
                     let expected = "a header with x, y, z, nx, ny, nz";
                     return Err(source.bad(quote(&line), expected).with_hint(hint));
                 };
@@ -71,7 +76,7 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
         let Some(row) = row.filter(|r| r.iter().all(|c| c.is_finite())) else {
             let error = source.bad(quote(&line), "six numbers: x y z nx ny nz");
             return Err(if words.len() == 3 {
-                error.with_hint("the inside is known by the normals: give every point its own")
+                error.with_hint(NORMALS_HINT)
             } else {
                 error
             });

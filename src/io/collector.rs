@@ -1,8 +1,8 @@
-//! Nodes, elements, groups and fields as a file lists them, and what becomes of them.
+//! Nodes, elements, groups and fields in file numbering, and their conversion to a scaffold.
 //!
-//! An element that is given again (the same corners, in any order and hand, under any number) is merged into the
-//! first, in every format: some write an element once for each group that it belongs to. The first one
-//! keeps its number and its fields, groups of the others become its own, and a note counts them.
+//! Duplicate elements (the same corners, in any order and orientation, under any number) are merged in every
+//! format: some programs write an element once for each of its groups. The first one keeps its number
+//! and its fields and gains the groups of the others; a note counts the duplicates.
 
 mod duplicates;
 
@@ -19,26 +19,26 @@ use std::path::Path;
 pub(super) struct Collector<'a> {
     path: &'a Path,
     points: Vec<Vec3>,
-    /// The file's number of each point, unless they count from 0.
+    /// The file's number of each point.
     point_numbers: Vec<u64>,
     elements: Connectivity,
-    /// Nodes of all elements in the file's numbers, one element after the other.
+    /// The nodes of all elements by file number, concatenated.
     element_nodes: Vec<u64>,
     element_numbers: Vec<u64>,
     groups: BTreeMap<i64, Vec<u32>>,
-    /// Names of groups that are not known by numbers.
+    /// Numbers of the groups that have only a name.
     names: BTreeMap<String, i64>,
     fields: Vec<DataField>,
-    /// Elements as the file counts them, those passed over included: what cell data belong to.
+    /// The number of elements in the file, skipped ones included: the length of cell data.
     pub cells: u64,
     pub skipped: usize,
-    /// What the reader has to say that is no fault of the file.
+    /// Remarks of the reader about a valid file.
     pub notes: Vec<String>,
-    /// What looks wrong in the file.
+    /// Probable errors in the file.
     pub warnings: Vec<String>,
 }
 
-/// The number of the first group that is known by its name only.
+/// The number of the first group that has only a name.
 const FIRST_NAMED: i64 = 1 << 40;
 
 impl<'a> Collector<'a> {
@@ -60,7 +60,7 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Points so far.
+    /// The number of points so far.
     pub fn point_count(&self) -> usize {
         self.points.len()
     }
@@ -70,12 +70,12 @@ impl<'a> Collector<'a> {
         &self.points
     }
 
-    /// The points and fields, of a file that has no elements.
+    /// The points and fields of a file without elements.
     pub fn into_points(self) -> (Vec<Vec3>, Vec<DataField>) {
         (self.points, self.fields)
     }
 
-    /// Adds elements (by their places in the file's list) to the group of this name.
+    /// Adds elements (by their index in the file) to the group of this name.
     pub fn named_group(&mut self, name: &str, places: &[u32]) {
         let next = FIRST_NAMED + self.names.len() as i64;
         let number = *self.names.entry(name.to_owned()).or_insert(next);
@@ -85,7 +85,7 @@ impl<'a> Collector<'a> {
         members.dedup();
     }
 
-    /// Appends values to a field. Cell data count every element of the file by its number from 0.
+    /// Appends values to a field. Cell data are indexed by the file number of elements, from 0.
     pub fn field(&mut self, name: &str, at: FieldAt, components: usize, values: Vec<f64>) {
         let same = |f: &&mut DataField| f.name == name && f.at == at && f.components == components;
         match self.fields.iter_mut().find(same) {
@@ -108,7 +108,7 @@ impl<'a> Collector<'a> {
     /// Appends an element; `nodes` are the file's numbers in VTK order.
     pub fn element(&mut self, number: u64, kind: Kind, nodes: &[u64], groups: &[i64]) {
         let place = self.elements.len() as u32;
-        // The true numbers are known when all points are; count now, fill in later.
+        // Placeholders: indices are resolved once all points are known.
         self.elements.push(kind, &[0; 27][..nodes.len()]);
         self.element_nodes.extend_from_slice(nodes);
         self.element_numbers.push(number);
@@ -120,32 +120,32 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// The elements of all that was collected: the solids if there are any, else the planar ones.
-    /// `name` gives the names of groups.
+    /// Builds the scaffold: the solid elements if there are any, otherwise the surface of planar elements.
+    /// `name` maps group numbers to names.
     pub fn finish(
         mut self,
         name: impl Fn(i64) -> Option<String>,
     ) -> Result<ElementFile, ReadError> {
-        let places = Places::new(self.path, &self.point_numbers)?;
+        let places = NodeIndex::new(self.path, &self.point_numbers)?;
         let all = 0..self.elements.len();
-        let planar = all.clone().all(|e| self.elements.kind(e).is_planar());
+        let is_planar = all.clone().all(|e| self.elements.kind(e).is_planar());
         let mut new_number = vec![u32::MAX; self.points.len()];
         let mut nodes = Vec::new();
         let mut node_places = Vec::new();
         let mut elements = Connectivity::default();
         let mut kept: Vec<usize> = Vec::new();
         let mut new_place = vec![u32::MAX; self.elements.len()];
-        let mut rest = self.element_nodes.as_slice();
+        let mut remaining_nodes = self.element_nodes.as_slice();
         for e in all {
             let element_number = self.element_numbers[e];
             let kind = self.elements.kind(e);
-            let (own, others) = rest.split_at(kind.node_count());
-            rest = others;
-            if kind.is_planar() != planar {
+            let (element_nodes, following) = remaining_nodes.split_at(kind.node_count());
+            remaining_nodes = following;
+            if kind.is_planar() != is_planar {
                 continue;
             }
             let mut renumbered = [0; 27];
-            for (to, &number) in renumbered.iter_mut().zip(own) {
+            for (to, &number) in renumbered.iter_mut().zip(element_nodes) {
                 let place = places.find(number).ok_or_else(|| {
                     ReadError::data(
                         self.path,
@@ -163,28 +163,28 @@ impl<'a> Collector<'a> {
             }
             new_place[e] = kept.len() as u32;
             kept.push(e);
-            elements.push(kind, &renumbered[..own.len()]);
+            elements.push(kind, &renumbered[..element_nodes.len()]);
         }
         let skipped = self.skipped + self.elements.len() - kept.len();
         let unused_nodes = self.points.len() - nodes.len();
-        let twins = self.twins(&nodes, &elements, &kept)?;
-        if !twins.is_empty() {
+        let duplicates = self.duplicates(&nodes, &elements, &kept)?;
+        if !duplicates.is_empty() {
             let mut first = Connectivity::default();
             let mut remaining = Vec::new();
-            // Nodes of twins alone go with them.
-            let mut again = vec![u32::MAX; nodes.len()];
+            // Nodes that only duplicates use are removed.
+            let mut new_index = vec![u32::MAX; nodes.len()];
             let (all_nodes, all_places) = (nodes, node_places);
             (nodes, node_places) = (Vec::new(), Vec::new());
             for (place, &e) in kept.iter().enumerate() {
-                // A twin is merged into an element before it.
-                new_place[e] = twins
+                // A duplicate is merged into an earlier element.
+                new_place[e] = duplicates
                     .get(&(place as u32))
                     .map_or(remaining.len() as u32, |of| new_place[kept[*of as usize]]);
-                if twins.contains_key(&(place as u32)) {
+                if duplicates.contains_key(&(place as u32)) {
                     continue;
                 }
-                let own = elements.nodes(place).iter().map(|&n| {
-                    let new = &mut again[n as usize];
+                let element_nodes = elements.nodes(place).iter().map(|&n| {
+                    let new = &mut new_index[n as usize];
                     if *new == u32::MAX {
                         *new = nodes.len() as u32;
                         nodes.push(all_nodes[n as usize]);
@@ -192,8 +192,8 @@ impl<'a> Collector<'a> {
                     }
                     *new
                 });
-                let own: Vec<u32> = own.collect();
-                first.push(elements.kind(place), &own);
+                let element_nodes: Vec<u32> = element_nodes.collect();
+                first.push(elements.kind(place), &element_nodes);
                 remaining.push(e);
             }
             (elements, kept) = (first, remaining);
@@ -223,9 +223,9 @@ impl<'a> Collector<'a> {
             })
             .filter(|g: &Group| !g.elements.is_empty())
             .collect();
-        if planar && !elements.is_empty() {
+        if is_planar && !elements.is_empty() {
             let surface = Surface::new(nodes, elements)
-                .map_err(|e| self.refuse(&e, &node_places))?
+                .map_err(|e| self.scaffold_error(&e, &node_places))?
                 .with_numbers(numbers);
             return Ok(ElementFile::Surface(Box::new(SurfaceFile {
                 surface,
@@ -239,7 +239,7 @@ impl<'a> Collector<'a> {
             })));
         }
         let scaffold = Scaffold::new(nodes, elements)
-            .map_err(|e| self.refuse(&e, &node_places))?
+            .map_err(|e| self.scaffold_error(&e, &node_places))?
             .with_numbers(numbers);
         Ok(ElementFile::Solids(Box::new(ScaffoldFile {
             scaffold,
@@ -253,7 +253,7 @@ impl<'a> Collector<'a> {
         })))
     }
 
-    /// The fields' values of the nodes and elements that are kept.
+    /// The field values of the kept nodes and elements.
     fn kept_fields(&self, nodes: &[usize], kept: &[usize]) -> Result<Vec<DataField>, ReadError> {
         let mut all = Vec::new();
         for field in &self.fields {
@@ -273,12 +273,17 @@ impl<'a> Collector<'a> {
                     format!("{} for each of {count} {what}", field.components),
                 ));
             }
-            let own = |n: usize| &field.values[n * field.components..(n + 1) * field.components];
+            let element_nodes =
+                |n: usize| &field.values[n * field.components..(n + 1) * field.components];
             let values = match field.at {
-                FieldAt::Points => nodes.iter().flat_map(|&n| own(n)).copied().collect(),
+                FieldAt::Points => nodes
+                    .iter()
+                    .flat_map(|&n| element_nodes(n))
+                    .copied()
+                    .collect(),
                 FieldAt::Cells => kept
                     .iter()
-                    .flat_map(|&e| own(self.element_numbers[e] as usize))
+                    .flat_map(|&e| element_nodes(self.element_numbers[e] as usize))
                     .copied()
                     .collect(),
             };
@@ -290,7 +295,7 @@ impl<'a> Collector<'a> {
         Ok(all)
     }
 
-    fn refuse(&self, error: &ScaffoldError, node_places: &[usize]) -> ReadError {
+    fn scaffold_error(&self, error: &ScaffoldError, node_places: &[usize]) -> ReadError {
         let bad = |place, found: String, expected: &str| {
             ReadError::data(self.path, place, found, expected)
         };
@@ -312,17 +317,17 @@ impl<'a> Collector<'a> {
     }
 }
 
-/// Where each of the file's point numbers stands in the list of points.
-enum Places {
-    /// Numbers first, first + 1, ...
-    Run {
+/// The map from file numbers of points to their indices.
+enum NodeIndex {
+    /// The numbers first, first + 1, ...
+    Consecutive {
         first: u64,
         count: u64,
     },
     Scattered(HashMap<u64, u32>),
 }
 
-impl Places {
+impl NodeIndex {
     fn new(path: &Path, numbers: &[u64]) -> Result<Self, ReadError> {
         let first = numbers.first().copied().unwrap_or(0);
         if numbers
@@ -330,7 +335,7 @@ impl Places {
             .enumerate()
             .all(|(i, &n)| n.wrapping_sub(first) == i as u64)
         {
-            return Ok(Self::Run {
+            return Ok(Self::Consecutive {
                 first,
                 count: numbers.len() as u64,
             });
@@ -351,7 +356,7 @@ impl Places {
 
     fn find(&self, number: u64) -> Option<usize> {
         match self {
-            Self::Run { first, count } => {
+            Self::Consecutive { first, count } => {
                 let place = number.wrapping_sub(*first);
                 (place < *count).then_some(place as usize)
             }

@@ -1,4 +1,4 @@
-//! Scripts of the polygon stage as files: carried out, they are meshes like any other.
+//! Script files of the polygon stage: reading and execution.
 
 use super::{Place, ReadError, Source, read_polymesh, write_polymesh};
 use crate::polymesh::{
@@ -7,7 +7,7 @@ use crate::polymesh::{
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-/// Files of a script, relative to a directory; what it saves is noted, or left out.
+/// The files of a script, relative to a directory; it records loaded and saved files.
 pub struct DiskFiles {
     directory: PathBuf,
     saves: bool,
@@ -31,14 +31,14 @@ impl DiskFiles {
         Self::new(script.parent().unwrap_or(Path::new("")), saves)
     }
 
-    /// What was loaded.
+    /// The loaded files.
     pub fn loaded(&self) -> Vec<PathBuf> {
         self.loaded
             .lock()
             .map_or_else(|e| e.into_inner().clone(), |l| l.clone())
     }
 
-    /// What was saved, with its size in bytes.
+    /// The saved files with their sizes in bytes.
     pub fn saved(&self) -> Vec<(PathBuf, u64)> {
         self.saved
             .lock()
@@ -68,16 +68,16 @@ impl Files for DiskFiles {
     }
 }
 
-/// Most bytes of a script: more is no script.
-const MOST: u64 = 1 << 24;
+/// Greatest size of a script.
+const MAX_SCRIPT_BYTES: u64 = 1 << 24;
 
-/// The text of a script's file.
+/// Reads the text of a script.
 ///
 /// # Errors
-/// [`ReadError`]: missing, unreadable, no text, too long.
+/// [`ReadError`] for a file that is missing, unreadable, not text or too long.
 pub fn read_script(path: &Path) -> Result<String, ReadError> {
     let mut source = Source::open(path)?;
-    if source.size() > MOST && source.size() != u64::MAX {
+    if source.size() > MAX_SCRIPT_BYTES && source.size() != u64::MAX {
         let found = format!("{} bytes", source.size());
         return Err(ReadError::data(
             path,
@@ -88,7 +88,7 @@ pub fn read_script(path: &Path) -> Result<String, ReadError> {
     }
     let mut text = String::new();
     while let Some(line) = source.line()? {
-        if text.len() as u64 > MOST {
+        if text.len() as u64 > MAX_SCRIPT_BYTES {
             return Err(source.bad("more than 16 MiB", "a script of at most 16 MiB"));
         }
         text.push_str(line);
@@ -97,11 +97,11 @@ pub fn read_script(path: &Path) -> Result<String, ReadError> {
     Ok(text)
 }
 
-/// The mesh that a script's text makes with these values of its parameters, and the notes on its steps.
+/// Executes a script with these values of its parameters; returns the mesh and the notes of the steps.
 ///
 /// # Errors
-/// [`ScriptError`] at the step that cannot be done, or when none makes a mesh.
-pub fn carry_out(
+/// [`ScriptError`] at the step that fails, or when no step makes a mesh.
+pub fn run_script(
     text: &str,
     files: &DiskFiles,
     set: &[(String, String)],
@@ -127,21 +127,21 @@ pub fn carry_out(
     Ok((Arc::unwrap_or_clone(mesh), notes))
 }
 
-/// A step of a script's file that cannot be done, as an error of that file.
-pub fn script_fault(path: &Path, e: &ScriptError) -> ReadError {
+/// Converts the error of a step into one of the script's file.
+pub fn script_error(path: &Path, e: &ScriptError) -> ReadError {
     let expected = e.hint.as_deref();
     let expected = expected.unwrap_or("a step that can be carried out");
     let place = Place::Line(e.line as u64);
     ReadError::data(path, place, e.message.clone(), expected)
 }
 
-/// The mesh that a script's file makes, and the notes on its steps. Its `save` steps do nothing.
+/// Executes a script file; returns the mesh and the notes of the steps. `save` steps do nothing.
 ///
 /// # Errors
-/// [`ReadError`] with the line of the step that cannot be done.
+/// [`ReadError`] with the line of the step that fails.
 pub fn read_crystal(path: impl AsRef<Path>) -> Result<(PolyMesh, Vec<Note>), ReadError> {
     let path = path.as_ref();
     let text = read_script(path)?;
     let files = DiskFiles::beside(path, false);
-    carry_out(&text, &files, &[]).map_err(|e| script_fault(path, &e))
+    run_script(&text, &files, &[]).map_err(|e| script_error(path, &e))
 }

@@ -1,15 +1,15 @@
-//! DLFL, the doubly linked face list of `TopMod`: vertices, corners, edges and faces, all counted from 0.
+//! DLFL files, the doubly linked face lists of `TopMod`: vertices, corners, edges, faces, numbered from 0.
 //!
 //! ```text
 //! DLFL                    mtllib NAME, then sections that end with "#":
 //! v x y z                 a vertex
 //! fv V [normal] [texture] a corner at vertex V; those of face 0 first, then of face 1 ...
 //! e C1 C2                 an edge: the corners where its two half-edges start
-//! usemtl NAME             before the faces it holds for
+//! usemtl NAME             the material of the following faces
 //! f C0 C1 ...             a face by its corners, counter-clockwise
 //! ```
-//! The format can say more than a polygon mesh can hold: double edges, faces that visit a vertex twice,
-//! points. Such files are refused, with the face.
+//! The format can represent more than a polygon mesh: double edges, faces that visit a vertex twice,
+//! points. Such files are refused with the number of the face.
 
 use super::polymesh::{Draft, by_color};
 use super::source::quote;
@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Numbers of a line, whatever stands between them.
+/// All numbers of a line, with any separators.
 fn numbers(text: &str) -> Vec<f64> {
     text.split(|c: char| !(c.is_ascii_digit() || "+-.eE".contains(c)))
         .filter(|w| w.bytes().any(|b| b.is_ascii_digit()))
@@ -28,7 +28,7 @@ fn numbers(text: &str) -> Vec<f64> {
         .collect()
 }
 
-/// A number from 0 of a line.
+/// A number as an index from 0.
 fn index(value: f64, source: &Source, line: &str) -> Result<u32, ReadError> {
     if value.fract() == 0.0 && (0.0..f64::from(u32::MAX)).contains(&value) {
         return Ok(value as u32);
@@ -39,6 +39,7 @@ fn index(value: f64, source: &Source, line: &str) -> Result<u32, ReadError> {
     ))
 }
 
+/// Reads a file.
 pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadError> {
     let mut source = Source::open(path)?;
     let mut draft = Draft::default();
@@ -47,14 +48,14 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
     let mut faces: Vec<Vec<u32>> = Vec::new();
     let (mut names, mut material) = (Vec::new(), String::new());
     let mut library = None;
-    let mut begun = false;
+    let mut has_header = false;
     while let Some(line) = source.line()? {
         let line = line.trim().to_owned();
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
         match word {
             "" => continue,
-            "DLFL" if !begun => {}
-            _ if !begun => {
+            "DLFL" if !has_header => {}
+            _ if !has_header => {
                 return Err(source.bad(quote(&line), "\"DLFL\" on the first line"));
             }
             "mtllib" => library = Some(rest.trim().to_owned()),
@@ -106,7 +107,7 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
                 return Err(source.bad(quote(&line), expected));
             }
         }
-        begun = true;
+        has_header = true;
     }
     if faces.is_empty() {
         return Err(source.bad("the end of the file without a face", "faces (f)"));
@@ -121,7 +122,6 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
         let beside = path.with_file_name(&library);
         match mtl::read(&beside) {
             Ok(found) => {
-                // A writer may forget the first material: it is the file's first.
                 colors = found;
             }
             Err(e) if options.group_by == GroupBy::Color => {
@@ -137,7 +137,7 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
     Ok(draft)
 }
 
-/// The vertex where the half-edge of each corner ends; every corner must be in one face.
+/// The end vertex of the half-edge of each corner; every corner must belong to exactly one face.
 fn half_edges(
     path: &Path,
     corners: &[u32],
@@ -146,7 +146,7 @@ fn half_edges(
 ) -> Result<Vec<u32>, ReadError> {
     let mut ends = vec![u32::MAX; corners.len()];
     for (f, face) in faces.iter().enumerate() {
-        let fault = |found: String, expected: &str| {
+        let fail = |found: String, expected: &str| {
             let place = Place::ItemOnLine("face", f as u64, lines[f]);
             Err(ReadError::data(path, place, found, expected))
         };
@@ -154,10 +154,10 @@ fn half_edges(
             let vertices = corners.get(c as usize).zip(corners.get(d as usize));
             let Some((_, &end)) = vertices else {
                 let expected = "corners that the file has (fv lines, from 0)";
-                return fault(format!("corner {}", c.max(d)), expected);
+                return fail(format!("corner {}", c.max(d)), expected);
             };
             if ends[c as usize] != u32::MAX {
-                return fault(
+                return fail(
                     format!("corner {c} a second time"),
                     "every corner in one face",
                 );
@@ -179,28 +179,28 @@ fn half_edges(
     }
 }
 
-/// Every half-edge must be in one edge, with the one that runs back.
+/// Checks that every half-edge belongs to exactly one edge, together with the opposite half-edge.
 fn check_edges(
     path: &Path,
     corners: &[u32],
     ends: &[u32],
     edges: &[([u32; 2], u64)],
 ) -> Result<(), ReadError> {
-    let mut seen = vec![false; corners.len()];
+    let mut is_used = vec![false; corners.len()];
     for (n, &([a, b], line)) in edges.iter().enumerate() {
         let place = Place::ItemOnLine("edge", n as u64, line);
-        let fault =
+        let fail =
             |found: String, expected: &str| Err(ReadError::data(path, place, found, expected));
         for c in [a, b] {
-            match seen.get_mut(c as usize) {
+            match is_used.get_mut(c as usize) {
                 None => {
-                    return fault(
+                    return fail(
                         format!("corner {c}"),
                         "corners that the file has (fv lines, from 0)",
                     );
                 }
                 Some(true) => {
-                    return fault(
+                    return fail(
                         format!("corner {c} a second time"),
                         "every corner in one edge",
                     );
@@ -214,10 +214,10 @@ fn check_edges(
                 "half-edges from vertex {} to {} and from {} to {}",
                 corners[a], ends[a], corners[b], ends[b]
             );
-            return fault(found, "two that run along one edge, back and forth");
+            return fail(found, "two opposite half-edges of one edge");
         }
     }
-    match seen.iter().position(|s| !s) {
+    match is_used.iter().position(|s| !s) {
         None => Ok(()),
         Some(c) => {
             let place = Place::Item("corner", c as u64);
@@ -231,7 +231,7 @@ fn check_edges(
     }
 }
 
-/// A mesh as text, with its material file's name.
+/// A mesh as DLFL text with the name of its material file.
 pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
     let mut text = format!("DLFL\nmtllib {library}\n#\n");
     for v in mesh.vertices() {
@@ -260,9 +260,9 @@ pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
     }
     text.push_str("#\n");
     let (mut group, mut corner) = (0, 0u64);
-    for (face, &own) in mesh.faces().iter().zip(mesh.groups()) {
-        if own != group {
-            group = own;
+    for (face, &face_group) in mesh.faces().iter().zip(mesh.groups()) {
+        if face_group != group {
+            group = face_group;
             let _ = writeln!(text, "usemtl group{group}");
         }
         text.push('f');

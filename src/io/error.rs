@@ -1,15 +1,15 @@
-//! The two errors of files: one for reading, one for writing.
+//! The errors of files: [`ReadError`] and [`WriteError`].
 
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What kind of failure it is: decides the exit code.
+/// The class of a failure, which determines the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorClass {
-    /// The input does not exist or may not be read (66).
+    /// The input does not exist or is not readable (66).
     Missing,
-    /// The input is not what it should be (65).
+    /// The input is invalid (65).
     Data,
     /// The output cannot be created (73).
     Create,
@@ -29,18 +29,18 @@ impl ErrorClass {
     }
 }
 
-/// Where in a file something was found.
+/// A place in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// Nowhere in particular: the file as a whole.
+    /// The file as a whole.
     File,
     /// A line of text, counted from 1.
     Line(u64),
     /// A byte of a binary file, counted from 0.
     Byte(u64),
-    /// A numbered thing, such as element 17, in the file's own numbering.
+    /// A numbered item, such as element 17, in the file's numbering.
     Item(&'static str, u64),
-    /// A numbered thing and its line.
+    /// A numbered item and its line.
     ItemOnLine(&'static str, u64, u64),
 }
 
@@ -56,7 +56,7 @@ impl fmt::Display for Place {
     }
 }
 
-/// Why a file could not be read: where, what was found, what was expected, what to do.
+/// Why a file could not be read: place, what was found, what was expected, hint.
 #[derive(Debug)]
 pub struct ReadError(Box<Details>);
 
@@ -72,7 +72,7 @@ struct Details {
 }
 
 impl ReadError {
-    /// Bad data: at `place` stands `found` where `expected` should.
+    /// Invalid data: `found` at `place` instead of `expected`.
     pub fn data(
         path: impl AsRef<Path>,
         place: Place,
@@ -90,7 +90,7 @@ impl ReadError {
         }))
     }
 
-    /// A failure of the system; a file that is not there or not readable counts as missing.
+    /// A failure of the system; a nonexistent or unreadable file is of class [`ErrorClass::Missing`].
     pub fn io(path: impl AsRef<Path>, error: io::Error) -> Self {
         use io::ErrorKind::{
             InvalidData, IsADirectory, NotADirectory, NotFound, PermissionDenied, UnexpectedEof,
@@ -112,7 +112,7 @@ impl ReadError {
         e
     }
 
-    /// The same error with advice: a sentence in lower case that says what to do.
+    /// Adds a hint: a sentence in lower case with what to do.
     #[must_use]
     pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
         self.0.hint = Some(hint.into());
@@ -123,34 +123,34 @@ impl ReadError {
     pub fn path(&self) -> &Path {
         &self.0.path
     }
-    /// Where in the file.
+    /// The place in the file.
     pub fn place(&self) -> Place {
         self.0.place
     }
-    /// What stands there.
+    /// What was found there.
     pub fn found(&self) -> &str {
         &self.0.found
     }
-    /// What should stand there.
+    /// What was expected there.
     pub fn expected(&self) -> &str {
         &self.0.expected
     }
-    /// What to do about it.
+    /// The hint, if any.
     pub fn hint(&self) -> Option<&str> {
         self.0.hint.as_deref()
     }
-    /// Its class.
+    /// The class.
     pub fn class(&self) -> ErrorClass {
         self.0.class
     }
-    /// The line, where there is one.
+    /// The line, if known.
     pub fn line(&self) -> Option<u64> {
         match self.0.place {
             Place::Line(n) | Place::ItemOnLine(_, _, n) => Some(n),
             _ => None,
         }
     }
-    /// The number of the element, face or vertex, where there is one.
+    /// The number of the element, face or vertex, if known.
     pub fn item(&self) -> Option<u64> {
         match self.0.place {
             Place::Item(_, n) | Place::ItemOnLine(_, n, _) => Some(n),
@@ -187,19 +187,19 @@ pub enum WriteError {
     Create {
         /// The output as the user named it.
         path: PathBuf,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
-    /// The output could not be completed; nothing stands under its name.
+    /// The output could not be completed; no file exists under its name.
     #[error("{}: {error} after {written} bytes{}", path.display(), of_total(*needed))]
     Io {
         /// The output as the user named it.
         path: PathBuf,
-        /// How many bytes had been accepted.
+        /// The number of bytes written so far.
         written: u64,
-        /// How many bytes the whole file has, if known beforehand.
+        /// The size of the whole file, if known beforehand.
         needed: Option<u64>,
-        /// What the system said.
+        /// The error of the system.
         error: io::Error,
     },
     /// The object does not fit the format.
@@ -207,7 +207,7 @@ pub enum WriteError {
     Format {
         /// The output as the user named it.
         path: PathBuf,
-        /// What does not fit, and what would.
+        /// What the format cannot represent, and an alternative.
         reason: String,
     },
 }
@@ -217,7 +217,7 @@ fn of_total(needed: Option<u64>) -> String {
 }
 
 impl WriteError {
-    /// Its class: a refusal to create, or a failure of the system.
+    /// The class: [`ErrorClass::Create`] or [`ErrorClass::Io`].
     pub fn class(&self) -> ErrorClass {
         match self {
             Self::Create { .. } | Self::Format { .. } => ErrorClass::Create,
@@ -232,7 +232,7 @@ impl WriteError {
         }
     }
 
-    /// Whether the reader of a pipe went away, which ends a program quietly.
+    /// Whether the reader of a pipe has closed it, which ends a program without a message.
     pub fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Io { error, .. } if error.kind() == io::ErrorKind::BrokenPipe)
     }

@@ -1,13 +1,13 @@
-//! Strut graphs and plates as text, TOML or JSON, and the beams of a 3MF as struts.
+//! Skeletons of struts and plates: TOML or JSON text, or the beams of a 3MF file.
 //!
 //! ```toml
-//! radius = 0.08                       # of struts without one of their own, reference lengths
+//! radius = 0.08                       # of struts without an entry in radii, reference lengths
 //! nodes = [[0, 0, 0], [0.5, 0.5, 0.5], [0.5, 0.5, -0.5], [0.5, -0.5, -0.5]]
 //! edges = [[0, 1], [0, 2]]            # node numbers, from 0
-//! radii = [0.1, 0.05]                 # one for every edge, or left out
-//! thickness = 0.04                    # of plates without one of their own
+//! radii = [0.1, 0.05]                 # optional: one for every edge
+//! thickness = 0.04                    # of plates without an entry in thicknesses
 //! faces = [[1, 2, 3]]                 # flat convex polygons
-//! thicknesses = [0.06]                # one for every face, or left out
+//! thicknesses = [0.06]                # optional: one for every face
 //! ```
 
 use super::{BeamCap, Place, ReadError};
@@ -16,13 +16,13 @@ use crate::frame::Vec3;
 use serde::Deserialize;
 use std::path::Path;
 
-/// Larger files are refused before they are read.
-const LARGEST: u64 = 64 << 20;
+/// Greatest size of a file; larger ones are refused unread.
+const MAX_FILE_BYTES: u64 = 64 << 20;
 
 /// The keys of a graph.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Text {
+struct GraphText {
     nodes: Vec<[f64; 3]>,
     #[serde(default)]
     edges: Vec<[u32; 2]>,
@@ -36,12 +36,12 @@ struct Text {
     thicknesses: Vec<f64>,
 }
 
-/// Reads struts and plates from `.toml` or `.json`; `radius` and `thickness`, where given, stand in the
-/// place of the file's own for all parts together. The beams of a `.3mf` are struts of their own radii, its
-/// numbers reference lengths.
+/// Reads struts and plates from `.toml` or `.json`; `radius` and `thickness`, if given, replace the values
+/// that the file gives for all parts. The beams of a `.3mf` become struts with their radii; its numbers are
+/// reference lengths.
 ///
 /// # Errors
-/// [`ReadError`] with the line, edge or face: no such file, no graph, a node that does not exist, a part
+/// [`ReadError`] with the line, edge or face: a missing file, invalid text, a node that does not exist, a part
 /// without radius, a plate that is not flat and convex.
 pub fn read_skeleton(
     path: impl AsRef<Path>,
@@ -51,7 +51,7 @@ pub fn read_skeleton(
     Ok(read_skeleton_noted(path.as_ref(), radius, thickness)?.0)
 }
 
-/// As [`read_skeleton`], with what of the file is not in the graph, one sentence each.
+/// As [`read_skeleton`], with notes on the content of the file that the skeleton does not represent.
 ///
 /// # Errors
 /// As [`read_skeleton`].
@@ -62,30 +62,30 @@ pub fn read_skeleton_noted(
 ) -> Result<(Skeleton, Vec<String>), ReadError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     if extension.eq_ignore_ascii_case("3mf") {
-        return of_beams(path);
+        return read_beams(path);
     }
     Ok((read_text(path, radius, thickness)?, Vec::new()))
 }
 
-/// Pieces of a beam whose radius varies: a strut has one radius.
-const PIECES: usize = 8;
+/// Number of struts that approximate a beam of varying radius: a strut has one radius.
+const STRUTS_PER_CONE: usize = 8;
 
 /// The beams of a 3MF.
-fn of_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
+fn read_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
     let solid = super::read_solid(path)?;
     let mut notes = solid.file.warnings;
     let mut skeleton = Skeleton::new();
-    let (mut varying, mut flat, mut balls, mut clipped) = (0, 0, 0, 0);
+    let (mut varying, mut butt_caps, mut balls, mut clipped) = (0, 0, 0, 0);
     let beams = solid.beams.iter().flat_map(|part| &part.beams);
     for (n, beam) in beams.enumerate() {
         let [a, b] = beam.ends;
         let [r, s] = beam.radii;
-        let pieces = if r == s { 1 } else { PIECES };
+        let struts = if r == s { 1 } else { STRUTS_PER_CONE };
         varying += usize::from(r != s);
-        flat += beam.caps.iter().filter(|c| **c == BeamCap::Butt).count();
-        let at = |k: usize| a + (b - a) * (k as f64 / pieces as f64);
-        for k in 0..pieces {
-            let radius = r + (s - r) * (k as f64 + 0.5) / pieces as f64;
+        butt_caps += beam.caps.iter().filter(|c| **c == BeamCap::Butt).count();
+        let at = |k: usize| a + (b - a) * (k as f64 / struts as f64);
+        for k in 0..struts {
+            let radius = r + (s - r) * (k as f64 + 0.5) / struts as f64;
             let added = skeleton.strut([at(k), at(k + 1)], radius);
             added.map_err(|e| {
                 let place = Place::Item("beam", n as u64);
@@ -109,33 +109,37 @@ fn of_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
     };
     note(
         solid.file.mesh.triangles().len(),
-        "triangles beside the beams are no part of the graph",
+        "triangles besides the beams are not part of the graph",
     );
     note(
         varying,
-        "beams of varying radius are struts of 8 pieces each",
+        "beams of varying radius are approximated by 8 struts each",
     );
-    note(flat, "flat ends of beams are round ends of struts");
-    note(balls, "balls of the lattice are no part of the graph");
+    note(butt_caps, "flat ends of beams become round ends of struts");
+    note(balls, "balls of the lattice are not part of the graph");
     note(
         clipped,
-        "lattices are clipped by a mesh in the file and whole in the graph",
+        "lattices that a mesh clips in the file are not clipped in the graph",
     );
     Ok((skeleton, notes))
 }
 
-/// A graph of a text file.
+/// Reads a text file.
 fn read_text(
     path: &Path,
     radius: Option<f64>,
     thickness: Option<f64>,
 ) -> Result<Skeleton, ReadError> {
-    let whole = |found: String, expected: &str| ReadError::data(path, Place::File, found, expected);
+    let file_error =
+        |found: String, expected: &str| ReadError::data(path, Place::File, found, expected);
     let size = std::fs::metadata(path)
         .map_err(|e| ReadError::io(path, e))?
         .len();
-    if size > LARGEST {
-        return Err(whole(format!("{size} bytes"), "a graph of at most 64 MiB"));
+    if size > MAX_FILE_BYTES {
+        return Err(file_error(
+            format!("{size} bytes"),
+            "a graph of at most 64 MiB",
+        ));
     }
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
     let text = String::from_utf8(bytes).map_err(|e| {
@@ -144,7 +148,7 @@ fn read_text(
     })?;
     let expected = "a graph: nodes, edges, radius, faces, thickness";
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-    let graph: Text = match extension.to_ascii_lowercase().as_str() {
+    let graph: GraphText = match extension.to_ascii_lowercase().as_str() {
         "json" => serde_json::from_str(&text).map_err(|e| {
             ReadError::data(path, Place::Line(e.line() as u64), e.to_string(), expected)
         })?,
@@ -157,7 +161,7 @@ fn read_text(
             ReadError::data(path, place, e.message().to_owned(), expected)
         })?,
         other => {
-            return Err(whole(
+            return Err(file_error(
                 format!("the extension {other:?}"),
                 "a .toml, a .json or a .3mf",
             ));
@@ -168,17 +172,17 @@ fn read_text(
 
 fn skeleton(
     path: &Path,
-    graph: &Text,
+    graph: &GraphText,
     radius: Option<f64>,
     thickness: Option<f64>,
 ) -> Result<Skeleton, ReadError> {
-    for (what, own, parts) in [
+    for (what, given, parts) in [
         ("radii", graph.radii.len(), graph.edges.len()),
         ("thicknesses", graph.thicknesses.len(), graph.faces.len()),
     ] {
-        if own != 0 && own != parts {
-            let expected = format!("as many as there are parts, {parts}, or none");
-            let found = format!("{own} {what}");
+        if given != 0 && given != parts {
+            let expected = format!("one for each of the {parts} parts, or none");
+            let found = format!("{given} {what}");
             return Err(ReadError::data(path, Place::File, found, expected));
         }
     }
@@ -191,33 +195,35 @@ fn skeleton(
             ReadError::data(path, item(what, n), found, expected)
         })
     };
-    let missing = |what, n, key: &str| {
+    let missing_key = |what, n, key: &str| {
         let expected = format!("the key {key}, or one for every {what}");
         ReadError::data(path, item(what, n), format!("no {key}"), expected)
     };
-    let refused = |what, n, e: crate::cell::SkeletonError| {
+    let invalid_part = |what, n, e: crate::cell::SkeletonError| {
         ReadError::data(path, item(what, n), e.to_string(), "a strut or a plate")
     };
     let mut skeleton = Skeleton::new();
     for (n, [a, b]) in graph.edges.iter().enumerate() {
-        let own = graph.radii.get(n).copied();
-        let r = own
+        let given = graph.radii.get(n).copied();
+        let r = given
             .or(radius)
             .or(graph.radius)
-            .ok_or_else(|| missing("edge", n, "radius"))?;
+            .ok_or_else(|| missing_key("edge", n, "radius"))?;
         let ends = [node("edge", n, *a)?, node("edge", n, *b)?];
-        skeleton.strut(ends, r).map_err(|e| refused("edge", n, e))?;
+        skeleton
+            .strut(ends, r)
+            .map_err(|e| invalid_part("edge", n, e))?;
     }
     for (n, corners) in graph.faces.iter().enumerate() {
-        let own = graph.thicknesses.get(n).copied();
-        let t = own
+        let given = graph.thicknesses.get(n).copied();
+        let t = given
             .or(thickness)
             .or(graph.thickness)
-            .ok_or_else(|| missing("face", n, "thickness"))?;
+            .ok_or_else(|| missing_key("face", n, "thickness"))?;
         let corners = corners.iter().map(|c| node("face", n, *c));
         let corners = corners.collect::<Result<_, _>>()?;
         let added = skeleton.plate(corners, t / 2.0);
-        added.map_err(|e| refused("face", n, e))?;
+        added.map_err(|e| invalid_part("face", n, e))?;
     }
     if graph.edges.is_empty() && graph.faces.is_empty() {
         let found = "neither edges nor faces";

@@ -2,16 +2,14 @@
 //!
 //! - **Read**: `*NODE` (rectangular, cylindrical and spherical, in the system of `*SYSTEM`),
 //!   `*ELEMENT`, `*NSET`, `*ELSET`, `*INCLUDE`, `INPUT=`; the generating `*NGEN`, `*NFILL`, `*NCOPY`, `*ELGEN`,
-//!   `*ELCOPY`; `*PART`, `*ASSEMBLY`, `*INSTANCE` with its motion. Keywords, labels and names of sets
-//!   are of either case.
-//! - **Passed over**: keywords known to say nothing of geometry. Elements without volume or surface (beams,
-//!   springs, masses) are counted and left out.
-//! - **Refused by name**: keywords and parameters that make or move geometry in other ways, element
-//!   types without a meaning here, and unknown keywords one letter away from one that is read. Other unknown
-//!   keywords are passed over with a warning that names them: both programs gain keywords every year, and
-//!   nearly none of them is about geometry.
+//!   `*ELCOPY`; `*PART`, `*ASSEMBLY`, `*INSTANCE` with its motion. Case is ignored.
+//! - **Ignored**: keywords without effect on geometry. Elements without volume or surface (beams,
+//!   springs, masses) are counted and skipped.
+//! - **Refused**: keywords and parameters that make or move geometry in other ways, unsupported element
+//!   types, and unknown keywords one letter away from a supported one. Other unknown keywords are ignored
+//!   with a warning: new versions of both programs add keywords, and almost none concern geometry.
 //!
-//! Abaqus numbers the nodes of its elements as VTK does but for C3D27.
+//! Abaqus numbers the nodes of elements as VTK does, except for C3D27.
 
 mod assembly;
 mod begin;
@@ -29,38 +27,38 @@ use super::{Place, ReadError, Source, quote};
 use crate::scaffold::Kind;
 use assembly::{Assembly, Part};
 use copy::Ncopy;
-use generate::{Made, Rule};
+use generate::{Generated, Rule};
 use keyword::{Keyword, fields, real, whole};
 use model::{Model, Set};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use system::{Coordinates, Motion};
 
-/// Includes within includes.
-const DEEPEST: usize = 8;
-/// Files that a deck may be spread over.
-const FILES_LIMIT: usize = 1000;
-/// Rows of data of a keyword that takes a few.
-const ROWS_LIMIT: usize = 8;
+/// Greatest depth of nested includes.
+const MAX_INCLUDE_DEPTH: usize = 8;
+/// Greatest number of files of a deck.
+const MAX_FILES: usize = 1000;
+/// Greatest number of data lines of `*SYSTEM`, `*NCOPY` and `*INSTANCE`.
+const MAX_ROWS: usize = 8;
 
-/// What the data lines after a keyword are.
+/// The meaning of the data lines after a keyword.
 enum Section {
     /// No keyword so far.
     Start,
-    /// Nothing of the geometry.
-    Passed,
+    /// Data without effect on geometry.
+    Ignored,
     Nodes(Coordinates, Option<String>),
-    /// Kinds by the number of nodes, and a set.
+    /// The possible kinds, which differ in their number of nodes, and a set.
     Elements(&'static [Kind], Option<String>),
-    /// Elements of this type, and a set.
-    LeftOut(String, Option<String>),
+    /// Elements of this type without volume or surface, and a set.
+    NonVolume(String, Option<String>),
     /// A set of nodes.
     Nset {
         name: String,
         generate: bool,
     },
-    /// A set of elements, and whether it is one of the assembly, with its instance.
-    // Not of the assembly, of no instance of it, or of one.
+    /// A set of elements. `assembly` is `None` for a set of a part, `Some(None)` for one of the assembly itself,
+    /// and `Some(Some(i))` for one of instance i.
     #[allow(clippy::option_option)]
     Elset {
         name: String,
@@ -73,7 +71,7 @@ enum Section {
     Instance(usize),
 }
 
-/// Whose nodes and elements are being read.
+/// The owner of the current nodes and elements.
 enum Scope {
     Root,
     Part(String),
@@ -85,24 +83,24 @@ struct Deck<'a> {
     path: &'a Path,
     section: Section,
     scope: Scope,
-    /// Numbers of the element being read, as far as its lines go.
+    /// The numbers of an element that continues on the next line.
     pending: Vec<u64>,
-    /// Rows of the keyword being read that are used when it ends.
+    /// Data lines that are used when the section ends.
     rows: Vec<Vec<f64>>,
-    all: Assembly,
+    assembly: Assembly,
     system: Option<Motion>,
-    made: Made,
+    generated: Generated,
     files: usize,
-    /// Lines before the first keyword, and the first of them.
-    unread: (usize, String),
-    /// Keywords of no table and how often.
-    unknown: BTreeMap<String, usize>,
+    /// The number of lines before the first keyword, and the first of them.
+    early_lines: (usize, String),
+    /// Unknown keywords with their counts.
+    unknown_keywords: BTreeMap<String, usize>,
 }
 
 /// Reads an input deck.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, or holds what the head of this module says is refused.
+/// When the file cannot be read, is damaged, or contains refused content (see the head of this module).
 pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut deck = Deck {
         path,
@@ -110,12 +108,12 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         scope: Scope::Root,
         pending: Vec::new(),
         rows: Vec::new(),
-        all: Assembly::default(),
+        assembly: Assembly::default(),
         system: None,
-        made: Made::default(),
+        generated: Generated::default(),
         files: 0,
-        unread: (0, String::new()),
-        unknown: BTreeMap::new(),
+        early_lines: (0, String::new()),
+        unknown_keywords: BTreeMap::new(),
     };
     deck.file(path, 0)?;
     if matches!(deck.section, Section::Start) {
@@ -124,23 +122,23 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         return Err(error.with_hint("is this an Abaqus or CalculiX deck?"));
     }
     let mut collector = Collector::new(path);
-    if deck.unread.0 > 0 {
+    if deck.early_lines.0 > 0 {
         collector.warnings.push(format!(
-            "{} lines before the first keyword are passed over: {}",
-            deck.unread.0, deck.unread.1
+            "{} lines before the first keyword are ignored: {}",
+            deck.early_lines.0, deck.early_lines.1
         ));
     }
-    for (name, count) in deck.unknown {
+    for (name, count) in deck.unknown_keywords {
         collector.warnings.push(format!(
-            "the unknown keyword *{name} is passed over ({count} times)"
+            "the unknown keyword *{name} is ignored ({count} times)"
         ));
     }
-    deck.all.collect(path, &mut collector)?;
+    deck.assembly.collect(path, &mut collector)?;
     collector.finish(|_| None)
 }
 
-/// Whether a line that follows a keyword line with a comma at its end goes on with parameters.
-fn goes_on(line: &str) -> bool {
+/// Whether a line continues the parameters of a keyword line that ends with a comma.
+fn continues(line: &str) -> bool {
     line.starts_with(|c: char| c.is_ascii_alphabetic() || c == '"')
 }
 
@@ -148,12 +146,12 @@ impl Deck<'_> {
     fn open(&mut self, path: &Path, depth: usize) -> Result<Source, ReadError> {
         self.files += 1;
         let source = Source::open(path)?;
-        if depth > DEEPEST {
-            let found = format!("an *INCLUDE {DEEPEST} files deep");
+        if depth > MAX_INCLUDE_DEPTH {
+            let found = format!("an *INCLUDE {MAX_INCLUDE_DEPTH} files deep");
             return Err(source.bad(found, "fewer includes within includes"));
         }
-        if self.files > FILES_LIMIT {
-            let expected = format!("at most {FILES_LIMIT} files");
+        if self.files > MAX_FILES {
+            let expected = format!("at most {MAX_FILES} files");
             return Err(source.bad(format!("file {} of a deck", self.files), expected));
         }
         Ok(source)
@@ -161,29 +159,29 @@ impl Deck<'_> {
 
     fn file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
         let mut source = self.open(path, depth)?;
-        let mut joined = String::new();
+        let mut keyword_line = String::new();
         while let Some(line) = source.line()? {
             let line = line.trim().to_owned();
             if line.is_empty() || line.starts_with("**") {
                 continue;
             }
-            if !joined.is_empty() {
-                if goes_on(&line) && joined.len() < 1 << 16 {
-                    joined.push_str(&line);
+            if !keyword_line.is_empty() {
+                if continues(&line) && keyword_line.len() < 1 << 16 {
+                    keyword_line.push_str(&line);
                     if line.ends_with(',') {
                         continue;
                     }
-                    let keyword = std::mem::take(&mut joined);
+                    let keyword = std::mem::take(&mut keyword_line);
                     self.keyword(&keyword, &source, path, depth)?;
                     continue;
                 }
-                let keyword = std::mem::take(&mut joined);
+                let keyword = std::mem::take(&mut keyword_line);
                 self.keyword(&keyword, &source, path, depth)?;
             }
             if line.starts_with('*') {
-                // A keyword's parameters go on after a comma at the end of the line.
+                // A comma at the end continues the parameters on the next line.
                 if line.ends_with(',') {
-                    joined = line;
+                    keyword_line = line;
                 } else {
                     self.keyword(&line, &source, path, depth)?;
                 }
@@ -191,20 +189,20 @@ impl Deck<'_> {
             }
             self.data(&line, &source)?;
         }
-        if !joined.is_empty() {
-            self.keyword(&joined, &source, path, depth)?;
+        if !keyword_line.is_empty() {
+            self.keyword(&keyword_line, &source, path, depth)?;
         }
         self.end_of_section(&source)
     }
 
-    /// The nodes and elements that keywords are about.
+    /// The model of the current scope.
     fn model(&mut self) -> &mut Model {
         match &self.scope {
-            Scope::Root => &mut self.all.root,
-            Scope::Assembly => &mut self.all.own,
-            Scope::Instance(i) => self.all.own_model(*i),
+            Scope::Root => &mut self.assembly.root,
+            Scope::Assembly => &mut self.assembly.model,
+            Scope::Instance(i) => self.assembly.model_mut(*i),
             Scope::Part(key) => {
-                let part = self.all.parts.entry(key.clone());
+                let part = self.assembly.parts.entry(key.clone());
                 &mut part
                     .or_insert_with(|| Part {
                         name: key.clone(),
@@ -215,7 +213,7 @@ impl Deck<'_> {
         }
     }
 
-    /// Ends a section and begins the next; reads what the keyword includes.
+    /// Ends the current section and begins the next; reads included files.
     fn keyword(
         &mut self,
         line: &str,
@@ -228,23 +226,27 @@ impl Deck<'_> {
         self.section = self.begin(&k, source)?;
         if k.name == "INCLUDE" {
             let file = k.needed("INPUT", "the file to include", source)?;
-            return self.file(&self.beside(path, file), depth + 1);
+            return self.file(&self.resolve_path(path, file), depth + 1);
         }
-        let reads = !matches!(self.section, Section::Passed);
+        let reads = !matches!(self.section, Section::Ignored);
         if let (true, Some(file)) = (reads, k.get("INPUT")) {
-            self.data_file(&self.beside(path, file), depth + 1)?;
+            self.data_file(&self.resolve_path(path, file), depth + 1)?;
         }
         Ok(())
     }
 
-    /// A file named in a file: beside that, else beside the deck.
-    fn beside(&self, path: &Path, file: &str) -> PathBuf {
+    /// The path of a file named in a file: in the directory of that file, else in that of the deck.
+    fn resolve_path(&self, path: &Path, file: &str) -> PathBuf {
         let at = |path: &Path| path.parent().unwrap_or(Path::new("")).join(file);
-        let near = at(path);
-        if near.exists() { near } else { at(self.path) }
+        let sibling = at(path);
+        if sibling.exists() {
+            sibling
+        } else {
+            at(self.path)
+        }
     }
 
-    /// A file of data lines alone.
+    /// Reads a file of data lines without keywords.
     fn data_file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
         let mut source = self.open(path, depth)?;
         while let Some(line) = source.line()? {
@@ -264,15 +266,15 @@ impl Deck<'_> {
     }
 
     fn data(&mut self, line: &str, source: &Source) -> Result<(), ReadError> {
-        // The section is put back below; an error ends the reading.
-        let section = std::mem::replace(&mut self.section, Section::Passed);
+        // The section is restored below; an error ends the reading.
+        let section = std::mem::replace(&mut self.section, Section::Ignored);
         match &section {
-            Section::Passed => {}
+            Section::Ignored => {}
             Section::Start => {
-                if self.unread.0 == 0 {
-                    self.unread.1 = quote(line);
+                if self.early_lines.0 == 0 {
+                    self.early_lines.1 = quote(line);
                 }
-                self.unread.0 += 1;
+                self.early_lines.0 += 1;
             }
             Section::Nodes(coordinates, set) => {
                 let words = fields(line);
@@ -290,7 +292,9 @@ impl Deck<'_> {
                 }
             }
             Section::Elements(kinds, set) => self.element(line, kinds, set.as_deref(), source)?,
-            Section::LeftOut(kind, set) => self.leave_out(line, kind, set.as_deref(), source)?,
+            Section::NonVolume(kind, set) => {
+                self.skip_element(line, kind, set.as_deref(), source)?
+            }
             Section::Nset { name, generate } => {
                 self.model()
                     .node_sets
@@ -303,15 +307,15 @@ impl Deck<'_> {
                 assembly,
             } => {
                 let set: &mut Set = match assembly {
-                    Some(instance) => self.all.set(name, *instance),
+                    Some(instance) => self.assembly.set(name, *instance),
                     None => self.model().element_sets.entry(name),
                 };
                 set.data(line, *generate, source)?;
             }
             Section::Rule(rule) => {
-                let mut made = std::mem::take(&mut self.made);
-                rule.line(&fields(line), self.model(), &mut made, source)?;
-                self.made = made;
+                let mut generated = std::mem::take(&mut self.generated);
+                rule.line(&fields(line), self.model(), &mut generated, source)?;
+                self.generated = generated;
             }
             Section::System | Section::Copy(_) | Section::Instance(_) => {
                 let mut row = Vec::new();
@@ -319,8 +323,8 @@ impl Deck<'_> {
                 for word in fields(text).into_iter().take(16) {
                     row.push(real(word, "a coordinate", source)?);
                 }
-                if self.rows.len() == ROWS_LIMIT {
-                    let expected = format!("at most {ROWS_LIMIT} data lines");
+                if self.rows.len() == MAX_ROWS {
+                    let expected = format!("at most {MAX_ROWS} data lines");
                     return Err(source.bad(quote(line), expected));
                 }
                 self.rows.push(row);
@@ -330,7 +334,7 @@ impl Deck<'_> {
         Ok(())
     }
 
-    /// A line of an element, which may go over several.
+    /// Reads a line of an element, which may extend over several lines.
     fn element(
         &mut self,
         line: &str,
@@ -342,15 +346,15 @@ impl Deck<'_> {
             self.pending.push(whole(word, "a node number", source)?);
         }
         let count = self.pending.len().saturating_sub(1);
-        let most = kinds[kinds.len() - 1];
-        if count > most.node_count() {
-            return Err(self.wrong_count(most, source));
+        let largest = kinds[kinds.len() - 1];
+        if count > largest.node_count() {
+            return Err(self.wrong_count(largest, source));
         }
         let Some(&kind) = kinds.iter().find(|k| k.node_count() == count) else {
             return Ok(());
         };
-        // Kinds with more nodes go on after a comma.
-        if line.ends_with(',') && kind != most {
+        // A comma continues an element of a kind with more nodes.
+        if line.ends_with(',') && kind != largest {
             return Ok(());
         }
         let pending = std::mem::take(&mut self.pending);
@@ -364,27 +368,27 @@ impl Deck<'_> {
         Ok(())
     }
 
-    /// A line of an element without volume or surface.
-    fn leave_out(
+    /// Reads a line of an element without volume or surface.
+    fn skip_element(
         &mut self,
         line: &str,
         kind: &str,
         set: Option<&str>,
         source: &Source,
     ) -> Result<(), ReadError> {
-        let goes_on = line.ends_with(',');
-        // Here too numbers of nodes may go on; they are of no use.
+        let continues = line.ends_with(',');
+        // Node numbers may continue on further lines; they are ignored.
         if self.pending.is_empty() {
             let number = whole(fields(line)[0], "an element number", source)?;
             let model = self.model();
-            model.leave_out(number, kind, source)?;
+            model.skip_element(number, kind, source)?;
             if let Some(set) = set {
                 model.element_sets.entry(set).numbers.push(number);
             }
-            if goes_on {
+            if continues {
                 self.pending.push(number);
             }
-        } else if !goes_on {
+        } else if !continues {
             self.pending.clear();
         }
         Ok(())
@@ -397,21 +401,21 @@ impl Deck<'_> {
         ReadError::data(source.path(), place, found, expected)
     }
 
-    /// Uses what the section gathered.
+    /// Processes the data lines of the section that ends.
     fn end_of_section(&mut self, source: &Source) -> Result<(), ReadError> {
         if matches!(self.section, Section::Start) {
             return Ok(());
         }
         let rows = std::mem::take(&mut self.rows);
-        match std::mem::replace(&mut self.section, Section::Passed) {
+        match std::mem::replace(&mut self.section, Section::Ignored) {
             Section::Elements(kinds, _) if !self.pending.is_empty() => {
                 return Err(self.wrong_count(kinds[0], source));
             }
             Section::System => {
                 let padded = |row: &Vec<f64>| {
-                    let mut own = row.clone();
-                    own.resize(row.len().next_multiple_of(3), 0.0);
-                    own
+                    let mut padded_row = row.clone();
+                    padded_row.resize(row.len().next_multiple_of(3), 0.0);
+                    padded_row
                 };
                 let numbers: Vec<f64> = rows.iter().flat_map(padded).collect();
                 let system = Motion::system(&numbers).map_err(|found| {
@@ -423,13 +427,13 @@ impl Deck<'_> {
                 self.system = Some(system).filter(|s| *s != Motion::default());
             }
             Section::Copy(copy) => {
-                let mut made = std::mem::take(&mut self.made);
-                copy.make(&rows, self.model(), &mut made, source)?;
-                self.made = made;
+                let mut generated = std::mem::take(&mut self.generated);
+                copy.make(&rows, self.model(), &mut generated, source)?;
+                self.generated = generated;
             }
             Section::Instance(place) => {
-                let motion = Motion::moved(&rows);
-                self.all.instances[place].motion = motion.ok_or_else(|| {
+                let motion = Motion::of_data_lines(&rows);
+                self.assembly.instances[place].motion = motion.ok_or_else(|| {
                     source.bad(
                         "an axis through one point",
                         "*INSTANCE: two points of an axis, an angle",

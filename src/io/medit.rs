@@ -1,10 +1,10 @@
-//! Medit meshes of Inria's libMeshb, `.mesh` as text and `.meshb` in binary: tokens, not lines.
+//! Medit meshes of Inria's libMeshb: `.mesh` as text, `.meshb` in binary.
 //!
-//! Every keyword that is read or passed over is a row of one table. Reference numbers become groups,
-//! 0 means none. Elements are numbered in the order of the file, from 1. Medit's node order is VTK's,
-//! of second-order tetrahedra and triangles too; the order of face nodes of other second-order
-//! elements is not settled between programs, so these are refused by name. Points of two dimensions
-//! lie at z = 0. In text a keyword that is not in the table is an error, since its length is unknown.
+//! One table lists all keywords that are read or ignored. Reference numbers become groups; 0 means none.
+//! Elements are numbered in file order from 1. Medit's node order is that of VTK, also for second-order
+//! tetrahedra and triangles. Programs disagree on the face nodes of other second-order elements, so these are
+//! refused. Two-dimensional points lie at z = 0. Unknown keywords in text are an error, since the length of
+//! their data is unknown.
 
 mod input;
 mod table;
@@ -17,10 +17,10 @@ use input::Input;
 use std::path::Path;
 use table::{Meaning, TABLE};
 
-/// Reads a mesh, text or binary by its first bytes.
+/// Reads a mesh; the first bytes decide between text and binary.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, or holds solids of other kinds.
+/// When the file cannot be read, is damaged, or contains unsupported kinds of solids.
 pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut file = File {
         input: Input::open(path)?,
@@ -46,15 +46,15 @@ struct File<'a> {
 }
 
 impl File<'_> {
-    /// What follows a keyword; false at the end of the mesh.
+    /// Reads the data of a keyword; returns false at the end of the mesh.
     fn section(&mut self, keyword: &str) -> Result<bool, ReadError> {
         let found = TABLE.iter().find(|r| r.1.eq_ignore_ascii_case(keyword));
         let Some(&(_, name, meaning)) = found else {
             if self.input.is_binary() {
                 self.collector
                     .notes
-                    .push(format!("the section {keyword} is passed over"));
-                return self.input.pass_section().map(|()| true);
+                    .push(format!("the section {keyword} is ignored"));
+                return self.input.skip_section().map(|()| true);
             }
             let found = format!("the keyword {}", quote(keyword));
             let e = self.input.bad(found, "a Medit keyword");
@@ -72,19 +72,19 @@ impl File<'_> {
                 }
                 self.dimension = Some(found as u64);
             }
-            Meaning::Text => self.input.pass_line()?,
+            Meaning::Text => self.input.skip_line()?,
             Meaning::Vertices => self.vertices()?,
             Meaning::Element(kind) => self.elements(name, kind)?,
             Meaning::Lines => {
                 self.collector.skipped += self.input.count(3, name)?;
-                self.input.pass_section()?;
+                self.input.skip_section()?;
             }
-            Meaning::Passed => self.input.pass_section()?,
+            Meaning::Ignored => self.input.skip_section()?,
             Meaning::Values => {
                 self.collector
                     .notes
-                    .push(format!("the values {name} are passed over"));
-                self.input.pass_section()?;
+                    .push(format!("the values {name} are ignored"));
+                self.input.skip_section()?;
             }
             Meaning::Refused => {
                 let count = self.input.count(1, name)?;
@@ -93,7 +93,7 @@ impl File<'_> {
                     let e = self.input.bad(found, super::scaffold::KINDS_READ);
                     return Err(e.with_hint("convert the mesh to .msh or .vtu, or to first order"));
                 }
-                self.input.pass_section()?;
+                self.input.skip_section()?;
             }
         }
         Ok(true)

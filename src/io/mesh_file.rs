@@ -1,4 +1,4 @@
-//! Meshes by extension: every file that holds a surface, read as polygons or as triangles.
+//! Mesh files by extension: reading as polygons or triangles, and writing.
 
 use super::atomic::AtomicFile;
 use super::polygons::Soup;
@@ -12,22 +12,22 @@ use crate::mesh::TriMesh;
 use crate::polymesh::{LoadOptions, PolyMesh};
 use std::path::Path;
 
-/// A mesh as a file gave it.
+/// A mesh with the metadata of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshFile {
-    /// The mesh, vertices of equal coordinates made one where the format keeps none (STL).
+    /// The mesh; vertices of equal coordinates are merged where the format has no shared vertices (STL).
     pub mesh: TriMesh,
-    /// The unit the file states, if it states one.
+    /// The unit that the file states, if any.
     pub unit: Option<LengthUnit>,
-    /// What was odd but could be read, one sentence each.
+    /// Anomalies that did not prevent reading, one sentence each.
     pub warnings: Vec<String>,
 }
 
 /// A mesh format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshFormat {
-    /// Stereolithography: binary or text, triangles without sharing, no unit (ours names one in its
-    /// header).
+    /// Stereolithography: binary or text, triangles without shared vertices. The format has no unit; Druse
+    /// writes it into the header.
     Stl,
     /// Polygon file format: text or binary of either byte order.
     Ply,
@@ -39,24 +39,24 @@ pub enum MeshFormat {
 
 impl MeshFormat {
     /// Every format with its extension.
-    pub const ALL: [(Self, &'static str); 4] = [
+    pub const EXTENSIONS: [(Self, &'static str); 4] = [
         (Self::Stl, "stl"),
         (Self::Ply, "ply"),
         (Self::Obj, "obj"),
         (Self::ThreeMf, "3mf"),
     ];
 
-    /// The format of a path's extension, in either case.
+    /// The format of a path's extension, ignoring case.
     pub fn of(path: impl AsRef<Path>) -> Option<Self> {
         let extension = path.as_ref().extension()?.to_str()?.to_ascii_lowercase();
-        Self::ALL
+        Self::EXTENSIONS
             .into_iter()
             .find(|f| f.1 == extension)
             .map(|f| f.0)
     }
 }
 
-/// The extension in words, for a message about a wrong one.
+/// A description of the extension, for error messages.
 fn extension_of(path: &Path) -> String {
     path.extension().map_or_else(
         || "no extension".into(),
@@ -64,16 +64,16 @@ fn extension_of(path: &Path) -> String {
     )
 }
 
-/// The known extensions as a list.
-fn known() -> String {
-    let names: Vec<String> = MeshFormat::ALL
+/// The extensions of [`MeshFormat`] as a list.
+fn known_extensions() -> String {
+    let names: Vec<String> = MeshFormat::EXTENSIONS
         .iter()
         .map(|f| format!(".{}", f.1))
         .collect();
     names.join(", ")
 }
 
-/// What a file's first bytes say it is, with the extension it should have; `None` if they do not say.
+/// The type of a file by its first bytes, with the matching extension; `None` if unknown.
 pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
     let head = &head[..head.len().min(512)];
     let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
@@ -119,19 +119,19 @@ pub fn is_point_cloud(path: impl AsRef<Path>) -> Result<bool, ReadError> {
     ply::is_cloud(Source::open(path)?)
 }
 
-/// Reads a mesh; the format follows from the extension, and a content that contradicts it is named.
+/// Reads a mesh; the extension decides on the format. The error for contradicting content names its format.
 ///
-/// Polygons become triangles: those of mesh files, of `.dlfl` files and `.crystal` scripts, and the planar
-/// elements of files of elements. Of solid elements the outer faces are taken, with a warning.
+/// Polygons are triangulated: those of mesh files, `.dlfl` files and `.crystal` scripts, and planar
+/// elements of finite-element files. Solid elements contribute their outer faces, with a warning.
 ///
 /// # Errors
 /// [`ReadError`] for a missing file, an unknown extension, or content that is not such a mesh.
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
     let path = path.as_ref();
     let file = match extension(path).as_str() {
-        "stl" => stl::read(opened(path)?)?,
+        "stl" => stl::read(open_checked(path)?)?,
         "3mf" => {
-            opened(path)?;
+            open_checked(path)?;
             threemf::read(path)?
         }
         "dlfl" | "crystal" => polygons(path)?,
@@ -148,10 +148,10 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
     Ok(file)
 }
 
-/// The unit that the head of a mesh states, if it states one.
+/// The unit that the head of a mesh file states, if any.
 ///
 /// # Errors
-/// [`ReadError`] for a missing file, or a 3MF that is none.
+/// [`ReadError`] for a missing file or an invalid 3MF.
 pub fn stated_unit(path: impl AsRef<Path>) -> Result<Option<LengthUnit>, ReadError> {
     let path = path.as_ref();
     let head = match MeshFormat::of(path) {
@@ -172,25 +172,25 @@ pub fn stated_unit(path: impl AsRef<Path>) -> Result<Option<LengthUnit>, ReadErr
 /// Reads any mesh as polygons.
 pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
     match extension(path).as_str() {
-        "stl" => stl::read(opened(path)?).map(Soup::of_triangles),
-        "ply" => ply::read(opened(path)?),
-        "obj" => obj::read(opened(path)?),
-        "off" => off::read(opened(path)?),
+        "stl" => stl::read(open_checked(path)?).map(Soup::from_mesh),
+        "ply" => ply::read(open_checked(path)?),
+        "obj" => obj::read(open_checked(path)?),
+        "off" => off::read(open_checked(path)?),
         "3mf" => {
-            opened(path)?;
-            threemf::read(path).map(Soup::of_triangles)
+            open_checked(path)?;
+            threemf::read(path).map(Soup::from_mesh)
         }
         "vtu" | "vtp" => vtk::read_xml(path)?.soup(path),
         "vtk" => vtk::read_legacy(path)?.soup(path),
         "dlfl" | "crystal" => {
             let (mesh, warnings) = polymesh(path)?;
-            Ok(Soup::of_polymesh(&mesh, warnings))
+            Ok(Soup::from_polymesh(&mesh, warnings))
         }
         other if ELEMENT_FORMATS.contains(&other) => outer_faces::soup(path, &read_elements(path)?),
         _ => {
             let found = sniff(Source::open(path)?.peek(512)?);
-            let known = format!("one of {}", readable().join(", "));
-            let error = ReadError::data(path, Place::File, extension_of(path), known);
+            let known_extensions = format!("one of {}", readable_extensions().join(", "));
+            let error = ReadError::data(path, Place::File, extension_of(path), known_extensions);
             Err(match found {
                 Some((what, extension)) => {
                     error.with_hint(format!("its content is {what}: name it *.{extension}"))
@@ -201,10 +201,12 @@ pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
     }
 }
 
-/// The extensions of all files that [`read_mesh`] reads, each with its point.
-fn readable() -> Vec<String> {
-    let own = MeshFormat::ALL.iter().map(|f| f.1);
-    let mut all: Vec<&str> = own.chain(["off", "vtp", "dlfl", "crystal"]).collect();
+/// The extensions that [`read_mesh`] accepts, each with its dot.
+fn readable_extensions() -> Vec<String> {
+    let mesh_extensions = MeshFormat::EXTENSIONS.iter().map(|f| f.1);
+    let mut all: Vec<&str> = mesh_extensions
+        .chain(["off", "vtp", "dlfl", "crystal"])
+        .collect();
     for other in ELEMENT_FORMATS {
         if !all.contains(&other) {
             all.push(other);
@@ -218,8 +220,8 @@ fn extension(path: &Path) -> String {
     extension.unwrap_or_default()
 }
 
-/// A file whose content does not contradict its extension.
-fn opened(path: &Path) -> Result<Source, ReadError> {
+/// Opens a file and checks that its content does not contradict its extension.
+fn open_checked(path: &Path) -> Result<Source, ReadError> {
     let mut source = Source::open(path)?;
     let extension = extension(path);
     let found = sniff(source.peek(512)?);
@@ -231,7 +233,7 @@ fn opened(path: &Path) -> Result<Source, ReadError> {
     Ok(source)
 }
 
-/// The polygon mesh that a script makes, or of a `.dlfl` file.
+/// The polygon mesh of a script or of a `.dlfl` file.
 fn polymesh(path: &Path) -> Result<(PolyMesh, Vec<String>), ReadError> {
     if extension(path) == "crystal" {
         let (mesh, notes) = super::read_crystal(path)?;
@@ -242,27 +244,28 @@ fn polymesh(path: &Path) -> Result<(PolyMesh, Vec<String>), ReadError> {
     Ok((loaded.mesh, loaded.warnings))
 }
 
-/// The triangles of a polygon mesh.
+/// Reads a polygon mesh as triangles.
 fn polygons(path: &Path) -> Result<MeshFile, ReadError> {
     let (mesh, warnings) = polymesh(path)?;
-    let cut = mesh.triangulated();
-    let cut = cut.map_err(|e| ReadError::data(path, Place::File, e.to_string(), "a mesh"))?;
+    let triangulated = mesh.triangulated();
+    let triangulated =
+        triangulated.map_err(|e| ReadError::data(path, Place::File, e.to_string(), "a mesh"))?;
     Ok(MeshFile {
-        mesh: cut.mesh,
+        mesh: triangulated.mesh,
         unit: None,
         warnings,
     })
 }
 
-/// Writes a mesh whose coordinates are in `unit`, atomically; gives the file's size in bytes.
+/// Writes a mesh whose coordinates are in `unit`, atomically; returns the file's size in bytes.
 ///
-/// STL, PLY and 3MF hold `f32`, OBJ holds `f64`; PLY and 3MF too where the view is
+/// STL, PLY and 3MF store `f32`, OBJ stores `f64`, as do PLY and 3MF if the view is
 /// [in double precision](MeshView::in_double). 3MF and STL state the unit, PLY and OBJ in a comment.
-/// Quads go into PLY and OBJ, numbers at the vertices into PLY. Nothing of the mesh is copied.
+/// PLY and OBJ support quads, PLY supports vertex attributes. The mesh is not copied.
 ///
 /// # Errors
-/// [`WriteError`] for an unknown extension, a place that cannot be written, a full disk, or a mesh too
-/// large for the format or of faces or numbers that it does not hold.
+/// [`WriteError`] for an unknown extension, a path that cannot be written, a full disk, or a mesh that is too
+/// large for the format or has faces or attributes that the format does not support.
 pub fn write_mesh<'a>(
     path: impl AsRef<Path>,
     mesh: impl Into<MeshView<'a>>,
@@ -270,40 +273,40 @@ pub fn write_mesh<'a>(
 ) -> Result<u64, WriteError> {
     let path = path.as_ref();
     let mesh = &mesh.into();
-    let wrong = |reason: String| WriteError::Format {
+    let format_error = |reason: String| WriteError::Format {
         path: path.to_owned(),
         reason,
     };
     let Some(format) = MeshFormat::of(path) else {
-        return Err(wrong(format!(
+        return Err(format_error(format!(
             "found {}; expected one of {}",
             extension_of(path),
-            known()
+            known_extensions()
         )));
     };
     let quads_fit = matches!(format, MeshFormat::Ply | MeshFormat::Obj);
     if matches!(mesh.faces, Faces::Quads(_)) && !quads_fit {
-        return Err(wrong("quads; expected .ply or .obj for them".into()));
+        return Err(format_error("quads; expected .ply or .obj for them".into()));
     }
     if !mesh.attributes.is_empty() && format != MeshFormat::Ply {
-        return Err(wrong(
+        return Err(format_error(
             "numbers at the vertices; expected .ply for them".into(),
         ));
     }
-    // What is too large for f32 would be written as infinity.
-    let single = format != MeshFormat::Obj;
+    // A larger number than f32 holds would be written as infinity.
+    let is_single_precision = format != MeshFormat::Obj;
     if let Some(c) = mesh
         .points()
         .flat_map(|p| [p.x, p.y, p.z])
-        .find(|c| single && c.abs() > f64::from(f32::MAX))
+        .find(|c| is_single_precision && c.abs() > f64::from(f32::MAX))
     {
-        return Err(wrong(format!(
+        return Err(format_error(format!(
             "the coordinate {c} does not fit 32 bits; expected at most 3.4e38"
         )));
     }
     if format == MeshFormat::Stl && mesh.faces.len() > u32::MAX as usize {
         let n = mesh.faces.len();
-        return Err(wrong(format!(
+        return Err(format_error(format!(
             "{n} triangles; STL holds at most 4294967295: use .ply"
         )));
     }

@@ -1,8 +1,7 @@
-//! Mesh files whose vertices and faces come part by part, of which none stays in memory.
+//! Streaming mesh output: vertices and faces arrive in parts that are not kept in memory.
 //!
-//! STL needs no more than the triangles at hand. The other formats have all vertices first: both are
-//! spooled beside the file, in files without a name that vanish with the process, and put together at
-//! the end.
+//! STL is written triangle by triangle. The other formats list all vertices first, so vertices and faces are
+//! spooled to unnamed temporary files in the output directory and merged at the end.
 
 use super::atomic::AtomicFile;
 use super::mesh_view::{Faces, Rows, VisitVertex};
@@ -12,31 +11,31 @@ use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Some faces of a mesh, with what is new among its vertices.
+/// Some faces of a mesh with their vertices.
 #[derive(Clone, Copy, Debug)]
 pub struct MeshPart<'a> {
-    /// Vertices of the part, those that no part before had first.
+    /// The vertices of the part, new ones first.
     pub vertices: &'a [Vec3],
-    /// How many of them are new: the next of the whole.
+    /// The number of new vertices, which continue the numbering of the whole mesh.
     pub owned: usize,
     /// Faces over the vertices of the part, counter-clockwise seen from outside.
     pub faces: Faces<'a>,
-    /// The same in numbers of the whole.
+    /// The same faces with vertex numbers of the whole mesh.
     pub numbered: Faces<'a>,
-    /// The numbers of the new vertices, vertex by vertex, as many each as the file has names for.
+    /// The attributes of the new vertices, vertex by vertex, one number per attribute name of the file.
     pub numbers: &'a [f32],
-    /// Factor on every coordinate.
+    /// A factor on every coordinate.
     pub factor: f64,
 }
 
-/// A mesh file in the making; it appears whole or not at all.
+/// A mesh file during writing; it appears complete or not at all.
 pub struct MeshStream {
     path: PathBuf,
     unit: LengthUnit,
-    kind: Kind,
+    backend: Backend,
 }
 
-enum Kind {
+enum Backend {
     Stl(StlStream),
     Spooled(MeshFormat, Spool),
 }
@@ -44,7 +43,7 @@ enum Kind {
 struct Spool {
     vertices: BufWriter<File>,
     faces: BufWriter<File>,
-    /// Corners that each face is kept with.
+    /// The number of corners stored per face.
     corners: usize,
     counts: [u64; 2],
     names: Vec<String>,
@@ -52,94 +51,100 @@ struct Spool {
 }
 
 impl MeshStream {
-    /// The same with coordinates in double precision, in PLY and 3MF, or without.
+    /// Sets whether PLY and 3MF store coordinates in double precision.
     #[must_use]
     pub fn in_double(mut self, is_double: bool) -> Self {
-        if let Kind::Spooled(_, spool) = &mut self.kind {
+        if let Backend::Spooled(_, spool) = &mut self.backend {
             spool.is_double = is_double;
         }
         self
     }
 
-    /// Begins a file, of the format that its extension says, for triangles or for quads among them, with
-    /// a name for each number at a vertex.
+    /// Creates a file in the format of its extension, for triangles only or also for quads, with the names of
+    /// the vertex attributes.
     ///
     /// # Errors
-    /// [`WriteError`] when the extension is none of a mesh, or of one without numbers or quadrilaterals, or
-    /// the directory cannot be written to.
+    /// [`WriteError`] when the extension is unknown, the format does not support attributes or quadrilaterals,
+    /// or the directory is not writable.
     pub fn create(
         path: &Path,
         unit: LengthUnit,
         has_quads: bool,
         names: Vec<String>,
     ) -> Result<Self, WriteError> {
-        let wrong = |reason: &str| WriteError::Format {
+        let format_error = |reason: &str| WriteError::Format {
             path: path.to_owned(),
             reason: reason.to_owned(),
         };
         let Some(format) = MeshFormat::of(path) else {
-            return Err(wrong(
+            return Err(format_error(
                 "no extension of a mesh; expected .stl, .ply, .obj or .3mf",
             ));
         };
         if !names.is_empty() && format != MeshFormat::Ply {
-            return Err(wrong("numbers at the vertices; expected .ply for them"));
+            return Err(format_error(
+                "numbers at the vertices; expected .ply for them",
+            ));
         }
         if has_quads && !matches!(format, MeshFormat::Ply | MeshFormat::Obj) {
-            return Err(wrong("quadrilaterals; expected .ply or .obj for them"));
+            return Err(format_error(
+                "quadrilaterals; expected .ply or .obj for them",
+            ));
         }
-        let kind = if format == MeshFormat::Stl {
-            Kind::Stl(StlStream::create(path, unit)?)
+        let backend = if format == MeshFormat::Stl {
+            Backend::Stl(StlStream::create(path, unit)?)
         } else {
             let corners = if has_quads { 4 } else { 3 };
-            Kind::Spooled(format, Spool::beside(path, corners, names)?)
+            Backend::Spooled(format, Spool::create(path, corners, names)?)
         };
         Ok(Self {
             path: path.to_owned(),
             unit,
-            kind,
+            backend,
         })
     }
 
     /// Adds a part.
     ///
     /// # Errors
-    /// [`WriteError::Io`], and [`WriteError::Format`] for faces of more corners than the file was begun for.
+    /// [`WriteError::Io`], and [`WriteError::Format`] for quadrilaterals in a file of triangles.
     pub fn add(&mut self, part: MeshPart) -> Result<(), WriteError> {
-        let most = match &self.kind {
-            Kind::Stl(_) => 3,
-            Kind::Spooled(_, spool) => spool.corners,
+        let max_corners = match &self.backend {
+            Backend::Stl(_) => 3,
+            Backend::Spooled(_, spool) => spool.corners,
         };
         let has_quads = |f: Faces| matches!(f, Faces::Quads(_));
-        if most < 4 && (has_quads(part.faces) || has_quads(part.numbered)) {
+        if max_corners < 4 && (has_quads(part.faces) || has_quads(part.numbered)) {
             return Err(WriteError::Format {
                 path: self.path.clone(),
-                reason: "quadrilaterals; the file was begun for triangles".into(),
+                reason: "quadrilaterals; the file was created for triangles".into(),
             });
         }
-        match &mut self.kind {
-            Kind::Stl(file) => (0..part.faces.len()).try_for_each(|face| {
+        match &mut self.backend {
+            Backend::Stl(file) => (0..part.faces.len()).try_for_each(|face| {
                 let corners = part.faces.corners(face);
                 let corner = |n: usize| part.vertices[corners[n] as usize] * part.factor;
                 file.add([0, 1, 2].map(corner))
             }),
-            Kind::Spooled(_, spool) => spool
+            Backend::Spooled(_, spool) => spool
                 .add(part)
-                .map_err(|e| spooled(&self.path, spool.bytes(), e)),
+                .map_err(|e| spool_error(&self.path, spool.bytes(), e)),
         }
     }
 
-    /// Completes the file; gives its size.
+    /// Completes the file; returns its size in bytes.
     ///
     /// # Errors
-    /// [`WriteError`] for more triangles than the format counts, or when anything cannot be written.
+    /// [`WriteError`] for too many triangles for the format, or when writing fails.
     pub fn commit(self) -> Result<u64, WriteError> {
-        let (format, spool) = match self.kind {
-            Kind::Stl(file) => return file.commit(),
-            Kind::Spooled(format, spool) => (format, spool),
+        let (format, spool) = match self.backend {
+            Backend::Stl(file) => return file.commit(),
+            Backend::Spooled(format, spool) => (format, spool),
         };
         let bytes = spool.bytes();
-        let mut rows = spool.rewound().map_err(|e| spooled(&self.path, bytes, e))?;
+        let mut rows = spool
+            .into_rows()
+            .map_err(|e| spool_error(&self.path, bytes, e))?;
         let mut file = match format {
             MeshFormat::ThreeMf => AtomicFile::create_seekable(&self.path)?,
             _ => AtomicFile::create(&self.path)?,
@@ -154,8 +159,8 @@ impl MeshStream {
     }
 }
 
-/// An error met in the spools of a file.
-fn spooled(path: &Path, written: u64, error: io::Error) -> WriteError {
+/// An error in the spool files.
+fn spool_error(path: &Path, written: u64, error: io::Error) -> WriteError {
     WriteError::Io {
         path: path.to_owned(),
         written,
@@ -165,7 +170,7 @@ fn spooled(path: &Path, written: u64, error: io::Error) -> WriteError {
 }
 
 impl Spool {
-    fn beside(path: &Path, corners: usize, names: Vec<String>) -> Result<Self, WriteError> {
+    fn create(path: &Path, corners: usize, names: Vec<String>) -> Result<Self, WriteError> {
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
         let directory = parent.unwrap_or(Path::new("."));
         let file = || {
@@ -201,7 +206,7 @@ impl Spool {
             }
         }
         for face in 0..part.numbered.len() {
-            // The last one again where there are fewer.
+            // The last corner is repeated if there are fewer.
             let corners = part.numbered.corners(face);
             for n in 0..self.corners {
                 let corner = corners[n.min(corners.len() - 1)];
@@ -213,15 +218,15 @@ impl Spool {
         Ok(())
     }
 
-    fn rewound(self) -> io::Result<SpooledRows> {
-        let again = |file: BufWriter<File>| {
+    fn into_rows(self) -> io::Result<SpooledRows> {
+        let reopened = |file: BufWriter<File>| {
             let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
             file.seek(SeekFrom::Start(0))?;
             Ok::<_, io::Error>(BufReader::with_capacity(1 << 18, file))
         };
         Ok(SpooledRows {
-            vertices: again(self.vertices)?,
-            faces: again(self.faces)?,
+            vertices: reopened(self.vertices)?,
+            faces: reopened(self.faces)?,
             corners: self.corners,
             counts: self.counts,
             names: self.names,
@@ -230,7 +235,7 @@ impl Spool {
     }
 }
 
-/// Spools read once.
+/// The spool files, read back once.
 struct SpooledRows {
     vertices: BufReader<File>,
     faces: BufReader<File>,
@@ -240,8 +245,8 @@ struct SpooledRows {
     is_double: bool,
 }
 
-/// The next `N` pieces of `M` bytes each.
-fn pieces<const N: usize, const M: usize>(from: &mut impl Read) -> io::Result<[[u8; M]; N]> {
+/// Reads `N` items of `M` bytes each.
+fn read_array<const N: usize, const M: usize>(from: &mut impl Read) -> io::Result<[[u8; M]; N]> {
     let mut bytes = [[0; M]; N];
     from.read_exact(bytes.as_flattened_mut())?;
     Ok(bytes)
@@ -260,9 +265,9 @@ impl Rows for SpooledRows {
     fn each_vertex(&mut self, visit: &mut VisitVertex) -> io::Result<()> {
         let mut numbers = vec![0.0; self.names.len()];
         for _ in 0..self.counts[0] {
-            let [x, y, z] = pieces(&mut self.vertices)?.map(f64::from_le_bytes);
+            let [x, y, z] = read_array(&mut self.vertices)?.map(f64::from_le_bytes);
             for number in &mut numbers {
-                let [own] = pieces(&mut self.vertices)?.map(f32::from_le_bytes);
+                let [own] = read_array(&mut self.vertices)?.map(f32::from_le_bytes);
                 *number = own;
             }
             visit(Vec3::new(x, y, z), &numbers)?;
@@ -273,9 +278,9 @@ impl Rows for SpooledRows {
         let from = &mut self.faces;
         for _ in 0..self.counts[1] {
             if self.corners == 3 {
-                visit(&pieces::<3, 4>(from)?.map(u32::from_le_bytes))?;
+                visit(&read_array::<3, 4>(from)?.map(u32::from_le_bytes))?;
             } else {
-                let quad = pieces::<4, 4>(from)?.map(u32::from_le_bytes);
+                let quad = read_array::<4, 4>(from)?.map(u32::from_le_bytes);
                 visit(Faces::Quads(&[quad]).corners(0))?;
             }
         }

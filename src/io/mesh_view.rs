@@ -1,23 +1,23 @@
-//! What a mesh file is written from: vertices, triangles or quads, numbers at the vertices, all borrowed.
+//! Borrowed meshes for the writers: vertices, triangles or quads, vertex attributes.
 
 use crate::frame::Vec3;
 use crate::mesh::{QuadMesh, TriMesh};
 use std::io;
 
-/// Takes a vertex and its numbers.
+/// A visitor of a vertex and its attributes.
 pub(super) type VisitVertex<'a> = dyn FnMut(Vec3, &[f32]) -> io::Result<()> + 'a;
 
-/// What the writers of mesh files pass over once: vertices, then faces.
+/// The input of mesh writers, read once: vertices, then faces.
 pub(super) trait Rows {
-    /// Vertices and faces.
+    /// The numbers of vertices and faces.
     fn counts(&self) -> [u64; 2];
-    /// A name for each number at a vertex.
+    /// The names of the vertex attributes.
     fn names(&self) -> Vec<&str>;
-    /// Whether coordinates are written in double precision where the format can.
+    /// Whether coordinates are written in double precision where the format supports it.
     fn is_double(&self) -> bool;
-    /// Every vertex in order, scaled, with its numbers.
+    /// Visits every vertex in order, scaled, with its attributes.
     fn each_vertex(&mut self, visit: &mut VisitVertex) -> io::Result<()>;
-    /// The corners of every face in order, three or four.
+    /// Visits the three or four corners of every face in order.
     fn each_face(&mut self, visit: &mut dyn FnMut(&[u32]) -> io::Result<()>) -> io::Result<()>;
 }
 
@@ -69,7 +69,7 @@ impl<'a> From<&'a [[u32; 4]]> for Faces<'a> {
 }
 
 impl Faces<'_> {
-    /// How many there are.
+    /// The number of faces.
     pub fn len(&self) -> usize {
         match self {
             Self::Triangles(t) => t.len(),
@@ -77,12 +77,12 @@ impl Faces<'_> {
         }
     }
 
-    /// Whether there are none.
+    /// Whether there are no faces.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The corners of a face, three or four.
+    /// The three or four corners of a face.
     pub fn corners(&self, face: usize) -> &[u32] {
         match self {
             Self::Triangles(t) => &t[face],
@@ -92,37 +92,37 @@ impl Faces<'_> {
     }
 }
 
-/// Numbers that go with the vertices of a mesh: one or several for each.
+/// An attribute of the vertices of a mesh: one or several numbers per vertex.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VertexAttribute {
-    /// A name for each number of a vertex, as in `["uvw_x", "uvw_y", "uvw_z"]`.
+    /// The name of each number, as in `["uvw_x", "uvw_y", "uvw_z"]`.
     pub names: Vec<String>,
-    /// As many numbers for each vertex, vertex by vertex.
+    /// The numbers, vertex by vertex.
     pub values: Vec<f32>,
 }
 
-/// A mesh to be written: nothing is copied, lengths are scaled on the way.
+/// A borrowed mesh for writing; lengths are scaled during output.
 #[derive(Clone, Copy, Debug)]
 pub struct MeshView<'a> {
-    /// Places of the vertices.
+    /// The positions of the vertices.
     pub vertices: &'a [Vec3],
-    /// What they span.
+    /// The faces over them.
     pub faces: Faces<'a>,
-    /// Factor on every coordinate.
+    /// A factor on every coordinate.
     pub factor: f64,
-    /// Numbers at the vertices; only PLY holds them.
+    /// Vertex attributes; only PLY supports them.
     pub attributes: &'a [VertexAttribute],
-    /// Whether PLY and 3MF get coordinates in double precision.
+    /// Whether PLY and 3MF store coordinates in double precision.
     pub is_double: bool,
 }
 
 impl<'a> MeshView<'a> {
-    /// The vertices, scaled.
+    /// The scaled vertices.
     pub fn points(&self) -> impl Iterator<Item = Vec3> + '_ {
         self.vertices.iter().map(|v| v * self.factor)
     }
 
-    /// The corners of every triangle, scaled; none of a mesh of quads.
+    /// The scaled corners of every triangle; empty for a mesh of quads.
     pub fn triangle_corners(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
         let triangles = match self.faces {
             Faces::Triangles(t) => t,
@@ -132,7 +132,7 @@ impl<'a> MeshView<'a> {
         triangles.iter().map(move |t| t.map(corner))
     }
 
-    /// The same with its lengths multiplied.
+    /// The view with all lengths multiplied by a factor.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         Self {
@@ -141,13 +141,13 @@ impl<'a> MeshView<'a> {
         }
     }
 
-    /// The same with coordinates in double precision, in PLY and 3MF, or without.
+    /// Sets whether PLY and 3MF store coordinates in double precision.
     #[must_use]
     pub fn in_double(self, is_double: bool) -> Self {
         Self { is_double, ..self }
     }
 
-    /// The same with numbers at its vertices.
+    /// The view with vertex attributes.
     #[must_use]
     pub fn with_attributes(self, attributes: &'a [VertexAttribute]) -> Self {
         Self { attributes, ..self }

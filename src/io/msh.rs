@@ -1,9 +1,9 @@
 //! Gmsh meshes, `.msh` 1, 2, 4.0 and 4.1, text and binary.
 //!
-//! Solid elements are kept, their nodes put into VTK order, or where there are none the surface
-//! elements; points and lines are counted and passed over. Physical volumes and surfaces become
-//! groups, data at nodes and elements become fields. Other sections (periodic links, ghost elements,
-//! comments) say nothing about the shape and are passed over.
+//! Solid elements are read in VTK node order, or the surface elements of a file without solids; points and
+//! lines are counted and skipped. Physical volumes and surfaces become groups, data at nodes and elements
+//! become fields. Other sections (periodic links, ghost elements, comments) do not affect the shape and are
+//! ignored.
 
 mod data;
 mod v2;
@@ -17,8 +17,8 @@ use crate::scaffold::Kind;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Dimension, nodes and name of the Gmsh element types that we know of but for those of [`Kind`].
-const OTHERS: [(u32, u8, u8, &str); 17] = [
+/// Type, dimension, number of nodes and name of the Gmsh elements without a [`Kind`].
+const UNSUPPORTED_TYPES: [(u32, u8, u8, &str); 17] = [
     (1, 1, 2, "line"),
     (8, 1, 3, "line"),
     (15, 0, 1, "point"),
@@ -38,8 +38,8 @@ const OTHERS: [(u32, u8, u8, &str); 17] = [
     (93, 3, 125, "hexahedron of order 4"),
 ];
 
-/// The same of elements of higher order that only Gmsh makes.
-const HIGH_ORDER: [(u32, u8, u8, &str); 41] = [
+/// As [`UNSUPPORTED_TYPES`], for elements of higher order that only Gmsh writes.
+const UNSUPPORTED_HIGH_ORDER_TYPES: [(u32, u8, u8, &str); 41] = [
     (32, 3, 22, "tetrahedron of order 4"),
     (33, 3, 28, "tetrahedron of order 5"),
     (36, 2, 16, "quadrangle"),
@@ -83,28 +83,33 @@ const HIGH_ORDER: [(u32, u8, u8, &str); 41] = [
     (119, 3, 55, "pyramid of order 4"),
 ];
 
-/// What an element type means to us.
+/// The meaning of an element type.
 #[derive(Clone, Copy)]
 enum Type {
     Known(Kind),
-    /// A point, a line or a surface of higher order, of this many nodes.
-    Flat(usize),
+    /// A point, a line or a surface of higher order, with this number of nodes.
+    Skipped(usize),
 }
 
-/// Groups of surfaces are numbered from here, so that volumes may have the same numbers.
-const SURFACES: i64 = 1 << 32;
+/// The offset of the numbers of surface groups: surfaces and volumes may have the same numbers.
+const SURFACE_GROUP_OFFSET: i64 = 1 << 32;
 
-/// The number of a physical group among those of all dimensions.
+/// The unique number of a physical group of any dimension.
 fn group_of(dimension: u8, number: i64) -> i64 {
-    // A negative number says that the surface is turned.
-    number.unsigned_abs() as i64 % SURFACES + if dimension == 2 { SURFACES } else { 0 }
+    // A negative number marks a surface of reversed orientation.
+    number.unsigned_abs() as i64 % SURFACE_GROUP_OFFSET
+        + if dimension == 2 {
+            SURFACE_GROUP_OFFSET
+        } else {
+            0
+        }
 }
 
 fn dimension(kind: Kind) -> u8 {
     kind.shape().dimension() as u8
 }
 
-/// The versions that are read, by what their sections look like.
+/// The supported versions, grouped by the layout of their sections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Version {
     /// `$NOD` and `$ELM`, from before 2004.
@@ -120,7 +125,7 @@ enum Version {
 /// Reads a `.msh` file.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, of another version, or holds solids of other kinds.
+/// When the file cannot be read, is damaged, of an unsupported version, or contains unsupported kinds of solids.
 pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut file = File {
         tokens: Tokens::new(Source::open(path)?),
@@ -155,7 +160,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     file.finish()
 }
 
-/// A file being read.
+/// The state of reading a file.
 struct File<'a> {
     tokens: Tokens,
     collector: Collector<'a>,
@@ -163,16 +168,16 @@ struct File<'a> {
     names: BTreeMap<i64, String>,
     /// Physical groups of entities.
     entities: v4::Entities,
-    /// The numbers of the nodes in the file's order, for data that names them.
+    /// The numbers of the nodes in file order, for data at nodes.
     point_numbers: Vec<u64>,
     data: data::Sections,
-    /// How numbers stand in sections that may be binary.
+    /// The encoding of numbers in sections that may be binary.
     binary: Encoding,
     version: Version,
 }
 
 impl File<'_> {
-    /// The format section; gives the section after it where that had to be read to know.
+    /// Reads the format section. Returns the name of the next section if it was read already.
     fn header(&mut self) -> Result<Option<String>, ReadError> {
         let expected = "$MeshFormat, the first line of a Gmsh mesh";
         let mut first = self.tokens.needed_line(expected)?.to_owned();
@@ -230,7 +235,7 @@ impl File<'_> {
         Ok(None)
     }
 
-    /// One section, its end included.
+    /// Reads one section, its end included.
     fn section(&mut self, section: &str) -> Result<(), ReadError> {
         use Version::{Four0, Four1, One, Two};
         match (section, self.version) {
@@ -254,19 +259,19 @@ impl File<'_> {
         self.end(section)
     }
 
-    /// A node, its number kept for data that names it.
+    /// Adds a node and records its number for data at nodes.
     fn point(&mut self, number: u64, at: [f64; 3]) {
         self.point_numbers.push(number);
         self.collector.point(number, at);
     }
 
-    /// What all sections make.
+    /// Builds the result from all sections.
     fn finish(mut self) -> Result<ElementFile, ReadError> {
         self.data
             .at_points(&self.point_numbers, &mut self.collector);
         let names = self.names;
         let name = |group| {
-            let number = group % SURFACES;
+            let number = group % SURFACE_GROUP_OFFSET;
             let named = names.get(&group).cloned();
             named.or_else(|| Some(number.to_string()))
         };
@@ -275,12 +280,12 @@ impl File<'_> {
         Ok(read)
     }
 
-    /// An error about a line of text, whatever the file's encoding.
+    /// An error at a line of text, in any encoding.
     fn text_error(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         self.tokens.source.bad(found, expected)
     }
 
-    /// The line that ends a section.
+    /// Reads the line that ends a section.
     fn end(&mut self, section: &str) -> Result<(), ReadError> {
         let expected = end_of(section);
         let line = self.tokens.needed_line(&expected)?;
@@ -291,14 +296,14 @@ impl File<'_> {
         Err(self.text_error(found, expected))
     }
 
-    /// Passes over a section that we do not know.
+    /// Skips an unknown section.
     fn skip(&mut self, section: &str) -> Result<(), ReadError> {
         let end = end_of(section);
         if self.binary == Encoding::Text {
             while self.tokens.needed_line(&end)? != end {}
             return Ok(());
         }
-        // Binary numbers are no lines: look for the end byte by byte.
+        // Binary data have no lines: search for the end byte by byte.
         let mut matched = 0;
         while matched < end.len() {
             let [byte] = self.tokens.source.array(&end)?;
@@ -339,11 +344,12 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Numbers from here on are encoded as the file says; text again after [`Self::lines`].
+    /// Switches to the file's encoding of numbers, until [`Self::lines`].
     fn numbers(&mut self) {
         self.tokens.encoding = self.binary;
     }
 
+    /// Switches back to lines of text.
     fn lines(&mut self) {
         self.tokens.encoding = Encoding::Text;
     }
@@ -360,8 +366,12 @@ impl File<'_> {
             }
             _ => Place::Item("element", element),
         };
-        match OTHERS.iter().chain(&HIGH_ORDER).find(|r| r.0 == code) {
-            Some((_, 0..=2, nodes, _)) => Ok(Type::Flat(*nodes as usize)),
+        match UNSUPPORTED_TYPES
+            .iter()
+            .chain(&UNSUPPORTED_HIGH_ORDER_TYPES)
+            .find(|r| r.0 == code)
+        {
+            Some((_, 0..=2, nodes, _)) => Ok(Type::Skipped(*nodes as usize)),
             Some((.., name)) => Err(ReadError::data(
                 path,
                 place,
@@ -378,8 +388,8 @@ impl File<'_> {
         }
     }
 
-    /// Takes one element whose nodes stand in Gmsh's order.
-    fn take(&mut self, number: u64, kind: Kind, nodes: &[u64], groups: &[i64]) {
+    /// Adds an element with nodes in Gmsh order.
+    fn add_element(&mut self, number: u64, kind: Kind, nodes: &[u64], groups: &[i64]) {
         let mut ordered = [0; 27];
         for (to, &from) in ordered.iter_mut().zip(kind.gmsh_order()) {
             *to = nodes[from as usize];

@@ -1,4 +1,4 @@
-//! Material files: a colour for each group, and the colours of others' materials.
+//! Wavefront material files: reading of colours, writing of a colour for each group.
 
 use super::{ReadError, Source};
 use crate::polymesh::group_color;
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-/// The colours (`Kd`) of a material file, rounded to 255ths; other lines are passed over.
+/// The colours (`Kd`) of a material file, rounded to 255ths; other lines are ignored.
 pub(super) fn read(path: &Path) -> Result<BTreeMap<String, [u8; 3]>, ReadError> {
     let mut source = Source::open(path)?;
     let mut colors = BTreeMap::new();
@@ -32,7 +32,7 @@ pub(super) fn rounded(color: [f64; 3]) -> [u8; 3] {
     color.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8)
 }
 
-/// A material for each group; colours follow from the numbers alone, so that they stay.
+/// A material for each group; the group number determines the colour.
 pub(super) fn text(groups: impl Iterator<Item = u32>) -> String {
     let mut text = String::new();
     for group in groups {

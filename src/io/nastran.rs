@@ -1,10 +1,10 @@
 //! Nastran bulk data, `.bdf` and `.nas`: grid points, coordinate systems, elements.
 //!
-//! Cards in small, large and free field are read with their continuations and includes; what stands
-//! before `BEGIN BULK` is passed over. Solids and shells are elements, their property numbers groups.
-//! Bars, springs, masses and rigid links are counted and passed over; loads, materials and properties
-//! say nothing about the shape. A card that makes elements or points in another way is an error.
-//! A mid node that is left out lies in the middle of its edge, as Nastran has it.
+//! Cards in small, large and free field are read with their continuations and includes; content
+//! before `BEGIN BULK` is ignored. Solids and shells become elements, property numbers become groups.
+//! Bars, springs, masses and rigid links are counted and skipped; loads, materials and properties
+//! do not affect the shape. A card that makes elements or points in another way is an error.
+//! A missing mid node lies in the middle of its edge, as in Nastran.
 
 mod cards;
 mod elements;
@@ -19,24 +19,24 @@ use cards::{Card, Cards};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use systems::Systems;
-use table::{NO_ELEMENTS, REFUSED, SKIPPED};
+use table::{NON_ELEMENT_CARDS, REFUSED_CARDS, SKIPPED_CARDS};
 
-/// Includes within includes.
-const DEEPEST: usize = 8;
+/// Greatest depth of nested includes.
+const MAX_INCLUDE_DEPTH: usize = 8;
 
 /// Reads a deck.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, or holds elements or points of other kinds.
+/// When the file cannot be read, is damaged, or contains unsupported elements or points.
 pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut deck = Deck::new(path);
     deck.file(path, 0)?;
     deck.finish()
 }
 
-/// A grid point as its card gives it.
+/// The data of a GRID card.
 struct Grid {
-    /// Its coordinate system; `None` for that of GRDSET.
+    /// The coordinate system; `None` for that of GRDSET.
     system: Option<u64>,
     at: [f64; 3],
     line: u64,
@@ -45,22 +45,22 @@ struct Grid {
 struct Deck<'a> {
     path: &'a Path,
     collector: Collector<'a>,
-    /// Grid points in the file's order, and where each number stands among them.
+    /// Grid points in file order, and their indices by number.
     grids: Vec<(u64, Grid)>,
     places: HashMap<u64, u32>,
     systems: Systems,
     /// GRDSET's coordinate system.
     default_system: u64,
-    /// A digest of the elements by number.
+    /// A hash of each element by number, to recognise repeated cards.
     elements: HashMap<u64, u64>,
-    /// Edges whose mid nodes are left out, by their end nodes.
-    straight: HashMap<[u64; 2], u64>,
+    /// The numbers of added mid nodes by the end nodes of their edges.
+    missing_mid_nodes: HashMap<[u64; 2], u64>,
     repeated: usize,
     skipped: BTreeMap<String, usize>,
-    begun: bool,
-    ended: bool,
+    has_begun: bool,
+    has_ended: bool,
     /// The first error; dropped if the bulk data only begin after it.
-    fault: Option<ReadError>,
+    first_error: Option<ReadError>,
 }
 
 impl<'a> Deck<'a> {
@@ -73,25 +73,25 @@ impl<'a> Deck<'a> {
             systems: Systems::default(),
             default_system: 0,
             elements: HashMap::new(),
-            straight: HashMap::new(),
+            missing_mid_nodes: HashMap::new(),
             repeated: 0,
             skipped: BTreeMap::new(),
-            begun: false,
-            ended: false,
-            fault: None,
+            has_begun: false,
+            has_ended: false,
+            first_error: None,
         }
     }
 
     fn file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
         let mut cards = Cards::open(path)?;
         let mut card = Card::default();
-        while !self.ended && cards.next(&mut card)? {
+        while !self.has_ended && cards.next(&mut card)? {
             if card.name == "BEGIN" {
                 self.begin(&card)?;
                 continue;
             }
-            // Executive and case control may look like anything.
-            if self.fault.is_some() {
+            // Executive and case control precede BEGIN BULK and may contain anything.
+            if self.first_error.is_some() {
                 continue;
             }
             let read = match card.name.as_str() {
@@ -99,22 +99,22 @@ impl<'a> Deck<'a> {
                 _ => self.card(&card),
             };
             match read {
-                Err(fault) if !self.begun => self.fault = Some(fault),
+                Err(first_error) if !self.has_begun => self.first_error = Some(first_error),
                 other => other?,
             }
         }
         Ok(())
     }
 
-    /// `BEGIN BULK`: forgets what came before it.
+    /// `BEGIN BULK`: discards all content before it.
     fn begin(&mut self, card: &Card) -> Result<(), ReadError> {
-        if self.begun || !matches!(card.field(0), "" | "BULK") {
+        if self.has_begun || !matches!(card.field(0), "" | "BULK") {
             let found = format!("BEGIN {}", quote(card.field(0)));
             let e = card.bad(found, "one BEGIN BULK");
             return Err(e.with_hint("superelements and models beside it cannot be read"));
         }
         *self = Self {
-            begun: true,
+            has_begun: true,
             ..Self::new(self.path)
         };
         Ok(())
@@ -124,8 +124,8 @@ impl<'a> Deck<'a> {
         if card.field(0).is_empty() {
             return Err(card.bad("INCLUDE without a file", "INCLUDE 'FILE'"));
         }
-        if depth == DEEPEST {
-            let found = format!("an INCLUDE {DEEPEST} files deep");
+        if depth == MAX_INCLUDE_DEPTH {
+            let found = format!("an INCLUDE {MAX_INCLUDE_DEPTH} files deep");
             return Err(card.bad(found, "fewer includes within includes"));
         }
         let directory = path.parent().unwrap_or(Path::new(""));
@@ -135,7 +135,7 @@ impl<'a> Deck<'a> {
     fn card(&mut self, card: &Card) -> Result<(), ReadError> {
         let name = card.name.as_str();
         match name {
-            "ENDDATA" => self.ended = true,
+            "ENDDATA" => self.has_ended = true,
             "GRID" => self.grid(card)?,
             "GRDSET" => {
                 card.check()?;
@@ -143,11 +143,11 @@ impl<'a> Deck<'a> {
             }
             _ if name.starts_with("CORD") => self.systems.add(card)?,
             _ if elements::is_element(name) => self.element(card)?,
-            _ if SKIPPED.contains(&name) => {
+            _ if SKIPPED_CARDS.contains(&name) => {
                 *self.skipped.entry(name.to_owned()).or_default() += 1;
                 self.collector.skipped += 1;
             }
-            _ if REFUSED.contains(&name) || name.starts_with('=') || is_unknown(name) => {
+            _ if REFUSED_CARDS.contains(&name) || name.starts_with('=') || is_unknown(name) => {
                 let e = card.bad(format!("the card {}", quote(name)), "cards that are known");
                 return Err(e.with_hint(
                     "it may make points or elements; GRID, CTETRA, CHEXA, CPENTA, CPYRAM, CTRIA3, \
@@ -186,7 +186,7 @@ impl<'a> Deck<'a> {
     }
 
     /// The coordinates of a grid point in the basic system.
-    fn basic(&self, grid: &Grid, number: u64) -> Result<Vec3, ReadError> {
+    fn to_basic(&self, grid: &Grid, number: u64) -> Result<Vec3, ReadError> {
         let system = grid.system.unwrap_or(self.default_system);
         self.systems.to_basic(system, grid.at).ok_or_else(|| {
             let place = Place::ItemOnLine("node", number, grid.line);
@@ -196,8 +196,8 @@ impl<'a> Deck<'a> {
     }
 
     fn finish(mut self) -> Result<ElementFile, ReadError> {
-        if let Some(fault) = self.fault.take() {
-            return Err(fault);
+        if let Some(first_error) = self.first_error.take() {
+            return Err(first_error);
         }
         let mut systems = std::mem::take(&mut self.systems);
         systems.resolve(self.path, self.default_system, |number| {
@@ -207,15 +207,14 @@ impl<'a> Deck<'a> {
         })?;
         self.systems = systems;
         for (number, grid) in &self.grids {
-            let at = self.basic(grid, *number)?;
+            let at = self.to_basic(grid, *number)?;
             self.collector.point(*number, at.into());
         }
-        self.straighten()?;
+        self.add_mid_nodes()?;
         if self.repeated > 0 {
-            self.collector.notes.push(format!(
-                "{} cards are in the deck twice and taken once",
-                self.repeated
-            ));
+            self.collector
+                .notes
+                .push(format!("{} repeated cards are used once", self.repeated));
         }
         if !self.skipped.is_empty() {
             let list: Vec<String> = self
@@ -231,10 +230,10 @@ impl<'a> Deck<'a> {
     }
 }
 
-/// Whether a card may make elements though it is in none of the tables.
+/// Whether a card is in none of the tables and may make elements.
 fn is_unknown(name: &str) -> bool {
     name.starts_with('C')
-        && !NO_ELEMENTS
+        && !NON_ELEMENT_CARDS
             .iter()
             .any(|known| match known.strip_suffix('*') {
                 Some(start) => name.starts_with(start),

@@ -1,30 +1,30 @@
-//! `.npy`: one array of numbers, `NumPy`'s format 1 to 3.
+//! `.npy` files: one array of numbers in `NumPy`'s format, versions 1 to 3.
 
 use super::{Place, ReadError, Source, quote};
 use std::path::Path;
 
-/// An array of numbers, its last axis fastest whatever the order in the file.
+/// An array of numbers in C order (last axis fastest), independent of the order in the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NpyArray {
     /// Lengths along the axes.
     pub shape: Vec<usize>,
     /// The numbers.
     pub values: Vec<f64>,
-    /// Whether they were of a type that only tells yes from no: bool or u1.
+    /// Whether the file has a type for masks: bool or u1.
     pub binary: bool,
 }
 
-/// Most axes of an array.
-const AXES: usize = 8;
-/// Longest header in bytes.
-const HEADER: usize = 1 << 16;
-/// Most numbers of an array.
-const NUMBERS: u64 = 1 << 30;
+/// Greatest number of axes.
+const MAX_AXES: usize = 8;
+/// Greatest size of the header.
+const MAX_HEADER_BYTES: usize = 1 << 16;
+/// Greatest number of elements of an array.
+const MAX_NUMBERS: u64 = 1 << 30;
 
 /// Reads an array of little-endian f4 or f8, bool or u1, in C or Fortran order.
 ///
 /// # Errors
-/// [`ReadError`] for a missing or truncated file, or one that is no such array.
+/// [`ReadError`] for a missing or truncated file, or an unsupported array.
 pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
     let mut source = Source::open(path)?;
     let magic: [u8; 8] = source.array("the first bytes of a .npy file")?;
@@ -44,7 +44,7 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
             source.array("the length of the header")?,
         ))
     };
-    if length > HEADER || length as u64 > source.remaining() {
+    if length > MAX_HEADER_BYTES || length as u64 > source.remaining() {
         let found = format!("a header of {length} bytes");
         return Err(source.bad_byte(found, "a header within the file, of at most 65536 bytes"));
     }
@@ -68,9 +68,9 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
     let shape: Option<Vec<usize>> = words.iter().map(|w| w.parse().ok()).collect();
     let total = shape
         .as_ref()
-        .filter(|s| (1..=AXES).contains(&s.len()))
+        .filter(|s| (1..=MAX_AXES).contains(&s.len()))
         .and_then(|s| s.iter().try_fold(1u64, |t, n| t.checked_mul(*n as u64)));
-    let (Some(shape), Some(total)) = (shape, total.filter(|t| *t <= NUMBERS)) else {
+    let (Some(shape), Some(total)) = (shape, total.filter(|t| *t <= MAX_NUMBERS)) else {
         let found = format!("shape ({})", quote(text));
         return Err(source.bad_byte(found, "one to 8 lengths, at most 2^30 numbers in all"));
     };
@@ -87,7 +87,11 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
         return Err(source.bad_byte(found, "the end of the file"));
     }
     let fortran = after("'fortran_order':").starts_with("True");
-    let values = if fortran { turned(&read, &shape) } else { read };
+    let values = if fortran {
+        to_c_order(&read, &shape)
+    } else {
+        read
+    };
     Ok(NpyArray {
         shape,
         values,
@@ -104,20 +108,20 @@ fn number(bytes: &[u8]) -> f64 {
     }
 }
 
-/// From the first axis fastest to the last axis fastest.
-fn turned(values: &[f64], shape: &[usize]) -> Vec<f64> {
+/// Converts from Fortran order to C order.
+fn to_c_order(values: &[f64], shape: &[usize]) -> Vec<f64> {
     let mut index = vec![0; shape.len()];
     let strides: Vec<usize> = shape
         .iter()
         .scan(1, |stride, n| {
-            let own = *stride;
+            let current = *stride;
             *stride *= n;
-            Some(own)
+            Some(current)
         })
         .collect();
     (0..values.len())
         .map(|_| {
-            let place: usize = index.iter().zip(&strides).map(|(i, s)| i * s).sum();
+            let source: usize = index.iter().zip(&strides).map(|(i, s)| i * s).sum();
             for axis in (0..shape.len()).rev() {
                 index[axis] += 1;
                 if index[axis] < shape[axis] {
@@ -125,7 +129,7 @@ fn turned(values: &[f64], shape: &[usize]) -> Vec<f64> {
                 }
                 index[axis] = 0;
             }
-            values[place]
+            values[source]
         })
         .collect()
 }

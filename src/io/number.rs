@@ -1,12 +1,12 @@
-//! Numbers as programs write them into text: with Fortran's exponents too, never with a decimal comma.
+//! Numbers in text, also with Fortran exponents; decimal commas are refused with a hint.
 
 use super::{ReadError, Source, quote};
 
-/// What to do about decimal commas.
-pub(super) const COMMA: &str =
+/// The hint for decimal commas.
+pub(super) const COMMA_HINT: &str =
     "decimals begin with a point, not with a comma: write the file again so";
 
-/// A number; `None` if the word is none. What it says need not be finite.
+/// A number, possibly not finite; `None` if the word is no number.
 pub(super) fn real(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
     text.parse().ok().or_else(|| fortran(text))
@@ -24,19 +24,19 @@ pub(super) fn finite(word: &[u8]) -> Option<f64> {
     real(word).filter(|x| x.is_finite())
 }
 
-/// The words of a line: what white space separates.
+/// The words of a line, separated by white space.
 pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
     line.split(u8::is_ascii_whitespace)
         .filter(|w| !w.is_empty())
 }
 
-/// An error about the line read last, with advice where decimal commas are its fault.
-pub(super) fn fault(source: &Source, expected: &str) -> ReadError {
+/// An error at the current line, with a hint if it has decimal commas.
+pub(super) fn line_error(source: &Source, expected: &str) -> ReadError {
     let line = String::from_utf8_lossy(source.current());
     let error = source.bad(quote(&line), expected);
     let comma = |w: &[u8]| w[0].is_ascii_digit() && w[1] == b',' && w[2].is_ascii_digit();
     if line.as_bytes().windows(3).any(comma) {
-        error.with_hint(COMMA)
+        error.with_hint(COMMA_HINT)
     } else {
         error
     }
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exponents_of_every_language_are_read() {
+    fn numbers_with_fortran_exponents_are_read() {
         for (word, value) in [
             ("1.D0", 1.0),
             ("-2.5d-3", -2.5e-3),

@@ -1,7 +1,7 @@
-//! Wavefront OBJ: text; vertices, polygons and what names them.
+//! Wavefront OBJ: text with vertices, polygons and their names.
 //!
-//! Free-form curves and surfaces are passed over and counted, as are points and lines; statements that bring
-//! in other files (`call`, `csh`) are refused, and so are those that nobody has defined.
+//! Free-form curves and surfaces, points and lines are counted and ignored. Statements that execute other files
+//! (`call`, `csh`) and undefined statements are refused.
 
 use super::mesh_view::Rows;
 use super::mtl;
@@ -13,8 +13,8 @@ use crate::frame::{LengthUnit, Vec3};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-/// Statements that say nothing about the shape of the surface.
-const PASSED: &[&[u8]] = &[
+/// Statements without effect on the shape of the surface.
+const IGNORED_STATEMENTS: &[&[u8]] = &[
     b"vt",
     b"vn",
     b"s",
@@ -32,32 +32,32 @@ const PASSED: &[&[u8]] = &[
     b"vc",
 ];
 
-/// Statements of curves and surfaces in free form.
-const FREE: &[&[u8]] = &[
+/// Statements of free-form curves and surfaces.
+const FREE_FORM_STATEMENTS: &[&[u8]] = &[
     b"vp", b"cstype", b"deg", b"bmat", b"step", b"curv", b"curv2", b"surf", b"parm", b"trim",
     b"hole", b"scrv", b"sp", b"end", b"con", b"bzp", b"bsp", b"cdc", b"cdp", b"res",
 ];
 
-/// Names that a face has when it is read.
+/// The current names of a face.
 #[derive(Clone, Default, PartialEq)]
 pub(super) struct Names {
     pub material: String,
-    /// By lines of `c r g b`, as a word.
+    /// The colour of the last line `c r g b`, as a word.
     pub color: String,
     pub object: String,
 }
 
-/// What an OBJ file says beside its polygons.
+/// Names and colours in an OBJ file.
 #[derive(Default)]
-pub(super) struct Marks {
-    /// The names of all faces from this one on, until the next.
+pub(super) struct Annotations {
+    /// The names of all faces from this index on, up to the next entry.
     pub names: Vec<(u32, Names)>,
-    /// Colours of vertices; empty where none has one.
-    pub tints: Vec<Option<[u8; 3]>>,
+    /// The colours of vertices; empty if no vertex has a colour.
+    pub vertex_colors: Vec<Option<[u8; 3]>>,
     pub libraries: Vec<String>,
 }
 
-impl Marks {
+impl Annotations {
     /// The names of each of `count` faces.
     pub fn of_faces(&self, count: usize) -> impl Iterator<Item = &Names> {
         let ends = self.names.iter().skip(1).map(|n| n.0 as usize);
@@ -66,11 +66,11 @@ impl Marks {
     }
 }
 
-/// Reads the polygons; `g` and `o` become groups of them.
+/// Reads the polygons; `g` and `o` become groups.
 pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
-    let (mut soup, marks) = read_marked(source)?;
+    let (mut soup, annotations) = read_annotated(source)?;
     let mut places: BTreeMap<&str, usize> = BTreeMap::new();
-    for (face, names) in marks.of_faces(soup.faces.len()).enumerate() {
+    for (face, names) in annotations.of_faces(soup.faces.len()).enumerate() {
         if names.object.is_empty() {
             continue;
         }
@@ -83,13 +83,13 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
     Ok(soup)
 }
 
-/// Reads the polygons and what the file says beside them.
-pub(super) fn read_marked(mut source: Source) -> Result<(Soup, Marks), ReadError> {
+/// Reads the polygons with names and colours.
+pub(super) fn read_annotated(mut source: Source) -> Result<(Soup, Annotations), ReadError> {
     let mut soup = Soup::default();
-    let mut marks = Marks::default();
-    let mut now = Names::default();
-    let mut changed = true;
-    let (mut free, mut kinds) = (0u64, Vec::<String>::new());
+    let mut annotations = Annotations::default();
+    let mut current = Names::default();
+    let mut has_changed = true;
+    let (mut free_form_count, mut free_form_names) = (0u64, Vec::<String>::new());
     while source.advance_joined()? {
         let statement = source.current();
         let mut rest = words(statement);
@@ -97,40 +97,42 @@ pub(super) fn read_marked(mut source: Source) -> Result<(Soup, Marks), ReadError
             continue;
         };
         match word {
-            b"v" | b"V" => vertex(&source, rest, &mut soup, &mut marks)?,
+            b"v" | b"V" => vertex(&source, rest, &mut soup, &mut annotations)?,
             b"f" | b"fo" | b"F" => {
-                if std::mem::take(&mut changed) {
-                    marks.names.push((soup.faces.len() as u32, now.clone()));
+                if std::mem::take(&mut has_changed) {
+                    annotations
+                        .names
+                        .push((soup.faces.len() as u32, current.clone()));
                 }
                 face(&source, rest, &mut soup)?;
             }
-            b"usemtl" => changed |= named(&mut now.material, rest),
-            b"g" | b"o" => changed |= named(&mut now.object, rest),
+            b"usemtl" => has_changed |= set_name(&mut current.material, rest),
+            b"g" | b"o" => has_changed |= set_name(&mut current.object, rest),
             b"mtllib" => {
                 let mut name = String::new();
-                named(&mut name, rest);
-                marks.libraries.push(name);
+                set_name(&mut name, rest);
+                annotations.libraries.push(name);
             }
             b"c" => {
                 let Some(color) = color(&statement[statement.len() - rest_length(statement)..])
                 else {
                     let expected = "\"c\" and three numbers from 0 to 1";
-                    return Err(number::fault(&source, expected));
+                    return Err(number::line_error(&source, expected));
                 };
-                changed |= color != now.color;
-                now.color = color;
+                has_changed |= color != current.color;
+                current.color = color;
             }
             b"l" | b"p" => soup.skipped += 1,
             [b'#', ..] | [b'/', b'/', ..] => {
                 let stated = rest.find_map(|w| std::str::from_utf8(w).ok()?.strip_prefix("unit="));
                 soup.unit = soup.unit.or(stated.and_then(|u| u.parse().ok()));
             }
-            w if PASSED.contains(&w) => {}
-            w if FREE.contains(&w) => {
-                free += 1;
+            w if IGNORED_STATEMENTS.contains(&w) => {}
+            w if FREE_FORM_STATEMENTS.contains(&w) => {
+                free_form_count += 1;
                 let name = String::from_utf8_lossy(w).into_owned();
-                if !kinds.contains(&name) {
-                    kinds.push(name);
+                if !free_form_names.contains(&name) {
+                    free_form_names.push(name);
                 }
             }
             b"call" | b"csh" => {
@@ -142,38 +144,38 @@ pub(super) fn read_marked(mut source: Source) -> Result<(Soup, Marks), ReadError
             }
             _ => {
                 let expected = "an OBJ statement such as v, vn, f, g, o or #";
-                return Err(number::fault(&source, expected));
+                return Err(number::line_error(&source, expected));
             }
         }
     }
-    if free > 0 {
-        let kinds = kinds.join(", ");
+    if free_form_count > 0 {
+        let free_form_names = free_form_names.join(", ");
         soup.warnings.push(format!(
-            "{free} statements of free-form curves and surfaces ({kinds}); passed over"
+            "{free_form_count} statements of free-form curves and surfaces ({free_form_names}); ignored"
         ));
     }
     soup.check(source.path())?;
-    Ok((soup, marks))
+    Ok((soup, annotations))
 }
 
-/// What follows the first word of a statement, in bytes.
+/// The number of bytes after the first word of a statement.
 fn rest_length(statement: &[u8]) -> usize {
     let text = statement.trim_ascii_start();
     text.len() - text.iter().take_while(|b| !b.is_ascii_whitespace()).count()
 }
 
-/// Puts words together as a name; whether it is another than before.
-fn named<'a>(name: &mut String, words: impl Iterator<Item = &'a [u8]>) -> bool {
+/// Sets a name from words; returns whether it has changed.
+fn set_name<'a>(name: &mut String, words: impl Iterator<Item = &'a [u8]>) -> bool {
     let words: Vec<String> = words
         .map(|w| String::from_utf8_lossy(w).into_owned())
         .collect();
-    let new = words.join(" ");
-    let other = *name != new;
-    *name = new;
-    other
+    let joined = words.join(" ");
+    let is_changed = *name != joined;
+    *name = joined;
+    is_changed
 }
 
-/// The colour that three numbers are, whatever stands between them.
+/// The colour of three numbers with any separators.
 fn color(text: &[u8]) -> Option<String> {
     let number = |b: &u8| b.is_ascii_digit() || b"+-.eE".contains(b);
     let parts: Option<Vec<f64>> = text
@@ -189,7 +191,7 @@ fn vertex<'a>(
     source: &Source,
     words: impl Iterator<Item = &'a [u8]>,
     soup: &mut Soup,
-    marks: &mut Marks,
+    annotations: &mut Annotations,
 ) -> Result<(), ReadError> {
     let mut numbers = [0.0; 7];
     let mut count = 0;
@@ -203,15 +205,17 @@ fn vertex<'a>(
         count += 1;
     }
     if count < 3 {
-        return Err(number::fault(source, "\"v\" and three finite numbers"));
+        return Err(number::line_error(source, "\"v\" and three finite numbers"));
     }
     soup.vertices
         .push(Vec3::new(numbers[0], numbers[1], numbers[2]));
-    // Three numbers more are a colour, a single one is a weight, which only free forms have.
+    // Three further numbers are a colour; a single one is a weight, which only free forms use.
     if count >= 6 {
-        marks.tints.resize(soup.vertices.len() - 1, None);
+        annotations
+            .vertex_colors
+            .resize(soup.vertices.len() - 1, None);
         let tint = mtl::rounded([numbers[3], numbers[4], numbers[5]]);
-        marks.tints.push(Some(tint));
+        annotations.vertex_colors.push(Some(tint));
     }
     Ok(())
 }
@@ -222,16 +226,16 @@ fn face<'a>(
     soup: &mut Soup,
 ) -> Result<(), ReadError> {
     let count = soup.vertices.len() as i64;
-    let mut wrong = None;
+    let mut invalid = None;
     let corners = words.take_while(|w| w[0] != b'#').map_while(|word| {
         let number = word.split(|&b| b == b'/').next().unwrap_or_default();
-        let index = match whole(number) {
+        let index = match integer(number) {
             Some(n) if n > 0 => n - 1,
             Some(n) if n < 0 => count + n,
             _ => -1,
         };
         if !(0..i64::from(u32::MAX)).contains(&index) {
-            wrong = Some(word);
+            invalid = Some(word);
             return None;
         }
         Some(index as u32)
@@ -239,7 +243,7 @@ fn face<'a>(
     soup.faces.push(corners);
     soup.lines
         .push(u32::try_from(source.line_number()).unwrap_or(u32::MAX));
-    match wrong {
+    match invalid {
         None => Ok(()),
         Some(word) => Err(source.bad(
             quote(&String::from_utf8_lossy(word)),
@@ -248,8 +252,8 @@ fn face<'a>(
     }
 }
 
-/// A whole number of text.
-fn whole(word: &[u8]) -> Option<i64> {
+/// An integer.
+fn integer(word: &[u8]) -> Option<i64> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 

@@ -1,10 +1,10 @@
-//! Wavefront OBJ with its polygons and groups.
+//! Wavefront OBJ with groups of polygons.
 //!
-//! Groups come from `usemtl` (`groupN` is N, other names count up), else from the older `c r g b` lines that
-//! colour the faces after them, else, on request, from `g` and `o`, else from colours of vertices where all
-//! corners of a face agree. Written are `usemtl groupN` and numbers that read back exactly.
+//! Groups come from `usemtl` (`groupN` is N, other names are numbered), or from the older `c r g b` lines that
+//! colour the following faces, or (on request) from `g` and `o`, or from colours of vertices if all corners
+//! of a face agree. The writer uses `usemtl groupN` and numbers that read back exactly.
 
-use super::obj::{Marks, Names};
+use super::obj::{Annotations, Names};
 use super::polygons::Soup;
 use super::polymesh::{Draft, by_color, color_word};
 use super::{ReadError, Source, mtl, obj};
@@ -14,13 +14,13 @@ use std::fmt::Write;
 use std::path::Path;
 
 pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadError> {
-    let (soup, marks) = obj::read_marked(Source::open(path)?)?;
+    let (soup, annotations) = obj::read_annotated(Source::open(path)?)?;
     if soup.faces.is_empty() {
         let place = super::Place::File;
         return Err(ReadError::data(path, place, "no faces", "faces (f)"));
     }
     let mut draft = draft_of(soup);
-    groups(&mut draft, &marks, path, options);
+    groups(&mut draft, &annotations, path, options);
     Ok(draft)
 }
 
@@ -39,9 +39,9 @@ fn draft_of(soup: Soup) -> Draft {
     }
 }
 
-fn groups(draft: &mut Draft, marks: &Marks, path: &Path, options: &LoadOptions) {
+fn groups(draft: &mut Draft, annotations: &Annotations, path: &Path, options: &LoadOptions) {
     let group_by = options.group_by;
-    let names: Vec<&Names> = marks.of_faces(draft.faces.len()).collect();
+    let names: Vec<&Names> = annotations.of_faces(draft.faces.len()).collect();
     let any = |part: fn(&Names) -> &String| names.iter().any(|n| !part(n).is_empty());
     let list = |part: fn(&Names) -> &String| names.iter().map(|n| part(n).clone()).collect();
     let mut words: Vec<String> = if group_by == GroupBy::Object && any(|n| &n.object) {
@@ -50,11 +50,11 @@ fn groups(draft: &mut Draft, marks: &Marks, path: &Path, options: &LoadOptions) 
         list(|n| &n.material)
     } else if any(|n| &n.color) {
         list(|n| &n.color)
-    } else if marks.tints.is_empty() {
+    } else if annotations.vertex_colors.is_empty() {
         vec![String::new(); names.len()]
     } else {
         let mut mixed = 0;
-        let tint_of = |v: u32| marks.tints.get(v as usize).copied().flatten();
+        let tint_of = |v: u32| annotations.vertex_colors.get(v as usize).copied().flatten();
         let tint = |face: &[u32]| {
             let first = tint_of(face.first().copied()?);
             face.iter().all(|&v| tint_of(v) == first).then_some(first)
@@ -78,9 +78,9 @@ fn groups(draft: &mut Draft, marks: &Marks, path: &Path, options: &LoadOptions) 
     };
     let mut colors = BTreeMap::new();
     if group_by == GroupBy::Color {
-        for library in &marks.libraries {
-            let beside = path.with_file_name(library);
-            match mtl::read(&beside) {
+        for library in &annotations.libraries {
+            let library_path = path.with_file_name(library);
+            match mtl::read(&library_path) {
                 Ok(found) => colors.extend(found),
                 Err(e) => draft
                     .warnings
@@ -92,13 +92,16 @@ fn groups(draft: &mut Draft, marks: &Marks, path: &Path, options: &LoadOptions) 
     draft.number(&words);
 }
 
-/// A mesh as text, with its material file's name.
+/// A mesh as OBJ text with the name of its material file.
 pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
-    let begins = format!("mtllib {library}\n");
-    lines(mesh, begins, |group| format!("usemtl group{group}"))
+    let text_head = format!("mtllib {library}\n");
+    lines(mesh, text_head, |group| format!("usemtl group{group}"))
 }
 
-/// A mesh as text with `c` lines in the place of materials; says which groups would have one colour.
+/// A mesh as OBJ text with `c` lines instead of materials.
+///
+/// # Errors
+/// A message, when two groups have the same colour.
 pub(super) fn legacy_text(mesh: &PolyMesh) -> Result<String, String> {
     let mut known = BTreeMap::new();
     for group in mesh.group_counts().into_keys() {
@@ -115,16 +118,16 @@ pub(super) fn legacy_text(mesh: &PolyMesh) -> Result<String, String> {
     }))
 }
 
-/// Vertices, and faces with a line before them wherever the group changes.
-fn lines(mesh: &PolyMesh, begins: String, change: impl Fn(u32) -> String) -> String {
-    let mut text = begins;
+/// The lines of vertices and faces; `change` gives the line at a change of group.
+fn lines(mesh: &PolyMesh, text_head: String, change: impl Fn(u32) -> String) -> String {
+    let mut text = text_head;
     for v in mesh.vertices() {
         let _ = writeln!(text, "v {:?} {:?} {:?}", v.x, v.y, v.z);
     }
     let mut group = 0;
-    for (face, &own) in mesh.faces().iter().zip(mesh.groups()) {
-        if own != group {
-            group = own;
+    for (face, &face_group) in mesh.faces().iter().zip(mesh.groups()) {
+        if face_group != group {
+            group = face_group;
             let _ = writeln!(text, "{}", change(group));
         }
         text.push('f');

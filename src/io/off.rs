@@ -1,15 +1,15 @@
 //! OFF, Geomview's object file format: text, with or without normals, colours and texture coordinates.
 //!
-//! A vertex and a face are a line each; where a line has too few numbers they go on in the next. What follows
-//! the coordinates of a vertex and the corners of a face on their line is colours, normals and the like, and is
-//! passed over, unless the lines are too few for all of them. `OFF BINARY` and vertices of four or more coordinates are refused by name.
+//! Each vertex and each face takes a line, or several if a line has too few numbers. Further numbers on its line
+//! are colours, normals or texture coordinates and are ignored, unless the file has fewer lines than items:
+//! then they belong to the next item. `OFF BINARY` and vertices of four or more coordinates are refused.
 
 use super::number::{self, words};
 use super::polygons::Soup;
 use super::{ReadError, Source, quote};
 use crate::frame::Vec3;
 
-/// Lines without comments and blank ones, and what of the last one is not yet read.
+/// Lines without comments and blank lines, with the unread numbers of the current line.
 struct Lines {
     source: Source,
     numbers: Vec<f64>,
@@ -17,7 +17,7 @@ struct Lines {
 }
 
 impl Lines {
-    /// The next line that has words; `false` at the end.
+    /// Advances to the next line with words; `false` at the end.
     fn next(&mut self) -> Result<bool, ReadError> {
         while self.source.advance()? {
             if words(self.text()).next().is_some() {
@@ -32,14 +32,14 @@ impl Lines {
         line.split(|&b| b == b'#').next().unwrap_or_default()
     }
 
-    /// The numbers of this line, from word `skip` on, are next.
+    /// Makes the numbers of the current line, from word `skip` on, the next ones to read.
     fn take_line(&mut self, skip: usize) -> Result<(), ReadError> {
         let mut numbers = std::mem::take(&mut self.numbers);
         numbers.clear();
         self.at = 0;
         for word in words(self.text()).skip(skip) {
             let Some(x) = number::real(word) else {
-                return Err(number::fault(&self.source, "numbers"));
+                return Err(number::line_error(&self.source, "numbers"));
             };
             numbers.push(x);
         }
@@ -60,23 +60,23 @@ impl Lines {
         Ok(self.numbers[self.at - 1])
     }
 
-    fn count(&mut self, what: &str, most: f64) -> Result<u64, ReadError> {
+    fn count(&mut self, what: &str, max: f64) -> Result<u64, ReadError> {
         let x = self.number(|| what.to_owned())?;
-        if x >= 0.0 && x.fract() == 0.0 && x <= most {
+        if x >= 0.0 && x.fract() == 0.0 && x <= max {
             return Ok(x as u64);
         }
         Err(self.source.bad(format!("{x}"), what))
     }
 
-    /// A vertex or a face is complete: what is left of its line is the next if lines are too few for all that
-    /// are to come, else colours and the like.
-    fn end(&mut self, dense: &mut Option<bool>, to_come: u64) -> Result<(), ReadError> {
+    /// Ends a vertex or a face. The rest of its line is the next item if the file has fewer lines than
+    /// remaining items, otherwise it is ignored.
+    fn end(&mut self, dense: &mut Option<bool>, remaining: u64) -> Result<(), ReadError> {
         if self.at == self.numbers.len() {
             return Ok(());
         }
         let is_dense = match *dense {
             Some(is_dense) => is_dense,
-            None => self.source.lines_left()? < to_come,
+            None => self.source.lines_left()? < remaining,
         };
         *dense = Some(is_dense);
         if !is_dense {
@@ -86,7 +86,8 @@ impl Lines {
     }
 }
 
-/// Whether a word is OFF with letters for what its vertices have; says what is refused.
+/// Recognises the keyword OFF with prefixes for vertex data; returns an error for unsupported vertices, `None`
+/// for another word.
 fn keyword(word: &[u8]) -> Option<Result<(), &'static str>> {
     let word = word.to_ascii_uppercase();
     let mut rest = word.strip_suffix(b"OFF")?;
@@ -128,7 +129,7 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
             lines.take_line(1)?;
             None
         }
-        // The word may be left out.
+        // The keyword may be missing.
         None if first.iter().all(|w| w.iter().all(u8::is_ascii_digit)) => {
             lines.take_line(0)?;
             None
@@ -144,11 +145,11 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
             .bad(what, "text with three coordinates a vertex");
         return Err(error.with_hint("write it as plain OFF, or as PLY"));
     }
-    let most = f64::from(u32::MAX);
+    let max = f64::from(u32::MAX);
     let what = "the numbers of vertices, faces and edges";
-    let vertices = lines.count(what, most)?;
+    let vertices = lines.count(what, max)?;
     let apart = lines.at == lines.numbers.len();
-    let faces = lines.count(what, most)?;
+    let faces = lines.count(what, max)?;
     // Some writers leave out the number of edges, which is not needed.
     if apart || lines.at < lines.numbers.len() {
         lines.count(what, f64::INFINITY)?;
@@ -159,11 +160,11 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
 fn content(mut lines: Lines, vertices: u64, faces: u64) -> Result<Soup, ReadError> {
     let mut soup = Soup::default();
     // Three digits with a separator each; a face needs at least two.
-    let room = (lines.numbers.len() - lines.at) as u64;
+    let pending_numbers = (lines.numbers.len() - lines.at) as u64;
     lines
         .source
-        .count(vertices.saturating_sub(room), 5, "vertices")?;
-    // Where lines are too few, what follows on a line is the next vertex or face.
+        .count(vertices.saturating_sub(pending_numbers), 5, "vertices")?;
+    // Several items per line, if numbers follow the counts on their line.
     let mut dense = (lines.at < lines.numbers.len()).then_some(true);
     for n in 0..vertices {
         let mut point = [0.0; 3];
@@ -171,13 +172,18 @@ fn content(mut lines: Lines, vertices: u64, faces: u64) -> Result<Soup, ReadErro
             *c = lines.number(|| format!("vertex {} of {vertices}", n + 1))?;
         }
         if !point.iter().all(|c| c.is_finite()) {
-            return Err(number::fault(&lines.source, "three finite coordinates"));
+            return Err(number::line_error(
+                &lines.source,
+                "three finite coordinates",
+            ));
         }
         soup.vertices.push(Vec3::from(point));
         lines.end(&mut dense, vertices - n - 1 + faces)?;
     }
-    let room = (lines.numbers.len() - lines.at) as u64;
-    lines.source.count(faces.saturating_sub(room), 3, "faces")?;
+    let pending_numbers = (lines.numbers.len() - lines.at) as u64;
+    lines
+        .source
+        .count(faces.saturating_sub(pending_numbers), 3, "faces")?;
     for n in 0..faces {
         let what = || format!("face {} of {faces}", n + 1);
         let corners = lines.number(what)?;

@@ -1,4 +1,4 @@
-//! The surface of what files of elements hold: planar elements as they are, solids by their outer faces.
+//! The surface of a finite-element file: planar elements as they are, outer faces of solids.
 
 use super::ReadError;
 use super::polygons::Soup;
@@ -7,11 +7,10 @@ use crate::polymesh::Faces;
 use crate::scaffold::{Kind, Surface};
 use std::path::Path;
 
-/// Curved outer faces of solids are cut into triangles that differ from them by at most this share of half
-/// the diagonal of the box around.
-const SMOOTH: f64 = 2e-4;
+/// Greatest deviation of triangles from curved outer faces, relative to half the diagonal of the bounding box.
+const MAX_RELATIVE_DEVIATION: f64 = 2e-4;
 
-/// Triangles and quads of a planar element, by its nodes in VTK order.
+/// The triangles and quads of a planar element, by its nodes in VTK order.
 fn parts(kind: Kind) -> &'static [&'static [usize]] {
     match kind {
         Kind::Tri6 => &[&[0, 3, 5], &[3, 1, 4], &[5, 4, 2], &[3, 4, 5]],
@@ -40,7 +39,7 @@ fn planar(surface: &Surface) -> Faces {
     faces
 }
 
-/// The polygons of a file of elements.
+/// The polygons of a finite-element file.
 pub(super) fn soup(path: &Path, file: &ElementFile) -> Result<Soup, ReadError> {
     let solids = match file {
         ElementFile::Surface(file) => {
@@ -52,7 +51,7 @@ pub(super) fn soup(path: &Path, file: &ElementFile) -> Result<Soup, ReadError> {
         }
         ElementFile::Solids(file) => &file.scaffold,
     };
-    let error = SMOOTH * solids.bounds().half_diagonal();
+    let error = MAX_RELATIVE_DEVIATION * solids.bounds().half_diagonal();
     let mut soup = Soup::default();
     for component in 0..solids.components().len() {
         let part = solids

@@ -1,8 +1,8 @@
-//! PLY: a header that describes itself, then text or binary of either byte order.
+//! PLY: a header that declares elements and properties, then text or binary of either byte order.
 //!
-//! Read are the properties x, y, z of `vertex`, the list of corners of `face` (`vertex_indices`,
-//! `vertex_index`, or whatever its only list of whole numbers is called), the list of `tristrips`, in which -1
-//! begins anew, and of point clouds nx, ny, nz; everything else is passed over.
+//! The reader uses the properties x, y, z of `vertex`, the list of corners of `face` (`vertex_indices`,
+//! `vertex_index`, or its only list of integers), the list of `tristrips`, in which -1 starts a new strip,
+//! and nx, ny, nz of point clouds. All other properties are ignored.
 
 mod body;
 mod header;
@@ -16,7 +16,7 @@ use super::{ReadError, Source};
 use body::content;
 use header::{Role, header};
 
-/// Whether a PLY file holds points and no faces.
+/// Whether a PLY file contains points and no faces.
 pub(super) fn is_cloud(mut source: Source) -> Result<bool, ReadError> {
     let header = header(&mut source)?;
     Ok(!header.has_faces())
@@ -26,10 +26,10 @@ pub(super) fn read_points(mut source: Source) -> Result<PointFile, ReadError> {
     let header = header(&mut source)?;
     for (axis, name) in ["nx", "ny", "nz"].into_iter().enumerate() {
         if !(header.has(Role::Axis(axis)) && header.has(Role::Normal(axis))) {
-            let found = format!("no property {name} of vertex, or none of its place");
+            let found = format!("no property {name} of vertex, or no matching coordinate");
             return Err(source
                 .bad(found, "vertex x, y, z, nx, ny, nz")
-                .with_hint("the inside is known by the normals: give every point its own"));
+                .with_hint("the normals define the inside: give every point a normal"));
         }
     }
     let content = content(&mut source, &header)?;
@@ -61,9 +61,11 @@ pub(super) fn read(mut source: Source) -> Result<Soup, ReadError> {
     }
     let content = content(&mut source, &header)?;
     let mut warnings = Vec::new();
-    if content.left > 0 {
-        let left = content.left;
-        warnings.push(format!("{left} bytes after the last element; passed over"));
+    if content.trailing_bytes > 0 {
+        let trailing_bytes = content.trailing_bytes;
+        warnings.push(format!(
+            "{trailing_bytes} bytes after the last element; ignored"
+        ));
     }
     Ok(Soup {
         vertices: content.points,

@@ -1,7 +1,7 @@
-//! What every mesh format is read into: polygons of any number of corners over shared vertices.
+//! The common result of mesh readers: polygons of any number of corners over shared vertices.
 //!
-//! One reader a format gives a [`Soup`]; from it come triangles for solids, triangles and quads for
-//! surface scaffolds, and polygon meshes. Nothing is promised but that coordinates are finite.
+//! Each format's reader returns a [`Soup`], which converts to triangles for solids, triangles and quads for
+//! surface scaffolds, and polygon meshes. Only finite coordinates are guaranteed.
 
 use super::collector::Collector;
 use super::mesh_file::MeshFile;
@@ -14,27 +14,27 @@ use crate::scaffold::Kind;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Polygons as a file has them.
+/// The polygons of a file.
 #[derive(Default)]
 pub(super) struct Soup {
     pub vertices: Vec<Vec3>,
-    /// Corner numbers from 0, at most `u32::MAX`, of vertices that may be missing.
+    /// Corners as vertex indices from 0; the vertices may be missing (see [`Soup::check`]).
     pub faces: Faces,
-    /// The line of each face, from 1; empty where the format has no lines.
+    /// The line of each face, from 1; empty if the format has no lines.
     pub lines: Vec<u32>,
     /// Named sets of faces.
     pub groups: Vec<(String, Vec<u32>)>,
-    /// Numbers for each vertex, or for each face.
+    /// Data at vertices or faces.
     pub fields: Vec<DataField>,
     pub unit: Option<LengthUnit>,
     pub warnings: Vec<String>,
-    /// Points and lines that were passed over.
+    /// The number of skipped points and lines.
     pub skipped: usize,
 }
 
 impl Soup {
-    /// The same of triangles.
-    pub fn of_triangles(file: MeshFile) -> Self {
+    /// The polygons of a triangle mesh.
+    pub fn from_mesh(file: MeshFile) -> Self {
         Self {
             vertices: file.mesh.vertices().to_vec(),
             faces: file.mesh.triangles().iter().copied().collect(),
@@ -44,8 +44,8 @@ impl Soup {
         }
     }
 
-    /// The same of a polygon mesh, whose groups are `group1` and so on.
-    pub fn of_polymesh(mesh: &PolyMesh, warnings: Vec<String>) -> Self {
+    /// The polygons of a polygon mesh; its groups become `group1` and so on.
+    pub fn from_polymesh(mesh: &PolyMesh, warnings: Vec<String>) -> Self {
         let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for (face, group) in mesh.groups().iter().enumerate() {
             groups.entry(*group).or_default().push(face as u32);
@@ -60,19 +60,19 @@ impl Soup {
         }
     }
 
-    /// Adds the triangles of a strip, whose front turns from one to the next; how many they are.
-    pub fn strip(faces: &mut Faces, strip: &[u32]) -> usize {
-        for (i, t) in strip.windows(3).enumerate() {
+    /// Adds the triangles of a strip, which alternate in orientation; returns their number.
+    pub fn push_strip(faces: &mut Faces, push_strip: &[u32]) -> usize {
+        for (i, t) in push_strip.windows(3).enumerate() {
             faces.push(if i % 2 == 0 {
                 [t[0], t[1], t[2]]
             } else {
                 [t[1], t[0], t[2]]
             });
         }
-        strip.len().saturating_sub(2)
+        push_strip.len().saturating_sub(2)
     }
 
-    /// Every corner must be a vertex of the file.
+    /// Checks that every corner is a vertex of the file.
     pub fn check(&self, path: &Path) -> Result<(), ReadError> {
         let count = self.vertices.len();
         for (f, face) in self.faces.iter().enumerate() {
@@ -97,7 +97,7 @@ impl Soup {
         Ok(())
     }
 
-    /// What was left out, as warnings: faces of one and two corners, points and lines.
+    /// Takes all warnings, including those for skipped faces of one or two corners, points and lines.
     pub fn all_warnings(&mut self) -> Vec<String> {
         let mut warnings = std::mem::take(&mut self.warnings);
         let dropped = self.faces.iter().filter(|f| f.len() < 3).count();
@@ -112,7 +112,7 @@ impl Soup {
         warnings
     }
 
-    /// The triangles, polygons cut into them.
+    /// The triangulated mesh.
     pub fn mesh(mut self, path: &Path) -> Result<MeshFile, ReadError> {
         self.check(path)?;
         let warnings = self.all_warnings();
@@ -121,7 +121,7 @@ impl Soup {
             match *face {
                 [a, b, c] => triangles.push([a, b, c]),
                 [] | [_] | [_, _] => {}
-                _ => polygon::cut(face, &self.vertices, &mut triangles),
+                _ => polygon::triangulate(face, &self.vertices, &mut triangles),
             }
         }
         let mesh = TriMesh::new(self.vertices, triangles)
@@ -133,46 +133,46 @@ impl Soup {
         })
     }
 
-    /// A surface of triangles and quads; larger polygons are cut into triangles.
+    /// A surface of triangles and quads; larger polygons are triangulated.
     pub fn elements(self, path: &Path) -> Result<ElementFile, ReadError> {
         self.check(path)?;
         let mut collector = Collector::new(path);
         for (i, v) in self.vertices.iter().enumerate() {
             collector.point(i as u64, (*v).into());
         }
-        // Places of each face's elements: one, or several of a polygon that is cut.
-        let mut places: Vec<u32> = Vec::with_capacity(self.faces.len() + 1);
-        let mut place = 0;
-        let mut cut = Vec::new();
+        // The first element of each face; a triangulated polygon has several.
+        let mut first_elements: Vec<u32> = Vec::with_capacity(self.faces.len() + 1);
+        let mut element_count = 0;
+        let mut triangles = Vec::new();
         for (f, face) in self.faces.iter().enumerate() {
-            places.push(place);
+            first_elements.push(element_count);
             let mut add = |kind, corners: &[u32]| {
                 let mut nodes = [0u64; 4];
                 for (node, &corner) in nodes.iter_mut().zip(corners) {
                     *node = u64::from(corner);
                 }
                 collector.element(f as u64, kind, &nodes[..corners.len()], &[]);
-                place += 1;
+                element_count += 1;
             };
             match face.len() {
                 0..=2 => collector.skipped += 1,
                 3 => add(Kind::Tri3, face),
                 4 => add(Kind::Quad4, face),
                 _ => {
-                    cut.clear();
-                    polygon::cut(face, &self.vertices, &mut cut);
-                    for t in &cut {
+                    triangles.clear();
+                    polygon::triangulate(face, &self.vertices, &mut triangles);
+                    for t in &triangles {
                         add(Kind::Tri3, t);
                     }
                 }
             }
         }
-        places.push(place);
+        first_elements.push(element_count);
         for (name, members) in &self.groups {
-            let own = members
+            let elements = members
                 .iter()
-                .flat_map(|&f| places[f as usize]..places[f as usize + 1]);
-            collector.named_group(name, &own.collect::<Vec<u32>>());
+                .flat_map(|&f| first_elements[f as usize]..first_elements[f as usize + 1]);
+            collector.named_group(name, &elements.collect::<Vec<u32>>());
         }
         for field in self.fields {
             collector.field(&field.name, field.at, field.components, field.values);

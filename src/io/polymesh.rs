@@ -1,5 +1,6 @@
-//! Polygon meshes from files and to them, by extension: OBJ and DLFL keep groups and start vertices too, of
-//! others the polygons are one group.
+//! Reading and writing of polygon meshes by extension.
+//!
+//! OBJ and DLFL preserve groups and the first corner of faces; the polygons of other formats form one group.
 
 use super::atomic::write_bytes;
 use super::mesh_file::read_soup;
@@ -7,12 +8,12 @@ use super::polygons::Soup;
 use super::scaffold::ELEMENT_FORMATS;
 use super::{Place, ReadError, WriteError, dlfl, mtl, obj_groups, write_mesh};
 use crate::frame::{LengthUnit, Vec3};
-use crate::mesh::Merger;
+use crate::mesh::VertexMerger;
 use crate::polymesh::{Faces, GroupBy, LoadOptions, Loaded, PolyError, PolyMesh};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
-/// What a reader found before it is known to be a mesh.
+/// Unvalidated content of a file.
 #[derive(Default)]
 pub(super) struct Draft {
     pub vertices: Vec<Vec3>,
@@ -20,7 +21,7 @@ pub(super) struct Draft {
     pub groups: Vec<u32>,
     /// The line of each face, from 1; empty when there are no lines.
     pub lines: Vec<u64>,
-    /// What the file counts from: 1 in OBJ, 0 in DLFL.
+    /// The first index of the format: 1 in OBJ, 0 in DLFL.
     pub base: u32,
     pub warnings: Vec<String>,
 }
@@ -28,17 +29,17 @@ pub(super) struct Draft {
 /// Reads a polygon mesh.
 ///
 /// # Errors
-/// [`ReadError`] with line and face: no such file, an unknown extension, bad syntax, or polygons that make no
-/// closed oriented manifold.
+/// [`ReadError`] with line and face for a missing file, an unknown extension, invalid syntax, or polygons that
+/// form no closed oriented manifold.
 pub fn read_polymesh(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Loaded, ReadError> {
     let path = path.as_ref();
     let extension = extension(path);
     let draft = match extension.as_str() {
         "obj" => obj_groups::read(path, options)?,
         "dlfl" => dlfl::read(path, options)?,
-        // A script that loads itself would never end.
+        // Scripts are excluded: one that loads itself would not terminate.
         other if other != "crystal" && ELEMENT_FORMATS.contains(&other) => {
-            Draft::of_soup(read_soup(path)?, path)?
+            Draft::from_soup(read_soup(path)?, path)?
         }
         _ => {
             let found = format!("the extension {extension:?}");
@@ -54,22 +55,22 @@ pub fn read_polymesh(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Lo
     draft.finish(path, options)
 }
 
-/// Writes a polygon mesh, atomically; gives the file's size in bytes. An `.obj` or `.dlfl` brings an `.mtl` of
-/// the same name with a colour for each group.
+/// Writes a polygon mesh, atomically; returns the file's size in bytes. An `.obj` or `.dlfl` comes with an
+/// `.mtl` of the same name that has a colour for each group.
 ///
 /// # Errors
-/// [`WriteError`] for an unknown extension or a place that cannot be written.
+/// [`WriteError`] for an unknown extension or a path that cannot be written.
 pub fn write_polymesh(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, WriteError> {
     let path = path.as_ref();
     let text = match extension(path).as_str() {
-        "obj" => obj_groups::text(mesh, &library(path)),
-        "dlfl" => dlfl::text(mesh, &library(path)),
+        "obj" => obj_groups::text(mesh, &material_file_name(path)),
+        "dlfl" => dlfl::text(mesh, &material_file_name(path)),
         "stl" | "ply" | "3mf" => {
-            let cut = mesh.triangulated().map_err(|e| WriteError::Format {
+            let triangles = mesh.triangulated().map_err(|e| WriteError::Format {
                 path: path.to_owned(),
                 reason: e.to_string(),
             })?;
-            return write_mesh(path, &cut.mesh, LengthUnit::default());
+            return write_mesh(path, &triangles.mesh, LengthUnit::default());
         }
         other => {
             return Err(WriteError::Format {
@@ -85,8 +86,8 @@ pub fn write_polymesh(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, Wr
     Ok(size + write_bytes(path.with_extension("mtl"), materials.as_bytes())?)
 }
 
-/// Writes an `.obj` whose groups are colours, by `c r g b` lines before the faces, as the program of the
-/// thesis read them; gives the file's size in bytes. Read again, groups count up in order of appearance.
+/// Writes an `.obj` with `c r g b` lines before the faces instead of group names, a legacy convention; returns
+/// the file's size in bytes. Readers number the groups in order of appearance.
 ///
 /// # Errors
 /// As [`write_polymesh`], and when two groups have the same colour.
@@ -106,18 +107,18 @@ fn extension(path: &Path) -> String {
 }
 
 /// The name of the material file beside a mesh.
-fn library(path: &Path) -> String {
+fn material_file_name(path: &Path) -> String {
     let name = path.with_extension("mtl");
     let name = name.file_name().map(|n| n.to_string_lossy().into_owned());
     name.unwrap_or_default()
 }
 
 impl Draft {
-    /// Polygons as one group; vertices at the same place become one.
-    fn of_soup(mut soup: Soup, path: &Path) -> Result<Self, ReadError> {
+    /// Polygons as one group; vertices of equal coordinates are merged.
+    fn from_soup(mut soup: Soup, path: &Path) -> Result<Self, ReadError> {
         soup.check(path)?;
         let warnings = soup.all_warnings();
-        let mut merger = Merger::default();
+        let mut merger = VertexMerger::default();
         let number: Vec<u32> = soup.vertices.iter().map(|&v| merger.add(v)).collect();
         let faces = soup.faces.iter().filter(|f| f.len() > 2);
         let own = |f: &[u32]| f.iter().map(|&v| number[v as usize]).collect::<Vec<_>>();
@@ -139,13 +140,13 @@ impl Draft {
         })
     }
 
-    /// Names of groups as numbers: `groupN` is N, others count up from 1 past those.
+    /// Numbers the groups by name: `groupN` is N, other names get the free numbers from 1 on.
     pub fn number(&mut self, names: &[String]) {
         let own = |name: &str| {
             let digits = name.strip_prefix("group")?;
             digits.parse::<u32>().ok().filter(|&n| n > 0)
         };
-        let taken: Vec<u32> = names.iter().filter_map(|n| own(n)).collect();
+        let used_numbers: Vec<u32> = names.iter().filter_map(|n| own(n)).collect();
         let mut numbers: BTreeMap<&str, u32> = BTreeMap::new();
         let mut next = 1;
         self.groups = names
@@ -153,7 +154,7 @@ impl Draft {
             .map(|name| {
                 own(name).unwrap_or_else(|| {
                     *numbers.entry(name).or_insert_with(|| {
-                        while taken.contains(&next) {
+                        while used_numbers.contains(&next) {
                             next += 1;
                         }
                         next += 1;
@@ -174,15 +175,15 @@ impl Draft {
         }
         let (base, lines) = (self.base, std::mem::take(&mut self.lines));
         let mesh = PolyMesh::new(self.vertices, self.faces, self.groups);
-        let mesh = mesh.map_err(|e| fault(path, &e, base, &lines))?;
+        let mesh = mesh.map_err(|e| mesh_error(path, &e, base, &lines))?;
         Ok(Loaded {
             mesh: if options.flip { mesh.flipped() } else { mesh },
             warnings: self.warnings,
         })
     }
 
-    /// Closes each hole with one face, all in a group of their own. Where holes meet at a vertex they stay:
-    /// the mesh then says so.
+    /// Closes each hole with one face, all in a new group. Holes that meet at a vertex remain open, and the
+    /// validation of the mesh reports them.
     fn close(&mut self) {
         let edges = |face: &[u32]| {
             let next = face.iter().copied().cycle().skip(1);
@@ -217,7 +218,7 @@ impl Draft {
         }
     }
 
-    /// Vertices of no face are left out, with a warning.
+    /// Removes vertices without face, with a warning.
     fn drop_unused(&mut self) {
         let mut used = vec![false; self.vertices.len()];
         for face in self.faces.iter() {
@@ -251,7 +252,7 @@ impl Draft {
         self.vertices = kept;
     }
 
-    /// Vertices nearer than a distance become the first of them; corners that fall together become one.
+    /// Merges vertices nearer than a distance into the first of them, and coinciding corners of faces.
     fn weld(&mut self, distance: f64) {
         let cell = |p: &Vec3| [p.x, p.y, p.z].map(|c| (c / distance).floor() as i64);
         let mut cells: std::collections::HashMap<[i64; 3], Vec<u32>> =
@@ -261,7 +262,7 @@ impl Draft {
             let own_cell = cell(p);
             let mut near = None;
             for n in 0..27i64 {
-                // Coordinates beyond all cells share the last.
+                // Coordinates beyond the range of cells share the last cell.
                 let step = [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1];
                 let key: [i64; 3] = std::array::from_fn(|a| own_cell[a].saturating_add(step[a]));
                 let list = cells.get(&key).map_or(&[][..], Vec::as_slice);
@@ -292,8 +293,8 @@ impl Draft {
     }
 }
 
-/// A fault of the mesh with its place in the file, in the file's numbers.
-fn fault(path: &Path, error: &PolyError, base: u32, lines: &[u64]) -> ReadError {
+/// An error of the mesh, with its place in the file and the file's numbers.
+fn mesh_error(path: &Path, error: &PolyError, base: u32, lines: &[u64]) -> ReadError {
     let number = |n: usize| n as u64 + u64::from(base);
     let at = |face: usize| match lines.get(face) {
         Some(&line) => Place::ItemOnLine("face", number(face), line),
@@ -344,8 +345,8 @@ pub(super) fn color_word([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Groups by colour instead of by name, where that is asked for; colours within the tolerance are that of
-/// them which came first.
+/// Replaces group names by colours, if requested by the options, and each colour by the first one within the
+/// tolerance.
 pub(super) fn by_color(
     names: &mut [String],
     colors: &BTreeMap<String, [u8; 3]>,
@@ -361,7 +362,7 @@ pub(super) fn by_color(
     if options.color_tolerance == 0.0 {
         return;
     }
-    let within = 255.0 * options.color_tolerance + 1e-9;
+    let tolerance = 255.0 * options.color_tolerance + 1e-9;
     let parts = |word: &str| {
         let digits = word.strip_prefix('#').filter(|d| d.len() == 6)?;
         let [_, r, g, b] = u32::from_str_radix(digits, 16).ok()?.to_be_bytes();
@@ -374,7 +375,8 @@ pub(super) fn by_color(
             continue;
         };
         let word = known.entry(name.clone()).or_insert_with(|| {
-            let near = |k: &&[u8; 3]| (0..3).all(|i| f64::from(k[i].abs_diff(color[i])) <= within);
+            let near =
+                |k: &&[u8; 3]| (0..3).all(|i| f64::from(k[i].abs_diff(color[i])) <= tolerance);
             let found = first.iter().find(near).copied();
             if found.is_none() {
                 first.push(color);

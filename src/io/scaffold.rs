@@ -1,4 +1,4 @@
-//! Scaffolds from files: what every format shares.
+//! Scaffold files: the types and functions common to all formats.
 
 use super::{Place, ReadError, inp, medit, mesh_file, msh, nastran, unv, vtk};
 use crate::frame::Aabb;
@@ -8,13 +8,13 @@ use std::path::Path;
 /// A named set of elements: a physical group of Gmsh, an element set of Abaqus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
-    /// Its name; the number as text where the file gives no name.
+    /// The name, or the number as text if the file has no name.
     pub name: String,
-    /// The elements' places in the scaffold, ascending.
+    /// The indices of the elements in the scaffold, ascending.
     pub elements: Vec<u32>,
 }
 
-/// What a field's values belong to.
+/// The location of a field's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FieldAt {
     /// The nodes.
@@ -23,62 +23,62 @@ pub enum FieldAt {
     Cells,
 }
 
-/// Numbers that a file gives to every node or every element.
+/// A field of a file: data at every node or every element.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DataField {
-    /// Its name in the file.
+    /// The name in the file.
     pub name: String,
-    /// What its values belong to.
+    /// The location of the values.
     pub at: FieldAt,
-    /// Numbers for each.
+    /// The number of components of a value.
     pub components: usize,
-    /// The numbers, in the order of the nodes or elements, components together.
+    /// The components, value by value, in the order of the nodes or elements.
     pub values: Vec<f64>,
 }
 
-/// A scaffold and what its file said beside it.
+/// A scaffold with the metadata of its file.
 #[derive(Debug)]
 pub struct ScaffoldFile {
-    /// The solid elements and the nodes they use; its element numbers are the file's.
+    /// The solid elements with their nodes; element numbers are those of the file.
     pub scaffold: Scaffold,
     /// Named sets of elements, in the order of their numbers in the file.
     pub groups: Vec<Group>,
     /// Point and cell data.
     pub fields: Vec<DataField>,
-    /// Points, lines and surface elements that were passed over.
+    /// The number of skipped points, lines and surface elements.
     pub skipped: usize,
-    /// Nodes of the file that no solid element uses.
+    /// The number of nodes in the file that no solid element uses.
     pub unused_nodes: usize,
-    /// What was merged, renumbered or left out.
+    /// Notes on merged, renumbered and skipped content.
     pub notes: Vec<String>,
-    /// What looks wrong in the file.
+    /// Probable errors in the file.
     pub warnings: Vec<String>,
     /// The file's number of each node of the scaffold.
     pub node_numbers: Vec<u64>,
 }
 
-/// A surface and what its file said beside it.
+/// A surface with the metadata of its file.
 #[derive(Debug)]
 pub struct SurfaceFile {
-    /// The planar elements and the nodes they use; its element numbers are the file's.
+    /// The planar elements with their nodes; element numbers are those of the file.
     pub surface: Surface,
     /// Named sets of elements, in the order of their numbers in the file.
     pub groups: Vec<Group>,
     /// Point and cell data.
     pub fields: Vec<DataField>,
-    /// Points and lines that were passed over.
+    /// The number of skipped points and lines.
     pub skipped: usize,
-    /// Nodes of the file that no element uses.
+    /// The number of nodes in the file that no element uses.
     pub unused_nodes: usize,
-    /// What was merged, renumbered or left out.
+    /// Notes on merged, renumbered and skipped content.
     pub notes: Vec<String>,
-    /// What looks wrong in the file.
+    /// Probable errors in the file.
     pub warnings: Vec<String>,
     /// The file's number of each node of the surface.
     pub node_numbers: Vec<u64>,
 }
 
-/// What a file of elements holds: solids if there are any, else a surface.
+/// The content of a finite-element file: solids if there are any, otherwise a surface.
 #[derive(Debug)]
 pub enum ElementFile {
     /// Solid elements.
@@ -88,7 +88,7 @@ pub enum ElementFile {
 }
 
 impl ElementFile {
-    /// The box around the nodes.
+    /// The bounding box of the nodes.
     pub fn bounds(&self) -> Aabb {
         match self {
             Self::Solids(f) => f.scaffold.bounds(),
@@ -96,7 +96,7 @@ impl ElementFile {
         }
     }
 
-    /// What was merged, renumbered or left out.
+    /// Notes on merged, renumbered and skipped content.
     pub fn notes(&self) -> &[String] {
         match self {
             Self::Solids(f) => &f.notes,
@@ -104,7 +104,7 @@ impl ElementFile {
         }
     }
 
-    /// What looks wrong in the file.
+    /// Probable errors in the file.
     pub fn warnings(&self) -> &[String] {
         match self {
             Self::Solids(f) => &f.warnings,
@@ -113,11 +113,11 @@ impl ElementFile {
     }
 }
 
-/// The kinds that readers know, for messages.
+/// The supported kinds of solids, for messages.
 pub(super) const KINDS_READ: &str =
     "Tet4, Tet10, Hex8, Hex20, Hex27, Wedge6, Wedge15, Wedge18, Pyramid5, Pyramid13 or Pyramid14";
 
-/// The extensions of files of elements.
+/// The extensions of files with elements.
 pub const ELEMENT_FORMATS: [&str; 17] = [
     "msh", "vtu", "vtk", "inp", "bdf", "nas", "mesh", "meshb", "unv", "vtp", "off", "obj", "ply",
     "stl", "3mf", "dlfl", "crystal",
@@ -126,8 +126,8 @@ pub const ELEMENT_FORMATS: [&str; 17] = [
 /// Reads the elements of a file by its extension, one of [`ELEMENT_FORMATS`].
 ///
 /// # Errors
-/// When the file cannot be read, is damaged, or holds solid elements of other kinds than
-/// [`Kind`](crate::scaffold::Kind)'s.
+/// When the file cannot be read, is damaged, or contains solid elements without a
+/// [`Kind`](crate::scaffold::Kind).
 pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
     let path = path.as_ref();
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
@@ -159,7 +159,7 @@ pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
     }
 }
 
-/// As [`read_elements`], of solids only.
+/// As [`read_elements`], for solids only.
 ///
 /// # Errors
 /// As [`read_elements`], and when there are no solids.

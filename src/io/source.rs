@@ -1,8 +1,8 @@
-//! A file being read: buffered, with its place known, and no larger than it is.
+//! Buffered input files with line and byte positions for errors, and checks of counts against the size.
 //!
-//! A line ends at LF, CR LF or CR. Where the first line ends at a lone CR, all lines do, so that the byte
-//! after a text header is data even if it is an LF. A byte order mark before the first line is passed over;
-//! UTF-16 is refused by name.
+//! A line ends with LF, CR LF or CR. If the first line ends with a lone CR, all lines do, so that the byte
+//! after a text header is data even if it is an LF. A byte order mark before the first line is ignored;
+//! UTF-16 is refused.
 
 use super::{Place, ReadError};
 use std::fs::File;
@@ -10,28 +10,28 @@ use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Longest line of text that is read; longer ones are not text.
-const LINE_LIMIT: usize = 1 << 20;
-/// Bytes that are read at once.
-const BUFFER: usize = 1 << 18;
+/// Greatest length of a line of text.
+const MAX_LINE_BYTES: usize = 1 << 20;
+/// Number of bytes read at once.
+const BUFFER_BYTES: usize = 1 << 18;
 
-/// A buffered file that counts bytes and lines, so that every error can say where.
+/// A buffered file that counts bytes and lines, so that every error has a place.
 pub struct Source {
     path: PathBuf,
     file: File,
     size: u64,
     buffer: Vec<u8>,
-    /// What of the buffer is filled and not yet read.
+    /// The unread range of the buffer.
     start: usize,
     end: usize,
     byte: u64,
     line: u64,
-    /// Where the line read last stands in the buffer.
+    /// The range of the current line in the buffer.
     current: Range<usize>,
-    /// The statement read last, where it was put together of several lines.
+    /// The current statement, if joined from several lines.
     joined: Option<Vec<u8>>,
-    /// Whether the first line ended at a lone CR.
-    lone: bool,
+    /// Whether the first line ended with a lone CR.
+    has_cr_line_ends: bool,
     text: String,
 }
 
@@ -39,7 +39,7 @@ impl Source {
     /// Opens a file.
     ///
     /// # Errors
-    /// When it does not exist, is a directory or may not be read.
+    /// When the file does not exist, is a directory or is not readable.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, ReadError> {
         let path = path.as_ref();
         let fail = |e| ReadError::io(path, e);
@@ -60,7 +60,7 @@ impl Source {
             line: 0,
             current: 0..0,
             joined: None,
-            lone: false,
+            has_cr_line_ends: false,
             text: String::new(),
         })
     }
@@ -70,17 +70,17 @@ impl Source {
         &self.path
     }
 
-    /// Bytes in the file; `u64::MAX` for a pipe.
+    /// The size of the file in bytes; `u64::MAX` for a pipe.
     pub fn size(&self) -> u64 {
         self.size
     }
 
-    /// Bytes not yet read.
+    /// The number of unread bytes.
     pub fn remaining(&self) -> u64 {
         self.size.saturating_sub(self.byte)
     }
 
-    /// Reads on into the buffer, which grows where it is full; how many bytes came, 0 at the end.
+    /// Reads more bytes into the buffer, which grows if full; returns their number, 0 at the end.
     fn fill(&mut self) -> Result<usize, ReadError> {
         if self.start > 0 {
             self.buffer.copy_within(self.start..self.end, 0);
@@ -88,7 +88,7 @@ impl Source {
             self.start = 0;
         }
         if self.end == self.buffer.len() {
-            let size = (2 * self.buffer.len()).max(BUFFER);
+            let size = (2 * self.buffer.len()).max(BUFFER_BYTES);
             self.buffer.resize(size, 0);
         }
         loop {
@@ -123,7 +123,7 @@ impl Source {
             .with_hint("the file looks truncated")
     }
 
-    /// Fills `buffer` wholly.
+    /// Fills the whole `buffer`.
     ///
     /// # Errors
     /// When the file ends first, or the system fails.
@@ -142,7 +142,7 @@ impl Source {
         Ok(())
     }
 
-    /// The next `n` bytes, few enough for the buffer.
+    /// The next `n` bytes; they are buffered as a whole.
     ///
     /// # Errors
     /// As [`Source::exact`].
@@ -164,8 +164,8 @@ impl Source {
         Ok(bytes)
     }
 
-    /// Passes over a byte order mark; refuses text of two bytes a letter.
-    fn begin(&mut self) -> Result<(), ReadError> {
+    /// Skips a byte order mark; refuses UTF-16.
+    fn skip_byte_order_mark(&mut self) -> Result<(), ReadError> {
         let letter = |b: u8| b.is_ascii_graphic() || b.is_ascii_whitespace();
         match *self.peek(4)? {
             [0xef, 0xbb, 0xbf, ..] => self.consume(3),
@@ -191,7 +191,7 @@ impl Source {
         self.joined = None;
         let first = self.byte == 0;
         if first {
-            self.begin()?;
+            self.skip_byte_order_mark()?;
         }
         let mut seen = 0;
         let ended = loop {
@@ -202,7 +202,7 @@ impl Source {
                 break true;
             }
             seen += rest.len();
-            if seen >= LINE_LIMIT {
+            if seen >= MAX_LINE_BYTES {
                 self.line += 1;
                 return Err(self.bad("a line of more than 1048576 bytes", "lines of text"));
             }
@@ -225,24 +225,24 @@ impl Source {
         Ok(true)
     }
 
-    /// The length of a line's end, which stands so many bytes from here.
+    /// The length of the line end at an offset.
     fn line_end(&mut self, at: usize, first: bool) -> Result<usize, ReadError> {
         if self.buffer[self.start + at] == b'\n' {
             return Ok(1);
         }
-        let lone = self.lone;
+        let has_cr_line_ends = self.has_cr_line_ends;
         let end = match self.peek(at + 3)?[at..] {
-            _ if lone => 1,
+            _ if has_cr_line_ends => 1,
             [_, b'\n', ..] => 2,
-            // Ends that were made Windows' twice.
+            // Line ends that were converted to CR LF twice.
             [_, b'\r', b'\n', ..] => 3,
             _ => 1,
         };
-        self.lone |= first && end == 1;
+        self.has_cr_line_ends |= first && end == 1;
         Ok(end)
     }
 
-    /// The line read last, without its end.
+    /// The current line, without its end.
     pub fn current(&self) -> &[u8] {
         let line = &self.buffer[self.current.clone()];
         self.joined.as_deref().unwrap_or(line)
@@ -270,7 +270,7 @@ impl Source {
     /// # Errors
     /// When the joined lines are longer than a mebibyte, and as [`Source::advance`].
     pub fn advance_joined(&mut self) -> Result<bool, ReadError> {
-        fn goes_on(line: &[u8]) -> Option<&[u8]> {
+        fn continued(line: &[u8]) -> Option<&[u8]> {
             let line = line.trim_ascii_end();
             line.strip_suffix(b"\\")
                 .filter(|l| !l.trim_ascii_start().starts_with(b"#"))
@@ -278,15 +278,15 @@ impl Source {
         if !self.advance()? {
             return Ok(false);
         }
-        if goes_on(self.current()).is_none() {
+        if continued(self.current()).is_none() {
             return Ok(true);
         }
         let mut joined: Vec<u8> = Vec::new();
-        while let Some(line) = goes_on(self.current()) {
+        while let Some(line) = continued(self.current()) {
             joined.extend_from_slice(line);
             joined.push(b' ');
-            if joined.len() > LINE_LIMIT {
-                let found = format!("a statement of more than {LINE_LIMIT} bytes");
+            if joined.len() > MAX_LINE_BYTES {
+                let found = format!("a statement of more than {MAX_LINE_BYTES} bytes");
                 return Err(self.bad(found, "lines of text"));
             }
             if !self.advance()? {
@@ -299,7 +299,7 @@ impl Source {
         Ok(true)
     }
 
-    /// Lines after the one read last, blank ones too.
+    /// The number of lines after the current one, including blank ones.
     ///
     /// # Errors
     /// When the system fails.
@@ -307,7 +307,7 @@ impl Source {
         let fail = |e| ReadError::io(&self.path, e);
         let mut file = File::open(&self.path).map_err(fail)?;
         file.seek(SeekFrom::Start(self.byte)).map_err(fail)?;
-        let mut buffer = vec![0; BUFFER];
+        let mut buffer = vec![0; BUFFER_BYTES];
         let (mut lines, mut last) = (0, b'\n');
         loop {
             let n = file.read(&mut buffer).map_err(fail)?;
@@ -321,33 +321,32 @@ impl Source {
         }
     }
 
-    /// Number of the line read last, from 1.
+    /// The number of the current line, from 1.
     pub fn line_number(&self) -> u64 {
         self.line
     }
 
-    /// Offset of the next byte.
+    /// The offset of the next byte.
     pub fn byte(&self) -> u64 {
         self.byte
     }
 
-    /// An error about the line read last.
+    /// An error at the current line.
     pub fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         ReadError::data(&self.path, Place::Line(self.line), found, expected)
     }
 
-    /// An error about the next byte.
+    /// An error at the next byte.
     pub fn bad_byte(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         ReadError::data(&self.path, Place::Byte(self.byte), found, expected)
     }
 
-    /// A count from a header as a `usize`, checked against what the rest of the file can hold at
-    /// `least` bytes each.
+    /// A count from a header as a `usize`, checked against the remaining size of the file at `min_bytes` each.
     ///
     /// # Errors
-    /// When the file is too short for it.
-    pub fn count(&self, claimed: u64, least: u64, what: &str) -> Result<usize, ReadError> {
-        let room = self.remaining() / least.max(1);
+    /// When the file is too short for the count.
+    pub fn count(&self, claimed: u64, min_bytes: u64, what: &str) -> Result<usize, ReadError> {
+        let room = self.remaining() / min_bytes.max(1);
         if claimed > room || claimed > u64::from(u32::MAX) {
             return Err(self
                 .bad_byte(
@@ -363,7 +362,7 @@ impl Source {
     }
 }
 
-/// A short quotation of text for a message: at most 40 characters, escaped.
+/// A quotation of text for a message: at most 40 characters, escaped.
 pub fn quote(text: &str) -> String {
     let short: String = text.chars().take(40).collect();
     let more = if short.len() < text.len() { "..." } else { "" };

@@ -1,9 +1,9 @@
-//! STL: triangles without sharing, as 50 bytes each or as text.
+//! STL: triangles without shared vertices, binary with 50 bytes each or as text.
 //!
-//! Whether a file is binary is decided by its size (84 + 50 n), then by its text, never by the word
-//! `solid` alone, which many binary files begin with. Where the header's count is not what the size says, the
-//! size decides if triangles fill it: if there are fewer than counted, they must close. The header of ours
-//! reads `druse unit=mm`.
+//! The size (84 + 50 n bytes) decides whether a file is binary, then the presence of text keywords; the
+//! word `solid` does not suffice, since many binary files begin with it. If the header's count contradicts a
+//! size of whole triangles, the size decides; fewer triangles than counted must form a closed surface. Druse
+//! writes a header such as `druse unit=mm`.
 
 mod text;
 
@@ -11,27 +11,27 @@ use super::atomic::AtomicFile;
 use super::mesh_file::MeshFile;
 use super::{MeshView, Place, ReadError, Source, WriteError};
 use crate::frame::{LengthUnit, Vec3};
-use crate::mesh::{Merger, TriMesh};
+use crate::mesh::{TriMesh, VertexMerger};
 use std::collections::HashMap;
 use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
 
-/// Bytes of the header and the count.
-const HEAD: u64 = 84;
-/// Bytes of a triangle.
-const TRIANGLE: u64 = 50;
-/// Triangles that are read at once.
-const BATCH: usize = 1 << 11;
+/// Size of the header and the count.
+const HEADER_BYTES: u64 = 84;
+/// Size of a triangle.
+const TRIANGLE_BYTES: u64 = 50;
+/// Number of triangles read or written at once.
+const BATCH_TRIANGLES: usize = 1 << 11;
 
-/// Reads either kind.
+/// Reads binary or text STL.
 pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
     let size = source.size();
     let head = source.peek(4096)?;
     let claimed = head
         .get(80..84)
         .map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
-    let fits = claimed.is_some_and(|n| HEAD + TRIANGLE * n == size);
-    if !fits && text::is_text(&head[..head.len().min(4096)]) {
+    let is_exact_size = claimed.is_some_and(|n| HEADER_BYTES + TRIANGLE_BYTES * n == size);
+    if !is_exact_size && text::is_text(&head[..head.len().min(4096)]) {
         text::read(source)
     } else {
         read_binary(source)
@@ -43,31 +43,29 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
     let claimed = u64::from(u32::from_le_bytes(source.array("the number of triangles")?));
     let mut warnings = Vec::new();
     let left = source.remaining();
-    let held = left / TRIANGLE;
-    let full = source.size() != u64::MAX && held > 0 && left.is_multiple_of(TRIANGLE);
-    let lies = full && claimed != held;
-    let count = if lies {
+    let actual = left / TRIANGLE_BYTES;
+    let full = source.size() != u64::MAX && actual > 0 && left.is_multiple_of(TRIANGLE_BYTES);
+    let is_count_wrong = full && claimed != actual;
+    let count = if is_count_wrong {
         warnings.push(format!(
-            "the header counts {claimed} triangles where the file has {held}; all of them are read"
+            "the header counts {claimed} triangles where the file has {actual}; all of them are read"
         ));
-        source.count(held, TRIANGLE, "triangles")?
+        source.count(actual, TRIANGLE_BYTES, "triangles")?
     } else {
-        source.count(claimed, TRIANGLE, "triangles")?
+        source.count(claimed, TRIANGLE_BYTES, "triangles")?
     };
-    let extra = left - TRIANGLE * count as u64;
+    let extra = left - TRIANGLE_BYTES * count as u64;
     if extra > 0 && source.size() != u64::MAX {
-        warnings.push(format!(
-            "{extra} bytes after the last triangle; passed over"
-        ));
+        warnings.push(format!("{extra} bytes after the last triangle; ignored"));
     }
     let mut builder = Builder::default();
     let mut n = 0;
     while n < count {
-        let batch = (count - n).min(BATCH);
-        let bytes = source.bytes(batch * TRIANGLE as usize, "a triangle of 50 bytes")?;
+        let batch = (count - n).min(BATCH_TRIANGLES);
+        let bytes = source.bytes(batch * TRIANGLE_BYTES as usize, "a triangle of 50 bytes")?;
         let mut bad = None;
-        for own in bytes.as_chunks::<{ TRIANGLE as usize }>().0 {
-            let (numbers, _) = own[12..].as_chunks::<4>();
+        for record in bytes.as_chunks::<{ TRIANGLE_BYTES as usize }>().0 {
+            let (numbers, _) = record[12..].as_chunks::<4>();
             let number = |i: usize| f64::from(f32::from_le_bytes(numbers[i]));
             let corners = [0, 3, 6].map(|i| Vec3::new(number(i), number(i + 1), number(i + 2)));
             n += 1;
@@ -87,8 +85,9 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
             ));
         }
     }
-    if lies && claimed > held && claimed != u64::from(u32::MAX) && !builder.closes() {
-        let found = format!("a claim of {claimed} triangles where the file has {held}");
+    if is_count_wrong && claimed > actual && claimed != u64::from(u32::MAX) && !builder.is_closed()
+    {
+        let found = format!("a claim of {claimed} triangles where the file has {actual}");
         let expected = "as many triangles as the header counts, or a closed surface";
         return Err(
             ReadError::data(source.path(), Place::Byte(80), found, expected)
@@ -110,7 +109,7 @@ fn stated_unit(header: &str) -> Option<LengthUnit> {
 
 #[derive(Default)]
 struct Builder {
-    merger: Merger,
+    merger: VertexMerger,
     triangles: Vec<[u32; 3]>,
 }
 
@@ -119,16 +118,16 @@ impl Builder {
         self.triangles.push(corners.map(|p| self.merger.add(p)));
     }
 
-    /// Whether every edge is passed as often forward as backward.
-    fn closes(&self) -> bool {
-        let mut passes: HashMap<[u32; 2], i64> = HashMap::new();
+    /// Whether every edge is traversed as often forward as backward.
+    fn is_closed(&self) -> bool {
+        let mut balance: HashMap<[u32; 2], i64> = HashMap::new();
         for &[a, b, c] in &self.triangles {
             for [from, to] in [[a, b], [b, c], [c, a]] {
-                let way = if from < to { 1 } else { -1 };
-                *passes.entry([from.min(to), from.max(to)]).or_default() += way;
+                let sign = if from < to { 1 } else { -1 };
+                *balance.entry([from.min(to), from.max(to)]).or_default() += sign;
             }
         }
-        passes.into_iter().all(|([a, b], n)| n == 0 || a == b)
+        balance.into_iter().all(|([a, b], n)| n == 0 || a == b)
     }
 
     fn finish(
@@ -147,26 +146,26 @@ impl Builder {
     }
 }
 
-/// Bytes of the file that [`write`] makes.
+/// The size of the file that [`write`] produces.
 pub(super) fn size(mesh: &MeshView) -> u64 {
-    HEAD + TRIANGLE * mesh.faces.len() as u64
+    HEADER_BYTES + TRIANGLE_BYTES * mesh.faces.len() as u64
 }
 
-/// The title of binary STL, and the number of its triangles.
-fn head(triangles: u32, unit: LengthUnit) -> [u8; HEAD as usize] {
-    let mut head = [b' '; HEAD as usize];
+/// The header of binary STL with the number of triangles.
+fn head(triangles: u32, unit: LengthUnit) -> [u8; HEADER_BYTES as usize] {
+    let mut head = [b' '; HEADER_BYTES as usize];
     let title = format!("druse unit={unit}");
     head[..title.len()].copy_from_slice(title.as_bytes());
     head[80..].copy_from_slice(&triangles.to_le_bytes());
     head
 }
 
-fn facet([a, b, c]: [Vec3; 3]) -> [u8; TRIANGLE as usize] {
+fn facet([a, b, c]: [Vec3; 3]) -> [u8; TRIANGLE_BYTES as usize] {
     let n = (b - a)
         .cross(&(c - a))
         .try_normalize(0.0)
         .unwrap_or_default();
-    let mut bytes = [0u8; TRIANGLE as usize];
+    let mut bytes = [0u8; TRIANGLE_BYTES as usize];
     let places = bytes.as_chunks_mut().0;
     for (v, places) in [n, a, b, c].iter().zip(places.as_chunks_mut::<3>().0) {
         *places = [v.x, v.y, v.z].map(|c| (c as f32).to_le_bytes());
@@ -177,7 +176,7 @@ fn facet([a, b, c]: [Vec3; 3]) -> [u8; TRIANGLE as usize] {
 /// Writes binary STL.
 pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
     out.write_all(&head(mesh.faces.len() as u32, unit))?;
-    let mut batch = Vec::with_capacity(BATCH * TRIANGLE as usize);
+    let mut batch = Vec::with_capacity(BATCH_TRIANGLES * TRIANGLE_BYTES as usize);
     for corners in mesh.triangle_corners() {
         batch.extend_from_slice(&facet(corners));
         if batch.len() == batch.capacity() {
@@ -188,7 +187,7 @@ pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> i
     out.write_all(&batch)
 }
 
-/// Binary STL whose triangles come bit by bit; it appears whole or not at all.
+/// Streaming output of binary STL; the file appears complete or not at all.
 pub struct StlStream {
     file: AtomicFile,
     path: PathBuf,
@@ -197,14 +196,14 @@ pub struct StlStream {
 }
 
 impl StlStream {
-    /// Begins a file.
+    /// Creates a file.
     ///
     /// # Errors
     /// As [`AtomicFile::create_seekable`].
     pub fn create(path: &Path, unit: LengthUnit) -> Result<Self, WriteError> {
         let mut file = AtomicFile::create_seekable(path)?;
-        let begun = file.write_all(&head(0, unit));
-        begun.map_err(|e| file.failed(e))?;
+        let written = file.write_all(&head(0, unit));
+        written.map_err(|e| file.failed(e))?;
         Ok(Self {
             file,
             path: path.to_owned(),
@@ -223,7 +222,7 @@ impl StlStream {
         written.map_err(|e| self.file.failed(e))
     }
 
-    /// Completes the file; gives its size.
+    /// Completes the file; returns its size in bytes.
     ///
     /// # Errors
     /// [`WriteError::Format`] for more triangles than 32 bits count, [`WriteError::Io`].

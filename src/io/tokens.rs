@@ -1,8 +1,8 @@
-//! Numbers one after the other, from lines of text or from binary records: one parser for both.
+//! A reader of numbers from text or binary sections.
 
 use super::{ReadError, Source, quote};
 
-/// How numbers stand in the file.
+/// The encoding of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     /// Separated by white space.
@@ -31,7 +31,7 @@ impl Tokens {
         }
     }
 
-    /// The next line that is not blank, trimmed; what is left of the current one is dropped.
+    /// The next line that is not blank, trimmed; discards the rest of the current line.
     pub fn line(&mut self) -> Result<Option<&str>, ReadError> {
         loop {
             self.at = 0;
@@ -47,7 +47,7 @@ impl Tokens {
         }
     }
 
-    /// As [`Self::line`], where the file must go on.
+    /// As [`Self::line`]; the end of the file is an error.
     pub fn needed_line(&mut self, what: &str) -> Result<&str, ReadError> {
         if self.line()?.is_none() {
             return Err(self.end(what));
@@ -55,7 +55,7 @@ impl Tokens {
         Ok(&self.line)
     }
 
-    /// The next line's words are read next by [`Self::word`].
+    /// Makes the words of the next line available to [`Self::word`].
     fn fill(&mut self, what: &str) -> Result<(), ReadError> {
         while self.line[self.at..].trim_start().is_empty() {
             self.needed_line(what)?;
@@ -93,7 +93,7 @@ impl Tokens {
         Ok(bytes)
     }
 
-    /// A 32-bit signed number; text may hold any that fits 64 bits.
+    /// A signed integer: 32 bits in binary, up to 64 bits in text.
     pub fn int(&mut self, what: &str) -> Result<i64, ReadError> {
         match self.encoding {
             Encoding::Text => self.parse(what),
@@ -101,7 +101,7 @@ impl Tokens {
         }
     }
 
-    /// A 64-bit unsigned number.
+    /// A 64-bit unsigned integer.
     pub fn size(&mut self, what: &str) -> Result<u64, ReadError> {
         match self.encoding {
             Encoding::Text => self.parse(what),
@@ -109,7 +109,7 @@ impl Tokens {
         }
     }
 
-    /// A 64-bit number with fraction.
+    /// A 64-bit real number.
     pub fn double(&mut self, what: &str) -> Result<f64, ReadError> {
         match self.encoding {
             Encoding::Text => self.parse(what),
@@ -117,13 +117,13 @@ impl Tokens {
         }
     }
 
-    /// A number that is not negative, 32 bits in binary.
+    /// A non-negative integer, 32 bits in binary.
     pub fn number(&mut self, what: &str) -> Result<u64, ReadError> {
         let n = self.int(what)?;
         u64::try_from(n).map_err(|_| self.bad(n.to_string(), what))
     }
 
-    /// An error about what was read last.
+    /// An error at the current position.
     pub fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         match self.encoding {
             Encoding::Text => self.source.bad(found, expected),
@@ -131,8 +131,8 @@ impl Tokens {
         }
     }
 
-    /// Checks a count against what the rest of the file can hold: `binary` bytes each, or one digit
-    /// and one separator for each of `words`.
+    /// Checks a count against the remaining size of the file: `binary` bytes per item, or one digit and one
+    /// separator for each of `words`.
     pub fn count(
         &self,
         claimed: u64,
@@ -144,7 +144,7 @@ impl Tokens {
             Encoding::Text => (2 * words).saturating_sub(1).max(1),
             _ => binary,
         };
-        // What is left of the line in hand counts too.
+        // The rest of the current line counts too.
         self.source.count(
             claimed.saturating_sub((self.line.len() - self.at) as u64),
             least,

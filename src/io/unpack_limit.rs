@@ -1,16 +1,16 @@
-//! How much a packed file may unpack to: enough for every mesh, too little for a file made to fill the memory.
+//! A limit on the unpacked size of a compressed file, against files made to exhaust the memory.
 
 use super::{Place, ReadError};
 use std::cell::Cell;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// A file may always unpack to this many bytes.
-const ALWAYS: u64 = 64 << 20;
-/// Beyond, to at most this many times its size: numbers in XML shrink to a tenth or a twentieth.
-const TIMES: u64 = 64;
+/// The limit for small files.
+const MIN_LIMIT_BYTES: u64 = 64 << 20;
+/// Greatest ratio of unpacked to packed size for larger files: numbers in XML compress by a factor of 10 to 20.
+const MAX_EXPANSION_RATIO: u64 = 64;
 
-/// What is left of the bytes that a file may unpack to in all.
+/// The remaining number of bytes that a file may unpack to.
 pub(super) struct Allowance {
     path: PathBuf,
     packed: u64,
@@ -18,22 +18,26 @@ pub(super) struct Allowance {
 }
 
 impl Allowance {
-    /// What is expected of a file that unpacks to more than it may.
-    pub const EXPECTED: &str = "at most 64 times the file's size in all";
+    /// The expectation in errors about the limit.
+    pub const EXPECTED_SIZE: &str = "at most 64 times the file's size in all";
 
-    /// That of a file of so many bytes.
+    /// The allowance of a file of `packed` bytes.
     pub fn new(path: &Path, packed: u64) -> Self {
         Self {
             path: path.to_owned(),
             packed,
-            left: Cell::new(packed.saturating_mul(TIMES).max(ALWAYS)),
+            left: Cell::new(
+                packed
+                    .saturating_mul(MAX_EXPANSION_RATIO)
+                    .max(MIN_LIMIT_BYTES),
+            ),
         }
     }
 
-    /// Takes bytes that a part of the file says it unpacks to, before any is unpacked.
+    /// Reserves the declared unpacked size of a part, before it is unpacked.
     ///
     /// # Errors
-    /// When it is more than is left.
+    /// When the size exceeds the remaining allowance.
     pub fn take(&self, what: &str, bytes: u64) -> Result<(), ReadError> {
         if let Some(left) = self.left.get().checked_sub(bytes) {
             self.left.set(left);
@@ -44,33 +48,38 @@ impl Allowance {
             self.packed
         );
         Err(
-            ReadError::data(&self.path, Place::File, found, Self::EXPECTED).with_hint(
+            ReadError::data(&self.path, Place::File, found, Self::EXPECTED_SIZE).with_hint(
                 "the file is damaged, or made to fill the memory; if it is neither, pack it less",
             ),
         )
     }
 
-    /// A part that says it unpacks to so many bytes: its reader fails where there are more.
+    /// A reader of a part with a declared unpacked size, which fails beyond that size.
     ///
     /// # Errors
     /// As [`Allowance::take`].
-    pub fn part<R: Read>(&self, name: &str, bytes: u64, part: R) -> Result<Part<R>, ReadError> {
+    pub fn part<R: Read>(
+        &self,
+        name: &str,
+        bytes: u64,
+        part: R,
+    ) -> Result<LimitedReader<R>, ReadError> {
         self.take(&format!("the part {name}"), bytes)?;
-        Ok(Part { part, left: bytes })
+        Ok(LimitedReader { part, left: bytes })
     }
 }
 
-/// A part of an archive that may not be longer than it says.
-pub(super) struct Part<R> {
+/// A reader that fails beyond a declared size.
+pub(super) struct LimitedReader<R> {
     part: R,
     left: u64,
 }
 
-impl<R: Read> Read for Part<R> {
+impl<R: Read> Read for LimitedReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let n = self.part.read(buffer)?;
         self.left = self.left.checked_sub(n as u64).ok_or_else(|| {
-            let text = "the part is longer than the archive says";
+            let text = "the part is longer than the archive declares";
             io::Error::new(io::ErrorKind::InvalidData, text)
         })?;
         Ok(n)
@@ -82,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_unpacks_to_so_much_in_all() {
+    fn the_total_unpacked_size_is_limited() {
         let path = Path::new("a.3mf");
         let allowance = Allowance::new(path, 5 << 20);
         assert!(allowance.take("a", 300 << 20).is_ok());

@@ -1,9 +1,8 @@
 //! Universal files of I-DEAS, `.unv`: datasets between lines of -1.
 //!
-//! Nodes (datasets 15, 781, 2411), elements (780, 2412) and groups (2417 to 2477) are read; of units
-//! (164) a note is made. All other datasets are passed over, as are lines, springs and masses, which
-//! are counted. Elements have the groups of the file, or where it has none those of their physical
-//! property. Second-order elements list corners and mid nodes in turn.
+//! Nodes (datasets 15, 781, 2411), elements (780, 2412) and groups (2417 to 2477) are read; units (164)
+//! produce a note. All other datasets are ignored; lines, springs and masses are counted and skipped. A file
+//! without groups has one per physical property. Second-order elements alternate corners and mid nodes.
 
 mod table;
 
@@ -12,12 +11,12 @@ use super::scaffold::{ElementFile, KINDS_READ};
 use super::{Place, ReadError, Source, number, quote};
 use std::collections::HashMap;
 use std::path::Path;
-use table::{BEAMS, ELEMENTS, LINES};
+use table::{BEAM_TYPES, ELEMENT_TYPES, LINE_TYPES};
 
 /// Reads a universal file.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, or holds solids of other kinds.
+/// When the file cannot be read, is damaged, or contains unsupported kinds of solids.
 pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut file = File {
         source: Source::open(path)?,
@@ -54,9 +53,9 @@ const DELIMITER: &str = "-1";
 struct File<'a> {
     source: Source,
     collector: Collector<'a>,
-    /// Where the element of each number stands in the collector's list.
+    /// The index of each element by number.
     places: HashMap<u64, u32>,
-    /// The physical property of each.
+    /// The physical property of each element.
     properties: Vec<u64>,
     /// Name and element numbers.
     groups: Vec<(String, Vec<u64>)>,
@@ -82,7 +81,7 @@ impl File<'_> {
         Ok(Some(self.needed(what)?).filter(|line| line != DELIMITER))
     }
 
-    /// The whole numbers of a line.
+    /// The integers of a line.
     fn whole(&self, line: &str, what: &str) -> Result<Vec<i64>, ReadError> {
         let parse = |w: &str| w.parse().map_err(|_| self.source.bad(quote(w), what));
         line.split_whitespace().map(parse).collect()
@@ -113,7 +112,7 @@ impl File<'_> {
             "2411" | "781" => self.nodes(),
             "15" => self.nodes_on_one_line(),
             "2412" => self.elements(1),
-            // Two numbers for each of the tables.
+            // Two numbers per property table.
             "780" => self.elements(2),
             "164" => self.units(),
             "2435" | "2452" | "2467" | "2477" => self.groups(4),
@@ -144,7 +143,7 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Nodes of tests: number, systems, colour and coordinates in one line.
+    /// Nodes of dataset 15: number, systems, colour and coordinates in one line.
     fn nodes_on_one_line(&mut self) -> Result<(), ReadError> {
         while let Some(line) = self.record("a node or -1")? {
             let words: Vec<&str> = line.split_whitespace().collect();
@@ -171,7 +170,7 @@ impl File<'_> {
         }
     }
 
-    /// Elements, whose head has so many numbers for each table.
+    /// Elements, whose head has `width` numbers per property table.
     fn elements(&mut self, width: usize) -> Result<(), ReadError> {
         while let Some(line) = self.record("an element or -1")? {
             let head = self.whole(&line, "an element's head of whole numbers")?;
@@ -183,7 +182,7 @@ impl File<'_> {
             let (code, property) = (head[1], head[1 + width]);
             let count = self.number(head.last(), "a number of nodes")?;
             let mut nodes: Vec<u64> = Vec::new();
-            let mut orientation = BEAMS.contains(&code);
+            let mut orientation = BEAM_TYPES.contains(&code);
             while (nodes.len() as u64) < count {
                 let line = self.needed("the nodes of an element")?;
                 let words = self.whole(&line, "a node number")?;
@@ -213,8 +212,8 @@ impl File<'_> {
     ) -> Result<(), ReadError> {
         let place = Place::ItemOnLine("element", number, self.source.line_number());
         let path = self.source.path();
-        let Some((_, kind, order)) = ELEMENTS.iter().find(|row| row.0.contains(&code)) else {
-            if LINES.iter().any(|codes| codes.contains(&code)) {
+        let Some((_, kind, order)) = ELEMENT_TYPES.iter().find(|row| row.0.contains(&code)) else {
+            if LINE_TYPES.iter().any(|codes| codes.contains(&code)) {
                 self.collector.skipped += 1;
                 return Ok(());
             }
@@ -248,14 +247,14 @@ impl File<'_> {
         let name: String = line.chars().skip_while(char::is_ascii_digit).collect();
         let name = name.trim().trim_end_matches(|c: char| c.is_ascii_digit());
         self.collector.notes.push(format!(
-            "the file's units are {}; coordinates are taken as they are (unit = says what they are)",
+            "the file's units are {}; coordinates are not converted (set the unit by unit =)",
             quote(name.trim())
         ));
         while self.record("units or -1")?.is_some() {}
         Ok(())
     }
 
-    /// Groups, whose members are lists of so many numbers that begin with type and number.
+    /// Groups; each member has `width` numbers, the first two of them type and number.
     fn groups(&mut self, width: usize) -> Result<(), ReadError> {
         /// The type of finite elements.
         const ELEMENT: i64 = 8;

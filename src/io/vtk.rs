@@ -1,10 +1,9 @@
 //! VTK unstructured grids and polygons: XML `.vtu` and `.vtp`, legacy `.vtk`, text and binary.
 //!
-//! Read by ourselves: files are untrusted, and every count is checked before it is believed. VTK's
-//! node order is ours. Voxels (cell type 11) become Hex8, pixels (8) Quad4; Lagrange cells of order 1
-//! and 2 the kinds with as many nodes; polygons and triangle strips of a grid become triangles. The
-//! content of a file decides what it holds, not its extension.
-//! Point and cell data become fields.
+//! Files are untrusted, so every count is checked before use. Druse uses VTK's node order. Voxels (cell type
+//! 11) become Hex8, pixels (8) become Quad4; Lagrange cells of order 1 and 2 become the kinds of the same
+//! number of nodes; polygons and triangle strips of a grid become triangles. The content of a file, not its
+//! extension, decides between grid and polygons. Point and cell data become fields.
 
 mod array;
 mod legacy;
@@ -24,25 +23,25 @@ use super::{Place, ReadError, outer_faces, polygon};
 use crate::frame::Vec3;
 use crate::scaffold::Kind;
 use std::path::Path;
-use types::{Cell, PYRAMID19};
+use types::{Cell, PYRAMID19_NODE_COUNT};
 
-/// How far a pyramid's middle of a triangle may be from where its six other nodes put it: a share of the
-/// element's size, and of the coordinates, which may be of single precision.
-const OFF_MIDDLE: [f64; 2] = [1e-4, 1e-6];
-/// What is said to whom an element is refused.
-const HINT: &str = "mesh with elements of order 1 or 2";
+/// Greatest deviation of the middle node of a pyramid's triangle from the quadratic face of the other six nodes,
+/// relative to the element's size, and relative to the coordinates, which may be of single precision.
+const MAX_MIDDLE_DEVIATION: [f64; 2] = [1e-4, 1e-6];
+/// The hint for unsupported elements.
+const ORDER_HINT: &str = "mesh with elements of order 1 or 2";
 /// Cell types of surfaces of any number of nodes.
-const STRIP: u8 = 6;
-const POLYGON: u8 = 7;
+const STRIP_CELL_TYPE: u8 = 6;
+const POLYGON_CELL_TYPE: u8 = 7;
 
-/// What a file holds: elements, or polygons.
+/// The content of a file: elements or polygons.
 pub(super) enum VtkFile {
     Elements(ElementFile),
     Polygons(Soup),
 }
 
 impl VtkFile {
-    /// As elements: polygons are triangles and quads.
+    /// The content as elements; polygons become triangles and quads.
     pub fn elements(self, path: &Path) -> Result<ElementFile, ReadError> {
         match self {
             Self::Elements(file) => Ok(file),
@@ -50,7 +49,7 @@ impl VtkFile {
         }
     }
 
-    /// As polygons: solids by their outer faces.
+    /// The content as polygons; solids contribute their outer faces.
     pub fn soup(self, path: &Path) -> Result<Soup, ReadError> {
         match self {
             Self::Elements(file) => outer_faces::soup(path, &file),
@@ -59,19 +58,19 @@ impl VtkFile {
     }
 }
 
-/// Cells as both formats have them: a type each, and where each one's nodes end.
+/// The cells of a file: types, and the ends of their node lists.
 struct Cells<'a> {
     types: &'a [i64],
     ends: &'a [i64],
     nodes: &'a [i64],
     /// Coordinates of the points, three each.
     points: &'a [f64],
-    /// Whether the file is older than today's numbering of Lagrange hexahedra.
-    old: bool,
+    /// Whether the file has the old numbering of Lagrange hexahedra.
+    has_old_numbering: bool,
 }
 
 impl Cells<'_> {
-    /// Hands the cells over. Points count from `first_point`, cells from `first_cell`.
+    /// Passes the cells to the collector. Points are numbered from `first_point`, cells from `first_cell`.
     fn collect(
         &self,
         path: &Path,
@@ -96,7 +95,7 @@ impl Cells<'_> {
                 })?;
             start += own.len();
             let cell_type = u8::try_from(cell_type).unwrap_or(u8::MAX);
-            if matches!(cell_type, STRIP | POLYGON) {
+            if matches!(cell_type, STRIP_CELL_TYPE | POLYGON_CELL_TYPE) {
                 let nodes = own.iter().map(|&n| {
                     // A negative number becomes one that no node has.
                     u64::try_from(n).map_or(u64::MAX, |n| first_point + n)
@@ -104,29 +103,32 @@ impl Cells<'_> {
                 flat(number, cell_type, &nodes.collect::<Vec<_>>(), collector);
                 continue;
             }
-            let (kind, count, order) = match types::cell(cell_type, own.len(), self.old) {
-                Cell::Element(kind, count, order) => (kind, count, order),
-                Cell::Flat => {
-                    collector.skipped += 1;
-                    continue;
-                }
-                Cell::Refused(found, true) => {
-                    return Err(bad(found, "one of order 1 or 2".into()).with_hint(HINT));
-                }
-                Cell::Refused(found, false) => {
-                    return Err(bad(found, super::scaffold::KINDS_READ.into()).with_hint(HINT));
-                }
-            };
+            let (kind, count, order) =
+                match types::cell(cell_type, own.len(), self.has_old_numbering) {
+                    Cell::Element(kind, count, order) => (kind, count, order),
+                    Cell::Skipped => {
+                        collector.skipped += 1;
+                        continue;
+                    }
+                    Cell::Refused(found, true) => {
+                        return Err(bad(found, "one of order 1 or 2".into()).with_hint(ORDER_HINT));
+                    }
+                    Cell::Refused(found, false) => {
+                        return Err(
+                            bad(found, super::scaffold::KINDS_READ.into()).with_hint(ORDER_HINT)
+                        );
+                    }
+                };
             if own.len() != count {
                 let found = format!("{} nodes", own.len());
                 let what = match count {
-                    PYRAMID19 => types::name(cell_type),
+                    PYRAMID19_NODE_COUNT => types::name(cell_type),
                     _ => format!("a {}", kind.name()),
                 };
                 return Err(bad(found, format!("{count} for {what}")));
             }
-            if count == PYRAMID19
-                && let Some(off) = self.off_middle(own)
+            if count == PYRAMID19_NODE_COUNT
+                && let Some(off) = self.middle_deviation(own)
             {
                 let found = format!(
                     "{} with the middle of a triangle {off:.3e} beside the quadratic face",
@@ -146,9 +148,9 @@ impl Cells<'_> {
         Ok(())
     }
 
-    /// How far a middle of a triangle stands from where the other nodes of a triquadratic pyramid put it,
-    /// if that is too far. Nodes that do not exist are found later.
-    fn off_middle(&self, own: &[i64]) -> Option<f64> {
+    /// The deviation of a triangle's middle node from the quadratic face of a triquadratic pyramid, if it is too
+    /// large. Missing nodes are reported later.
+    fn middle_deviation(&self, own: &[i64]) -> Option<f64> {
         let point = |n: i64| -> Option<Vec3> {
             let first = usize::try_from(n).ok()?.checked_mul(3)?;
             let p = self.points.get(first..first.checked_add(3)?)?;
@@ -158,19 +160,18 @@ impl Cells<'_> {
         let size = points[..5].iter().map(|p| (p - points[0]).norm());
         let size = size.fold(0.0, f64::max);
         let largest = points[..5].iter().map(Vec3::amax).fold(0.0, f64::max);
-        let tolerance = OFF_MIDDLE[0] * size + OFF_MIDDLE[1] * largest;
+        let tolerance = MAX_MIDDLE_DEVIATION[0] * size + MAX_MIDDLE_DEVIATION[1] * largest;
         let triangles = &Kind::Pyramid14.faces()[1..];
         let off = triangles.iter().zip(&points[14..18]).map(|(face, middle)| {
             let sum = |set: &[u8]| set.iter().map(|&n| points[usize::from(n)]).sum::<Vec3>();
             // The quadratic face at its centroid.
-            let there = sum(face.mids) * (4.0 / 9.0) - sum(face.corners) / 9.0;
-            (there - middle).norm()
+            let expected_middle = sum(face.mids) * (4.0 / 9.0) - sum(face.corners) / 9.0;
+            (expected_middle - middle).norm()
         });
         Some(off.fold(0.0, f64::max)).filter(|off| *off > tolerance)
     }
 
-    /// Refuses Lagrange cells whose degrees along their axes are not those of our kinds. Three numbers
-    /// for each cell.
+    /// Refuses Lagrange cells whose degrees, three numbers per cell, do not match the kind.
     fn check_degrees(
         &self,
         path: &Path,
@@ -195,21 +196,21 @@ impl Cells<'_> {
                 let found = format!("{name} of degrees {}", own.join(", "));
                 let place = Place::Item("element", first_cell + i as u64);
                 let expected = format!("degree {degree} along every axis for {count} nodes");
-                return Err(ReadError::data(path, place, found, expected).with_hint(HINT));
+                return Err(ReadError::data(path, place, found, expected).with_hint(ORDER_HINT));
             }
         }
         Ok(())
     }
 }
 
-/// Hands a polygon or a strip over as triangles, or as a quad.
+/// Passes a polygon or a strip to the collector as triangles or as a quad.
 fn flat(number: u64, cell_type: u8, nodes: &[u64], collector: &mut Collector) {
     let mut add = |kind, nodes: &[u64]| collector.element(number, kind, nodes, &[]);
     match nodes {
-        _ if cell_type == STRIP => {
+        _ if cell_type == STRIP_CELL_TYPE => {
             for (i, t) in nodes.windows(3).enumerate() {
-                let turned = [t[1], t[0], t[2]];
-                add(Kind::Tri3, if i % 2 == 0 { t } else { &turned });
+                let swapped = [t[1], t[0], t[2]];
+                add(Kind::Tri3, if i % 2 == 0 { t } else { &swapped });
             }
         }
         [_, _, _] => add(Kind::Tri3, nodes),
@@ -222,9 +223,9 @@ fn flat(number: u64, cell_type: u8, nodes: &[u64], collector: &mut Collector) {
             let mut cut = Vec::new();
             if corners.len() == nodes.len() {
                 let all: Vec<u32> = (0..nodes.len() as u32).collect();
-                polygon::cut(&all, &corners, &mut cut);
+                polygon::triangulate(&all, &corners, &mut cut);
             } else {
-                // The node that is missing is named when all elements are known.
+                // The collector reports the missing node.
                 cut.extend((1..nodes.len() as u32 - 1).map(|i| [0, i, i + 1]));
             }
             for t in cut {

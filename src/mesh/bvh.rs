@@ -1,37 +1,37 @@
-//! A four-wide bounding-volume hierarchy over boxes: nearest-first search and overlap search.
+//! A four-wide bounding-volume hierarchy over boxes: searches by distance, ray and overlap.
 //!
-//! Boxes are kept as `f32` in a local frame (centred, scaled by a power of two to about [-1, 1]) and
-//! rounded outward, so that pruning is conservative while the caller computes in `f64`. The tree is
-//! built by binned surface-area splits, in parallel, and is the same at any thread count; its depth
-//! is bounded because splits fall back to halving.
+//! Boxes are stored as `f32` in a local frame (centred, scaled by a power of two to about [-1, 1]) and
+//! rounded outward, so that pruning is conservative while the caller computes in `f64`. Binned surface-area
+//! splits build the tree in parallel, with the same result at any thread count. Its depth is bounded because
+//! deep ranges are split at the median.
 
 use crate::frame::{Aabb, Vec3};
 use build::{Primitive, build};
 
 mod build;
 
-/// Marks an unused lane.
-const NONE: u32 = u32::MAX;
-/// Deepest search: 48 levels by cost, 32 by halving, three siblings left behind on each.
-const STACK: usize = 256;
-/// Outward rounding of a box in the local frame: covers the casts of box and query to `f32`.
-const MARGIN: f32 = 1.0 / (1 << 21) as f32;
+/// The count of an unused lane.
+const UNUSED_LANE: u32 = u32::MAX;
+/// Greatest size of a search stack: 48 levels of splits by cost, 32 at the median, three siblings on each.
+const MAX_STACK: usize = 256;
+/// Outward margin of a box in the local frame: covers the casts of box and query to `f32`.
+const BOX_MARGIN: f32 = 1.0 / (1 << 21) as f32;
 /// Relative slack of squared distances computed in `f32`.
-const SLACK: f32 = 1.0 / (1 << 19) as f32;
+const DISTANCE_SLACK: f32 = 1.0 / (1 << 19) as f32;
 
-/// Four children: boxes by lane, then what each lane holds.
+/// A node: the boxes of four children by lane, and the contents of each lane.
 #[repr(align(64))]
 #[derive(Clone)]
 pub(crate) struct Node {
     lo: [[f32; 4]; 3],
     hi: [[f32; 4]; 3],
-    /// Index of an inner child's node, or of a leaf's first slot.
+    /// The node index of an inner child, or the first slot of a leaf.
     pub(crate) first: [u32; 4],
-    /// Number of slots of a leaf, 0 for an inner child, `u32::MAX` for an unused lane.
+    /// The number of slots of a leaf, 0 for an inner child, `u32::MAX` for an unused lane.
     pub(crate) count: [u32; 4],
 }
 
-/// What a lane of a node holds.
+/// The contents of a lane of a node.
 pub(crate) enum Child {
     Inner(usize),
     Leaf(std::ops::Range<usize>),
@@ -44,36 +44,36 @@ impl Node {
             lo: [[f32::INFINITY; 4]; 3],
             hi: [[f32::NEG_INFINITY; 4]; 3],
             first: [0; 4],
-            count: [NONE; 4],
+            count: [UNUSED_LANE; 4],
         }
     }
 
-    /// What lane `l` holds.
+    /// The contents of lane `l`.
     pub(crate) fn child(&self, l: usize) -> Child {
         let first = self.first[l] as usize;
         match self.count[l] {
-            NONE => Child::None,
+            UNUSED_LANE => Child::None,
             0 => Child::Inner(first),
             n => Child::Leaf(first..first + n as usize),
         }
     }
 
-    /// Squared distances from a point to the four boxes, not more than the true ones.
+    /// Lower bounds of the squared distances from a point to the four boxes.
     pub(crate) fn distances(&self, p: [f32; 3]) -> [f32; 4] {
         let mut sum = [0f32; 4];
         for a in 0..3 {
             for l in 0..4 {
-                // Comparisons rather than f32::max: one instruction each, and no box holds a NaN.
+                // Comparisons instead of f32::max: one instruction each, and no box contains a NaN.
                 let (below, above) = (self.lo[a][l] - p[a], p[a] - self.hi[a][l]);
                 let d = if below > above { below } else { above };
                 let d = if d > 0.0 { d } else { 0.0 };
                 sum[l] += d * d;
             }
         }
-        sum.map(|s| s * (1.0 - SLACK))
+        sum.map(|s| s * (1.0 - DISTANCE_SLACK))
     }
 
-    /// The longest edge of each box; of an unused lane nothing that means anything.
+    /// The longest edge of each box; undefined for an unused lane.
     pub(crate) fn widths(&self) -> [f32; 4] {
         [0, 1, 2, 3].map(|l| {
             let edges = (0..3).map(|a| self.hi[a][l] - self.lo[a][l]);
@@ -82,14 +82,14 @@ impl Node {
     }
 }
 
-/// World coordinates to the local frame of the boxes.
+/// The map from world coordinates to the local frame of the boxes.
 #[derive(Clone, Copy)]
-pub(crate) struct Local {
+pub(crate) struct LocalFrame {
     centre: Vec3,
     inverse: f64,
 }
 
-impl Local {
+impl LocalFrame {
     fn of(bounds: &Aabb) -> Self {
         if bounds.is_empty() {
             return Self {
@@ -97,7 +97,7 @@ impl Local {
                 inverse: 1.0,
             };
         }
-        // Halves first: the sum of two huge coordinates could overflow.
+        // Halve before adding: the sum of two huge coordinates could overflow.
         let centre = bounds.min / 2.0 + bounds.max / 2.0;
         let half = (bounds.max / 2.0 - bounds.min / 2.0).amax();
         let exponent = if half > 0.0 { half.log2().ceil() } else { 0.0 };
@@ -118,7 +118,7 @@ impl Local {
     }
 }
 
-fn single(p: Vec3) -> [f32; 3] {
+fn to_f32(p: Vec3) -> [f32; 3] {
     [p.x as f32, p.y as f32, p.z as f32]
 }
 
@@ -126,20 +126,20 @@ fn single(p: Vec3) -> [f32; 3] {
 pub(crate) struct Bvh {
     nodes: Vec<Node>,
     order: Vec<u32>,
-    local: Local,
+    local: LocalFrame,
 }
 
 impl Bvh {
-    /// Builds the tree over the boxes of primitives, which must be finite.
+    /// Builds the tree over `count` primitives with finite boxes.
     pub(crate) fn new(count: usize, bounds: impl Fn(usize) -> Aabb) -> Self {
         let whole = (0..count).fold(Aabb::EMPTY, |b, i| b.union(bounds(i)));
-        let local = Local::of(&whole);
+        let local = LocalFrame::of(&whole);
         let mut primitives: Vec<Primitive> = (0..count)
             .map(|i| {
                 let b = bounds(i);
                 Primitive {
-                    lo: single(local.point(b.min)).map(|c| c - MARGIN),
-                    hi: single(local.point(b.max)).map(|c| c + MARGIN),
+                    lo: to_f32(local.point(b.min)).map(|c| c - BOX_MARGIN),
+                    hi: to_f32(local.point(b.max)).map(|c| c + BOX_MARGIN),
                     index: i as u32,
                 }
             })
@@ -155,54 +155,54 @@ impl Bvh {
         }
     }
 
-    /// The nodes; a child's index is greater than its parent's, the root is node 0.
+    /// The nodes; node 0 is the root, and a child's index exceeds its parent's.
     pub(crate) fn nodes(&self) -> &[Node] {
         &self.nodes
     }
 
-    /// The primitive in each slot.
+    /// The index of the primitive in each slot.
     pub(crate) fn order(&self) -> &[u32] {
         &self.order
     }
 
-    /// The frame in which nodes keep their numbers.
-    pub(crate) fn local(&self) -> Local {
+    /// The local frame of the nodes' boxes.
+    pub(crate) fn local(&self) -> LocalFrame {
         self.local
     }
 
-    /// Visits slots that may be nearer to `p` than `best`, nearest boxes first; `visit` gives the best
-    /// distance when the slot improved it.
+    /// Visits slots that may be nearer to `p` than `best`, nearest boxes first; `visit` returns the new best
+    /// distance if the slot improves it.
     pub(crate) fn nearest(&self, p: Vec3, best: f64, mut visit: impl FnMut(usize) -> Option<f64>) {
         if self.nodes.is_empty() {
             return;
         }
-        let q = single(self.local.point(p));
+        let q = to_f32(self.local.point(p));
         let limit = |best: f64| {
             let d = self.local.length(best) as f32;
-            d * d * (1.0 + SLACK)
+            d * d * (1.0 + DISTANCE_SLACK)
         };
-        let mut cut = limit(best);
-        let mut stack = [(0f32, 0u32); STACK];
+        let mut cutoff = limit(best);
+        let mut stack = [(0f32, 0u32); MAX_STACK];
         let mut top = 1;
         while top > 0 {
             top -= 1;
-            let (far, n) = stack[top];
-            if far > cut {
+            let (distance2, n) = stack[top];
+            if distance2 > cutoff {
                 continue;
             }
             let node = &self.nodes[n as usize];
             let d = node.distances(q);
-            // Leaves at once; inner children later, the nearest on top of the stack.
-            let floor = top;
+            // Leaves are visited at once; inner children are pushed in order, the nearest on top.
+            let first_child = top;
             for l in 0..4 {
-                if d[l] > cut {
+                if d[l] > cutoff {
                     continue;
                 }
                 match node.count[l] {
-                    NONE => {}
+                    UNUSED_LANE => {}
                     0 => {
                         let mut at = top;
-                        while at > floor && stack[at - 1].0 < d[l] {
+                        while at > first_child && stack[at - 1].0 < d[l] {
                             stack[at] = stack[at - 1];
                             at -= 1;
                         }
@@ -213,7 +213,7 @@ impl Bvh {
                         let first = node.first[l] as usize;
                         for slot in first..first + n as usize {
                             if let Some(best) = visit(slot) {
-                                cut = limit(best);
+                                cutoff = limit(best);
                             }
                         }
                     }
@@ -222,30 +222,36 @@ impl Bvh {
         }
     }
 
-    /// Visits every slot whose box may meet the ray from `p` along an axis, ahead or back.
-    pub(crate) fn along(&self, p: Vec3, axis: usize, ahead: bool, mut visit: impl FnMut(usize)) {
+    /// Visits every slot whose box may meet the ray from `p` along an axis, forward or backward.
+    pub(crate) fn along(
+        &self,
+        p: Vec3,
+        axis: usize,
+        is_forward: bool,
+        mut visit: impl FnMut(usize),
+    ) {
         if self.nodes.is_empty() {
             return;
         }
-        let q = single(self.local.point(p));
+        let q = to_f32(self.local.point(p));
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut stack = [0u32; STACK];
+        let mut stack = [0u32; MAX_STACK];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let node = &self.nodes[stack[top] as usize];
             let mut hit = [false; 4];
             for l in 0..4 {
-                let across = node.lo[u][l] <= q[u]
+                let overlaps = node.lo[u][l] <= q[u]
                     && q[u] <= node.hi[u][l]
                     && node.lo[v][l] <= q[v]
                     && q[v] <= node.hi[v][l];
-                let before = if ahead {
+                let reaches = if is_forward {
                     q[axis] <= node.hi[axis][l]
                 } else {
                     q[axis] >= node.lo[axis][l]
                 };
-                hit[l] = across && before;
+                hit[l] = overlaps && reaches;
             }
             for l in (0..4).filter(|&l| hit[l]) {
                 match node.child(l) {
@@ -260,21 +266,21 @@ impl Bvh {
         }
     }
 
-    /// Visits every slot whose box may meet `region`, until `visit` says stop by `false`.
+    /// Visits every slot whose box may meet `region`, until `visit` returns `false`.
     pub(crate) fn overlapping(&self, region: &Aabb, mut visit: impl FnMut(usize) -> bool) {
         if self.nodes.is_empty() || region.is_empty() {
             return;
         }
-        let lo = single(self.local.point(region.min)).map(|c| c - c.abs() * SLACK);
-        let hi = single(self.local.point(region.max)).map(|c| c + c.abs() * SLACK);
-        let mut stack = [0u32; STACK];
+        let lo = to_f32(self.local.point(region.min)).map(|c| c - c.abs() * DISTANCE_SLACK);
+        let hi = to_f32(self.local.point(region.max)).map(|c| c + c.abs() * DISTANCE_SLACK);
+        let mut stack = [0u32; MAX_STACK];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let node = &self.nodes[stack[top] as usize];
             for l in 0..4 {
                 let meets = (0..3).all(|a| node.lo[a][l] <= hi[a] && lo[a] <= node.hi[a][l]);
-                if !meets || node.count[l] == NONE {
+                if !meets || node.count[l] == UNUSED_LANE {
                     continue;
                 }
                 if node.count[l] == 0 {
@@ -305,7 +311,7 @@ mod tests {
                 .wrapping_add(1442695040888963407);
             (s >> 11) as f64 / (1u64 << 53) as f64
         };
-        // Clusters of very different size, so that splits by cost and by halving both happen.
+        // Clusters of very different size, which need both kinds of split.
         (0..n)
             .map(|i| Vec3::from_fn(|_, _| next()) * 0.5f64.powi((i % 60) as i32))
             .collect()
@@ -315,11 +321,11 @@ mod tests {
     fn nearest_and_overlapping_agree_with_a_scan() {
         let points = points(20_000);
         let bvh = Bvh::new(points.len(), |i| Aabb::of([points[i]]));
-        let mut seen = vec![false; points.len()];
+        let mut is_present = vec![false; points.len()];
         for &i in bvh.order() {
-            seen[i as usize] = true;
+            is_present[i as usize] = true;
         }
-        assert!(seen.iter().all(|&s| s));
+        assert!(is_present.iter().all(|&s| s));
         for q in points.iter().step_by(997).map(|p| p * 1.3) {
             let mut found = f64::INFINITY;
             bvh.nearest(q, f64::INFINITY, |slot| {
@@ -353,7 +359,7 @@ mod tests {
                 }
             }
         }
-        // Halving 10,000 takes 14 levels; a tree that cannot tell its primitives apart takes thousands.
+        // Median splits of 10,000 primitives take 14 levels; one primitive per split would take thousands.
         assert!(depth.into_iter().max().unwrap() <= 14);
     }
 }

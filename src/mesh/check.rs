@@ -1,38 +1,37 @@
-//! What a mesh is in four words: closed, oriented, manifold, not self-intersecting.
+//! Four properties of a mesh: closed, oriented, manifold, not self-intersecting.
 //!
-//! Vertices of equal coordinates count as one, so that a soup of triangles is judged by its geometry.
-//! - closed: every side of a triangle belongs to at least two;
-//! - oriented: neighbours run along their common side in opposite directions;
-//! - manifold: no side belongs to more than two triangles, and round every vertex the triangles make
-//!   one fan;
-//! - not self-intersecting: triangles meet only in common corners and sides.
+//! Vertices of equal coordinates count as one, so that the result depends on geometry only.
+//! - closed: every edge belongs to at least two triangles;
+//! - oriented: neighbours traverse their common edge in opposite directions;
+//! - manifold: no edge belongs to more than two triangles, and the triangles around every vertex form one fan;
+//! - not self-intersecting: triangles meet only in common corners and edges.
 
 use super::TriMesh;
-use super::intersect::{is_flat, meeting_pairs};
+use super::intersect::{is_degenerate_triangle, meeting_pairs};
 use super::repair::ShellReport;
 use super::sides::HalfEdges;
 use super::soup::Soup;
 use crate::frame::{Aabb, LengthUnit, Vec3, figures, place_figures};
 use crate::progress::{Cancelled, Progress, Silent};
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 use std::fmt::{self, Write};
 
-/// How many places of a defect are kept.
-const PLACES: usize = 5;
+/// Greatest number of places recorded per kind of defect.
+const MAX_PLACES: usize = 5;
 
-/// Where a defect is.
+/// The place of a defect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Defect {
-    /// A point of it.
+    /// A point of the defect.
     pub at: Vec3,
     /// The triangles involved, by number from 0.
     pub triangles: Vec<u32>,
 }
 
-/// How often a defect occurs, and where first.
+/// The number of occurrences of a defect, with the first places.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Finding {
-    /// How often.
+    /// The number of occurrences.
     pub count: usize,
     /// The first few, in a fixed order.
     pub places: Vec<Defect>,
@@ -41,62 +40,62 @@ pub struct Finding {
 impl Finding {
     fn add(&mut self, defect: impl FnOnce() -> Defect) {
         self.count += 1;
-        if self.places.len() < PLACES {
+        if self.places.len() < MAX_PLACES {
             self.places.push(defect());
         }
     }
 }
 
-/// What [`check`] found.
+/// The result of [`check`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshReport {
-    /// Number of different vertices in use.
+    /// Number of distinct vertices in use.
     pub vertices: usize,
     /// Number of triangles.
     pub triangles: usize,
-    /// Pieces that share no vertex.
+    /// Components that share no vertex.
     pub components: usize,
     /// Signed volume, in the mesh's unit cubed.
     pub volume: f64,
     /// Area, in the mesh's unit squared.
     pub area: f64,
-    /// Box around the triangles.
+    /// Bounding box of the triangles.
     pub bounds: Aabb,
-    /// Sides of only one triangle.
+    /// Edges of only one triangle.
     pub open_edges: Finding,
-    /// Sides along which triangles run more often one way than the other, open ones left out.
-    pub turned_edges: Finding,
-    /// Sides of more than two triangles.
-    pub crowded_edges: Finding,
-    /// Vertices round which the triangles make more than one fan.
+    /// Edges of two or more triangles, traversed more often in one direction than in the other.
+    pub misoriented_edges: Finding,
+    /// Edges of more than two triangles.
+    pub nonmanifold_edges: Finding,
+    /// Vertices whose triangles form more than one fan.
     pub pinched_vertices: Finding,
     /// Triangles without area.
     pub degenerate: Finding,
-    /// Triangles that meet another where they should not; `None` if not looked for.
+    /// Triangles that intersect others; `None` if not checked.
     pub self_intersections: Option<Finding>,
-    /// Shells that wind inward, overlap, lie in others; `None` if not looked for.
+    /// Orientation, overlap and nesting of shells; `None` if not checked.
     pub shells: Option<ShellReport>,
 }
 
 impl MeshReport {
-    /// Whether there is a surface and it has no open side.
+    /// Whether there is a surface and it has no open edge.
     pub fn is_closed(&self) -> bool {
         self.open_edges.count == 0 && self.triangles > 0
     }
-    /// Whether neighbours agree on the outside.
+    /// Whether neighbours are oriented consistently.
     pub fn is_oriented(&self) -> bool {
-        self.turned_edges.count == 0
+        self.misoriented_edges.count == 0
     }
-    /// Whether every point has a neighbourhood like a plane's or a half plane's.
+    /// Whether every point has a neighbourhood like that of a plane or a half plane.
     pub fn is_manifold(&self) -> bool {
-        self.crowded_edges.count == 0 && self.pinched_vertices.count == 0
+        self.nonmanifold_edges.count == 0 && self.pinched_vertices.count == 0
     }
-    /// Whether triangles meet only in common corners and sides; `None` if not looked for.
+    /// Whether triangles meet only in common corners and edges; `None` if not checked.
     pub fn is_free_of_intersections(&self) -> Option<bool> {
         self.self_intersections.as_ref().map(|f| f.count == 0)
     }
-    /// The four words, each with its answer (`None`: not looked for).
-    pub fn words(&self) -> [(&'static str, Option<bool>); 4] {
+    /// The four properties by name (`None`: not checked).
+    pub fn properties(&self) -> [(&'static str, Option<bool>); 4] {
         [
             ("closed", Some(self.is_closed())),
             ("oriented", Some(self.is_oriented())),
@@ -104,25 +103,28 @@ impl MeshReport {
             ("not self-intersecting", self.is_free_of_intersections()),
         ]
     }
-    /// Whether no answer is no.
+    /// Whether no property is violated.
     pub fn is_sound(&self) -> bool {
-        self.words().iter().all(|w| w.1 != Some(false))
+        self.properties().iter().all(|w| w.1 != Some(false))
     }
-    /// Whether the surface bounds a solid as it stands: it is sound, and no shell winds inward or overlaps
-    /// another.
+    /// Whether the surface bounds a solid without repair: it is sound, and no shell is oriented inward or
+    /// overlaps another.
     pub fn is_solid(&self) -> bool {
         let shells = self.shells.unwrap_or_default();
         self.is_sound() && shells.inward_shells == 0 && shells.overlapping_shells == 0
     }
 
-    /// The defects by name, those that occur.
+    /// The defects that occur, by name.
     pub fn defects(&self) -> Vec<(&'static str, &Finding)> {
         let all = [
             ("open edges", Some(&self.open_edges)),
-            ("edges with turned neighbours", Some(&self.turned_edges)),
+            (
+                "edges with turned neighbours",
+                Some(&self.misoriented_edges),
+            ),
             (
                 "edges of more than two triangles",
-                Some(&self.crowded_edges),
+                Some(&self.nonmanifold_edges),
             ),
             ("pinched vertices", Some(&self.pinched_vertices)),
             ("triangles without area", Some(&self.degenerate)),
@@ -138,17 +140,17 @@ impl MeshReport {
 }
 
 impl MeshReport {
-    /// All of it for people, measures in a unit if it is known.
+    /// The report as text, with the unit of lengths if it is known.
     pub fn text(&self, unit: Option<LengthUnit>) -> String {
         let mut text = String::new();
         let f = &mut text;
-        for (word, answer) in self.words() {
-            let answer = match answer {
+        for (property, holds) in self.properties() {
+            let holds = match holds {
                 Some(true) => "yes",
                 Some(false) => "NO",
-                None => "not looked for",
+                None => "not checked",
             };
-            let _ = writeln!(f, "{word}: {answer}");
+            let _ = writeln!(f, "{property}: {holds}");
         }
         for (name, finding) in self.defects() {
             let _ = write!(f, "{} {name}", finding.count);
@@ -160,7 +162,7 @@ impl MeshReport {
             }
             f.push('\n');
         }
-        for (name, count) in self.shells.iter().flat_map(ShellReport::facts) {
+        for (name, count) in self.shells.iter().flat_map(ShellReport::counts) {
             if count > 0 {
                 let _ = writeln!(f, "{count} {name}");
             }
@@ -188,7 +190,7 @@ impl fmt::Display for MeshReport {
     }
 }
 
-/// Checks a mesh wholly.
+/// Checks all properties of a mesh.
 ///
 /// ```
 /// use druse::mesh::{TriMesh, check};
@@ -196,14 +198,14 @@ impl fmt::Display for MeshReport {
 /// assert!(report.is_sound() && report.components == 1);
 /// ```
 pub fn check(mesh: &TriMesh) -> MeshReport {
-    // Silence never cancels.
-    check_with(mesh, true, &Silent).unwrap_or_else(|Cancelled| unreachable!("silence cancels"))
+    check_with(mesh, true, &Silent)
+        .unwrap_or_else(|Cancelled| unreachable!("`Silent` never cancels"))
 }
 
-/// Checks a mesh; the search for self-intersections, the longest part, can be left out.
+/// Checks a mesh; the search for self-intersections, the most expensive part, is optional.
 ///
 /// # Errors
-/// [`Cancelled`] when `progress` says so.
+/// [`Cancelled`] when `progress` cancels.
 pub fn check_with(
     mesh: &TriMesh,
     intersections: bool,
@@ -222,17 +224,17 @@ pub fn check_with(
         area: mesh.area(),
         bounds: mesh.bounds(),
         open_edges: Finding::default(),
-        turned_edges: Finding::default(),
-        crowded_edges: Finding::default(),
+        misoriented_edges: Finding::default(),
+        nonmanifold_edges: Finding::default(),
         pinched_vertices: Finding::default(),
         degenerate: Finding::default(),
         self_intersections: None,
         shells: None,
     };
-    judge(&edges, &merged, &mut report);
-    pinches(&merged, &edges, &mut report.pinched_vertices);
+    classify_edges(&edges, &merged, &mut report);
+    find_pinched_vertices(&merged, &edges, &mut report.pinched_vertices);
     for (t, corners) in merged.iter_corners().enumerate() {
-        if is_flat(&corners) {
+        if is_degenerate_triangle(&corners) {
             let triangles = vec![t as u32];
             report.degenerate.add(|| Defect {
                 at: corners[0],
@@ -257,8 +259,8 @@ pub fn check_with(
     Ok(report)
 }
 
-/// Judges every edge by the sides of its triangles.
-fn judge(edges: &HalfEdges, mesh: &TriMesh, report: &mut MeshReport) {
+/// Finds open, misoriented and non-manifold edges.
+fn classify_edges(edges: &HalfEdges, mesh: &TriMesh, report: &mut MeshReport) {
     for edge in edges.edges() {
         let defect = || Defect {
             at: (mesh.vertices()[edge[0].lo as usize] + mesh.vertices()[edge[0].hi as usize]) / 2.0,
@@ -270,29 +272,29 @@ fn judge(edges: &HalfEdges, mesh: &TriMesh, report: &mut MeshReport) {
         }
         let forward = edge.iter().filter(|s| s.is_forward()).count();
         if 2 * forward != edge.len() {
-            report.turned_edges.add(defect);
+            report.misoriented_edges.add(defect);
         }
         if edge.len() > 2 {
-            report.crowded_edges.add(defect);
+            report.nonmanifold_edges.add(defect);
         }
     }
 }
 
-/// How many pieces share no vertex; every vertex of a merged mesh is in use.
+/// The number of components that share no vertex; every vertex of a merged mesh is in use.
 fn components(mesh: &TriMesh) -> usize {
-    let mut sets = Sets::new(mesh.vertices().len());
+    let mut sets = UnionFind::new(mesh.vertices().len());
     for tri in mesh.triangles() {
         let [a, b, c] = tri.map(|v| v as usize);
-        sets.join(a, b);
-        sets.join(b, c);
+        sets.union(a, b);
+        sets.union(b, c);
     }
     (0..mesh.vertices().len())
-        .filter(|&v| sets.root(v) == v)
+        .filter(|&v| sets.find(v) == v)
         .count()
 }
 
-/// Vertices whose triangles do not all hang together by sides at the vertex.
-fn pinches(mesh: &TriMesh, edges: &HalfEdges, finding: &mut Finding) {
+/// Finds vertices whose triangles are not all connected through edges at the vertex.
+fn find_pinched_vertices(mesh: &TriMesh, edges: &HalfEdges, finding: &mut Finding) {
     let triangles = mesh.triangles();
     let corner = |t: u32, v: u32| {
         let place = triangles[t as usize]
@@ -301,16 +303,16 @@ fn pinches(mesh: &TriMesh, edges: &HalfEdges, finding: &mut Finding) {
             .unwrap_or(0);
         3 * t as usize + place
     };
-    let mut fans = Sets::new(3 * triangles.len());
+    let mut fans = UnionFind::new(3 * triangles.len());
     for edge in edges.edges() {
         let first = edge[0];
         for other in &edge[1..] {
             for v in [first.lo, first.hi] {
-                fans.join(corner(first.triangle(), v), corner(other.triangle(), v));
+                fans.union(corner(first.triangle(), v), corner(other.triangle(), v));
             }
         }
     }
-    // The first fan seen at each vertex; triangles that collapsed have no fan of their own.
+    // The first fan at each vertex; degenerate triangles belong to no fan.
     let mut fan = vec![usize::MAX; mesh.vertices().len()];
     let mut pinched = vec![false; mesh.vertices().len()];
     for (t, tri) in triangles.iter().enumerate() {
@@ -318,10 +320,10 @@ fn pinches(mesh: &TriMesh, edges: &HalfEdges, finding: &mut Finding) {
             continue;
         }
         for (k, &v) in tri.iter().enumerate() {
-            let (mine, v) = (fans.root(3 * t + k), v as usize);
+            let (own_fan, v) = (fans.find(3 * t + k), v as usize);
             if fan[v] == usize::MAX {
-                fan[v] = mine;
-            } else if fan[v] != mine && !pinched[v] {
+                fan[v] = own_fan;
+            } else if fan[v] != own_fan && !pinched[v] {
                 pinched[v] = true;
                 let triangles = vec![(fan[v] / 3) as u32, t as u32];
                 finding.add(|| Defect {

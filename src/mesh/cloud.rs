@@ -1,53 +1,53 @@
-//! Oriented point clouds as solids: exact to a small tile at every point, sign by the winding number.
+//! Oriented point clouds as solids: distance to tiles at the points, sign by the winding number.
 //!
-//! Every point carries a square tile across its normal whose area a is its share of the surface, taken
-//! from its nearest neighbours: k of them within a radius r cover pi r^2. The generalised winding number is
-//! the sum of the tiles' solid angles (Barill, Dickson, Schmidt, Levin, Jacobson, *Fast winding numbers
-//! for soups and clouds*, 2018); a point is inside where it exceeds 1/2. Distance is that to the tiles,
-//! drawn large enough to overlap: off by about s^2 / 2R on a surface with spacing s and radius of
-//! curvature R, and rounded over s at sharp edges.
+//! Every point carries a square tile perpendicular to its normal. The tile's area is the point's share of the
+//! surface, estimated from its nearest neighbours: k of them within a radius r cover pi r^2. The generalised
+//! winding number is the sum of the tiles' solid angles (Barill, Dickson, Schmidt, Levin, Jacobson, *Fast
+//! winding numbers for soups and clouds*, 2018); a point is inside where it exceeds 1/2. The distance is that
+//! to the tiles, enlarged so that they overlap. Its error is about s^2 / 2R on a surface with spacing s and
+//! radius of curvature R; sharp edges are rounded over s.
 
 use super::bvh::Bvh;
 use super::soup::Soup;
-use super::winding::{FINE, Winding};
+use super::winding::{ACCURATE_BETA, Winding};
 use crate::frame::{Aabb, Vec3};
 
-/// Neighbours that a point's share of the surface is taken from.
-const NEIGHBOURS: usize = 8;
-/// Side of a tile by that of its share: neighbours on a square grid overlap whatever the turn.
-const OVERLAP: f64 = 1.5;
-/// Samples per axis of the box in which the winding number is looked at.
-const SAMPLES: usize = 16;
+/// Number of neighbours for the estimate of a point's share of the surface.
+const NEIGHBOUR_COUNT: usize = 8;
+/// Ratio of a tile's side to that of its share: neighbours on a square grid overlap at any rotation.
+const TILE_OVERLAP: f64 = 1.5;
+/// Samples of the winding number per axis of the bounding box.
+const SAMPLES_PER_AXIS: usize = 16;
 
-/// Why points and normals make no cloud.
+/// Why points and normals form no point cloud.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CloudError {
-    /// Too few points to have neighbours.
+    /// Too few points for the estimate of areas.
     #[error("{0} points; expected at least 9")]
     TooFew(usize),
-    /// More than the tiles can number.
+    /// More points than tiles can be indexed.
     #[error("{0} points; expected at most 2^31 - 1")]
     TooMany(usize),
-    /// A point without its normal.
-    #[error("{points} points and {normals} normals; expected as many")]
+    /// Different numbers of points and normals.
+    #[error("{points} points and {normals} normals; expected equal numbers")]
     Unequal {
-        /// How many points.
+        /// The number of points.
         points: usize,
-        /// How many normals.
+        /// The number of normals.
         normals: usize,
     },
-    /// A number that is none.
+    /// A coordinate that is infinite or not a number.
     #[error("point {0} has a coordinate that is not finite")]
     NotFinite(usize),
     /// A normal without direction.
     #[error("point {0} has no normal: its length is zero or not finite")]
     NoNormal(usize),
-    /// Points one on the other, or in a line, so that they share no surface.
+    /// Coincident or collinear points, which cover no surface.
     #[error("the points cover no surface: their tiles have the area {0}")]
     NoArea(f64),
-    /// Normals that agree on no inside.
+    /// Normals that define no inside.
     #[error(
-        "the points bound no solid: nowhere in their box does the winding number exceed 1/2 \
+        "the points bound no solid: the winding number exceeds 1/2 nowhere in their box \
          (greatest {greatest:.3}, least {least:.3})"
     )]
     NoInside {
@@ -58,19 +58,19 @@ pub enum CloudError {
     },
 }
 
-/// A solid seen through points on its surface with outward normals.
+/// A solid given by points on its surface with outward normals.
 pub struct CloudSolid {
     points: Vec<Vec3>,
     tiles: Soup,
     winding: Winding,
     bounds: Aabb,
-    turned: bool,
+    is_turned: bool,
 }
 
 impl CloudSolid {
     /// A solid from points and their normals (outward, of any length).
     ///
-    /// Normals that all point inward are turned; see [`CloudSolid::is_turned`].
+    /// Normals that all point inward are reversed; see [`CloudSolid::is_turned`].
     ///
     /// # Errors
     /// [`CloudError`].
@@ -81,40 +81,40 @@ impl CloudSolid {
                 normals: normals.len(),
             });
         }
-        if points.len() <= NEIGHBOURS {
+        if points.len() <= NEIGHBOUR_COUNT {
             return Err(CloudError::TooFew(points.len()));
         }
         if points.len() > u32::MAX as usize / 2 {
             return Err(CloudError::TooMany(points.len()));
         }
-        let finite = |v: &Vec3| v.iter().all(|c| c.is_finite() && c.abs() < 1e150);
-        if let Some(n) = points.iter().position(|p| !finite(p)) {
+        let is_finite = |v: &Vec3| v.iter().all(|c| c.is_finite() && c.abs() < 1e150);
+        if let Some(n) = points.iter().position(|p| !is_finite(p)) {
             return Err(CloudError::NotFinite(n));
         }
-        let unit: Option<Vec<Vec3>> = normals
+        let unit_normals: Option<Vec<Vec3>> = normals
             .iter()
-            .map(|n| n.try_normalize(0.0).filter(finite))
+            .map(|n| n.try_normalize(0.0).filter(is_finite))
             .collect();
-        let Some(unit) = unit else {
-            let bad = |n: &Vec3| !n.try_normalize(0.0).is_some_and(|u| finite(&u));
-            let place = normals.iter().position(bad).unwrap_or(0);
-            return Err(CloudError::NoNormal(place));
+        let Some(unit_normals) = unit_normals else {
+            let is_invalid = |n: &Vec3| !n.try_normalize(0.0).is_some_and(|u| is_finite(&u));
+            let index = normals.iter().position(is_invalid).unwrap_or(0);
+            return Err(CloudError::NoNormal(index));
         };
         let shares = shares(&points);
         let area: f64 = shares.iter().sum();
         if !(area.is_finite() && area > 0.0) {
             return Err(CloudError::NoArea(area));
         }
-        let mut solid = Self::tiled(points, &unit, &shares, 1.0);
-        let (least, greatest) = solid.extremes();
+        let mut solid = Self::tiled(points, &unit_normals, &shares, 1.0);
+        let (least, greatest) = solid.winding_range();
         if greatest > 0.5 {
             return Ok(solid);
         }
         if least >= -0.5 {
             return Err(CloudError::NoInside { greatest, least });
         }
-        solid = Self::tiled(solid.points, &unit, &shares, -1.0);
-        solid.turned = true;
+        solid = Self::tiled(solid.points, &unit_normals, &shares, -1.0);
+        solid.is_turned = true;
         Ok(solid)
     }
 
@@ -122,7 +122,7 @@ impl CloudSolid {
         let mut triangles = Vec::with_capacity(2 * points.len());
         for ((p, n), share) in points.iter().zip(normals).zip(shares) {
             let n = n * sign;
-            let half = share.sqrt() * OVERLAP / 2.0;
+            let half = share.sqrt() * TILE_OVERLAP / 2.0;
             let u = n.cross(&Vec3::ith(n.iamin(), 1.0)).normalize() * half;
             let v = n.cross(&u);
             let [a, b, c, d] = [p - u - v, p + u - v, p + u + v, p - u + v];
@@ -136,17 +136,18 @@ impl CloudSolid {
             bounds: Aabb::of(points.iter().copied()),
             tiles,
             points,
-            turned: false,
+            is_turned: false,
         }
     }
 
-    /// Least and greatest winding number over samples of the box.
-    fn extremes(&self) -> (f64, f64) {
+    /// The least and the greatest winding number over samples of the bounding box.
+    fn winding_range(&self) -> (f64, f64) {
+        const N: usize = SAMPLES_PER_AXIS;
         let size = self.bounds.size();
-        (0..SAMPLES.pow(3)).fold((0f64, 0f64), |(least, greatest), n| {
-            let at = [n % SAMPLES, n / SAMPLES % SAMPLES, n / SAMPLES / SAMPLES];
-            let share = Vec3::from(at.map(|i| (i as f64 + 0.43) / SAMPLES as f64));
-            let w = self.winding_number(self.bounds.min + share.component_mul(&size));
+        (0..N.pow(3)).fold((0f64, 0f64), |(least, greatest), n| {
+            let index = [n % N, n / N % N, n / N / N];
+            let fraction = Vec3::from(index.map(|i| (i as f64 + 0.43) / N as f64));
+            let w = self.winding_number(self.bounds.min + fraction.component_mul(&size));
             (least.min(w), greatest.max(w))
         })
     }
@@ -156,19 +157,19 @@ impl CloudSolid {
         &self.points
     }
 
-    /// The box around the points.
+    /// The bounding box of the points.
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
 
-    /// Whether the normals pointed inward and were turned.
+    /// Whether the normals pointed inward and were reversed.
     pub fn is_turned(&self) -> bool {
-        self.turned
+        self.is_turned
     }
 
     /// The generalised winding number: about 1 inside and 0 outside.
     pub fn winding_number(&self, p: Vec3) -> f64 {
-        self.winding.number(&self.tiles, p, FINE) / (OVERLAP * OVERLAP)
+        self.winding.number(&self.tiles, p, ACCURATE_BETA) / (TILE_OVERLAP * TILE_OVERLAP)
     }
 
     /// Distance to the tiles, negative inside.
@@ -178,7 +179,7 @@ impl CloudSolid {
     }
 }
 
-/// The area of the surface that each point stands for.
+/// Each point's share of the surface area.
 fn shares(points: &[Vec3]) -> Vec<f64> {
     use rayon::prelude::*;
     let tree = Bvh::new(points.len(), |i| Aabb::of([points[i]]));
@@ -186,25 +187,25 @@ fn shares(points: &[Vec3]) -> Vec<f64> {
     points
         .par_iter()
         .map(|p| {
-            // Squares of the distances to the nearest ones, the point itself included, in order.
-            let mut near = [f64::INFINITY; NEIGHBOURS + 1];
+            // Squared distances to the nearest points, the point itself included, in ascending order.
+            let mut squared = [f64::INFINITY; NEIGHBOUR_COUNT + 1];
             tree.nearest(*p, f64::INFINITY, |slot| {
                 let d2 = (points[order[slot] as usize] - p).norm_squared();
-                if d2 >= near[NEIGHBOURS] {
+                if d2 >= squared[NEIGHBOUR_COUNT] {
                     return None;
                 }
-                let mut at = NEIGHBOURS;
-                while at > 0 && near[at - 1] > d2 {
-                    near[at] = near[at - 1];
-                    at -= 1;
+                let mut index = NEIGHBOUR_COUNT;
+                while index > 0 && squared[index - 1] > d2 {
+                    squared[index] = squared[index - 1];
+                    index -= 1;
                 }
-                near[at] = d2;
-                near[NEIGHBOURS]
+                squared[index] = d2;
+                squared[NEIGHBOUR_COUNT]
                     .is_finite()
-                    .then(|| near[NEIGHBOURS].sqrt())
+                    .then(|| squared[NEIGHBOUR_COUNT].sqrt())
             });
-            // The circle through the last neighbour holds half of it.
-            std::f64::consts::PI * near[NEIGHBOURS] / (NEIGHBOURS as f64 + 0.5)
+            // The circle through the last neighbour contains half of that neighbour's share.
+            std::f64::consts::PI * squared[NEIGHBOUR_COUNT] / (NEIGHBOUR_COUNT as f64 + 0.5)
         })
         .collect()
 }

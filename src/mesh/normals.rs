@@ -1,11 +1,11 @@
-//! Normals at the vertices of a mesh.
+//! Vertex normals of a mesh.
 
 use super::TriMesh;
 use crate::frame::Vec3;
 
 impl TriMesh {
-    /// Unit normals at the vertices, outward: means of the triangles around, weighted by their angles;
-    /// zero where a vertex has none.
+    /// Outward unit normals at the vertices: means over the adjacent triangles, weighted by angle; zero where a
+    /// vertex has no triangle with area.
     pub fn vertex_normals(&self) -> Vec<Vec3> {
         let mut normals = vec![Vec3::zeros(); self.vertices.len()];
         for (t, corners) in self.triangles.iter().zip(self.iter_corners()) {
@@ -17,11 +17,11 @@ impl TriMesh {
                 }
             }
         }
-        of_unit_length(normals)
+        normalized(normals)
     }
 
-    /// The same weighted by area: of meshes whose triangles differ much in size, where the smallest say
-    /// little about the surface.
+    /// As [`TriMesh::vertex_normals`], weighted by area: for meshes whose triangles differ much in size, where
+    /// the normals of the smallest are unreliable.
     pub fn vertex_normals_by_area(&self) -> Vec<Vec3> {
         let mut normals = vec![Vec3::zeros(); self.vertices.len()];
         for (t, [a, b, c]) in self.triangles.iter().zip(self.iter_corners()) {
@@ -30,12 +30,12 @@ impl TriMesh {
                 normals[v as usize] += normal;
             }
         }
-        of_unit_length(normals)
+        normalized(normals)
     }
 }
 
-/// Vectors of length 1, or zero where they are.
-fn of_unit_length(mut vectors: Vec<Vec3>) -> Vec<Vec3> {
+/// Vectors scaled to length 1; zero vectors remain zero.
+fn normalized(mut vectors: Vec<Vec3>) -> Vec<Vec3> {
     for v in &mut vectors {
         *v = v.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
     }

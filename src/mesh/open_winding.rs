@@ -1,71 +1,71 @@
-//! The winding number of an open surface: that of the closed one minus that of its patches.
+//! The winding number of an open surface: that of the patched surface minus that of the patches.
 //!
-//! Each run of open edges is closed by patches: triangles over three of its vertices, each run halved until
-//! two edges are left, so that most patches are small. The triangles and the patches together are a cycle,
-//! whose winding number is counted exactly along a ray; that of the patches alone is a sum over the rim
-//! rather than over all triangles. Where the rim is as large as the surface, the triangles themselves are
-//! summed.
+//! Each loop of boundary edges is closed by patches: triangles over three of its vertices. A loop is bisected
+//! recursively down to two edges, so that most patches are small. Triangles and patches together are a cycle,
+//! whose winding number is counted exactly along a ray; the winding number of the patches is a sum over the
+//! few patches instead of all triangles. Where the boundary is as large as the surface, the triangles are
+//! summed directly.
 
 use super::crossing;
-use super::openness::runs;
-use super::sides::Side;
+use super::openness::boundary_loops;
+use super::sides::BoundaryEdge;
 use super::soup::Soup;
-use super::winding::{FAST, FINE, Winding};
+use super::winding::{ACCURATE_BETA, FAST_BETA, Winding};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
-/// The most patches per triangle.
+/// Greatest number of patches per triangle; beyond it the triangles are summed directly.
 const MAX_PATCHES_PER_TRIANGLE: f64 = 0.5;
-/// Winding numbers that are so near to 1/2 by fast sums are summed again.
-const DOUBT: f64 = 0.2;
-/// Points nearer than this to a patch, relative to the largest coordinate, are moved: the two parts of the
-/// winding number jump there, each by its own rounding.
-const HAIR: f64 = 1e-11;
-/// Where they are moved, in hairs; one that is no nearer to another patch is taken.
-const MOVES: [[f64; 3]; 4] = [
+/// Fast sums within this margin of 1/2 are recomputed accurately.
+const UNCERTAIN_MARGIN: f64 = 0.2;
+/// Least distance of a point from the patches, relative to the largest coordinate. Nearer points are moved:
+/// both terms of the winding number jump at a patch, each with its own rounding.
+const CLEARANCE_RATIO: f64 = 1e-11;
+/// Offsets of moved points, in multiples of the clearance; the first that is clear of all patches is used.
+const OFFSETS: [[f64; 3]; 4] = [
     [31.0, 52.0, 83.0],
     [-71.0, 23.0, 44.0],
     [13.0, -91.0, 37.0],
     [61.0, 17.0, -79.0],
 ];
 
-/// What an open surface needs for winding numbers.
-pub(super) enum Open {
-    /// The surface and its patches, and the patches alone.
+/// Data for the winding numbers of an open surface.
+pub(super) enum OpenWinding {
+    /// The surface closed by patches, and the patches alone.
     Patched {
         closed: Box<Soup>,
         patches: Box<Soup>,
         expansions: Winding,
-        hair: f64,
+        clearance: f64,
     },
     /// Expansions of the triangles themselves.
-    Whole(Winding),
+    Direct(Winding),
 }
 
-impl Open {
-    /// Of a surface `all` with a rim; `None` without one.
-    pub(super) fn new(vertices: &[Vec3], rim: &[Side], all: &Soup) -> Option<Self> {
-        if rim.is_empty() {
+impl OpenWinding {
+    /// Data for the surface `all` with a boundary; `None` without boundary.
+    pub(super) fn new(vertices: &[Vec3], boundary: &[BoundaryEdge], all: &Soup) -> Option<Self> {
+        if boundary.is_empty() {
             return None;
         }
-        let sides: f64 = rim.iter().map(|s| f64::from(s.times)).sum();
+        let sides: f64 = boundary.iter().map(|s| f64::from(s.multiplicity)).sum();
         if sides > MAX_PATCHES_PER_TRIANGLE * all.corners.len() as f64 {
-            return Some(Self::Whole(Winding::new(all)));
+            return Some(Self::Direct(Winding::new(all)));
         }
-        let each = rim
+        let repeated = boundary
             .iter()
-            .flat_map(|s| std::iter::repeat_n(*s, s.times as usize));
+            .flat_map(|s| std::iter::repeat_n(*s, s.multiplicity as usize));
         let mut patches = Vec::new();
-        for run in runs(each.collect()) {
-            // Each chord with what lies between its ends.
-            let mut waiting = vec![(0, run.len() - 1)];
-            while let Some((from, to)) = waiting.pop() {
+        for edges in boundary_loops(repeated.collect()) {
+            // Chords of the loop, as ranges of its edges.
+            let mut pending = vec![(0, edges.len() - 1)];
+            while let Some((from, to)) = pending.pop() {
                 if to < from + 2 {
                     continue;
                 }
                 let middle = usize::midpoint(from, to);
-                let patch = [to, middle, from].map(|i| vertices[run[i].from as usize]);
+                let patch = [to, middle, from].map(|i| vertices[edges[i].from as usize]);
                 patches.push((patch, patches.len() as u32));
-                waiting.extend([(from, middle), (middle, to)]);
+                pending.extend([(from, middle), (middle, to)]);
             }
         }
         let triangles = all.corners.iter().zip(&all.number).map(|(t, n)| (*t, *n));
@@ -76,53 +76,54 @@ impl Open {
             closed: Box::new(Soup::new(&closed)),
             expansions: Winding::new(&patches),
             patches,
-            hair: HAIR * bounds.min.amax().max(bounds.max.amax()),
+            clearance: CLEARANCE_RATIO * bounds.min.amax().max(bounds.max.amax()),
         })
     }
 
-    /// Triangles with the rim of `all`, turned or not: the patches, or `all` itself.
+    /// Triangles with the boundary of `all`, up to orientation: the patches, or `all` itself.
     pub(super) fn spanning<'a>(&'a self, all: &'a Soup) -> &'a [[Vec3; 3]] {
         match self {
             Self::Patched { patches, .. } => &patches.corners,
-            Self::Whole(_) => &all.corners,
+            Self::Direct(_) => &all.corners,
         }
     }
 
-    /// The winding number of `all`, whose box is `bounds`.
+    /// The winding number of `all`, whose bounding box is `bounds`.
     pub(super) fn winding_number(&self, all: &Soup, bounds: &Aabb, p: Vec3) -> f64 {
-        self.sum(all, bounds, p, FINE)
+        self.sum(all, bounds, p, ACCURATE_BETA)
     }
 
     /// Whether the winding number of `all` exceeds 1/2.
     pub(super) fn contains(&self, all: &Soup, bounds: &Aabb, p: Vec3) -> bool {
-        let fast = self.sum(all, bounds, p, FAST);
-        if (fast - 0.5).abs() > DOUBT {
+        let fast = self.sum(all, bounds, p, FAST_BETA);
+        if (fast - 0.5).abs() > UNCERTAIN_MARGIN {
             return fast > 0.5;
         }
-        self.sum(all, bounds, p, FINE) > 0.5
+        self.sum(all, bounds, p, ACCURATE_BETA) > 0.5
     }
 
-    fn sum(&self, all: &Soup, bounds: &Aabb, p: Vec3, away: f32) -> f64 {
+    fn sum(&self, all: &Soup, bounds: &Aabb, p: Vec3, beta: f32) -> f64 {
         match self {
-            Self::Whole(expansions) => expansions.number(all, p, away),
+            Self::Direct(expansions) => expansions.number(all, p, beta),
             Self::Patched {
                 closed,
                 patches,
                 expansions,
-                hair,
+                clearance,
             } => {
-                let is_near = |p: Vec3| patches.closest_within(p, *hair, None).1 != usize::MAX;
+                let is_near_patch =
+                    |p: Vec3| patches.closest_within(p, *clearance, None).1 != usize::MAX;
                 let mut p = p;
-                if is_near(p) {
-                    let mut moved = MOVES.iter().map(|m| p + Vec3::from(*m) * *hair);
-                    p = moved.find(|q| !is_near(*q)).unwrap_or(p);
+                if is_near_patch(p) {
+                    let mut candidates = OFFSETS.iter().map(|m| p + Vec3::from(*m) * *clearance);
+                    p = candidates.find(|q| !is_near_patch(*q)).unwrap_or(p);
                 }
-                let whole = if bounds.contains(WorldPoint(p)) {
+                let closed_winding = if bounds.contains(WorldPoint(p)) {
                     crossing::winding(closed, bounds, p) as f64
                 } else {
                     0.0
                 };
-                whole - expansions.number(patches, p, away)
+                closed_winding - expansions.number(patches, p, beta)
             }
         }
     }

@@ -1,83 +1,86 @@
-//! How open a surface is, and whether the winding number can close it.
+//! Holes of a surface, and whether the winding number can close them.
 //!
-//! A hole is closed where w = 1/2, about the film that a minimal surface would span. That is sound
-//! as long as most of the inside is clearly inside; a sheet, or half a box, bounds nothing.
+//! The winding number w closes a hole by its level w = 1/2, which resembles a minimal surface across the hole.
+//! The result is meaningful if w is clearly above 1/2 in most of the inside; a sheet or half a box bounds no
+//! solid.
 
-use super::sides::{HalfEdges, Side};
+use super::sides::{BoundaryEdge, HalfEdges};
 use super::{MeshSolid, TriMesh};
 use crate::frame::Vec3;
 use std::fmt;
 
-/// Samples per axis of the box in which the winding number is looked at.
-const SAMPLES: usize = 20;
-/// Winding numbers between this and one minus this are in doubt.
-const CLEAR: f64 = 0.25;
-/// Points in doubt, per point inside, beyond which a surface bounds nothing.
-const HOPELESS: f64 = 0.5;
+/// Samples of the winding number per axis of the bounding box.
+const SAMPLES_PER_AXIS: usize = 20;
+/// Winding numbers between this value and 1 minus this value are uncertain.
+const UNCERTAIN_WINDING: f64 = 0.25;
+/// Greatest ratio of uncertain samples to inside samples of a surface that bounds a solid.
+const MAX_UNCERTAIN_RATIO: f64 = 0.5;
 
-/// One run of open edges.
+/// One loop of open edges.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hole {
-    /// Number of its edges.
+    /// The number of edges.
     pub edges: usize,
-    /// Their length together.
+    /// The total length of the edges.
     pub length: f64,
-    /// The mean of its edges' middles.
+    /// The mean of the edges' midpoints.
     pub centre: Vec3,
 }
 
-/// What is open in a surface and how much that matters.
+/// The open edges of a surface and their effect on the winding number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Openness {
-    /// Runs of open edges, longest first.
+    /// Loops of open edges, longest first.
     pub holes: Vec<Hole>,
-    /// Open edges in all, each as often as it is unanswered.
+    /// The number of open edges, counted with multiplicity.
     pub open_edges: usize,
-    /// Edges in all.
+    /// The number of all edges.
     pub edges: usize,
-    /// Share of the box that is inside (w > 1/2).
+    /// The fraction of the bounding box that is inside (w > 1/2).
     pub inside: f64,
-    /// Points with a winding number between 1/4 and 3/4, per point inside.
-    pub doubt: f64,
-    /// Whether the surface winds inward: more of the box has w < -1/2 than w > 1/2.
+    /// The ratio of samples with a winding number between 1/4 and 3/4 to samples inside.
+    pub uncertain: f64,
+    /// Whether the surface is oriented inward: more of the box has w < -1/2 than w > 1/2.
     pub inside_out: bool,
 }
 
 impl Openness {
-    /// Whether nothing is open.
+    /// Whether the surface has no open edge.
     pub fn is_closed(&self) -> bool {
         self.open_edges == 0
     }
 
-    /// Whether the surface bounds no solid, not even by its winding number.
-    pub fn is_hopeless(&self) -> bool {
-        self.inside == 0.0 || self.doubt > HOPELESS
+    /// Whether even the winding number defines no solid.
+    pub fn bounds_no_solid(&self) -> bool {
+        self.inside == 0.0 || self.uncertain > MAX_UNCERTAIN_RATIO
     }
 
-    /// Of a solid, given its mesh with vertices merged, and the sides of its triangles.
+    /// The openness of a solid, from its mesh with merged vertices and the half-edges of that mesh.
     pub(super) fn of(solid: &MeshSolid, merged: &TriMesh, sides: &HalfEdges) -> Self {
-        let rim = sides.rim();
+        const N: usize = SAMPLES_PER_AXIS;
+        let boundary = sides.boundary();
         let bounds = solid.bounds();
-        let (mut inside, mut negative, mut doubt, mut all) = (0usize, 0usize, 0usize, 0usize);
-        for n in 0..SAMPLES.pow(3) {
-            // Off the middle, where symmetric meshes put faces.
-            let at = [n % SAMPLES, n / SAMPLES % SAMPLES, n / SAMPLES / SAMPLES];
-            let share = Vec3::from(at.map(|i| (i as f64 + 0.43) / SAMPLES as f64));
-            let w = solid.winding_number(bounds.min + share.component_mul(&bounds.size()));
-            all += 1;
+        let (mut inside, mut negative, mut uncertain, mut samples) =
+            (0usize, 0usize, 0usize, 0usize);
+        for n in 0..N.pow(3) {
+            // Off the cell centres: symmetric meshes have faces there.
+            let index = [n % N, n / N % N, n / N / N];
+            let fraction = Vec3::from(index.map(|i| (i as f64 + 0.43) / N as f64));
+            let w = solid.winding_number(bounds.min + fraction.component_mul(&bounds.size()));
+            samples += 1;
             inside += usize::from(w > 0.5);
             negative += usize::from(w < -0.5);
-            doubt += usize::from((w - 0.5).abs() < 0.5 - CLEAR);
+            uncertain += usize::from((w - 0.5).abs() < 0.5 - UNCERTAIN_WINDING);
         }
         if solid.mesh().is_empty() {
-            (inside, negative, doubt) = (0, 0, 0);
+            (inside, negative, uncertain) = (0, 0, 0);
         }
         Self {
-            open_edges: rim.iter().map(|s| s.times as usize).sum(),
+            open_edges: boundary.iter().map(|s| s.multiplicity as usize).sum(),
             edges: sides.edges().count(),
-            holes: holes(merged, rim),
-            inside: inside as f64 / all as f64,
-            doubt: doubt as f64 / inside.max(1) as f64,
+            holes: holes(merged, boundary),
+            inside: inside as f64 / samples as f64,
+            uncertain: uncertain as f64 / inside.max(1) as f64,
             inside_out: negative > inside,
         }
     }
@@ -108,20 +111,20 @@ impl fmt::Display for Openness {
     }
 }
 
-/// A surface that bounds no solid.
+/// The error of a surface that bounds no solid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the surface bounds no solid: {openness}; {:.0} % of its box is inside by the winding number, and {:.2} points are in doubt per point inside (expected at most {HOPELESS})",
+    "the surface bounds no solid: {openness}; {:.0} % of its box is inside by the winding number, and the ratio of uncertain to inside points is {:.2} (expected at most {MAX_UNCERTAIN_RATIO})",
     openness.inside * 100.0,
-    openness.doubt
+    openness.uncertain
 )]
-pub struct HopelessMesh {
-    /// What is open and where.
+pub struct NoSolidError {
+    /// The open edges.
     pub openness: Openness,
 }
 
 impl MeshSolid {
-    /// How open the surface is, caps counted as surface.
+    /// The openness of the surface, caps included.
     pub fn openness(&self) -> Openness {
         let merged = self.mesh().merged();
         let sides = HalfEdges::of(merged.triangles(), merged.vertices().len());
@@ -129,15 +132,15 @@ impl MeshSolid {
     }
 }
 
-/// Chains open edges into runs, longest first.
-fn holes(mesh: &TriMesh, sides: Vec<Side>) -> Vec<Hole> {
-    let hole = |run: Vec<Side>| {
+/// The holes of a mesh with these open edges, longest first.
+fn holes(mesh: &TriMesh, sides: Vec<BoundaryEdge>) -> Vec<Hole> {
+    let hole = |boundary_loop: Vec<BoundaryEdge>| {
         let mut hole = Hole {
-            edges: run.len(),
+            edges: boundary_loop.len(),
             length: 0.0,
             centre: Vec3::zeros(),
         };
-        for side in &run {
+        for side in &boundary_loop {
             let [a, b] = [side.from, side.to].map(|v| mesh.vertices()[v as usize]);
             hole.length += (b - a).norm();
             hole.centre += (a + b) / 2.0;
@@ -145,32 +148,32 @@ fn holes(mesh: &TriMesh, sides: Vec<Side>) -> Vec<Hole> {
         hole.centre /= hole.edges as f64;
         hole
     };
-    let mut holes: Vec<Hole> = runs(sides).into_iter().map(hole).collect();
+    let mut holes: Vec<Hole> = boundary_loops(sides).into_iter().map(hole).collect();
     holes.sort_by(|a, b| b.length.total_cmp(&a.length));
     holes
 }
 
-/// Chains sides into runs, each a closed one where the sides are a rim with each side as often as it
-/// stands there.
-pub(super) fn runs(mut sides: Vec<Side>) -> Vec<Vec<Side>> {
+/// Chains edges into loops. Every loop is closed if the edges are a whole boundary, each edge repeated by its
+/// multiplicity.
+pub(super) fn boundary_loops(mut sides: Vec<BoundaryEdge>) -> Vec<Vec<BoundaryEdge>> {
     sides.sort_by_key(|s| (s.from, s.to));
     let mut used = vec![false; sides.len()];
-    let mut runs = Vec::new();
+    let mut boundary_loops = Vec::new();
     for start in 0..sides.len() {
-        let mut run = Vec::new();
+        let mut boundary_loop = Vec::new();
         let mut next = Some(start).filter(|&s| !used[s]);
         while let Some(i) = next {
             used[i] = true;
-            run.push(sides[i]);
+            boundary_loop.push(sides[i]);
             let to = sides[i].to;
             let first = sides.partition_point(|s| s.from < to);
             next = (first..sides.len())
                 .take_while(|&j| sides[j].from == to)
                 .find(|&j| !used[j]);
         }
-        if !run.is_empty() {
-            runs.push(run);
+        if !boundary_loop.is_empty() {
+            boundary_loops.push(boundary_loop);
         }
     }
-    runs
+    boundary_loops
 }

@@ -1,10 +1,10 @@
-//! Meshes of quadrilaterals, as level sets give them.
+//! Quadrilateral meshes, as extracted from level sets.
 
 use super::{MeshError, TriMesh};
 use crate::frame::Vec3;
 
 /// Quadrilaterals over shared vertices, counter-clockwise seen from outside; a triangle repeats its last
-/// corner. Each is cut into triangles between its first and its third corner.
+/// corner. The diagonal from the first to the third corner splits a quad into triangles.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QuadMesh {
     vertices: Vec<Vec3>,
@@ -12,10 +12,10 @@ pub struct QuadMesh {
 }
 
 impl QuadMesh {
-    /// A mesh whose quads are turned so that their shorter diagonal comes first.
+    /// A mesh whose quads are rotated so that the shorter diagonal comes first.
     ///
     /// # Errors
-    /// [`MeshError`] when an index has no vertex or a coordinate is not finite.
+    /// [`MeshError`] when an index is out of range or a coordinate is not finite.
     pub fn new(vertices: Vec<Vec3>, mut quads: Vec<[u32; 4]>) -> Result<Self, MeshError> {
         let triangles = |q: &[u32; 4]| [[q[0], q[1], q[2]], [q[1], q[2], q[3]]];
         super::validate(&vertices, quads.iter().flat_map(triangles))?;
@@ -33,45 +33,45 @@ impl QuadMesh {
         &self.vertices
     }
 
-    /// The quads as vertex numbers.
+    /// The quads as vertex indices.
     pub fn quads(&self) -> &[[u32; 4]] {
         &self.quads
     }
 
-    /// Whether it has no face.
+    /// Whether the mesh has no face.
     pub fn is_empty(&self) -> bool {
         self.quads.is_empty()
     }
 
-    /// The same surface in triangles over the same vertices.
+    /// The same surface as triangles over the same vertices.
     pub fn triangulated(&self) -> TriMesh {
         TriMesh {
             vertices: self.vertices.clone(),
-            triangles: cut(&self.quads),
+            triangles: split_quads(&self.quads),
         }
     }
 
     /// As [`QuadMesh::triangulated`], without a copy of the vertices.
     pub fn into_triangles(self) -> TriMesh {
-        let triangles = cut(&self.quads);
+        let triangles = split_quads(&self.quads);
         TriMesh {
             vertices: self.vertices,
             triangles,
         }
     }
 
-    /// Moves the vertices to other places, as many, and cuts some quads along their other diagonal.
-    pub(super) fn place(&mut self, places: Vec<Vec3>, turned: &[bool]) {
-        debug_assert_eq!(places.len(), self.vertices.len());
-        self.vertices = places;
-        for (q, _) in self.quads.iter_mut().zip(turned).filter(|t| *t.1) {
+    /// Replaces the positions of the vertices, and swaps the diagonal of some quads.
+    pub(super) fn set_vertices(&mut self, vertices: Vec<Vec3>, is_swapped: &[bool]) {
+        debug_assert_eq!(vertices.len(), self.vertices.len());
+        self.vertices = vertices;
+        for (q, _) in self.quads.iter_mut().zip(is_swapped).filter(|t| *t.1) {
             q.rotate_left(1);
         }
     }
 }
 
-/// Quads in triangles, between their first and their third corner.
-pub(crate) fn cut(quads: &[[u32; 4]]) -> Vec<[u32; 3]> {
+/// Splits quads into triangles along the diagonal from the first to the third corner.
+pub(crate) fn split_quads(quads: &[[u32; 4]]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::with_capacity(2 * quads.len());
     for &[a, b, c, d] in quads {
         triangles.push([a, b, c]);

@@ -1,21 +1,21 @@
-//! Meshes with defects as solids: what is turned, united and closed.
+//! Repair of meshes with defects: orientation, union of shells, closing of holes.
 
-use super::boundary_edges::Rim;
-use super::open_winding::Open;
-use super::openness::{HopelessMesh, Openness};
-use super::shells::{Nesting, Shell, Shells, inconsistent};
+use super::boundary_edges::BoundaryEdges;
+use super::open_winding::OpenWinding;
+use super::openness::{NoSolidError, Openness};
+use super::shells::{Nesting, ShellMeasures, Shells, inconsistent_triangles};
 use super::sides::HalfEdges;
-use super::solid::{Numbered, Parts};
+use super::solid::{NumberedTriangles, SolidParts};
 use super::soup::Soup;
 use super::unite::{United, unite};
 use super::{MeshSolid, TriMesh};
 use std::fmt;
 
-/// What was repaired.
+/// The kind of a repair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RepairKind {
-    /// Triangles, shells or the whole mesh were turned.
-    Turned,
+    /// Triangles, shells or the whole mesh were flipped.
+    Flipped,
     /// Shells that overlap or lie in each other were united.
     United,
     /// Holes were closed by the winding number.
@@ -25,9 +25,9 @@ pub enum RepairKind {
 /// A repair of a mesh.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Repair {
-    /// What was repaired.
+    /// The kind.
     pub kind: RepairKind,
-    /// One sentence in lower case.
+    /// A description: one sentence in lower case.
     pub message: String,
 }
 
@@ -37,34 +37,34 @@ impl fmt::Display for Repair {
     }
 }
 
-/// Shells of a mesh, and how they lie to each other.
+/// Counts of shells (connected components) and their defects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ShellReport {
-    /// Parts that hang together through edges of two triangles.
+    /// Components connected through edges of two triangles.
     pub shells: usize,
-    /// Triangles that wind unlike most of their shell.
+    /// Triangles whose orientation differs from that of most of their shell.
     pub inconsistent_faces: usize,
-    /// Shells that wind inward without lying in another, with those in them.
+    /// Shells oriented inward that lie in no other, and the shells inside them.
     pub inward_shells: usize,
     /// Shells that lie in others.
     pub nested_shells: usize,
-    /// Shells with parts inside the solid: they overlap, touch or repeat others.
+    /// Shells with parts inside the solid: they overlap, touch or duplicate others.
     pub overlapping_shells: usize,
     /// Shells with open edges.
     pub open_shells: usize,
 }
 
-/// A mesh whose triangles wind alike and outward, and what was learnt on the way.
+/// A mesh with consistent outward orientation, and the structures of its analysis.
 struct Oriented {
     mesh: TriMesh,
     merged: TriMesh,
     sides: HalfEdges,
     soup: Soup,
     shells: Shells,
-    measured: Vec<Shell>,
+    measured: Vec<ShellMeasures>,
     nesting: Nesting,
-    faces_turned: usize,
-    shells_turned: usize,
+    flipped_faces: usize,
+    flipped_shells: usize,
 }
 
 impl Oriented {
@@ -72,24 +72,25 @@ impl Oriented {
         let mut merged = mesh.merged();
         let count = merged.vertices().len();
         let mut sides = HalfEdges::of(merged.triangles(), count);
-        let mut faces_turned = 0;
-        if let Some(turned) = inconsistent(&merged, &sides) {
-            faces_turned = turned.iter().filter(|t| **t).count();
-            mesh = mesh.with_turned(&turned);
-            merged = merged.with_turned(&turned);
+        let mut flipped_faces = 0;
+        if let Some(is_flipped) = inconsistent_triangles(&merged, &sides) {
+            flipped_faces = is_flipped.iter().filter(|t| **t).count();
+            mesh = mesh.with_flipped(&is_flipped);
+            merged = merged.with_flipped(&is_flipped);
             sides = HalfEdges::of(merged.triangles(), count);
         }
-        let numbered = |mesh: &TriMesh| -> Numbered { mesh.iter_corners().zip(0u32..).collect() };
+        let numbered =
+            |mesh: &TriMesh| -> NumberedTriangles { mesh.iter_corners().zip(0u32..).collect() };
         let mut soup = Soup::new(&numbered(&mesh));
         let shells = Shells::of(&merged, &sides);
         let measured = shells.measured(&merged, &sides);
         let nesting = Nesting::of(&measured, &shells.of, &soup);
         let inverted = nesting.inverted(&measured);
-        let shells_turned = inverted.iter().filter(|i| **i).count();
-        if shells_turned > 0 {
-            let turned: Vec<bool> = shells.of.iter().map(|&s| inverted[s as usize]).collect();
-            mesh = mesh.with_turned(&turned);
-            merged = merged.with_turned(&turned);
+        let flipped_shells = inverted.iter().filter(|i| **i).count();
+        if flipped_shells > 0 {
+            let is_flipped: Vec<bool> = shells.of.iter().map(|&s| inverted[s as usize]).collect();
+            mesh = mesh.with_flipped(&is_flipped);
+            merged = merged.with_flipped(&is_flipped);
             sides = HalfEdges::of(merged.triangles(), count);
             soup = Soup::new(&numbered(&mesh));
         }
@@ -101,22 +102,25 @@ impl Oriented {
             shells,
             measured,
             nesting,
-            faces_turned,
-            shells_turned,
+            flipped_faces,
+            flipped_shells,
         }
     }
 
-    /// What winding numbers need if the triangles are no cycle.
-    fn open(&self) -> Option<(Open, Rim)> {
-        let (vertices, rim) = (self.merged.vertices(), self.sides.rim());
-        let open = Open::new(vertices, &rim, &self.soup)?;
-        let rim = Rim::new(vertices, &rim, open.spanning(&self.soup))?;
-        Some((open, rim))
+    /// Winding data, if the triangles are no cycle.
+    fn open(&self) -> Option<(OpenWinding, BoundaryEdges)> {
+        let (vertices, boundary) = (self.merged.vertices(), self.sides.boundary());
+        let open = OpenWinding::new(vertices, &boundary, &self.soup)?;
+        let boundary = BoundaryEdges::new(vertices, &boundary, open.spanning(&self.soup))?;
+        Some((open, boundary))
     }
 
-    /// The surface, if shells bury parts of it. With `is_thorough` parts that a shell alone buries are looked
-    /// for too.
-    fn united(&self, open: Option<&(Open, Rim)>, is_thorough: bool) -> Option<United> {
+    /// The surface, if shells bury parts of it. With `is_thorough` a shell may also bury parts of itself.
+    fn united(
+        &self,
+        open: Option<&(OpenWinding, BoundaryEdges)>,
+        is_thorough: bool,
+    ) -> Option<United> {
         let Self {
             merged,
             sides,
@@ -125,33 +129,33 @@ impl Oriented {
             soup,
             ..
         } = self;
-        let open = open.map(|(open, rim)| (open, rim));
+        let open = open.map(|(open, boundary)| (open, boundary));
         unite(merged, sides, shells, nesting, soup, open, is_thorough)
     }
 }
 
 impl ShellReport {
-    /// What is worth a line, with its count.
-    pub fn facts(&self) -> [(&'static str, usize); 5] {
-        let name = |count: usize, one, more| (if count == 1 { one } else { more }, count);
+    /// The defects by name, with their counts.
+    pub fn counts(&self) -> [(&'static str, usize); 5] {
+        let noun = |count: usize, one, further| (if count == 1 { one } else { further }, count);
         [
-            name(
+            noun(
                 self.inconsistent_faces,
-                "face wound unlike its neighbours",
-                "faces wound unlike their neighbours",
+                "inconsistently oriented face",
+                "inconsistently oriented faces",
             ),
-            name(self.inward_shells, "inward shell", "inward shells"),
-            name(
+            noun(self.inward_shells, "inward shell", "inward shells"),
+            noun(
                 self.overlapping_shells,
                 "overlapping shell",
                 "overlapping shells",
             ),
-            name(self.nested_shells, "nested shell", "nested shells"),
-            name(self.open_shells, "open shell", "open shells"),
+            noun(self.nested_shells, "nested shell", "nested shells"),
+            noun(self.open_shells, "open shell", "open shells"),
         ]
     }
 
-    /// Of a mesh.
+    /// The report of a mesh.
     pub(super) fn of(mesh: &TriMesh) -> Self {
         let oriented = Oriented::of(mesh.clone());
         let united = oriented.united(oriented.open().as_ref(), true);
@@ -159,8 +163,8 @@ impl ShellReport {
         let measured = &oriented.measured;
         Self {
             shells: oriented.shells.count,
-            inconsistent_faces: oriented.faces_turned,
-            inward_shells: oriented.shells_turned,
+            inconsistent_faces: oriented.flipped_faces,
+            inward_shells: oriented.flipped_shells,
             nested_shells: within.iter().filter(|w| !w.is_empty()).count(),
             overlapping_shells: united.map_or(0, |u| u.shells),
             open_shells: measured.iter().filter(|s| !s.is_closed).count(),
@@ -169,25 +173,24 @@ impl ShellReport {
 }
 
 impl MeshSolid {
-    /// A solid from a mesh that may have defects: triangles that wind unlike their neighbours and shells
-    /// that wind inward are turned, overlapping shells are united, holes are closed by the winding
-    /// number.
+    /// A solid from a mesh that may have defects: inconsistently oriented triangles and inward shells are
+    /// flipped, overlapping shells are united, holes are closed by the winding number.
     ///
     /// # Errors
-    /// [`HopelessMesh`] when the surface bounds nothing.
-    pub fn repaired(mesh: TriMesh) -> Result<(Self, Vec<Repair>), HopelessMesh> {
+    /// [`NoSolidError`] when the surface bounds no solid.
+    pub fn repaired(mesh: TriMesh) -> Result<(Self, Vec<Repair>), NoSolidError> {
         Self::repaired_by(mesh, |mesh| vec![false; mesh.triangles().len()], false)
     }
 
-    /// The same with triangles that are only caps, given by a function of the mesh; parts that a shell
-    /// buries by meeting itself are no surface either.
+    /// As [`MeshSolid::repaired`] for a mesh with caps, which a function of the mesh marks. Parts that a shell
+    /// buries by intersecting itself are removed too.
     ///
     /// # Errors
     /// As [`MeshSolid::repaired`].
     pub fn repaired_with_caps(
         mesh: TriMesh,
         caps: impl Fn(&TriMesh) -> Vec<bool>,
-    ) -> Result<(Self, Vec<Repair>), HopelessMesh> {
+    ) -> Result<(Self, Vec<Repair>), NoSolidError> {
         Self::repaired_by(mesh, caps, true)
     }
 
@@ -195,39 +198,39 @@ impl MeshSolid {
         mesh: TriMesh,
         caps: impl Fn(&TriMesh) -> Vec<bool>,
         is_thorough: bool,
-    ) -> Result<(Self, Vec<Repair>), HopelessMesh> {
+    ) -> Result<(Self, Vec<Repair>), NoSolidError> {
         let mut repairs = Vec::new();
-        let mut note = |kind, message| repairs.push(Repair { kind, message });
+        let mut add = |kind, message| repairs.push(Repair { kind, message });
         let oriented = Oriented::of(mesh);
-        if oriented.faces_turned > 0 {
+        if oriented.flipped_faces > 0 {
             let message = format!(
-                "{} of {} faces turned: their neighbours wind the other way",
-                oriented.faces_turned,
+                "{} of {} faces flipped: their neighbours are oriented the other way",
+                oriented.flipped_faces,
                 oriented.mesh.triangles().len()
             );
-            note(RepairKind::Turned, message);
+            add(RepairKind::Flipped, message);
         }
-        let turned_in_all = "the triangles wind inward; turned";
-        // After faces were turned the sign of what is left is nobody's.
-        if oriented.shells_turned > 0 && oriented.shells_turned == oriented.shells.count {
-            if oriented.faces_turned == 0 {
-                note(RepairKind::Turned, turned_in_all.to_owned());
+        let all_flipped = "the triangles are oriented inward; flipped";
+        // Once faces were flipped, the sign of the whole mesh is arbitrary and not worth a message.
+        if oriented.flipped_shells > 0 && oriented.flipped_shells == oriented.shells.count {
+            if oriented.flipped_faces == 0 {
+                add(RepairKind::Flipped, all_flipped.to_owned());
             }
-        } else if oriented.shells_turned > 0 {
+        } else if oriented.flipped_shells > 0 {
             let message = format!(
-                "{} of {} shells wind inward and lie in no other that winds outward; turned",
-                oriented.shells_turned, oriented.shells.count
+                "{} of {} shells are oriented inward and lie in no outward shell; flipped",
+                oriented.flipped_shells, oriented.shells.count
             );
-            note(RepairKind::Turned, message);
+            add(RepairKind::Flipped, message);
         }
         let open = oriented.open();
         let united = oriented.united(open.as_ref(), is_thorough);
         if let Some(united) = &united {
             let message = format!(
-                "{} of {} shells overlap, touch or lie in each other; united without the faces inside",
+                "{} of {} shells overlap, touch or lie in each other; united, interior faces removed",
                 united.shells, oriented.shells.count
             );
-            note(RepairKind::United, message);
+            add(RepairKind::United, message);
         }
         let Oriented {
             mesh,
@@ -237,28 +240,28 @@ impl MeshSolid {
             ..
         } = oriented;
         let is_cap = caps(&mesh);
-        let parts = Parts {
+        let parts = SolidParts {
             mesh,
-            all: soup,
+            winding_triangles: soup,
             open,
             united,
         };
         let solid = Self::of_parts(parts, &is_cap);
         let openness = Openness::of(&solid, &merged, &sides);
         if openness.inside_out {
-            let turned = solid.mesh().flipped();
-            let (solid, more) = Self::repaired_by(turned, caps, is_thorough)?;
-            note(RepairKind::Turned, turned_in_all.to_owned());
+            let flipped = solid.mesh().flipped();
+            let (solid, further) = Self::repaired_by(flipped, caps, is_thorough)?;
+            add(RepairKind::Flipped, all_flipped.to_owned());
             repairs.retain(|r| r.kind != RepairKind::United);
-            repairs.extend(more);
+            repairs.extend(further);
             return Ok((solid, repairs));
         }
-        if openness.is_hopeless() {
-            return Err(HopelessMesh { openness });
+        if openness.bounds_no_solid() {
+            return Err(NoSolidError { openness });
         }
         if !openness.is_closed() {
             let message = format!("{openness}; closed by the winding number");
-            note(RepairKind::Closed, message);
+            add(RepairKind::Closed, message);
         }
         Ok((solid, repairs))
     }

@@ -1,25 +1,25 @@
 //! Distances of many points from few triangles, eight points at a time.
-// Small functions of a hot path, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+// Small functions of a hot path: inlining compiles them for the instruction set of their caller. Arithmetic on
+// lanes avoids closures, which would not inherit that instruction set.
 #![allow(clippy::inline_always)]
 
 use super::triangle::closest_point;
 use crate::frame::Vec3;
-use crate::simd::{self, Eight, Lanes, Number, Work, alike, difference};
+use crate::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
 
-/// Points of a row.
+/// Number of points per row.
 const ROW: usize = 8;
-/// Room for the rounding of places, relative to the greatest coordinate, and of distances.
-const SLACK: f64 = 1e-12;
-const MARGIN: f64 = 1.0 + 1e-9;
+/// Margins for the rounding of coordinates, relative to the greatest one, and for that of distances.
+const COORDINATE_ROUNDING: f64 = 1e-12;
+const DISTANCE_MARGIN: f64 = 1.0 + 1e-9;
 
-/// A triangle, and what shows from afar that others are nearer.
+/// A triangle with lower bounds of its distance: by its plane and by a ball around it.
 struct Facet {
     corners: [Vec3; 3],
-    /// Unit normal; zero of a needle.
+    /// The unit normal; zero for a needle.
     normal: Vec3,
     centre: Vec3,
-    /// Of a ball about the centre.
+    /// The radius of the ball about the centre.
     radius: f64,
 }
 
@@ -32,7 +32,7 @@ impl Facet {
         let away = corners.iter().map(|p| (p - centre).norm());
         Self {
             corners,
-            // That of a needle is not known well enough.
+            // The normal of a needle is too inaccurate.
             normal: if normal.norm() > 1e-6 * longest {
                 normal.normalize()
             } else {
@@ -44,8 +44,8 @@ impl Facet {
     }
 }
 
-/// Distances of points from the nearest of some triangles, to the bit those by [`closest_point`]; infinite
-/// if there is none. Points that follow each other are best near each other.
+/// Distances of points from the nearest of some triangles, bit for bit those by [`closest_point`]; infinite
+/// without triangles. Consecutive points should be close together for speed.
 pub(super) fn distances(
     triangles: impl Iterator<Item = [Vec3; 3]>,
     points: &[Vec3],
@@ -57,7 +57,7 @@ pub(super) fn distances(
     let size = coordinates.map(|p| p.amax()).fold(0.0, f64::max);
     simd::run(Distances {
         facets: &facets,
-        slack: SLACK * size,
+        slack: COORDINATE_ROUNDING * size,
         points,
         out,
     });
@@ -70,47 +70,50 @@ struct Distances<'a> {
     out: &'a mut [f64],
 }
 
-impl Work for Distances<'_> {
+impl SimdKernel for Distances<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let (margin, slack) = (zero.like(MARGIN), zero.like(self.slack));
-        let mut before = None;
+        let (margin, slack) = (zero.splat(DISTANCE_MARGIN), zero.splat(self.slack));
+        let mut previous = None;
         for (points, out) in self.points.chunks(ROW).zip(self.out.chunks_mut(ROW)) {
-            let mut places = [[0.0; 3]; ROW];
-            for (n, place) in places.iter_mut().enumerate() {
-                *place = points[n.min(points.len() - 1)].into();
+            // The last point pads the last row.
+            let mut coordinates = [[0.0; 3]; ROW];
+            for (n, point) in coordinates.iter_mut().enumerate() {
+                *point = points[n.min(points.len() - 1)].into();
             }
-            let p = Eight::points(lanes, places);
-            let mut squared = zero.like(f64::INFINITY);
-            // No point is farther than its neighbour of the row before, and the way from there.
+            let p = Eight::points(lanes, coordinates);
+            let mut squared = zero.splat(f64::INFINITY);
+            // Triangle inequality: the distance is at most that of the corresponding point of the previous row,
+            // plus the length of the step from it.
             let mut reach = squared;
-            if let Some((q, from)) = before {
-                reach = length(difference(p, q)) + from;
+            if let Some((q, distance)) = previous {
+                reach = length(difference(p, q)) + distance;
             }
             for facet in self.facets {
-                let away = height(facet, p).abs() - slack;
+                let plane_distance = height(facet, p).abs() - slack;
                 let limit = reach * margin;
-                if limit.bits_below(away) == u8::MAX {
+                if limit.bits_below(plane_distance) == u8::MAX {
                     continue;
                 }
-                let away = length(difference(p, alike(zero, facet.centre)));
-                if (limit + zero.like(facet.radius) + slack).bits_below(away) == u8::MAX {
+                let centre_distance = length(difference(p, splat_vector(zero, facet.centre)));
+                if (limit + zero.splat(facet.radius) + slack).bits_below(centre_distance) == u8::MAX
+                {
                     continue;
                 }
-                squared = squared.min(squared_distance(lanes, &facet.corners, p, &places));
+                squared = squared.min(squared_distance(lanes, &facet.corners, p, &coordinates));
                 reach = reach.min(squared.sqrt());
             }
-            let found = squared.sqrt();
-            before = Some((p, found));
-            out.copy_from_slice(&found.row()[..out.len()]);
+            let distance = squared.sqrt();
+            previous = Some((p, distance));
+            out.copy_from_slice(&distance.row()[..out.len()]);
         }
     }
 }
 
-/// a . b, summed in the order of the scalar code and never fused: the same bits.
+/// a . b, summed in the order of the scalar code without fused operations, for identical bits.
 #[inline(always)]
 fn dot<T: Number>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -121,58 +124,57 @@ fn length<T: Number>(a: [T; 3]) -> T {
     dot(a, a).sqrt()
 }
 
-/// Over the plane of a triangle.
+/// The signed height over the plane of a triangle.
 #[inline(always)]
 fn height<T: Number>(facet: &Facet, p: [T; 3]) -> T {
-    let from = difference(p, alike(p[0], facet.corners[0]));
-    dot(alike(p[0], facet.normal), from)
+    let from = difference(p, splat_vector(p[0], facet.corners[0]));
+    dot(splat_vector(p[0], facet.normal), from)
 }
 
-/// A point of a triangle: from a corner along one side, and along `ac`.
+/// A point of a triangle: corner + side * (s / total) + ac * (t / total).
 #[derive(Clone, Copy)]
-struct Foot<T> {
-    from: [T; 3],
-    along: [T; 3],
-    /// The share of `along` is `part / whole`, that of `ac` is `other / whole`.
-    part: T,
-    whole: T,
-    other: T,
+struct ClosestPoint<T> {
+    corner: [T; 3],
+    side: [T; 3],
+    s: T,
+    t: T,
+    total: T,
 }
 
-impl<T: Number> Foot<T> {
-    /// This one where `test` is at most 0.
+impl<T: Number> ClosestPoint<T> {
+    /// `self` where `test` is at most 0, otherwise `other`.
     #[inline(always)]
-    fn where_not_above(self, test: T, other: Self) -> Self {
-        let zero = test.like(0.0);
-        let (mut from, mut along) = (other.from, other.along);
+    fn select_unless_positive(self, test: T, other: Self) -> Self {
+        let zero = test.splat(0.0);
+        let (mut corner, mut side) = (other.corner, other.side);
         for a in 0..3 {
-            from[a] = zero.below(test, other.from[a], self.from[a]);
-            along[a] = zero.below(test, other.along[a], self.along[a]);
+            corner[a] = zero.select_below(test, other.corner[a], self.corner[a]);
+            side[a] = zero.select_below(test, other.side[a], self.side[a]);
         }
         Self {
-            from,
-            along,
-            part: zero.below(test, other.part, self.part),
-            whole: zero.below(test, other.whole, self.whole),
-            other: zero.below(test, other.other, self.other),
+            corner,
+            side,
+            s: zero.select_below(test, other.s, self.s),
+            t: zero.select_below(test, other.t, self.t),
+            total: zero.select_below(test, other.total, self.total),
         }
     }
 }
 
-/// Squared distances from one triangle: [`closest_point`]'s cases, the last first.
+/// Squared distances from one triangle: the cases of [`closest_point`] in reverse order.
 #[inline(always)]
 fn squared_distance<L: Lanes>(
     lanes: L,
     corners: &[Vec3; 3],
     p: [Eight<L>; 3],
-    places: &[[f64; 3]; ROW],
+    coordinates: &[[f64; 3]; ROW],
 ) -> Eight<L> {
-    let zero = p[0].like(0.0);
-    let one = p[0].like(1.0);
+    let zero = p[0].splat(0.0);
+    let one = p[0].splat(1.0);
     let [a, b, c] = [
-        alike(zero, corners[0]),
-        alike(zero, corners[1]),
-        alike(zero, corners[2]),
+        splat_vector(zero, corners[0]),
+        splat_vector(zero, corners[1]),
+        splat_vector(zero, corners[2]),
     ];
     let (ab, ac) = (difference(b, a), difference(c, a));
     let (ap, bp, cp) = (difference(p, a), difference(p, b), difference(p, c));
@@ -185,61 +187,60 @@ fn squared_distance<L: Lanes>(
     let va = d3 * d6 - d5 * d4;
     let total = va + vb + vc;
     let (from_b, from_c) = (d4 - d3, d5 - d6);
-    let inside = Foot {
-        from: a,
-        along: ab,
-        part: vb,
-        whole: total,
-        other: vc,
+    let in_face = ClosestPoint {
+        corner: a,
+        side: ab,
+        s: vb,
+        t: vc,
+        total,
     };
-    let on = Foot {
-        other: zero,
-        ..inside
+    let on_ab = ClosestPoint {
+        s: d1,
+        t: zero,
+        total: ab2,
+        ..in_face
     };
-    let on_bc = Foot {
-        from: b,
-        along: difference(c, b),
-        part: from_b,
-        whole: from_b + from_c,
-        ..on
+    let on_ac = ClosestPoint {
+        side: ac,
+        s: d2,
+        total: ac2,
+        ..on_ab
     };
-    let on_ac = Foot {
-        along: ac,
-        part: d2,
-        whole: ac2,
-        ..on
+    let on_bc = ClosestPoint {
+        corner: b,
+        side: difference(c, b),
+        s: from_b,
+        total: from_b + from_c,
+        ..on_ab
     };
-    let on_ab = Foot {
-        part: d1,
-        whole: ab2,
-        ..on
+    let at_a = ClosestPoint {
+        s: zero,
+        total: one,
+        ..on_ab
     };
-    let at = Foot {
-        part: zero,
-        whole: one,
-        ..on
-    };
-    let foot = on_bc.where_not_above(va.max(zero - from_b).max(zero - from_c), inside);
-    let foot = on_ac.where_not_above(vb.max(zero - d2).max(d6), foot);
-    let foot = on_ab.where_not_above(vc.max(zero - d1).max(d3), foot);
-    let foot = Foot { from: c, ..at }.where_not_above((zero - d6).max(d5 - d6), foot);
-    let foot = Foot { from: b, ..at }.where_not_above((zero - d3).max(d4 - d3), foot);
-    let foot = at.where_not_above(d1.max(d2), foot);
-    let (along, across) = (foot.part / foot.whole, foot.other / foot.whole);
-    let mut off = p;
+    let at_b = ClosestPoint { corner: b, ..at_a };
+    let at_c = ClosestPoint { corner: c, ..at_a };
+    let closest = on_bc.select_unless_positive(va.max(zero - from_b).max(zero - from_c), in_face);
+    let closest = on_ac.select_unless_positive(vb.max(zero - d2).max(d6), closest);
+    let closest = on_ab.select_unless_positive(vc.max(zero - d1).max(d3), closest);
+    let closest = at_c.select_unless_positive((zero - d6).max(d5 - d6), closest);
+    let closest = at_b.select_unless_positive((zero - d3).max(d4 - d3), closest);
+    let closest = at_a.select_unless_positive(d1.max(d2), closest);
+    let (s, t) = (closest.s / closest.total, closest.t / closest.total);
+    let mut offset = p;
     for k in 0..3 {
-        off[k] = foot.from[k] + foot.along[k] * along + ac[k] * across - p[k];
+        offset[k] = closest.corner[k] + closest.side[k] * s + ac[k] * t - p[k];
     }
-    let squared = dot(off, off);
-    // A needle, whose inside cannot be told.
-    let needle = u8::MAX ^ (zero.like(1e-12) * ab2 * ac2).bits_below(total);
-    if needle == 0 {
+    let squared = dot(offset, offset);
+    // Needles are measured by the scalar code.
+    let is_needle = u8::MAX ^ (zero.splat(1e-12) * ab2 * ac2).bits_below(total);
+    if is_needle == 0 {
         return squared;
     }
     let mut row = squared.row();
     for (n, to) in row.iter_mut().enumerate() {
-        if needle >> n & 1 != 0 {
-            let p = Vec3::from(places[n]);
+        if is_needle >> n & 1 != 0 {
+            let p = Vec3::from(coordinates[n]);
             *to = (closest_point(corners, p) - p).norm_squared();
         }
     }

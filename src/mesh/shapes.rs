@@ -1,10 +1,10 @@
-//! Closed meshes of simple solids, outward wound.
+//! Closed meshes of simple solids, oriented outward.
 
-use super::{Merger, TriMesh};
+use super::{TriMesh, VertexMerger};
 use crate::frame::{Aabb, Vec3};
 
 impl TriMesh {
-    /// The box as twelve triangles.
+    /// A box as twelve triangles.
     pub fn cuboid(bounds: &Aabb) -> Self {
         let corner = |i: usize| {
             Vec3::from_fn(|a, _| {
@@ -15,7 +15,7 @@ impl TriMesh {
                 }
             })
         };
-        // Bit a of a corner's number chooses the greater end of axis a.
+        // Bit a of a corner's number selects the greater end of axis a.
         let quads = [
             [0, 2, 3, 1],
             [4, 5, 7, 6],
@@ -33,16 +33,16 @@ impl TriMesh {
         }
     }
 
-    /// A ball's surface: an octahedron subdivided `levels` times, `8 * 4^levels` triangles with
-    /// their corners on the sphere.
+    /// A sphere: an octahedron subdivided `levels` times, `8 * 4^levels` triangles with their corners on the
+    /// sphere.
     pub fn ball(centre: Vec3, radius: f64, levels: u32) -> Self {
         let axis = |a: usize, s: f64| Vec3::ith(a, s);
-        let mut soup: Vec<[Vec3; 3]> = Vec::new();
+        let mut triangles: Vec<[Vec3; 3]> = Vec::new();
         for sx in [1.0, -1.0] {
             for sy in [1.0, -1.0] {
                 for sz in [1.0, -1.0] {
                     let (x, y, z) = (axis(0, sx), axis(1, sy), axis(2, sz));
-                    soup.push(if sx * sy * sz > 0.0 {
+                    triangles.push(if sx * sy * sz > 0.0 {
                         [x, y, z]
                     } else {
                         [x, z, y]
@@ -51,7 +51,7 @@ impl TriMesh {
             }
         }
         for _ in 0..levels {
-            soup = soup
+            triangles = triangles
                 .into_iter()
                 .flat_map(|[a, b, c]| {
                     let [ab, bc, ca] = [a + b, b + c, c + a].map(|m| m.normalize());
@@ -59,8 +59,8 @@ impl TriMesh {
                 })
                 .collect();
         }
-        let mut merger = Merger::default();
-        let triangles = soup.iter().map(|t| t.map(|p| merger.add(p))).collect();
+        let mut merger = VertexMerger::default();
+        let triangles = triangles.iter().map(|t| t.map(|p| merger.add(p))).collect();
         Self {
             vertices: merger
                 .vertices

@@ -1,11 +1,11 @@
-//! The sides of triangles, sorted by edge: what connectivity, closedness and orientation are read from.
+//! Half-edges of triangles, sorted by edge: the basis of connectivity, closedness and orientation.
 
 /// One side of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct HalfEdge {
-    /// Lesser vertex.
+    /// The lesser vertex.
     pub(crate) lo: u32,
-    /// Greater vertex.
+    /// The greater vertex.
     pub(crate) hi: u32,
     /// Twice the triangle's number, plus 1 where the side runs from `lo` to `hi`.
     code: u32,
@@ -23,11 +23,12 @@ impl HalfEdge {
     }
 }
 
-/// All sides of some triangles, those of one edge together; sides of zero length are left out.
+/// All sides of some triangles, grouped by edge; sides from a vertex to itself are left out.
 pub(crate) struct HalfEdges(Vec<HalfEdge>);
 
 impl HalfEdges {
-    /// Sorts the sides of triangles over so many vertices: by counting, since vertices have few edges.
+    /// The half-edges of triangles over `vertices` vertices. A counting sort by vertex suffices, since
+    /// vertices have few edges.
     pub(crate) fn of(triangles: &[[u32; 3]], vertices: usize) -> Self {
         let sides = || {
             (0u32..)
@@ -51,13 +52,13 @@ impl HalfEdges {
         let mut next = start.clone();
         for (a, b, t) in sides() {
             let (lo, hi) = (a.min(b), a.max(b));
-            let place = &mut next[lo as usize];
-            all[*place] = HalfEdge {
+            let slot = &mut next[lo as usize];
+            all[*slot] = HalfEdge {
                 lo,
                 hi,
                 code: t << 1 | u32::from(a < b),
             };
-            *place += 1;
+            *slot += 1;
         }
         for v in 0..vertices {
             all[start[v]..start[v + 1]].sort_unstable();
@@ -65,35 +66,35 @@ impl HalfEdges {
         Self(all)
     }
 
-    /// The sides of each edge, edges in rising order of their vertices.
+    /// The half-edges of each edge, edges in ascending order of their vertices.
     pub(crate) fn edges(&self) -> impl Iterator<Item = &[HalfEdge]> {
         self.0.chunk_by(|s, t| (s.lo, s.hi) == (t.lo, t.hi))
     }
 
-    /// Sides without a counterpart in the opposite direction.
-    pub(crate) fn rim(&self) -> Vec<Side> {
-        let mut rest = Vec::new();
+    /// The boundary of the triangles as a chain: half-edges without an opposite one.
+    pub(crate) fn boundary(&self) -> Vec<BoundaryEdge> {
+        let mut boundary = Vec::new();
         for edge in self.edges() {
             let forward = edge.iter().filter(|s| s.is_forward()).count() as i64;
             let net = 2 * forward - edge.len() as i64;
             let HalfEdge { lo, hi, .. } = edge[0];
             let (from, to) = if net > 0 { (lo, hi) } else { (hi, lo) };
             if net != 0 {
-                rest.push(Side {
+                boundary.push(BoundaryEdge {
                     from,
                     to,
-                    times: net.unsigned_abs() as u32,
+                    multiplicity: net.unsigned_abs() as u32,
                 });
             }
         }
-        rest
+        boundary
     }
 }
 
-/// A side that remains: from one vertex to another, so many times.
+/// A boundary edge: from one vertex to another, with its multiplicity in the boundary chain.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Side {
+pub(crate) struct BoundaryEdge {
     pub(crate) from: u32,
     pub(crate) to: u32,
-    pub(crate) times: u32,
+    pub(crate) multiplicity: u32,
 }

@@ -1,48 +1,49 @@
-//! The skin of a solid: what lies within a thickness of its surface.
+//! The skin of a solid: a layer of given thickness along its surface.
 
 use super::MeshSolid;
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
-/// On which side of the surface a skin lies.
+/// The side of the surface on which a skin lies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Side {
-    /// Within the solid, down to the thickness: max(d, -(d + t)).
+    /// Inside the solid: max(d, -(d + t)).
     #[default]
     Inside,
-    /// Outside the solid, up to the thickness: max(-d, d - t).
+    /// Outside the solid: max(-d, d - t).
     Outside,
     /// Half the thickness on either side: |d| - t / 2.
     Both,
 }
 
-/// A shell of full thickness `t` along a solid's surface, as a distance field.
+/// A layer of thickness t along a solid's surface, as a distance field.
 ///
-/// With d the solid's signed distance, its value is |d - c| - t / 2, c the depth of its middle.
+/// With the solid's signed distance d, the value is |d - c| - t / 2, where c is the signed distance of the
+/// layer's mid-surface.
 pub struct Skin<'a> {
     solid: &'a MeshSolid,
-    middle: f64,
-    half: f64,
+    centre_depth: f64,
+    half_thickness: f64,
 }
 
 impl<'a> Skin<'a> {
-    /// A skin of this full thickness, in world units; not positive means no skin at all.
+    /// A skin of this thickness, in world units; zero or negative gives an empty solid.
     pub fn new(solid: &'a MeshSolid, thickness: f64, side: Side) -> Self {
-        let half = thickness / 2.0;
-        let middle = match side {
-            Side::Inside => -half,
-            Side::Outside => half,
+        let half_thickness = thickness / 2.0;
+        let centre_depth = match side {
+            Side::Inside => -half_thickness,
+            Side::Outside => half_thickness,
             Side::Both => 0.0,
         };
         Self {
             solid,
-            middle,
-            half,
+            centre_depth,
+            half_thickness,
         }
     }
 
-    fn of(&self, d: f64) -> f64 {
-        (d - self.middle).abs() - self.half
+    fn value_at(&self, d: f64) -> f64 {
+        (d - self.centre_depth).abs() - self.half_thickness
     }
 }
 
@@ -50,20 +51,24 @@ impl Field for Skin<'_> {
     type Point = WorldPoint;
 
     fn value(&self, p: WorldPoint) -> f64 {
-        self.of(self.solid.value(p))
+        self.value_at(self.solid.value(p))
     }
 
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
         let (d, g) = self.solid.value_and_gradient(p);
-        (self.of(d), if d < self.middle { -g } else { g })
+        (self.value_at(d), if d < self.centre_depth { -g } else { g })
     }
 
     fn bound(&self, region: &Aabb) -> Interval {
         let b = self.solid.bound(region);
-        let (lo, hi) = (self.of(b.lo), self.of(b.hi));
-        let holds_middle = b.contains(self.middle);
+        let (lo, hi) = (self.value_at(b.lo), self.value_at(b.hi));
+        let contains_centre = b.contains(self.centre_depth);
         Interval::new(
-            if holds_middle { -self.half } else { lo.min(hi) },
+            if contains_centre {
+                -self.half_thickness
+            } else {
+                lo.min(hi)
+            },
             lo.max(hi),
         )
     }
@@ -71,7 +76,7 @@ impl Field for Skin<'_> {
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         self.solid.fill(lattice, out);
         for v in out {
-            *v = self.of(f64::from(*v)) as f32;
+            *v = self.value_at(f64::from(*v)) as f32;
         }
     }
 }

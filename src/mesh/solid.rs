@@ -1,15 +1,15 @@
 //! A mesh as a solid: exact distance, sign by the winding number.
 //!
-//! A point is inside where the generalised winding number exceeds 1/2, which holds for open,
-//! self-intersecting and duplicated surfaces alike; where nothing is open it is counted exactly. The value is the signed distance to the
-//! triangles, without the parts that overlapping shells bury in the solid where a mesh is repaired:
-//! 1-Lipschitz wherever the surface is closed. Across a hole, where w = 1/2 without a
-//! surface, the sign changes at a distance; bounds and bulk evaluation take that into account.
+//! A point is inside where the generalised winding number w exceeds 1/2. This definition also covers open,
+//! self-intersecting and duplicated surfaces; for a closed surface the winding number is exact. The value is
+//! the signed distance to the triangles; in a repaired mesh, parts that overlapping shells bury in the solid
+//! do not count. It is 1-Lipschitz where the surface is closed. Across a hole, where w = 1/2 without a surface,
+//! the sign changes away from the surface; bounds and bulk evaluation account for that.
 
-use super::boundary_edges::Rim;
-use super::open_winding::Open;
+use super::boundary_edges::BoundaryEdges;
+use super::open_winding::OpenWinding;
 use super::sides::HalfEdges;
-use super::soup::{Closest, Soup};
+use super::soup::{ClosestPoint, Soup};
 use super::unite::United;
 use super::{TriMesh, crossing, lattice};
 use crate::field::{Field, Interval, LeafBits, LeafParts, Leaves, SampleLattice};
@@ -17,7 +17,7 @@ use crate::frame::{Aabb, Vec3, WorldPoint};
 
 /// A triangle mesh prepared for distance and inside tests; immutable and shared by threads.
 ///
-/// A mesh without triangles is a solid that is nowhere: outside everywhere, at infinite distance.
+/// A mesh without triangles is the empty solid: every point is outside, at infinite distance.
 ///
 /// ```
 /// use druse::{field::Field, frame::{Aabb, Vec3, WorldPoint}, mesh::{MeshSolid, TriMesh}};
@@ -28,30 +28,30 @@ use crate::frame::{Aabb, Vec3, WorldPoint};
 pub struct MeshSolid {
     mesh: TriMesh,
     bounds: Aabb,
-    /// What distance is measured to.
+    /// The triangles for distances.
     surface: Soup,
-    /// What winds, where it is more than the surface.
-    whole: Option<Soup>,
-    /// Winding numbers where something is open.
-    open: Option<Open>,
-    /// Triangles that wind only: there the sign may change away from the surface.
+    /// The triangles for winding numbers, where they differ from the surface.
+    winding_soup: Option<Soup>,
+    /// Winding numbers of an open surface.
+    open: Option<OpenWinding>,
+    /// Triangles that count for the winding number only: there the sign may change away from the surface.
     caps: Option<Soup>,
-    /// Parts of triangles inside the solid, and how near to them it has no crack.
+    /// Triangles inside the solid, and the distance from them within which it has no crack.
     buried: Option<(Soup, f64)>,
-    rim: Option<Rim>,
+    boundary: Option<BoundaryEdges>,
 }
 
-/// Triangles with their numbers.
-pub(super) type Numbered = Vec<([Vec3; 3], u32)>;
+/// Triangles with their numbers in the mesh.
+pub(super) type NumberedTriangles = Vec<([Vec3; 3], u32)>;
 
-/// What a solid is made of.
-pub(super) struct Parts {
+/// The parts of a solid before assembly.
+pub(super) struct SolidParts {
     pub(super) mesh: TriMesh,
     /// All triangles of the mesh.
-    pub(super) all: Soup,
-    /// What winding numbers need if the triangles are no cycle.
-    pub(super) open: Option<(Open, Rim)>,
-    /// The surface and what is buried, where that is not all triangles.
+    pub(super) winding_triangles: Soup,
+    /// Winding data, if the triangles are no cycle.
+    pub(super) open: Option<(OpenWinding, BoundaryEdges)>,
+    /// The surface and the buried triangles, where the surface is not the whole mesh.
     pub(super) united: Option<United>,
 }
 
@@ -62,115 +62,128 @@ impl MeshSolid {
         Self::with_caps(mesh, &caps)
     }
 
-    /// A solid some of whose triangles are only caps: they count for what is inside, but the
-    /// distance passes them by. A cell trimmed at its element's faces is such a mesh.
+    /// A solid with caps: triangles that count for the inside test, but not for the distance. A cell trimmed
+    /// at the faces of its element is such a mesh.
     ///
     /// # Panics
-    /// When `is_cap` has not one entry per triangle.
+    /// When `is_cap` does not have one entry per triangle.
     pub fn with_caps(mesh: TriMesh, is_cap: &[bool]) -> Self {
         let merged = mesh.merged();
         let sides = HalfEdges::of(merged.triangles(), merged.vertices().len());
-        let numbered: Numbered = mesh.iter_corners().zip(0u32..).collect();
-        let all = Soup::new(&numbered);
-        let (vertices, rim) = (merged.vertices(), sides.rim());
-        let open = Open::new(vertices, &rim, &all);
+        let numbered: NumberedTriangles = mesh.iter_corners().zip(0u32..).collect();
+        let winding_triangles = Soup::new(&numbered);
+        let (vertices, boundary) = (merged.vertices(), sides.boundary());
+        let open = OpenWinding::new(vertices, &boundary, &winding_triangles);
         let open = open.and_then(|open| {
-            let rim = Rim::new(vertices, &rim, open.spanning(&all))?;
-            Some((open, rim))
+            let boundary =
+                BoundaryEdges::new(vertices, &boundary, open.spanning(&winding_triangles))?;
+            Some((open, boundary))
         });
-        let parts = Parts {
+        let parts = SolidParts {
             mesh,
-            all,
+            winding_triangles,
             open,
             united: None,
         };
         Self::of_parts(parts, is_cap)
     }
 
+    /// Assembles a solid.
+    ///
     /// # Panics
-    /// When `is_cap` has not one entry per triangle.
-    pub(super) fn of_parts(parts: Parts, is_cap: &[bool]) -> Self {
-        let Parts { mesh, all, .. } = parts;
+    /// When `is_cap` does not have one entry per triangle.
+    pub(super) fn of_parts(parts: SolidParts, is_cap: &[bool]) -> Self {
+        let SolidParts {
+            mesh,
+            winding_triangles,
+            ..
+        } = parts;
         assert_eq!(
             is_cap.len(),
             mesh.triangles().len(),
             "one flag per triangle"
         );
         let has_caps = is_cap.contains(&true);
-        let part = |cap: bool| -> Numbered {
+        let part = |cap: bool| -> NumberedTriangles {
             let numbered = mesh.iter_corners().zip(0u32..);
             numbered.filter(|t| is_cap[t.1 as usize] == cap).collect()
         };
-        let (open, rim) = parts.open.unzip();
+        let (open, boundary) = parts.open.unzip();
         let is_surface = |t: &([Vec3; 3], u32)| !is_cap[t.1 as usize];
-        let (surface, whole, buried) = match parts.united {
+        let (surface, winding_soup, buried) = match parts.united {
             Some(united) => {
-                let surface: Numbered = united.surface.into_iter().filter(is_surface).collect();
-                let buried = (Soup::new(&united.buried), united.hair);
-                (Soup::new(&surface), Some(all), Some(buried))
+                let surface: NumberedTriangles =
+                    united.surface.into_iter().filter(is_surface).collect();
+                let buried = (Soup::new(&united.buried), united.side_offset);
+                (Soup::new(&surface), Some(winding_triangles), Some(buried))
             }
-            None if has_caps => (Soup::new(&part(false)), Some(all), None),
-            None => (all, None, None),
+            None if has_caps => (Soup::new(&part(false)), Some(winding_triangles), None),
+            None => (winding_triangles, None, None),
         };
         Self {
             bounds: mesh.bounds(),
             open,
             caps: has_caps.then(|| Soup::new(&part(true))),
             buried,
-            rim,
+            boundary,
             mesh,
             surface,
-            whole,
+            winding_soup,
         }
     }
 
-    /// The pieces of the surface with the numbers of their triangles, caps left out.
+    /// The parts of the surface with the numbers of their triangles, without caps.
     pub(crate) fn surface(&self) -> impl Iterator<Item = ([Vec3; 3], u32)> + '_ {
         let numbers = self.surface.number.iter().copied();
         self.surface.corners.iter().copied().zip(numbers)
     }
 
-    /// The mesh it was made from.
+    /// The mesh of the solid.
     pub fn mesh(&self) -> &TriMesh {
         &self.mesh
     }
 
-    /// The box around all triangles, caps included; the solid lies within.
+    /// The bounding box of all triangles, caps included; it contains the solid.
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
 
-    /// Whether every side of a triangle is answered by another in the opposite direction: the
-    /// winding number is then an integer away from the triangles.
+    /// Whether every half-edge has an opposite one: the winding number is then an integer away from the
+    /// triangles.
     pub fn is_cycle(&self) -> bool {
-        self.rim.is_none()
+        self.boundary.is_none()
     }
 
     /// The point of the surface nearest to `p`.
-    pub fn closest(&self, p: Vec3) -> Closest {
+    pub fn closest(&self, p: Vec3) -> ClosestPoint {
         self.surface.closest(p, None).0
     }
 
-    /// The point of the surface nearest to `p`, if it is not farther than `radius`: faster than
-    /// [`MeshSolid::closest`] where nothing is near.
-    pub fn closest_within(&self, p: Vec3, radius: f64) -> Option<Closest> {
+    /// The point of the surface nearest to `p`, if it is within `radius`: faster than
+    /// [`MeshSolid::closest`] far from the surface.
+    pub fn closest_within(&self, p: Vec3, radius: f64) -> Option<ClosestPoint> {
         let found = self.surface.closest_within(p, radius, None).0;
         (found.triangle != u32::MAX).then_some(found)
     }
 
-    /// As [`MeshSolid::closest_within`], among some triangles only.
-    pub(crate) fn closest_among(&self, slots: &[u32], p: Vec3, radius: f64) -> Option<Closest> {
+    /// As [`MeshSolid::closest_within`], restricted to some slots.
+    pub(crate) fn closest_among(
+        &self,
+        slots: &[u32],
+        p: Vec3,
+        radius: f64,
+    ) -> Option<ClosestPoint> {
         let found = self.surface.closest_among(slots, p, radius);
         (found.triangle != u32::MAX).then_some(found)
     }
 
-    /// Replaces `slots` by all triangles that may be nearer than `reach` to a box: among them is the one
-    /// closest to any point of the box, if it is within reach.
+    /// Replaces `slots` by all triangles that may be nearer than `reach` to a box: they include the triangle
+    /// closest to any point of the box, if it is within `reach`.
     pub(crate) fn collect(&self, region: &Aabb, reach: f64, slots: &mut Vec<u32>) {
         self.surface.collect(region, reach, usize::MAX, slots);
     }
 
-    /// Adds to `slots` those of `among` that may be nearer than `reach` to a box.
+    /// Adds the slots of `among` that may be nearer than `reach` to a box to `slots`.
     pub(crate) fn collect_among(
         &self,
         among: &[u32],
@@ -181,15 +194,15 @@ impl MeshSolid {
         self.surface.collect_among(among, region, reach, slots);
     }
 
-    /// What winds.
-    fn all(&self) -> &Soup {
-        self.whole.as_ref().unwrap_or(&self.surface)
+    /// The triangles for winding numbers.
+    fn winding_triangles(&self) -> &Soup {
+        self.winding_soup.as_ref().unwrap_or(&self.surface)
     }
 
-    /// The generalised winding number at `p`: exact and whole for a cycle, otherwise within a few
-    /// thousandths (far triangles count in groups).
+    /// The generalised winding number at `p`: an exact integer for a cycle, otherwise within a few thousandths
+    /// (groups of distant triangles are expanded).
     pub fn winding_number(&self, p: Vec3) -> f64 {
-        let soup = self.all();
+        let soup = self.winding_triangles();
         match &self.open {
             Some(open) => open.winding_number(soup, &self.bounds, p),
             None if !self.bounds.contains(WorldPoint(p)) => 0.0,
@@ -197,28 +210,29 @@ impl MeshSolid {
         }
     }
 
-    /// Whether `p` is inside: the winding number exceeds 1/2. Faces of united shells that touch but for
-    /// rounding leave no crack.
+    /// Whether `p` is inside: the winding number exceeds 1/2. Faces of united shells that touch up to rounding
+    /// leave no crack.
     pub fn contains(&self, p: Vec3) -> bool {
         let is_inside = match &self.open {
-            Some(open) => open.contains(self.all(), &self.bounds, p),
+            Some(open) => open.contains(self.winding_triangles(), &self.bounds, p),
             None => self.winding_number(p) > 0.5,
         };
         if is_inside {
             return true;
         }
-        let Some((buried, hair)) = &self.buried else {
+        let Some((buried, side_offset)) = &self.buried else {
             return false;
         };
-        let (near, slot) = buried.closest_within(p, *hair, None);
-        if near.triangle == u32::MAX {
+        let (nearest, slot) = buried.closest_within(p, *side_offset, None);
+        if nearest.triangle == u32::MAX {
             return false;
         }
         let [a, b, c] = buried.corners[slot];
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0);
         normal.is_some_and(|n| {
-            let beside = [1.0, -1.0].map(|s| self.winding_number(p + n * (2.0 * s * hair)));
-            beside.iter().all(|&w| w > 0.5)
+            let windings =
+                [1.0, -1.0].map(|s| self.winding_number(p + n * (2.0 * s * side_offset)));
+            windings.iter().all(|&w| w > 0.5)
         })
     }
 
@@ -228,82 +242,95 @@ impl MeshSolid {
         if self.contains(p) { -d } else { d }
     }
 
-    /// Signed distances of a lattice's samples where they are nearer than `near`; elsewhere numbers of the
-    /// right sign that are not.
-    fn fill_within(&self, lattice: &SampleLattice<WorldPoint>, near: f64, out: &mut [f32]) {
+    /// Signed distances of a lattice's samples that are nearer than `max_distance`; other samples get a value
+    /// of the correct sign and at least this magnitude.
+    fn fill_band(&self, lattice: &SampleLattice<WorldPoint>, max_distance: f64, out: &mut [f32]) {
         if lattice.is_empty() {
             return;
         }
         let span = lattice.span();
         let (centre, radius) = (span.centre().0, span.half_diagonal());
-        // A little more, so that samples on the box's corners are held too.
+        // Slightly larger, to include samples on the corners of the box despite rounding.
         let radius = radius * (1.0 + 1e-9);
-        let at_centre = self.surface.closest_within(centre, near + radius, None).0;
-        let most = (at_centre.distance + radius).min(near);
+        let nearest_to_centre = self
+            .surface
+            .closest_within(centre, max_distance + radius, None)
+            .0;
+        let bound = (nearest_to_centre.distance + radius).min(max_distance);
         let mut distances = vec![f64::INFINITY; lattice.len()];
-        if most.is_finite() {
+        if bound.is_finite() {
             let mut packs = Vec::new();
-            let reach = most * (1.0 + 1e-9);
+            let reach = bound * (1.0 + 1e-9);
             self.surface.collect_packs(&span, reach, &mut packs);
-            lattice::distances(&self.surface, &packs, lattice, near, &mut distances);
+            lattice::distances(&self.surface, &packs, lattice, max_distance, &mut distances);
         }
-        let steady = self.steady(centre, radius);
-        let settled = steady.filter(|_| at_centre.distance > radius);
+        let regular_sign = self.regular_sign(centre, radius);
+        let inside_all = regular_sign.filter(|_| nearest_to_centre.distance > radius);
         let [_, ny, nz] = lattice.counts;
         let reach = lattice.step * (1.0 + 1e-9);
         let strides = [1, nz, ny * nz];
-        let blocks = self.steady_blocks(lattice, steady.is_some());
+        let blocks = self.regular_blocks(lattice, regular_sign.is_some());
         for n in 0..lattice.len() {
-            // The neighbours before.
-            let place = [n % nz, n / nz % ny, n / (ny * nz)];
-            let before = (0..3).filter(|&a| place[a] > 0).map(|a| n - strides[a]);
+            // The preceding neighbours, whose signs are known.
+            let index = [n % nz, n / nz % ny, n / (ny * nz)];
+            let neighbours = (0..3).filter(|&a| index[a] > 0).map(|a| n - strides[a]);
             let d = distances[n];
-            let inside = settled.unwrap_or_else(|| {
-                // Between two samples whose distances exceed their step no surface can pass.
-                let passes = |&m: &usize| distances[m] + d > reach;
-                let is_steady = |&m: &usize| blocks[m] != 0 && blocks[m] == blocks[n];
-                let same = before.clone().find(|m| is_steady(m) && passes(m));
-                let alone = || self.contains(lattice.point(n).0);
-                same.map_or_else(alone, |m| out[m].is_sign_negative())
+            let inside = inside_all.unwrap_or_else(|| {
+                // No surface passes between two samples whose distances add up to more than their step.
+                let is_surface_free = |&m: &usize| distances[m] + d > reach;
+                let is_same_block = |&m: &usize| blocks[m] != 0 && blocks[m] == blocks[n];
+                let neighbour = neighbours
+                    .clone()
+                    .find(|m| is_same_block(m) && is_surface_free(m));
+                let by_winding = || self.contains(lattice.point(n).0);
+                neighbour.map_or_else(by_winding, |m| out[m].is_sign_negative())
             });
             out[n] = if inside { -d } else { d } as f32;
         }
     }
 
-    /// Numbers of blocks of a lattice's samples: within a block the sign changes at the surface only, unless
-    /// its number is 0. With `is_one` all samples are one such block.
-    fn steady_blocks(&self, lattice: &SampleLattice<WorldPoint>, is_one: bool) -> Vec<u32> {
-        let mut blocks = vec![u32::from(is_one); lattice.len()];
-        if is_one {
+    /// Labels of regular blocks of a lattice's samples (see [`Self::regular_sign`]); label 0 marks samples in
+    /// no regular block. With `is_single_block` all samples form one block.
+    fn regular_blocks(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        is_single_block: bool,
+    ) -> Vec<u32> {
+        let mut blocks = vec![u32::from(is_single_block); lattice.len()];
+        if is_single_block {
             return blocks;
         }
         let [_, ny, nz] = lattice.counts;
-        let mut last = 0;
-        // Blocks of 4^3 samples, and of 2^3 where they do not do.
+        let mut block_count = 0;
+        // Blocks of 4^3 samples, and of 2^3 where the larger ones fail.
         let start = [0, 1, 2].map(|a| (0..lattice.counts[a]).step_by(4));
-        let mut waiting = Vec::new();
+        let mut pending = Vec::new();
         for x in start[0].clone() {
             for y in start[1].clone() {
-                waiting.extend(start[2].clone().map(|z| ([x, y, z], 4)));
+                pending.extend(start[2].clone().map(|z| ([x, y, z], 4)));
             }
         }
-        while let Some((from, size)) = waiting.pop() {
+        while let Some((from, size)) = pending.pop() {
             let to = [0, 1, 2].map(|a| (from[a] + size).min(lattice.counts[a]));
             let number = |[x, y, z]: [usize; 3]| (x * ny + y) * nz + z;
             let ends = [from, to.map(|c| c - 1)].map(|at| lattice.point(number(at)).0);
             let radius = (ends[1] - ends[0]).norm() / 2.0 * (1.0 + 1e-9);
-            if self.steady((ends[0] + ends[1]) / 2.0, radius).is_some() {
-                last += 1;
+            if self
+                .regular_sign((ends[0] + ends[1]) / 2.0, radius)
+                .is_some()
+            {
+                block_count += 1;
                 for x in from[0]..to[0] {
                     for y in from[1]..to[1] {
-                        blocks[number([x, y, from[2]])..=number([x, y, to[2] - 1])].fill(last);
+                        blocks[number([x, y, from[2]])..=number([x, y, to[2] - 1])]
+                            .fill(block_count);
                     }
                 }
             } else if size == 4 {
                 for n in 0..8 {
                     let part = [0, 1, 2].map(|a| from[a] + 2 * (n >> a & 1));
                     if (0..3).all(|a| part[a] < to[a]) {
-                        waiting.push((part, 2));
+                        pending.push((part, 2));
                     }
                 }
             }
@@ -311,25 +338,24 @@ impl MeshSolid {
         blocks
     }
 
-    /// Whether `centre` is inside, if within `radius` of it the sign changes at the surface only;
-    /// `None` where a cap or the film across a hole may come between.
-    fn steady(&self, centre: Vec3, radius: f64) -> Option<bool> {
-        let near = |caps: &Soup| caps.closest_within(centre, radius, None).1 != usize::MAX;
-        if self.caps.as_ref().is_some_and(near) {
+    /// Whether `centre` is inside, if the ball of `radius` about it is regular: the sign changes in it at the
+    /// surface only. `None` where a cap or the level w = 1/2 across a hole may be that near.
+    fn regular_sign(&self, centre: Vec3, radius: f64) -> Option<bool> {
+        let is_near = |caps: &Soup| caps.closest_within(centre, radius, None).1 != usize::MAX;
+        if self.caps.as_ref().is_some_and(is_near) {
             return None;
         }
-        let Some(rim) = &self.rim else {
+        let Some(boundary) = &self.boundary else {
             return Some(self.contains(centre));
         };
-        // The surface itself makes w jump by whole numbers: all values w could take must keep clear
-        // of 1/2.
-        let drift = rim.drift(centre, radius);
-        let w = if drift < 0.5 {
+        // At the surface w jumps by integers: the fractional part of w must stay away from 1/2.
+        let winding_variation = boundary.winding_variation(centre, radius);
+        let w = if winding_variation < 0.5 {
             self.winding_number(centre)
         } else {
             0.5
         };
-        ((w - w.floor() - 0.5).abs() > drift).then_some(w > 0.5)
+        ((w - w.floor() - 0.5).abs() > winding_variation).then_some(w > 0.5)
     }
 }
 
@@ -361,7 +387,7 @@ impl Field for MeshSolid {
     fn bound(&self, region: &Aabb) -> Interval {
         let (centre, radius) = (region.centre().0, region.half_diagonal());
         let d = self.closest(centre).distance;
-        match self.steady(centre, radius) {
+        match self.regular_sign(centre, radius) {
             Some(inside) => {
                 let v = if inside { -d } else { d };
                 Interval::new(v - radius, v + radius)
@@ -370,46 +396,48 @@ impl Field for MeshSolid {
         }
     }
 
-    fn leaf_bound(&self, parts: &LeafParts<Aabb>, near: f64) -> Interval {
-        let beyond = |inside| {
+    fn leaf_bound(&self, parts: &LeafParts<Aabb>, max_distance: f64) -> Interval {
+        let outside_band = |inside| {
             if inside {
-                Interval::new(f64::NEG_INFINITY, -near)
+                Interval::new(f64::NEG_INFINITY, -max_distance)
             } else {
-                Interval::new(near, f64::INFINITY)
+                Interval::new(max_distance, f64::INFINITY)
             }
         };
-        let mut joint: Option<Interval> = None;
+        let mut hull: Option<Interval> = None;
         for region in &parts.wide {
             let (centre, radius) = (region.centre().0, region.half_diagonal());
             let radius = radius * (1.0 + 1e-9);
-            let found = self.surface.closest_within(centre, near + radius, None);
+            let found = self
+                .surface
+                .closest_within(centre, max_distance + radius, None);
             if found.1 != usize::MAX {
                 let d = found.0.distance + radius;
                 return Interval::new(-d, d);
             }
-            let sign_changes_elsewhere = self.rim.is_some() || self.caps.is_some();
-            let part = match joint {
-                // The parts touch, and no surface is in them.
-                Some(joint) if !sign_changes_elsewhere => joint,
+            let sign_changes_elsewhere = self.boundary.is_some() || self.caps.is_some();
+            let part = match hull {
+                // The parts touch and contain no surface, so they share their sign.
+                Some(hull) if !sign_changes_elsewhere => hull,
                 _ => self
-                    .steady(centre, radius)
-                    .map_or_else(|| self.bound(region), beyond),
+                    .regular_sign(centre, radius)
+                    .map_or_else(|| self.bound(region), outside_band),
             };
-            let all = joint.map_or(part, |joint| joint.hull(part));
-            if all.comes_within(near) {
-                return all;
+            let joint = hull.map_or(part, |hull| hull.hull(part));
+            if joint.may_be_within(max_distance) {
+                return joint;
             }
-            joint = Some(all);
+            hull = Some(joint);
         }
-        joint.unwrap_or(Interval::ALL)
+        hull.unwrap_or(Interval::REAL_LINE)
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        self.fill_within(lattice, f64::INFINITY, out);
+        self.fill_band(lattice, f64::INFINITY, out);
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
-        // What is moved is rounded otherwise.
+        // An offset rounds differently.
         if leaves.by != 0.0 {
             return None;
         }
@@ -424,8 +452,8 @@ impl Field for MeshSolid {
                 step: leaves.step,
                 counts: [8; 3],
             };
-            self.fill_within(&lattice, f64::from(leaves.background), values);
-            *bits = LeafBits::look_at(values, leaves.background);
+            self.fill_band(&lattice, f64::from(leaves.background), values);
+            *bits = LeafBits::from_values(values, leaves.background);
         }
         Some(512 * leaves.origins.len() as u64)
     }

@@ -1,42 +1,42 @@
-//! Triangles in tree order with their hierarchy: what distance and winding number search.
+//! A triangle soup with its bounding-volume hierarchy, for distances and winding numbers.
 
-use super::bvh::{Bvh, Local};
+use super::bvh::{Bvh, LocalFrame};
 use super::triangle::closest_point;
 use crate::frame::{Aabb, Vec3};
 use std::sync::OnceLock;
 
-/// A point of a surface nearest to a query.
+/// The point of a surface nearest to a query point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Closest {
-    /// Distance, not negative; infinite if there is no triangle.
+pub struct ClosestPoint {
+    /// The distance, not negative; infinite if there is no triangle.
     pub distance: f64,
     /// The point on the surface.
     pub point: Vec3,
-    /// Number of a triangle that holds it, the least of those tried at the same distance;
-    /// `u32::MAX` if there is none.
+    /// The number of a triangle that contains the point, the least one among the tested triangles at the
+    /// same distance; `u32::MAX` if there is none.
     pub triangle: u32,
 }
 
-impl Closest {
-    pub(crate) const NOTHING: Self = Self {
+impl ClosestPoint {
+    pub(crate) const NOT_FOUND: Self = Self {
         distance: f64::INFINITY,
         point: Vec3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
         triangle: u32::MAX,
     };
 }
 
-/// A disc around a triangle in its plane, in the tree's local frame: a much closer bound of distance
-/// than a box for a triangle seen from far along its normal.
+/// A disc that contains a triangle in its plane, in the tree's local frame: it bounds the distance much
+/// tighter than a box for points far along the normal.
 #[derive(Clone, Copy)]
 struct Disc {
     centre: [f32; 3],
-    /// Unit normal; zero makes a ball of the disc.
+    /// The unit normal; zero turns the disc into a ball.
     normal: [f32; 3],
     radius: f32,
 }
 
 impl Disc {
-    fn around(t: &[Vec3; 3], local: Local) -> Self {
+    fn around(t: &[Vec3; 3], local: LocalFrame) -> Self {
         let [a, b, c] = t.map(|p| local.point(p));
         let centre = (a + b + c) / 3.0;
         let radius = [a, b, c]
@@ -44,7 +44,7 @@ impl Disc {
             .map(|p| (p - centre).norm())
             .fold(0.0, f64::max);
         let n = (b - a).cross(&(c - a));
-        // The normal of a needle is not known well enough.
+        // The normal of a needle is too inaccurate.
         let normal = if n.norm() > 1e-6 * radius * radius {
             n.normalize()
         } else {
@@ -57,8 +57,8 @@ impl Disc {
         }
     }
 
-    /// Whether the whole disc is farther from `p` than `reach`, rounding considered.
-    fn is_beyond(&self, p: [f32; 3], reach: f32) -> bool {
+    /// Whether the whole disc is farther from `p` than `max_distance`, despite rounding.
+    fn is_beyond(&self, p: [f32; 3], max_distance: f32) -> bool {
         let mut d2 = 0.0;
         let mut height = 0.0;
         for a in 0..3 {
@@ -66,32 +66,31 @@ impl Disc {
             d2 += d * d;
             height += d * self.normal[a];
         }
-        // Relative rounding of distances, absolute of places in [-1, 1], and of the normal over the
-        // disc.
-        let reach = reach * (1.0 + 4e-6) + 1e-6 * self.radius + 6e-7;
-        let room = reach * reach - height * height;
-        // sqrt(d2 - height^2) > radius + sqrt(room), without the roots where possible.
+        // The terms cover the relative rounding of distances, the rounding of the normal over the disc, and
+        // the absolute rounding of coordinates in [-1, 1].
+        let max_distance = max_distance * (1.0 + 4e-6) + 1e-6 * self.radius + 6e-7;
+        let remaining2 = max_distance * max_distance - height * height;
+        // sqrt(d2 - height^2) > radius + sqrt(remaining2), without roots where possible.
         let across2 = d2 - height * height;
-        room < 0.0 || {
-            let wide = self.radius + room.sqrt();
-            across2 > wide * wide
+        remaining2 < 0.0 || {
+            let limit = self.radius + remaining2.sqrt();
+            across2 > limit * limit
         }
     }
 }
 
-/// Discs in a pack.
-pub(super) const PACK: usize = 8;
+/// Number of discs in a pack.
+pub(super) const PACK_SIZE: usize = 8;
 
-/// The discs of [`PACK`] slots that follow each other, a row of numbers each; the last pack's are filled up
-/// with the last disc.
+/// The discs of [`PACK_SIZE`] consecutive slots as a structure of arrays; the last disc pads the last pack.
 #[derive(Clone)]
-pub(super) struct Pack {
-    pub(super) centre: [[f32; PACK]; 3],
-    pub(super) normal: [[f32; PACK]; 3],
-    pub(super) radius: [f32; PACK],
+pub(super) struct DiscPack {
+    pub(super) centre: [[f32; PACK_SIZE]; 3],
+    pub(super) normal: [[f32; PACK_SIZE]; 3],
+    pub(super) radius: [f32; PACK_SIZE],
 }
 
-impl Pack {
+impl DiscPack {
     fn of(discs: &[Disc]) -> Self {
         let at = |n: usize| &discs[n.min(discs.len() - 1)];
         Self {
@@ -102,18 +101,18 @@ impl Pack {
     }
 }
 
-/// Triangles by slot, their numbers, and the tree over them.
+/// Triangles without connectivity, sorted into the slots of a hierarchy.
 pub(crate) struct Soup {
     pub(crate) bvh: Bvh,
     pub(crate) corners: Vec<[Vec3; 3]>,
-    /// The number each slot's triangle has outside.
+    /// The caller's number of the triangle in each slot.
     pub(crate) number: Vec<u32>,
     discs: Vec<Disc>,
-    packs: OnceLock<Vec<Pack>>,
+    packs: OnceLock<Vec<DiscPack>>,
 }
 
 impl Soup {
-    /// Triangles with their numbers.
+    /// A soup of numbered triangles.
     pub(crate) fn new(triangles: &[([Vec3; 3], u32)]) -> Self {
         let bvh = Bvh::new(triangles.len(), |i| Aabb::of(triangles[i].0));
         let at = |slot: &u32| triangles[*slot as usize];
@@ -130,17 +129,17 @@ impl Soup {
         }
     }
 
-    /// The discs in packs: slot n is in pack n / [`PACK`].
-    pub(super) fn packs(&self) -> &[Pack] {
+    /// The discs by pack: slot n is in pack n / [`PACK_SIZE`].
+    pub(super) fn packs(&self) -> &[DiscPack] {
         self.packs
-            .get_or_init(|| self.discs.chunks(PACK).map(Pack::of).collect())
+            .get_or_init(|| self.discs.chunks(PACK_SIZE).map(DiscPack::of).collect())
     }
 
-    /// Replaces `found` by the packs of all triangles that may be nearer than `reach` to a box, in order.
-    pub(super) fn collect_packs(&self, region: &Aabb, reach: f64, found: &mut Vec<u32>) {
+    /// Replaces `found` by the sorted packs of all triangles that may be nearer than `max_distance` to a box.
+    pub(super) fn collect_packs(&self, region: &Aabb, max_distance: f64, found: &mut Vec<u32>) {
         found.clear();
-        self.bvh.overlapping(&region.dilated(reach), |slot| {
-            let pack = (slot / PACK) as u32;
+        self.bvh.overlapping(&region.dilated(max_distance), |slot| {
+            let pack = (slot / PACK_SIZE) as u32;
             if found.last() != Some(&pack) {
                 found.push(pack);
             }
@@ -150,18 +149,18 @@ impl Soup {
         found.dedup();
     }
 
-    /// The closest point, not farther than that of the slot `hint` if there is one; gives its slot.
-    pub(crate) fn closest(&self, p: Vec3, hint: Option<usize>) -> (Closest, usize) {
+    /// The closest point and its slot. A `hint`, a slot with a near triangle, speeds up the search.
+    pub(crate) fn closest(&self, p: Vec3, hint: Option<usize>) -> (ClosestPoint, usize) {
         self.closest_within(p, f64::INFINITY, hint)
     }
 
-    /// The closest point if it is not farther than `radius`.
+    /// The closest point and its slot, if within `radius`.
     pub(crate) fn closest_within(
         &self,
         p: Vec3,
         radius: f64,
         hint: Option<usize>,
-    ) -> (Closest, usize) {
+    ) -> (ClosestPoint, usize) {
         let mut search = Search::new(self, p, radius);
         let best = hint.and_then(|slot| search.visit(slot));
         self.bvh
@@ -169,8 +168,8 @@ impl Soup {
         search.found
     }
 
-    /// The closest point on the triangles of some slots, if it is not farther than `radius`.
-    pub(crate) fn closest_among(&self, slots: &[u32], p: Vec3, radius: f64) -> Closest {
+    /// The closest point on the triangles of some slots, if within `radius`.
+    pub(crate) fn closest_among(&self, slots: &[u32], p: Vec3, radius: f64) -> ClosestPoint {
         let mut search = Search::new(self, p, radius);
         for &slot in slots {
             search.visit(slot as usize);
@@ -178,50 +177,56 @@ impl Soup {
         search.found.0
     }
 
-    /// Replaces `found` by the slots of all triangles that may be nearer than `reach` to a box; of more than
-    /// `most` by one more than these.
-    pub(crate) fn collect(&self, region: &Aabb, reach: f64, most: usize, found: &mut Vec<u32>) {
+    /// Replaces `found` by the slots of all triangles that may be nearer than `max_distance` to a box; stops
+    /// at `max_count + 1` slots.
+    pub(crate) fn collect(
+        &self,
+        region: &Aabb,
+        max_distance: f64,
+        max_count: usize,
+        found: &mut Vec<u32>,
+    ) {
         found.clear();
-        let near = self.nearness(region, reach);
-        self.bvh.overlapping(&region.dilated(reach), |slot| {
-            if near(slot as u32) {
+        let may_be_near = self.may_be_within(region, max_distance);
+        self.bvh.overlapping(&region.dilated(max_distance), |slot| {
+            if may_be_near(slot as u32) {
                 found.push(slot as u32);
             }
-            found.len() <= most
+            found.len() <= max_count
         });
     }
 
-    /// Adds to `found` those of some slots whose triangles may be nearer than `reach` to a box.
+    /// Adds to `found` the slots of `slots` whose triangles may be nearer than `max_distance` to a box.
     pub(crate) fn collect_among(
         &self,
         slots: &[u32],
         region: &Aabb,
-        reach: f64,
+        max_distance: f64,
         found: &mut Vec<u32>,
     ) {
-        let near = self.nearness(region, reach);
-        found.extend(slots.iter().copied().filter(|&slot| near(slot)));
+        let may_be_near = self.may_be_within(region, max_distance);
+        found.extend(slots.iter().copied().filter(|&slot| may_be_near(slot)));
     }
 
-    /// Whether a slot's triangle may be nearer than `reach` to the ball around a box.
-    fn nearness(&self, region: &Aabb, reach: f64) -> impl Fn(u32) -> bool + '_ {
+    /// A test whether the triangle in a slot may be nearer than `max_distance` to the ball around a box.
+    fn may_be_within(&self, region: &Aabb, max_distance: f64) -> impl Fn(u32) -> bool + '_ {
         let local = self.bvh.local();
         let q = local.point(region.centre().0);
         let q = [q.x as f32, q.y as f32, q.z as f32];
-        let all = local.length(region.half_diagonal() + reach) as f32;
-        move |slot| !self.discs[slot as usize].is_beyond(q, all)
+        let local_reach = local.length(region.half_diagonal() + max_distance) as f32;
+        move |slot| !self.discs[slot as usize].is_beyond(q, local_reach)
     }
 }
 
-/// What a search for the closest point has found so far.
+/// The state of a search for the closest point.
 struct Search<'a> {
     soup: &'a Soup,
     p: Vec3,
-    /// In the tree's local frame.
+    /// `p` in the tree's local frame.
     q: [f32; 3],
-    squared: f64,
-    reach: f32,
-    found: (Closest, usize),
+    max_squared: f64,
+    max_distance: f32,
+    found: (ClosestPoint, usize),
 }
 
 impl<'a> Search<'a> {
@@ -232,28 +237,28 @@ impl<'a> Search<'a> {
             soup,
             p,
             q: [q.x as f32, q.y as f32, q.z as f32],
-            squared: radius * radius,
-            reach: local.length(radius) as f32,
-            found: (Closest::NOTHING, usize::MAX),
+            max_squared: radius * radius,
+            max_distance: local.length(radius) as f32,
+            found: (ClosestPoint::NOT_FOUND, usize::MAX),
         }
     }
 
-    /// Tries a slot; gives the distance if it is the closest so far.
+    /// Tests the triangle in a slot; returns its distance if it is the closest so far.
     #[inline]
     fn visit(&mut self, slot: usize) -> Option<f64> {
         let soup = self.soup;
-        if soup.discs[slot].is_beyond(self.q, self.reach) {
+        if soup.discs[slot].is_beyond(self.q, self.max_distance) {
             return None;
         }
         let point = closest_point(&soup.corners[slot], self.p);
         let d2 = (point - self.p).norm_squared();
         let number = soup.number[slot];
-        if d2 < self.squared || (d2 == self.squared && number < self.found.0.triangle) {
+        if d2 < self.max_squared || (d2 == self.max_squared && number < self.found.0.triangle) {
             let distance = d2.sqrt();
-            self.squared = d2;
-            self.reach = soup.bvh.local().length(distance) as f32;
+            self.max_squared = d2;
+            self.max_distance = soup.bvh.local().length(distance) as f32;
             self.found = (
-                Closest {
+                ClosestPoint {
                     distance,
                     point,
                     triangle: number,
@@ -265,17 +270,17 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Distances to triangles, any of which may be a segment (two corners the same) or a point.
-pub(crate) struct Distances(Soup);
+/// Distances to triangles; degenerate ones count as segments or points.
+pub(crate) struct TriangleDistances(Soup);
 
-impl Distances {
-    /// Prepares finite triangles.
+impl TriangleDistances {
+    /// Builds the hierarchy of triangles with finite coordinates.
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let numbered: Vec<_> = triangles.iter().copied().zip(0u32..).collect();
         Self(Soup::new(&numbered))
     }
 
-    /// Distance to the nearest one.
+    /// The distance to the nearest triangle.
     pub(crate) fn distance(&self, p: Vec3) -> f64 {
         self.0.closest(p, None).0.distance
     }

@@ -1,4 +1,4 @@
-//! One triangle: its closest point and the solid angle it subtends.
+//! One triangle: closest point and solid angle.
 
 use crate::frame::Vec3;
 
@@ -14,8 +14,8 @@ fn on_segment([a, b]: [Vec3; 2], p: Vec3) -> Vec3 {
     if t >= 1.0 { b } else { a + ab * t.max(0.0) }
 }
 
-/// The point of the closed triangle closest to `p` (Ericson, Real-Time Collision Detection, 5.1.5);
-/// triangles without area count as their sides.
+/// The point of the closed triangle closest to `p` (Ericson, *Real-Time Collision Detection*, 5.1.5);
+/// a triangle without area counts as its sides.
 pub(crate) fn closest_point(&[a, b, c]: &[Vec3; 3], p: Vec3) -> Vec3 {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
@@ -38,14 +38,14 @@ pub(crate) fn closest_point(&[a, b, c]: &[Vec3; 3], p: Vec3) -> Vec3 {
     let vb = d5 * d2 - d1 * d6;
     let va = d3 * d6 - d5 * d4;
     let total = va + vb + vc;
-    // |ab x ac|^2 lost in rounding: a needle, whose inside cannot be told.
+    // |ab x ac|^2 vanishes in rounding: the triangle is a needle, treated as its sides.
     if total.is_nan() || total <= 1e-12 * ab2 * ac2 {
         let sides = [[a, b], [b, c], [c, a]].map(|s| on_segment(s, p));
-        let nearer = |m: Vec3, q: Vec3| {
-            if (q - p).norm_squared() < (m - p).norm_squared() {
-                q
+        let nearer = |q: Vec3, r: Vec3| {
+            if (r - p).norm_squared() < (q - p).norm_squared() {
+                r
             } else {
-                m
+                q
             }
         };
         return nearer(nearer(sides[0], sides[1]), sides[2]);
@@ -63,11 +63,11 @@ pub(crate) fn closest_point(&[a, b, c]: &[Vec3; 3], p: Vec3) -> Vec3 {
     a + ab * (vb / total) + ac * (vc / total)
 }
 
-/// A sum of solid angles, kept as a complex number and full turns so that one arctangent serves all.
+/// A sum of solid angles as a product of complex numbers plus full turns: one arctangent evaluates it.
 pub(crate) struct SolidAngle {
     re: f64,
     im: f64,
-    /// Full turns that the argument left behind.
+    /// Full turns beyond the argument of the complex number.
     turns: f64,
 }
 
@@ -78,21 +78,21 @@ impl SolidAngle {
         turns: 0.0,
     };
 
-    /// Adds the solid angle of a triangle seen from `q`, positive when its winding is clockwise from
-    /// there, that is from inside (Van Oosterom and Strackee 1983: tan(angle / 2) = n / d).
+    /// Adds the solid angle of a triangle at `q`, positive when the triangle appears clockwise from `q`, as it
+    /// does from inside (Van Oosterom and Strackee 1983: tan(angle / 2) = im / re).
     pub(crate) fn add(&mut self, t: &[Vec3; 3], q: Vec3) {
         let [a, b, c] = t.map(|v| v - q);
         let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
         let im = a.dot(&b.cross(&c));
         let re = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
         let size = re.abs() + im.abs();
-        // On a corner or a side the angle is undefined; it counts nothing.
+        // On a corner or a side the angle is undefined; it counts as zero.
         if size <= f64::MIN_POSITIVE || !size.is_finite() {
             return;
         }
         let (re, im) = (re / size, im / size);
         let product = (self.re * re - self.im * im, self.re * im + self.im * re);
-        // Both angles lie in (-pi, pi]; a sum of equal signs that left this range has changed sign.
+        // Both arguments lie in (-pi, pi]: a sum of equal signs that leaves this range changes sign.
         if self.im >= 0.0 && im >= 0.0 && product.1 < 0.0 {
             self.turns += 1.0;
         } else if self.im < 0.0 && im < 0.0 && product.1 >= 0.0 {

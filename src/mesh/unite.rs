@@ -1,64 +1,64 @@
-//! The surface of overlapping shells: the parts of triangles across which inside and outside change.
+//! The union of overlapping shells: the parts of triangles that separate inside from outside.
 //!
-//! The solid is where the winding number exceeds 1/2. Triangles of shells that overlap, or lie in others
-//! wound alike, may be buried in the solid: both of their sides are inside. Each triangle that others
-//! meet is cut along the segments where they do, into convex pieces that none of them crosses; each piece
-//! is kept or not by the winding numbers a hair in front of it and behind it. Triangles that no other
-//! meets are judged once per connected region. The sign of a distance never depends on the pieces: it
-//! comes from the winding number of the whole mesh, so that an error of rounding in a cut moves the
-//! surface by rounding only. Where the mesh is open, only what the winding number proves to be buried is
-//! left out.
+//! The solid is the set where the winding number exceeds 1/2. Triangles of shells that overlap, or that lie in
+//! others of the same orientation, may be buried in the solid: both of their sides are inside. A triangle that
+//! others intersect is split along the intersections into convex parts. A part belongs to the surface if the
+//! winding numbers just in front of it and just behind it differ in their inside test. Triangles without
+//! intersection are classified once per connected region. The sign of a distance never depends on the
+//! parts: it comes from the winding number of the whole mesh, so rounding in a split moves the surface by
+//! rounding only. Where the mesh is open, only parts that are provably buried are removed.
 
 use super::TriMesh;
-use super::boundary_edges::Rim;
+use super::boundary_edges::BoundaryEdges;
 use super::crossing;
-use super::open_winding::Open;
+use super::open_winding::OpenWinding;
 use super::shells::{Nesting, Shells};
 use super::sides::HalfEdges;
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3, WorldPoint};
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 use rayon::prelude::*;
 
-/// Distance from a piece at which inside is decided, relative to the greatest coordinate: more than single
-/// precision rounds, so that faces that touch are no crack.
-const HAIR: f64 = 1e-6;
-/// Distance below which a corner lies in a plane, relative to the greatest coordinate.
-const COPLANAR: f64 = 2.5e-7;
+/// Distance from a part at which the winding number is evaluated, relative to the greatest coordinate. It
+/// exceeds single-precision rounding, so that touching faces leave no crack.
+const SIDE_OFFSET_RATIO: f64 = 1e-6;
+/// Distance below which a corner counts as in a plane, relative to the greatest coordinate.
+const COPLANAR_TOLERANCE_RATIO: f64 = 2.5e-7;
 
-/// What a union left of the triangles.
+/// The result of [`unite`].
 pub(crate) struct United {
-    /// Pieces of the surface with the numbers of their triangles.
+    /// Parts of the surface with the numbers of their triangles.
     pub(crate) surface: Vec<([Vec3; 3], u32)>,
-    /// Triangles of which at least a part is inside the solid.
+    /// Triangles that lie at least partly inside the solid.
     pub(crate) buried: Vec<([Vec3; 3], u32)>,
-    /// Distance from buried parts within which the solid has no crack.
-    pub(crate) hair: f64,
+    /// Distance from buried triangles within which the solid has no crack.
+    pub(crate) side_offset: f64,
     /// Shells that overlap others or lie in them.
     pub(crate) shells: usize,
 }
 
-/// What becomes of one triangle.
-enum Fate {
-    /// No other meets it: as its region.
-    Whole,
-    /// It has no area.
-    Flat,
-    Kept,
+/// The class of one triangle.
+enum Classification {
+    /// Without intersection: its region decides.
+    Uncut,
+    /// Without area.
+    Degenerate,
+    Surface,
     Buried,
-    /// What is left of it.
+    /// Partly buried: the remaining triangles.
     Cut(Vec<[Vec3; 3]>),
 }
 
-/// The surface of some triangles; `None` where nothing is buried. `soup` holds the triangles of `mesh`, a
-/// merged one, by their numbers; `open` is what they need if they are no cycle.
+/// The surface of some triangles; `None` where nothing is buried. `soup` contains the triangles of the merged
+/// `mesh` by number; `open` is required if they are no cycle. With `is_thorough` a shell that meets no other
+/// may also bury parts of itself.
 pub(crate) fn unite(
     mesh: &TriMesh,
     sides: &HalfEdges,
     shells: &Shells,
     nesting: &Nesting,
     soup: &Soup,
-    open: Option<(&Open, &Rim)>,
+    open: Option<(&OpenWinding, &BoundaryEdges)>,
     is_thorough: bool,
 ) -> Option<United> {
     if !is_thorough && !nesting.meets.contains(&true) {
@@ -66,7 +66,7 @@ pub(crate) fn unite(
     }
     let bounds = mesh.bounds();
     let size = bounds.min.amax().max(bounds.max.amax());
-    let tools = Tools {
+    let classifier = Classifier {
         mesh,
         shells,
         nesting,
@@ -74,131 +74,136 @@ pub(crate) fn unite(
         soup,
         open,
         bounds,
-        hair: HAIR * size,
-        tolerance: COPLANAR * size,
+        side_offset: SIDE_OFFSET_RATIO * size,
+        tolerance: COPLANAR_TOLERANCE_RATIO * size,
     };
-    let fates: Vec<Fate> = (0..mesh.triangles().len())
+    let classes: Vec<Classification> = (0..mesh.triangles().len())
         .into_par_iter()
         .with_min_len(64)
-        .map(|t| tools.fate(t))
+        .map(|t| classifier.classify(t))
         .collect();
-    let meets_none = |f: &Fate| matches!(f, Fate::Whole | Fate::Flat);
-    if open.is_some() && shells.count == 1 && fates.iter().all(meets_none) {
+    let is_uncut_or_degenerate =
+        |c: &Classification| matches!(c, Classification::Uncut | Classification::Degenerate);
+    if open.is_some() && shells.count == 1 && classes.iter().all(is_uncut_or_degenerate) {
         return None;
     }
-    let kept = tools.regions(&fates, sides);
-    let mut united = United {
+    let is_surface = classifier.surface_flags(&classes, sides);
+    let mut union = United {
         surface: Vec::new(),
         buried: Vec::new(),
-        hair: tools.hair,
+        side_offset: classifier.side_offset,
         shells: 0,
     };
-    let mut involved = vec![false; shells.count];
-    for ((t, fate), kept) in (0u32..).zip(&fates).zip(kept) {
+    let mut is_involved = vec![false; shells.count];
+    for ((t, class), is_surface) in (0u32..).zip(&classes).zip(is_surface) {
         let corners = mesh.corners(t as usize);
-        match fate {
-            Fate::Cut(pieces) => {
-                united.surface.extend(pieces.iter().map(|&p| (p, t)));
-                united.buried.push((corners, t));
-                involved[shells.of[t as usize] as usize] = true;
+        match class {
+            Classification::Cut(parts) => {
+                union.surface.extend(parts.iter().map(|&p| (p, t)));
+                union.buried.push((corners, t));
+                is_involved[shells.of[t as usize] as usize] = true;
             }
-            Fate::Flat => {}
-            _ if kept => united.surface.push((corners, t)),
+            Classification::Degenerate => {}
+            _ if is_surface => union.surface.push((corners, t)),
             _ => {
-                united.buried.push((corners, t));
-                involved[shells.of[t as usize] as usize] = true;
+                union.buried.push((corners, t));
+                is_involved[shells.of[t as usize] as usize] = true;
             }
         }
     }
-    if united.buried.is_empty() {
+    if union.buried.is_empty() {
         return None;
     }
-    // A shell that holds buried ones overlaps them.
+    // A shell around a buried one overlaps it.
     for s in 0..shells.count {
-        if involved[s] {
+        if is_involved[s] {
             for &w in &nesting.within[s] {
-                involved[w as usize] = true;
+                is_involved[w as usize] = true;
             }
         }
     }
-    united.shells = involved.iter().filter(|i| **i).count();
-    Some(united)
+    union.shells = is_involved.iter().filter(|i| **i).count();
+    Some(union)
 }
 
-struct Tools<'a> {
+/// Classifies triangles as surface or buried.
+struct Classifier<'a> {
     mesh: &'a TriMesh,
     shells: &'a Shells,
     nesting: &'a Nesting,
     /// Whether shells that meet no other may bury parts of themselves.
     is_thorough: bool,
     soup: &'a Soup,
-    open: Option<(&'a Open, &'a Rim)>,
+    open: Option<(&'a OpenWinding, &'a BoundaryEdges)>,
     bounds: Aabb,
-    hair: f64,
+    side_offset: f64,
     tolerance: f64,
 }
 
-impl Tools<'_> {
+impl Classifier<'_> {
+    /// Whether triangles of a shell may intersect others.
     fn may_meet(&self, shell: u32) -> bool {
         self.is_thorough || self.nesting.meets[shell as usize]
     }
 
-    fn fate(&self, t: usize) -> Fate {
-        let own = self.shells.of[t];
+    fn classify(&self, t: usize) -> Classification {
+        let shell = self.shells.of[t];
         let corners = self.mesh.corners(t);
         let Some(plane) = Plane::of(&corners) else {
-            return Fate::Flat;
+            return Classification::Degenerate;
         };
-        if !self.may_meet(own) {
-            return Fate::Whole;
+        if !self.may_meet(shell) {
+            return Classification::Uncut;
         }
         let region = Aabb::of(corners).dilated(self.tolerance);
         let tri = self.mesh.triangles()[t];
         let mut segments = Vec::new();
-        let mut is_plain = true;
+        let mut is_alone_in_plane = true;
         self.soup.bvh.overlapping(&region, |slot| {
             let number = self.soup.number[slot] as usize;
             let other = &self.soup.corners[slot];
-            // Neighbours within a shell meet where they should.
-            let is_neighbour = self.shells.of[number] == own
+            // Neighbours within a shell share corners; that is no intersection.
+            let is_neighbour = self.shells.of[number] == shell
                 && self.mesh.triangles()[number]
                     .iter()
                     .any(|v| tri.contains(v));
             if !is_neighbour && Aabb::of(*other).meets(region) {
-                is_plain &= plane.meeting(other, self.tolerance, &mut segments);
+                is_alone_in_plane &= plane.add_intersection(other, self.tolerance, &mut segments);
             }
             true
         });
-        let whole: Vec<[f64; 2]> = corners.iter().map(|&c| plane.flat(c)).collect();
-        segments.retain_mut(|s| clip(&whole, s, self.tolerance));
+        let triangle: Vec<[f64; 2]> = corners.iter().map(|&c| plane.project(c)).collect();
+        segments.retain_mut(|s| clip_segment(&triangle, s, self.tolerance));
         if segments.is_empty() {
-            return Fate::Whole;
+            return Classification::Uncut;
         }
-        let pieces = cut(whole, segments, self.tolerance);
-        let judged: Vec<(Vec<[f64; 2]>, bool)> = pieces
+        let parts = split_polygon(triangle, segments, self.tolerance);
+        let classified: Vec<(Vec<[f64; 2]>, bool)> = parts
             .into_iter()
             .map(|p| {
-                let centre = middle(&p);
+                let centre = centroid(&p);
                 let away = p.iter().map(|c| (c[0] - centre[0]).hypot(c[1] - centre[1]));
                 let radius = away.fold(0.0, f64::max);
-                let kept = self.is_surface(plane.point(centre), plane.normal, radius, is_plain);
-                (p, kept)
+                let is_surface =
+                    self.is_surface(plane.point(centre), plane.normal, radius, is_alone_in_plane);
+                (p, is_surface)
             })
             .collect();
-        if judged.iter().all(|p| p.1) {
-            return Fate::Kept;
+        if classified.iter().all(|p| p.1) {
+            return Classification::Surface;
         }
-        if judged.iter().all(|p| !p.1) {
-            return Fate::Buried;
+        if classified.iter().all(|p| !p.1) {
+            return Classification::Buried;
         }
-        let mut left = Vec::new();
-        for (piece, _) in judged.iter().filter(|p| p.1) {
-            let points: Vec<Vec3> = piece.iter().map(|&p| plane.point(p)).collect();
-            left.extend((2..points.len()).map(|i| [points[0], points[i - 1], points[i]]));
+        let mut triangles = Vec::new();
+        for (part, _) in classified.iter().filter(|p| p.1) {
+            let points: Vec<Vec3> = part.iter().map(|&p| plane.point(p)).collect();
+            triangles.extend((2..points.len()).map(|i| [points[0], points[i - 1], points[i]]));
         }
-        Fate::Cut(left)
+        Classification::Cut(triangles)
     }
 
+    /// The winding number of the whole mesh.
     fn winding(&self, q: Vec3) -> f64 {
         if let Some((open, _)) = self.open {
             open.winding_number(self.soup, &self.bounds, q)
@@ -209,54 +214,57 @@ impl Tools<'_> {
         }
     }
 
-    /// Whether inside and outside change across a piece of a triangle, of a radius about `p`. Where no other
-    /// triangle lies in its plane (`is_plain`), the winding number before it is one less than that behind.
-    fn is_surface(&self, p: Vec3, normal: Vec3, radius: f64, is_plain: bool) -> bool {
-        let winding = |side: f64| self.winding(p + normal * (side * self.hair));
+    /// Whether a part of a triangle, with a radius about `p`, separates inside from outside. Where no other
+    /// triangle lies in its plane (`is_alone_in_plane`), the winding number in front is that behind minus 1.
+    fn is_surface(&self, p: Vec3, normal: Vec3, radius: f64, is_alone_in_plane: bool) -> bool {
+        let winding = |side: f64| self.winding(p + normal * (side * self.side_offset));
         let behind = winding(-1.0);
-        if let Some((_, rim)) = self.open {
-            // Inside on both sides, at every point of the piece.
-            return behind.min(winding(1.0)) - rim.drift(p, radius) <= 0.5;
+        if let Some((_, boundary)) = self.open {
+            // Buried only if inside on both sides at every point of the part.
+            return behind.min(winding(1.0)) - boundary.winding_variation(p, radius) <= 0.5;
         }
-        if is_plain {
+        if is_alone_in_plane {
             return behind == 1.0;
         }
         (behind > 0.5) != (winding(1.0) > 0.5)
     }
 
-    /// The same of a whole triangle.
-    fn is_surface_whole(&self, t: usize) -> bool {
+    /// As [`Self::is_surface`], for a whole triangle.
+    fn is_uncut_surface(&self, t: usize) -> bool {
         let corners = self.mesh.corners(t);
         let [a, b, c] = corners;
-        let middle = (a + b + c) / 3.0;
-        let away = corners.iter().map(|p| (p - middle).norm());
+        let centroid = (a + b + c) / 3.0;
+        let away = corners.iter().map(|p| (p - centroid).norm());
         let radius = away.fold(0.0, f64::max);
-        Plane::of(&corners).is_none_or(|plane| self.is_surface(middle, plane.normal, radius, false))
+        Plane::of(&corners)
+            .is_none_or(|plane| self.is_surface(centroid, plane.normal, radius, false))
     }
 
-    /// Whether each triangle that is not cut is surface: those that no other meets as one of their region,
+    /// Whether each triangle belongs to the surface. Triangles without intersection are classified by region,
     /// or one by one where the mesh is open.
-    fn regions(&self, fates: &[Fate], sides: &HalfEdges) -> Vec<bool> {
-        let is_whole = |t: u32| matches!(fates[t as usize], Fate::Whole);
+    fn surface_flags(&self, classes: &[Classification], sides: &HalfEdges) -> Vec<bool> {
+        let is_uncut = |t: u32| matches!(classes[t as usize], Classification::Uncut);
         if self.open.is_some() {
-            let single = |t: usize| match fates[t] {
-                Fate::Buried | Fate::Flat => false,
-                Fate::Whole => !self.may_meet(self.shells.of[t]) || self.is_surface_whole(t),
-                Fate::Kept | Fate::Cut(_) => true,
+            let is_surface = |t: usize| match classes[t] {
+                Classification::Buried | Classification::Degenerate => false,
+                Classification::Uncut => {
+                    !self.may_meet(self.shells.of[t]) || self.is_uncut_surface(t)
+                }
+                Classification::Surface | Classification::Cut(_) => true,
             };
-            return (0..fates.len()).into_par_iter().map(single).collect();
+            return (0..classes.len()).into_par_iter().map(is_surface).collect();
         }
-        let mut sets = Sets::new(fates.len());
+        let mut sets = UnionFind::new(classes.len());
         for edge in sides.edges() {
             if let [s, t] = edge
-                && is_whole(s.triangle())
-                && is_whole(t.triangle())
+                && is_uncut(s.triangle())
+                && is_uncut(t.triangle())
             {
-                sets.join(s.triangle() as usize, t.triangle() as usize);
+                sets.union(s.triangle() as usize, t.triangle() as usize);
             }
         }
-        // Each region is judged at its largest triangle.
-        let (region, count) = sets.numbered(0..fates.len());
+        // The largest triangle decides for its region.
+        let (region, count) = sets.labels(0..classes.len());
         let mut largest = vec![(0.0, u32::MAX); count];
         for (t, [a, b, c]) in self.mesh.iter_corners().enumerate() {
             let area = (b - a).cross(&(c - a)).norm();
@@ -268,25 +276,25 @@ impl Tools<'_> {
         let surface: Vec<bool> = largest
             .par_iter()
             .map(|&(_, t)| {
-                if t == u32::MAX || !is_whole(t) {
+                if t == u32::MAX || !is_uncut(t) {
                     return true;
                 }
-                !self.may_meet(self.shells.of[t as usize]) || self.is_surface_whole(t as usize)
+                !self.may_meet(self.shells.of[t as usize]) || self.is_uncut_surface(t as usize)
             })
             .collect();
-        fates
+        classes
             .iter()
             .zip(region)
-            .map(|(fate, region)| match fate {
-                Fate::Buried | Fate::Flat => false,
-                Fate::Whole => surface[region as usize],
-                Fate::Kept | Fate::Cut(_) => true,
+            .map(|(class, region)| match class {
+                Classification::Buried | Classification::Degenerate => false,
+                Classification::Uncut => surface[region as usize],
+                Classification::Surface | Classification::Cut(_) => true,
             })
             .collect()
     }
 }
 
-/// The plane of a triangle, with coordinates in it.
+/// The plane of a triangle with orthonormal axes.
 struct Plane {
     origin: Vec3,
     normal: Vec3,
@@ -305,17 +313,19 @@ impl Plane {
         })
     }
 
-    fn flat(&self, p: Vec3) -> [f64; 2] {
+    /// Coordinates in the plane.
+    fn project(&self, p: Vec3) -> [f64; 2] {
         self.axes.map(|a| a.dot(&(p - self.origin)))
     }
 
+    /// The point with these coordinates.
     fn point(&self, [u, v]: [f64; 2]) -> Vec3 {
         self.origin + self.axes[0] * u + self.axes[1] * v
     }
 
-    /// Adds the segments in which another triangle meets the plane: all its sides if it lies in it; whether
-    /// it does not.
-    fn meeting(
+    /// Adds the segments in which another triangle intersects the plane: all its sides if it is coplanar.
+    /// Returns whether it is not coplanar.
+    fn add_intersection(
         &self,
         other: &[Vec3; 3],
         tolerance: f64,
@@ -328,19 +338,21 @@ impl Plane {
         if heights.iter().all(|&h| h > 0.0) || heights.iter().all(|&h| h < 0.0) {
             return true;
         }
-        let flat = other.map(|p| self.flat(p));
-        let mut ends: Vec<[f64; 2]> = Vec::with_capacity(3);
+        let project = other.map(|p| self.project(p));
+        let mut points: Vec<[f64; 2]> = Vec::with_capacity(3);
         for i in 0..3 {
             let j = (i + 1) % 3;
             if heights[i] == 0.0 {
-                ends.push(flat[i]);
+                points.push(project[i]);
             }
             if heights[i] * heights[j] < 0.0 {
-                let share = heights[i] / (heights[i] - heights[j]);
-                ends.push([0, 1].map(|k| flat[i][k] + (flat[j][k] - flat[i][k]) * share));
+                let fraction = heights[i] / (heights[i] - heights[j]);
+                points.push(
+                    [0, 1].map(|k| project[i][k] + (project[j][k] - project[i][k]) * fraction),
+                );
             }
         }
-        match ends[..] {
+        match points[..] {
             [a, b] => segments.push([a, b]),
             [a, b, c] => segments.extend([[a, b], [b, c], [c, a]]),
             _ => {}
@@ -349,14 +361,14 @@ impl Plane {
     }
 }
 
-/// Twice the area of a, b, c over the length of a b: the height of c over the line, to the left positive.
+/// The signed distance of c from the line a b, positive to its left.
 fn height([a, b]: [[f64; 2]; 2], c: [f64; 2]) -> f64 {
     let (x, y) = (b[0] - a[0], b[1] - a[1]);
     (x * (c[1] - a[1]) - y * (c[0] - a[0])) / x.hypot(y)
 }
 
-/// Clips a segment to a convex polygon; whether more than a point of the tolerance's size is left.
-fn clip(polygon: &[[f64; 2]], segment: &mut [[f64; 2]; 2], tolerance: f64) -> bool {
+/// Clips a segment to a convex polygon; returns whether more than `tolerance` of its length remains.
+fn clip_segment(polygon: &[[f64; 2]], segment: &mut [[f64; 2]; 2], tolerance: f64) -> bool {
     for i in 0..polygon.len() {
         let side = [polygon[i], polygon[(i + 1) % polygon.len()]];
         let heights = segment.map(|p| height(side, p));
@@ -368,9 +380,9 @@ fn clip(polygon: &[[f64; 2]], segment: &mut [[f64; 2]; 2], tolerance: f64) -> bo
         }
         for k in 0..2 {
             if heights[k] < -tolerance && heights[1 - k] > heights[k] {
-                let share = ((-heights[k]) / (heights[1 - k] - heights[k])).min(1.0);
+                let fraction = ((-heights[k]) / (heights[1 - k] - heights[k])).min(1.0);
                 let (p, q) = (segment[k], segment[1 - k]);
-                segment[k] = [0, 1].map(|a| p[a] + (q[a] - p[a]) * share);
+                segment[k] = [0, 1].map(|a| p[a] + (q[a] - p[a]) * fraction);
             }
         }
     }
@@ -378,45 +390,49 @@ fn clip(polygon: &[[f64; 2]], segment: &mut [[f64; 2]; 2], tolerance: f64) -> bo
     (b[0] - a[0]).hypot(b[1] - a[1]) > tolerance
 }
 
-/// Cuts a convex polygon into convex pieces that no segment crosses.
-fn cut(polygon: Vec<[f64; 2]>, segments: Vec<[[f64; 2]; 2]>, tolerance: f64) -> Vec<Vec<[f64; 2]>> {
-    let mut done = Vec::new();
-    let mut waiting = vec![(polygon, segments)];
-    while let Some((polygon, mut segments)) = waiting.pop() {
+/// Splits a convex polygon into convex parts that no segment crosses.
+fn split_polygon(
+    polygon: Vec<[f64; 2]>,
+    segments: Vec<[[f64; 2]; 2]>,
+    tolerance: f64,
+) -> Vec<Vec<[f64; 2]>> {
+    let mut convex_parts = Vec::new();
+    let mut pending = vec![(polygon, segments)];
+    while let Some((polygon, mut segments)) = pending.pop() {
         let mut split = None;
         while !segments.is_empty() {
-            // From the middle: cuts in order along a curve would make a chain of slivers.
+            // Start in the middle: splits in order along a curve would produce a chain of slivers.
             let line = segments.swap_remove(segments.len() / 2);
             let heights: Vec<f64> = polygon.iter().map(|&p| height(line, p)).collect();
-            let most = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            let least = heights.iter().copied().fold(f64::INFINITY, f64::min);
-            if most > tolerance && least < -tolerance {
+            let highest = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let lowest = heights.iter().copied().fold(f64::INFINITY, f64::min);
+            if highest > tolerance && lowest < -tolerance {
                 split = Some((line, heights));
                 break;
             }
         }
         let Some((line, heights)) = split else {
-            done.push(polygon);
+            convex_parts.push(polygon);
             continue;
         };
         for sign in [1.0, -1.0] {
-            let part = half(&polygon, &heights, sign);
+            let part = clip_half_plane(&polygon, &heights, sign);
             let inside: Vec<[[f64; 2]; 2]> = segments
                 .iter()
                 .filter(|s| s.iter().any(|&p| sign * height(line, p) > tolerance))
                 .filter_map(|s| {
                     let mut s = *s;
-                    clip(&part, &mut s, tolerance).then_some(s)
+                    clip_segment(&part, &mut s, tolerance).then_some(s)
                 })
                 .collect();
-            waiting.push((part, inside));
+            pending.push((part, inside));
         }
     }
-    done
+    convex_parts
 }
 
-/// The part of a convex polygon on one side of a line, by the heights of its corners.
-fn half(polygon: &[[f64; 2]], heights: &[f64], sign: f64) -> Vec<[f64; 2]> {
+/// The part of a convex polygon on one side of a line, given the heights of its corners over the line.
+fn clip_half_plane(polygon: &[[f64; 2]], heights: &[f64], sign: f64) -> Vec<[f64; 2]> {
     let mut part = Vec::with_capacity(polygon.len() + 1);
     for i in 0..polygon.len() {
         let j = (i + 1) % polygon.len();
@@ -425,23 +441,23 @@ fn half(polygon: &[[f64; 2]], heights: &[f64], sign: f64) -> Vec<[f64; 2]> {
             part.push(p);
         }
         if (h > 0.0 && k < 0.0) || (h < 0.0 && k > 0.0) {
-            let share = h / (h - k);
-            part.push([0, 1].map(|a| p[a] + (q[a] - p[a]) * share));
+            let fraction = h / (h - k);
+            part.push([0, 1].map(|a| p[a] + (q[a] - p[a]) * fraction));
         }
     }
     part
 }
 
 /// The centroid of a convex polygon.
-fn middle(polygon: &[[f64; 2]]) -> [f64; 2] {
+fn centroid(polygon: &[[f64; 2]]) -> [f64; 2] {
     let first = polygon[0];
     let (mut area, mut sum) = (0.0, [0.0; 2]);
     for pair in polygon[1..].windows(2) {
         let [p, q] = [pair[0], pair[1]].map(|c| [c[0] - first[0], c[1] - first[1]]);
-        let twice = p[0] * q[1] - p[1] * q[0];
-        area += twice;
+        let double_area = p[0] * q[1] - p[1] * q[0];
+        area += double_area;
         for a in 0..2 {
-            sum[a] += twice * (p[a] + q[a]) / 3.0;
+            sum[a] += double_area * (p[a] + q[a]) / 3.0;
         }
     }
     if area == 0.0 {

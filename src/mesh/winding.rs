@@ -1,28 +1,26 @@
-//! The generalised winding number: how often a surface goes round a point, for any triangles at all.
+//! The generalised winding number of a triangle soup.
 //!
 //! w(q) = sum over triangles of (solid angle seen from q) / 4 pi: 1 inside and 0 outside a closed
-//! outward mesh, and a smooth harmonic function where the surface is open. Far groups of triangles
-//! count by the Taylor expansion of F(d) = d / |d|^3 about their area-weighted centre c, once
-//! |c - q| > some times the group's radius; near triangles count exactly (Barill, Dickson, Schmidt,
-//! Levin, Jacobson, *Fast winding numbers for soups and clouds*, 2018, second order). With r = c - q,
-//! the area vectors n and places c + e of the group's surface, and
-//! N = int n, M = int e n, T = int e e n / 2, its solid angle is
-//! N.r / r^3 - 3 r.M.r / r^5 + 15 T(r, r, r) / r^7 for the symmetric traceless parts of M and T: the
-//! rest does not count, since F is a gradient and has no divergence.
+//! outward mesh, and a smooth harmonic function where the surface is open. A group of triangles with
+//! area-weighted centre c and radius R contributes by the Taylor expansion of F(d) = d / |d|^3 about c where
+//! |c - q| > beta R; nearer triangles are summed exactly (Barill, Dickson, Schmidt, Levin, Jacobson, *Fast
+//! winding numbers for soups and clouds*, 2018, second order). With r = c - q, area vectors n at the points
+//! c + e of the group's surface, and N = int n, M = int e n, T = int e e n / 2, its solid angle is
+//! N.r / r^3 - 3 r.M.r / r^5 + 15 T(r, r, r) / r^7 for the symmetric traceless parts of M and T; the other
+//! parts vanish, since F is a gradient without divergence.
 
 use super::bvh::{Child, Node};
 use super::soup::Soup;
 use super::triangle::SolidAngle;
 use crate::frame::{Mat3, Vec3};
 
-/// How many radii away a group counts by its expansion: with this many, coarse meshes are off by up to
-/// 0.004, fine ones by less.
-pub(crate) const FINE: f32 = 2.0;
-/// With this many a sum takes half the time; it is off by less than a tenth.
-pub(crate) const FAST: f32 = 1.3;
-/// Inner nodes that wait at most (see the hierarchy's own bound).
-const STACK: usize = 256;
-/// Index pairs and triples of the components of M and T that are kept.
+/// The opening parameter beta for an error of at most 0.004 on coarse meshes and less on fine ones.
+pub(crate) const ACCURATE_BETA: f32 = 2.0;
+/// The opening parameter beta for half the time and an error below 0.1.
+pub(crate) const FAST_BETA: f32 = 1.3;
+/// Greatest size of the search stack (see `bvh`).
+const MAX_STACK: usize = 256;
+/// Index pairs and triples of the stored components of M and T.
 const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];
 const TRIPLES: [[usize; 3]; 10] = [
     [0, 0, 0],
@@ -43,15 +41,15 @@ const TRIPLES: [[usize; 3]; 10] = [
 struct Expansions {
     centre: [[f32; 4]; 3],
     normal: [[f32; 4]; 3],
-    /// -3 M by [`PAIRS`], those off the diagonal twice.
+    /// -3 M by [`PAIRS`], components off the diagonal doubled.
     pairs: [[f32; 4]; 6],
-    /// 15 T by [`TRIPLES`], as often as the triple can be ordered.
+    /// 15 T by [`TRIPLES`], times the number of permutations of the triple.
     triples: [[f32; 4]; 10],
-    /// radius^2; infinite never to be taken.
+    /// radius^2; infinite where the expansion is invalid.
     radius2: [f32; 4],
 }
 
-/// One group's moments while they are gathered.
+/// The moments of one group.
 #[derive(Clone, Copy)]
 struct Moment {
     area: f64,
@@ -59,9 +57,9 @@ struct Moment {
     first: Vec3,
     /// N.
     normal: Vec3,
-    /// M about the centre: row the place, column the area vector.
+    /// M about the centre: rows for e, columns for the area vector.
     second: Mat3,
-    /// 2 T about the centre: for every component of the area vector the matrix of the places.
+    /// 2 T about the centre: the matrix of e e for every component of the area vector.
     third: [Mat3; 3],
     radius: f64,
 }
@@ -84,7 +82,7 @@ impl Moment {
         }
     }
 
-    /// Adds what another has about a centre that lies `by` from this one's.
+    /// Adds the moments of another group, whose centre lies at the offset `by` from this one's.
     fn add_moved(&mut self, other: &Self, by: Vec3) {
         self.normal += other.normal;
         self.second += other.second + by * other.normal.transpose();
@@ -95,7 +93,7 @@ impl Moment {
         }
     }
 
-    /// -3 M and 15 T, symmetric and traceless.
+    /// The symmetric traceless parts of -3 M and 15 T.
     fn traceless(&self) -> ([f64; 6], [f64; 10]) {
         let mean = self.second.trace() / 3.0;
         let pairs = PAIRS.map(|[i, j]| {
@@ -154,8 +152,8 @@ impl Winding {
         }
     }
 
-    /// The winding number of `q`; groups count by their expansions `away` radii away.
-    pub(crate) fn number(&self, soup: &Soup, q: Vec3, away: f32) -> f64 {
+    /// The winding number of `q`; groups farther than `beta` radii are expanded.
+    pub(crate) fn number(&self, soup: &Soup, q: Vec3, beta: f32) -> f64 {
         let nodes = soup.bvh.nodes();
         if nodes.is_empty() {
             return 0.0;
@@ -165,15 +163,15 @@ impl Winding {
             return 0.0;
         }
         let p = [local.x as f32, local.y as f32, local.z as f32];
-        let away2 = away * away;
+        let beta2 = beta * beta;
         let mut near = SolidAngle::ZERO;
         let mut far = 0f64;
-        let mut stack = [0u32; STACK];
+        let mut stack = [0u32; MAX_STACK];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let n = stack[top] as usize;
-            let (flux, is_far) = self.expansions[n].seen_from(p, away2);
+            let (flux, is_far) = self.expansions[n].seen_from(p, beta2);
             let node: &Node = &nodes[n];
             for l in 0..4 {
                 if is_far[l] {
@@ -195,8 +193,8 @@ impl Winding {
 }
 
 impl Expansions {
-    /// Solid angle of each lane by its expansion, and whether the lane is far enough for that.
-    fn seen_from(&self, p: [f32; 3], away2: f32) -> ([f32; 4], [bool; 4]) {
+    /// The solid angle of each lane by its expansion, and whether the lane is far enough for the expansion.
+    fn seen_from(&self, p: [f32; 3], beta2: f32) -> ([f32; 4], [bool; 4]) {
         let mut r = [[0f32; 4]; 3];
         let mut d2 = [0f32; 4];
         for a in 0..3 {
@@ -207,7 +205,7 @@ impl Expansions {
         }
         let mut far = [false; 4];
         for l in 0..4 {
-            far[l] = d2[l] > away2 * self.radius2[l];
+            far[l] = d2[l] > beta2 * self.radius2[l];
         }
         if far == [false; 4] {
             return ([0.0; 4], far);
@@ -238,7 +236,7 @@ impl Expansions {
     }
 }
 
-/// The moment of a leaf's triangles.
+/// The moments of a leaf's triangles.
 fn leaf(triangles: impl Iterator<Item = [Vec3; 3]> + Clone) -> Moment {
     let mut m = Moment::ZERO;
     let parts: Vec<(Moment, Vec3)> = triangles
@@ -276,7 +274,7 @@ fn leaf(triangles: impl Iterator<Item = [Vec3; 3]> + Clone) -> Moment {
     m
 }
 
-/// The moment of four lanes together; its radius holds theirs.
+/// The moments of four lanes as one group, whose radius contains theirs.
 fn group(lanes: &[Moment; 4]) -> Moment {
     let mut m = Moment::ZERO;
     let filled = || lanes.iter().filter(|l| l.area > 0.0);
@@ -317,7 +315,7 @@ fn pack(lanes: &[Moment; 4]) -> Expansions {
         for (to, from) in e.triples.iter_mut().zip(triples) {
             to[l] = from as f32;
         }
-        // Rounding of a small far-away group: its radius in f32 must not vanish before its place.
+        // Rounding: the radius of a small group must not vanish against its coordinates in f32.
         let radius = m.radius as f32 + 1e-6;
         if m.area > 0.0 {
             e.radius2[l] = radius * radius;

@@ -1,21 +1,22 @@
-//! The 256 ways in which the corners of a cell can be inside, and the loops of crossed edges that follow.
+//! The 256 cases of a cell: which corners are inside, and the loops of crossed edges.
 //!
-//! Corner `4 x + 2 y + z` of the unit cube; edge `4 axis + 2 u + v`, where `(u, v)` is its place across
-//! the axis, the other axes in rising order. Loops run counter-clockwise seen from outside the solid.
+//! Corner `4 x + 2 y + z` of the unit cube; edge `4 axis + 2 u + v`, where `(u, v)` is its position on the
+//! other two axes in ascending order. Loops run counter-clockwise seen from outside the solid. The table
+//! is derived from the faces of the cell.
 
 use std::sync::LazyLock;
 
-/// Edges of a cell.
-pub(super) const EDGES: usize = 12;
+/// Number of edges of a cell.
+pub(super) const CELL_EDGES: usize = 12;
 
 /// A cycle of crossed edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Loop {
-    /// How many edges there are.
+    /// Number of edges.
     pub len: u8,
     /// The edges in order.
     pub edges: [u8; 7],
-    /// Which of them, as bits, may be the apex of a fan; of those with equal fans the first.
+    /// Bits of the edges that may be the apex of a fan; of several with equal fans only the first.
     pub apexes: u8,
 }
 
@@ -51,7 +52,7 @@ pub(super) static CASES: LazyLock<Box<[Case; 256]>> = LazyLock::new(|| {
     cases
 });
 
-/// Where an edge begins: offsets along x, y, z, and its axis.
+/// The start of an edge (offsets along x, y, z) and its axis.
 pub(super) const fn edge_base(edge: usize) -> ([usize; 3], usize) {
     let (axis, u, v) = (edge >> 2, edge >> 1 & 1, edge & 1);
     let base = match axis {
@@ -101,30 +102,30 @@ fn share_a_face(a: usize, b: usize) -> bool {
 
 fn derive(bits: usize) -> Case {
     let inside = |corner: usize| bits >> corner & 1 == 1;
-    let mut next = [None; EDGES];
+    let mut next = [None; CELL_EDGES];
     for ring in faces() {
         for i in 0..4 {
             let (before, first) = (ring[i], ring[(i + 1) % 4]);
             if inside(before) || !inside(first) {
                 continue;
             }
-            // A run of insides on this face: one side around it, for itself.
+            // A run of inside corners on this face: one segment separates it from the rest.
             let mut last = (i + 1) % 4;
             while inside(ring[(last + 1) % 4]) {
                 last = (last + 1) % 4;
             }
-            let enters = edge_between(before, first);
-            next[enters] = Some(edge_between(ring[last], ring[(last + 1) % 4]));
+            let entry = edge_between(before, first);
+            next[entry] = Some(edge_between(ring[last], ring[(last + 1) % 4]));
         }
     }
     let mut case = Case::default();
-    for start in 0..EDGES {
+    for start in 0..CELL_EDGES {
         let mut found = Loop::default();
         let mut at = start;
-        while let Some(then) = next[at].take() {
+        while let Some(following) = next[at].take() {
             found.edges[usize::from(found.len)] = at as u8;
             found.len += 1;
-            at = then;
+            at = following;
         }
         if found.len > 0 {
             found.apexes = apexes(found.edges());
@@ -136,15 +137,15 @@ fn derive(bits: usize) -> Case {
     case
 }
 
-/// Vertices of a loop from which no diagonal lies in a face. Opposite ones of four have their diagonal in
-/// common.
+/// Vertices of a loop without a diagonal in a face of the cell. Opposite vertices of a quad share their
+/// diagonal, so that only two of them differ.
 fn apexes(edges: &[u8]) -> u8 {
     let n = edges.len();
     let distinct = if n == 4 { 2 } else { n };
-    let fits = |apex: usize| {
+    let is_apex = |apex: usize| {
         (2..n - 1).all(|i| !share_a_face(edges[apex].into(), edges[(apex + i) % n].into()))
     };
-    (0..distinct).filter(|&a| fits(a)).map(|a| 1 << a).sum()
+    (0..distinct).filter(|&a| is_apex(a)).map(|a| 1 << a).sum()
 }
 
 #[cfg(test)]
@@ -159,13 +160,13 @@ mod tests {
     #[test]
     fn every_case_has_loops_over_all_crossed_edges_and_fans_without_diagonals_in_faces() {
         for (bits, case) in CASES.iter().enumerate() {
-            let mut used = [0; EDGES];
+            let mut used = [0; CELL_EDGES];
             for l in case.loops() {
                 assert!((3..=7).contains(&l.len), "{bits}: {l:?}");
                 assert!(l.apexes != 0, "{bits}: {l:?}");
                 l.edges().iter().for_each(|&e| used[usize::from(e)] += 1);
             }
-            for edge in 0..EDGES {
+            for edge in 0..CELL_EDGES {
                 let (base, axis) = edge_base(edge);
                 let low = 4 * base[0] + 2 * base[1] + base[2];
                 let crossed = (bits >> low ^ bits >> (low + (4 >> axis))) & 1;
@@ -175,17 +176,17 @@ mod tests {
         }
     }
 
-    /// Sides of a case's loops that lie in a face, from edge to edge.
-    fn sides(bits: usize, ring: [usize; 4]) -> Vec<[usize; 2]> {
+    /// Segments of a case's loops that lie in a face, from edge to edge.
+    fn segments(bits: usize, ring: [usize; 4]) -> Vec<[usize; 2]> {
         let in_face =
             |e: u8| (0..4).any(|i| edge_between(ring[i], ring[(i + 1) % 4]) == usize::from(e));
         let mut found = Vec::new();
         for l in CASES[bits].loops() {
             let e = l.edges();
             for i in 0..e.len() {
-                let side = [e[i], e[(i + 1) % e.len()]];
-                if side.iter().all(|&e| in_face(e)) {
-                    found.push(side.map(usize::from));
+                let segment = [e[i], e[(i + 1) % e.len()]];
+                if segment.iter().all(|&e| in_face(e)) {
+                    found.push(segment.map(usize::from));
                 }
             }
         }
@@ -194,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_answer_every_side_on_their_common_face_in_the_other_direction() {
+    fn neighbours_have_opposite_segments_on_their_common_face() {
         for axis in 0..3 {
             let weight = 4 >> axis;
             let [low, high] = [faces()[2 * axis], faces()[2 * axis + 1]];
@@ -206,17 +207,17 @@ mod tests {
                 edge_between(c, c + (4 >> along))
             };
             for one in 0..256usize {
-                let mut answers: Vec<[usize; 2]> = sides(one, high)
+                let mut expected: Vec<[usize; 2]> = segments(one, high)
                     .into_iter()
                     .map(|[a, b]| [moved(b), moved(a)])
                     .collect();
-                answers.sort_unstable();
+                expected.sort_unstable();
                 for other in 0..256usize {
                     let agree = (0..8)
                         .filter(|c| c & weight == 0)
                         .all(|c| (one >> (c + weight) & 1) == (other >> c & 1));
                     if agree {
-                        assert_eq!(answers, sides(other, low), "{one} {other}");
+                        assert_eq!(expected, segments(other, low), "{one} {other}");
                     }
                 }
             }
@@ -224,10 +225,10 @@ mod tests {
     }
 
     #[test]
-    fn fans_of_a_cell_meet_only_in_common_sides_wherever_their_vertices_are() {
+    fn fans_of_a_cell_meet_only_in_common_edges_for_any_vertex_positions() {
         use crate::frame::Vec3;
         use crate::mesh::{TriMesh, check};
-        // A linear congruential generator is random enough for places on edges.
+        // A linear congruential generator suffices for positions on edges.
         let mut state = 7u64;
         let mut random = || {
             state = state
@@ -243,27 +244,27 @@ mod tests {
         for bits in 0..256 {
             let loops = CASES[bits].loops();
             for _ in 0..rounds {
-                // Near the ends as often as between.
-                let mut place = || match random() {
+                // As often near the ends as in between.
+                let mut position = || match random() {
                     r if r < 0.25 => 1e-3,
                     r if r < 0.5 => 1.0 - 1e-3,
                     _ => 1e-3 + (1.0 - 2e-3) * random(),
                 };
-                let vertices: Vec<Vec3> = (0..EDGES)
+                let vertices: Vec<Vec3> = (0..CELL_EDGES)
                     .map(|e| {
                         let (base, axis) = edge_base(e);
                         let mut p = Vec3::from(base.map(|c| c as f64));
-                        p[axis] = place();
+                        p[axis] = position();
                         p
                     })
                     .collect();
-                // Every choice of apexes, those of one loop with the first of the others.
-                for (turned, l) in loops.iter().enumerate() {
+                // Every apex of one loop, with the first apex of the others.
+                for (varied, l) in loops.iter().enumerate() {
                     for apex in (0..7).filter(|a| l.apexes >> a & 1 == 1) {
                         let mut triangles = Vec::new();
                         for (n, l) in loops.iter().enumerate() {
                             let first = l.apexes.trailing_zeros() as usize;
-                            let apex = if n == turned { apex } else { first };
+                            let apex = if n == varied { apex } else { first };
                             let corners = |t: [usize; 3]| t.map(|i| u32::from(l.edges[i]));
                             triangles.extend(fan(l.edges().len(), apex).map(corners));
                         }

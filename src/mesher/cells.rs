@@ -1,41 +1,41 @@
-//! Triangles of the cells, leaf by leaf.
+//! Triangulation of the cells, leaf by leaf.
 
 use super::MesherError;
-use super::cases::{CASES, EDGES, Loop, edge_base};
-use super::edge_vertices::{BATCH, Corners, FIRST_COLUMN, FIRST_ROW, Sheet, mixed, split};
+use super::cases::{CASES, CELL_EDGES, Loop, edge_base};
+use super::edge_vertices::{BATCH, Corners, CrossedEdges, Y_MIN_BITS, Z_MIN_BITS, mixed, split};
 use crate::frame::Vec3;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
-/// All triangles in the order of their leaves. They are counted first, so that each is written once and
-/// where it stays.
+/// All triangles in the order of their leaves. A first pass counts them, so that the second can write each
+/// to its final position.
 pub(super) fn triangles(
-    sheet: &Sheet,
+    crossed: &CrossedEdges,
     vertices: &[Vec3],
     progress: &dyn Progress,
 ) -> Result<Vec<[u32; 3]>, MesherError> {
-    let own = &sheet.order[..sheet.owned[0]];
-    progress.stage("triangles", Some(own.len() as u64));
-    let counts: Vec<usize> = own
+    let leaves = &crossed.order[..crossed.owned_leaves];
+    progress.stage("triangles", Some(leaves.len() as u64));
+    let counts: Vec<usize> = leaves
         .par_chunks(BATCH)
         .map(|part| {
             if progress.cancelled() {
                 return Err(Cancelled);
             }
-            Ok(part.iter().map(|&n| count(sheet, n as usize)).sum())
+            Ok(part.iter().map(|&n| count(crossed, n as usize)).sum())
         })
         .collect::<Result<_, _>>()?;
-    // Room that is zeros is first touched where it is filled: by all threads.
+    // Zeroed memory is first touched when it is filled, which all threads do.
     let mut all = vec![[0; 3]; counts.iter().sum()];
-    let parts: Vec<_> = own.chunks(BATCH).zip(split(&mut all, &counts)).collect();
+    let parts: Vec<_> = leaves.chunks(BATCH).zip(split(&mut all, &counts)).collect();
     parts.into_par_iter().try_for_each(|(part, out)| {
         let mut slots = out.iter_mut();
-        let mut numbers = Numbers([0; 3 * AXIS]);
+        let mut numbers = VertexNumbers([0; 3 * AXIS_EDGES]);
         for &n in part {
             if progress.cancelled() {
                 return Err(Cancelled);
             }
-            of_leaf(sheet, n as usize, vertices, &mut numbers, |triangle| {
+            triangulate_leaf(crossed, n as usize, vertices, &mut numbers, |triangle| {
                 if let Some(slot) = slots.next() {
                     *slot = triangle;
                 }
@@ -47,45 +47,45 @@ pub(super) fn triangles(
     Ok(all)
 }
 
-/// Voxels along a leaf's edge with the first of the next, and edges along one axis of all of them.
-const SIDE: usize = 9;
-const AXIS: usize = SIDE * SIDE * SIDE;
+/// Voxels along a leaf's edge, including the first of the next leaf.
+const LATTICE_EDGE: usize = 9;
+/// Slots of the lattice edges along one axis.
+const AXIS_EDGES: usize = LATTICE_EDGE * LATTICE_EDGE * LATTICE_EDGE;
 
-/// Where the edges of a cell stand in [`Numbers`], from the cell's place on.
-const EDGE_AT: [usize; EDGES] = {
-    let mut at = [0; EDGES];
+/// Slots of a cell's edges in [`VertexNumbers`], relative to the cell's slot.
+const EDGE_SLOTS: [usize; CELL_EDGES] = {
+    let mut at = [0; CELL_EDGES];
     let mut e = 0;
-    while e < EDGES {
+    while e < CELL_EDGES {
         let ([x, y, z], axis) = edge_base(e);
-        at[e] = axis * AXIS + slot(x, y, z);
+        at[e] = axis * AXIS_EDGES + slot(x, y, z);
         e += 1;
     }
     at
 };
 
 const fn slot(x: usize, y: usize, z: usize) -> usize {
-    (x * SIDE + y) * SIDE + z
+    (x * LATTICE_EDGE + y) * LATTICE_EDGE + z
 }
 
-/// The numbers of the vertices on all edges of a leaf's cells; only of crossed edges do they mean
-/// something.
-struct Numbers([u32; 3 * AXIS]);
+/// Vertex numbers on all edges of a leaf's cells; only those of crossed edges are valid.
+struct VertexNumbers([u32; 3 * AXIS_EDGES]);
 
-impl Numbers {
-    fn enter(&mut self, sheet: &Sheet, n: usize) {
+impl VertexNumbers {
+    fn load(&mut self, crossed: &CrossedEdges, n: usize) {
         for offset in 0..8 {
-            let Some(leaf) = sheet.places[n].upper(offset) else {
+            let Some(leaf) = crossed.neighbours[n].upper(offset) else {
                 continue;
             };
             let up = [offset >> 2, offset >> 1 & 1, offset & 1];
-            let row = if up[1] == 1 { FIRST_ROW } else { u64::MAX };
-            let column = if up[2] == 1 { FIRST_COLUMN } else { u64::MAX };
-            let edges = &sheet.edges[leaf];
-            // Edges that begin beyond the cells along their axis are no sides of them.
+            let row = if up[1] == 1 { Y_MIN_BITS } else { u64::MAX };
+            let column = if up[2] == 1 { Z_MIN_BITS } else { u64::MAX };
+            let edges = &crossed.edges[leaf];
+            // Edges along an axis that begin beyond the cells on that axis do not belong to them.
             for axis in (0..3).filter(|&a| up[a] == 0) {
                 for x in 0..if up[0] == 1 { 1 } else { 8 } {
-                    let base = axis * AXIS + slot(x + 8 * up[0], 8 * up[1], 8 * up[2]);
-                    edges.each(8 * axis + x, row & column, |bit, number| {
+                    let base = axis * AXIS_EDGES + slot(x + 8 * up[0], 8 * up[1], 8 * up[2]);
+                    edges.for_each(8 * axis + x, row & column, |bit, number| {
                         self.0[base + slot(0, bit >> 3, bit & 7)] = number;
                     });
                 }
@@ -94,35 +94,35 @@ impl Numbers {
     }
 }
 
-/// Triangles of a leaf's cells.
-fn count(sheet: &Sheet, n: usize) -> usize {
+/// Number of triangles of a leaf's cells.
+fn count(crossed: &CrossedEdges, n: usize) -> usize {
     let cases = &**CASES;
     let mut triangles = 0;
-    each_cell(&sheet.corners(n), |_, case| {
+    for_each_cell(&crossed.corners(n), |_, case| {
         triangles += usize::from(cases[case].triangles);
     });
     triangles
 }
 
-fn of_leaf(
-    sheet: &Sheet,
+fn triangulate_leaf(
+    crossed: &CrossedEdges,
     n: usize,
     vertices: &[Vec3],
-    numbers: &mut Numbers,
+    numbers: &mut VertexNumbers,
     mut visit: impl FnMut([u32; 3]),
 ) {
     let cases = &**CASES;
-    numbers.enter(sheet, n);
-    each_cell(&sheet.corners(n), |cell, case| {
+    numbers.load(crossed, n);
+    for_each_cell(&crossed.corners(n), |cell, case| {
         for l in cases[case].loops() {
-            let number = |edge: u8| numbers.0[cell + EDGE_AT[usize::from(edge)]];
-            fan(l, number, vertices, &mut visit);
+            let number = |edge: u8| numbers.0[cell + EDGE_SLOTS[usize::from(edge)]];
+            triangulate_loop(l, number, vertices, &mut visit);
         }
     });
 }
 
-/// The cells of a leaf that change sign: place in [`Numbers`], and case.
-fn each_cell(corners: &Corners, mut visit: impl FnMut(usize, usize)) {
+/// Calls `visit` with every cell of a leaf that changes sign: slot in [`VertexNumbers`], and case.
+fn for_each_cell(corners: &Corners, mut visit: impl FnMut(usize, usize)) {
     for x in 0..8 {
         let mut cells = mixed(&corners[x]) | mixed(&corners[x + 1]);
         cells |= corners[x][0] ^ corners[x + 1][0];
@@ -134,7 +134,7 @@ fn each_cell(corners: &Corners, mut visit: impl FnMut(usize, usize)) {
     }
 }
 
-/// Which corners of a cell are inside.
+/// The case of a cell: bits of the corners that are inside.
 fn case(corners: &Corners, x: usize, bit: usize) -> usize {
     let mut case = 0;
     for c in 0..4 {
@@ -144,10 +144,15 @@ fn case(corners: &Corners, x: usize, bit: usize) -> usize {
     case as usize
 }
 
-/// Cuts a loop into triangles around the vertex whose diagonals are shortest.
-fn fan(l: &Loop, number: impl Fn(u8) -> u32, vertices: &[Vec3], visit: &mut impl FnMut([u32; 3])) {
+/// Triangulates a loop as a fan from the vertex with the shortest diagonals.
+fn triangulate_loop(
+    l: &Loop,
+    number: impl Fn(u8) -> u32,
+    vertices: &[Vec3],
+    visit: &mut impl FnMut([u32; 3]),
+) {
     let len = l.edges().len();
-    // Twice around, so that nothing need be divided by the length.
+    // Stored twice in a row, so that indices need no division by the length.
     let mut ring = [0; 14];
     for (i, &edge) in l.edges().iter().enumerate() {
         ring[i] = number(edge);

@@ -1,72 +1,71 @@
-//! The signs of all voxels, who neighbours whom, and which edges carry a vertex with which number.
+//! Signs of voxels, neighbours of leaves, and the edges that carry a vertex.
 //!
-//! Words of 64 bits are slices of a leaf at one x; bit `8 y + z` is a voxel. Where a neighbour has no
-//! leaf, its voxels count as the nearest of the leaf at hand: a cell of one sign stays one, and one that
-//! changes sign is found out as torn.
+//! A 64-bit word is the slice of a leaf at one x; bit `8 y + z` is a voxel. Voxels without a leaf take the
+//! sign of the nearest voxel of the current leaf: a cell of one sign then stays so, and a cell that
+//! changes sign is found to be open.
 
 use super::{LeafValues, MesherError};
 use crate::band::{LEAF, Region, VOXELS};
 use crate::frame::Coord;
 use crate::mesh::MeshError;
 use crate::progress::{Cancelled, Progress};
-use crate::simd::{self, Lanes, Work};
+use crate::simd::{self, Lanes, SimdKernel};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Leaves that a task takes at once.
+/// Leaves that one task processes.
 pub(super) const BATCH: usize = 64;
-/// No such leaf.
-const NONE: u32 = u32::MAX;
+/// Number in place of a missing leaf.
+const NO_LEAF: u32 = u32::MAX;
 /// Bits of the voxels at y = 7, and at z = 7.
-const LAST_ROW: u64 = 0xff << 56;
-const LAST_COLUMN: u64 = 0x8080_8080_8080_8080;
+const Y_MAX_BITS: u64 = 0xff << 56;
+const Z_MAX_BITS: u64 = 0x8080_8080_8080_8080;
 /// Bits at y = 0, and at z = 0.
-pub(super) const FIRST_ROW: u64 = 0xff;
-pub(super) const FIRST_COLUMN: u64 = 0x0101_0101_0101_0101;
+pub(super) const Y_MIN_BITS: u64 = 0xff;
+pub(super) const Z_MIN_BITS: u64 = 0x0101_0101_0101_0101;
 
-/// The bit of a neighbour's number at an offset of 0 or 1 along each axis.
-pub(super) const fn above(dx: usize, dy: usize, dz: usize) -> usize {
+/// Index in [`Neighbours`] of the leaf at an offset of 0 or 1 along each axis.
+pub(super) const fn upper_slot(dx: usize, dy: usize, dz: usize) -> usize {
     4 * dx + 2 * dy + dz
 }
 
-/// A leaf among its neighbours.
+/// The neighbours of a leaf.
 #[derive(Clone, Copy)]
-pub(super) struct Place {
-    /// Numbers of the leaves above, by [`above`]; the first is its own.
+pub(super) struct Neighbours {
+    /// Numbers of the leaves above, by [`upper_slot`]; the first is the leaf itself.
     upper: [u32; 8],
-    /// Bits of the axes below which a leaf is missing that the region holds.
-    bare: u8,
+    /// Bits of the axes on which the leaf below is missing although it overlaps the region.
+    missing_below: u8,
 }
 
-impl Place {
-    /// The leaf at an offset.
+impl Neighbours {
+    /// The number of the leaf in an upper slot.
     pub fn upper(&self, offset: usize) -> Option<usize> {
         let n = self.upper[offset];
-        (n != NONE).then_some(n as usize)
+        (n != NO_LEAF).then_some(n as usize)
     }
 }
 
-/// Which edges of a leaf carry a vertex.
+/// The edges of a leaf that carry a vertex.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Edges {
-    /// Words `8 axis + x` of the voxels where edges begin.
+    /// Words `8 axis + x`: the voxels at which the edges begin.
     pub masks: [u64; 24],
-    /// How many vertices of the leaf come before those of a word.
+    /// Number of the leaf's vertices before those of each word.
     before: [u16; 24],
-    /// Number of its first vertex.
+    /// Number of the first vertex.
     pub first: u32,
 }
 
 impl Edges {
-    /// Vertices of the leaf.
+    /// Number of vertices of the leaf.
     pub fn count(&self) -> u32 {
         u32::from(self.before[23]) + self.masks[23].count_ones()
     }
 
-    /// Calls `visit` with those edges of a word whose bits are set in a mask, and the numbers of their
-    /// vertices.
-    pub fn each(&self, word: usize, mask: u64, mut visit: impl FnMut(usize, u32)) {
+    /// Calls `visit` with the edges of a word that are also set in `mask`, and the numbers of their vertices.
+    pub fn for_each(&self, word: usize, mask: u64, mut visit: impl FnMut(usize, u32)) {
         let mut number = self.first + u32::from(self.before[word]);
         let mut bits = self.masks[word];
         while bits != 0 {
@@ -80,26 +79,28 @@ impl Edges {
     }
 }
 
-/// All leaves, their signs and their edges.
-pub(super) struct Sheet<'a> {
+/// All leaves of a patch, their signs, and the edges that the surface crosses.
+pub(super) struct CrossedEdges<'a> {
     pub leaves: &'a [LeafValues<'a>],
-    /// Cells of these leaves are meshed.
+    /// The cells of leaves in this region are meshed.
     pub region: Region,
     signs: Vec<[u64; 8]>,
-    pub places: Vec<Place>,
+    pub neighbours: Vec<Neighbours>,
     pub edges: Vec<Edges>,
     /// The leaves of the region, then the others, each in order of origin: the order of vertices.
     pub order: Vec<u32>,
-    /// How many leaves, and how many vertices, belong to the region.
-    pub owned: [usize; 2],
-    /// How many vertices there are.
+    /// Number of leaves that belong to the region.
+    pub owned_leaves: usize,
+    /// Number of vertices that belong to the region.
+    pub owned_vertices: usize,
+    /// Number of all vertices.
     pub vertices: usize,
 }
 
-/// Slices at x = 0 to 8, as they are and moved by one voxel along z, along y, and along both.
+/// Slices at x = 0 to 8, each as it is and shifted by one voxel along z, along y, and along both.
 pub(super) type Corners = [[u64; 4]; 9];
 
-impl<'a> Sheet<'a> {
+impl<'a> CrossedEdges<'a> {
     pub fn new(
         leaves: &'a [LeafValues<'a>],
         region: Region,
@@ -109,35 +110,39 @@ impl<'a> Sheet<'a> {
             let origin = pair[1].origin;
             return Err(MesherError::Unsorted { origin });
         }
-        let owned = |leaf: &LeafValues| region.meets(leaf.origin, LEAF);
+        let is_owned = |leaf: &LeafValues| region.meets(leaf.origin, LEAF);
         let numbers = || 0..leaves.len() as u32;
-        let mut order: Vec<u32> = numbers().filter(|&n| owned(&leaves[n as usize])).collect();
-        let inner = order.len();
-        if inner < leaves.len() {
-            order.extend(numbers().filter(|&n| !owned(&leaves[n as usize])));
+        let mut order: Vec<u32> = numbers()
+            .filter(|&n| is_owned(&leaves[n as usize]))
+            .collect();
+        let owned_leaves = order.len();
+        if owned_leaves < leaves.len() {
+            order.extend(numbers().filter(|&n| !is_owned(&leaves[n as usize])));
         }
         let signs: Vec<[u64; 8]> = leaves
             .par_iter()
             .with_min_len(BATCH)
             .map(|leaf| simd::run(Signs(leaf.values)))
             .collect();
-        let places = leaves
+        let neighbours = leaves
             .par_chunks(BATCH)
-            .flat_map_iter(|part| places(leaves, part, region))
+            .flat_map_iter(|part| neighbours(leaves, part, region))
             .collect();
-        let mut sheet = Self {
+        let mut crossed = Self {
             leaves,
             region,
             signs,
-            places,
+            neighbours,
             edges: Vec::new(),
             order,
-            owned: [inner, 0],
+            owned_leaves,
+            owned_vertices: 0,
             vertices: 0,
         };
-        let tear = Mutex::new(None);
+        let first_open = Mutex::new(None);
         let stopped = AtomicBool::new(false);
-        // A list of known length, made in place: one of results would be put together from pieces.
+        // Open cells are noted beside the list: a parallel collection of results would be concatenated from
+        // parts, while a list of known length is written in place.
         let edges = (0..leaves.len()).into_par_iter().with_min_len(BATCH);
         let edges = edges.map(|n| {
             if n % BATCH == 0 && progress.cancelled() {
@@ -146,53 +151,56 @@ impl<'a> Sheet<'a> {
             if stopped.load(Ordering::Relaxed) {
                 return Edges::default();
             }
-            let (edges, torn) = sheet.edges_of(n);
-            if let Some(voxel) = torn {
-                let mut least = tear.lock().unwrap_or_else(PoisonError::into_inner);
+            let (edges, open_voxel) = crossed.edges_of(n);
+            if let Some(voxel) = open_voxel {
+                let mut least = first_open.lock().unwrap_or_else(PoisonError::into_inner);
                 *least = Some(least.map_or(voxel, |v: Coord| v.min(voxel)));
             }
             edges
         });
-        sheet.edges = edges.collect();
+        crossed.edges = edges.collect();
         if stopped.into_inner() {
             return Err(Cancelled.into());
         }
-        if let Some(voxel) = tear.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            return Err(MesherError::Torn { voxel });
+        if let Some(voxel) = first_open
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner)
+        {
+            return Err(MesherError::OpenSurface { voxel });
         }
-        for (rank, &n) in sheet.order.iter().enumerate() {
-            if rank == inner {
-                sheet.owned[1] = sheet.vertices;
+        for (rank, &n) in crossed.order.iter().enumerate() {
+            if rank == owned_leaves {
+                crossed.owned_vertices = crossed.vertices;
             }
-            let edges = &mut sheet.edges[n as usize];
-            edges.first = sheet.vertices as u32;
-            sheet.vertices += edges.count() as usize;
-            if sheet.vertices > u32::MAX as usize {
-                return Err(MeshError::TooMany(sheet.vertices).into());
+            let edges = &mut crossed.edges[n as usize];
+            edges.first = crossed.vertices as u32;
+            crossed.vertices += edges.count() as usize;
+            if crossed.vertices > u32::MAX as usize {
+                return Err(MeshError::TooMany(crossed.vertices).into());
             }
         }
-        if inner == leaves.len() {
-            sheet.owned[1] = sheet.vertices;
+        if owned_leaves == leaves.len() {
+            crossed.owned_vertices = crossed.vertices;
         }
-        Ok(sheet)
+        Ok(crossed)
     }
 
-    /// The slices of a leaf and of its neighbours above.
+    /// The slices of a leaf and of the neighbours above it.
     pub fn corners(&self, n: usize) -> Corners {
-        let place = &self.places[n];
-        let word = |offset: usize, x: usize| place.upper(offset).map(|n| self.signs[n][x]);
+        let neighbours = &self.neighbours[n];
+        let word = |slot: usize, x: usize| neighbours.upper(slot).map(|n| self.signs[n][x]);
         std::array::from_fn(|x| {
             let (dx, x) = (x >> 3, x & 7);
-            let own = word(above(dx, 0, 0), x).unwrap_or(self.signs[n][7]);
-            moved(
+            let own = word(upper_slot(dx, 0, 0), x).unwrap_or(self.signs[n][7]);
+            shifted(
                 own,
-                [1, 2, 3].map(|across| word(above(dx, 0, 0) + across, x)),
+                [1, 2, 3].map(|across| word(upper_slot(dx, 0, 0) + across, x)),
             )
         })
     }
 
-    /// The word of an axis of edges at a slice.
-    fn crossed(corners: &Corners, word: usize) -> u64 {
+    /// The crossed edges of word `8 axis + x`.
+    fn crossed_word(corners: &Corners, word: usize) -> u64 {
         let (axis, x) = (word >> 3, word & 7);
         let own = corners[x][0];
         match axis {
@@ -202,11 +210,11 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    /// The edges of a leaf that carry a vertex; and a cell that changes sign and has voxels without a
-    /// leaf, if there is one.
+    /// The edges of a leaf that carry a vertex; and, if there is one, a cell that changes sign and has voxels
+    /// without a leaf.
     fn edges_of(&self, n: usize) -> (Edges, Option<Coord>) {
         let origin = self.leaves[n].origin;
-        // Along which axes the leaf lies just above the region.
+        // 1 on axes along which the leaf lies directly above the region.
         let beyond = [0, 1, 2].map(|a| i64::from(origin[a]) - i64::from(self.region.max[a]));
         let below = (0..3).any(|a| origin[a] < self.region.min[a]);
         let mut edges = Edges::default();
@@ -215,17 +223,17 @@ impl<'a> Sheet<'a> {
         }
         let corners = self.corners(n);
         let is_owned = beyond.iter().all(|&b| b < 1);
-        if is_owned && let Some((x, bit)) = self.tear(n, &corners) {
+        if is_owned && let Some((x, bit)) = self.open_cell(n, &corners) {
             let voxel = origin.offset(x as i32, (bit >> 3) as i32, (bit & 7) as i32);
             return (edges, Some(voxel));
         }
         let mut count = 0;
         for word in 0..24 {
             let (axis, x) = (word >> 3, word & 7);
-            let mut mask = Self::crossed(&corners, word);
+            let mut mask = Self::crossed_word(&corners, word);
             if !is_owned {
-                // What cells of the region reach of it: the face that looks at them.
-                let planes = [if x == 0 { u64::MAX } else { 0 }, FIRST_ROW, FIRST_COLUMN];
+                // Cells of the region use only the lower face of this leaf.
+                let planes = [if x == 0 { u64::MAX } else { 0 }, Y_MIN_BITS, Z_MIN_BITS];
                 for a in (0..3).filter(|&a| beyond[a] == 1) {
                     mask &= if a == axis { 0 } else { planes[a] };
                 }
@@ -237,43 +245,43 @@ impl<'a> Sheet<'a> {
         (edges, None)
     }
 
-    /// A cell of the leaf, or just below it, that changes sign and has voxels without a leaf: slice and
+    /// A cell of the leaf, or directly below it, that changes sign and has voxels without a leaf: slice and
     /// bit.
-    fn tear(&self, n: usize, corners: &Corners) -> Option<(usize, u32)> {
-        let place = &self.places[n];
+    fn open_cell(&self, n: usize, corners: &Corners) -> Option<(usize, u32)> {
+        let neighbours = &self.neighbours[n];
         let found = |x: usize, bits: u64| (bits != 0).then(|| (x, bits.trailing_zeros()));
-        let whole = (1..8).all(|o| place.upper[o] != NONE);
-        if !whole {
+        let has_all_upper = (1..8).all(|slot| neighbours.upper[slot] != NO_LEAF);
+        if !has_all_upper {
             for x in 0..8 {
                 let mut open = 0;
-                for offset in (1..8).filter(|o| place.upper[*o] == NONE) {
-                    let (dx, dy, dz) = (offset >> 2, offset >> 1 & 1, offset & 1);
-                    let row = if dy == 1 { LAST_ROW } else { u64::MAX };
-                    let column = if dz == 1 { LAST_COLUMN } else { u64::MAX };
+                for slot in (1..8).filter(|slot| neighbours.upper[*slot] == NO_LEAF) {
+                    let (dx, dy, dz) = (slot >> 2, slot >> 1 & 1, slot & 1);
+                    let row = if dy == 1 { Y_MAX_BITS } else { u64::MAX };
+                    let column = if dz == 1 { Z_MAX_BITS } else { u64::MAX };
                     if dx == 0 || x == 7 {
                         open |= row & column;
                     }
                 }
                 let mixed = mixed(corners[x..x + 2].as_flattened());
-                if let Some(tear) = found(x, mixed & open) {
-                    return Some(tear);
+                if let Some(open_cell) = found(x, mixed & open) {
+                    return Some(open_cell);
                 }
             }
         }
-        if place.bare & 1 != 0
-            && let Some(tear) = found(0, mixed(&corners[0]))
+        if neighbours.missing_below & 1 != 0
+            && let Some(open_cell) = found(0, mixed(&corners[0]))
         {
-            return Some(tear);
+            return Some(open_cell);
         }
-        for (bit, word, plane) in [(2, 1, FIRST_ROW), (4, 2, FIRST_COLUMN)] {
-            if place.bare & bit == 0 {
+        for (bit, word, plane) in [(2, 1, Y_MIN_BITS), (4, 2, Z_MIN_BITS)] {
+            if neighbours.missing_below & bit == 0 {
                 continue;
             }
             for x in 0..8 {
                 let (c, d) = (&corners[x], &corners[x + 1]);
                 let bits = mixed(&[c[0], c[word], d[0], d[word]]);
-                if let Some(tear) = found(x, bits & plane) {
-                    return Some(tear);
+                if let Some(open_cell) = found(x, bits & plane) {
+                    return Some(open_cell);
                 }
             }
         }
@@ -281,24 +289,24 @@ impl<'a> Sheet<'a> {
     }
 }
 
-/// Consecutive parts of these lengths.
+/// Splits a slice into consecutive parts of the given lengths.
 pub(super) fn split<'a, T>(mut all: &'a mut [T], lengths: &[usize]) -> Vec<&'a mut [T]> {
     let part = |&length: &usize| all.split_off_mut(..length).unwrap_or_default();
     lengths.iter().map(part).collect()
 }
 
-/// Bits in which words differ.
+/// Bits in which the words differ.
 pub(super) fn mixed(words: &[u64]) -> u64 {
     let any = words.iter().fold(0, |a, w| a | w);
     let all = words.iter().fold(u64::MAX, |a, w| a & w);
     any & !all
 }
 
-/// Which voxels of a leaf are inside.
+/// Computes which voxels of a leaf are inside.
 struct Signs<'a>(&'a [f32; VOXELS]);
 
 #[allow(clippy::inline_always)]
-impl Work for Signs<'_> {
+impl SimdKernel for Signs<'_> {
     type Output = [u64; 8];
 
     #[inline(always)]
@@ -312,58 +320,58 @@ impl Work for Signs<'_> {
     }
 }
 
-/// A slice as it is, moved along z, along y and along both; of the neighbours along z, y and both.
-fn moved(own: u64, [z, y, yz]: [Option<u64>; 3]) -> [u64; 4] {
+/// A slice as it is, shifted along z, along y and along both; the neighbours are those along z, y and both.
+fn shifted(own: u64, [z, y, yz]: [Option<u64>; 3]) -> [u64; 4] {
     let along_z = |w: u64, next: Option<u64>| {
-        let column = next.map_or(w & LAST_COLUMN, |n| (n & FIRST_COLUMN) << 7);
-        w >> 1 & !LAST_COLUMN | column
+        let column = next.map_or(w & Z_MAX_BITS, |n| (n & Z_MIN_BITS) << 7);
+        w >> 1 & !Z_MAX_BITS | column
     };
     let up = along_z(own, z);
-    let along_y = own >> 8 | y.map_or(own & LAST_ROW, |n| n << 56);
-    // Of the last row only the last voxel may come from the neighbour along both.
-    let row = y.map_or(up >> 56, |n| along_z(n, None) & FIRST_ROW);
+    let along_y = own >> 8 | y.map_or(own & Y_MAX_BITS, |n| n << 56);
+    // Only the last voxel of the last row may come from the neighbour along both.
+    let row = y.map_or(up >> 56, |n| along_z(n, None) & Y_MIN_BITS);
     let row = yz.map_or(row, |n| row & 0x7f | (n & 1) << 7);
     [own, up, along_y, up >> 8 | row << 56]
 }
 
-/// The neighbours of a run of leaves. Adding an offset keeps the order of origins, so that each offset is
-/// one walk along the list.
-fn places(leaves: &[LeafValues], part: &[LeafValues], region: Region) -> Vec<Place> {
-    let mut places = vec![
-        Place {
-            upper: [NONE; 8],
-            bare: 0
+/// The neighbours of consecutive leaves. An offset preserves the order of origins, so that one pass along
+/// the list finds all neighbours at that offset.
+fn neighbours(leaves: &[LeafValues], part: &[LeafValues], region: Region) -> Vec<Neighbours> {
+    let mut neighbours = vec![
+        Neighbours {
+            upper: [NO_LEAF; 8],
+            missing_below: 0
         };
         part.len()
     ];
-    let mut walk = |step: [i32; 3], enter: &mut dyn FnMut(&mut Place, Coord, Option<u32>)| {
+    let mut scan = |step: [i32; 3], set: &mut dyn FnMut(&mut Neighbours, Coord, Option<u32>)| {
         let target = |leaf: &LeafValues| leaf.origin.offset(step[0], step[1], step[2]);
         let Some(first) = part.first().map(target) else {
             return;
         };
         let mut at = leaves.partition_point(|l| l.origin < first);
-        for (place, leaf) in places.iter_mut().zip(part) {
-            let wanted = target(leaf);
-            while at < leaves.len() && leaves[at].origin < wanted {
+        for (of_leaf, leaf) in neighbours.iter_mut().zip(part) {
+            let origin = target(leaf);
+            while at < leaves.len() && leaves[at].origin < origin {
                 at += 1;
             }
-            let found = at < leaves.len() && leaves[at].origin == wanted;
-            enter(place, wanted, found.then_some(at as u32));
+            let found = at < leaves.len() && leaves[at].origin == origin;
+            set(of_leaf, origin, found.then_some(at as u32));
         }
     };
-    for offset in 0..8 {
-        let step = [offset >> 2, offset >> 1 & 1, offset & 1].map(|d| d as i32 * LEAF);
-        walk(step, &mut |place, _, n| {
-            place.upper[offset] = n.unwrap_or(NONE);
+    for slot in 0..8 {
+        let step = [slot >> 2, slot >> 1 & 1, slot & 1].map(|d| d as i32 * LEAF);
+        scan(step, &mut |of_leaf, _, n| {
+            of_leaf.upper[slot] = n.unwrap_or(NO_LEAF);
         });
     }
     for axis in 0..3 {
         let mut step = [0; 3];
         step[axis] = -LEAF;
-        walk(step, &mut |place, origin, n| {
-            let is_bare = n.is_none() && region.meets(origin, LEAF);
-            place.bare |= u8::from(is_bare) << axis;
+        scan(step, &mut |of_leaf, origin, n| {
+            let is_missing = n.is_none() && region.meets(origin, LEAF);
+            of_leaf.missing_below |= u8::from(is_missing) << axis;
         });
     }
-    places
+    neighbours
 }

@@ -1,84 +1,89 @@
-//! Parts of a mesh, and how they become one.
+//! Patches of a mesh, and their welding into one numbering.
 
 use super::MesherError;
-use super::edge_vertices::Sheet;
+use super::edge_vertices::CrossedEdges;
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::MeshError;
 use std::collections::BTreeMap;
 
-/// What a vertex on a seam is known by in every patch that has it: a voxel, and what tells it from others
-/// there.
+/// The identity of a vertex on a seam, equal in all patches that share it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Knot {
-    /// Where its edge or its cell begins.
+pub(super) struct SeamVertex {
+    /// Least voxel of the vertex's edge or cell.
     pub voxel: Coord,
-    /// The axis of its edge, or its place in single precision, which tells vertices of a cell apart up to
-    /// 10^5 voxels from the origin.
-    pub mark: [u32; 3],
+    /// The axis of the edge; or, for a vertex in a cell, its position in single precision, which
+    /// distinguishes the vertices of a cell up to 10^5 voxels from the origin.
+    pub tag: [u32; 3],
 }
 
-/// The faces of a region of cells, of `N` corners each, and their vertices, world units. Of four corners a
-/// face may repeat the last.
+/// The faces of a region of cells, with `N` corners each, and their vertices in world units. A face of four
+/// corners may repeat the last.
 ///
-/// Vertices near the lower sides of the region are its own; those near its upper sides belong to the regions
-/// above and stand here again, equal to the last bit.
+/// The region owns the vertices near its lower sides. Vertices near its upper sides belong to the regions
+/// above and are repeated here, equal to the last bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch<const N: usize = 3> {
     /// The region's own vertices, then those of others.
     pub vertices: Vec<Vec3>,
-    /// How many vertices are its own.
+    /// Number of the region's own vertices.
     pub owned: usize,
     /// Counter-clockwise seen from outside.
     pub faces: Vec<[u32; N]>,
-    /// Its own vertices near its lower sides: which others may name.
-    pub(super) lower: Vec<(Knot, u32)>,
-    /// What the vertices of others are known by, in order.
-    pub(super) upper: Vec<Knot>,
-    /// The greatest x of a vertex that patches to come may name.
-    pub(super) reach: i32,
+    /// Own vertices near the lower sides, which other patches may reference.
+    pub(super) lower: Vec<(SeamVertex, u32)>,
+    /// Identities of the vertices of other regions, in order.
+    pub(super) upper: Vec<SeamVertex>,
+    /// Greatest x of a vertex that later patches may reference.
+    pub(super) max_x: i32,
 }
 
 impl Patch {
-    pub(super) fn new(sheet: &Sheet, vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
-        let region = sheet.region;
+    pub(super) fn new(
+        crossed: &CrossedEdges,
+        vertices: Vec<Vec3>,
+        triangles: Vec<[u32; 3]>,
+    ) -> Self {
+        let region = crossed.region;
         let (mut lower, mut upper) = (Vec::new(), Vec::new());
-        let (own, others) = sheet.order.split_at(sheet.owned[0]);
+        let (own, others) = crossed.order.split_at(crossed.owned_leaves);
         if region != Region::EVERYWHERE {
             for &n in own {
-                let origin = sheet.leaves[n as usize].origin;
+                let origin = crossed.leaves[n as usize].origin;
                 if (0..3).any(|a| origin[a] == region.min[a]) {
-                    each_edge(sheet, n as usize, |knot, number| {
-                        if (0..3).any(|a| knot.voxel[a] == region.min[a]) {
-                            lower.push((knot, number));
+                    for_each_edge(crossed, n as usize, |seam_vertex, number| {
+                        if (0..3).any(|a| seam_vertex.voxel[a] == region.min[a]) {
+                            lower.push((seam_vertex, number));
                         }
                     });
                 }
             }
         }
         for &n in others {
-            each_edge(sheet, n as usize, |knot, _| upper.push(knot));
+            for_each_edge(crossed, n as usize, |seam_vertex, _| {
+                upper.push(seam_vertex)
+            });
         }
         Self {
             vertices,
-            owned: sheet.owned[1],
+            owned: crossed.owned_vertices,
             faces: triangles,
             lower,
             upper,
-            reach: region.max[0].saturating_add(1),
+            max_x: region.max[0].saturating_add(1),
         }
     }
 
-    /// The same with other triangles over its vertices, without those that had triangles and have none.
-    /// Other patches must not name these; a [`Welder`] finds out. `last` is the greatest x of the patches
-    /// that come with it.
+    /// Replaces the triangles and removes the vertices that no longer have any. Other patches must not
+    /// reference these; [`Welder::weld`] reports it. `max_x` is the greatest x of the patches processed
+    /// together with this one.
     #[must_use]
-    pub fn with_triangles(&self, triangles: &[[u32; 3]], last: i32) -> Self {
-        // Only others name those that never had any.
+    pub fn with_triangles(&self, triangles: &[[u32; 3]], max_x: i32) -> Self {
+        // Vertices that never had triangles are referenced by other patches only; they stay.
         let mut number = vec![Some(0); self.vertices.len()];
-        for (faces, name) in [(&self.faces[..], None), (triangles, Some(0))] {
+        for (faces, keep) in [(&self.faces[..], None), (triangles, Some(0))] {
             for &v in faces.as_flattened() {
-                number[v as usize] = name;
+                number[v as usize] = keep;
             }
         }
         let (mut vertices, mut owned) = (Vec::new(), 0);
@@ -97,49 +102,50 @@ impl Patch {
                 .map(|t| t.map(|v| number[v as usize].unwrap_or(0)))
                 .collect(),
             lower: lower
-                .filter_map(|&(knot, n)| Some((knot, number[n as usize]?)))
+                .filter_map(|&(seam_vertex, n)| Some((seam_vertex, number[n as usize]?)))
                 .collect(),
-            upper: upper.filter_map(|(knot, n)| n.map(|_| *knot)).collect(),
-            reach: self.reach.max(last.saturating_add(1)),
+            upper: upper
+                .filter_map(|(seam_vertex, n)| n.map(|_| *seam_vertex))
+                .collect(),
+            max_x: self.max_x.max(max_x.saturating_add(1)),
         }
     }
 }
 
-/// The edges of a leaf that carry a vertex, in order, with its number.
-fn each_edge(sheet: &Sheet, n: usize, mut visit: impl FnMut(Knot, u32)) {
-    let (edges, origin) = (&sheet.edges[n], sheet.leaves[n].origin);
+/// Calls `visit` with the edges of a leaf that carry a vertex, in order, and the vertex numbers.
+fn for_each_edge(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(SeamVertex, u32)) {
+    let (edges, origin) = (&crossed.edges[n], crossed.leaves[n].origin);
     let mut number = edges.first;
     for (word, &mask) in edges.masks.iter().enumerate() {
         let mut bits = mask;
         while bits != 0 {
             let bit = bits.trailing_zeros() as i32;
             bits &= bits - 1;
-            let knot = Knot {
+            let seam_vertex = SeamVertex {
                 voxel: origin.offset((word & 7) as i32, bit >> 3, bit & 7),
-                mark: [(word >> 3) as u32, 0, 0],
+                tag: [(word >> 3) as u32, 0, 0],
             };
-            visit(knot, number);
+            visit(seam_vertex, number);
             number += 1;
         }
     }
 }
 
-/// Numbers the vertices of a whole whose patches come one by one, the upper regions first: in descending
-/// order of their least voxels. Only vertices on seams are remembered, and only as long as a patch to
-/// come may name them.
+/// Numbers the vertices of a mesh whose patches arrive one by one, in descending order of their least
+/// voxels. Only vertices on seams are kept, and only while a later patch may reference them.
 #[derive(Default)]
 pub struct Welder {
-    seams: BTreeMap<Knot, u32>,
+    seams: BTreeMap<SeamVertex, u32>,
     vertices: u64,
     faces: u64,
 }
 
 impl Welder {
-    /// The patch's faces in numbers of the whole, in which its own vertices follow all before.
+    /// The patch's faces in the numbers of the whole mesh; its own vertices follow all earlier ones.
     ///
     /// # Errors
-    /// [`MesherError::Mesh`] for more vertices than 32 bits number, [`MesherError::Torn`] where the patch
-    /// names a vertex that no patch before it had.
+    /// [`MesherError::Mesh`] for more vertices than 32 bits number, [`MesherError::OpenSurface`] if the patch
+    /// references a vertex that no earlier patch has.
     pub fn weld<const N: usize>(&mut self, patch: &Patch<N>) -> Result<Vec<[u32; N]>, MesherError> {
         let first = self.vertices;
         self.vertices += patch.owned as u64;
@@ -148,31 +154,38 @@ impl Welder {
             .ok()
             .filter(|_| u32::try_from(self.vertices).is_ok())
             .ok_or(MeshError::TooMany(self.vertices as usize))?;
-        let names = |knot: &Knot| {
-            let voxel = knot.voxel;
+        let number_of = |seam_vertex: &SeamVertex| {
+            let voxel = seam_vertex.voxel;
             self.seams
-                .get(knot)
+                .get(seam_vertex)
                 .copied()
-                .ok_or(MesherError::Torn { voxel })
+                .ok_or(MesherError::OpenSurface { voxel })
         };
-        let others: Vec<u32> = patch.upper.iter().map(names).collect::<Result<_, _>>()?;
+        let others: Vec<u32> = patch
+            .upper
+            .iter()
+            .map(number_of)
+            .collect::<Result<_, _>>()?;
         let of_whole = |v: u32| match (v as usize).checked_sub(patch.owned) {
             Some(n) => others[n],
             None => first + v,
         };
         let faces = patch.faces.iter().map(|f| f.map(of_whole)).collect();
-        // No patch to come reaches beyond this one along x.
-        let beyond = Knot {
-            voxel: Coord([patch.reach.saturating_add(1), i32::MIN, i32::MIN]),
-            mark: [0; 3],
+        // No later patch reaches beyond this one along x.
+        let beyond = SeamVertex {
+            voxel: Coord([patch.max_x.saturating_add(1), i32::MIN, i32::MIN]),
+            tag: [0; 3],
         };
         drop(self.seams.split_off(&beyond));
-        let own = patch.lower.iter().map(|&(knot, n)| (knot, first + n));
+        let own = patch
+            .lower
+            .iter()
+            .map(|&(seam_vertex, n)| (seam_vertex, first + n));
         self.seams.extend(own);
         Ok(faces)
     }
 
-    /// Vertices and faces so far.
+    /// Numbers of vertices and faces so far.
     pub fn counts(&self) -> [u64; 2] {
         [self.vertices, self.faces]
     }

@@ -1,35 +1,40 @@
-//! Where on its edge a vertex is.
+//! Positions of the vertices on their edges.
 
-use super::edge_vertices::{BATCH, Sheet, above, split};
+use super::edge_vertices::{BATCH, CrossedEdges, split, upper_slot};
 use super::{Mesher, MesherError};
 use crate::field::WorldField;
 use crate::frame::{Vec3, WorldPoint};
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
-/// Evaluations of an exact field along one edge, at most.
-const STEPS: usize = 40;
+/// Greatest number of evaluations of an exact field along one edge.
+const MAX_STEPS: usize = 40;
 
-/// The least distance of a vertex from the ends of its edge in double precision, voxels.
+/// Minimum distance of a vertex from the ends of its edge in double precision, voxels.
 pub(super) const MIN_MARGIN: f64 = 1e-3;
 
-/// The least distance of a vertex from the ends of its edge, voxels: 1e-3, or four roundings to `f32` of
-/// the farthest coordinate.
-pub(super) fn margin(far: f64) -> f64 {
-    (4.0 * far * f64::from(f32::EPSILON)).clamp(MIN_MARGIN, 0.25)
+/// Minimum distance of a vertex from the ends of its edge, voxels: 1e-3, or four roundings to `f32` of the
+/// greatest coordinate (voxels).
+pub(super) fn margin(max_coordinate: f64) -> f64 {
+    (4.0 * max_coordinate * f64::from(f32::EPSILON)).clamp(MIN_MARGIN, 0.25)
 }
 
-/// Moves vertices of a mesh made [`in_double`](Mesher::in_double) as far away from the voxels of their edges as
-/// single precision asks for, where coordinates reach `far` in magnitude; whether it asks for any.
-/// Voxel (0, 0, 0) stands at `origin`; all in world units.
-pub fn clear_of_voxels(vertices: &mut [Vec3], voxel_size: f64, origin: Vec3, far: f64) -> bool {
-    let margin = margin(far / voxel_size);
+/// Moves vertices of a mesh made [`in_double`](Mesher::in_double) away from the ends of their edges by the
+/// margin that single precision needs for coordinates up to `max_coordinate`. Returns whether it needs more
+/// than double precision. `origin` is the position of voxel (0, 0, 0); world units.
+pub fn move_off_voxels(
+    vertices: &mut [Vec3],
+    voxel_size: f64,
+    origin: Vec3,
+    max_coordinate: f64,
+) -> bool {
+    let margin = margin(max_coordinate / voxel_size);
     if margin <= MIN_MARGIN {
         return false;
     }
     vertices.par_iter_mut().with_min_len(1 << 12).for_each(|v| {
         let at = (*v - origin) / voxel_size;
-        // A vertex lies on an edge of the lattice: two of its coordinates are whole.
+        // A vertex lies on an edge of the lattice: two of its coordinates are integers.
         let share = at.map(|c| c - c.floor());
         let from_voxel = share.map(|s| s.min(1.0 - s));
         let axis = from_voxel.imax();
@@ -41,29 +46,29 @@ pub fn clear_of_voxels(vertices: &mut [Vec3], voxel_size: f64, origin: Vec3, far
 
 /// All vertices in the order of their numbers, world units.
 pub(super) fn vertices(
-    sheet: &Sheet,
+    crossed: &CrossedEdges,
     mesher: &Mesher,
     margin: f64,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec3>, MesherError> {
-    // By all threads, since the first touch of its memory takes as long as the work.
-    let zeros = (0..sheet.vertices).into_par_iter().with_min_len(1 << 12);
+    // All threads write the zeros, since the first touch of the memory takes as long as the work.
+    let zeros = (0..crossed.vertices).into_par_iter().with_min_len(1 << 12);
     let mut all: Vec<Vec3> = zeros.map(|_| Vec3::zeros()).collect();
     let count = |part: &[u32]| -> usize {
-        let counts = part.iter().map(|&n| sheet.edges[n as usize].count());
+        let counts = part.iter().map(|&n| crossed.edges[n as usize].count());
         counts.sum::<u32>() as usize
     };
-    let counts: Vec<usize> = sheet.order.chunks(BATCH).map(count).collect();
-    let chunks = sheet.order.chunks(BATCH);
+    let counts: Vec<usize> = crossed.order.chunks(BATCH).map(count).collect();
+    let chunks = crossed.order.chunks(BATCH);
     let parts: Vec<_> = chunks.zip(split(&mut all, &counts)).collect();
-    progress.stage("vertices", Some(sheet.order.len() as u64));
+    progress.stage("vertices", Some(crossed.order.len() as u64));
     parts.into_par_iter().try_for_each(|(part, out)| {
         let mut slots = out.iter_mut();
         for &n in part {
             if progress.cancelled() {
                 return Err(Cancelled);
             }
-            of_leaf(sheet, n as usize, |crossing| {
+            for_each_crossing(crossed, n as usize, |crossing| {
                 if let Some(slot) = slots.next() {
                     *slot = mesher.place(&crossing, margin);
                 }
@@ -75,31 +80,38 @@ pub(super) fn vertices(
     Ok(all)
 }
 
-/// An edge with a vertex.
+/// An edge that the surface crosses.
 struct Crossing {
-    /// The voxel where it begins.
+    /// The voxel at which the edge begins.
     voxel: [f64; 3],
     axis: usize,
-    /// The values at its ends.
+    /// The values at the ends.
     ends: [f32; 2],
 }
 
-fn of_leaf(sheet: &Sheet, n: usize, mut visit: impl FnMut(Crossing)) {
-    let leaf = &sheet.leaves[n];
+/// Calls `visit` with the crossed edges of a leaf in the order of their vertices.
+fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Crossing)) {
+    let leaf = &crossed.leaves[n];
     let low = leaf.origin.0.map(f64::from);
     for axis in 0..3 {
         let (stride, shift) = ([64, 8, 1][axis], [6, 3, 0][axis]);
-        let next = sheet.places[n].upper([above(1, 0, 0), above(0, 1, 0), above(0, 0, 1)][axis]);
+        let next = crossed.neighbours[n].upper(
+            [
+                upper_slot(1, 0, 0),
+                upper_slot(0, 1, 0),
+                upper_slot(0, 0, 1),
+            ][axis],
+        );
         for x in 0..8 {
-            let mut bits = sheet.edges[n].masks[8 * axis + x];
+            let mut bits = crossed.edges[n].masks[8 * axis + x];
             while bits != 0 {
                 let at = 64 * x + bits.trailing_zeros() as usize;
                 bits &= bits - 1;
                 let other = if at >> shift & 7 < 7 {
                     leaf.values[at + stride]
                 } else {
-                    // A crossed edge has both ends.
-                    next.map_or(0.0, |n| sheet.leaves[n].values[at - 7 * stride])
+                    // The leaf exists: both ends of a crossed edge are in leaves.
+                    next.map_or(0.0, |n| crossed.leaves[n].values[at - 7 * stride])
                 };
                 let voxel = [
                     low[0] + x as f64,
@@ -120,8 +132,8 @@ impl Mesher<'_> {
     fn place(&self, crossing: &Crossing, margin: f64) -> Vec3 {
         let [a, b] = crossing.ends.map(f64::from);
         let mut share = a / (a - b);
-        if let Some(field) = self.exact {
-            share = self.along(field, crossing, share);
+        if let Some(field) = self.exact_field {
+            share = self.exact_zero(field, crossing, share);
         }
         if share.is_nan() {
             share = 0.5;
@@ -135,14 +147,14 @@ impl Mesher<'_> {
         Vec3::from(at) * self.voxel_size + self.origin
     }
 
-    /// The zero of a field along an edge, whose ends differ in sign, as a share of the edge: false
-    /// position that halves the weight of an end that stays (the Illinois method).
-    fn along(&self, field: &WorldField, crossing: &Crossing, guess: f64) -> f64 {
+    /// The zero of a field along an edge whose ends differ in sign, as a share of the edge. Illinois method:
+    /// false position that halves the value of a retained end.
+    fn exact_zero(&self, field: &WorldField, crossing: &Crossing, start: f64) -> f64 {
         let tolerance = 1e-9;
         let [a, b] = crossing.ends.map(f64::from);
         let (mut near, mut far): ((f64, f64), (f64, f64)) = ((0.0, a), (1.0, b));
-        let mut share = guess;
-        for _ in 0..STEPS {
+        let mut share = start;
+        for _ in 0..MAX_STEPS {
             if !(share > near.0.min(far.0) && share < near.0.max(far.0)) {
                 return share;
             }

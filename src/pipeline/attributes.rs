@@ -1,12 +1,13 @@
-//! Numbers to shade a solid by, at any point near it: cells, weights, reference coordinates, thickness.
+//! Attributes that shade a solid, at any point near it: cells, weights, reference coordinates,
+//! thickness.
 //!
-//! Beyond the scaffold a point takes the numbers of the closest point of the scaffold's boundary.
+//! Outside the scaffold a point takes the attributes of the closest point of the scaffold's boundary.
 
 use super::error::RunError;
-use super::inputs::Stock;
-use super::level_set_ops::Bench;
+use super::inputs::Inputs;
+use super::level_set_ops::StageContext;
 use super::thickness::Thickness;
-use super::tiling::{CellWeights, Fill};
+use super::tiling::{CellTiling, CellWeights};
 use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
 use crate::io::VertexAttribute;
 use crate::mesh::MeshSolid;
@@ -15,46 +16,46 @@ use crate::scaffold::Scaffold;
 use crate::vdb::{Attribute, LevelSet};
 use rayon::prelude::*;
 
-/// What answers for some words.
+/// Evaluates the attributes that an output names.
 pub(super) struct Attributes<'a> {
     words: Vec<GridWord>,
-    filling: Option<Filling<'a>>,
+    tiling: Option<TilingAttributes<'a>>,
     thickness: Option<&'a Thickness>,
     /// Factor on lengths: from the recipe's unit to the file's.
     factor: f32,
 }
 
-/// A scaffold with its cells and its boundary.
-struct Filling<'a> {
-    fill: &'a Fill,
+/// A tiled scaffold with its cell weights and its boundary.
+struct TilingAttributes<'a> {
+    tiling: &'a CellTiling,
     weights: CellWeights<'a>,
     boundaries: Vec<MeshSolid>,
     slack: f64,
 }
 
 impl<'a> Attributes<'a> {
-    /// For the words that are numbers; the solid's thickness where that is among them.
+    /// Keeps the words that are attributes. `thickness` is required where it is among them.
     pub fn new(
-        bench: Bench,
-        stock: &'a Stock,
+        context: StageContext,
+        inputs: &'a Inputs,
         words: &[GridWord],
         thickness: Option<&'a Thickness>,
         factor: f64,
     ) -> Result<Self, RunError> {
         let words: Vec<GridWord> = words.iter().filter(|w| w.is_attribute()).cloned().collect();
-        let slack = 0.05 * bench.scale.voxel_size;
-        let filling = match stock.fill() {
-            Some(fill) if words.iter().any(GridWord::needs_scaffold) => Some(Filling {
-                fill,
-                weights: fill.cell_weights()?,
-                boundaries: boundaries(&fill.loaded.scaffold, slack),
+        let slack = 0.05 * context.scale.voxel_size;
+        let tiling = match inputs.tiling() {
+            Some(tiling) if words.iter().any(GridWord::needs_scaffold) => Some(TilingAttributes {
+                tiling,
+                weights: tiling.cell_weights()?,
+                boundaries: boundaries(&tiling.loaded.scaffold, slack),
                 slack,
             }),
             _ => None,
         };
         Ok(Self {
             words,
-            filling,
+            tiling,
             thickness,
             factor: factor as f32,
         })
@@ -65,37 +66,41 @@ impl<'a> Attributes<'a> {
         &self.words
     }
 
-    /// Numbers at each point.
-    pub fn row(&self) -> usize {
+    /// Number of values per point.
+    pub fn values_per_point(&self) -> usize {
         self.words.iter().map(GridWord::components).sum()
     }
 
-    /// All numbers at points, one after the other.
-    pub fn numbers(&self, points: impl Iterator<Item = Vec3>) -> Vec<f32> {
+    /// The values at points, point by point in one list.
+    pub fn values(&self, points: impl Iterator<Item = Vec3>) -> Vec<f32> {
         let mut out = Vec::new();
         for p in points {
-            let spot = self.filling.as_ref().and_then(|f| Some((f, f.spot(p)?)));
-            let weights = spot.as_ref().map(|(f, (e, xi))| f.weights.list(*e, *xi));
+            let located = self.tiling.as_ref().and_then(|f| Some((f, f.locate(p)?)));
+            let weights = located.as_ref().map(|(f, (e, xi))| f.weights.list(*e, *xi));
             for word in &self.words {
-                match (word, &spot) {
+                match (word, &located) {
                     (GridWord::Thickness, _) => {
                         let t = self.thickness.map_or(0.0, |t| t.at(p));
                         out.push(t * self.factor);
                     }
-                    (GridWord::CellId, Some(_)) => out.push(greatest(weights.as_deref())),
+                    (GridWord::CellId, Some(_)) => out.push(index_of_greatest(weights.as_deref())),
                     (GridWord::ElementId, Some((f, (e, _)))) => {
-                        out.push(f.fill.loaded.scaffold.number(*e) as f32);
+                        out.push(f.tiling.loaded.scaffold.number(*e) as f32);
                     }
                     (GridWord::Weight(name), Some((f, _))) => {
-                        let place = f.fill.palette.iter().position(|entry| entry.name == *name);
-                        let own = place.and_then(|n| weights.as_ref()?.get(n));
-                        out.push(own.map_or(0.0, |w| *w as f32));
+                        let index = f
+                            .tiling
+                            .palette
+                            .iter()
+                            .position(|entry| entry.name == *name);
+                        let weight = index.and_then(|n| weights.as_ref()?.get(n));
+                        out.push(weight.map_or(0.0, |w| *w as f32));
                     }
                     (GridWord::Uvw, Some((_, (_, xi)))) => {
                         out.extend(xi.0.map(|c| c as f32).iter());
                     }
                     (GridWord::Fold, Some((f, (e, xi)))) => {
-                        let shape = f.fill.loaded.scaffold.element(*e).shape();
+                        let shape = f.tiling.loaded.scaffold.element(*e).shape();
                         out.extend(folded(shape, *xi).map(|c| c as f32));
                     }
                     (GridWord::CellId | GridWord::ElementId, None) => out.push(-1.0),
@@ -107,40 +112,44 @@ impl<'a> Attributes<'a> {
         out
     }
 
-    /// As grids on the voxels of a level set, in the order of the words.
-    pub fn grids(&self, bench: Bench, solid: &LevelSet) -> Result<Vec<Attribute>, RunError> {
+    /// The values as grids on the voxels of a level set, in the order of the words.
+    pub fn grids(
+        &self,
+        context: StageContext,
+        solid: &LevelSet,
+    ) -> Result<Vec<Attribute>, RunError> {
         let components: Vec<usize> = self.words.iter().map(GridWord::components).collect();
         if components.is_empty() {
             return Ok(Vec::new());
         }
         let leaves = solid.info().map_err(RunError::level_set("grids"))?.leaves;
-        bench.progress.stage("grids", Some(leaves));
-        let numbers = |points: &[WorldPoint]| self.numbers(points.iter().map(|p| p.0));
+        context.progress.stage("grids", Some(leaves));
+        let values = |points: &[WorldPoint]| self.values(points.iter().map(|p| p.0));
         solid
-            .attributes(&components, numbers, bench.session())
+            .attributes(&components, values, context.session())
             .map_err(RunError::level_set("grids"))
     }
 
-    /// All numbers at points, point by point.
-    pub fn rows(&self, bench: Bench, points: &[Vec3]) -> Vec<f32> {
+    /// The values at points, computed in parallel.
+    pub fn rows_at(&self, context: StageContext, points: &[Vec3]) -> Vec<f32> {
         if self.words.is_empty() {
             return Vec::new();
         }
-        bench.threads.install(|| {
+        context.threads.install(|| {
             let chunks = points.par_chunks(4096);
-            let numbers = chunks.flat_map_iter(|c| self.numbers(c.iter().copied()));
-            numbers.collect()
+            let values = chunks.flat_map_iter(|c| self.values(c.iter().copied()));
+            values.collect()
         })
     }
 
-    /// A name for each number of a point.
+    /// A name for each value of a point.
     pub fn names(&self) -> Vec<String> {
         self.words.iter().flat_map(names).collect()
     }
 
-    /// As numbers at vertices.
-    pub fn at_vertices(&self, bench: Bench, vertices: &[Vec3]) -> Vec<VertexAttribute> {
-        let all = self.rows(bench, vertices);
+    /// The values at vertices, grouped by word.
+    pub fn at_vertices(&self, context: StageContext, vertices: &[Vec3]) -> Vec<VertexAttribute> {
+        let all = self.rows_at(context, vertices);
         let mut start = 0;
         self.words
             .iter()
@@ -148,10 +157,10 @@ impl<'a> Attributes<'a> {
                 let count = word.components();
                 let own = start..start + count;
                 start += count;
-                let rows = all.chunks_exact(self.row());
+                let rows = all.chunks_exact(self.values_per_point());
                 VertexAttribute {
                     names: names(word),
-                    values: rows.flat_map(|r| r[own.clone()].to_vec()).collect(),
+                    values: rows.flat_map(|row| row[own.clone()].to_vec()).collect(),
                 }
             })
             .collect()
@@ -165,7 +174,7 @@ fn boundaries(scaffold: &Scaffold, slack: f64) -> Vec<MeshSolid> {
     outer.collect()
 }
 
-/// The names of a word's numbers.
+/// The names of a word's values.
 fn names(word: &GridWord) -> Vec<String> {
     if word.components() == 1 {
         return vec![word.to_string()];
@@ -173,8 +182,8 @@ fn names(word: &GridWord) -> Vec<String> {
     ["x", "y", "z"].map(|a| format!("{word}_{a}")).into()
 }
 
-/// The place of the greatest weight; the first of equals.
-fn greatest(weights: Option<&[f64]>) -> f32 {
+/// The index of the greatest weight; the first of equal ones.
+fn index_of_greatest(weights: Option<&[f64]>) -> f32 {
     let weights = weights.unwrap_or_default();
     let mut best = 0;
     for (n, w) in weights.iter().enumerate() {
@@ -185,46 +194,47 @@ fn greatest(weights: Option<&[f64]>) -> f32 {
     best as f32
 }
 
-impl Filling<'_> {
-    /// The element at a point or, beyond the scaffold, at its closest point, with the reference point.
-    fn spot(&self, p: Vec3) -> Option<(usize, CellPoint<3>)> {
-        let scaffold = &self.fill.loaded.scaffold;
+impl TilingAttributes<'_> {
+    /// The element at a point and its reference point; outside the scaffold, those of the closest
+    /// boundary point.
+    fn locate(&self, p: Vec3) -> Option<(usize, CellPoint<3>)> {
+        let scaffold = &self.tiling.loaded.scaffold;
         if let Some((e, xi)) = scaffold.locate(WorldPoint(p)) {
             return Some((e as usize, xi));
         }
         let closest = self.boundaries.iter().map(|b| b.closest(p).point);
         let q = closest.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()))?;
         let mut found = Vec::new();
-        let near = Aabb { min: q, max: q }.dilated(2.0 * self.slack);
-        scaffold.candidates(&near, &mut found);
+        let region = Aabb { min: q, max: q }.dilated(2.0 * self.slack);
+        scaffold.candidates(&region, &mut found);
         let mut best: Option<(f64, usize, CellPoint<3>)> = None;
         for e in found {
             let element = scaffold.element(e as usize);
             let Ok(xi) = element.inverse(WorldPoint(q)) else {
                 continue;
             };
-            let beyond = element.shape().face_distance(xi);
-            if best.is_none_or(|b| beyond < b.0) {
-                best = Some((beyond, e as usize, xi));
+            let face_distance = element.shape().face_distance(xi);
+            if best.is_none_or(|b| face_distance < b.0) {
+                best = Some((face_distance, e as usize, xi));
             }
         }
         best.map(|(_, e, xi)| (e, xi))
     }
 }
 
-/// Reference coordinates folded by all renumberings of the element's nodes.
+/// Reference coordinates reduced by the symmetry of the element: equal for all numberings of its nodes.
 fn folded(shape: Element, xi: CellPoint<3>) -> [f64; 3] {
-    let falling = |v: &mut [f64]| v.sort_by(|a, b| b.total_cmp(a));
+    let sort_descending = |v: &mut [f64]| v.sort_by(|a, b| b.total_cmp(a));
     let u = xi.0;
     match shape {
         Element::Tet => {
             let v = shape.vertices();
             let edges = crate::frame::Mat3::from_columns(&[v[1] - v[0], v[2] - v[0], v[3] - v[0]]);
-            // The reference tet has a volume.
+            // The edges of the reference tet are independent, so the inverse exists.
             let b = edges.try_inverse().unwrap_or_default() * (u - v[0]);
-            let mut all = [1.0 - b.sum(), b.x, b.y, b.z];
-            falling(&mut all);
-            [all[0], all[1], all[2]]
+            let mut barycentric = [1.0 - b.sum(), b.x, b.y, b.z];
+            sort_descending(&mut barycentric);
+            [barycentric[0], barycentric[1], barycentric[2]]
         }
         Element::Wedge | Element::Tri => {
             let v = shape.vertices();
@@ -232,21 +242,21 @@ fn folded(shape: Element, xi: CellPoint<3>) -> [f64; 3] {
             let area = a.x * b.y - a.y * b.x;
             let s = (p.x * b.y - p.y * b.x) / area;
             let t = (a.x * p.y - a.y * p.x) / area;
-            let mut all = [1.0 - s - t, s, t];
-            falling(&mut all);
-            [all[0], all[1], u.z.abs()]
+            let mut barycentric = [1.0 - s - t, s, t];
+            sort_descending(&mut barycentric);
+            [barycentric[0], barycentric[1], u.z.abs()]
         }
         Element::Hex => {
-            let mut all = [u.x.abs(), u.y.abs(), u.z.abs()];
-            falling(&mut all);
-            all
+            let mut folded = [u.x.abs(), u.y.abs(), u.z.abs()];
+            sort_descending(&mut folded);
+            folded
         }
-        // Never an element of a scaffold.
+        // The ball is not an element of scaffolds.
         Element::Ball => u.into(),
         Element::Pyramid | Element::Quad => {
-            let mut all = [u.x.abs(), u.y.abs()];
-            falling(&mut all);
-            [all[0], all[1], u.z]
+            let mut folded = [u.x.abs(), u.y.abs()];
+            sort_descending(&mut folded);
+            [folded[0], folded[1], u.z]
         }
     }
 }

@@ -1,20 +1,19 @@
 //! Runs in bricks: parts larger than memory, and parts made by several machines.
 //!
-//! A **brick** is a box of blocks of 128^3 voxels. It is sampled for itself, with a halo as wide as the
-//! operations reach, operated on, cropped, and kept as a leaf file: complete, checked, or not there.
-//! The leaf files together are the band, and number files beside them are what it is shaded by; they
-//! are measured and written to ordinary files brick by brick. No value depends on the bricks, so the
-//! content hash is that of the run in memory, whatever their size, the threads, or how often the work
-//! was stopped.
+//! A **brick** is a box of blocks of 128^3 voxels. It is sampled with a halo as wide as its operations
+//! reach, operated on, cropped, and stored as a leaf file, which is complete or absent. The leaf files
+//! together are the band; attribute files beside them hold the values that shade it. Measures and
+//! outputs are computed brick by brick. No value depends on the bricks: the content hash equals that of
+//! a run in memory, for any brick size, number of threads and number of interruptions.
 
 use super::error::RunError;
 use super::estimate::{self, Counts};
 use super::field_ops::Shape;
-use super::inputs::Stock;
-use super::level_set_ops::{self, Bench};
+use super::inputs::Inputs;
+use super::level_set_ops::{self, StageContext};
 use super::report::SolidReport;
 use super::voxels::Voxels;
-use super::{Clock, Parts, RunOptions, Targets};
+use super::{RunOptions, StageResults, StageTimer, Targets};
 use crate::band::{
     BLOCK, BandStats, LEAF, LeafBatch, LeafFileHead, LeafFileWriter, LeafSink, LeafStore, Region,
     VOXELS,
@@ -53,24 +52,24 @@ pub use farm::{brick_plan, make_bricks, merge_bricks};
 pub use plan::BrickPlan;
 
 use budget::{check_disk, edge_that_fits, leaf_bytes};
-use directory::{Lock, clear, directory_beside, existing, make_directory, size_of};
-use halo::{Pass, before_resampling, passes, reach, widest};
-use merge::gather;
-use plan::layout;
-use refusal::refusal;
+use directory::{Lock, clear, directory_beside, make_directory, nearest_existing, size_of};
+use halo::{Pass, before_resampling, max_halo, passes, total_reach};
+use merge::merge_and_write;
+use plan::make_plan;
+use refusal::bricks_refusal;
 use solid::Bricks;
 
-/// The plan's name among the bricks of a run.
-const PLAN: &str = "plan.json";
-/// Voxels along the edge of a part that is operated on: an upper node of OpenVDB's tree.
-const LARGEST_PART: i32 = 4096;
-/// Leaves that travel to a file together.
-const BATCH: usize = 256;
+/// File name of the plan in the brick directory.
+const PLAN_FILE: &str = "plan.json";
+/// Greatest edge of a part that is operated on, voxels: that of an upper node of OpenVDB's tree.
+const MAX_PART_EDGE: i32 = 4096;
+/// Leaves per batch written to a file.
+const LEAVES_PER_BATCH: usize = 256;
 
-/// Passes on wishes to stop, and shows nothing: a brick is one unit of its run's progress.
-struct Quiet<'a>(&'a dyn Progress);
+/// Progress that forwards cancellation and hides stages: a brick is one unit of its run's progress.
+struct CancelOnly<'a>(&'a dyn Progress);
 
-impl Progress for Quiet<'_> {
+impl Progress for CancelOnly<'_> {
     fn stage(&self, _: &str, _: Option<u64>) {}
     fn advance(&self, _: u64) {}
     fn cancelled(&self) -> bool {
@@ -78,49 +77,49 @@ impl Progress for Quiet<'_> {
     }
 }
 
-/// What the first pass is made from.
-enum Begun<'a> {
+/// The source of the first pass.
+enum FirstPassSource<'a> {
     Field(Shape<'a>),
-    /// A file's level set as it is.
+    /// The level set of a file, unchanged.
     File(&'a LevelSet),
 }
 
-/// The bricks of a run on disk.
-struct Yard<'a> {
-    pub stock: &'a Stock<'a>,
+/// A run in bricks and its files on disk.
+struct BrickRun<'a> {
+    pub inputs: &'a Inputs<'a>,
     pub plan: BrickPlan,
-    /// The plan's.
+    /// Hash of the plan.
     digest: [u8; 32],
     pub passes: Vec<Pass>,
-    /// The plan's bricks, in which the first pass is made.
+    /// The plan's bricks, for the first pass.
     pub first: Bricks,
-    /// Where the leaf files are.
+    /// Directory of the leaf files.
     pub directory: PathBuf,
     pub threads: &'a Threads,
     pub progress: &'a dyn Progress,
 }
 
-impl<'a> Yard<'a> {
+impl<'a> BrickRun<'a> {
     fn new(
-        stock: &'a Stock<'a>,
+        inputs: &'a Inputs<'a>,
         plan: BrickPlan,
         directory: PathBuf,
         threads: &'a Threads,
         progress: &'a dyn Progress,
     ) -> Self {
         Self {
-            stock,
+            inputs,
             digest: plan.digest(),
-            first: Bricks::of_plan(&plan, Voxels::first(stock)),
+            first: Bricks::of_plan(&plan, Voxels::first(inputs)),
             plan,
-            passes: passes(stock),
+            passes: passes(inputs),
             directory,
             threads,
             progress,
         }
     }
 
-    /// The leaf file of one of the bricks after a pass, and what it begins with.
+    /// Path and header of the leaf file of a brick after a pass.
     pub fn file(&self, pass: usize, bricks: &Bricks, brick: usize) -> (PathBuf, LeafFileHead) {
         let mut digest = self.digest;
         let mut name = format!("brick-{brick:06}.leaves");
@@ -137,17 +136,17 @@ impl<'a> Yard<'a> {
         (self.directory.join(name), head)
     }
 
-    /// Bricks whose first pass is there.
-    fn whole(&self) -> usize {
+    /// Number of bricks whose first pass is complete.
+    fn complete_bricks(&self) -> usize {
         let bricks = 0..self.first.len();
         bricks
             .filter(|&n| self.file(0, &self.first, n).0.exists())
             .count()
     }
 
-    /// A wish to stop as what it is: bricks that are there stay.
-    pub fn stopped(&self, error: RunError) -> RunError {
-        let made = self.whole();
+    /// Converts a cancellation to [`RunError::Stopped`] if any bricks are complete, which are kept.
+    pub fn as_stopped(&self, error: RunError) -> RunError {
+        let made = self.complete_bricks();
         if made == 0 || !error.is_cancelled() {
             return error;
         }
@@ -158,28 +157,31 @@ impl<'a> Yard<'a> {
         }
     }
 
-    /// Makes some bricks of the first pass, skipping those that are there and whole; gives the
-    /// sampling's counts and how many were skipped.
-    pub fn make(&self, bricks: std::ops::Range<usize>) -> Result<(BandStats, usize), RunError> {
-        let begun = match self.stock.volumes.start() {
-            Some(solid) => Begun::File(solid),
-            None => Begun::Field(super::field_ops::shape(
-                self.stock,
+    /// Makes some bricks of the first pass and skips complete ones. Returns the counts of the sampling
+    /// and the number of bricks skipped.
+    pub fn make_first_pass(
+        &self,
+        bricks: std::ops::Range<usize>,
+    ) -> Result<(BandStats, usize), RunError> {
+        let source = match self.inputs.volumes.start() {
+            Some(solid) => FirstPassSource::File(solid),
+            None => FirstPassSource::Field(super::field_ops::shape(
+                self.inputs,
                 self.first.voxels.scale,
             )?),
         };
-        self.stock.begin_visits();
+        self.inputs.clear_visits();
         let (mut stats, mut skipped) = (BandStats::default(), 0);
         self.progress.stage("bricks", Some(bricks.len() as u64));
         for brick in bricks {
-            let made = self.make_file((0, &self.first), brick, |writer| match &begun {
-                Begun::Field(shape) => self.sample(brick, shape, writer),
-                Begun::File(solid) => {
+            let result = self.make_file((0, &self.first), brick, |writer| match &source {
+                FirstPassSource::Field(shape) => self.sample(brick, shape, writer),
+                FirstPassSource::File(solid) => {
                     crop(solid, Coord([0; 3]), self.first.region(brick), writer)?;
                     Ok(BandStats::default())
                 }
             })?;
-            match made {
+            match result {
                 Some(counts) => stats += counts,
                 None => skipped += 1,
             }
@@ -188,7 +190,7 @@ impl<'a> Yard<'a> {
         Ok((stats, skipped))
     }
 
-    /// Makes the leaf file of a brick, whole or not at all; nothing is done where it is there.
+    /// Writes the leaf file of a brick atomically; does nothing if a valid file exists.
     fn make_file<T>(
         &self,
         (pass, bricks): (usize, &Bricks),
@@ -199,14 +201,14 @@ impl<'a> Yard<'a> {
         if LeafStore::check(&path, &head).is_ok() {
             return Ok(None);
         }
-        let failed = |e: io::Error| RunError::Write(unwritten(&path, e));
+        let failed = |e: io::Error| RunError::Write(write_error(&path, e));
         let writer = LeafFileWriter::new(AtomicFile::create(&path)?, &head).map_err(failed)?;
-        let found = fill(&writer).map_err(|e| stored(&path, e))?;
+        let found = fill(&writer).map_err(|e| leaf_file_error(&path, e))?;
         writer.finish().map_err(failed)?.commit()?;
         Ok(Some(found))
     }
 
-    /// The first pass: samples a brick and does the operations that it can do by itself.
+    /// The first pass: samples a brick and applies the operations that need no other pass.
     fn sample(
         &self,
         brick: usize,
@@ -214,68 +216,69 @@ impl<'a> Yard<'a> {
         writer: &LeafFileWriter<AtomicFile>,
     ) -> Result<BandStats, RunError> {
         let region = self.first.region(brick);
-        let quiet = Quiet(self.progress);
-        let mut bench = self.first.bench(self, &quiet);
+        let quiet = CancelOnly(self.progress);
+        let mut context = self.first.context(self, &quiet);
         let pass = &self.passes[0];
         if pass.ops.is_empty() {
-            let band = bench.band(shape)?;
+            let band = context.band(shape)?;
             return band
                 .evaluate_within(region, self.threads, &quiet, writer)
                 .map_err(RunError::band("bricks"));
         }
         let sampled = region.grown(pass.halo);
-        bench.region = Some(sampled);
-        let (mut solid, stats) = bench.sample(shape, "band")?;
-        operate_on(&mut bench, self.stock, pass, &mut solid)?;
+        context.region = Some(sampled);
+        let (mut solid, stats) = context.sample(shape, "band")?;
+        operate_on(&mut context, self.inputs, pass, &mut solid)?;
         crop(&solid, sampled.min, region, writer)?;
         Ok(stats)
     }
 }
 
-/// Does the operations of a pass to a part of the solid.
+/// Applies the operations of a pass to a part of the solid.
 fn operate_on(
-    bench: &mut Bench,
-    stock: &Stock,
+    context: &mut StageContext,
+    inputs: &Inputs,
     pass: &Pass,
     solid: &mut LevelSet,
 ) -> Result<(), RunError> {
-    let mut unread = SolidReport::default();
-    let ops = stock.recipe.sections().op.iter().enumerate();
+    let mut ignored_report = SolidReport::default();
+    let ops = inputs.recipe.sections().op.iter().enumerate();
     for (n, op) in ops.take(pass.ops.end).skip(pass.ops.start) {
-        level_set_ops::apply(bench, stock, (n, op), solid, &mut unread)?;
+        level_set_ops::apply(context, inputs, (n, op), solid, &mut ignored_report)?;
     }
     Ok(())
 }
 
-/// Hands the leaves of a level set, whose voxel (0, 0, 0) is `first`, that lie in a region to a sink.
+/// Writes the leaves of a level set that lie in a region to a sink. `first` is the global index of its
+/// voxel (0, 0, 0).
 fn crop(
     solid: &LevelSet,
     first: Coord,
     region: Region,
     sink: &dyn LeafSink,
 ) -> Result<(), RunError> {
-    crop_those(solid, first, region, sink, |_| true)
+    crop_where(solid, first, region, sink, |_| true)
 }
 
-/// The same for those of the leaves for whose origins `holds` does.
-fn crop_those(
+/// As [`crop`], only for leaves whose origins `keeps` admits.
+fn crop_where(
     solid: &LevelSet,
     first: Coord,
     region: Region,
     sink: &dyn LeafSink,
-    holds: impl Fn(Coord) -> bool,
+    keeps: impl Fn(Coord) -> bool,
 ) -> Result<(), RunError> {
     let leaves = solid.leaves().map_err(RunError::level_set("bricks"))?;
-    let own = leaves.iter().filter_map(|leaf| {
+    let leaves_in_region = leaves.iter().filter_map(|leaf| {
         let origin = leaf.origin.offset(first[0], first[1], first[2]);
-        let is_own = region.meets(origin, LEAF) && leaf.any_active() && holds(origin);
+        let is_own = region.meets(origin, LEAF) && leaf.any_active() && keeps(origin);
         is_own.then_some((origin, leaf.mask, leaf.values))
     });
-    hand_over(own, sink)
+    write_leaves(leaves_in_region, sink)
 }
 
-/// Hands leaves, in order of origin, to a sink block by block.
-fn hand_over<'a>(
+/// Writes leaves to a sink block by block, in order of origin.
+fn write_leaves<'a>(
     leaves: impl Iterator<Item = (Coord, [u64; 8], &'a [f32; VOXELS])>,
     sink: &dyn LeafSink,
 ) -> Result<(), RunError> {
@@ -285,7 +288,7 @@ fn hand_over<'a>(
         let block = origin.aligned(BLOCK);
         let batch = blocks.entry(block).or_default();
         batch.push(origin, mask, values);
-        if batch.len() == BATCH {
+        if batch.len() == LEAVES_PER_BATCH {
             sink.block(block, batch).map_err(failed)?;
             batch.clear();
         }
@@ -296,7 +299,7 @@ fn hand_over<'a>(
     Ok(())
 }
 
-fn unwritten(path: &Path, error: io::Error) -> WriteError {
+fn write_error(path: &Path, error: io::Error) -> WriteError {
     WriteError::Io {
         path: path.to_owned(),
         written: 0,
@@ -305,8 +308,8 @@ fn unwritten(path: &Path, error: io::Error) -> WriteError {
     }
 }
 
-/// An error of a leaf file met while sampling, as what it is.
-fn stored(path: &Path, error: RunError) -> RunError {
+/// Converts an error of a leaf file that the sampling wraps to a write error.
+fn leaf_file_error(path: &Path, error: RunError) -> RunError {
     let RunError::Band {
         error: crate::band::BandError::Sink(sink),
         ..
@@ -315,162 +318,166 @@ fn stored(path: &Path, error: RunError) -> RunError {
         return error;
     };
     match sink.into_inner().downcast::<io::Error>() {
-        Ok(io) => RunError::Write(unwritten(path, *io)),
+        Ok(io) => RunError::Write(write_error(path, *io)),
         Err(other) => RunError::band("bricks")(crate::band::SinkError::new(other).into()),
     }
 }
 
-/// The edge of bricks in blocks; in voxels their widest halo, and how far the solid may move.
+/// Edge of the bricks in blocks; their greatest halo and the greatest move of the surface, in voxels.
 struct Layout {
     edge: u32,
     halo: i32,
     reach: i32,
 }
 
-/// Whether a run must go through bricks, or is asked to, and through which.
-pub(super) fn decide(
-    stock: &Stock,
+/// The plan in bricks of a run that needs bricks or requests them; `None` for a run in memory.
+pub(super) fn plan_if_needed(
+    inputs: &Inputs,
     threads: &Threads,
     options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<Option<BrickPlan>, RunError> {
-    let short = estimate::shortage(stock, threads, options.memory, progress)?;
-    let is_short = short.is_some();
-    let (counts, budget) = match (short, options.bricks) {
+    let shortage = estimate::shortage(inputs, threads, options.memory, progress)?;
+    let is_needed = shortage.is_some();
+    let (counts, budget) = match (shortage, options.bricks) {
         (None, None) => return Ok(None),
-        (Some(short), _) => (short.counts, short.available),
+        (Some(shortage), _) => (shortage.counts, shortage.available),
         (None, Some(_)) => {
-            let counts = estimate::counts(stock, threads, progress)?;
+            let counts = estimate::counts(inputs, threads, progress)?;
             (counts, options.memory.unwrap_or(u64::MAX))
         }
     };
-    // Before the memory of bricks, which no budget mends then, and before all blocks are listed: of a part
-    // without measure that takes as long as the part.
-    let directory = directory_beside(stock.recipe, options.out.as_deref());
-    if let Err(full) = check_disk(existing(&directory), leaf_bytes(&counts) as u64) {
-        if !is_short {
-            return Err(full);
+    // The disk is checked before the memory of bricks, because no budget makes up for a full disk, and
+    // before all blocks are listed, which for a huge part takes very long.
+    let directory = directory_beside(inputs.recipe, options.out.as_deref());
+    if let Err(disk_error) = check_disk(nearest_existing(&directory), leaf_bytes(&counts) as u64) {
+        if !is_needed {
+            return Err(disk_error);
         }
-        let reason = format!("nor is there room for its bricks: {full}");
+        let reason = format!("the disk has no space for them: {disk_error}");
         return Err(estimate::shortage_error(
-            stock, threads, &counts, budget, reason,
+            inputs, threads, &counts, budget, reason,
         ));
     }
-    let found = lay_out(stock, threads, &counts, (budget, options.bricks))?;
-    layout(stock, &found, &counts, threads, progress).map(Some)
+    let found = choose_layout(inputs, threads, &counts, (budget, options.bricks))?;
+    make_plan(inputs, &found, &counts, threads, progress).map(Some)
 }
 
-/// Bytes that the files of a plan's bricks take until the outputs are written.
-pub(super) fn brick_bytes(stock: &Stock, plan: &BrickPlan) -> u64 {
-    budget::brick_bytes(stock, plan.leaf_bytes)
+/// Bytes of the files of a plan's bricks until the outputs are written.
+pub(super) fn brick_bytes(inputs: &Inputs, plan: &BrickPlan) -> u64 {
+    budget::brick_bytes(inputs, plan.leaf_bytes)
 }
 
-/// A whole run through bricks. They are kept beside the outputs until all is written: a run that was
-/// stopped goes on from there.
+/// Runs a recipe in bricks. They are kept beside the outputs until all is written, so that an
+/// interrupted run can resume.
 pub(super) fn run(
-    stock: &Stock,
+    inputs: &Inputs,
     plan: BrickPlan,
     options: &RunOptions,
     threads: &Threads,
     targets: &Targets,
-    clock: &mut Clock,
-) -> Result<Parts, RunError> {
-    let directory = directory_beside(stock.recipe, options.out.as_deref());
+    timer: &mut StageTimer,
+) -> Result<StageResults, RunError> {
+    let directory = directory_beside(inputs.recipe, options.out.as_deref());
     make_directory(&directory)?;
     let lock = Lock::take(&directory)?;
     let (plan, is_new) =
-        resumed(&directory, stock, options.bricks).map_or((plan, true), |p| (p, false));
-    // Bricks of another plan are of no use, nor is what a killed run has begun.
+        resumable_plan(&directory, inputs, options.bricks).map_or((plan, true), |p| (p, false));
+    // Removes bricks of another plan and temporary files of a killed run.
     clear(&directory, |name| is_new || name.starts_with('.'));
     for path in targets.files.iter().map(|(_, path)| path) {
-        remove_abandoned(path, clock.began);
+        remove_abandoned(path, timer.began);
     }
-    let yard = Yard::new(stock, plan, directory, threads, clock.progress);
-    let bricks = budget::brick_bytes(stock, yard.plan.leaf_bytes);
-    let all = bricks.saturating_add(estimate::disk(stock, threads, yard.plan.leaf_bytes));
-    let there = size_of(&yard.directory);
-    let checked = check_disk(&yard.directory, all.saturating_sub(there));
-    let done = checked.and_then(|()| {
-        let text = serde_json::to_string(&yard.plan).unwrap_or_default();
-        crate::io::atomic::write_bytes(yard.directory.join(PLAN), text.as_bytes())?;
-        whole_run(&yard, (targets, options.brief), clock)
+    let brick_run = BrickRun::new(inputs, plan, directory, threads, timer.progress);
+    let bricks = budget::brick_bytes(inputs, brick_run.plan.leaf_bytes);
+    let total_bytes =
+        bricks.saturating_add(estimate::disk(inputs, threads, brick_run.plan.leaf_bytes));
+    let existing_bytes = size_of(&brick_run.directory);
+    let disk_check = check_disk(
+        &brick_run.directory,
+        total_bytes.saturating_sub(existing_bytes),
+    );
+    let outcome = disk_check.and_then(|()| {
+        let text = serde_json::to_string(&brick_run.plan).unwrap_or_default();
+        crate::io::atomic::write_bytes(brick_run.directory.join(PLAN_FILE), text.as_bytes())?;
+        make_all(&brick_run, (targets, options.brief), timer)
     });
-    // What was made is kept for the next run, if anything was.
-    if done.is_ok() || yard.whole() == 0 {
-        let _ = std::fs::remove_dir_all(&yard.directory);
+    // Complete bricks are kept for the next run.
+    if outcome.is_ok() || brick_run.complete_bricks() == 0 {
+        let _ = std::fs::remove_dir_all(&brick_run.directory);
     }
     drop(lock);
-    done.map_err(|e| yard.stopped(e))
+    outcome.map_err(|e| brick_run.as_stopped(e))
 }
 
-fn whole_run(
-    yard: &Yard,
+fn make_all(
+    brick_run: &BrickRun,
     (targets, is_brief): (&Targets, bool),
-    clock: &mut Clock,
-) -> Result<Parts, RunError> {
-    let (stats, whole) = yard.make(0..yard.first.len())?;
-    clock.lap("bricks")?;
-    let mut parts = gather(yard, None, (targets, is_brief), clock)?;
-    parts.band.active_voxels_sampled = stats.active_voxels;
-    parts.band.leaves_touched = stats.leaves_touched;
-    parts.band.leaves_kept = stats.leaves_kept;
-    parts.band.voxels_evaluated = stats.voxels_evaluated;
-    if let Some(bricks) = &mut parts.bricks {
-        bricks.found_whole = whole as u64;
+    timer: &mut StageTimer,
+) -> Result<StageResults, RunError> {
+    let (stats, skipped) = brick_run.make_first_pass(0..brick_run.first.len())?;
+    timer.end_stage("bricks")?;
+    let mut results = merge_and_write(brick_run, None, (targets, is_brief), timer)?;
+    results.band.active_voxels_sampled = stats.active_voxels;
+    results.band.leaves_touched = stats.leaves_evaluated;
+    results.band.leaves_kept = stats.leaves_kept;
+    results.band.voxels_evaluated = stats.samples_evaluated;
+    if let Some(bricks) = &mut results.bricks {
+        bricks.found_whole = skipped as u64;
     }
-    Ok(parts)
+    Ok(results)
 }
 
-/// The plan of a stopped run, if it is of the same recipe, inputs and program.
-fn resumed(directory: &Path, stock: &Stock, edge: Option<u32>) -> Option<BrickPlan> {
-    let text = std::fs::read_to_string(directory.join(PLAN)).ok()?;
+/// The plan of an interrupted run, if it has the same recipe, inputs and program version.
+fn resumable_plan(directory: &Path, inputs: &Inputs, edge: Option<u32>) -> Option<BrickPlan> {
+    let text = std::fs::read_to_string(directory.join(PLAN_FILE)).ok()?;
     let plan: BrickPlan = serde_json::from_str(&text).ok()?;
-    let same = plan.check().is_ok() && plan.differences(stock).is_empty();
-    (same && edge.is_none_or(|e| e == plan.edge)).then_some(plan)
+    let is_same = plan.check().is_ok() && plan.differences(inputs).is_empty();
+    (is_same && edge.is_none_or(|e| e == plan.edge)).then_some(plan)
 }
 
-/// How a run goes through bricks within a budget.
-fn lay_out(
-    stock: &Stock,
+/// Chooses the bricks of a run within a budget.
+fn choose_layout(
+    inputs: &Inputs,
     threads: &Threads,
     counts: &Counts,
     (budget, edge): (u64, Option<u32>),
 ) -> Result<Layout, RunError> {
-    if let Some(reason) = refusal(stock) {
+    if let Some(reason) = bricks_refusal(inputs) {
         return Err(estimate::shortage_error(
-            stock, threads, counts, budget, reason,
+            inputs, threads, counts, budget, reason,
         ));
     }
-    let passes = passes(stock);
-    let (halo, reach) = (widest(&passes), reach(before_resampling(&passes)));
-    let fitting = match halo {
+    let passes = passes(inputs);
+    let (halo, reach) = (max_halo(&passes), total_reach(before_resampling(&passes)));
+    let max_edge = match halo {
         0 => i32::MAX,
-        _ => (LARGEST_PART - 2 * halo).max(0) / BLOCK,
+        _ => (MAX_PART_EDGE - 2 * halo).max(0) / BLOCK,
     };
-    if fitting == 0 {
+    if max_edge == 0 {
         let span = BLOCK + 2 * halo;
         let reason = format!(
-            "its operations reach {halo} voxels, with which a brick spans {span}; at most {LARGEST_PART}"
+            "its operations need a halo of {halo} voxels, with which the smallest brick spans {span}; expected at most {MAX_PART_EDGE}"
         );
         return Err(estimate::shortage_error(
-            stock, threads, counts, budget, reason,
+            inputs, threads, counts, budget, reason,
         ));
     }
-    let fitting = fitting as u32;
-    if let Some(edge) = edge.filter(|&e| e > fitting) {
+    let max_edge = max_edge as u32;
+    if let Some(edge) = edge.filter(|&e| e > max_edge) {
         return Err(RunError::BrickSpan {
             edge,
             halo,
-            most: LARGEST_PART,
-            fitting,
+            max_span: MAX_PART_EDGE,
+            fitting: max_edge,
         });
     }
-    let edge = edge_that_fits(stock, threads, counts, (budget, edge))?.min(fitting);
+    let edge = edge_that_fits(inputs, threads, counts, (budget, edge))?.min(max_edge);
     Ok(Layout { edge, halo, reach })
 }
 
-/// A recipe's scale and half width as the words of a file name them.
-fn voxels(recipe: &Recipe) -> (f64, f64) {
+/// Voxel size and half width of a recipe.
+fn voxel_size_and_half_width(recipe: &Recipe) -> (f64, f64) {
     (
         recipe.scale().voxel_size,
         recipe.sections().band.half_width.0,

@@ -1,10 +1,10 @@
 //! Cells of a recipe: from their source to a level and a side that is solid.
 
 use super::error::RunError;
-use super::input_files::Inputs;
-use super::level_set_ops::Bench;
+use super::input_files::InputFiles;
+use super::level_set_ops::StageContext;
 use super::report::Warning;
-use super::source::{CellFault, Found, Reader, SourceFault, alone};
+use super::source::{CellFault, SourceFault, SourceReader, SourceRecord, scaffold_hint};
 use super::standalone::StandAlone;
 use crate::cell::{Cell, Solid, Surface};
 use crate::frame::{Element, Vec3};
@@ -14,9 +14,9 @@ use crate::tiling::TilingOptions;
 use crate::vdb::Session;
 use std::path::{Path, PathBuf};
 
-/// Makes the cell that a section describes, for an element.
+/// Makes the cell that a section describes, for one element shape.
 pub(super) fn make(
-    inputs: &mut Inputs,
+    files: &mut InputFiles,
     key: &str,
     section: &CellSection,
     element: Element,
@@ -26,58 +26,52 @@ pub(super) fn make(
         key: key.to_owned(),
         fault,
     };
-    if let Some(asked) = section.own_element().filter(|e| *e != element) {
+    if let Some(own) = section.own_element().filter(|e| *e != element) {
         return Err(fail(CellFault::Rule(format!(
-            "the cell is made for a {}, the scaffold has {} elements{}",
-            asked.name(),
+            "the cell is made for a {}; the scaffold has {} elements{}",
+            own.name(),
             element.name(),
-            alone(asked)
+            scaffold_hint(own)
         ))));
     }
     let name = key.rsplit('.').next().unwrap_or(key);
-    let recipe = inputs.recipe;
+    let recipe = files.recipe;
     if let Some(hybrid) = section.hybrid() {
-        // The recipe's check has made sure that every part exists and none contains itself.
+        // The recipe's check guarantees that every part exists and that no part contains itself.
         let mut parts = Vec::new();
         for part in hybrid.parts() {
             let own = &recipe.sections().cell[part];
-            parts.push(make(
-                inputs,
-                &format!("cell.{part}"),
-                own,
-                element,
-                session,
-            )?);
+            parts.push(make(files, &format!("cell.{part}"), own, element, session)?);
         }
         let options = super::fit_options(section);
         let cell = hybrid
             .make(name, &parts, &options, session.progress)
             .map_err(|e| SourceFault::from(e).of(key))?;
-        return levelled(cell, section).map_err(fail);
+        return with_level(cell, section).map_err(fail);
     }
-    let reader = Reader {
+    let reader = SourceReader {
         recipe: Some(recipe),
         session,
     };
-    let mut found = Found::default();
-    let cell = reader.cell(name, section, element, &mut found);
+    let mut record = SourceRecord::default();
+    let cell = reader.cell(name, section, element, &mut record);
     let cell = cell.map_err(|e| e.of(key))?;
-    let mut own = key.to_owned();
-    if let Some((word, path, bounds)) = found.file {
-        own = format!("{key}.{word}");
-        inputs.record(&own, &path, bounds)?;
+    let mut source_key = key.to_owned();
+    if let Some((word, path, bounds)) = record.file {
+        source_key = format!("{key}.{word}");
+        files.record(&source_key, &path, bounds)?;
     }
-    if let Some((crystal, bounds)) = found.crystal {
-        inputs.record_crystal(&format!("{key}.crystal"), &crystal, bounds)?;
+    if let Some((crystal, bounds)) = record.crystal {
+        files.record_crystal(&format!("{key}.crystal"), &crystal, bounds)?;
     }
-    for Warning { code, message } in found.warnings {
-        inputs.warn(code, format!("{own}: {message}"))?;
+    for Warning { code, message } in record.warnings {
+        files.warn(code, format!("{source_key}: {message}"))?;
     }
-    levelled(cell, section).map_err(fail)
+    with_level(cell, section).map_err(fail)
 }
 
-/// The element of a cell that no scaffold asks for: the one that its section names or its file has, a
-/// surface's own, else the hex.
+/// The element of a cell without a scaffold: the one that its section names or its file holds, the named
+/// surface's own, or the hex.
 ///
 /// # Errors
 /// [`ReadError`] of a `.cell` file.
@@ -95,7 +89,7 @@ pub fn own_element(
     Ok(surface.map_or(Element::Hex, Surface::element))
 }
 
-/// The same of a cell of a recipe; of a hybrid its first part's.
+/// The element of a cell of a recipe; a hybrid takes that of its first part.
 pub(super) fn recipe_element(recipe: &Recipe, section: &CellSection) -> Result<Element, ReadError> {
     let hybrid = section.hybrid().filter(|_| section.own_element().is_none());
     let first = hybrid.as_ref().and_then(|h| h.parts().next());
@@ -105,29 +99,29 @@ pub(super) fn recipe_element(recipe: &Recipe, section: &CellSection) -> Result<E
     }
 }
 
-/// Makes the cell that a section (of a command line, say) describes, its level found; paths are relative
-/// to the working directory. Gives what was odd, too.
+/// Makes the cell of a section outside a recipe, with its level. Paths are relative to the working
+/// directory. Returns the warnings too.
 ///
 /// # Errors
-/// [`RunError`]: no source, or more than one; what the source, the fit or the level refuse.
+/// [`RunError`]: no source, or more than one; a fault of the source, the fit or the level.
 pub fn make_cell(
     name: &str,
     section: &CellSection,
     element: Element,
     session: Session,
 ) -> Result<(Cell, Vec<Warning>), RunError> {
-    let reader = Reader {
+    let reader = SourceReader {
         recipe: None,
         session,
     };
-    let mut found = Found::default();
-    let cell = reader.cell(name, section, element, &mut found);
+    let mut record = SourceRecord::default();
+    let cell = reader.cell(name, section, element, &mut record);
     let cell = cell.map_err(|e| e.of(name))?;
-    let cell = levelled(cell, section).map_err(|fault| RunError::Cell {
+    let cell = with_level(cell, section).map_err(|fault| RunError::Cell {
         key: name.to_owned(),
         fault,
     })?;
-    Ok((cell, found.warnings))
+    Ok((cell, record.warnings))
 }
 
 /// The source that a section describes, for an element; paths are relative to the working directory.
@@ -139,16 +133,16 @@ pub fn read_source(
     element: Element,
     session: Session,
 ) -> Result<crate::cell::Source, RunError> {
-    let reader = Reader {
+    let reader = SourceReader {
         recipe: None,
         session,
     };
-    let source = reader.source(section, element, &mut Found::default());
+    let source = reader.source(section, element, &mut SourceRecord::default());
     source.map_err(|e| e.of("source"))
 }
 
-/// The cell with another side solid, at a level that is still to be found.
-fn sided(cell: Cell, side: Solid) -> Result<Cell, CellFault> {
+/// The cell with another solid side, at a provisional level.
+fn with_side(cell: Cell, side: Solid) -> Result<Cell, CellFault> {
     Ok(if side == Solid::Sheet {
         cell.sheet(1.0)?
     } else {
@@ -156,25 +150,26 @@ fn sided(cell: Cell, side: Solid) -> Result<Cell, CellFault> {
     })
 }
 
-/// Level and solid side of a cell as a section says; what it leaves out stays as it is.
+/// Sets level and solid side of a cell as a section requests; keys that the section leaves out change
+/// nothing.
 ///
 /// # Errors
-/// When no level gives the volume fraction or thickness asked for.
-pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
+/// When no level gives the requested volume fraction or thickness.
+pub fn with_level(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
     let side = section.solid.map(|s| match s {
         recipe::Solid::Below => Solid::Below,
         recipe::Solid::Above => Solid::Above,
         recipe::Solid::Sheet => Solid::Sheet,
     });
-    // What is asked of the solid is asked of it as it ends: after the exchange with the void.
+    // The request describes the final solid, so inversion comes first.
     let invert = section.invert == Some(true);
-    let ended = |cell: Cell| if invert { cell.inverted() } else { cell };
+    let invert_if_requested = |cell: Cell| if invert { cell.inverted() } else { cell };
     if let Some(thickness) = section.thickness {
         let side = side.unwrap_or(cell.solid());
-        let cell = ended(sided(cell, side)?);
+        let cell = invert_if_requested(with_side(cell, side)?);
         let recipe::Length::Bare(thickness) = thickness.0 else {
             return Err(CellFault::Rule(format!(
-                "thickness = \"{}\" is a length in space, which a fitted cell does not have; expected a \
+                "thickness = \"{}\" is a length in space, and a fitted cell has reference lengths only; expected a \
                  number of reference lengths, [tiling] thickness, or a graph with section = \"round\"",
                 thickness.0
             )));
@@ -185,7 +180,7 @@ pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
     }
     if let Some(fraction) = section.volume_fraction {
         let side = side.unwrap_or(cell.solid());
-        let cell = ended(sided(cell, side)?);
+        let cell = invert_if_requested(with_side(cell, side)?);
         let level = cell.level_for_volume_fraction(fraction.0)?;
         let side = cell.solid();
         return Ok(cell.with_solid(side, level)?);
@@ -196,10 +191,10 @@ pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
         let side = side.unwrap_or(cell.solid());
         cell = cell.with_solid(side, level)?;
     }
-    Ok(ended(cell))
+    Ok(invert_if_requested(cell))
 }
 
-/// What a report says of a cell.
+/// The report's entry for a cell.
 pub(super) fn facts(cell: &Cell) -> serde_json::Value {
     let mut facts = serde_json::json!({
         "element": cell.element().name(),
@@ -208,7 +203,7 @@ pub(super) fn facts(cell: &Cell) -> serde_json::Value {
         "gamma": cell.gamma(),
         "volume_fraction": cell.volume_fraction(),
         "group": cell.group(),
-        "coefficients": cell.form().coefficients(),
+        "coefficients": cell.expression().coefficients(),
     });
     if let Some(report) = cell.report() {
         facts["fit"] = serde_json::to_value(report).unwrap_or_default();
@@ -216,8 +211,8 @@ pub(super) fn facts(cell: &Cell) -> serde_json::Value {
     facts
 }
 
-/// What a report says of a name's cells, one for each shape of element: the first's facts and, in a mixed
-/// scaffold, those of each shape under `elements`.
+/// The report's entry for the cells of one name: the facts of the first; in a mixed scaffold also those
+/// of each element shape under `elements`.
 pub(super) fn facts_by_element(cells: &[Cell]) -> serde_json::Value {
     let mut all = facts(&cells[0]);
     if cells.len() > 1 {
@@ -229,11 +224,10 @@ pub(super) fn facts_by_element(cells: &[Cell]) -> serde_json::Value {
     all
 }
 
-/// One element of a cell as a level set with voxels of edge `voxel_size` in reference lengths: what a
-/// picture of it shows.
+/// One element of a cell as a level set, for a picture. `voxel_size` is in reference lengths.
 ///
 /// # Errors
-/// A cell without a surface; what the band and OpenVDB refuse.
+/// A cell without a surface; an error of the band or of OpenVDB.
 pub fn one_element(
     cell: &Cell,
     voxel_size: f64,
@@ -247,7 +241,7 @@ pub fn one_element(
         distance: crate::tiling::Distance::Fast,
         boundary: crate::tiling::Boundary::Cut,
     };
-    let bench = Bench {
+    let context = StageContext {
         threads: session.threads,
         progress: session.progress,
         scale: recipe::Scale {
@@ -258,5 +252,5 @@ pub fn one_element(
         region: None,
     };
     let shape = alone.shape(options, "the element".into())?;
-    Ok(bench.sample(&shape, "band")?.0)
+    Ok(context.sample(&shape, "band")?.0)
 }

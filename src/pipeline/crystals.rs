@@ -1,22 +1,22 @@
-//! Crystals of a recipe: their scripts, and the meshes that these make.
+//! Crystals of a recipe: their scripts and the meshes that the scripts make.
 
 use super::error::RunError;
 use super::input_files::hash_text;
 use crate::frame::Vec3;
-use crate::io::{DiskFiles, carry_out, read_script, script_fault};
+use crate::io::{DiskFiles, read_script, run_script, script_error};
 use crate::mesh::TriMesh;
 use crate::polymesh::PolyMesh;
 use crate::recipe::{CrystalFrame, Recipe, Similarity};
 use std::path::{Path, PathBuf};
 
-/// The script of a crystal, and what it needs to be carried out.
+/// The script of a crystal and the context to execute it in.
 #[derive(Clone, Debug)]
 pub struct CrystalScript {
     /// The steps.
     pub text: String,
-    /// Its own file, if the recipe does not hold the steps.
+    /// The script's file, unless the recipe contains the steps.
     pub file: Option<PathBuf>,
-    /// Where the paths of its `load` and `save` steps begin.
+    /// Directory that the paths of `load` and `save` steps are relative to.
     pub directory: PathBuf,
     /// Parameters and their values.
     pub set: Vec<(String, String)>,
@@ -55,28 +55,28 @@ pub fn crystal_script(recipe: &Recipe, name: &str) -> Result<CrystalScript, RunE
     })
 }
 
-/// A crystal, made.
+/// A crystal after its script has been executed.
 pub(super) struct Crystal {
     pub mesh: PolyMesh,
-    /// Where it comes from, for the report: its file, or its section.
+    /// Its file or section, for the report.
     pub origin: String,
     /// BLAKE3 of its script with its parameters.
     pub hash: String,
-    /// Every file that was read for it.
+    /// Every file that its script read.
     pub files: Vec<PathBuf>,
-    /// What its steps had to say.
+    /// Notes of its steps.
     pub notes: Vec<String>,
 }
 
 impl Crystal {
-    /// Carries out the script of a crystal and places the mesh; `save` steps do nothing.
+    /// Executes the script of a crystal and places the mesh. `save` steps write nothing.
     pub fn make(recipe: &Recipe, frame: &CrystalFrame) -> Result<Self, RunError> {
         let key = format!("crystal.{}", frame.name);
         let script = crystal_script(recipe, &frame.name)?;
         let files = DiskFiles::new(&script.directory, false);
-        let made = carry_out(&script.text, &files, &script.set);
+        let made = run_script(&script.text, &files, &script.set);
         let (mesh, notes) = made.map_err(|e| match &script.file {
-            Some(file) => RunError::Read(script_fault(file, &e)),
+            Some(file) => RunError::Read(script_error(file, &e)),
             None => recipe
                 .source()
                 .step_fault(&format!("{key}.steps"), &e)
@@ -98,7 +98,7 @@ impl Crystal {
         })
     }
 
-    /// Its triangles, of a mesh that looks outward.
+    /// Its triangles; an error if its faces do not look outward.
     pub fn solid(&self, recipe: &Recipe, frame: &CrystalFrame) -> Result<TriMesh, RunError> {
         let volume = self.mesh.volume();
         if volume <= 0.0 {

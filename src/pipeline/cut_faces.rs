@@ -1,9 +1,9 @@
-//! The faces that cut walls off: the scaffold's outer faces and the meshes that the solid is cut with.
+//! The faces that cut walls: outer faces of the scaffold and meshes of Boolean operations.
 //!
-//! A ball that touches one of them measures where the cut is, not how thick a wall was made. The
-//! percentiles of thickness leave such balls out.
+//! A ball that touches a cut measures the position of the cut and not the thickness of a wall. The
+//! thickness percentiles leave such balls out.
 
-use super::inputs::Stock;
+use super::inputs::Inputs;
 use super::least_wall::Wall;
 use crate::frame::Vec3;
 use crate::mesh::MeshSolid;
@@ -13,8 +13,9 @@ use rayon::prelude::*;
 
 /// Chordal error of the scaffold's curved outer faces, voxels.
 const CHORDAL_ERROR: f64 = 0.05;
-/// How much farther than its radius, in voxels, a ball is from a face that it does not touch.
-const SLACK: f64 = 0.25;
+/// A ball whose centre is farther from a face than its radius plus this many voxels does not touch the
+/// face.
+const TOUCH_TOLERANCE: f64 = 0.25;
 
 /// The outer faces of the scaffold's components.
 pub(super) fn outer_faces(scaffold: &Scaffold, voxel_size: f64) -> Vec<MeshSolid> {
@@ -33,23 +34,23 @@ pub(super) struct CutFaces<'a> {
 }
 
 impl<'a> CutFaces<'a> {
-    /// Those of a run.
-    pub fn new(stock: &'a Stock, voxel_size: f64) -> Self {
-        let sections = stock.recipe.sections();
+    /// The cut faces of a run.
+    pub fn new(inputs: &'a Inputs, voxel_size: f64) -> Self {
+        let sections = inputs.recipe.sections();
         let is_cut = |s: &crate::recipe::ScaffoldSection| s.boundary == Boundary::Cut;
         let mut scaffold = Vec::new();
         let mut meshes: Vec<&MeshSolid> = Vec::new();
-        if let Some(fill) = stock.fill() {
+        if let Some(tiling) = inputs.tiling() {
             if sections.scaffold.as_ref().is_some_and(is_cut) {
-                scaffold = outer_faces(&fill.loaded.scaffold, voxel_size);
+                scaffold = outer_faces(&tiling.loaded.scaffold, voxel_size);
             }
-            meshes.extend(fill.loaded.envelope.as_deref());
+            meshes.extend(tiling.loaded.envelope.as_deref());
         }
         for (n, op) in sections.op.iter().enumerate() {
             if let Op::Intersect(operand) | Op::Subtract(operand) = op
                 && matches!(operand, Operand::Mesh(_) | Operand::Crystal(_))
             {
-                meshes.push(stock.solid(&format!("op.{n}")));
+                meshes.push(inputs.solid(&format!("op.{n}")));
             }
         }
         Self {
@@ -59,8 +60,9 @@ impl<'a> CutFaces<'a> {
         }
     }
 
-    /// The fifth, 50th and 95th percentile of thickness, world units, over the walls whose balls touch no
-    /// cut, where `thicker` more are thicker than those; `None` where a percentile is not among them.
+    /// The 5th, 50th and 95th percentile of thickness, world units, over the walls whose balls touch no
+    /// cut. `thicker` more walls are thicker than all of these. `None` where a percentile falls among
+    /// those.
     pub fn percentiles(&self, walls: &[Wall], thicker: usize) -> Option<[f64; 3]> {
         let whole = walls.par_iter().filter(|wall| !self.touch(wall));
         let mut whole: Vec<f64> = whole.map(|wall| wall.thickness).collect();
@@ -72,9 +74,9 @@ impl<'a> CutFaces<'a> {
 
     /// Whether the ball of a wall touches a cut.
     fn touch(&self, wall: &Wall) -> bool {
-        let reach = wall.thickness / 2.0 + SLACK * self.voxel_size;
+        let reach = wall.thickness / 2.0 + TOUCH_TOLERANCE * self.voxel_size;
         let near = |solid: &MeshSolid, p: Vec3| solid.closest_within(p, reach).is_some();
         let mut all = self.scaffold.iter().chain(self.meshes.iter().copied());
-        all.any(|solid| near(solid, wall.place))
+        all.any(|solid| near(solid, wall.centre))
     }
 }

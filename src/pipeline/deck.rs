@@ -1,9 +1,9 @@
 //! Finite-element decks of the finished solid: cubes of its voxels as elements.
 
 use super::error::RunError;
-use super::inputs::Stock;
-use super::level_set_ops::Bench;
-use super::output::listed;
+use super::inputs::Inputs;
+use super::level_set_ops::StageContext;
+use super::output::file_entry;
 use super::report::{DeckFacts, OutputFile};
 use crate::frame::{LengthUnit, Vec3, figures};
 use crate::io::{DeckMaterial, VoxelMesh, write_voxel_deck};
@@ -16,13 +16,13 @@ const SOLID_SHARE: f64 = 0.5;
 /// Poisson's ratio, unless the output sets another.
 const POISSON: f64 = 0.3;
 
-/// No cubes yet, of the output's element size on the voxels of `bench`.
+/// No cubes yet, of the output's element size on the voxels of `context`.
 pub(super) fn cubes(
-    bench: Bench,
+    context: StageContext,
     recipe: &Recipe,
     output: &Output,
 ) -> Result<SolidCubes, RunError> {
-    let edge = output.element_voxels(bench.scale).map_err(|message| {
+    let edge = output.element_voxels(context.scale).map_err(|message| {
         let outputs = &recipe.sections().output;
         let number = outputs.iter().position(|o| std::ptr::eq(o, output));
         let key = format!("output.{}.element_size", number.unwrap_or(0));
@@ -33,21 +33,21 @@ pub(super) fn cubes(
 
 /// Writes the deck of a solid in memory.
 pub(super) fn write(
-    bench: Bench,
-    stock: &Stock,
+    context: StageContext,
+    inputs: &Inputs,
     solid: &LevelSet,
     output: &Output,
     path: &Path,
 ) -> Result<OutputFile, RunError> {
-    let mut all = cubes(bench, stock.recipe, output)?;
-    all.add(solid, None, bench.session())
+    let mut all = cubes(context, inputs.recipe, output)?;
+    all.add(solid, None, context.session())
         .map_err(RunError::level_set("fe"))?;
-    write_cubes(bench, (stock.recipe, solid.origin()), &all, output, path)
+    write_cubes(context, (inputs.recipe, solid.origin()), &all, output, path)
 }
 
 /// Writes the deck of cubes; `origin` is the position of voxel (0, 0, 0) in the recipe's unit.
 pub(super) fn write_cubes(
-    bench: Bench,
+    context: StageContext,
     (recipe, origin): (&Recipe, Vec3),
     cubes: &SolidCubes,
     output: &Output,
@@ -63,7 +63,7 @@ pub(super) fn write_cubes(
             format!("no element has a share of solid of {share}; give a smaller element_size");
         return Err(recipe.source().fault("output", message).into());
     }
-    let voxel = bench.scale.voxel_size * factor;
+    let voxel = context.scale.voxel_size * factor;
     let edge = f64::from(cubes.edge()) * voxel;
     let mesh = VoxelMesh {
         cubes: &kept,
@@ -84,7 +84,7 @@ pub(super) fn write_cubes(
             dropped_elements: (solid.len() - kept.len()) as u64,
             dropped_components: components as u64 - 1,
         }),
-        ..listed(path, Some(unit))?
+        ..file_entry(path, Some(unit))?
     })
 }
 

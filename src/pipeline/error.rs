@@ -1,4 +1,4 @@
-//! Why a run stopped: the stage's own error, or a rule that only the whole run knows.
+//! Errors of a run: those of its stages, and rules between its parts.
 
 use super::source::CellFault;
 use crate::band::BandError;
@@ -9,7 +9,7 @@ use crate::recipe::RecipeError;
 use crate::vdb::{FileError, VdbError};
 use std::path::PathBuf;
 
-/// Why a recipe was not run to its end. Nothing half-written remains.
+/// Why a run stopped. No partial output remains.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The recipe, or a rule between it and its inputs.
@@ -27,9 +27,9 @@ pub enum RunError {
     /// The narrow band could not be evaluated.
     #[error("{stage}: {error}")]
     Band {
-        /// What was being sampled.
+        /// The stage that sampled.
         stage: String,
-        /// Why not.
+        /// The cause.
         error: BandError,
     },
     /// An operation on the level set failed.
@@ -37,7 +37,7 @@ pub enum RunError {
     LevelSet {
         /// The operation, as in `op.2.gaussian`.
         stage: String,
-        /// Why.
+        /// The cause.
         error: VdbError,
     },
     /// A cell cannot be made.
@@ -45,10 +45,10 @@ pub enum RunError {
     Cell {
         /// The cell's key, as in `cell.strut`.
         key: String,
-        /// Why not.
+        /// The cause.
         fault: CellFault,
     },
-    /// The scaffold cannot be filled.
+    /// The scaffold cannot be tiled.
     #[error("scaffold: {message}")]
     Scaffold {
         /// Its file.
@@ -58,37 +58,37 @@ pub enum RunError {
         /// What is wrong.
         message: String,
     },
-    /// The scaffold has elements of several shapes, and the recipe one cell.
+    /// The scaffold has elements of several shapes and no cell fits any of them.
     #[error("the scaffold has {0} elements; expected elements of one shape")]
-    Mixed(String),
-    /// The cell does not go over the scaffold.
+    MixedElements(String),
+    /// The cells cannot tile the scaffold.
     #[error("tiling: {0}")]
     Tiling(String),
-    /// Two solids that shall meet lie apart.
+    /// Two solids to intersect have no common part.
     #[error(
         "{left_name} and {right_name} do not meet: {left_name} spans {}, {right_name} spans {}",
-        show(left),
-        show(right)
+        box_text(left),
+        box_text(right)
     )]
-    Apart {
-        /// What has been made so far.
+    Disjoint {
+        /// The solid before the operation.
         left_name: String,
         /// Its box, recipe units.
         left: Aabb,
-        /// What it is intersected with.
+        /// The operand.
         right_name: String,
         /// Its box.
         right: Aabb,
     },
-    /// The run would need more memory than there is.
+    /// The run needs more memory than is available.
     #[error(
-        "this run would need about {} of memory, and {} are available; it cannot go through in bricks: {reason}; a voxel size of {fitting} {unit} would fit",
+        "the run needs about {} of memory and {} are available; it cannot be divided into bricks: {reason}; a voxel size of {fitting} {unit} would fit",
         gibibytes(*needed), gibibytes(*available)
     )]
     Memory {
         /// Predicted peak, bytes.
         needed: u64,
-        /// What may be used, bytes.
+        /// Memory that the run may use, bytes.
         available: u64,
         /// A voxel size that would fit, recipe units.
         fitting: String,
@@ -97,97 +97,97 @@ pub enum RunError {
         /// Why it cannot go through in bricks.
         reason: String,
     },
-    /// Bricks are asked for of a run that has room as a whole, and cannot go through them.
+    /// The user requests bricks, the run cannot use them, and it fits in memory.
     #[error(
-        "this run cannot go through bricks: {reason}; as a whole it needs about {} of memory, which the budget has room for",
+        "the run cannot be divided into bricks: {reason}; in memory it needs about {}, which is within the budget",
         gibibytes(*needed)
     )]
-    Whole {
+    BricksUnsupported {
         /// Predicted peak, bytes.
         needed: u64,
         /// Why it cannot go through bricks.
         reason: String,
     },
-    /// Not even one brick fits into the memory that may be used.
+    /// Even bricks of one block need more memory than is available.
     #[error(
-        "this run goes through bricks and needs at least {} of memory even so; the budget is {}",
+        "the run needs at least {} of memory even in the smallest bricks; the budget is {}",
         gibibytes(*least), gibibytes(*budget)
     )]
     Budget {
-        /// The least that would do, bytes.
+        /// Memory for the smallest bricks, bytes.
         least: u64,
-        /// What may be used, bytes.
+        /// Memory that the run may use, bytes.
         budget: u64,
     },
-    /// Bricks of the size asked for do not fit into the memory that may be used.
+    /// Bricks of the requested size need more memory than is available.
     #[error(
         "bricks of {edge} blocks a side (--bricks {edge}) need {} of memory; the budget is {}{}",
-        gibibytes(*needed), gibibytes(*budget), fitting_bricks(*fitting)
+        gibibytes(*needed), gibibytes(*budget), fitting_bricks_text(*fitting)
     )]
     BrickSize {
         /// Blocks along an edge.
         edge: u32,
-        /// What they need, bytes.
+        /// Memory for such bricks, bytes.
         needed: u64,
-        /// What may be used, bytes.
+        /// Memory that the run may use, bytes.
         budget: u64,
-        /// The largest that fit.
+        /// Largest edge that fits, blocks.
         fitting: Option<u32>,
     },
-    /// Bricks of the size asked for span more voxels, with what operations reach, than are operated on together.
+    /// Bricks of the requested size with their halo span more voxels than one part may have.
     #[error(
-        "bricks of {edge} blocks a side (--bricks {edge}) and the {halo} voxels that the operations reach span more than {most} voxels; bricks of {fitting} do not"
+        "bricks of {edge} blocks a side (--bricks {edge}) with a halo of {halo} voxels span more than {max_span} voxels; the largest that do not have {fitting}"
     )]
     BrickSpan {
         /// Blocks along an edge.
         edge: u32,
         /// Voxels around a brick.
         halo: i32,
-        /// The most that a brick may span, voxels.
-        most: i32,
-        /// The largest that do, blocks.
+        /// Greatest span of a brick with its halo, voxels.
+        max_span: i32,
+        /// Largest edge within that span, blocks.
         fitting: u32,
     },
-    /// The disk has no room for bricks and outputs.
+    /// The disk has too little space for bricks and outputs.
     #[error(
-        "{}: the bricks and files of this run need about {} and {} are free",
+        "{}: the bricks and outputs of the run need about {}, and {} are free",
         .directory.display(), gibibytes(*needed), gibibytes(*free)
     )]
     Disk {
-        /// Where they would stand.
+        /// Their directory.
         directory: PathBuf,
         /// Predicted bytes.
         needed: u64,
         /// Free bytes.
         free: u64,
     },
-    /// Bricks that are not there or not whole.
+    /// Bricks that are missing or damaged.
     #[error("{}: bricks {faults}", .directory.display())]
     Bricks {
-        /// Where they shall be.
+        /// Their directory.
         directory: PathBuf,
         /// Their numbers.
         faults: String,
         /// The command that makes them.
         advice: String,
     },
-    /// A run in bricks was asked to stop; what it has made is kept.
+    /// A run in bricks was cancelled; its finished bricks are kept.
     #[error(
         "stopped with {made} of {count} bricks made; they are kept in {}",
         .directory.display()
     )]
     Stopped {
-        /// Where they are.
+        /// Their directory.
         directory: PathBuf,
-        /// Bricks that are there.
+        /// Finished bricks.
         made: usize,
         /// All bricks.
         count: usize,
     },
-    /// Another run works on the same outputs.
-    #[error("{}: another run works on these bricks", .0.display())]
+    /// Another run uses the same brick directory.
+    #[error("{}: another run uses these bricks", .0.display())]
     Busy(PathBuf),
-    /// A plan cannot be used, or not with what is here.
+    /// A plan is invalid or does not match the recipe and its inputs.
     #[error("{}: {message}", .plan.display())]
     Plan {
         /// The plan's file.
@@ -195,22 +195,22 @@ pub enum RunError {
         /// What is wrong.
         message: String,
     },
-    /// Triangles could not be merged.
+    /// Decimation failed.
     #[error("decimate: {0}")]
     Decimate(String),
-    /// A level set has other voxels than the recipe, which wants the same.
-    #[error("{0}; same_voxels = true refuses that")]
-    Voxels(String),
-    /// A solid cannot be cut so.
+    /// A level set has other voxels than the recipe, and the recipe requires equal ones.
+    #[error("{0}; same_voxels = true requires equal voxels")]
+    VoxelMismatch(String),
+    /// A solid cannot be cut into these layers.
     #[error(transparent)]
     Slices(#[from] crate::slice::PlanError),
-    /// Something without end is to be added.
-    #[error("{0} has no end; expected a solid within a box (a plane only cuts)")]
-    Endless(String),
+    /// An unbounded solid is added.
+    #[error("{0} is unbounded; expected a bounded solid (a plane can only intersect or subtract)")]
+    Unbounded(String),
     /// The solid has no surface.
     #[error("the solid is empty after {0}")]
     Empty(String),
-    /// An output has the name of an input.
+    /// An output would overwrite an input.
     #[error("the output {} would overwrite an input of the recipe", .0.display())]
     Overwrite(PathBuf),
     /// Worker threads could not be started.
@@ -224,7 +224,7 @@ pub enum RunError {
         /// Its text.
         message: String,
     },
-    /// The user asked to stop.
+    /// The user cancelled the run.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
@@ -236,7 +236,7 @@ impl From<VdbError> for RunError {
 }
 
 impl RunError {
-    /// Whether the user asked to stop, wherever that was noticed.
+    /// Whether the error is a cancellation, in whichever stage.
     pub(super) fn is_cancelled(&self) -> bool {
         matches!(
             self,
@@ -266,16 +266,16 @@ impl RunError {
 }
 
 /// A box as "[0, 0, 0] to [60, 40, 20]".
-pub(super) fn show(b: &Aabb) -> String {
+pub(super) fn box_text(b: &Aabb) -> String {
     let corner = |v: crate::frame::Vec3| {
-        let [x, y, z] = [v.x, v.y, v.z].map(short);
+        let [x, y, z] = [v.x, v.y, v.z].map(short_number);
         format!("[{x}, {y}, {z}]")
     };
     format!("{} to {}", corner(b.min), corner(b.max))
 }
 
-/// A number with five digits, without trailing zeros.
-pub(super) fn short(v: f64) -> String {
+/// A number with five significant digits, without trailing zeros.
+pub(super) fn short_number(v: f64) -> String {
     if v == 0.0 || !v.is_finite() {
         return format!("{}", v + 0.0);
     }
@@ -288,14 +288,14 @@ pub(super) fn short(v: f64) -> String {
     }
 }
 
-fn fitting_bricks(edge: Option<u32>) -> String {
+fn fitting_bricks_text(edge: Option<u32>) -> String {
     match edge {
         Some(edge) => format!("; the largest that fit have {edge}"),
         None => "; none fit".to_owned(),
     }
 }
 
-/// Rounded up, in MiB where that is less than a GiB.
+/// A size rounded up, in MiB below one GiB.
 fn gibibytes(bytes: u64) -> String {
     let (mebi, gibi) = (bytes as f64 / 1048576.0, bytes as f64 / 1073741824.0);
     if gibi < 1.0 {

@@ -1,12 +1,12 @@
-//! Numbers of a file at places of the part: point and cell data of meshes, tables of points, grids.
+//! Fields of files as values in space: point and cell data of meshes, tables of points, grids.
 //!
-//! A value that is no finite number is missing. It matters only where the part meets it: there it is an error that
-//! names the node, element, line or voxel, unless the recipe says by `outside` what stands for it.
+//! A value that is not finite is missing. Where the part needs a missing value, the error names the
+//! node, element, line or voxel, unless the recipe's key `outside` gives a substitute.
 
 use super::error::RunError;
 use super::field_grid::FieldGrid;
-use super::input_files::{Inputs, frame_map};
-use super::scattered_data::Scatter;
+use super::input_files::{InputFiles, frame_map};
+use super::scattered_data::ScatteredPoints;
 use super::source::has_extension;
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::io::{DataField, ElementFile, FieldAt, Place, ReadError};
@@ -14,46 +14,47 @@ use crate::recipe::{FieldPlace, FieldRef, FileFrame, Outside, nearest};
 use crate::scaffold::{Scaffold, ScaffoldError};
 use std::path::{Path, PathBuf};
 
-/// A field of a file in the recipe's space.
+/// A field of a file in the recipe's coordinates.
 pub(super) struct FieldData {
     path: PathBuf,
     /// The recipe's key, for messages.
     key: String,
     name: String,
     outside: Option<Outside>,
-    support: Support,
+    source: Source,
 }
 
-/// What has values.
-enum Support {
+/// Where the values are given.
+enum Source {
     Grid(Box<FieldGrid>),
-    Listed(Listed),
+    List(ValueList),
 }
 
-/// Values one after the other: of nodes, elements or lines.
-struct Listed {
+/// Values of nodes, elements or lines, in a list.
+struct ValueList {
     values: Vec<f64>,
-    scatter: Scatter,
-    /// What the values belong to, in words, and its number in the file.
-    what: &'static str,
-    numbers: Vec<u64>,
-    /// The mesh between scattered values, if there is one, and whether they are those of its cells.
+    scatter: ScatteredPoints,
+    /// What the values belong to, in words; and its numbers in the file.
+    item: &'static str,
+    item_numbers: Vec<u64>,
+    /// The mesh that interpolates between the values, if there is one, and whether they belong to points
+    /// or cells.
     mesh: Option<(Box<Scaffold>, FieldAt)>,
 }
 
-/// Shares below which a value has no part in a sum.
-const NO_SHARE: f64 = 1e-9;
+/// Weight below which a value does not count, so that it may be missing.
+const MIN_WEIGHT: f64 = 1e-9;
 
 impl FieldData {
     /// Reads the field that a recipe names.
     pub fn read(
-        inputs: &Inputs,
+        files: &InputFiles,
         key: &str,
         field: &FieldRef,
         file: &FileFrame,
     ) -> Result<Self, RunError> {
-        let path = inputs.recipe.resolve(&file.path);
-        let map = frame_map(file, file.unit.map(|u| u.0), inputs.recipe.unit());
+        let path = files.recipe.resolve(&file.path);
+        let map = frame_map(file, file.unit.map(|u| u.0), files.recipe.unit());
         let is_grid = has_extension(&path, &["vdb"]);
         let is_table = has_extension(&path, &["csv"]);
         if field.at == Some(FieldPlace::Cells) && (is_grid || is_table) {
@@ -61,13 +62,13 @@ impl FieldData {
             let e = ReadError::data(&path, Place::File, found, "at = \"points\", or no such key");
             return Err(e.into());
         }
-        let support = if is_grid {
-            let grid = FieldGrid::read(inputs, file, &path, &field.field)?;
-            Support::Grid(Box::new(grid))
+        let source = if is_grid {
+            let grid = FieldGrid::read(files, file, &path, &field.field)?;
+            Source::Grid(Box::new(grid))
         } else if is_table {
-            Support::Listed(Listed::of_table(&path, field, map)?)
+            Source::List(ValueList::of_table(&path, field, map)?)
         } else {
-            Support::Listed(Listed::of_elements(&path, field, map)?)
+            Source::List(ValueList::of_elements(&path, field, map)?)
         };
         Ok(Self {
             path,
@@ -77,7 +78,7 @@ impl FieldData {
                 None => format!("{:?}", field.field),
             },
             outside: field.outside,
-            support,
+            source,
         })
     }
 
@@ -86,51 +87,52 @@ impl FieldData {
         &self.path
     }
 
-    /// The box around all places with values.
+    /// The box around all points with values.
     pub fn bounds(&self) -> Aabb {
-        match &self.support {
-            Support::Grid(grid) => grid.bounds(),
-            Support::Listed(listed) => listed.scatter.bounds(),
+        match &self.source {
+            Source::Grid(grid) => grid.bounds(),
+            Source::List(list) => list.scatter.bounds(),
         }
     }
 
-    /// The value at a point: beyond the field's reach what the recipe says, else the nearest.
+    /// The value at a point. Outside the field it is what the recipe's `outside` gives, or the nearest
+    /// value.
     pub fn at(&self, p: Vec3) -> Result<f64, ReadError> {
-        let found = match &self.support {
-            Support::Grid(grid) => {
-                let (at, is_outside) = grid.nearest_place(p);
+        let found = match &self.source {
+            Source::Grid(grid) => {
+                let (index, is_outside) = grid.nearest_index(p);
                 match self.outside {
-                    Some(Outside::Error) if is_outside => return Err(self.beyond(p)),
+                    Some(Outside::Error) if is_outside => return Err(self.outside_error(p)),
                     Some(Outside::Value(v)) if is_outside => return Ok(v.0),
                     _ => {}
                 }
-                grid.at(at, self.outside)
+                grid.at(index, self.outside)
                     .map_err(|(v, voxel)| (v, Place::File, format!(" at voxel {voxel:?}")))
             }
-            Support::Listed(listed) => {
-                let found = match listed.at(p) {
+            Source::List(list) => {
+                let found = match list.at(p) {
                     Some(found) => found,
                     None => match self.outside {
-                        Some(Outside::Error) => return Err(self.beyond(p)),
+                        Some(Outside::Error) => return Err(self.outside_error(p)),
                         Some(Outside::Value(v)) => Ok(v.0),
-                        Some(Outside::Nearest) | None => listed.nearest(p),
+                        Some(Outside::Nearest) | None => list.nearest(p),
                     },
                 };
-                found.map_err(|n| (listed.values[n], listed.place(n), String::new()))
+                found.map_err(|n| (list.values[n], list.place_in_file(n), String::new()))
             }
         };
         found.map_err(|(v, place, voxel)| {
             let found = format!("{v} in the field {}{voxel}", self.name);
             ReadError::data(&self.path, place, found, "a finite number").with_hint(format!(
-                "{}: outside = \"nearest\" or a number beside the field's name stands for missing values",
+                "{}: outside = \"nearest\" or a number beside the field's name replaces missing values",
                 self.key
             ))
         })
     }
 
-    fn beyond(&self, p: Vec3) -> ReadError {
+    fn outside_error(&self, p: Vec3) -> ReadError {
         let found = format!(
-            "a field that does not reach ({}, {}, {}), which lies outside of it",
+            "the point ({}, {}, {}), which lies outside the field",
             p.x, p.y, p.z
         );
         ReadError::data(&self.path, Place::File, found, "a value there").with_hint(format!(
@@ -140,7 +142,7 @@ impl FieldData {
     }
 }
 
-impl Listed {
+impl ValueList {
     /// Columns x, y, z and one more of a `.csv` file.
     fn of_table(
         path: &Path,
@@ -181,14 +183,14 @@ impl Listed {
         places: &[Vec3],
         mut values: Vec<f64>,
         outside: Option<Outside>,
-        (what, numbers): (&'static str, Vec<u64>),
+        (item, item_numbers): (&'static str, Vec<u64>),
     ) -> Self {
-        complete(places, &mut values, outside);
+        replace_missing(places, &mut values, outside);
         Self {
             values,
-            scatter: Scatter::new(places),
-            what,
-            numbers,
+            scatter: ScatteredPoints::new(places),
+            item,
+            item_numbers,
             mesh: None,
         }
     }
@@ -204,78 +206,78 @@ impl Listed {
             ElementFile::Solids(f) => (&f.fields, f.node_numbers.clone()),
             ElementFile::Surface(f) => (&f.fields, f.node_numbers.clone()),
         };
-        let found = chosen(path, fields, field)?;
+        let found = find_field(path, fields, field)?;
         let values = component(path, found, field.component.as_deref())?;
         let at = found.at;
-        let bad = |e: ScaffoldError| {
+        let invalid = |e: ScaffoldError| {
             ReadError::data(path, Place::File, e.to_string(), "a mesh of elements")
         };
         let (places, element_numbers, mesh): (Vec<Vec3>, Vec<u64>, _) = match &file {
             ElementFile::Solids(file) => {
                 let nodes: Vec<Vec3> = file.scaffold.nodes().iter().map(|&v| map(v)).collect();
                 let elements = file.scaffold.connectivity().clone();
-                let mesh = Scaffold::new(nodes.clone(), elements).map_err(bad)?;
+                let mesh = Scaffold::new(nodes.clone(), elements).map_err(invalid)?;
                 let places = match at {
                     FieldAt::Points => nodes,
                     FieldAt::Cells => mesh.elements().map(|e| e.bounds().centre().0).collect(),
                 };
-                let numbers = 0..file.scaffold.len();
-                let numbers = numbers.map(|e| file.scaffold.number(e)).collect();
-                (places, numbers, Some((Box::new(mesh), at)))
+                let item_numbers = 0..file.scaffold.len();
+                let item_numbers = item_numbers.map(|e| file.scaffold.number(e)).collect();
+                (places, item_numbers, Some((Box::new(mesh), at)))
             }
             ElementFile::Surface(file) => {
                 let s = &file.surface;
                 let nodes: Vec<Vec3> = s.nodes().iter().map(|&v| map(v)).collect();
-                let middle = |e: usize| {
+                let centre = |e: usize| {
                     let own = s.connectivity().nodes(e);
                     own.iter().map(|&n| nodes[n as usize]).sum::<Vec3>() / own.len() as f64
                 };
                 let places = match at {
-                    FieldAt::Cells => (0..s.len()).map(middle).collect(),
+                    FieldAt::Cells => (0..s.len()).map(centre).collect(),
                     FieldAt::Points => nodes.clone(),
                 };
                 (places, (0..s.len()).map(|e| s.number(e)).collect(), None)
             }
         };
-        let numbers = match at {
+        let item_numbers = match at {
             FieldAt::Points => ("node", node_numbers),
             FieldAt::Cells => ("element", element_numbers),
         };
         Ok(Self {
             mesh,
-            ..Self::new(&places, values, field.outside, numbers)
+            ..Self::new(&places, values, field.outside, item_numbers)
         })
     }
 
-    /// Where in the file the value of this place in the list stands.
-    fn place(&self, n: usize) -> Place {
-        let number = self.numbers.get(n).copied().unwrap_or_default();
-        match self.what {
+    /// The place in the file of a value of the list.
+    fn place_in_file(&self, n: usize) -> Place {
+        let number = self.item_numbers.get(n).copied().unwrap_or_default();
+        match self.item {
             "line" => Place::Line(number),
-            what => Place::Item(what, number),
+            item => Place::Item(item, number),
         }
     }
 
-    /// The sum of values times their shares, or the first that is missing.
-    fn sum(&self, shares: impl Iterator<Item = (usize, f64)>) -> Result<f64, usize> {
+    /// The weighted sum of values, or the index of the first missing one.
+    fn sum(&self, weights: impl Iterator<Item = (usize, f64)>) -> Result<f64, usize> {
         let mut sum = 0.0;
-        for (n, share) in shares {
+        for (n, weight) in weights {
             let v = self.values[n];
             if v.is_finite() {
-                sum += v * share;
-            } else if share.abs() > NO_SHARE {
+                sum += v * weight;
+            } else if weight.abs() > MIN_WEIGHT {
                 return Err(n);
             }
         }
         Ok(sum)
     }
 
-    /// The value at a point within the values' reach, which of scattered points is everywhere.
+    /// The value at a point; `None` outside the mesh. Scattered points reach everywhere.
     fn at(&self, p: Vec3) -> Option<Result<f64, usize>> {
         match &self.mesh {
             None => {
-                let shares = self.scatter.shares(p)?.into_iter();
-                Some(self.sum(shares.map(|(n, s)| (n as usize, s))))
+                let weights = self.scatter.weights(p)?.into_iter();
+                Some(self.sum(weights.map(|(n, weight)| (n as usize, weight))))
             }
             Some((mesh, FieldAt::Points)) => {
                 let (e, xi) = mesh.locate(WorldPoint(p))?;
@@ -285,44 +287,44 @@ impl Listed {
                 Some(self.sum(nodes.zip(shape)))
             }
             Some((mesh, FieldAt::Cells)) => {
-                // A node belongs to several elements: their mean, by volume.
-                let mut near = Vec::new();
+                // On shared faces, edges and nodes: the mean of the elements, by volume.
+                let mut containing = Vec::new();
                 let margin = 1e-9 * mesh.bounds().half_diagonal();
-                mesh.candidates(&Aabb::of([p]).dilated(margin), &mut near);
+                mesh.candidates(&Aabb::of([p]).dilated(margin), &mut containing);
                 let holds = |e: &u32| {
                     let element = mesh.element(*e as usize);
                     element.inverse_inside(WorldPoint(p), 1e-6).is_some()
                 };
-                near.retain(holds);
+                containing.retain(holds);
                 let volume = |e: u32| mesh.element(e as usize).volume().abs();
-                let whole: f64 = near.iter().map(|&e| volume(e)).sum();
-                let shares = near.iter().map(|&e| (e as usize, volume(e) / whole));
-                (whole > 0.0).then(|| self.sum(shares))
+                let whole: f64 = containing.iter().map(|&e| volume(e)).sum();
+                let weights = containing.iter().map(|&e| (e as usize, volume(e) / whole));
+                (whole > 0.0).then(|| self.sum(weights))
             }
         }
     }
 
     /// The value of the nearest node, element or line.
     fn nearest(&self, p: Vec3) -> Result<f64, usize> {
-        let near = self.scatter.near(p, 1);
-        // Files without values are refused when they are read.
-        let n = near.first().map_or(0, |found| found.0 as usize);
+        let nearest = self.scatter.nearest(p, 1);
+        // The reader refuses files without values.
+        let n = nearest.first().map_or(0, |found| found.0 as usize);
         self.sum(std::iter::once((n, 1.0)))
     }
 }
 
-/// Enters for missing values what the recipe says stands for them.
-fn complete(places: &[Vec3], values: &mut [f64], outside: Option<Outside>) {
-    let (there, missing): (Vec<usize>, Vec<usize>) =
+/// Replaces missing values as the recipe's `outside` requests.
+fn replace_missing(places: &[Vec3], values: &mut [f64], outside: Option<Outside>) {
+    let (present, missing): (Vec<usize>, Vec<usize>) =
         (0..values.len()).partition(|&n| values[n].is_finite());
     match outside {
         Some(Outside::Value(v)) => missing.iter().for_each(|&n| values[n] = v.0),
         Some(Outside::Nearest) if !missing.is_empty() => {
-            let known: Vec<Vec3> = there.iter().map(|&n| places[n]).collect();
-            let known = Scatter::new(&known);
+            let known: Vec<Vec3> = present.iter().map(|&n| places[n]).collect();
+            let known = ScatteredPoints::new(&known);
             for n in missing {
-                if let Some((at, _)) = known.near(places[n], 1).first() {
-                    values[n] = values[there[*at as usize]];
+                if let Some((at, _)) = known.nearest(places[n], 1).first() {
+                    values[n] = values[present[*at as usize]];
                 }
             }
         }
@@ -330,42 +332,46 @@ fn complete(places: &[Vec3], values: &mut [f64], outside: Option<Outside>) {
     }
 }
 
-/// A field as messages list it.
-fn listed(field: &DataField) -> String {
-    let numbers = match field.components {
+/// A field, for lists in messages.
+fn field_text(field: &DataField) -> String {
+    let item_numbers = match field.components {
         1 => String::new(),
         n => format!(", {n} numbers each"),
     };
-    format!("{} (at the {}{numbers})", field.name, words(field.at))
+    format!(
+        "{} (at the {}{item_numbers})",
+        field.name,
+        location_word(field.at)
+    )
 }
 
-fn words(at: FieldAt) -> &'static str {
+fn location_word(at: FieldAt) -> &'static str {
     match at {
         FieldAt::Points => "points",
         FieldAt::Cells => "cells",
     }
 }
 
-/// The field that a recipe means: the only one of its name, or of its name at one place.
-fn chosen<'a>(
+/// The field that a recipe names: the only one of its name, or of its name at points or cells.
+fn find_field<'a>(
     path: &Path,
     fields: &'a [DataField],
     field: &FieldRef,
 ) -> Result<&'a DataField, ReadError> {
     let name = &field.field;
-    let bad = |found, expected: String| ReadError::data(path, Place::File, found, expected);
+    let invalid = |found, expected: String| ReadError::data(path, Place::File, found, expected);
     let named: Vec<&DataField> = fields.iter().filter(|f| f.name == *name).collect();
-    let is_meant = |f: &&DataField| match field.at {
+    let is_requested = |f: &&DataField| match field.at {
         None => true,
         Some(FieldPlace::Points) => f.at == FieldAt::Points,
         Some(FieldPlace::Cells) => f.at == FieldAt::Cells,
     };
-    let meant: Vec<&DataField> = named.iter().copied().filter(is_meant).collect();
-    match meant[..] {
+    let candidates: Vec<&DataField> = named.iter().copied().filter(is_requested).collect();
+    match candidates[..] {
         [one] => Ok(one),
         [] => {
-            let known: Vec<String> = fields.iter().map(listed).collect();
-            let place = match field.at {
+            let known: Vec<String> = fields.iter().map(field_text).collect();
+            let at_text = match field.at {
                 Some(FieldPlace::Points) => " at the points",
                 Some(FieldPlace::Cells) => " at the cells",
                 None => "",
@@ -375,10 +381,10 @@ fn chosen<'a>(
             } else {
                 format!("one of {}", known.join(", "))
             };
-            let e = bad(format!("no field {name:?}{place}"), expected);
+            let e = invalid(format!("no field {name:?}{at_text}"), expected);
             if let Some(other) = named.first() {
-                let at = words(other.at);
-                return Err(e.with_hint(format!("{name:?} stands at the {at}: at = {at:?}")));
+                let at = location_word(other.at);
+                return Err(e.with_hint(format!("{name:?} is at the {at}: at =  {at:?}")));
             }
             if has_extension(path, &["msh"]) {
                 let hint =
@@ -391,30 +397,33 @@ fn chosen<'a>(
                 None => e,
             })
         }
-        [first, ..] if meant.iter().all(|f| f.at == first.at) => {
-            let all: Vec<String> = meant.iter().map(|f| f.components.to_string()).collect();
+        [first, ..] if candidates.iter().all(|f| f.at == first.at) => {
+            let all: Vec<String> = candidates
+                .iter()
+                .map(|f| f.components.to_string())
+                .collect();
             let found = format!(
                 "{} fields {name:?} at the {}, of {} numbers each",
-                meant.len(),
-                words(first.at),
+                candidates.len(),
+                location_word(first.at),
                 all.join(" and ")
             );
-            let e = bad(
+            let e = invalid(
                 found,
-                "every name once at the points and at the cells".into(),
+                "each name at most once at the points and once at the cells".into(),
             );
             Err(e.with_hint("rename all but one of them in the file"))
         }
         _ => {
             let found = format!("the field {name:?} at the points and at the cells");
-            let e = bad(found, "to know which of them is meant".into());
+            let e = invalid(found, "one of them".into());
             Err(e.with_hint("at = \"points\" or at = \"cells\" beside the field's name chooses"))
         }
     }
 }
 
-/// One number for each of a field's points or cells.
-fn component(path: &Path, field: &DataField, which: Option<&str>) -> Result<Vec<f64>, ReadError> {
+/// One number per point or cell of a field.
+fn component(path: &Path, field: &DataField, name: Option<&str>) -> Result<Vec<f64>, ReadError> {
     let n = field.components;
     let rows = field.values.chunks_exact(n.max(1));
     let fail = |expected: String| {
@@ -422,7 +431,7 @@ fn component(path: &Path, field: &DataField, which: Option<&str>) -> Result<Vec<
         let expected = format!("component = {expected}");
         Err(ReadError::data(path, Place::File, found, expected))
     };
-    let index = match which {
+    let index = match name {
         None if n == 1 => 0,
         Some("x" | "0") => 0,
         Some("y" | "1") => 1,
@@ -445,7 +454,7 @@ fn component(path: &Path, field: &DataField, which: Option<&str>) -> Result<Vec<
     Ok(rows.map(|r| r[index]).collect())
 }
 
-/// Von Mises stress of six numbers, xx yy zz xy yz zx as VTK has symmetric tensors, or of nine.
+/// Von Mises stress of six components in VTK's order xx yy zz xy yz zx, or of nine.
 fn von_mises(r: &[f64]) -> f64 {
     let (d, s) = if r.len() == 6 {
         ([r[0], r[1], r[2]], [r[3], r[4], r[5]])

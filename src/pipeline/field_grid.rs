@@ -1,23 +1,24 @@
-//! A grid of an OpenVDB file as a field of the recipe's space, whatever its voxels: trilinear between them.
+//! A grid of an OpenVDB file as a field in the recipe's coordinates, interpolated trilinearly between
+//! voxels.
 
 use super::error::RunError;
-use super::input_files::{Inputs, frame_map};
+use super::input_files::{InputFiles, frame_map};
 use super::volumes::{fetch, unit_of};
 use crate::frame::{Aabb, Coord, Mat3, Vec3};
 use crate::recipe::{FileFrame, Outside};
 use crate::vdb::{IndexMap, Volume};
 use std::path::Path;
 
-/// Farthest that a value is looked for where values are missing, voxels.
-const FARTHEST: i32 = 16;
-/// Shares of a voxel's value below which it does not matter.
-const NO_SHARE: f64 = 1e-9;
+/// Radius of the search for the nearest value where a value is missing, voxels.
+const MAX_SEARCH_RADIUS: i32 = 16;
+/// Weight below which a voxel's value does not count, so that it may be missing.
+const MIN_WEIGHT: f64 = 1e-9;
 
 /// A grid of floats as a field.
 pub(super) struct FieldGrid {
     volume: Volume,
     map: IndexMap,
-    /// From the recipe's space to the file's.
+    /// From the recipe's coordinates to the file's.
     inward: Mat3,
     origin: Vec3,
     /// First and last active voxel.
@@ -25,20 +26,20 @@ pub(super) struct FieldGrid {
     bounds: Aabb,
 }
 
-/// A value that is no finite number, and its voxel.
+/// A value that is not finite, and its voxel.
 pub(super) type Missing = (f64, [i32; 3]);
 
 impl FieldGrid {
     /// Reads a grid by its name.
     pub fn read(
-        inputs: &Inputs,
+        files: &InputFiles,
         file: &FileFrame,
         path: &Path,
         name: &str,
     ) -> Result<Self, RunError> {
-        let volume = fetch(inputs.reader, path, Some(name))?;
+        let volume = fetch(files.reader, path, Some(name))?;
         let unit = unit_of(&volume, file.unit.map(|u| u.0));
-        let outward = frame_map(file, Some(unit), inputs.recipe.unit());
+        let outward = frame_map(file, Some(unit), files.recipe.unit());
         let origin = outward(Vec3::zeros());
         let matrix =
             Mat3::from_columns(&[Vec3::x(), Vec3::y(), Vec3::z()].map(|e| outward(e) - origin));
@@ -65,9 +66,9 @@ impl FieldGrid {
         self.bounds
     }
 
-    /// The place between voxels that is nearest to a point within the box of active voxels, and whether the point
-    /// lies beyond.
-    pub fn nearest_place(&self, p: Vec3) -> (Vec3, bool) {
+    /// The point of the box of active voxels that is nearest to a point, in index space, and whether the
+    /// point lies outside that box.
+    pub fn nearest_index(&self, p: Vec3) -> (Vec3, bool) {
         let index = self.map.index(self.inward * (p - self.origin));
         let [low, high] = self.voxels;
         let index = index.unwrap_or_else(|| low.add_scalar(-1.0));
@@ -75,29 +76,30 @@ impl FieldGrid {
         (near, (near - index).norm() > 1e-6)
     }
 
-    /// The value at a place between voxels; missing ones are what `outside` says, if it does.
-    pub fn at(&self, place: Vec3, outside: Option<Outside>) -> Result<f64, Missing> {
-        let first = place.map(f64::floor);
-        let between = place - first;
+    /// The value at a point in index space. `outside` gives the substitute for missing values, if there
+    /// is one.
+    pub fn at(&self, index: Vec3, outside: Option<Outside>) -> Result<f64, Missing> {
+        let first = index.map(f64::floor);
+        let fraction = index - first;
         let corner = |n: i32| {
             let bits = [n & 1, n >> 1 & 1, n >> 2 & 1];
             let voxel = [0, 1, 2].map(|a| first[a] as i32 + bits[a]);
-            let share: f64 = (0..3)
+            let weight: f64 = (0..3)
                 .map(|a| {
                     if bits[a] == 1 {
-                        between[a]
+                        fraction[a]
                     } else {
-                        1.0 - between[a]
+                        1.0 - fraction[a]
                     }
                 })
                 .product();
-            (Coord(voxel), share)
+            (Coord(voxel), weight)
         };
-        let corners: Vec<(Coord, f64)> = (0..8).map(corner).filter(|c| c.1 > NO_SHARE).collect();
+        let corners: Vec<(Coord, f64)> = (0..8).map(corner).filter(|c| c.1 > MIN_WEIGHT).collect();
         let voxels: Vec<Coord> = corners.iter().map(|c| c.0).collect();
         let values = self.values(&voxels);
         let mut sum = 0.0;
-        for ((voxel, share), v) in corners.into_iter().zip(values) {
+        for ((voxel, weight), v) in corners.into_iter().zip(values) {
             let v = if v.is_finite() {
                 v
             } else {
@@ -108,20 +110,20 @@ impl FieldGrid {
                     Some(Outside::Error) | None => return missing,
                 }
             };
-            sum += v * share;
+            sum += v * weight;
         }
         Ok(sum)
     }
 
     fn values(&self, voxels: &[Coord]) -> Vec<f64> {
-        // Refused only when lengths differ.
-        let found = self.volume.values(voxels).unwrap_or_default();
-        found.into_iter().map(f64::from).collect()
+        // An error only if lengths differ, which they do not.
+        let values = self.volume.values(voxels).unwrap_or_default();
+        values.into_iter().map(f64::from).collect()
     }
 
-    /// The value of the nearest voxel that has one; of several the first.
+    /// The value of the nearest voxel that has one; the first of equally near voxels.
     fn nearest_value(&self, voxel: Coord) -> Option<f64> {
-        for reach in 1..=FARTHEST {
+        for reach in 1..=MAX_SEARCH_RADIUS {
             let side = -reach..=reach;
             let mut shell = Vec::new();
             for x in side.clone() {
@@ -132,11 +134,15 @@ impl FieldGrid {
                 }
             }
             shell.sort_by_key(|(x, y, z)| x * x + y * y + z * z);
-            let all: Vec<Coord> = shell
+            let shell_voxels: Vec<Coord> = shell
                 .iter()
                 .map(|&(x, y, z)| voxel.offset(x, y, z))
                 .collect();
-            if let Some(v) = self.values(&all).into_iter().find(|v| v.is_finite()) {
+            if let Some(v) = self
+                .values(&shell_voxels)
+                .into_iter()
+                .find(|v| v.is_finite())
+            {
                 return Some(v);
             }
         }

@@ -1,11 +1,11 @@
-//! From operations to one field: what is made before anything needs neighbours.
+//! The first operations of a recipe as one field, before any operation that needs a voxel's neighbours.
 //!
-//! Tiling, envelopes, skins and primitives are combined by minimum and maximum and sampled once, so
-//! that they are culled together and the result does not depend on blocks. The first operation that
-//! needs neighbours ends this; from there on the solid is a level set.
+//! Tiling, envelopes, skins and primitives are combined by minimum and maximum and sampled once. So they
+//! are culled together, and the result does not depend on blocks. From the first operation that needs
+//! neighbours on, the solid is a level set.
 
 use super::error::RunError;
-use super::inputs::Stock;
+use super::inputs::Inputs;
 use super::offsets::Offsets;
 use crate::field::{
     BoxSolid, Capsule, Complement, Cylinder, ExactIntersection, Field, HalfSpace, Intersection,
@@ -15,39 +15,39 @@ use crate::frame::{Aabb, Vec3};
 use crate::mesh::{MeshSolid, Side as MeshSide, Skin};
 use crate::recipe::{Length, Op, Operand, Scale, Side, Trim};
 
-/// A solid as a field, the box it lies in, and what it is called in messages.
+/// A solid as a field, with its bounding box and its name in messages.
 pub(super) struct Shape<'a> {
     pub field: Box<WorldField<'a>>,
     pub extent: Aabb,
     pub name: String,
 }
 
-/// How many operations from the first act on the field.
+/// Number of leading operations that act on the field.
 pub(super) fn field_operations(ops: &[Op]) -> usize {
     ops.iter().take_while(|op| op.is_pointwise()).count()
 }
 
 /// The solid as the field that is sampled, for voxels of one size.
-pub(super) fn shape<'a>(stock: &'a Stock, scale: Scale) -> Result<Shape<'a>, RunError> {
-    shape_with(stock, scale, stock.offsets())
+pub(super) fn shape<'a>(inputs: &'a Inputs, scale: Scale) -> Result<Shape<'a>, RunError> {
+    shape_with(inputs, scale, inputs.offsets())
 }
 
 /// The solid after its field operations and some offsets.
 pub(super) fn shape_with<'a>(
-    stock: &'a Stock,
+    inputs: &'a Inputs,
     scale: Scale,
     offsets: Offsets,
 ) -> Result<Shape<'a>, RunError> {
-    let sections = stock.recipe.sections();
+    let sections = inputs.recipe.sections();
     let reach = offsets.reach() + sections.band.half_width.0 * scale.voxel_size;
-    let mut shape = stock.tiled(scale, offsets)?;
+    let mut shape = inputs.tiled(scale, offsets)?;
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
         let key = format!("op.{n}");
         let other = match op {
-            Op::Trim(trim) => boxed(trim_box(trim, scale), format!("the box of {key}")),
+            Op::Trim(trim) => box_shape(trim_box(trim, scale), format!("the box of {key}")),
             _ => match op.operand() {
-                Some(operand) => self::operand(stock, operand, &key, (scale, offsets))?,
+                Some(operand) => self::operand(inputs, operand, &key, (scale, offsets))?,
                 None => continue,
             },
         };
@@ -61,53 +61,57 @@ pub(super) fn shape_with<'a>(
         return Err(RunError::Empty(shape.name));
     }
     if !shape.extent.size().iter().all(|s| s.is_finite()) {
-        return Err(RunError::Endless(shape.name));
+        return Err(RunError::Unbounded(shape.name));
     }
     if offsets.count > 0 {
         shape.extent = shape.extent.dilated(offsets.growth());
         shape.field = Box::new(Offset {
             field: shape.field,
-            by: offsets.by,
-            half: offsets.half,
+            by: offsets.distance,
+            half: offsets.half_wall,
         });
     }
     Ok(shape)
 }
 
-/// A box that holds the solid after its field operations and some offsets, found without the field of the tiled
-/// scaffold; none where the solid is empty or endless.
-pub(super) fn room(
-    stock: &Stock,
+/// A box that contains the solid after its field operations and some offsets. It is found without the
+/// field of the tiling. `None` where the solid is empty or unbounded.
+pub(super) fn extent_bound(
+    inputs: &Inputs,
     scale: Scale,
     offsets: Offsets,
 ) -> Result<Option<Aabb>, RunError> {
-    let sections = stock.recipe.sections();
-    let mut room = stock.tiled_extent(scale, offsets);
+    let sections = inputs.recipe.sections();
+    let mut bounds = inputs.tiled_extent(scale, offsets);
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
         let other = match (op, op.operand()) {
             (Op::Trim(trim), _) => trim_box(trim, scale),
-            (_, Some(other)) => operand(stock, other, &format!("op.{n}"), (scale, offsets))?.extent,
+            (_, Some(other)) => {
+                operand(inputs, other, &format!("op.{n}"), (scale, offsets))?.extent
+            }
             _ => continue,
         };
-        room = Some(match (room, op) {
+        bounds = Some(match (bounds, op) {
             (None, _) => other,
-            (Some(room), Op::Intersect(_) | Op::Trim(_)) if room.meets(other) => {
-                room.intersection(other)
+            (Some(bounds), Op::Intersect(_) | Op::Trim(_)) if bounds.meets(other) => {
+                bounds.intersection(other)
             }
             (Some(_), Op::Intersect(_) | Op::Trim(_)) => return Ok(None),
-            (Some(room), Op::Subtract(_)) => room,
-            (Some(room), _) => room.union(other),
+            (Some(bounds), Op::Subtract(_)) => bounds,
+            (Some(bounds), _) => bounds.union(other),
         });
     }
     let is_usable = |r: &Aabb| !r.is_empty() && r.size().iter().all(|s| s.is_finite());
-    let grown = room.filter(is_usable).map(|r| r.dilated(offsets.growth()));
+    let grown = bounds
+        .filter(is_usable)
+        .map(|r| r.dilated(offsets.growth()));
     Ok(grown.filter(is_usable))
 }
 
-/// The common part of two fields, with distances beyond its edges where offsets need them; `reach`
+/// The intersection of two fields. Offsets need exact distances outside its edges as well; `reach`
 /// bounds the distances that matter, world units.
-pub(super) fn common_part<'a>(
+pub(super) fn intersection<'a>(
     a: Box<WorldField<'a>>,
     b: Box<WorldField<'a>>,
     reach: f64,
@@ -118,14 +122,14 @@ pub(super) fn common_part<'a>(
     }
     Box::new(ExactIntersection {
         pair: [a, b],
-        // One surface of a wall is the solid's own.
-        level: offsets.half.map_or(offsets.by.min(0.0), |_| 0.0),
+        // One of the two surfaces of a wall is the solid's own surface.
+        level: offsets.half_wall.map_or(offsets.distance.min(0.0), |_| 0.0),
         reach,
     })
 }
 
-/// All of two fields, as [`common_part`]: what is left out is the common part of what either leaves out.
-pub(super) fn whole<'a>(
+/// The union of two fields: the complement of the [`intersection`] of their complements.
+pub(super) fn union<'a>(
     a: Box<WorldField<'a>>,
     b: Box<WorldField<'a>>,
     reach: f64,
@@ -135,14 +139,14 @@ pub(super) fn whole<'a>(
         return Box::new(Union(vec![a, b]));
     }
     let outside = Offsets {
-        by: -offsets.by,
+        distance: -offsets.distance,
         ..offsets
     };
     let [a, b] = [a, b].map(|f| Box::new(Complement(f)) as Box<WorldField>);
-    Box::new(Complement(common_part(a, b, reach, outside)))
+    Box::new(Complement(intersection(a, b, reach, outside)))
 }
 
-/// Two fields to one.
+/// Combines two fields by an operation.
 fn combine<'a>(
     op: &Op,
     a: Shape<'a>,
@@ -153,7 +157,7 @@ fn combine<'a>(
     Ok(match op {
         Op::Intersect(_) | Op::Trim(_) => {
             if !a.extent.meets(b.extent) {
-                return Err(RunError::Apart {
+                return Err(RunError::Disjoint {
                     left_name: a.name,
                     left: a.extent,
                     right_name: b.name,
@@ -162,57 +166,57 @@ fn combine<'a>(
             }
             Shape {
                 extent: a.extent.intersection(b.extent),
-                field: common_part(a.field, b.field, reach, offsets),
+                field: intersection(a.field, b.field, reach, offsets),
                 name,
             }
         }
         Op::Subtract(_) => Shape {
             extent: a.extent,
-            field: common_part(a.field, Box::new(Complement(b.field)), reach, offsets),
+            field: intersection(a.field, Box::new(Complement(b.field)), reach, offsets),
             name,
         },
         _ => Shape {
             extent: a.extent.union(b.extent),
-            field: whole(a.field, b.field, reach, offsets),
+            field: union(a.field, b.field, reach, offsets),
             name,
         },
     })
 }
 
-/// The solid that an operation on the level set combines with, none for the others; `room` gives the
-/// box of all that matters, which ends a solid without end.
+/// The operand of an operation on the level set; `None` if it has none. `extent_bound` gives a box of
+/// all that matters, which bounds an unbounded operand.
 pub(super) fn operation_shape<'a>(
-    stock: &'a Stock,
+    inputs: &'a Inputs,
     (n, op): (usize, &Op),
     scale: Scale,
-    room: impl FnOnce() -> Result<Aabb, RunError>,
+    extent_bound: impl FnOnce() -> Result<Aabb, RunError>,
 ) -> Result<Option<Shape<'a>>, RunError> {
     let key = format!("op.{n}");
     if let Op::Trim(trim) = op {
-        let extent = trim_box(trim, scale).intersection(room()?);
-        return Ok(Some(boxed(extent, format!("the box of {key}"))));
+        let extent = trim_box(trim, scale).intersection(extent_bound()?);
+        return Ok(Some(box_shape(extent, format!("the box of {key}"))));
     }
     let Some(other) = op.operand() else {
         return Ok(None);
     };
-    let shape = operand(stock, other, &key, (scale, Offsets::default()))?;
+    let shape = operand(inputs, other, &key, (scale, Offsets::default()))?;
     if shape.extent.size().iter().all(|s| s.is_finite()) {
         return Ok(Some(shape));
     }
     if !matches!(op, Op::Intersect(_) | Op::Subtract(_)) {
-        return Err(RunError::Endless(shape.name));
+        return Err(RunError::Unbounded(shape.name));
     }
-    let room = room()?;
+    let bounds = extent_bound()?;
     Ok(Some(Shape {
-        field: Box::new(Intersection(vec![shape.field, Box::new(BoxSolid(room))])),
-        extent: room,
+        field: Box::new(Intersection(vec![shape.field, Box::new(BoxSolid(bounds))])),
+        extent: bounds,
         name: shape.name,
     }))
 }
 
-/// The solid to combine with.
+/// The operand of an operation as a shape.
 pub(super) fn operand<'a>(
-    stock: &'a Stock,
+    inputs: &'a Inputs,
     operand: &Operand,
     key: &str,
     (scale, offsets): (Scale, Offsets),
@@ -220,10 +224,10 @@ pub(super) fn operand<'a>(
     let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
     Ok(match operand {
         Operand::Mesh(_) | Operand::Crystal(_) => {
-            let solid = stock.solid(key);
+            let solid = inputs.solid(key);
             let word = operand.surface().map_or("solid", |s| s.word());
-            if let Some(lattice) = stock.lattice(key) {
-                let band = stock.recipe.sections().band.half_width.0 * scale.voxel_size;
+            if let Some(lattice) = inputs.lattice(key) {
+                let band = inputs.recipe.sections().band.half_width.0 * scale.voxel_size;
                 let mesh = Some(solid).filter(|s| !s.mesh().is_empty());
                 let bounds = mesh.map_or(Aabb::EMPTY, MeshSolid::bounds);
                 return Ok(Shape {
@@ -239,7 +243,7 @@ pub(super) fn operand<'a>(
             }
         }
         Operand::Skin(skin) => {
-            let solid = stock.solid(key);
+            let solid = inputs.solid(key);
             let thickness = skin.thickness.resolve(scale);
             let (side, reach) = match skin.side {
                 Side::Inside => (MeshSide::Inside, 0.0),
@@ -264,10 +268,10 @@ pub(super) fn operand<'a>(
             let half = Vec3::from(block.size.map(|s| s.resolve(scale))) / 2.0;
             let centre = point(&block.centre);
             let extent = Aabb::of([centre - half, centre + half]);
-            boxed(extent, format!("the box of {key}"))
+            box_shape(extent, format!("the box of {key}"))
         }
         Operand::Vdb(_) => {
-            let solid = stock.volumes.solid(key);
+            let solid = inputs.volumes.solid(key);
             Shape {
                 extent: solid.bounds(),
                 field: Box::new(Borrowed(solid)),
@@ -311,14 +315,14 @@ pub(super) fn operand<'a>(
             }
         }
         Operand::Cell(_) => {
-            let options = stock.tiling_options(scale, offsets);
+            let options = inputs.tiling_options(scale, offsets);
             let name = format!("the cell of {key}");
-            stock.single(key).shape(options, name)?
+            inputs.standalone_cell(key).shape(options, name)?
         }
     })
 }
 
-/// The box of a `trim`, world units; empty if its corners are exchanged.
+/// The box of a `trim`, world units; empty if its corners are in the wrong order.
 pub(super) fn trim_box(trim: &Trim, scale: Scale) -> Aabb {
     let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
     Aabb {
@@ -327,7 +331,7 @@ pub(super) fn trim_box(trim: &Trim, scale: Scale) -> Aabb {
     }
 }
 
-fn boxed<'a>(extent: Aabb, name: String) -> Shape<'a> {
+fn box_shape<'a>(extent: Aabb, name: String) -> Shape<'a> {
     Shape {
         field: Box::new(BoxSolid(extent)),
         extent,
@@ -335,7 +339,7 @@ fn boxed<'a>(extent: Aabb, name: String) -> Shape<'a> {
     }
 }
 
-/// A field seen from a frame whose origin lies at `by`.
+/// A field in a frame whose origin lies at `by`.
 pub(super) struct Shifted<'a> {
     pub field: Box<WorldField<'a>>,
     pub by: Vec3,
@@ -411,7 +415,7 @@ impl Field for Shifted<'_> {
     }
 }
 
-/// A field that somebody else owns.
+/// A field by reference.
 pub(super) struct Borrowed<'a, F>(pub &'a F);
 
 impl<F: Field> Field for Borrowed<'_, F> {

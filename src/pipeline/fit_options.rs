@@ -1,16 +1,16 @@
-//! From the words of `[cell.NAME]` to the options of a fit.
+//! Options of a fit from the keys of `[cell.NAME]`.
 
 use crate::cell::{Filter, FitOptions, Method, Solver, Symmetrise};
 use crate::recipe::{self, CellSection, FitMethod};
 
-/// The greatest band limit that a tolerance tries when the section names none.
-const BAND_FOR_TOLERANCE: f64 = 24.0;
+/// Greatest band limit that a fit to a tolerance tries when the section names none.
+const MAX_TOLERANCE_BAND_LIMIT: f64 = 24.0;
 
-/// The options of a fit that a section (of a recipe or of a command line) asks for.
+/// The fit options of a section of a recipe or of the command line.
 pub fn fit_options(section: &CellSection) -> FitOptions {
     let default = FitOptions::default();
     let band_limit = if section.tolerance.is_some() {
-        BAND_FOR_TOLERANCE
+        MAX_TOLERANCE_BAND_LIMIT
     } else {
         default.band_limit
     };

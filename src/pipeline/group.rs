@@ -1,26 +1,25 @@
-//! Files of groups: generators in crystallographic notation.
+//! Files of symmetry groups: generators in crystallographic notation.
 
 use crate::io::{Place, ReadError};
 use crate::symmetry::GroupText;
 use std::path::Path;
 
-/// Larger files are no list of generators.
-const LARGEST: u64 = 1 << 16;
+/// Greatest size of a file of generators, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 16;
 
-/// What is expected of such a file.
-const EXPECTED: &str = "generators such as x,-z,y, one a line";
+/// The expected content of such a file, for messages.
+const EXPECTED_CONTENT: &str = "generators such as x,-z,y, one a line";
 
-/// Reads a file of generators, as it stands, and what it says; a file without a name is named after
-/// itself.
+/// Reads a file of generators. A group without a name takes that of its file.
 ///
 /// # Errors
 /// [`ReadError`] with the line.
 pub fn read_group(path: &Path) -> Result<GroupText, ReadError> {
     let failed = |e| ReadError::io(path, e);
     let length = std::fs::metadata(path).map_err(failed)?.len();
-    if length > LARGEST {
+    if length > MAX_FILE_BYTES {
         let found = format!("{length} bytes");
-        return Err(ReadError::data(path, Place::File, found, EXPECTED));
+        return Err(ReadError::data(path, Place::File, found, EXPECTED_CONTENT));
     }
     let text = std::fs::read_to_string(path).map_err(failed)?;
     let mut group = GroupText::parse(&text).map_err(|e| group_fault(path, e))?;
@@ -32,7 +31,7 @@ pub fn read_group(path: &Path) -> Result<GroupText, ReadError> {
     Ok(group)
 }
 
-/// What is wrong with a group of a file.
+/// A syntax error of a group as an error of its file.
 pub fn group_fault(path: &Path, e: crate::symmetry::GroupTextError) -> ReadError {
-    ReadError::data(path, Place::Line(e.line as u64), e.reason, EXPECTED)
+    ReadError::data(path, Place::Line(e.line as u64), e.reason, EXPECTED_CONTENT)
 }

@@ -1,8 +1,8 @@
-//! From the section of a cell, or a cell of a recipe, to the period whose properties are wanted.
+//! Periods of cells for homogenization: from a section, a finished cell or a cell of a recipe.
 
 use super::cells::{make, recipe_element};
 use super::error::RunError;
-use super::input_files::Inputs;
+use super::input_files::InputFiles;
 use super::report::Warning;
 use super::source::{CellFault, skeleton_by};
 use super::{RunOptions, memory};
@@ -13,19 +13,19 @@ use crate::recipe::{CellPlace, CellSection, Length, Positive, Recipe, Section, S
 use crate::vdb::Session;
 use std::path::{Path, PathBuf};
 
-/// A period and what its section requests of it.
+/// A period and the volume fraction that its section requests.
 pub struct CellPeriod {
     /// The cell's name.
     pub name: String,
-    /// What repeats.
+    /// The repeating part of the structure.
     pub period: Period,
-    /// Volume fraction that round beams shall have.
+    /// Target volume fraction of round beams.
     pub volume_fraction: Option<f64>,
-    /// What was odd.
+    /// Warnings of the cell.
     pub warnings: Vec<Warning>,
 }
 
-/// A fault of a cell's period as one of the cell.
+/// An error of a cell's period as an error of the cell.
 pub fn period_fault(key: &str, error: HomogenizeError) -> RunError {
     match error {
         HomogenizeError::Cancelled(c) => RunError::Cancelled(c),
@@ -58,7 +58,7 @@ pub fn cell_period(
 /// only a fitted cell has. Paths are relative to the working directory.
 ///
 /// # Errors
-/// [`RunError`]: what the graph refuses; a thickness in units of length.
+/// [`RunError`]: an error of the graph; a thickness in units of length.
 pub fn beam_period(
     name: &str,
     section: &CellSection,
@@ -96,7 +96,7 @@ fn round(
     if let Some(thickness) = section.thickness {
         let Length::Bare(diameter) = thickness.0 else {
             return Err(fault(format!(
-                "thickness = \"{}\" is a length in space, which a period does not have; expected a number of \
+                "thickness = \"{}\" is a length in space, and a period has reference lengths only; expected a number of \
                  reference lengths, or volume_fraction",
                 thickness.0
             )));
@@ -118,7 +118,7 @@ fn round(
 /// The period of a cell of a recipe, changed by `flags`: element, level rule, radius, section.
 ///
 /// # Errors
-/// [`RunError`]: no cell of that name, no element, and what the cell or its period refuse.
+/// [`RunError`]: no cell of that name, no element, or an error of the cell or its period.
 pub fn recipe_period(
     recipe: &Recipe,
     name: &str,
@@ -149,11 +149,11 @@ pub fn recipe_period(
     section.radius = flags.radius.or(section.radius);
     section.plate_thickness = flags.plate_thickness.or(section.plate_thickness);
     section.section = flags.section.or(section.section);
-    let says = section.own_element().is_some()
+    let has_element = section.own_element().is_some()
         || section.file.is_some()
         || section.surface.is_some()
         || section.hybrid().is_some();
-    if sections.scaffold.is_some() && !says {
+    if sections.scaffold.is_some() && !has_element {
         return Err(fault(
             "the cell takes the scaffold's element; expected one by name, as in --element tet"
                 .to_owned(),
@@ -166,12 +166,12 @@ pub fn recipe_period(
         return Ok(found);
     }
     let options = RunOptions::default();
-    let mut inputs = Inputs::new(recipe, &options);
-    let cell = make(&mut inputs, &key, &section, element, session)?;
-    cell_period(cell, packing, inputs.warnings)
+    let mut files = InputFiles::new(recipe, &options);
+    let cell = make(&mut files, &key, &section, element, session)?;
+    cell_period(cell, packing, files.warnings)
 }
 
-/// Bytes of memory that are free; `None` where the system does not tell.
+/// Bytes of free memory; `None` where the system does not report it.
 pub fn free_memory() -> Option<u64> {
     memory::available()
 }

@@ -1,39 +1,39 @@
-//! Files that a run reads: their frame, their hash, their box, and what looks wrong with them.
+//! The input files of a run: their frames, hashes, boxes and warnings.
 
 use super::RunOptions;
 use super::crystals::Crystal;
-use super::error::{RunError, show};
-use super::lattice::Lattice;
+use super::error::{RunError, box_text};
+use super::lattice::LatticeSolid;
 use super::report::{Input, Warning};
 use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::{Place, ReadError, SolidFile};
-use crate::mesh::{HopelessMesh, MeshSolid, RepairKind, TriMesh};
+use crate::mesh::{MeshSolid, NoSolidError, RepairKind, TriMesh};
 use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
-use crate::vdb::subprocess::{Opened, Program};
+use crate::vdb::subprocess::{PrefetchedGrid, Program};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Boxes that differ by more than this have probably different units.
-const UNLIKELY: f64 = 100.0;
+/// Ratio of two boxes' sizes above which their units probably differ.
+const MAX_SIZE_RATIO: f64 = 100.0;
 
-/// What has been read so far.
-pub(super) struct Inputs<'a> {
+/// The files read so far.
+pub(super) struct InputFiles<'a> {
     pub recipe: &'a Recipe,
-    pub files: Vec<Input>,
+    pub inputs: Vec<Input>,
     pub warnings: Vec<Warning>,
-    /// The child process that reads OpenVDB files, if one is to.
+    /// The child process that reads OpenVDB files, if there is one.
     pub reader: Option<&'a Program>,
-    /// A grid that has been read already, if there is one.
-    pub opened: Option<&'a Opened>,
+    /// A grid that is in memory already, if there is one.
+    pub opened: Option<&'a PrefetchedGrid>,
     paths: Vec<PathBuf>,
     strict: bool,
 }
 
-impl<'a> Inputs<'a> {
+impl<'a> InputFiles<'a> {
     pub fn new(recipe: &'a Recipe, options: &'a RunOptions) -> Self {
         Self {
             recipe,
-            files: Vec::new(),
+            inputs: Vec::new(),
             warnings: Vec::new(),
             reader: options.isolated.as_ref(),
             opened: options.opened.as_ref(),
@@ -42,7 +42,7 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// The solid within a surface of the recipe.
+    /// The solid that a surface of the recipe bounds.
     pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<MeshSolid, RunError> {
         match surface {
             SurfaceRef::Mesh(file) => {
@@ -57,12 +57,12 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// The solid within a surface of the recipe, and the beams that its file holds besides.
+    /// The solid that a surface of the recipe bounds, and the beams that its file holds.
     pub fn solid_and_beams(
         &mut self,
         key: &str,
         surface: SurfaceRef,
-    ) -> Result<(MeshSolid, Option<Lattice>), RunError> {
+    ) -> Result<(MeshSolid, Option<LatticeSolid>), RunError> {
         let SurfaceRef::Mesh(file) = surface else {
             return Ok((self.solid(key, surface)?, None));
         };
@@ -70,21 +70,21 @@ impl<'a> Inputs<'a> {
         self.read_solid(key, file, read)
     }
 
-    /// Makes a crystal and notes it.
+    /// Makes a crystal and records it.
     pub fn crystal(&mut self, key: &str, frame: &CrystalFrame) -> Result<Crystal, RunError> {
         let crystal = Crystal::make(self.recipe, frame)?;
         self.record_crystal(key, &crystal, crystal.mesh.bounds())?;
         Ok(crystal)
     }
 
-    /// Notes a crystal for the report, and what its steps had to say.
+    /// Records a crystal for the report, and the notes of its steps as warnings.
     pub fn record_crystal(
         &mut self,
         key: &str,
         crystal: &Crystal,
         bounds: Aabb,
     ) -> Result<(), RunError> {
-        self.files.push(Input {
+        self.inputs.push(Input {
             key: key.to_owned(),
             path: crystal.origin.clone(),
             hash: crystal.hash.clone(),
@@ -103,38 +103,38 @@ impl<'a> Inputs<'a> {
         self.repaired(key, mesh, Path::new(&crystal.origin))
     }
 
-    /// A mesh as a solid, with warnings of what was repaired.
+    /// A mesh as a solid, with a warning for each repair.
     fn repaired(&mut self, key: &str, mesh: TriMesh, path: &Path) -> Result<MeshSolid, RunError> {
         let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| not_a_solid(path, &e))?;
         for repair in repairs {
             let code = match repair.kind {
                 RepairKind::United => Warning::OVERLAP,
-                RepairKind::Turned | RepairKind::Closed => Warning::MESH,
+                RepairKind::Flipped | RepairKind::Closed => Warning::MESH,
             };
             self.warn(code, format!("{key}: {repair}"))?;
         }
         Ok(solid)
     }
 
-    /// Brings what was read into the recipe's unit and frame, and makes solids of it.
+    /// Converts a file's mesh and beams to the recipe's unit and frame and makes solids of them.
     fn read_solid(
         &mut self,
         key: &str,
         file: &FileFrame,
         SolidFile { file: read, beams }: SolidFile,
-    ) -> Result<(MeshSolid, Option<Lattice>), RunError> {
+    ) -> Result<(MeshSolid, Option<LatticeSolid>), RunError> {
         let path = self.recipe.resolve(&file.path);
         let own = file.unit.map(|u| u.0).or(read.unit);
         let recipe = self.recipe.unit();
-        let mesh = framed(&read.mesh, file, own, recipe);
+        let mesh = mapped_mesh(&read.mesh, file, own, recipe);
         let factor = own.map_or(1.0, |u| u.to(recipe)) * file.transform.scale.0;
         let map = frame_map(file, own, recipe);
         let clip = |mesh| self.repaired(key, mesh, &path);
-        let lattice = Lattice::new(&beams, map, factor, clip)?;
+        let lattice = LatticeSolid::new(&beams, map, factor, clip)?;
         let bounds = match &lattice {
             Some(lattice) if mesh.is_empty() => lattice.bounds(),
             Some(lattice) => lattice.bounds().union(mesh.bounds()),
-            None => filled(&mesh, &path)?,
+            None => nonempty_bounds(&mesh, &path)?,
         };
         self.record(key, &path, bounds)?;
         for warning in read.warnings {
@@ -148,10 +148,10 @@ impl<'a> Inputs<'a> {
         Ok((solid, lattice))
     }
 
-    /// Notes an input for the report.
+    /// Records an input for the report.
     pub fn record(&mut self, key: &str, path: &Path, bounds: Aabb) -> Result<(), RunError> {
         let (_, hash) = digest(path)?;
-        self.files.push(Input {
+        self.inputs.push(Input {
             key: key.to_owned(),
             path: path.display().to_string(),
             hash,
@@ -161,7 +161,7 @@ impl<'a> Inputs<'a> {
         Ok(())
     }
 
-    /// A warning; the end of a strict run.
+    /// Records a warning; an error in a strict run.
     pub fn warn(&mut self, code: &'static str, message: String) -> Result<(), RunError> {
         if self.strict {
             return Err(RunError::Strict { code, message });
@@ -170,25 +170,25 @@ impl<'a> Inputs<'a> {
         Ok(())
     }
 
-    /// W101: two inputs in world space whose boxes differ more than a hundredfold.
+    /// W101: the boxes of two inputs in world space differ more than a hundredfold.
     pub fn compare_boxes(&mut self) -> Result<(), RunError> {
         let size = |i: &Input| i.bounds.half_diagonal();
-        let placed = |i: &&Input| !i.key.starts_with("cell.") && !i.bounds.is_empty();
-        let world = || self.files.iter().filter(placed);
-        let least = world().min_by(|a, b| size(a).total_cmp(&size(b)));
-        let most = world().max_by(|a, b| size(a).total_cmp(&size(b)));
-        let Some((least, most)) = least.zip(most) else {
+        let is_in_world = |i: &&Input| !i.key.starts_with("cell.") && !i.bounds.is_empty();
+        let in_world = || self.inputs.iter().filter(is_in_world);
+        let smallest = in_world().min_by(|a, b| size(a).total_cmp(&size(b)));
+        let largest = in_world().max_by(|a, b| size(a).total_cmp(&size(b)));
+        let Some((smallest, largest)) = smallest.zip(largest) else {
             return Ok(());
         };
-        if size(most) <= UNLIKELY * size(least) {
+        if size(largest) <= MAX_SIZE_RATIO * size(smallest) {
             return Ok(());
         }
         let message = format!(
-            "units look wrong: {} spans {}, {} spans {} (in {}); say unit = ... for one of them",
-            most.key,
-            show(&most.bounds),
-            least.key,
-            show(&least.bounds),
+            "units look wrong: {} spans {}, {} spans {} (in {}); set unit = ... for one of them",
+            largest.key,
+            box_text(&largest.bounds),
+            smallest.key,
+            box_text(&smallest.bounds),
             self.recipe.unit()
         );
         self.warn(Warning::UNITS, message)
@@ -202,7 +202,7 @@ impl<'a> Inputs<'a> {
     }
 }
 
-fn filled(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
+fn nonempty_bounds(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
     if mesh.is_empty() {
         let (found, expected) = ("no triangles", "a mesh with triangles");
         return Err(ReadError::data(path, Place::File, found, expected));
@@ -211,7 +211,7 @@ fn filled(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
 }
 
 /// The error for a mesh that bounds no solid and cannot be repaired.
-pub(super) fn not_a_solid(path: &Path, error: &HopelessMesh) -> ReadError {
+pub(super) fn not_a_solid(path: &Path, error: &NoSolidError) -> ReadError {
     ReadError::data(
         path,
         Place::File,
@@ -220,8 +220,9 @@ pub(super) fn not_a_solid(path: &Path, error: &HopelessMesh) -> ReadError {
     )
 }
 
-/// A mesh in the recipe's unit and frame: its own unit, its up axis, then its placement.
-fn framed(
+/// A mesh in the recipe's frame: converted from its own unit, turned to the recipe's up axis, then
+/// placed.
+fn mapped_mesh(
     mesh: &TriMesh,
     file: &FileFrame,
     own: Option<LengthUnit>,
@@ -230,7 +231,7 @@ fn framed(
     mesh.mapped(frame_map(file, own, recipe))
 }
 
-/// The change of frame of a file's points.
+/// The map of a file's points to the recipe's frame.
 pub(super) fn frame_map(
     file: &FileFrame,
     own: Option<LengthUnit>,

@@ -1,18 +1,18 @@
-//! What a run is made of, read once: the meshes of its operations, its scaffold, its cell.
+//! The inputs of a run, read once: meshes of its operations, its scaffold, its cells, its grids.
 
 use super::RunOptions;
 use super::cells;
-use super::error::{RunError, short};
-use super::field_ops::{Borrowed, Shape, common_part, field_operations};
+use super::error::{RunError, short_number};
+use super::field_ops::{Borrowed, Shape, field_operations, intersection};
 use super::fractions;
-use super::input_files::{Inputs, hash_text};
-use super::lattice::Lattice;
+use super::input_files::{InputFiles, hash_text};
+use super::lattice::LatticeSolid;
 use super::offsets::{self, Offsets};
 use super::report::{OffsetReport, Report, SolidReport, Warning};
 use super::scaffold;
 use super::sheets::SheetOptions;
 use super::standalone::StandAlone;
-use super::tiling::{Fill, Filled};
+use super::tiling::{CellTiling, ElementContent};
 use super::volumes::Volumes;
 use crate::field::WorldField;
 use crate::frame::{Aabb, Vec3};
@@ -25,30 +25,31 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// What nodes may take of the tolerance of a tiling; tables have theirs by themselves.
-const TOLD: f64 = 0.5;
+/// Share of a tiling's tolerance that interpolation between nodes may use; tables have a separate
+/// tolerance.
+const NODE_TOLERANCE_SHARE: f64 = 0.5;
 
-/// Everything a run reads.
-pub(super) struct Stock<'a> {
+/// All inputs of a run.
+pub(super) struct Inputs<'a> {
     /// The recipe.
     pub recipe: &'a Recipe,
     /// Grids of OpenVDB files.
     pub volumes: Volumes,
-    inputs: Inputs<'a>,
+    files: InputFiles<'a>,
     solids: BTreeMap<String, Arc<MeshSolid>>,
-    /// Beams of the files that the solids are of.
-    lattices: BTreeMap<String, Arc<Lattice>>,
-    singles: BTreeMap<String, StandAlone>,
-    tiling: Option<Fill>,
+    /// Beams of the files that the solids come from.
+    lattices: BTreeMap<String, Arc<LatticeSolid>>,
+    standalone_cells: BTreeMap<String, StandAlone>,
+    tiling: Option<CellTiling>,
     offsets: Offsets,
     offset_reports: Vec<OffsetReport>,
-    /// How the tiled scaffold finds its values, once it was asked for.
+    /// The kernel that evaluates the tiling, once its field exists.
     kernel: OnceLock<Kernel>,
-    /// The elements that its sampling came near.
+    /// The elements that the sampling visits.
     visits: Visits,
 }
 
-impl<'a> Stock<'a> {
+impl<'a> Inputs<'a> {
     /// Reads all inputs.
     pub fn load(
         recipe: &'a Recipe,
@@ -56,13 +57,13 @@ impl<'a> Stock<'a> {
         options: &'a RunOptions,
         progress: &dyn Progress,
     ) -> Result<Self, RunError> {
-        let mut stock = Self {
+        let mut inputs = Self {
             recipe,
-            inputs: Inputs::new(recipe, options),
+            files: InputFiles::new(recipe, options),
             volumes: Volumes::default(),
             solids: BTreeMap::new(),
             lattices: BTreeMap::new(),
-            singles: BTreeMap::new(),
+            standalone_cells: BTreeMap::new(),
             tiling: None,
             offsets: Offsets::default(),
             offset_reports: Vec::new(),
@@ -71,40 +72,42 @@ impl<'a> Stock<'a> {
         };
         threads.install(|| {
             progress.stage("read", None);
-            stock.load_solids()?;
-            stock.load_singles(Session::new(threads, progress))?;
-            stock.load_tiling(Session::new(threads, progress))
+            inputs.load_solids()?;
+            inputs.load_standalone_cells(Session::new(threads, progress))?;
+            inputs.load_tiling(Session::new(threads, progress))
         })?;
-        stock.visits = Visits::new(stock.elements() as usize);
-        stock.volumes = Volumes::load(&mut stock.inputs, threads, progress)?;
-        stock.inputs.compare_boxes()?;
-        (stock.offsets, stock.offset_reports) = offsets::offsets(&stock, threads, progress)?;
-        Ok(stock)
+        inputs.visits = Visits::new(inputs.elements() as usize);
+        inputs.volumes = Volumes::load(&mut inputs.files, threads, progress)?;
+        inputs.files.compare_boxes()?;
+        (inputs.offsets, inputs.offset_reports) =
+            offsets::field_offsets(&inputs, threads, progress)?;
+        Ok(inputs)
     }
 
     fn load_solids(&mut self) -> Result<(), RunError> {
-        type Known = (Arc<MeshSolid>, Option<Arc<Lattice>>);
-        let mut seen: Vec<(SurfaceRef, Known)> = Vec::new();
+        type SolidAndBeams = (Arc<MeshSolid>, Option<Arc<LatticeSolid>>);
+        let mut seen: Vec<(SurfaceRef, SolidAndBeams)> = Vec::new();
         for (n, op) in self.recipe.sections().op.iter().enumerate() {
             let Some(surface) = op.operand().and_then(Operand::surface) else {
                 continue;
             };
-            let skin = matches!(op.operand(), Some(Operand::Skin(_)));
-            // A skin takes a mesh without beams.
-            let is_known = |s: &&(SurfaceRef, Known)| s.0 == surface && !(skin && s.1.1.is_some());
-            let (solid, lattice) = if let Some((_, known)) = seen.iter().find(is_known) {
-                known.clone()
+            let is_skin = matches!(op.operand(), Some(Operand::Skin(_)));
+            // The skin of a file with beams needs its mesh alone.
+            let is_known =
+                |s: &&(SurfaceRef, SolidAndBeams)| s.0 == surface && !(is_skin && s.1.1.is_some());
+            let (solid, lattice) = if let Some((_, solid_and_beams)) = seen.iter().find(is_known) {
+                solid_and_beams.clone()
             } else {
-                let path = if skin { ".skin" } else { "" };
-                let key = format!("op.{n}.{}{path}.{}", op.name(), surface.word());
-                let known: Known = if skin {
-                    (Arc::new(self.inputs.solid(&key, surface)?), None)
+                let suffix = if is_skin { ".skin" } else { "" };
+                let key = format!("op.{n}.{}{suffix}.{}", op.name(), surface.word());
+                let solid_and_beams: SolidAndBeams = if is_skin {
+                    (Arc::new(self.files.solid(&key, surface)?), None)
                 } else {
-                    let (solid, lattice) = self.inputs.solid_and_beams(&key, surface)?;
+                    let (solid, lattice) = self.files.solid_and_beams(&key, surface)?;
                     (Arc::new(solid), lattice.map(Arc::new))
                 };
-                seen.push((surface, known.clone()));
-                known
+                seen.push((surface, solid_and_beams.clone()));
+                solid_and_beams
             };
             if let Some(lattice) = lattice {
                 self.lattices.insert(format!("op.{n}"), lattice);
@@ -114,23 +117,23 @@ impl<'a> Stock<'a> {
         Ok(())
     }
 
-    /// Cells that operations take by themselves.
-    fn load_singles(&mut self, session: Session) -> Result<(), RunError> {
+    /// Loads the standalone cells of operations.
+    fn load_standalone_cells(&mut self, session: Session) -> Result<(), RunError> {
         let sections = self.recipe.sections();
         let scale = self.recipe.scale();
         for (n, op) in sections.op.iter().enumerate() {
-            let Some(Operand::Cell(single)) = op.operand() else {
+            let Some(Operand::Cell(section)) = op.operand() else {
                 continue;
             };
             session.progress.stage("cell", None);
-            let section = &sections.cell[&single.name];
-            let key = format!("cell.{}", single.name);
-            let inputs = &mut self.inputs;
-            let element = cells::recipe_element(inputs.recipe, section)?;
-            let cell = cells::make(inputs, &key, section, element, session)?;
-            let centre = Vec3::from(single.centre.map(|l| l.resolve(scale)));
-            let alone = StandAlone::new(&cell, centre, single.size.resolve(scale))?;
-            self.singles.insert(format!("op.{n}"), alone);
+            let cell_section = &sections.cell[&section.name];
+            let key = format!("cell.{}", section.name);
+            let files = &mut self.files;
+            let element = cells::recipe_element(files.recipe, cell_section)?;
+            let cell = cells::make(files, &key, cell_section, element, session)?;
+            let centre = Vec3::from(section.centre.map(|l| l.resolve(scale)));
+            let alone = StandAlone::new(&cell, centre, section.size.resolve(scale))?;
+            self.standalone_cells.insert(format!("op.{n}"), alone);
         }
         Ok(())
     }
@@ -140,12 +143,12 @@ impl<'a> Stock<'a> {
         let (Some(section), Some(tiling)) = (&sections.scaffold, &sections.tiling) else {
             return Ok(());
         };
-        let loaded = scaffold::load(&mut self.inputs, section)?;
+        let loaded = scaffold::load(&mut self.files, section)?;
         session.progress.stage("cell", None);
         let envelope = self.envelope().cloned().or_else(|| loaded.envelope.clone());
-        let inputs = &mut self.inputs;
-        self.tiling = Some(Fill::load(
-            inputs,
+        let files = &mut self.files;
+        self.tiling = Some(CellTiling::load(
+            files,
             loaded,
             tiling,
             envelope.as_deref(),
@@ -154,7 +157,7 @@ impl<'a> Stock<'a> {
         Ok(())
     }
 
-    /// The first mesh or crystal without beams that the solid is intersected with.
+    /// The first mesh or crystal without beams that an operation intersects the solid with.
     fn envelope(&self) -> Option<&Arc<MeshSolid>> {
         let ops = &self.recipe.sections().op;
         ops.iter().enumerate().find_map(|(n, op)| match op {
@@ -167,37 +170,37 @@ impl<'a> Stock<'a> {
         })
     }
 
-    /// What fills the scaffold, if the recipe has one.
-    pub fn fill(&self) -> Option<&Fill> {
+    /// The tiled scaffold, if the recipe has one.
+    pub fn tiling(&self) -> Option<&CellTiling> {
         self.tiling.as_ref()
     }
 
-    /// What the finished solid shows: W102 thin walls, W106 loose pieces, W107 cuts that miss it,
-    /// W108 much that was dropped.
-    pub fn look_at(&mut self, solid: &SolidReport, scale: Scale) -> Result<(), RunError> {
+    /// Warns of defects of the finished solid: W102 thin walls, W106 several components, W107 cuts that
+    /// miss the part, W108 a large share of removed components.
+    pub fn check_solid(&mut self, solid: &SolidReport, scale: Scale) -> Result<(), RunError> {
         if let Some(wall) = solid.least_wall.filter(|&w| w < 2.0 * scale.voxel_size) {
             let message = format!(
-                "walls under 2 voxels: the least is {wall:.3} {}, {:.1} voxels",
+                "walls under 2 voxels: the thinnest is {wall:.3} {}, {:.1} voxels",
                 scale.unit,
                 wall / scale.voxel_size
             );
-            self.inputs.warn(Warning::THIN, message)?;
+            self.files.warn(Warning::THIN_WALLS, message)?;
         }
         if solid.components > 1 {
             let message = format!(
-                "the solid falls into {} pieces; keep_largest = true keeps one",
+                "the solid has {} components; keep_largest = true keeps the largest",
                 solid.components
             );
-            self.inputs.warn(Warning::PIECES, message)?;
+            self.files.warn(Warning::COMPONENTS, message)?;
         }
-        let share = solid.dropped_volume / (solid.dropped_volume + solid.volume);
-        if share > 0.01 {
+        let removed_share = solid.dropped_volume / (solid.dropped_volume + solid.volume);
+        if removed_share > 0.01 {
             let message = format!(
-                "{} pieces with {:.0} % of the solid were dropped; thin walls may have come apart before",
+                "{} components with {:.0} % of the solid were removed; thin walls may have broken before",
                 solid.dropped_components,
-                100.0 * share
+                100.0 * removed_share
             );
-            self.inputs.warn(Warning::DROPPED, message)?;
+            self.files.warn(Warning::REMOVED_COMPONENTS, message)?;
         }
         let cuts = self.recipe.sections().output.iter().filter_map(|o| o.cut);
         for (cut, bounds) in cuts.filter_map(|cut| Some((cut, solid.bounds?))) {
@@ -206,22 +209,22 @@ impl<'a> Stock<'a> {
                 let message = format!(
                     "the cut at {} misses the part, which spans {} to {} there",
                     cut.at,
-                    short(from),
-                    short(to)
+                    short_number(from),
+                    short_number(to)
                 );
-                self.inputs.warn(Warning::CUT, message)?;
+                self.files.warn(Warning::MISSED_CUT, message)?;
             }
         }
         Ok(())
     }
 
-    /// A warning; the end of a strict run.
+    /// Records a warning; an error in a strict run.
     pub fn warn(&mut self, code: &'static str, message: String) -> Result<(), RunError> {
-        self.inputs.warn(code, message)
+        self.files.warn(code, message)
     }
 
-    /// How many operations from the first are done before the level set is there.
-    pub fn pointwise(&self) -> usize {
+    /// Number of leading operations that the first level set already contains.
+    pub fn field_operation_count(&self) -> usize {
         match self.volumes.start() {
             Some(_) => 1,
             None => field_operations(&self.recipe.sections().op) + self.offsets.count,
@@ -233,23 +236,23 @@ impl<'a> Stock<'a> {
         &self.solids[key]
     }
 
-    /// The beams beside the mesh of an operation, by its key `op.N`.
-    pub fn lattice(&self, key: &str) -> Option<&Lattice> {
+    /// The beams of the file of an operation's mesh, by its key `op.N`.
+    pub fn lattice(&self, key: &str) -> Option<&LatticeSolid> {
         self.lattices.get(key).map(Arc::as_ref)
     }
 
-    /// The cell of an operation, by its key `op.N`.
-    pub fn single(&self, key: &str) -> &StandAlone {
-        &self.singles[key]
+    /// The standalone cell of an operation, by its key `op.N`.
+    pub fn standalone_cell(&self, key: &str) -> &StandAlone {
+        &self.standalone_cells[key]
     }
 
-    /// What is done to the field after the operations on fields.
+    /// The offsets of the field after the operations on fields.
     pub fn offsets(&self) -> Offsets {
         self.offsets
     }
 
-    /// How the recipe tiles, for voxels of one size, where distances must hold beyond the band as far
-    /// as offsets reach.
+    /// The tiling options for voxels of one size. Distances must hold as far beyond the band as the
+    /// offsets reach.
     pub fn tiling_options(&self, scale: Scale, offsets: Offsets) -> TilingOptions {
         let sections = self.recipe.sections();
         let boundary = sections.scaffold.as_ref().map(|s| s.boundary);
@@ -267,7 +270,7 @@ impl<'a> Stock<'a> {
         }
     }
 
-    /// How far tables and nodes may displace the surface, voxels.
+    /// Displacement of the surface that tables and interpolation may cause, voxels.
     fn tolerance(&self) -> f64 {
         let section = self.recipe.sections().tiling.as_ref();
         section.map_or(0.0, |t| t.tolerance.0)
@@ -284,28 +287,29 @@ impl<'a> Stock<'a> {
         }
         let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
         let scaffold = &tiling.loaded.scaffold;
-        let nodes = TOLD * self.tolerance() * options.voxel_size;
+        let nodes = NODE_TOLERANCE_SHARE * self.tolerance() * options.voxel_size;
         let field: Box<WorldField<'_>> = if let Some(sheets) = tiling.sheets() {
-            let how = SheetOptions {
+            let sheet_options = SheetOptions {
                 tiling: options,
                 offsets,
                 nodes,
                 visits: Some(&self.visits),
             };
-            let (field, kernel) = sheets.field(tiling, || tiling.tabulated(), how)?;
+            let (field, kernel) = sheets.field(tiling, || tiling.tabulated(), sheet_options)?;
             self.kernel.get_or_init(|| kernel);
             field
         } else {
             match tiling.tabulated()? {
-                Filled::One(table) => {
+                ElementContent::Cell(table) => {
                     let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
                     self.kernel.get_or_init(|| solid.kernel());
-                    Box::new(solid.noting(&self.visits).by_nodes(nodes))
+                    Box::new(solid.with_visits(&self.visits).with_interpolation(nodes))
                 }
-                Filled::Many(blend) => {
-                    let solid = TiledSolid::owning(scaffold, *blend, options).map_err(failed)?;
+                ElementContent::Blend(blend) => {
+                    let solid = TiledSolid::with_owned_filling(scaffold, *blend, options)
+                        .map_err(failed)?;
                     self.kernel.get_or_init(|| solid.kernel());
-                    Box::new(solid.noting(&self.visits).by_nodes(nodes))
+                    Box::new(solid.with_visits(&self.visits).with_interpolation(nodes))
                 }
             }
         };
@@ -316,48 +320,48 @@ impl<'a> Stock<'a> {
             name: "the scaffold".into(),
         };
         if let Some(envelope) = &tiling.loaded.envelope {
-            // The mesh that was filled ends the solid.
+            // The mesh that the scaffold fills bounds the solid.
             let borrowed = Box::new(Borrowed(envelope.as_ref()));
-            shape.field = common_part(shape.field, borrowed, options.half_width, offsets);
+            shape.field = intersection(shape.field, borrowed, options.half_width, offsets);
         }
         Ok(Some(shape))
     }
 
-    /// The box that the tiled scaffold lies in, if the recipe has one.
+    /// The bounding box of the tiled scaffold, if the recipe has one.
     pub fn tiled_extent(&self, scale: Scale, offsets: Offsets) -> Option<Aabb> {
         let boundary = self.tiling_options(scale, offsets).boundary;
         self.tiling.as_ref().map(|t| tiled_extent(t, boundary))
     }
 
-    /// How the tiled scaffold found its values, if it was asked for any.
+    /// The kernel that evaluated the tiling; `None` before its field exists.
     pub fn kernel(&self) -> Option<Kernel> {
         self.kernel.get().copied()
     }
 
-    /// Forgets which elements were visited: what was looked at before is no part of the run's sampling.
-    pub fn begin_visits(&self) {
+    /// Resets the visits, so that they count the run's own sampling only.
+    pub fn clear_visits(&self) {
         self.visits.clear();
     }
 
-    /// How many elements of the tiled scaffold were visited since.
+    /// Number of elements visited since the reset.
     pub fn elements_visited(&self) -> Option<u64> {
         self.kernel().map(|_| self.visits.count())
     }
 
-    /// How many leaves of the tiled scaffold nodes have told since.
+    /// Number of leaves interpolated between nodes since the reset.
     pub fn leaves_by_nodes(&self) -> Option<u64> {
-        self.kernel().map(|_| self.visits.leaves_by_nodes())
+        self.kernel().map(|_| self.visits.interpolated_leaves())
     }
 
-    /// Elements of the scaffold.
+    /// Number of elements of the scaffold.
     pub fn elements(&self) -> u64 {
         self.tiling
             .as_ref()
             .map_or(0, |t| t.loaded.scaffold.len() as u64)
     }
 
-    /// Volume that the solid's share is taken of: the first envelope's, or the scaffold's.
-    pub fn room(&self) -> Option<f64> {
+    /// The volume that the volume fraction relates to: of the first envelope, or of the scaffold.
+    pub fn reference_volume(&self) -> Option<f64> {
         self.envelope()
             .map(Arc::as_ref)
             .or_else(|| self.tiling.as_ref()?.loaded.envelope.as_deref())
@@ -367,31 +371,31 @@ impl<'a> Stock<'a> {
 
     /// Whether a path is one of the inputs.
     pub fn is_input(&self, path: &Path) -> bool {
-        self.inputs.contains(path)
+        self.files.contains(path)
     }
 
-    /// Share of its volume that the recipe asked of its cell or its tiling, and that the cell has in the
-    /// elements of the scaffold as they are.
-    pub fn fractions(&self) -> (Option<f64>, Option<f64>) {
+    /// The volume fraction that the recipe requests of its cell or its tiling, and the fraction that the
+    /// cell has in the elements as they are.
+    pub fn volume_fractions(&self) -> (Option<f64>, Option<f64>) {
         let Some(tiling) = &self.tiling else {
             return (None, None);
         };
-        // Of a blend there is no single one.
-        let asked = match &tiling.palette[..] {
+        // A blend has no single target.
+        let target = match &tiling.palette[..] {
             [entry] => self.recipe.sections().cell[&entry.name].volume_fraction,
             _ => None,
         };
-        let asked = tiling.fraction_asked.or(asked.map(|f| f.0));
-        (asked, fractions::of_cell(tiling))
+        let target = tiling.target_fraction.or(target.map(|f| f.0));
+        (target, fractions::cell_fraction(tiling))
     }
 
-    /// The thickness that the recipe asks for, least and greatest, in its unit; `None` where it asks for none
+    /// Least and greatest thickness that the recipe requests, in its unit; `None` where it requests none
     /// in units of length.
-    pub fn thickness_asked(&self) -> Option<[f64; 2]> {
-        self.tiling.as_ref()?.thickness_asked()
+    pub fn target_thickness(&self) -> Option<[f64; 2]> {
+        self.tiling.as_ref()?.target_thickness()
     }
 
-    /// The part of the report that the inputs fill in.
+    /// The part of the report that describes the inputs.
     pub fn report(&self) -> Report {
         let path = self.recipe.source().path.as_ref();
         Report {
@@ -399,19 +403,19 @@ impl<'a> Stock<'a> {
             recipe: path.map_or(String::new(), |p| p.display().to_string()),
             recipe_blake3: hash_text(&self.recipe.source().text()),
             unit: self.recipe.unit().symbol().into(),
-            inputs: self.inputs.files.clone(),
+            inputs: self.files.inputs.clone(),
             scaffold: self.tiling.as_ref().map(|t| t.loaded.report.clone()),
-            cells: self.tiling.iter().flat_map(Fill::facts).collect(),
+            cells: self.tiling.iter().flat_map(CellTiling::facts).collect(),
             offsets: self.offset_reports.clone(),
-            warnings: self.inputs.warnings.clone(),
+            warnings: self.files.warnings.clone(),
             ..Report::default()
         }
     }
 }
 
-/// The box of a tiled scaffold. Where nothing is cut off, an envelope ends the solid; it may reach beyond the
-/// scaffold.
-fn tiled_extent(tiling: &Fill, boundary: tiling::Boundary) -> Aabb {
+/// The bounding box of a tiled scaffold. Without a cut at its boundary the solid may extend beyond the
+/// scaffold; an envelope bounds it.
+fn tiled_extent(tiling: &CellTiling, boundary: tiling::Boundary) -> Aabb {
     let bounds = tiling.loaded.scaffold.bounds();
     let extent = match boundary {
         tiling::Boundary::Cut => bounds,

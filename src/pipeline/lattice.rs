@@ -1,10 +1,10 @@
-//! Beam lattices of files as solids: round beams, cones with flat or half-round ends, balls, and what
-//! clips them.
+//! Beam lattices of files as solids: round beams, cones with flat or spherical ends, balls, and clipping
+//! meshes.
 
 use super::error::RunError;
-use super::field_ops::{Borrowed, Shape, common_part, whole};
+use super::field_ops::{Borrowed, Shape, intersection, union};
 use super::input_files::not_a_solid;
-use super::level_set_ops::Bench;
+use super::level_set_ops::StageContext;
 use super::offsets::Offsets;
 use crate::beams::{Beam, Beams, Rod, Rods};
 use crate::field::{Complement, WorldField};
@@ -15,42 +15,42 @@ use crate::recipe::Scale;
 use crate::vdb::{LevelSet, Session};
 use std::path::Path;
 
-/// Radii that differ by less than this share are one.
-const SAME: f64 = 1e-9;
+/// Relative difference of radii below which they count as equal.
+const RADIUS_TOLERANCE: f64 = 1e-9;
 
-/// The beams of a file in world space.
-pub(super) struct Lattice {
-    parts: Vec<Part>,
+/// The beams of a file as a solid in world space.
+pub(super) struct LatticeSolid {
+    parts: Vec<ClippedBeams>,
     bounds: Aabb,
 }
 
-/// Beams with one clipping mesh or none.
+/// Beams with at most one clipping mesh.
 #[derive(Default)]
-struct Part {
+struct ClippedBeams {
     beams: Option<Beams>,
     rods: Option<Rods>,
-    /// The mesh, and whether what is inside it is kept.
+    /// The mesh, and whether its inside is kept.
     clip: Option<(MeshSolid, bool)>,
 }
 
-/// A beam as a swept ball, or as a cone with the balls that reach beyond it.
-fn enter(beam: &FileBeam, beams: &mut Vec<Beam>, rods: &mut Vec<Rod>) {
+/// Adds a beam: as a swept ball, or as a cone and the balls at its ends that the cone does not contain.
+fn add_beam(beam: &FileBeam, beams: &mut Vec<Beam>, rods: &mut Vec<Rod>) {
     let [r, s] = beam.radii;
     let is_flat = beam.caps.map(|c| c == BeamCap::Butt);
-    let own = Beam {
+    let swept = Beam {
         ends: beam.ends,
         radii: beam.radii,
     };
-    if (r - s).abs() <= SAME * r.max(s) && is_flat == [false, false] {
-        beams.push(own);
+    if (r - s).abs() <= RADIUS_TOLERANCE * r.max(s) && is_flat == [false, false] {
+        beams.push(swept);
         return;
     }
     rods.push(Rod {
-        beam: own,
+        beam: swept,
         is_round: is_flat.map(|f| !f),
     });
     for n in 0..2 {
-        // At the thinner end the cone holds the inner half of the ball.
+        // At the thinner end the cone contains the inner half of the ball.
         if beam.caps[n] == BeamCap::Sphere && beam.radii[n] > beam.radii[1 - n] {
             beams.push(Beam {
                 ends: [beam.ends[n]; 2],
@@ -60,19 +60,20 @@ fn enter(beam: &FileBeam, beams: &mut Vec<Beam>, rods: &mut Vec<Rod>) {
     }
 }
 
-impl Lattice {
-    /// The beams of a file under a map that scales by `factor`; `solid` makes a solid of a clipping mesh.
-    /// `None` if there are none.
+impl LatticeSolid {
+    /// The beams of a file under a map that scales by `factor`. `solid` makes a solid of a clipping
+    /// mesh. `None` if there are no beams.
     pub fn new(
         parts: &[BeamPart],
         map: impl Fn(Vec3) -> Vec3,
         factor: f64,
         mut solid: impl FnMut(TriMesh) -> Result<MeshSolid, RunError>,
     ) -> Result<Option<Self>, RunError> {
-        let mut made: Vec<Part> = Vec::new();
-        let (mut free, mut bounds) = ((Vec::new(), Vec::new()), Aabb::EMPTY);
-        let mut close = |(beams, rods): (Vec<Beam>, Vec<Rod>), clip: Option<(MeshSolid, bool)>| {
-            let part = Part {
+        let mut made: Vec<ClippedBeams> = Vec::new();
+        let (mut unclipped, mut bounds) = ((Vec::new(), Vec::new()), Aabb::EMPTY);
+        let mut add_part = |(beams, rods): (Vec<Beam>, Vec<Rod>),
+                            clip: Option<(MeshSolid, bool)>| {
+            let part = ClippedBeams {
                 beams: Beams::new(&beams, &[]),
                 rods: Rods::new(&rods),
                 clip,
@@ -88,7 +89,7 @@ impl Lattice {
             let lists = if part.clip.is_some() {
                 &mut own
             } else {
-                &mut free
+                &mut unclipped
             };
             for beam in &part.beams {
                 let placed = FileBeam {
@@ -96,7 +97,7 @@ impl Lattice {
                     radii: beam.radii.map(|r| r * factor),
                     ..*beam
                 };
-                enter(&placed, &mut lists.0, &mut lists.1);
+                add_beam(&placed, &mut lists.0, &mut lists.1);
             }
             lists.0.extend(part.balls.iter().map(|&(c, r)| Beam {
                 ends: [map(c); 2],
@@ -104,10 +105,10 @@ impl Lattice {
             }));
             if let Some(clip) = &part.clip {
                 let mesh = solid(clip.mesh.mapped(&map))?;
-                close(own, Some((mesh, clip.keeps_inside)));
+                add_part(own, Some((mesh, clip.keeps_inside)));
             }
         }
-        close(free, None);
+        add_part(unclipped, None);
         let is_empty = made.is_empty();
         Ok((!is_empty).then_some(Self {
             parts: made,
@@ -115,20 +116,21 @@ impl Lattice {
         }))
     }
 
-    /// The box around all of it.
+    /// The bounding box.
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
 
-    /// The beams and a mesh, if there is one, as one field; `reach` bounds the distances that matter.
+    /// The union of the beams and a mesh, if there is one, as a field; `reach` bounds the distances that
+    /// matter.
     pub fn field<'a>(
         &'a self,
         mesh: Option<&'a MeshSolid>,
         (reach, offsets): (f64, Offsets),
     ) -> Box<WorldField<'a>> {
-        let join = |a: Option<Box<WorldField<'a>>>, b: Box<WorldField<'a>>| {
+        let united = |a: Option<Box<WorldField<'a>>>, b: Box<WorldField<'a>>| {
             Some(match a {
-                Some(a) => whole(a, b, reach, offsets),
+                Some(a) => union(a, b, reach, offsets),
                 None => b,
             })
         };
@@ -136,10 +138,10 @@ impl Lattice {
         for part in &self.parts {
             let mut own: Option<Box<WorldField<'a>>> = None;
             if let Some(beams) = &part.beams {
-                own = join(own, Box::new(Borrowed(beams)));
+                own = united(own, Box::new(Borrowed(beams)));
             }
             if let Some(rods) = &part.rods {
-                own = join(own, Box::new(Borrowed(rods)));
+                own = united(own, Box::new(Borrowed(rods)));
             }
             let Some(mut own) = own else { continue };
             if let Some((mesh, keeps_inside)) = &part.clip {
@@ -149,15 +151,15 @@ impl Lattice {
                 } else {
                     Box::new(Complement(mesh))
                 };
-                own = common_part(own, kept, reach, offsets);
+                own = intersection(own, kept, reach, offsets);
             }
-            all = join(all, own);
+            all = united(all, own);
         }
         all.unwrap_or_else(|| Box::new(crate::field::Union(Vec::new())))
     }
 }
 
-impl Part {
+impl ClippedBeams {
     fn bounds(&self) -> Aabb {
         let beams = self.beams.as_ref().map_or(Aabb::EMPTY, Beams::bounds);
         let rods = self.rods.as_ref().map_or(Aabb::EMPTY, Rods::bounds);
@@ -169,10 +171,10 @@ impl Part {
     }
 }
 
-/// What a file with beams shows, as a level set of voxels of this edge, half a band of so many voxels.
+/// The solid of a file with beams as a level set, for a picture. `half_width` is in voxels.
 ///
 /// # Errors
-/// A mesh that bounds no solid; what the band and OpenVDB refuse.
+/// A mesh that bounds no solid; an error of the band or of OpenVDB.
 pub fn solid_picture(
     path: &Path,
     solid: &SolidFile,
@@ -188,11 +190,11 @@ pub fn solid_picture(
         mesh if mesh.is_empty() => None,
         mesh => Some(repaired(mesh.clone())?),
     };
-    let lattice = Lattice::new(&solid.beams, |v| v, 1.0, repaired)?;
+    let lattice = LatticeSolid::new(&solid.beams, |v| v, 1.0, repaired)?;
     let Some(lattice) = lattice else {
         return Err(RunError::Empty("the file".into()));
     };
-    let bench = Bench {
+    let context = StageContext {
         threads: session.threads,
         progress: session.progress,
         scale: Scale {
@@ -208,5 +210,5 @@ pub fn solid_picture(
         extent: solid.bounds(),
         name: "the file".into(),
     };
-    Ok(bench.sample(&shape, "band")?.0)
+    Ok(context.sample(&shape, "band")?.0)
 }

@@ -1,15 +1,15 @@
-//! The least wall: how thin the solid is, measured on its surface.
+//! The least wall thickness of a solid, from inscribed balls that touch its surface.
 //!
-//! A ball that touches the surface at p, with inward normal n, and passes through another surface
-//! point q has its centre at p + r n with r = |q - p|^2 / (2 (q - p).n), and sees the two contacts
-//! under an angle t when (q - p).n = |q - p| sin(t / 2). Only contacts with t >= 100 degrees, whose
-//! own normal is turned as far against n, are looked at: 90, below which a ball sits in an edge, and
-//! 10 for the noise of normals, since right edges are everywhere. The least such r is found by a
-//! shrinking ball: start from one that holds such a point, take the q nearest to its centre, shrink
-//! until q lies on it, repeat (Ma, Bae and Choi 2012). Balls that touch at p are nested, so the result
-//! does not depend on the start: it is found by doubling, since a search in a ball that is far too
-//! large visits most of the part. The ball counts if it is inscribed, that is if no other part of the
-//! surface reaches into it; in convex edges one does, and they say nothing about walls.
+//! A ball that touches the surface at p, with inward normal n, and passes through another surface point
+//! q has its centre at p + r n with r = |q - p|^2 / (2 (q - p).n). It sees the two contacts under an
+//! angle t with (q - p).n = |q - p| sin(t / 2). A contact counts if t >= 100 degrees and its own normal
+//! is turned as far against n: 90 degrees, below which a ball sits in an edge, and 10 for the noise of
+//! normals, since right edges are common. The least r is found by a shrinking ball (Ma, Bae and Choi
+//! 2012): start from a ball that contains such a point, take the q nearest to its centre, shrink until q
+//! lies on the ball, repeat. Balls that touch at p are nested, so the result does not depend on the
+//! start. The start radius is doubled from a small one, because a search in a large ball visits most of
+//! the part. A ball counts if it is inscribed: no other part of the surface reaches into it. In convex
+//! edges one does; they have no wall thickness.
 
 use super::nearest::Site;
 use super::spatial_bins::Bins;
@@ -18,31 +18,31 @@ use crate::mesh::TriMesh;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
-/// Steps of the shrinking ball; it converges in about six.
-const STEPS: usize = 40;
-/// Sine of half the least angle under which two contacts are opposite.
-const OPPOSITE: f64 = 0.766;
-/// Cosine of that angle: of the normals at two opposite contacts.
-const TURNED: f64 = -0.174;
-/// Edge of the cubes in which points of a surface are looked up, over the distance between them.
-pub(super) const BIN_EDGES: f64 = 8.0;
-/// Diameter of the thickest wall that is measured in bricks, voxels: opposite sides are looked for so far
-/// around a part.
-pub(super) const REACH: i32 = 24;
-/// A ball is inscribed if the surface reaches no deeper into it than this share of its radius.
-const DEPTH: f64 = 0.1;
+/// Greatest number of steps of the shrinking ball; it converges in about six.
+const MAX_SHRINK_STEPS: usize = 40;
+/// Sine of half the least angle between opposite contacts.
+const MIN_CONTACT_SINE: f64 = 0.766;
+/// Greatest cosine between the normals at two opposite contacts.
+const MAX_NORMAL_COSINE: f64 = -0.174;
+/// Edge of the cubes of the point search, over the distance between points.
+pub(super) const BIN_EDGE_FACTOR: f64 = 8.0;
+/// Diameter of the thickest wall that a run in bricks measures, voxels: the halo in which opposite walls
+/// are searched.
+pub(super) const MAX_BRICK_WALL: i32 = 24;
+/// Depth, over its radius, to which the surface may reach into an inscribed ball.
+const MAX_PENETRATION: f64 = 0.1;
 
-/// What is measured: the solid's walls, or the gaps between them.
+/// The phase that is measured: the solid's walls, or the gaps between them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
     /// Balls in the solid.
     Solid,
-    /// Balls in the empty space.
+    /// Balls in the void.
     Void,
 }
 
 impl Phase {
-    /// Name of the stage in which it is measured.
+    /// Name of the measuring stage.
     pub fn stage(self) -> &'static str {
         match self {
             Self::Solid => "walls",
@@ -50,7 +50,7 @@ impl Phase {
         }
     }
 
-    /// Turns outward normals of the solid into those of this phase.
+    /// Converts outward normals of the solid to outward normals of this phase.
     pub fn outward(self, mut normals: Vec<Vec3>) -> Vec<Vec3> {
         if self == Self::Void {
             for n in &mut normals {
@@ -61,25 +61,25 @@ impl Phase {
     }
 }
 
-/// A wall's thickness and a place where it is found.
+/// The thickness of a wall, and where.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Wall {
     /// Diameter of the inscribed ball.
     pub thickness: f64,
     /// Centre of the ball.
-    pub place: Vec3,
+    pub centre: Vec3,
 }
 
-/// What samples of a surface say of its walls.
+/// Samples of the wall thickness over a surface.
 #[derive(Debug, Default)]
-pub(super) struct Sampled {
+pub(super) struct WallSamples {
     walls: Vec<Wall>,
-    /// Samples whose walls are thicker than was looked.
+    /// Number of samples with walls thicker than the measured range.
     thicker: usize,
 }
 
-impl Sampled {
-    /// Those that were found, where all were looked for.
+impl WallSamples {
+    /// Samples without a limit on thickness.
     pub fn of(walls: Vec<Wall>) -> Self {
         Self { walls, thicker: 0 }
     }
@@ -90,36 +90,37 @@ impl Sampled {
         self.thicker += other.thicker;
     }
 
-    /// All that were found, and how many more are thicker than was looked.
+    /// All measured walls, and the number of thicker ones.
     pub fn all(&self) -> (&[Wall], usize) {
         (&self.walls, self.thicker)
     }
 
-    /// The first percentile, if it was measured.
+    /// The first percentile, if it is in the measured range.
     pub fn least(mut self) -> Option<Wall> {
         self.walls
             .sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
-        let place = (self.walls.len() + self.thicker) / 100;
-        self.walls.get(place).copied()
+        let rank = (self.walls.len() + self.thicker) / 100;
+        self.walls.get(rank).copied()
     }
 }
 
-/// The walls at some vertices of a mesh that goes on beyond what matters to balls up to a radius.
-pub(super) fn sampled(
+/// The walls at some vertices of a mesh, with balls up to the radius `max_radius`. The mesh covers all
+/// that such balls can reach.
+pub(super) fn sample_walls(
     mesh: &TriMesh,
     samples: &[u32],
-    widest: f64,
+    max_radius: f64,
     phase: Phase,
     progress: &dyn Progress,
-) -> Result<Sampled, Cancelled> {
-    let found = balls(mesh, samples, widest, phase, progress)?;
-    // Most of the empty space has no opposite wall at all: only gaps that were found count.
+) -> Result<WallSamples, Cancelled> {
+    let found = balls(mesh, samples, max_radius, phase, progress)?;
+    // Most of the void has no opposite wall, so only measured gaps count.
     let thicker = match phase {
-        Phase::Solid => found.iter().filter(|b| **b == Ball::Wider).count(),
+        Phase::Solid => found.iter().filter(|b| **b == TouchingBall::Wider).count(),
         Phase::Void => 0,
     };
-    let walls = found.into_iter().filter_map(Ball::inscribed);
-    Ok(Sampled {
+    let walls = found.into_iter().filter_map(TouchingBall::inscribed);
+    Ok(WallSamples {
         walls: walls.collect(),
         thicker,
     })
@@ -129,14 +130,14 @@ pub(super) fn sampled(
 fn balls(
     mesh: &TriMesh,
     samples: &[u32],
-    widest: f64,
+    max_radius: f64,
     phase: Phase,
     progress: &dyn Progress,
-) -> Result<Vec<Ball>, Cancelled> {
+) -> Result<Vec<TouchingBall>, Cancelled> {
     let outward = phase.outward(mesh.vertex_normals_by_area());
-    let points: Vec<SurfacePoint> = points(mesh, &outward).collect();
+    let points: Vec<SurfacePoint> = surface_points(mesh, &outward).collect();
     let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
-    let near = Bins::new(points.clone(), BIN_EDGES * first);
+    let bins = Bins::new(points.clone(), BIN_EDGE_FACTOR * first);
     progress.stage(phase.stage(), Some(samples.len() as u64));
     samples
         .par_iter()
@@ -146,7 +147,7 @@ fn balls(
                 return Err(Cancelled);
             }
             progress.advance(1);
-            Ok(ball_at(points[s as usize], &near, [first, widest]))
+            Ok(ball_at(points[s as usize], &bins, [first, max_radius]))
         })
         .collect()
 }
@@ -154,27 +155,30 @@ fn balls(
 /// A point of a surface and its normal into the solid.
 pub(super) type SurfacePoint = Site<Vec3>;
 
-/// The vertices of a mesh, whose normals point outward, each with the normal into the solid.
-pub(super) fn points(mesh: &TriMesh, outward: &[Vec3]) -> impl Iterator<Item = SurfacePoint> {
+/// The vertices of a mesh with inward normals, from the outward ones.
+pub(super) fn surface_points(
+    mesh: &TriMesh,
+    outward: &[Vec3],
+) -> impl Iterator<Item = SurfacePoint> {
     let vertices = mesh.vertices().iter().zip(outward);
-    vertices.map(|(&place, &outward)| Site {
-        place,
-        tag: -outward,
+    vertices.map(|(&position, &outward)| Site {
+        position,
+        value: -outward,
     })
 }
 
-/// What ball touches the surface at a point.
+/// The ball that touches the surface at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Ball {
-    /// One that is inscribed between opposite contacts.
+pub(super) enum TouchingBall {
+    /// The ball is inscribed between opposite contacts.
     Inscribed(Wall),
-    /// The surface reaches into it.
+    /// The surface reaches into the ball.
     Pierced,
-    /// None up to the radius that was looked for.
+    /// There is no ball up to the greatest radius.
     Wider,
 }
 
-impl Ball {
+impl TouchingBall {
     fn inscribed(self) -> Option<Wall> {
         match self {
             Self::Inscribed(wall) => Some(wall),
@@ -183,51 +187,51 @@ impl Ball {
     }
 }
 
-/// The ball that touches at a point, with a radius between these two (the second is not looked beyond).
+/// The ball that touches at a point. The search starts at the radius `first` and ends at `max_radius`.
 pub(super) fn ball_at(
     SurfacePoint {
-        place: p,
-        tag: inward,
+        position: p,
+        value: inward,
     }: SurfacePoint,
-    near: &Bins<Vec3>,
-    [first, widest]: [f64; 2],
-) -> Ball {
+    bins: &Bins<Vec3>,
+    [first, max_radius]: [f64; 2],
+) -> TouchingBall {
     if inward == Vec3::zeros() {
-        return Ball::Pierced;
+        return TouchingBall::Pierced;
     }
     let shrunk = |radius: f64| {
         let opposite = |q: &Site<Vec3>| {
-            let d = q.place - p;
-            d.dot(&inward) >= OPPOSITE * d.norm()
+            let d = q.position - p;
+            d.dot(&inward) >= MIN_CONTACT_SINE * d.norm()
                 && d != Vec3::zeros()
-                && q.tag.dot(&inward) <= TURNED
+                && q.value.dot(&inward) <= MAX_NORMAL_COSINE
         };
         let centre = p + inward * radius;
-        let q = near.nearest_within(centre, radius * (1.0 - 5e-3), opposite)?;
-        let d = q.place - p;
+        let q = bins.nearest_within(centre, radius * (1.0 - 5e-3), opposite)?;
+        let d = q.position - p;
         Some(d.norm_squared() / (2.0 * d.dot(&inward)))
     };
-    let mut start = first.min(widest);
+    let mut start = first.min(max_radius);
     let mut radius = loop {
         match shrunk(start) {
             Some(radius) => break radius,
-            None if start >= widest => return Ball::Wider,
-            None => start = (2.0 * start).min(widest),
+            None if start >= max_radius => return TouchingBall::Wider,
+            None => start = (2.0 * start).min(max_radius),
         }
     };
-    for _ in 1..STEPS {
+    for _ in 1..MAX_SHRINK_STEPS {
         match shrunk(radius) {
             Some(smaller) => radius = smaller,
             None => break,
         }
     }
-    let place = p + inward * radius;
-    let reach = radius * (1.0 - DEPTH);
-    if near.nearest_within(place, reach, |_| true).is_some() {
-        return Ball::Pierced;
+    let centre = p + inward * radius;
+    let reach = radius * (1.0 - MAX_PENETRATION);
+    if bins.nearest_within(centre, reach, |_| true).is_some() {
+        return TouchingBall::Pierced;
     }
-    Ball::Inscribed(Wall {
+    TouchingBall::Inscribed(Wall {
         thickness: 2.0 * radius,
-        place,
+        centre,
     })
 }

@@ -1,31 +1,33 @@
-//! Operations on the level set, one call each.
+//! Operations of a recipe on the level set, one call each.
 
 use super::error::RunError;
 use super::field_ops::{Shape, operation_shape, trim_box};
-use super::inputs::Stock;
+use super::inputs::Inputs;
 use super::report::SolidReport;
 use super::voxels::Voxels;
 use crate::band::{Band, BandStats, Region};
 use crate::frame::{Aabb, Transform};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Kernel, Op, Recipe, Resample, Scale, Side};
-use crate::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, Tools, Unwanted, VdbError, WallSide};
+use crate::vdb::{
+    ComponentSelection, LevelSet, LevelSetBuilder, Scheme, Session, Tools, VdbError, WallSide,
+};
 
-/// What every stage of a run shares.
+/// The context that all stages of a run share.
 #[derive(Clone, Copy)]
-pub(super) struct Bench<'a> {
+pub(super) struct StageContext<'a> {
     pub threads: &'a Threads,
     pub progress: &'a dyn Progress,
-    /// Its voxel size is that of the solid: resampling changes it.
+    /// Its voxel size is that of the solid; resampling changes it.
     pub scale: Scale,
     pub half_width: f64,
-    /// The part of space that is worked on, if not all of it. Where it is cut off the level set is
-    /// wrong, and more so with every operation.
+    /// The region of the level set, if it is not the whole. Beyond its border the level set is cut off
+    /// and wrong, and every operation carries the error further inward.
     pub region: Option<Region>,
 }
 
-impl<'a> Bench<'a> {
-    /// The bench of a recipe.
+impl<'a> StageContext<'a> {
+    /// The context of a recipe.
     pub fn new(recipe: &Recipe, threads: &'a Threads, progress: &'a dyn Progress) -> Self {
         Self {
             threads,
@@ -36,12 +38,12 @@ impl<'a> Bench<'a> {
         }
     }
 
-    /// How calls into OpenVDB are made.
+    /// The session of calls into OpenVDB.
     pub fn session(&self) -> Session<'a> {
         Session::new(self.threads, self.progress)
     }
 
-    /// The voxels.
+    /// The transform of the voxels.
     pub fn transform(&self) -> Result<Transform, RunError> {
         Transform::new(self.scale.voxel_size)
             .ok_or_else(|| RunError::Empty(format!("a voxel size of {}", self.scale.voxel_size)))
@@ -85,8 +87,8 @@ impl<'a> Bench<'a> {
 
 /// Applies operation number `n` to the solid.
 pub(super) fn apply(
-    bench: &mut Bench,
-    stock: &Stock,
+    context: &mut StageContext,
+    inputs: &Inputs,
     (n, op): (usize, &Op),
     solid: &mut LevelSet,
     report: &mut SolidReport,
@@ -94,17 +96,17 @@ pub(super) fn apply(
     let key = format!("op.{n}");
     let stage = format!("{key}.{}", op.name());
     let failed = RunError::level_set(&stage);
-    let session = session_of(op, *bench);
-    bench.progress.stage(op.name(), None);
+    let session = session_of(op, *context);
+    context.progress.stage(op.name(), None);
     match op {
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) | Op::Blend(_) => {
-            combine(*bench, stock, (n, op), solid, session)?;
+            apply_with_operand(*context, inputs, (n, op), solid, session)?;
         }
-        // A part may lie wholly inside, where nothing tells how far the solid goes.
-        Op::Trim(_) if bench.region.is_some() => {
-            combine(*bench, stock, (n, op), solid, session)?;
+        // A part of a solid may lie wholly inside, so that its extent is unknown.
+        Op::Trim(_) if context.region.is_some() => {
+            apply_with_operand(*context, inputs, (n, op), solid, session)?;
         }
-        Op::Resample(r) => resample(bench, r, solid, &failed)?,
+        Op::Resample(r) => resample(context, r, solid, &failed)?,
         Op::KeepLargest(true) | Op::DropSmall(_) | Op::FillVoids(_) => {
             if let Some(unwanted) = unwanted(op) {
                 let dropped = solid.remove(unwanted, session).map_err(&failed)?;
@@ -113,32 +115,32 @@ pub(super) fn apply(
         }
         _ => match op.mask() {
             Some(mask) => {
-                let mask = stock.volumes.mask(&key, mask);
-                let distance = |m: &crate::recipe::Move| m.distance.resolve(bench.scale);
+                let mask = inputs.volumes.mask(&key, mask);
+                let distance = |m: &crate::recipe::Move| m.distance.resolve(context.scale);
                 match op {
-                    Op::Dilate(m) => solid.move_by(distance(m), mask, session),
-                    Op::Erode(m) => solid.move_by(-distance(m), mask, session),
+                    Op::Dilate(m) => solid.offset_masked(distance(m), mask, session),
+                    Op::Erode(m) => solid.offset_masked(-distance(m), mask, session),
                     _ => solid.duplicate().and_then(|before| {
-                        alone(op, solid, bench.scale, session)?;
-                        solid.mix(&before, mask, session)
+                        apply_unary(op, solid, context.scale, session)?;
+                        solid.restrict_change(&before, mask, session)
                     }),
                 }
             }
-            None => alone(op, solid, bench.scale, session),
+            None => apply_unary(op, solid, context.scale, session),
         }
         .map_err(&failed)?,
     }
     let left = solid.active_voxels().map_err(&failed)?;
-    if left == 0 && bench.region.is_none() {
+    if left == 0 && context.region.is_none() {
         return Err(RunError::Empty(stage.clone()));
     }
     Ok(())
 }
 
-/// How an operation calls into OpenVDB: moves of the whole surface only where that is asked for.
-fn session_of<'a>(op: &Op, bench: Bench<'a>) -> Session<'a> {
-    let moves = super::offsets::is_by_points(op, bench.half_width);
-    let scheme = if op.is_precise() && !moves {
+/// The session of an operation. OpenVDB's tools move the surface only on request.
+fn session_of<'a>(op: &Op, context: StageContext<'a>) -> Session<'a> {
+    let uses_points = super::offsets::uses_surface_points(op, context.half_width);
+    let scheme = if op.is_precise() && !uses_points {
         Scheme::Weno5
     } else {
         Scheme::First
@@ -146,23 +148,23 @@ fn session_of<'a>(op: &Op, bench: Bench<'a>) -> Session<'a> {
     let tools = if op.is_by_filter() {
         Tools::OpenVdb
     } else {
-        Tools::Own
+        Tools::Native
     };
-    bench.session().with_scheme(scheme).with_tools(tools)
+    context.session().with_scheme(scheme).with_tools(tools)
 }
 
-/// The pieces that an operation removes from the solid as a whole.
-pub(super) fn unwanted(op: &Op) -> Option<Unwanted> {
+/// The components that an operation removes from the whole solid.
+pub(super) fn unwanted(op: &Op) -> Option<ComponentSelection> {
     match op {
-        Op::KeepLargest(true) => Some(Unwanted::ButLargest),
-        Op::DropSmall(d) => Some(Unwanted::Smaller(d.volume.0)),
-        Op::FillVoids(most) => Some(Unwanted::Voids(most.0)),
+        Op::KeepLargest(true) => Some(ComponentSelection::AllButLargest),
+        Op::DropSmall(d) => Some(ComponentSelection::SmallerThan(d.volume.0)),
+        Op::FillVoids(most) => Some(ComponentSelection::Voids(most.0)),
         _ => None,
     }
 }
 
-/// Operations that need nothing but the solid.
-fn alone(
+/// Applies an operation without an operand.
+fn apply_unary(
     op: &Op,
     solid: &mut LevelSet,
     scale: Scale,
@@ -203,49 +205,50 @@ fn alone(
         Op::Renormalise(r) => solid.renormalise(r.iterations.0, session),
         Op::Trim(t) => solid.trim(trim_box(t, scale), session),
         Op::Prune(true) => solid.prune(session),
-        // What is switched off, what `apply` does itself, and fog, which is a matter of the output.
+        // Disabled operations, those that `apply` executes itself, and fog, which belongs to the
+        // outputs.
         _ => Ok(()),
     }
 }
 
-/// Operations with another solid.
-fn combine(
-    bench: Bench,
-    stock: &Stock,
+/// Applies an operation with a second solid.
+fn apply_with_operand(
+    context: StageContext,
+    inputs: &Inputs,
     (n, op): (usize, &Op),
     solid: &mut LevelSet,
     session: Session<'_>,
 ) -> Result<(), RunError> {
     let stage = format!("op.{n}.{}", op.name());
     let failed = RunError::level_set(&stage);
-    let margin = solid.background() + 3.0 * bench.scale.voxel_size;
-    // Half of space counts as far as the solid goes.
-    let room = || match bench.region {
+    let margin = solid.background() + 3.0 * context.scale.voxel_size;
+    // The box of the solid bounds an unbounded operand.
+    let extent_bound = || match context.region {
         Some(region) => {
-            let transform = bench.transform()?;
+            let transform = context.transform()?;
             let corners = [region.min, region.max].map(|c| transform.world(c).0);
             Ok(Aabb::of(corners).dilated(margin))
         }
         None => Ok(solid.bounds().map_err(&failed)?.dilated(margin)),
     };
-    let Some(shape) = operation_shape(stock, (n, op), bench.scale, room)? else {
+    let Some(shape) = operation_shape(inputs, (n, op), context.scale, extent_bound)? else {
         return Ok(());
     };
     if shape.extent.is_empty() {
-        // A box far from this part: nothing of it stays.
-        let nothing = LevelSet::empty(bench.transform()?, solid.half_width(), session);
-        let mut nothing = nothing.map_err(&failed)?;
-        nothing.place_at(solid.origin()).map_err(&failed)?;
-        return solid.intersect(nothing, session).map_err(&failed);
+        // The box lies outside this part, so the part becomes empty.
+        let empty = LevelSet::empty(context.transform()?, solid.half_width(), session);
+        let mut empty = empty.map_err(&failed)?;
+        empty.set_origin(solid.origin()).map_err(&failed)?;
+        return solid.intersect(empty, session).map_err(&failed);
     }
-    // Solids of others may stand between the voxels of the world's lattice.
-    let own = bench.with_half_width(solid.half_width());
+    // The voxels of a solid from a file may lie off the world's lattice.
+    let operand_context = context.with_half_width(solid.half_width());
     let on_lattice = solid.origin() == crate::frame::Vec3::zeros();
-    let (mut other, _) = if on_lattice || bench.region.is_some() {
-        own.sample(&shape, op.name())?
+    let (mut other, _) = if on_lattice || context.region.is_some() {
+        operand_context.sample(&shape, op.name())?
     } else {
         let shift = solid.origin();
-        let moved = Shape {
+        let shifted = Shape {
             extent: crate::frame::Aabb {
                 min: shape.extent.min - shift,
                 max: shape.extent.max - shift,
@@ -256,39 +259,44 @@ fn combine(
             }),
             name: shape.name,
         };
-        own.sample(&moved, op.name())?
+        operand_context.sample(&shifted, op.name())?
     };
-    other.place_at(solid.origin()).map_err(&failed)?;
+    other.set_origin(solid.origin()).map_err(&failed)?;
     match op {
         Op::Intersect(_) | Op::Trim(_) => solid.intersect(other, session),
         Op::Subtract(_) => solid.subtract(other, session),
-        Op::Blend(b) => solid.blend(other, b.radius.resolve(bench.scale), session),
+        Op::Blend(b) => solid.blend(other, b.radius.resolve(context.scale), session),
         _ => solid.union(other, session),
     }
     .map_err(&failed)
 }
 
-impl Bench<'_> {
+impl StageContext<'_> {
     fn with_half_width(self, half_width: f64) -> Self {
         Self { half_width, ..self }
     }
 }
 
 fn resample(
-    bench: &mut Bench,
+    context: &mut StageContext,
     op: &Resample,
     solid: &mut LevelSet,
     failed: &impl Fn(VdbError) -> RunError,
 ) -> Result<(), RunError> {
     let on = Voxels {
-        scale: bench.scale,
-        half_width: bench.half_width,
+        scale: context.scale,
+        half_width: context.half_width,
     };
-    for way in on.ways(op) {
-        bench.scale = way.to.scale;
-        bench.half_width = way.to.half_width;
-        let transform = bench.transform()?;
-        let made = solid.resampled(transform, bench.half_width, way.placement, bench.session());
+    for step in on.resampling_steps(op) {
+        context.scale = step.to.scale;
+        context.half_width = step.to.half_width;
+        let transform = context.transform()?;
+        let made = solid.resampled(
+            transform,
+            context.half_width,
+            step.placement,
+            context.session(),
+        );
         *solid = made.map_err(failed)?;
     }
     Ok(())

@@ -1,15 +1,15 @@
-//! What memory there is, and what the process has used.
+//! Available memory and the memory that the process uses.
 
 use std::fs;
 
-/// Bytes that the process may still use: the machine's available memory, or what is left of its
-/// control group's limit if that is less. `None` where the system does not tell.
+/// Bytes that the process may still use: the machine's available memory or the rest of its control
+/// group's limit, whichever is less. `None` where the system reports neither.
 pub(super) fn available() -> Option<u64> {
     let machine = kibibytes("/proc/meminfo", "MemAvailable:");
-    [machine, group()].into_iter().flatten().min()
+    [machine, control_group()].into_iter().flatten().min()
 }
 
-fn group() -> Option<u64> {
+fn control_group() -> Option<u64> {
     let read = |path: &str| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
     let v2 = read("/sys/fs/cgroup/memory.max").zip(read("/sys/fs/cgroup/memory.current"));
     let v1 = || {
@@ -20,12 +20,12 @@ fn group() -> Option<u64> {
     Some(limit.saturating_sub(used))
 }
 
-/// Greatest resident size of this process so far, bytes; 0 where the system does not tell.
+/// Peak resident size of this process, bytes; 0 where the system does not report it.
 pub(super) fn peak() -> u64 {
     kibibytes("/proc/self/status", "VmHWM:").unwrap_or(0)
 }
 
-/// Present resident size of this process, bytes; 0 where the system does not tell.
+/// Current resident size of this process, bytes; 0 where the system does not report it.
 pub(super) fn resident() -> u64 {
     kibibytes("/proc/self/status", "VmRSS:").unwrap_or(0)
 }

@@ -1,24 +1,24 @@
-//! Meshes of the finished solid, made as an output wants them and written.
+//! Meshes of the finished solid, as an output requests them.
 
 use super::attributes::Attributes;
-use super::decimate::{Wish, decimated};
+use super::decimate::{Decimation, decimated};
 use super::error::RunError;
 use super::field_ops::shape;
-use super::level_set_ops::Bench;
-use super::output::Finished;
+use super::level_set_ops::StageContext;
+use super::output::FinishedSolid;
 use super::precision::needs_double;
 use super::report::MeshFacts;
 use crate::field::WorldField;
 use crate::frame::{LengthUnit, Vec3, WorldPoint};
 use crate::io::{MeshView, write_beams, write_mesh};
-use crate::mesh::{Projection, QuadMesh, TriMesh};
-use crate::mesher::clear_of_voxels;
+use crate::mesh::{ProjectionOptions, QuadMesh, TriMesh};
+use crate::mesher::move_off_voxels;
 use crate::recipe::Output;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::path::Path;
 
-/// A surface as it is written.
+/// The faces of a mesh output.
 enum Surface<'a> {
     Triangles(Cow<'a, TriMesh>),
     Quads(QuadMesh),
@@ -33,42 +33,42 @@ impl Surface<'_> {
     }
 }
 
-/// Writes the mesh of a solid; `plain` is its mesh without any wish.
+/// Writes the mesh of a solid as an output requests it, and returns its facts.
 pub(super) fn write(
-    bench: Bench,
-    done: Finished,
+    context: StageContext,
+    done: FinishedSolid,
     output: &Output,
     (path, unit): (&Path, LengthUnit),
 ) -> Result<Option<MeshFacts>, RunError> {
-    let Some(plain) = done.mesh else {
+    let Some(base_mesh) = done.mesh else {
         return Ok(None);
     };
     let mut facts = MeshFacts::default();
     if output.beams {
-        let lattice = super::beams::beams(done.stock)?;
+        let lattice = super::beams::beams(done.inputs)?;
         facts.faces = lattice.beams.len() as u64;
-        write_beams(path, &lattice, bench.scale.unit.to(unit), unit)?;
+        write_beams(path, &lattice, context.scale.unit.to(unit), unit)?;
         return Ok(Some(facts));
     }
     let adaptivity = output.merging();
-    let of_quads = output.is_meshed_by_openvdb();
+    let by_openvdb = output.is_meshed_by_openvdb();
     let exact = (output.project || output.sharp)
-        .then(|| shape(done.stock, bench.scale))
+        .then(|| shape(done.inputs, context.scale))
         .transpose()?;
     let failed = RunError::level_set("mesh");
-    let mut surface = if of_quads {
+    let mut surface = if by_openvdb {
         let mut mesh = done
             .solid
-            .to_quads(adaptivity, bench.session())
+            .to_quads(adaptivity, context.session())
             .map_err(failed)?;
         if let Some(exact) = exact {
-            let how = Projection {
-                voxel_size: bench.scale.voxel_size,
+            let projection = ProjectionOptions {
+                voxel_size: context.scale.voxel_size,
                 sharp: output.sharp,
             };
-            let found = bench
+            let found = context
                 .threads
-                .install(|| mesh.project(&*exact.field, how, bench.progress))?;
+                .install(|| mesh.project(&*exact.field, projection, context.progress))?;
             facts.creased = Some(found.creased as u64);
             facts.kept = Some(found.kept as u64);
             facts.error = Some(found.error);
@@ -81,60 +81,64 @@ pub(super) fn write(
     } else if let Some(exact) = exact {
         let mesh = done
             .solid
-            .to_mesh_on(&*exact.field, bench.session())
+            .to_exact_mesh(&*exact.field, context.session())
             .map_err(failed)?;
         facts.creased = Some(0);
         facts.kept = Some(0);
         facts.error = Some(
-            bench
+            context
                 .threads
-                .install(|| farthest(mesh.vertices(), &*exact.field)),
+                .install(|| max_magnitude(mesh.vertices(), &*exact.field)),
         );
         Surface::Triangles(Cow::Owned(mesh))
     } else {
-        Surface::Triangles(Cow::Borrowed(plain))
+        Surface::Triangles(Cow::Borrowed(base_mesh))
     };
-    if let (Some(wish), Surface::Triangles(mesh)) = (&output.decimate, &surface) {
-        bench.progress.stage("decimate", None);
-        let fewer = decimated(mesh, Wish::new(wish, bench.scale))?;
-        surface = Surface::Triangles(Cow::Owned(fewer));
+    if let (Some(section), Surface::Triangles(mesh)) = (&output.decimate, &surface) {
+        context.progress.stage("decimate", None);
+        let decimated_mesh = decimated(mesh, Decimation::new(section, context.scale))?;
+        surface = Surface::Triangles(Cow::Owned(decimated_mesh));
     }
-    let factor = bench.scale.unit.to(unit);
-    let wished = output.grids.as_deref().unwrap_or_default();
-    let attributes = Attributes::new(bench, done.stock, wished, done.thickness, factor)?;
-    let numbers = attributes.at_vertices(bench, surface.view().vertices);
-    let far = done.solid.far().map_err(RunError::level_set("mesh"))?;
-    let centre = plain.bounds().centre().0.into();
-    let is_double = needs_double(path, (far, centre), (bench.scale, factor))?;
+    let factor = context.scale.unit.to(unit);
+    let words = output.grids.as_deref().unwrap_or_default();
+    let attributes = Attributes::new(context, done.inputs, words, done.thickness, factor)?;
+    let values = attributes.at_vertices(context, surface.view().vertices);
+    let far = done
+        .solid
+        .max_coordinate()
+        .map_err(RunError::level_set("mesh"))?;
+    let centre = base_mesh.bounds().centre().0.into();
+    let is_double = needs_double(path, (far, centre), (context.scale, factor))?;
     if let Surface::Triangles(mesh) = &surface
         && output.decimate.is_none()
-        && !of_quads
+        && !by_openvdb
         && !is_double
         && !is_obj(path)
     {
         let (mut vertices, faces) = (mesh.vertices().to_vec(), mesh.triangles());
-        let (h, origin) = (bench.scale.voxel_size, done.solid.origin());
-        let install = || clear_of_voxels(&mut vertices, h, origin, far);
-        if bench.threads.install(install) {
-            surface = Surface::Triangles(Cow::Owned(TriMesh::known(vertices, faces.to_vec())));
+        let (h, origin) = (context.scale.voxel_size, done.solid.origin());
+        let clear = || move_off_voxels(&mut vertices, h, origin, far);
+        if context.threads.install(clear) {
+            surface =
+                Surface::Triangles(Cow::Owned(TriMesh::new_unchecked(vertices, faces.to_vec())));
         }
     }
-    let view = surface.view().scaled(factor).with_attributes(&numbers);
+    let view = surface.view().scaled(factor).with_attributes(&values);
     let view = view.in_double(is_double);
     facts.faces = view.faces.len() as u64;
-    bench.progress.stage("write", None);
+    context.progress.stage("write", None);
     write_mesh(path, view, unit)?;
     Ok(Some(facts))
 }
 
-/// Whether a file holds double precision always.
+/// Whether a file is an OBJ, which always holds double precision.
 pub(super) fn is_obj(path: &Path) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("obj"))
 }
 
 /// Greatest magnitude of a field at vertices.
-pub(super) fn farthest(vertices: &[Vec3], field: &WorldField) -> f64 {
+pub(super) fn max_magnitude(vertices: &[Vec3], field: &WorldField) -> f64 {
     let vertices = vertices.par_iter().with_min_len(256);
     vertices
         .map(|&v| field.value(WorldPoint(v)).abs())

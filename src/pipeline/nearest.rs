@@ -1,48 +1,48 @@
-//! Points with something that goes with each, found by nearness.
+//! Nearest-neighbour search in a k-d tree over points with values.
 
 use crate::frame::Vec3;
 
-/// A point and what goes with it.
+/// A point with a value.
 #[derive(Clone, Copy)]
 pub(super) struct Site<T> {
-    pub place: Vec3,
-    pub tag: T,
+    pub position: Vec3,
+    pub value: T,
 }
 
 /// A balanced k-d tree over points, in place: the median of a range is its root.
-pub(super) struct Sites<T> {
+pub(super) struct KdTree<T> {
     sites: Vec<Site<T>>,
 }
 
-/// Ranges of at most this many points are searched one by one.
-const BUCKET: usize = 8;
+/// Ranges of at most this many points are searched linearly.
+const LEAF_SIZE: usize = 8;
 
-impl<T: Copy + Send> Sites<T> {
+impl<T: Copy + Send> KdTree<T> {
     pub fn new(mut sites: Vec<Site<T>>) -> Self {
         build(&mut sites, 0);
         Self { sites }
     }
 
-    /// The site nearest to `centre` that is nearer than `reach` and `counts`; of equally near ones that
-    /// with the least coordinates, so that the order in which sites were given does not matter.
+    /// The site nearest to `centre` within `reach` that `accepts` admits. Of equally near sites it is
+    /// the one with the smallest coordinates, so that the order of the sites does not matter.
     pub fn nearest_within(
         &self,
         centre: Vec3,
         reach: f64,
-        counts: impl Fn(&Site<T>) -> bool,
+        accepts: impl Fn(&Site<T>) -> bool,
     ) -> Option<Site<T>> {
         let mut best = (reach * reach, None);
-        search(&self.sites, 0, centre, &counts, &mut best);
+        search(&self.sites, 0, centre, &accepts, &mut best);
         best.1
     }
 }
 
 fn build<T: Send>(sites: &mut [Site<T>], axis: usize) {
-    if sites.len() <= BUCKET {
+    if sites.len() <= LEAF_SIZE {
         return;
     }
     let middle = sites.len() / 2;
-    sites.select_nth_unstable_by(middle, |a, b| a.place[axis].total_cmp(&b.place[axis]));
+    sites.select_nth_unstable_by(middle, |a, b| a.position[axis].total_cmp(&b.position[axis]));
     let (left, right) = sites.split_at_mut(middle);
     let next = (axis + 1) % 3;
     if middle > 1 << 14 {
@@ -57,22 +57,22 @@ fn search<T: Copy>(
     sites: &[Site<T>],
     axis: usize,
     centre: Vec3,
-    counts: &impl Fn(&Site<T>) -> bool,
+    accepts: &impl Fn(&Site<T>) -> bool,
     best: &mut (f64, Option<Site<T>>),
 ) {
     let consider = |site: &Site<T>, best: &mut (f64, Option<Site<T>>)| {
-        let distance = (site.place - centre).norm_squared();
+        let distance = (site.position - centre).norm_squared();
         let is_before = |other: &Site<T>| {
-            let coordinates = |site: &Site<T>| -> [f64; 3] { site.place.into() };
+            let coordinates = |site: &Site<T>| -> [f64; 3] { site.position.into() };
             coordinates(site) < coordinates(other)
         };
         let is_nearer =
             distance < best.0 || distance == best.0 && best.1.as_ref().is_some_and(is_before);
-        if is_nearer && counts(site) {
+        if is_nearer && accepts(site) {
             *best = (distance, Some(*site));
         }
     };
-    if sites.len() <= BUCKET {
+    if sites.len() <= LEAF_SIZE {
         for site in sites {
             consider(site, best);
         }
@@ -81,16 +81,16 @@ fn search<T: Copy>(
     let middle = sites.len() / 2;
     let root = &sites[middle];
     let next = (axis + 1) % 3;
-    let offset = centre[axis] - root.place[axis];
+    let offset = centre[axis] - root.position[axis];
     let (near, far) = if offset < 0.0 {
         (&sites[..middle], &sites[middle + 1..])
     } else {
         (&sites[middle + 1..], &sites[..middle])
     };
-    search(near, next, centre, counts, best);
+    search(near, next, centre, accepts, best);
     consider(root, best);
     if offset * offset <= best.0 {
-        search(far, next, centre, counts, best);
+        search(far, next, centre, accepts, best);
     }
 }
 
@@ -110,8 +110,11 @@ mod tests {
         let points: Vec<Vec3> = (0..500)
             .map(|_| bounds.size().map(|s| s * next()))
             .collect();
-        let sites = points.iter().map(|&place| Site { place, tag: () });
-        let tree = Sites::new(sites.collect());
+        let sites = points.iter().map(|&position| Site {
+            position,
+            value: (),
+        });
+        let tree = KdTree::new(sites.collect());
         for _ in 0..200 {
             let c = Vec3::from_fn(|_, _| next());
             let scan = points
@@ -119,7 +122,7 @@ mod tests {
                 .copied()
                 .min_by(|a, b| (a - c).norm().total_cmp(&(b - c).norm()));
             let found = tree.nearest_within(c, 9.0, |_| true);
-            assert_eq!(found.map(|s| s.place), scan);
+            assert_eq!(found.map(|s| s.position), scan);
         }
     }
 }

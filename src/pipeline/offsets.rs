@@ -1,56 +1,50 @@
-//! Offsets without filters: the first operations that move a surface, done on the exact field.
+//! Offsets on the exact field: the first operations that move the surface.
 //!
-//! A solid that is still a field is dilated by d when d is taken from its distances, eroded when d is
-//! added, and hollowed by the magnitude. That is exact, costs nothing beside the sampling that is done
-//! anyway, and loses nothing to a filter's first order. The tiling's distances then hold over a band as
-//! much wider, by closest-point searches where the fast rule does not do, and those beyond convex edges
-//! (of common parts, outside) and concave ones (of unions, inside) are taken to the edge.
+//! Subtracting d from a field's distances dilates the solid, adding d erodes it, the magnitude hollows
+//! it. This is exact, costs nothing beyond the sampling itself, and has no first-order error of a filter.
+//! The tiling's distances must then hold over a wider band, by closest points where the fast estimate is
+//! not enough. Distances beyond convex edges of intersections and concave edges of unions are those to
+//! the edge.
 //!
-//! It holds as far as the field is a distance: to about half the least wall inwards, and half the least
-//! gap outwards, where surfaces meet; of cells whose field bends, less far. That is measured, on the
-//! offset field itself: from voxels p of its band, drawn over the whole part, to the foot p - s grad s,
-//! where the field must vanish. If the root mean square of what it is there instead is more than
-//! [`LIMIT`], the distance is rebuilt first, from points of the surface of the sampled level set
-//! ([`SurfacePoints`]), at any distance in one step; so are later moves, and those of files. OpenVDB's
-//! filters, which rebuild it by steps of half a voxel, are left with masks, `scheme = "openvdb"` and bands
-//! of less than 3 voxels. The report says which way was taken, and why.
-//!
-//! Moves in one direction add up. One back does not: an erosion after a dilation leaves closed what the
-//! dilation has closed. So `open`, `close`, and whatever moves against the moves before it are done on
-//! the level set, and so is all that comes after it, or has a mask.
+//! The field must be a distance: up to half the least wall inward and half the least gap outward, where
+//! surfaces meet. [`foot_error`] measures it on the offset field. If the error exceeds
+//! [`MAX_FOOT_ERROR`], distances are rebuilt from the surface of the level set ([`SurfacePoints`]); so
+//! are later moves and those of files. OpenVDB's filters serve masks, `scheme = "openvdb"` and bands
+//! under 3 voxels. Moves in one direction add up. A move back does not undo one (a dilation closes
+//! gaps), so `open`, `close` and reversals act on the level set.
 
 use super::error::RunError;
 use super::field_ops::{Shape, field_operations, shape_with};
-use super::inputs::Stock;
-use super::report::{OffsetReport, Way};
+use super::inputs::Inputs;
+use super::report::{OffsetMethod, OffsetReport};
 use crate::band::{Band, SurfacePoints};
 use crate::frame::{Transform, WorldPoint};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Op, Operand, Side};
 use rayon::prelude::*;
 
-/// Greatest root mean square of the error at the foot, voxels.
-const LIMIT: f64 = 0.05;
-/// Voxels that it is measured at.
-const VOXELS: usize = 512;
+/// Greatest accepted root mean square of the field at the foot points, voxels.
+const MAX_FOOT_ERROR: f64 = 0.05;
+/// Number of voxels that it is measured at.
+const FOOT_SAMPLES: usize = 512;
 
-/// What is done to the field: a move and perhaps a wall, world units.
+/// Offsets of the field: a move and an optional wall, world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Offsets {
-    /// Operations that are done so.
+    /// Number of operations that the offsets replace.
     pub count: usize,
-    /// How far outwards; inwards if negative.
-    pub by: f64,
-    /// Half the thickness of a wall.
-    pub half: Option<f64>,
-    /// Whether the tiling searches closest points, whatever the recipe says: for estimates.
+    /// Distance outward; negative inward.
+    pub distance: f64,
+    /// Half the thickness of a wall, if a wall remains.
+    pub half_wall: Option<f64>,
+    /// Whether the tiling uses closest points regardless of the recipe: for estimates.
     pub exact: bool,
-    /// Whether the field only serves to predict a run: approximate distances suffice.
+    /// Whether the field only predicts a run, so that approximate distances are enough.
     pub is_estimate: bool,
 }
 
 impl Offsets {
-    /// The same for a field that only serves to predict a run.
+    /// The same offsets for a field that only predicts a run.
     pub fn for_estimate(self) -> Self {
         Self {
             is_estimate: true,
@@ -58,121 +52,127 @@ impl Offsets {
         }
     }
 
-    /// How far from the field's own surface distances must hold, beside the band, world units.
+    /// Distance from the field's own surface up to which values must be distances, beside the band,
+    /// world units.
     pub fn reach(&self) -> f64 {
-        self.by.abs() + self.half.unwrap_or(0.0)
+        self.distance.abs() + self.half_wall.unwrap_or(0.0)
     }
 
-    /// How far the solid may reach beyond the field's own, world units.
+    /// Greatest distance of the solid's surface outside the field's own, world units.
     pub fn growth(&self) -> f64 {
-        (self.by + self.half.unwrap_or(0.0)).max(0.0)
+        (self.distance + self.half_wall.unwrap_or(0.0)).max(0.0)
     }
 
-    /// The same with one operation more, if that can be done so; none after a wall.
+    /// The offsets with one more operation; `None` if the operation is not an offset, reverses the
+    /// direction or follows a wall.
     fn with(self, op: &Op, scale: crate::recipe::Scale) -> Option<Self> {
-        if op.mask().is_some() || op.is_by_filter() || self.half.is_some() {
+        if op.mask().is_some() || op.is_by_filter() || self.half_wall.is_some() {
             return None;
         }
         let count = self.count + 1;
-        let (by, half) = match op {
+        let (distance, half_wall) = match op {
             Op::Dilate(m) => (m.distance.resolve(scale), None),
             Op::Erode(m) => (-m.distance.resolve(scale), None),
             Op::Hollow(h) => {
-                let half = h.thickness.resolve(scale) / 2.0;
-                let by = match h.side {
-                    Side::Inside => -half,
-                    Side::Outside => half,
+                let half_wall = h.thickness.resolve(scale) / 2.0;
+                let distance = match h.side {
+                    Side::Inside => -half_wall,
+                    Side::Outside => half_wall,
                     Side::Both => 0.0,
                 };
-                (by, Some(half))
+                (distance, Some(half_wall))
             }
             _ => return None,
         };
-        (self.by * by >= 0.0).then_some(Self {
+        (self.distance * distance >= 0.0).then_some(Self {
             count,
-            by: self.by + by,
-            half,
+            distance: self.distance + distance,
+            half_wall,
             ..self
         })
     }
 }
 
-/// All that moves the surface, as if it were done on the field: what is left of the solid then, whether or
-/// not its distances hold that far. Operations that do no more than smooth, and all behind a wall, count
-/// as none.
-pub(super) fn foretold(stock: &Stock) -> Offsets {
-    let (ops, scale) = (&stock.recipe.sections().op, stock.recipe.scale());
-    let mut all = stock.offsets();
-    for op in ops.iter().skip(stock.pointwise()) {
-        let one = Offsets::default().with(op, scale);
-        let Some(one) = one.filter(|_| all.half.is_none()) else {
+/// All moves of the surface as offsets of the field, for estimates: whether or not its distances hold
+/// that far. Operations that only smooth, and all operations after a wall, are left out.
+pub(super) fn predicted_offsets(inputs: &Inputs) -> Offsets {
+    let (ops, scale) = (&inputs.recipe.sections().op, inputs.recipe.scale());
+    let mut offsets = inputs.offsets();
+    for op in ops.iter().skip(inputs.field_operation_count()) {
+        let offset = Offsets::default().with(op, scale);
+        let Some(offset) = offset.filter(|_| offsets.half_wall.is_none()) else {
             continue;
         };
-        all = Offsets {
-            count: all.count + 1,
-            by: all.by + one.by,
-            half: one.half,
+        offsets = Offsets {
+            count: offsets.count + 1,
+            distance: offsets.distance + offset.distance,
+            half_wall: offset.half_wall,
             exact: true,
-            ..all
+            ..offsets
         };
     }
-    all
+    offsets
 }
 
-/// Which of the first operations after those on fields are done on the field, too; all that are moves are
-/// told in the report.
-pub(super) fn offsets(
-    stock: &Stock,
+/// Chooses which operations after the field's own act on the field as offsets, and reports every
+/// operation that moves the surface.
+pub(super) fn field_offsets(
+    inputs: &Inputs,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<(Offsets, Vec<OffsetReport>), RunError> {
-    let ops = &stock.recipe.sections().op;
+    let ops = &inputs.recipe.sections().op;
     let first = field_operations(ops);
-    let scale = stock.recipe.scale();
-    let is_file = stock.volumes.start().is_some();
+    let scale = inputs.recipe.scale();
+    let is_file = inputs.volumes.start().is_some();
     let from_files = |op: &Op| matches!(op.operand(), Some(Operand::Vdb(_)));
-    // Distances of files end with their band.
+    // Level sets of files hold distances within their band only.
     let mut is_field = !is_file && !ops[..first].iter().any(from_files);
-    let mut done = Offsets::default();
-    let mut told = Vec::new();
-    let mut half_width = stock.recipe.sections().band.half_width.0;
+    let mut offsets = Offsets::default();
+    let mut reports = Vec::new();
+    let mut half_width = inputs.recipe.sections().band.half_width.0;
     for (n, op) in ops.iter().enumerate().skip(first) {
-        let next = done.with(op, scale).filter(|_| is_field);
+        let next = offsets.with(op, scale).filter(|_| is_field);
         is_field = next.is_some();
-        let (mut way, mut error_voxels, mut why) = later(op, half_width);
+        let (mut method, mut error_voxels, mut why) = level_set_method(op, half_width);
         if let Op::Resample(resample) = op {
             half_width = resample.half_width.map_or(half_width, |w| w.0);
         }
         if let Some(next) = next {
-            // Distances to sheets are rebuilt from closest points, as far as they are needed.
-            let is_metric = stock.fill().is_some_and(|fill| fill.sheets().is_some());
+            // Sheets measure distances by closest points, as far as needed.
+            let is_metric = inputs
+                .tiling()
+                .is_some_and(|tiling| tiling.sheets().is_some());
             error_voxels = if is_metric {
                 Some(0.0)
             } else {
-                foot_error(stock, next, threads, progress)?
+                foot_error(inputs, next, threads, progress)?
             };
-            is_field = error_voxels.is_some_and(|e| e <= LIMIT);
+            is_field = error_voxels.is_some_and(|e| e <= MAX_FOOT_ERROR);
             if is_field {
-                (way, why) = (Way::Field, "the field's distances hold that far");
-                done = next;
+                (method, why) = (
+                    OffsetMethod::Field,
+                    "the field's distances are accurate up to that offset",
+                );
+                offsets = next;
             } else if error_voxels.is_some() {
-                why = "the field's distances do not hold that far: walls or gaps are too narrow, or the field bends too much";
+                why = "the field's distances are not accurate up to that offset: walls or gaps are too narrow, or the field is too curved";
             } else {
-                why = "nothing of the solid is left to measure";
+                why = "the offset leaves no solid to measure";
             }
         }
         if is_move(op) {
-            told.push(OffsetReport {
+            reports.push(OffsetReport {
                 op: format!("op.{n}.{}", op.name()),
-                re_evaluated: way == Way::Field,
-                way,
+                re_evaluated: method == OffsetMethod::Field,
+                method,
                 error_voxels,
-                limit_voxels: LIMIT,
+                limit_voxels: MAX_FOOT_ERROR,
                 why,
             });
         }
     }
-    Ok((done, told))
+    Ok((offsets, reports))
 }
 
 /// Whether an operation moves the surface by a distance.
@@ -183,51 +183,55 @@ fn is_move(op: &Op) -> bool {
     )
 }
 
-/// How an operation that moves the surface of a level set does so, and why.
-fn later(op: &Op, half_width: f64) -> (Way, Option<f64>, &'static str) {
-    if is_by_points(op, half_width) {
-        (Way::Points, None, "the solid is a level set by then")
+/// The method of an operation that moves the surface of a level set, and the reason.
+fn level_set_method(op: &Op, half_width: f64) -> (OffsetMethod, Option<f64>, &'static str) {
+    if uses_surface_points(op, half_width) {
+        (
+            OffsetMethod::Points,
+            None,
+            "the solid is a level set at that step",
+        )
     } else {
-        let why = "it is asked for, or there is a mask, or a band of less than 3 voxels";
-        (Way::Filter, None, why)
+        let why = "the recipe requests it, or the operation has a mask, or the band is narrower than 3 voxels";
+        (OffsetMethod::Filter, None, why)
     }
 }
 
-/// Whether an operation moves the surface of a level set of this half width (voxels) by distances from
-/// points of it.
-pub(super) fn is_by_points(op: &Op, half_width: f64) -> bool {
+/// Whether an operation moves the surface of a level set by distances from points of it; `half_width` is
+/// in voxels.
+pub(super) fn uses_surface_points(op: &Op, half_width: f64) -> bool {
     let is_masked = op.mask().is_some() && matches!(op, Op::Dilate(_) | Op::Erode(_));
     is_move(op) && !is_masked && !op.is_by_filter() && SurfacePoints::suffices(half_width)
 }
 
-/// Root mean square, in voxels, of the offset field at the feet of voxels of its band; `None` if it has
-/// no band.
+/// Root mean square, in voxels, of the offset field at the foot points p - s grad s of voxels p of its
+/// band, with s the value at p; `None` if the field has no band. It is 0 for an exact distance.
 fn foot_error(
-    stock: &Stock,
+    inputs: &Inputs,
     offsets: Offsets,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<Option<f64>, RunError> {
-    let scale = stock.recipe.scale();
+    let scale = inputs.recipe.scale();
     let h = scale.voxel_size;
-    let Shape { field, extent, .. } = shape_with(stock, scale, offsets)?;
+    let Shape { field, extent, .. } = shape_with(inputs, scale, offsets)?;
     let transform =
         Transform::new(h).ok_or_else(|| RunError::Empty(format!("a voxel size of {h}")))?;
     let band = Band {
         field: &*field,
         transform,
-        half_width: stock.recipe.sections().band.half_width.0,
+        half_width: inputs.recipe.sections().band.half_width.0,
         extent,
     };
-    let drawn = band
-        .draw(threads, progress, VOXELS)
+    let samples = band
+        .draw(threads, progress, FOOT_SAMPLES)
         .map_err(RunError::band("offsets"))?;
     let error = |p: &WorldPoint| {
         let (s, gradient) = field.value_and_gradient(*p);
-        let along = gradient.try_normalize(0.0).unwrap_or_default();
-        (field.value(WorldPoint(p.0 - along * s)) / h).powi(2)
+        let direction = gradient.try_normalize(0.0).unwrap_or_default();
+        (field.value(WorldPoint(p.0 - direction * s)) / h).powi(2)
     };
-    let errors: Vec<f64> = threads.install(|| drawn.par_iter().map(error).collect());
+    let errors: Vec<f64> = threads.install(|| samples.par_iter().map(error).collect());
     let count = errors.len() as f64;
     Ok((!errors.is_empty()).then(|| (errors.iter().sum::<f64>() / count).sqrt()))
 }

@@ -1,19 +1,21 @@
-//! The files of a run: each appears whole under its name, or not at all.
+//! The output files of a run. Each is written completely under its name, or not at all.
 
 use super::attributes::Attributes;
 use super::error::RunError;
-use super::inputs::Stock;
-use super::level_set_ops::Bench;
+use super::inputs::Inputs;
+use super::level_set_ops::StageContext;
 use super::report::OutputFile;
 use super::thickness::Thickness;
 use crate::frame::{Aabb, LengthUnit, Transform};
 use crate::io::atomic::{StagedPath, write_bytes};
 use crate::mesh::TriMesh;
-use crate::recipe::{Compression as Wanted, GridWord, Op, Output, OutputKind, Recipe, Segments};
+use crate::recipe::{
+    Compression as RecipeCompression, GridWord, Op, Output, OutputKind, Recipe, Segments,
+};
 use crate::vdb::{Compression, LevelSet, Picture, Placement, VdbWriter};
 use std::path::{Path, PathBuf};
 
-/// Where an output goes: beside the recipe, or under the directory asked for.
+/// The path of an output: beside the recipe, or in the output directory.
 pub(super) fn target(recipe: &Recipe, out: Option<&Path>, path: &Path) -> PathBuf {
     match out {
         Some(directory) => directory.join(path),
@@ -21,10 +23,10 @@ pub(super) fn target(recipe: &Recipe, out: Option<&Path>, path: &Path) -> PathBu
     }
 }
 
-/// What outputs are made of.
+/// The finished solid, with what outputs need of it.
 #[derive(Clone, Copy)]
-pub(super) struct Finished<'a> {
-    pub stock: &'a Stock<'a>,
+pub(super) struct FinishedSolid<'a> {
+    pub inputs: &'a Inputs<'a>,
     pub solid: &'a LevelSet,
     /// Its mesh, where any output needs one.
     pub mesh: Option<&'a TriMesh>,
@@ -32,55 +34,59 @@ pub(super) struct Finished<'a> {
     pub thickness: Option<&'a Thickness>,
 }
 
-/// Writes one output and says what was written.
+/// Writes one output and returns its files.
 pub(super) fn write(
-    bench: Bench,
-    done: Finished,
+    context: StageContext,
+    done: FinishedSolid,
     output: &Output,
     path: &Path,
 ) -> Result<Vec<OutputFile>, RunError> {
-    let recipe = done.stock.recipe;
+    let recipe = done.inputs.recipe;
     let unit = output.unit_or_default(recipe.unit());
     let Some((kind, _)) = output.named().first().copied() else {
         return Ok(Vec::new());
     };
-    bench.progress.stage("write", None);
+    context.progress.stage("write", None);
     Ok(match kind {
         OutputKind::Vdb => {
-            let written = volumes(bench, done, output, path, unit)?;
+            let written = volumes(context, done, output, path, unit)?;
             let mut files = Vec::new();
             for (path, content_hash) in written {
                 files.push(OutputFile {
                     content_hash,
-                    ..listed(&path, Some(unit))?
+                    ..file_entry(&path, Some(unit))?
                 });
             }
             files
         }
         OutputKind::Mesh => {
-            let facts = super::meshing::write(bench, done, output, (path, unit))?;
+            let facts = super::meshing::write(context, done, output, (path, unit))?;
             vec![OutputFile {
                 mesh: facts,
-                ..listed(path, Some(unit))?
+                ..file_entry(path, Some(unit))?
             }]
         }
         OutputKind::Deck => {
             vec![super::deck::write(
-                bench, done.stock, done.solid, output, path,
+                context,
+                done.inputs,
+                done.solid,
+                output,
+                path,
             )?]
         }
         OutputKind::Picture => {
             let failed = RunError::level_set("picture");
-            let image = done.solid.render(&picture(output), bench.session());
+            let image = done.solid.render(&picture(output), context.session());
             let png = image.and_then(|i| i.png()).map_err(failed)?;
             write_bytes(path, &png)?;
-            vec![listed(path, None)?]
+            vec![file_entry(path, None)?]
         }
         OutputKind::Report => Vec::new(),
     })
 }
 
-/// The picture that an output asks for.
+/// The picture that an output describes.
 pub(super) fn picture(output: &Output) -> Picture {
     let size = output.size.unwrap_or_default();
     Picture {
@@ -91,8 +97,8 @@ pub(super) fn picture(output: &Output) -> Picture {
     }
 }
 
-/// What the report says of any file.
-pub(super) fn listed(path: &Path, unit: Option<LengthUnit>) -> Result<OutputFile, RunError> {
+/// The report's entry for a written file.
+pub(super) fn file_entry(path: &Path, unit: Option<LengthUnit>) -> Result<OutputFile, RunError> {
     let (bytes, hash) = super::input_files::digest(path)?;
     Ok(OutputFile {
         path: path.display().to_string(),
@@ -105,34 +111,34 @@ pub(super) fn listed(path: &Path, unit: Option<LengthUnit>) -> Result<OutputFile
     })
 }
 
-/// A `.vdb` without grids, with its unit, its tags, and its way of storing values.
+/// A writer of a `.vdb` without grids yet: its unit, tags and compression.
 pub(super) fn vdb_file<'a>(
-    bench: Bench<'a>,
-    stock: &Stock,
+    context: StageContext<'a>,
+    inputs: &Inputs,
     output: &Output,
     path: &Path,
 ) -> Result<VdbWriter<'a>, RunError> {
-    let recipe = stock.recipe;
+    let recipe = inputs.recipe;
     let unit = output.unit_or_default(recipe.unit());
     let factor = recipe.unit().to(unit);
-    let mut file = VdbWriter::new(path, bench.session())?
+    let mut file = VdbWriter::new(path, context.session())?
         .scaled(factor)
         .compression(match output.compression {
-            Some(Wanted::None) => Compression::None,
-            Some(Wanted::Zip) => Compression::Zip,
-            Some(Wanted::Blosc) | None => Compression::Blosc,
+            Some(RecipeCompression::None) => Compression::None,
+            Some(RecipeCompression::Zip) => Compression::Zip,
+            Some(RecipeCompression::Blosc) | None => Compression::Blosc,
         });
     let text = recipe.source().text();
     file.tag("druse.recipe", &text)?;
     file.tag("druse.recipe_blake3", &super::input_files::hash_text(&text))?;
-    file.tag("druse.inputs", &hashes(stock))?;
+    file.tag("druse.inputs", &hashes(inputs))?;
     file.tag("druse.unit", unit.symbol())?;
-    let voxel = bench.scale.voxel_size * factor;
+    let voxel = context.scale.voxel_size * factor;
     file.tag("druse.voxel_size", &voxel.to_string())?;
     Ok(file)
 }
 
-/// Adds a level set to its file, as half floats if so wished.
+/// Adds a level set to a file, as half floats if the output requests them.
 pub(super) fn add_surface<'a>(
     file: &mut VdbWriter<'a>,
     output: &Output,
@@ -160,45 +166,48 @@ pub(super) fn words(recipe: &Recipe, output: &Output) -> Vec<GridWord> {
     words
 }
 
-/// Writes the volumes of an output: paths, and hashes of what `.vdb` files say.
+/// Writes the volumes of an output; returns their paths and content hashes.
 fn volumes(
-    bench: Bench,
-    done: Finished,
+    context: StageContext,
+    done: FinishedSolid,
     output: &Output,
     path: &Path,
     unit: LengthUnit,
 ) -> Result<Vec<(PathBuf, Option<String>)>, RunError> {
     let failed = RunError::level_set("segments");
     let mut files: Vec<(PathBuf, Vec<(String, LevelSet)>)> = Vec::new();
-    if let Some(how) = output.segments {
-        let pieces = done.solid.segments(bench.session()).map_err(&failed)?;
-        let named = pieces.into_iter().enumerate().map(|(n, p)| (n + 1, p));
-        match how {
+    if let Some(segments) = output.segments {
+        let components = done.solid.segments(context.session()).map_err(&failed)?;
+        let named = components.into_iter().enumerate().map(|(n, p)| (n + 1, p));
+        match segments {
             Segments::Grids => {
-                let grids = named.map(|(n, piece)| (name_of_piece(n), piece));
+                let grids = named.map(|(n, component)| (component_name(n), component));
                 files.push((path.to_owned(), grids.collect()));
             }
-            Segments::Files => files.extend(named.map(|(n, piece)| {
-                let own = numbered(path, n);
-                (own, vec![("surface".to_owned(), piece)])
+            Segments::Files => files.extend(named.map(|(n, component)| {
+                let path = numbered(path, n);
+                (path, vec![("surface".to_owned(), component)])
             })),
         }
     } else {
-        files.push((path.to_owned(), coarser(bench, done, output)?));
+        files.push((path.to_owned(), coarser(context, done, output)?));
     }
-    let divided = output.segments.is_some();
+    let is_divided = output.segments.is_some();
     let mut written = Vec::new();
     for (path, grids) in files {
-        let hash = volume(bench, done, output, (&path, unit), &grids, divided)?;
+        let hash = volume(context, done, output, (&path, unit), &grids, is_divided)?;
         let names = grids.iter().map(|(name, _)| name.clone());
-        let own = words(done.stock.recipe, output);
-        let own = own.iter().filter(|_| !divided).map(ToString::to_string);
-        let names: Vec<String> = own.chain(names).collect();
+        let words = words(done.inputs.recipe, output);
+        let words = words
+            .iter()
+            .filter(|_| !is_divided)
+            .map(ToString::to_string);
+        let names: Vec<String> = words.chain(names).collect();
         written.push((path.clone(), Some(hash)));
         if output.usda {
             let scene = path.with_extension("usda");
             let bounds = done.solid.bounds().map_err(&failed)?;
-            let factor = bench.scale.unit.to(unit);
+            let factor = context.scale.unit.to(unit);
             let in_unit = Aabb {
                 min: bounds.min * factor,
                 max: bounds.max * factor,
@@ -211,14 +220,14 @@ fn volumes(
     Ok(written)
 }
 
-/// What a run read, as JSON: the recipe's key, the file's name and its BLAKE3.
-fn hashes(stock: &Stock) -> String {
+/// The inputs of a run as JSON: the recipe's key, the file's name and its BLAKE3.
+fn hashes(inputs: &Inputs) -> String {
     let name = |path: &str| {
         let name = Path::new(path).file_name();
         name.map_or(String::new(), |n| n.to_string_lossy().into_owned())
     };
-    let inputs = stock.report().inputs;
-    let rows = inputs
+    let entries = inputs.report().inputs;
+    let rows = entries
         .iter()
         .map(|i| serde_json::json!({ "key": i.key, "file": name(&i.path), "blake3": i.hash }));
     serde_json::Value::Array(rows.collect()).to_string()
@@ -232,26 +241,26 @@ pub(super) fn numbered(path: &Path, n: usize) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// What a piece is called; the largest is the first.
-pub(super) fn name_of_piece(n: usize) -> String {
+/// Grid name of a component; the largest is number 1.
+pub(super) fn component_name(n: usize) -> String {
     format!("surface_{n}")
 }
 
-/// What a copy on voxels of 2^level times the edge is called.
-pub(super) fn name_of_coarser(level: usize) -> String {
+/// Grid name of a copy on voxels of 2^level times the edge.
+pub(super) fn coarser_copy_name(level: usize) -> String {
     format!("surface_lod_{level}")
 }
 
-/// Copies on coarser voxels, each made from the one before.
+/// Copies on coarser voxels, each resampled from the one before.
 fn coarser(
-    bench: Bench,
-    done: Finished,
+    context: StageContext,
+    done: FinishedSolid,
     output: &Output,
 ) -> Result<Vec<(String, LevelSet)>, RunError> {
     let mut copies: Vec<(String, LevelSet)> = Vec::new();
     for level in 1..=usize::from(output.lod.unwrap_or(0)) {
         let stage = format!("lod {level}");
-        bench.progress.stage(&stage, None);
+        context.progress.stage(&stage, None);
         let finer = copies.last().map_or(done.solid, |(_, solid)| solid);
         let voxel = 2.0 * finer.voxel_size();
         let transform = Transform::new(voxel)
@@ -260,54 +269,55 @@ fn coarser(
             .resampled(
                 transform,
                 finer.half_width(),
-                Placement::NONE,
-                bench.session(),
+                Placement::IDENTITY,
+                context.session(),
             )
             .map_err(RunError::level_set(&stage))?;
-        copies.push((name_of_coarser(level), copy));
+        copies.push((coarser_copy_name(level), copy));
     }
     Ok(copies)
 }
 
-/// Writes one `.vdb` or `.nvdb`: the grids of the output unless it is divided, and others.
+/// Writes one `.vdb` or `.nvdb`: `level_sets`, and the output's own grids unless it is divided into
+/// components.
 fn volume(
-    bench: Bench,
-    done: Finished,
+    context: StageContext,
+    done: FinishedSolid,
     output: &Output,
     (path, unit): (&Path, LengthUnit),
-    others: &[(String, LevelSet)],
-    divided: bool,
+    level_sets: &[(String, LevelSet)],
+    is_divided: bool,
 ) -> Result<String, RunError> {
-    let recipe = done.stock.recipe;
-    let words = if divided {
+    let recipe = done.inputs.recipe;
+    let words = if is_divided {
         Vec::new()
     } else {
         words(recipe, output)
     };
     let factor = recipe.unit().to(unit);
-    let fog = words.contains(&GridWord::Density);
-    let fog = fog.then(|| done.solid.to_fog(bench.session()));
-    let fog = fog.transpose().map_err(RunError::level_set("fog"))?;
-    let attributes = Attributes::new(bench, done.stock, &words, done.thickness, factor)?;
-    let numbers = attributes.grids(bench, done.solid)?;
+    let has_fog = words.contains(&GridWord::Density);
+    let fog_grid = has_fog.then(|| done.solid.to_fog(context.session()));
+    let fog_grid = fog_grid.transpose().map_err(RunError::level_set("fog"))?;
+    let attributes = Attributes::new(context, done.inputs, &words, done.thickness, factor)?;
+    let numbers = attributes.grids(context, done.solid)?;
     let staged = StagedPath::create(path)?;
-    let mut file = vdb_file(bench, done.stock, output, path)?;
+    let mut file = vdb_file(context, done.inputs, output, path)?;
     if words.contains(&GridWord::Surface) {
         add_surface(&mut file, output, ("surface", done.solid))?;
     }
-    for (name, solid) in others {
+    for (name, solid) in level_sets {
         add_surface(&mut file, output, (name, solid))?;
     }
-    if let Some(fog) = &fog {
-        file.fog("density", fog, output.half)?;
+    if let Some(fog_grid) = &fog_grid {
+        file.fog("density", fog_grid, output.half)?;
     }
     for (word, grid) in attributes.words().iter().zip(&numbers) {
         file.attribute(&word.to_string(), grid)?;
     }
-    let nano = path
+    let is_nanovdb = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"));
-    let written = if nano {
+    let written = if is_nanovdb {
         file.write_nano_to(staged.path())?
     } else {
         file.write_to(staged.path())?

@@ -1,13 +1,12 @@
-//! The palette of a tiling: every cell for every shape of element that it has to fill.
+//! The palette of a tiling: its cells, each for every element shape that it fills.
 //!
-//! Cells are made for each shape by itself. Where they do not meet on faces that different shapes
-//! share (or wedges and pyramids among themselves) they are fitted again, all together, so that they
-//! do.
+//! Cells are made for each shape separately. Where they do not match on faces between different shapes
+//! (or between wedges and pyramids), they are fitted again together so that they match.
 
 use super::cells;
-use super::error::{RunError, short};
+use super::error::{RunError, short_number};
 use super::fractions;
-use super::input_files::Inputs;
+use super::input_files::InputFiles;
 use super::report::Warning;
 use super::source::SourceFault;
 use crate::cell::{Cell, Density, Solid, Table, fit_matched};
@@ -15,30 +14,30 @@ use crate::field::Field;
 use crate::frame::Element;
 use crate::recipe::{CellSection, Recipe, TilingSection};
 use crate::scaffold::Scaffold;
-use crate::tiling::{Blend, Filling, Interpolation, Member, TilingError, Ways};
+use crate::tiling::{Blend, FaceJoins, Filling, Interpolation, Member, TilingError};
 use crate::vdb::Session;
 
-/// How closely cells are looked at.
+/// The accuracy that tables of cells need.
 #[derive(Clone, Copy)]
-pub(super) struct Fineness {
+pub(super) struct TableAccuracy {
     /// Edge of a voxel in reference lengths, where elements are largest in voxels.
-    voxel: f64,
-    /// How far tables may displace the surface, voxels.
+    voxel_size: f64,
+    /// Displacement of the surface that tables may cause, voxels.
     tolerance: f64,
 }
 
-impl Fineness {
-    /// That of a recipe over a scaffold.
+impl TableAccuracy {
+    /// The accuracy that a recipe requires over a scaffold.
     pub fn new(recipe: &Recipe, tiling: &TilingSection, scaffold: &Scaffold) -> Self {
         Self {
-            voxel: recipe.scale().voxel_size / scaffold.stretch().1,
+            voxel_size: recipe.scale().voxel_size / scaffold.stretch().1,
             tolerance: tiling.tolerance.0,
         }
     }
 
-    /// What a report says of a table.
+    /// The report's entry for a table.
     pub fn facts(&self, table: &Table) -> serde_json::Value {
-        let voxels = |length: f64| length / self.voxel;
+        let voxels = |length: f64| length / self.voxel_size;
         let slope = table.gradient_rms();
         serde_json::json!({
             "element": table.element().name(),
@@ -56,27 +55,28 @@ impl Fineness {
     }
 }
 
-/// Root mean square in edge lengths from which a matched cell is no longer the one asked for.
-const FAR: f64 = 0.05;
-/// Greatest error in edge lengths of the tables of matched cells.
-const FINE: f64 = 2e-5;
+/// Greatest root mean square difference, in edge lengths, of a matched cell from the requested one
+/// without a warning.
+const MAX_MATCHING_RMS: f64 = 0.05;
+/// Greatest error of the tables of matched cells, edge lengths.
+const MATCHED_TABLE_TOLERANCE: f64 = 2e-5;
 
-/// Greatest jump of tables across shared faces, as a share of the range of the values there.
-const LARGEST_JUMP: f64 = 8e-6;
-/// Tables that are tried to reach it.
-const REFINEMENTS: usize = 4;
+/// Greatest jump of tables across shared faces, over the range of values there.
+const MAX_RELATIVE_JUMP: f64 = 8e-6;
+/// Greatest number of refinements to reach it.
+const MAX_REFINEMENTS: usize = 4;
 
-/// One cell of the palette, for each shape of element.
-pub(super) struct Entry {
+/// One cell of the palette, made for each element shape.
+pub(super) struct PaletteCell {
     pub name: String,
     pub cells: Vec<Cell>,
     pub tables: Vec<Table>,
-    /// How elements that are not affine stretch each cell.
+    /// Density of the non-affine elements that each cell fills.
     pub densities: Vec<Option<Density>>,
 }
 
-impl Entry {
-    /// A name without cells: its struts are made as beams.
+impl PaletteCell {
+    /// An entry without cells, for struts that are made as beams.
     pub fn named(name: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -87,15 +87,16 @@ impl Entry {
     }
 }
 
-/// The cells of a name for every shape that occurs; of a metric sheet the side of its mid-surface.
-pub(super) fn entry(
-    inputs: &mut Inputs,
+/// Makes the cells of a name for every shape that occurs; for a metric sheet, one side of its
+/// mid-surface.
+pub(super) fn palette_cell(
+    files: &mut InputFiles,
     scaffold: &Scaffold,
-    (name, fineness, is_sheet): (&str, Fineness, bool),
+    (name, accuracy, is_sheet): (&str, TableAccuracy, bool),
     session: Session,
-) -> Result<Entry, RunError> {
+) -> Result<PaletteCell, RunError> {
     let key = format!("cell.{name}");
-    let section = &inputs.recipe.sections().cell[name];
+    let section = &files.recipe.sections().cell[name];
     let mid_surface = CellSection {
         solid: None,
         thickness: None,
@@ -104,8 +105,8 @@ pub(super) fn entry(
     };
     let section = if is_sheet { &mid_surface } else { section };
     let shapes = scaffold.shapes();
-    let asked = section.element.map(Element::from);
-    let mut entry = Entry {
+    let own_element = section.element.map(Element::from);
+    let mut entry = PaletteCell {
         name: name.to_owned(),
         cells: Vec::new(),
         tables: Vec::new(),
@@ -113,13 +114,13 @@ pub(super) fn entry(
     };
     for &shape in &shapes {
         // A planar cell fills the prisms over its element.
-        let element = asked
+        let element = own_element
             .filter(|&a| crate::tiling::fills(a, shape))
             .unwrap_or(shape);
-        if shapes.len() > 1 && asked.is_some_and(|a| !crate::tiling::fills(a, shape)) {
+        if shapes.len() > 1 && own_element.is_some_and(|a| !crate::tiling::fills(a, shape)) {
             continue;
         }
-        let mut cell = cells::make(inputs, &key, section, element, session)?;
+        let mut cell = cells::make(files, &key, section, element, session)?;
         if is_sheet {
             let fault = |e: crate::cell::CellError| RunError::Cell {
                 key: key.clone(),
@@ -129,7 +130,7 @@ pub(super) fn entry(
         }
         let density = fractions::density(scaffold, &cell);
         let cell = match section.volume_fraction {
-            Some(asked) => fractions::levelled(cell, density.as_ref(), asked.0, &key)?,
+            Some(target) => fractions::at_fraction(cell, density.as_ref(), target.0, &key)?,
             None => cell,
         };
         entry.cells.push(cell);
@@ -137,117 +138,132 @@ pub(super) fn entry(
     }
     if entry.cells.is_empty() {
         let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
-        return Err(RunError::Mixed(names.join(" and ")));
+        return Err(RunError::MixedElements(names.join(" and ")));
     }
-    let torn = is_torn(scaffold, &entry)?;
-    if torn {
+    let needs_matching = cells_need_matching(scaffold, &entry)?;
+    if needs_matching {
         let options = super::fit_options(section);
         entry.cells = fit_matched(&entry.cells, &options, session.progress)
             .map_err(|e| SourceFault::from(e).of(&key))?;
-        if let Some(asked) = section.volume_fraction {
-            let shifted = fractions::shifted(scaffold, &entry.cells, &entry.densities, asked.0);
+        if let Some(target) = section.volume_fraction {
+            let shifted =
+                fractions::with_common_shift(scaffold, &entry.cells, &entry.densities, target.0);
             entry.cells = shifted.map_err(|e| RunError::Cell {
                 key: key.clone(),
                 fault: e.into(),
             })?;
         }
-        let far = entry
+        let rms_errors = entry
             .cells
             .iter()
             .filter_map(|c| Some((c, c.report()?.rms)));
-        if let Some((cell, rms)) = far.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|f| f.1 > FAR) {
+        if let Some((cell, rms)) = rms_errors
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .filter(|f| f.1 > MAX_MATCHING_RMS)
+        {
             let message = format!(
-                "{key}: the {} cell that agrees with its neighbours on their faces differs from the \
-                 one asked for by {rms:.3} edge lengths (rms): raise band_limit, or choose a cell \
+                "{key}: the {} cell that matches its neighbours on their faces differs from the \
+                 requested one by {rms:.3} edge lengths (rms): raise band_limit, or choose a cell \
                  that looks alike on all faces (struts along edges, plates on faces)",
                 cell.element().name()
             );
-            inputs.warn(Warning::CELL, message)?;
+            files.warn(Warning::CELL, message)?;
         }
     }
-    let asked = fineness.tolerance * fineness.voxel;
+    let max_displacement = accuracy.tolerance * accuracy.voxel_size;
     for cell in &entry.cells {
-        // Tables of unlike elements err differently: where they meet they must be fine.
+        // Errors of tables differ between element shapes, so tables must be accurate where shapes meet.
         let table = match shapes.len() {
-            1 => Table::for_displacement(cell, asked),
-            _ if torn => Table::with_tolerance(cell, FINE).or_else(|_| Table::new(cell)),
-            _ => Table::for_displacement(cell, asked.min(FINE)),
+            1 => Table::for_displacement(cell, max_displacement),
+            _ if needs_matching => {
+                Table::with_tolerance(cell, MATCHED_TABLE_TOLERANCE).or_else(|_| Table::new(cell))
+            }
+            _ => Table::for_displacement(cell, max_displacement.min(MATCHED_TABLE_TOLERANCE)),
         };
         let table = table.map_err(|e| RunError::Cell {
             key: key.clone(),
             fault: e.into(),
         })?;
-        if let Some(most) = table.displacement().filter(|&d| d > asked && asked > 0.0) {
-            let (most, asked) = (most / fineness.voxel, fineness.tolerance);
+        if let Some(displacement) = table
+            .displacement()
+            .filter(|&d| d > max_displacement && max_displacement > 0.0)
+        {
+            let (displacement, tolerance) =
+                (displacement / accuracy.voxel_size, accuracy.tolerance);
             let message = format!(
-                "{key}: its table of {} samples per axis displaces the surface by {} voxel, more than \
-                 tiling.tolerance = {asked}",
+                "{key}: the table of {} samples per axis displaces the surface by {} voxels, more than \
+                 tiling.tolerance = {tolerance}",
                 table.samples(),
-                short(most)
+                short_number(displacement)
             );
-            inputs.warn(Warning::TABLE, message)?;
+            files.warn(Warning::TABLE, message)?;
         }
         entry.tables.push(table);
     }
-    refine(scaffold, &mut entry);
+    refine_tables(scaffold, &mut entry);
     Ok(entry)
 }
 
-/// Makes tables finer until elements meet across faces as closely as their cells do, or within
-/// [`LARGEST_JUMP`]: those of elements that are turned against each other, as wedges may be, err
-/// differently on the face that they share.
-fn refine(scaffold: &Scaffold, entry: &mut Entry) {
+/// Refines tables until the jump across faces is at most twice that of the exact cells, or
+/// [`MAX_RELATIVE_JUMP`]. Tables of elements that are rotated against each other, as wedges may be, have
+/// different errors on their shared face.
+fn refine_tables(scaffold: &Scaffold, entry: &mut PaletteCell) {
     let elements: Vec<Element> = entry.cells.iter().map(Cell::element).collect();
-    let of = |shape: Element| {
+    let cell_index = |shape: Element| {
         let own = |&e: &Element| e == shape || crate::tiling::fills(e, shape);
         elements.iter().position(own)
     };
-    let ways = Ways::of(scaffold);
-    let jump = |tables: &[Table]| {
-        ways.relative_jump(&|shape, p| of(shape).map_or(0.0, |n| Field::value(&tables[n], p)))
+    let ways = FaceJoins::of(scaffold);
+    let jump_of = |tables: &[Table]| {
+        ways.relative_jump(&|shape, p| {
+            cell_index(shape).map_or(0.0, |n| Field::value(&tables[n], p))
+        })
     };
-    let mut found = jump(&entry.tables);
-    if found <= LARGEST_JUMP {
+    let mut jump = jump_of(&entry.tables);
+    if jump <= MAX_RELATIVE_JUMP {
         return;
     }
-    let exact =
-        ways.relative_jump(&|shape, p| of(shape).map_or(0.0, |n| Field::value(&entry.cells[n], p)));
-    let goal = LARGEST_JUMP.max(2.0 * exact);
-    for attempt in 0..REFINEMENTS {
-        if found <= goal {
+    let exact_jump = ways.relative_jump(&|shape, p| {
+        cell_index(shape).map_or(0.0, |n| Field::value(&entry.cells[n], p))
+    });
+    let target_jump = MAX_RELATIVE_JUMP.max(2.0 * exact_jump);
+    for attempt in 0..MAX_REFINEMENTS {
+        if jump <= target_jump {
             return;
         }
-        let share = 0.5 * goal / found;
+        let share = 0.5 * target_jump / jump;
         let finer = |(cell, table): (&Cell, &Table)| {
-            let measured = table.displacement().filter(|_| attempt < REFINEMENTS / 2);
+            let measured = table
+                .displacement()
+                .filter(|_| attempt < MAX_REFINEMENTS / 2);
             match measured {
-                Some(most) => Table::for_displacement(cell, most * share),
-                // The bound is several times the error; tables are larger than by displacement.
+                Some(displacement) => Table::for_displacement(cell, displacement * share),
+                // The bound is several times the error; tables by it are larger than by displacement.
                 None => Table::with_tolerance(cell, table.error_bound() * share.max(0.1)),
             }
         };
         let tables = entry.cells.iter().zip(&entry.tables).map(finer);
-        // What there is does not meet as closely, but it is a table.
+        // If a finer table is impossible, the present one stays.
         let Ok(tables) = tables.collect::<Result<Vec<_>, _>>() else {
             return;
         };
-        let next = jump(&tables);
-        if next < found {
-            found = next;
+        let next = jump_of(&tables);
+        if next < jump {
+            jump = next;
             entry.tables = tables;
         }
     }
 }
 
-/// Whether cells made for each shape by itself fail to meet on shared faces, though each is the same
-/// whatever the numbering of its element: what matching mends.
-fn is_torn(scaffold: &Scaffold, entry: &Entry) -> Result<bool, RunError> {
-    let whole = |c: &Cell| c.fits_any_numbering() && c.element().dimension() == 3;
+/// Whether cells that are made separately need matching: they do not match on shared faces, though each
+/// one fits its element in every numbering.
+fn cells_need_matching(scaffold: &Scaffold, entry: &PaletteCell) -> Result<bool, RunError> {
+    let is_symmetric = |c: &Cell| c.fits_any_numbering() && c.element().dimension() == 3;
     let covers = scaffold
         .shapes()
         .iter()
         .all(|s| entry.cells.iter().any(|c| c.element() == *s));
-    if !covers || !entry.cells.iter().all(whole) {
+    if !covers || !entry.cells.iter().all(is_symmetric) {
         return Ok(false);
     }
     let member = Member {
@@ -259,6 +275,6 @@ fn is_torn(scaffold: &Scaffold, entry: &Entry) -> Result<bool, RunError> {
         .map_err(|e| RunError::Tiling(e.to_string()))?;
     Ok(matches!(
         blend.check(scaffold),
-        Err(TilingError::Seam { .. })
+        Err(TilingError::Discontinuity { .. })
     ))
 }

@@ -1,6 +1,6 @@
-//! Cells from samples over a whole period, which are transformed as they are.
+//! Cells from samples over a whole period, by a direct transform.
 
-use super::source::{Found, Reader, SourceFault, has_extension, in_file};
+use super::source::{SourceFault, SourceReader, SourceRecord, has_extension, in_file};
 use crate::cell::{
     Cell, Filter, FitOptions, Method, Solver, Voxels, fit_samples, fit_samples_least_squares,
 };
@@ -8,16 +8,16 @@ use crate::frame::{Aabb, Element};
 use crate::io::{Place, ReadError};
 use crate::recipe::{CellPlace, CellSection, FileRef};
 
-impl Reader<'_> {
-    /// The cell of the samples of a `.npy`, which stand at lattice coordinates u = j/N - 1/2 of the
-    /// period: with method fft, and by least squares where the element is the period and no band limit
-    /// is asked for. `None` if the section says something else.
-    pub(super) fn of_samples(
+impl SourceReader<'_> {
+    /// The cell of the samples of a `.npy` at lattice coordinates u = j/N - 1/2 of the period. Method
+    /// fft transforms them; least squares fits them where the element is the period and no band limit is
+    /// set. `None` for other sections.
+    pub(super) fn cell_from_samples(
         &self,
         name: &str,
         section: &CellSection,
         (element, options): (Element, &FitOptions),
-        found: &mut Found,
+        record: &mut SourceRecord,
     ) -> Result<Option<Cell>, SourceFault> {
         let Some(file) = samples_file(section, element, options) else {
             return Ok(None);
@@ -25,7 +25,7 @@ impl Reader<'_> {
         let path = self.resolve(&file.path);
         let array = crate::io::read_npy(&path)?;
         if array.shape.len() != element.dimension() {
-            // A square of samples is a source of a hex, too, the same along z.
+            // A two-dimensional array is also a source of a hex, constant along z.
             if options.method == Method::Lsq {
                 return Ok(None);
             }
@@ -44,7 +44,7 @@ impl Reader<'_> {
             options.band_limit = f64::INFINITY;
         }
         let samples = voxels.signed(true);
-        found.file = Some(("voxels", path, Aabb::of(element.vertices())));
+        record.file = Some(("voxels", path, Aabb::of(element.vertices())));
         let progress = self.session.progress;
         let fit = match options.method {
             Method::Lsq => fit_samples_least_squares,
@@ -54,26 +54,26 @@ impl Reader<'_> {
     }
 }
 
-/// The file of samples over a whole period that are to be transformed.
+/// The file of samples over a whole period, if the section transforms one.
 fn samples_file<'a>(
     section: &'a CellSection,
     element: Element,
     options: &FitOptions,
 ) -> Option<&'a FileRef> {
     let file = section.voxels.as_ref()?;
-    let placed = section
+    let is_placed = section
         .place
         .as_ref()
         .is_some_and(|p| *p != CellPlace::Reference);
-    let whole = matches!(element, Element::Hex | Element::Quad)
+    let is_plain_least_squares = matches!(element, Element::Hex | Element::Quad)
         && section.band_limit.is_none()
         && section.tolerance.is_none()
         && options.solver == Solver::Auto
         && options.filter == Filter::None;
-    let transformed = match options.method {
+    let is_transformed = match options.method {
         Method::Fft => true,
-        Method::Lsq => whole,
+        Method::Lsq => is_plain_least_squares,
         Method::Paper => false,
     };
-    (transformed && !placed && !has_extension(&file.path, &["vdb"])).then_some(file)
+    (is_transformed && !is_placed && !has_extension(&file.path, &["vdb"])).then_some(file)
 }

@@ -1,17 +1,18 @@
-//! A cell drawn beside its source: slices with both surfaces, and how the error falls with the number of
+//! Plots of a cell and its source: slices with both surfaces, and the error over the number of
 //! coefficients.
 //!
-//! Slices are of the element: level, half way to its top, and upright through a vertex. Blue is solid,
-//! white void, darker farther from the surface; the cell's surface is black, its source's red, the element
-//! without its edge pale. The curve keeps the M largest of the cell's coefficients (by |C| times the root
-//! of the orbit's size: the best M terms in the mean) and shows the root mean square over points of the
-//! element of the difference to the source, or without one to the whole cell.
+//! The slices are horizontal through the centroid, horizontal half way to the top, and vertical through
+//! a vertex. Solid is blue, void is white, both darker away from the surface. The cell's surface is
+//! black, its source's is red, space outside the element is pale. The curve keeps the M largest
+//! coefficients, by |C| times the root of the orbit's size (the best M terms on average). It shows the
+//! root mean square difference to the source, or without one to the whole cell, over points of the
+//! element.
 
 use crate::cell::{Cell, Series, Source, lifted};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::vdb::Image;
-use canvas::{Canvas, INK, PALE, RED, Shade};
+use canvas::{ACCENT_COLOUR, Canvas, GRID_COLOUR, Shade, TEXT_COLOUR};
 use rayon::prelude::*;
 
 mod canvas;
@@ -20,37 +21,37 @@ mod sheet;
 mod sweep;
 
 pub use modulus::modulus_picture;
-pub use sheet::{sheet, sheet_columns};
+pub use sheet::{contact_sheet, contact_sheet_columns};
 pub use sweep::{SweepCurve, sweep_picture};
 
-/// Pixels: a slice, its margin, the chart below, and the page.
+/// Sizes in pixels: of a slice, the margins, the header, the chart and the page.
 const SLICE: usize = 380;
 const MARGIN: usize = 16;
-const HEAD: usize = 54;
+const HEADER: usize = 54;
 const CHART: usize = 330;
 const WIDTH: usize = 3 * SLICE + 4 * MARGIN;
-const HEIGHT: usize = HEAD + SLICE + CHART + 4 * MARGIN;
+const HEIGHT: usize = HEADER + SLICE + CHART + 4 * MARGIN;
 /// Pixels per sample of a slice.
 const STRIDE: usize = 2;
-/// Points at which a truncated cell is judged.
-const POINTS: usize = 400;
-/// Numbers of coefficients on the curve.
-const MARKS: usize = 16;
-/// Smallest and greatest root mean square drawn; differences below are rounding.
-const LEAST: f64 = 1e-9;
+/// Number of points at which a truncated cell is compared.
+const SAMPLE_POINTS: usize = 400;
+/// Number of points on the curve.
+const CURVE_POINTS: usize = 16;
+/// Smallest root mean square that is drawn; smaller ones are rounding.
+const MIN_PLOTTED_RMS: f64 = 1e-9;
 
-/// How the error falls: numbers of coefficients kept, and root mean squares.
+/// The error curve: numbers of coefficients kept and root mean square errors.
 pub type Curve = Vec<(usize, f64)>;
 
-/// A cell drawn, beside its source if there is one.
+/// The plot of a cell.
 pub struct Plot {
     /// The picture.
     pub image: Image,
-    /// The curve in it; empty where the cell is no single series.
+    /// The curve in it; empty if the cell is not a single series.
     pub curve: Curve,
 }
 
-/// Where a slice lies: its middle, two directions of unit length, and its name.
+/// The plane of a slice: its centre, two unit directions and its label.
 struct Plane {
     centre: Vec3,
     across: Vec3,
@@ -59,8 +60,8 @@ struct Plane {
 }
 
 fn planes(element: Element) -> Vec<Plane> {
-    let own = element.cell_box();
-    let (min, max) = (own.min, own.max);
+    let bounds = element.cell_box();
+    let (min, max) = (bounds.min, bounds.max);
     let middle = (min + max) / 2.0;
     let level = |z: f64, name: String| Plane {
         centre: Vec3::new(middle.x, middle.y, z),
@@ -73,7 +74,7 @@ fn planes(element: Element) -> Vec<Plane> {
     }
     let z = element.centroid().0.z;
     let above = f64::midpoint(z, max.z);
-    // Upright through the axis and a vertex.
+    // Vertical through the axis and a vertex.
     let vertex = element.vertices()[0];
     let across = Vec3::new(vertex.x, vertex.y, 0.0).normalize() * -1.0;
     vec![
@@ -92,15 +93,22 @@ fn planes(element: Element) -> Vec<Plane> {
 pub fn plot(cell: &Cell, source: Option<&Source>) -> Plot {
     let element = cell.element();
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
-    let own = element.cell_box();
-    // An upright slice through the edges of the cube is 1.41 wide.
-    let reach = (own.max - own.min).norm() * 0.43;
+    let bounds = element.cell_box();
+    // A diagonal slice of the cube is 1.41 edges wide.
+    let reach = (bounds.max - bounds.min).norm() * 0.43;
     for (n, plane) in planes(element).iter().enumerate() {
         let x = MARGIN + n * (SLICE + MARGIN);
-        slice(&mut canvas, [x, HEAD + MARGIN], cell, source, plane, reach);
-        canvas.text(x, HEAD + SLICE + 2 * MARGIN + 4, &plane.name, INK);
+        slice(
+            &mut canvas,
+            [x, HEADER + MARGIN],
+            cell,
+            source,
+            plane,
+            reach,
+        );
+        canvas.text(x, HEADER + SLICE + 2 * MARGIN + 4, &plane.name, TEXT_COLOUR);
     }
-    head(&mut canvas, cell, source);
+    header(&mut canvas, cell, source);
     let curve = curve(cell, source);
     chart(&mut canvas, &curve, source.is_some());
     facts(&mut canvas, cell);
@@ -110,28 +118,28 @@ pub fn plot(cell: &Cell, source: Option<&Source>) -> Plot {
     }
 }
 
-fn head(canvas: &mut Canvas, cell: &Cell, source: Option<&Source>) {
+fn header(canvas: &mut Canvas, cell: &Cell, source: Option<&Source>) {
     let what = source.map_or("", |s| s.report().kind.name());
     let title = format!(
         "{}: a {} cell, group {}, {} coefficients",
         cell.name(),
         cell.element().name(),
         cell.group(),
-        cell.form().coefficients()
+        cell.expression().coefficients()
     );
-    canvas.title(MARGIN, 12, &title, INK);
-    canvas.text(MARGIN, 38, "surface of the cell", INK);
+    canvas.title(MARGIN, 12, &title, TEXT_COLOUR);
+    canvas.text(MARGIN, 38, "surface of the cell", TEXT_COLOUR);
     if source.is_some() {
         canvas.text(
             MARGIN + 150,
             38,
             &format!("surface of its source ({what})"),
-            RED,
+            ACCENT_COLOUR,
         );
     }
 }
 
-/// Values over a slice, one for every STRIDE pixels and one more at the ends.
+/// Values over a slice, one per STRIDE pixels and one more at the end.
 fn sampled(plane: &Plane, reach: f64, value: impl Fn(CellPoint<3>) -> f64 + Sync) -> Vec<f64> {
     let count = SLICE / STRIDE + 1;
     let step = 2.0 * reach / (count - 1) as f64;
@@ -147,8 +155,8 @@ fn sampled(plane: &Plane, reach: f64, value: impl Fn(CellPoint<3>) -> f64 + Sync
         .collect()
 }
 
-/// Between the samples.
-fn between(values: &[f64], x: usize, y: usize) -> f64 {
+/// Bilinear interpolation between the samples.
+fn interpolated(values: &[f64], x: usize, y: usize) -> f64 {
     let count = SLICE / STRIDE + 1;
     let (i, j) = (x / STRIDE, y / STRIDE);
     let (u, v) = (
@@ -169,24 +177,31 @@ fn slice(
     reach: f64,
 ) {
     let element = cell.element();
-    let own = sampled(plane, reach, |p| cell.value(p));
-    let theirs = source.map(|s| sampled(plane, reach, |p| s.value(p)));
+    let cell_values = sampled(plane, reach, |p| cell.value(p));
+    let source_values = source.map(|s| sampled(plane, reach, |p| s.value(p)));
     let edge = sampled(plane, reach, |p| element.face_distance(p));
-    let scale = own.iter().map(|v| v.abs()).fold(0.0, f64::max).max(1e-12);
+    let scale = cell_values
+        .iter()
+        .map(|v| v.abs())
+        .fold(0.0, f64::max)
+        .max(1e-12);
     let crosses = |values: &[f64], x: usize, y: usize| {
-        let here = between(values, x, y) < 0.0;
-        let beside = |x, y| (between(values, x, y) < 0.0) != here;
+        let here = interpolated(values, x, y) < 0.0;
+        let beside = |x, y| (interpolated(values, x, y) < 0.0) != here;
         beside(x + 1, y) || beside(x, y + 1)
     };
     for y in 0..SLICE {
         for x in 0..SLICE {
-            let v = between(&own, x, y);
-            let outside = between(&edge, x, y) > 1e-9;
+            let v = interpolated(&cell_values, x, y);
+            let outside = interpolated(&edge, x, y) > 1e-9;
             let mut shade = Shade::of(v / scale, outside);
             if crosses(&edge, x, y) {
-                shade = Shade(PALE);
+                shade = Shade(GRID_COLOUR);
             }
-            let marks = [(theirs.as_ref(), RED), (Some(&own), INK)];
+            let marks = [
+                (source_values.as_ref(), ACCENT_COLOUR),
+                (Some(&cell_values), TEXT_COLOUR),
+            ];
             for (values, color) in marks {
                 if values.is_some_and(|values| crosses(values, x, y)) {
                     shade = Shade(color).faded(outside);
@@ -197,25 +212,25 @@ fn slice(
     }
 }
 
-/// Points spread evenly over the element.
+/// Points of a low-discrepancy sequence in the element.
 fn points(element: Element) -> Vec<CellPoint<3>> {
-    let own = element.cell_box();
-    // Multiples of powers of the inverse of the root of x^4 = x + 1, modulo 1: no two are near.
+    let bounds = element.cell_box();
+    // Multiples, modulo 1, of powers of the inverse of the root of x^4 = x + 1: no two points are close.
     let g = 1.220_744_084_605_759_5_f64;
     let steps = [1.0 / g, 1.0 / (g * g), 1.0 / (g * g * g)];
-    (1..20 * POINTS)
+    (1..20 * SAMPLE_POINTS)
         .map(|n| {
             let at = Vec3::from(steps.map(|s| (n as f64 * s + 0.5).fract()));
-            CellPoint(own.min + at.component_mul(&(own.max - own.min)))
+            CellPoint(bounds.min + at.component_mul(&(bounds.max - bounds.min)))
         })
         .filter(|p| element.face_distance(*p) <= 0.0)
-        .take(POINTS)
+        .take(SAMPLE_POINTS)
         .collect()
 }
 
-/// The root mean square error when only so many coefficients are kept.
+/// The root mean square error over the number of coefficients kept.
 fn curve(cell: &Cell, source: Option<&Source>) -> Curve {
-    let form = cell.form();
+    let form = cell.expression();
     if let Some(series) = form.series() {
         truncated(cell, source, series, |p| p)
     } else if let Some(series) = form.planar() {
@@ -249,8 +264,12 @@ fn truncated<const D: usize>(
         .collect();
     terms.sort_by(|a, b| b.0.total_cmp(&a.0));
     let terms: Vec<_> = terms.into_iter().map(|t| t.1).collect();
-    let mut counts: Vec<usize> = (0..=MARKS)
-        .map(|i| (terms.len() as f64).powf(i as f64 / MARKS as f64).round() as usize)
+    let mut counts: Vec<usize> = (0..=CURVE_POINTS)
+        .map(|i| {
+            (terms.len() as f64)
+                .powf(i as f64 / CURVE_POINTS as f64)
+                .round() as usize
+        })
         .collect();
     counts.dedup();
     counts
@@ -258,11 +277,11 @@ fn truncated<const D: usize>(
         .filter_map(|count| {
             let kept = &terms[..count];
             let (group, lattice) = (series.group().clone(), series.lattice().clone());
-            let part = Series::new(group, lattice, kept).ok()?;
+            let truncated_series = Series::new(group, lattice, kept).ok()?;
             let square: f64 = points
                 .par_iter()
                 .zip(&targets)
-                .map(|(p, g)| (part.value(place(*p)) - g).powi(2))
+                .map(|(p, g)| (truncated_series.value(place(*p)) - g).powi(2))
                 .collect::<Vec<_>>()
                 .into_iter()
                 .sum();
@@ -272,35 +291,40 @@ fn truncated<const D: usize>(
 }
 
 fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
-    let (left, top) = (MARGIN + 70, HEAD + SLICE + 3 * MARGIN + 34);
+    let (left, top) = (MARGIN + 70, HEADER + SLICE + 3 * MARGIN + 34);
     let (width, height) = (2 * SLICE - 100, CHART - 78);
-    let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| c.1 > LEAST).collect();
+    let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| c.1 > MIN_PLOTTED_RMS).collect();
     if shown.len() < 2 {
-        canvas.text(left, top, "no curve: the cell is no single series", INK);
+        canvas.text(
+            left,
+            top,
+            "no curve: the cell is not a single series",
+            TEXT_COLOUR,
+        );
         return;
     }
-    let most = shown[shown.len() - 1].0.max(2) as f64;
+    let max_count = shown[shown.len() - 1].0.max(2) as f64;
     let logs = shown.iter().map(|c| c.1.log10());
     let (mut low, mut high) = logs.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
     (low, high) = (low.floor(), high.ceil().max(low.floor() + 1.0));
-    let x = |count: f64| left + (count.ln() / most.ln() * width as f64).round() as usize;
+    let x = |count: f64| left + (count.ln() / max_count.ln() * width as f64).round() as usize;
     let y = |log: f64| top + ((high - log) / (high - low) * height as f64).round() as usize;
     for decade in low as i32..=high as i32 {
         let at = y(f64::from(decade));
-        canvas.line([left, at], [left + width, at], PALE);
-        canvas.text(left - 50, at - 5, &format!("1e{decade}"), INK);
+        canvas.line([left, at], [left + width, at], GRID_COLOUR);
+        canvas.text(left - 50, at - 5, &format!("1e{decade}"), TEXT_COLOUR);
     }
     for count in [1usize, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] {
-        if (count as f64) <= most {
+        if (count as f64) <= max_count {
             let at = x(count as f64);
-            canvas.line([at, top], [at, top + height], PALE);
-            canvas.text(at - 6, top + height + 8, &count.to_string(), INK);
+            canvas.line([at, top], [at, top + height], GRID_COLOUR);
+            canvas.text(at - 6, top + height + 8, &count.to_string(), TEXT_COLOUR);
         }
     }
-    canvas.frame([left, top], [left + width, top + height], INK);
+    canvas.frame([left, top], [left + width, top + height], TEXT_COLOUR);
     for pair in shown.windows(2) {
         let ends = [pair[0], pair[1]].map(|c| [x(c.0 as f64), y(c.1.log10())]);
-        canvas.thick_line(ends[0], ends[1], RED);
+        canvas.thick_line(ends[0], ends[1], ACCENT_COLOUR);
     }
     let what = if against_source {
         "source"
@@ -308,22 +332,22 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
         "whole cell"
     };
     let label = format!("rms difference to the {what} when only the largest coefficients are kept");
-    canvas.text(left, top - 16, &label, INK);
+    canvas.text(left, top - 16, &label, TEXT_COLOUR);
     canvas.text(
         left + width - 130,
         top + height + 24,
         "coefficients kept",
-        INK,
+        TEXT_COLOUR,
     );
 }
 
 fn facts(canvas: &mut Canvas, cell: &Cell) {
     let (left, mut top) = (
         2 * (SLICE + MARGIN) + MARGIN,
-        HEAD + SLICE + 3 * MARGIN + 16,
+        HEADER + SLICE + 3 * MARGIN + 16,
     );
     let mut lines = vec![
-        format!("frequencies to {:.2}", cell.form().band_limit()),
+        format!("frequencies to {:.2}", cell.expression().band_limit()),
         format!("solid {} {:.5}", cell.solid().name(), cell.level()),
         format!("volume fraction {:.4}", cell.volume_fraction()),
         format!("mean slope {:.4}", cell.gamma()),
@@ -339,12 +363,15 @@ fn facts(canvas: &mut Canvas, cell: &Cell) {
             lines.push(format!("Hausdorff distance {:.5}", h.max()));
         }
         if let Some(c) = r.components {
-            let line = format!("pieces {} of solid, {} of void", c.cell_solid, c.cell_void);
+            let line = format!(
+                "components {} of solid, {} of void",
+                c.cell_solid, c.cell_void
+            );
             lines.push(line);
         }
     }
     for line in lines {
-        canvas.text(left, top, &line, INK);
+        canvas.text(left, top, &line, TEXT_COLOUR);
         top += 20;
     }
 }

@@ -1,26 +1,28 @@
-//! The precision that a mesh file needs: far from the origin, single precision cannot hold the voxels.
+//! The floating-point precision that a mesh file needs: far from the origin, single precision cannot
+//! resolve the voxels.
 
 use super::error::RunError;
 use crate::io::WriteError;
 use crate::recipe::Scale;
 use std::path::Path;
 
-/// Greatest step of single precision that a file may have, voxels.
-const MAX_STEP: f64 = 0.1;
+/// Greatest spacing of single-precision numbers that a file may have, voxels.
+const MAX_SPACING: f64 = 0.1;
 
-/// Whether a mesh file needs double precision, where coordinates reach `far` in magnitude. `far` and the voxel
-/// are in recipe units, those of the file `factor` times as many.
+/// Whether a mesh file needs double precision. `far` is the greatest magnitude of its coordinates in
+/// recipe units; `factor` converts to the file's unit.
 ///
 /// # Errors
-/// [`WriteError::Format`] for formats that have none: with the formats that have, and what moves the part.
+/// [`WriteError::Format`] for formats without double precision, with the operation that moves
+/// the part and the formats that have it.
 pub(super) fn needs_double(
     path: &Path,
     (far, centre): (f64, [f64; 3]),
     (scale, factor): (Scale, f64),
 ) -> Result<bool, RunError> {
     let reach = (far * factor) as f32;
-    let step = f64::from(reach.next_up() - reach) / factor;
-    if step <= MAX_STEP * scale.voxel_size {
+    let spacing = f64::from(reach.next_up() - reach) / factor;
+    if spacing <= MAX_SPACING * scale.voxel_size {
         return Ok(false);
     }
     let is_stl = path
@@ -34,7 +36,7 @@ pub(super) fn needs_double(
     Err(WriteError::Format {
         path: path.to_owned(),
         reason: format!(
-            "coordinates reach {far} {unit}, where the single precision of STL has steps of {step} {unit}; \
+            "coordinates reach {far} {unit}, where the single precision of STL has steps of {spacing} {unit}; \
              expected steps of at most a tenth of the voxel, {voxel} {unit}: move the part to the origin with \
              [[op]] resample = {{ translate = [{x}, {y}, {z}] }}, or write .ply, .obj or .3mf, \
              which hold double precision"

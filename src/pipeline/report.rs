@@ -1,12 +1,12 @@
-//! What a run found and made: the content of `report.json`.
+//! The report of a run: the content of `report.json`.
 
 use super::cut_faces::CutFaces;
-use super::least_wall::Sampled;
+use super::least_wall::WallSamples;
 use super::requirements::Requirement;
 use crate::frame::Aabb;
 use crate::progress::Threads;
-use crate::tiling::{Certificate, FaceStatistics, Kernel, Seam};
-use crate::vdb::{Dropped, Unwanted};
+use crate::tiling::{Certificate, Discontinuity, FaceStatistics, Kernel};
+use crate::vdb::{ComponentSelection, RemovedComponents};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -32,10 +32,10 @@ pub struct Report {
     /// Continuity over all shared faces; with `certificate = true`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub continuity: Option<ContinuityReport>,
-    /// How the run went through bricks; absent when it was in memory as a whole.
+    /// The bricks of the run; absent for a run in memory.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bricks: Option<BricksReport>,
-    /// Operations that move the surface of what is still a field; absent without any.
+    /// Operations that move the surface by a distance; absent without any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub offsets: Vec<OffsetReport>,
     /// The sampling.
@@ -44,13 +44,13 @@ pub struct Report {
     pub solid: SolidReport,
     /// Time per stage.
     pub stages: Vec<Stage>,
-    /// Threads that were used.
+    /// Number of worker threads.
     pub threads: usize,
-    /// Greatest memory of the process.
+    /// Peak memory of the process.
     pub peak_memory_bytes: u64,
     /// The files that were written.
     pub outputs: Vec<OutputFile>,
-    /// What looked wrong.
+    /// Warnings of the run.
     pub warnings: Vec<Warning>,
     /// The requirements of the recipe; absent without any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -97,16 +97,16 @@ pub struct ScaffoldReport {
 pub struct ContinuityReport {
     /// Greatest jump of the field's value, over the field's range.
     pub value_jump_max: f64,
-    /// Its 99th percentile over the points.
+    /// 99th percentile of that jump over the points.
     pub value_jump_p99: f64,
     /// 99th percentile of the angle between both sides' surface normals, degrees.
     pub crease_degrees_p99: f64,
     /// Greatest such angle, degrees.
     pub crease_degrees_max: f64,
-    /// By kind of face.
+    /// Statistics by kind of face.
     pub faces: Vec<FaceStatistics>,
-    /// The worst places.
-    pub worst: Vec<Seam>,
+    /// The points with the greatest jumps.
+    pub worst: Vec<Discontinuity>,
 }
 
 impl From<&Certificate> for ContinuityReport {
@@ -122,10 +122,11 @@ impl From<&Certificate> for ContinuityReport {
     }
 }
 
-/// Jump over the field's range up to which a field counts as continuous.
-const CONTINUOUS: f64 = 1e-5;
-/// Faces of neighbours that are this share of their coordinates apart do not fit together.
-const APART: f64 = 1e-6;
+/// Greatest jump, over the field's range, of a field that counts as continuous.
+const MAX_CONTINUOUS_JUMP: f64 = 1e-5;
+/// Gap between the faces of neighbours, over the magnitude of their coordinates, above which the mesh
+/// does not conform.
+const MIN_RELATIVE_GAP: f64 = 1e-6;
 
 impl Report {
     /// Whether every requirement is met.
@@ -135,23 +136,23 @@ impl Report {
 }
 
 impl ContinuityReport {
-    /// W114 if the field is not continuous, with the worst place and what to do about it.
+    /// W114 if the field is not continuous, with the worst point and a remedy.
     pub fn warning(&self) -> Option<String> {
         let seam = self.worst.first()?;
-        if self.value_jump_max <= CONTINUOUS {
+        if self.value_jump_max <= MAX_CONTINUOUS_JUMP {
             return None;
         }
         let reach = seam.at.iter().fold(0.0f64, |m, c| m.max(c.abs()));
-        let remedy = if seam.gap > APART * reach {
-            "the mesh does not fit together there, its faces are apart: druse scaffold check FILE \
-             names hanging nodes and open faces"
+        let remedy = if seam.gap > MIN_RELATIVE_GAP * reach {
+            "the mesh does not conform there, its faces have a gap: druse scaffold check FILE \
+             lists hanging nodes and open faces"
         } else {
-            "use cells that agree on the faces: without group, so that they have their element's whole \
-             symmetry, or all_hex = true with one hex cell; a smaller tiling.tolerance makes finer tables"
+            "use cells that match on the faces: without group, so that they have the full symmetry of their \
+             element, or all_hex = true with one hex cell; a smaller tiling.tolerance makes finer tables"
         };
         Some(format!(
-            "the field is not continuous: it jumps by {:.2e} of its range, at most {CONTINUOUS:e} was \
-             expected, worst at {} between elements {} and {}; {remedy}",
+            "the field is not continuous: it jumps by {:.2e} of its range; expected at most \
+             {MAX_CONTINUOUS_JUMP:e}; the worst point is {} between elements {} and {}; {remedy}",
             self.value_jump_max,
             crate::frame::place_figures(seam.at.into()),
             seam.elements[0],
@@ -175,54 +176,55 @@ pub struct BandReport {
     pub active_voxels_sampled: u64,
     /// Leaves that the bound could not exclude.
     pub leaves_touched: u64,
-    /// Leaves that held active voxels.
+    /// Leaves with active voxels.
     pub leaves_kept: u64,
-    /// At how many points the field was looked at.
+    /// Number of points at which the field was evaluated.
     pub voxels_evaluated: u64,
-    /// Elements of the scaffold that came near those leaves, so that their cells were looked
-    /// at; absent without a scaffold, and where bricks were only merged.
+    /// Elements of the scaffold near those leaves, whose cells were evaluated. Absent without a scaffold
+    /// and for merges of bricks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elements_visited: Option<u64>,
-    /// Leaves whose values the cell at a few nodes told; absent as above.
+    /// Leaves that were interpolated between values of the cell at nodes; absent as above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leaves_by_nodes: Option<u64>,
-    /// How the tiled scaffold's values were found; absent without one, and where bricks were only merged.
+    /// The kernel that evaluated the tiling; absent without one and for merges of bricks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kernel: Option<Kernel>,
 }
 
-/// How an operation moved the surface by a distance.
+/// The method by which an operation moved the surface by a distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Way {
-    /// The field was evaluated again, with its distances moved.
+pub enum OffsetMethod {
+    /// The field was evaluated with an offset.
     Field,
-    /// The level set's distances were rebuilt from points of its surface, as far as the move goes.
+    /// Distances were rebuilt from points of the level set's surface, as far as the move needs.
     Points,
-    /// OpenVDB's filter moved it, rebuilding distances every half voxel.
+    /// OpenVDB's filter moved the surface and rebuilt distances every half voxel.
     Filter,
 }
 
-/// An operation that moves the surface by a distance, and which way was taken.
+/// An operation that moves the surface by a distance, and its method.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OffsetReport {
     /// The operation, as in `op.2.dilate`.
     pub op: String,
-    /// Whether the field was evaluated again.
+    /// Whether the field was evaluated with an offset.
     pub re_evaluated: bool,
-    /// Which way was taken.
-    pub way: Way,
-    /// By how many voxels (root mean square) the moved field is off its surface at the feet of voxels
-    /// of its band; absent if nothing is left of it, or it was no field any more.
+    /// The method.
+    #[serde(rename = "way")]
+    pub method: OffsetMethod,
+    /// Root mean square error of the offset field at the foot points of voxels of its band, voxels.
+    /// Absent if the offset leaves nothing, or the solid was a level set already.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error_voxels: Option<f64>,
-    /// The most that is accepted.
+    /// The greatest error that is accepted.
     pub limit_voxels: f64,
-    /// What decided.
+    /// The reason for the method.
     pub why: &'static str,
 }
 
-/// A run in bricks. Of the sampling the counts are those of the bricks that this run made.
+/// The bricks of a run. Sampling counts of the report are those of the bricks that this run made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BricksReport {
     /// Number of bricks.
@@ -231,7 +233,7 @@ pub struct BricksReport {
     pub edge: u32,
     /// Voxels around a brick that were sampled with it.
     pub halo: u32,
-    /// Bricks that were there already, whole.
+    /// Complete bricks that existed before the run.
     pub found_whole: u64,
 }
 
@@ -242,53 +244,56 @@ pub struct SolidReport {
     pub volume: f64,
     /// Area of its surface.
     pub area: f64,
-    /// Its share of the envelope, or of the scaffold where there is none.
+    /// Its volume over that of the envelope, or of the scaffold without one.
     pub volume_fraction: Option<f64>,
-    /// Share of its elements that the recipe asked for, of the cell or of the tiling (there the mean).
-    pub volume_fraction_asked: Option<f64>,
-    /// Share that the cell fills of its elements as they are in space.
+    /// Volume fraction that the recipe requests of the cell or of the tiling (there the mean).
+    #[serde(rename = "volume_fraction_asked")]
+    pub volume_fraction_target: Option<f64>,
+    /// Volume fraction of the cell in the elements as they are in space.
     pub volume_fraction_cell: Option<f64>,
-    /// Pieces that do not touch.
+    /// Number of connected components.
     pub components: u64,
-    /// Enclosed cavities; where a requirement counts them.
+    /// Number of closed cavities; where a requirement counts them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub closed_cavities: Option<u64>,
-    /// Pieces that `keep_largest` and `drop_small` removed.
+    /// Components that `keep_largest` and `drop_small` removed.
     pub dropped_components: u64,
     /// Their volume.
     pub dropped_volume: f64,
-    /// Voids that `fill_voids` closed.
+    /// Cavities that `fill_voids` filled.
     pub filled_voids: u64,
     /// Their volume.
     pub filled_volume: f64,
-    /// First percentile of the diameters of the largest inscribed balls; in bricks if it is at most 24
-    /// voxels, which is as far as they look.
+    /// First percentile of the diameters of inscribed balls. A run in bricks measures balls of at most
+    /// 24 voxels.
     pub least_wall: Option<f64>,
-    /// Where it was found.
+    /// The centre of that ball.
     pub least_wall_place: Option<[f64; 3]>,
-    /// First percentile of the diameters of the largest balls in the empty space that touch opposite walls;
-    /// where a requirement is on gaps. In bricks of those of at most 24 voxels.
+    /// First percentile of the diameters of balls in the void that touch opposite walls; where a
+    /// requirement limits gaps. A run in bricks measures balls of at most 24 voxels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub least_gap: Option<f64>,
-    /// Where it was found.
+    /// The centre of that ball.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub least_gap_place: Option<[f64; 3]>,
     /// Mass in grams; where a requirement gives the density.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass: Option<f64>,
-    /// How thick its walls are beside what was asked.
+    /// The thickness of its walls and the requested thickness.
     pub thickness: Option<ThicknessReport>,
     /// The box around it.
     #[serde(rename = "box", serialize_with = "maybe_corners")]
     pub bounds: Option<Aabb>,
 }
 
-/// The thickness asked for, and that of the solid: percentiles, by area, of the diameters of inscribed balls.
-/// Balls that touch a cut (an outer face of the scaffold, a mesh that the solid is cut with) are left out.
+/// The requested thickness, and that of the solid as percentiles, by area, of the diameters of inscribed
+/// balls. Balls that touch a cut (an outer face of the scaffold, a mesh of a Boolean operation) are left
+/// out.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ThicknessReport {
-    /// What the recipe asks for in its unit; the least and the greatest where it varies.
-    pub asked: Option<Asked>,
+    /// The requested thickness in the recipe's unit; least and greatest where it varies.
+    #[serde(rename = "asked")]
+    pub requested: Option<RequestedThickness>,
     /// The fifth percentile.
     pub p5: f64,
     /// The median.
@@ -300,7 +305,7 @@ pub struct ThicknessReport {
 /// One thickness, or a range of them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
-pub enum Asked {
+pub enum RequestedThickness {
     /// The same everywhere.
     Uniform(f64),
     /// Least and greatest.
@@ -308,22 +313,22 @@ pub enum Asked {
 }
 
 impl SolidReport {
-    /// Notes what was found of its walls.
+    /// Enters the samples of its walls.
     pub(super) fn add_walls(
         &mut self,
-        walls: Sampled,
-        asked: Option<[f64; 2]>,
+        walls: WallSamples,
+        requested: Option<[f64; 2]>,
         cut: &CutFaces,
         threads: &Threads,
     ) {
         let (all, thicker) = walls.all();
         let percentiles = threads.install(|| cut.percentiles(all, thicker));
         self.thickness = percentiles.map(|[p5, p50, p95]| ThicknessReport {
-            asked: asked.map(|[least, greatest]| {
+            requested: requested.map(|[least, greatest]| {
                 if greatest - least <= 1e-9 * greatest {
-                    Asked::Uniform(greatest)
+                    RequestedThickness::Uniform(greatest)
                 } else {
-                    Asked::Range([least, greatest])
+                    RequestedThickness::Range([least, greatest])
                 }
             }),
             p5,
@@ -332,23 +337,23 @@ impl SolidReport {
         });
         let wall = walls.least();
         self.least_wall = wall.map(|w| w.thickness);
-        self.least_wall_place = wall.map(|w| w.place.into());
+        self.least_wall_place = wall.map(|w| w.centre.into());
     }
 
-    /// Notes what was found of the gaps between its walls.
-    pub(super) fn add_gaps(&mut self, gaps: Sampled) {
+    /// Enters the samples of the gaps between its walls.
+    pub(super) fn add_gaps(&mut self, gaps: WallSamples) {
         let gap = gaps.least();
         self.least_gap = gap.map(|g| g.thickness);
-        self.least_gap_place = gap.map(|g| g.place.into());
+        self.least_gap_place = gap.map(|g| g.centre.into());
     }
 
-    /// Notes what an operation removed.
-    pub(super) fn add(&mut self, unwanted: Unwanted, dropped: Dropped) {
-        if matches!(unwanted, Unwanted::Voids(_)) {
-            self.filled_voids += dropped.pieces as u64;
+    /// Adds what an operation removed.
+    pub(super) fn add(&mut self, unwanted: ComponentSelection, dropped: RemovedComponents) {
+        if matches!(unwanted, ComponentSelection::Voids(_)) {
+            self.filled_voids += dropped.components as u64;
             self.filled_volume += dropped.volume;
         } else {
-            self.dropped_components += dropped.pieces as u64;
+            self.dropped_components += dropped.components as u64;
             self.dropped_volume += dropped.volume;
         }
     }
@@ -377,10 +382,10 @@ pub struct OutputFile {
     pub unit: Option<String>,
     /// BLAKE3 of its bytes.
     pub hash: String,
-    /// BLAKE3 of what it says, for level sets: equal whenever the grids are.
+    /// BLAKE3 of the grids' content, for level sets: equal whenever the grids are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub content_hash: Option<String>,
-    /// Of a mesh.
+    /// The facts of a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<MeshFacts>,
     /// Of a finite-element deck.
@@ -405,28 +410,28 @@ pub struct DeckFacts {
     pub dropped_components: u64,
 }
 
-/// What is known of a mesh that was written.
+/// Facts of a mesh file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct MeshFacts {
     /// Triangles, quads or beams.
     pub faces: u64,
-    /// Vertices that were put onto edges and corners, if that was asked for.
+    /// Vertices that were moved onto edges and corners, where the output requests it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub creased: Option<u64>,
-    /// Vertices that a projection left where they were.
+    /// Vertices that a projection did not move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kept: Option<u64>,
-    /// Greatest magnitude of the exact field at the others, recipe units.
+    /// Greatest magnitude of the exact field at the other vertices, recipe units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<f64>,
 }
 
-/// Something that looks wrong but does not stop a run.
+/// A warning: a probable fault that does not stop a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Warning {
     /// Stable code, as in `W101`.
     pub code: &'static str,
-    /// What was seen.
+    /// The text.
     pub message: String,
 }
 
@@ -434,38 +439,38 @@ impl Warning {
     /// W101: the boxes of two inputs differ more than a hundredfold.
     pub const UNITS: &'static str = "W101";
     /// W102: walls thinner than two voxels.
-    pub const THIN: &'static str = "W102";
+    pub const THIN_WALLS: &'static str = "W102";
     /// W103: a mesh with defects that were repaired.
     pub const MESH: &'static str = "W103";
     /// W104: a cell that fits its source badly.
     pub const CELL: &'static str = "W104";
     /// W105: a scaffold with doubtful elements.
     pub const SCAFFOLD: &'static str = "W105";
-    /// W106: pieces that do not hang together.
-    pub const PIECES: &'static str = "W106";
+    /// W106: a solid of several components.
+    pub const COMPONENTS: &'static str = "W106";
     /// W107: a picture's cut that misses the part.
-    pub const CUT: &'static str = "W107";
-    /// W108: operations that keep pieces dropped more than a hundredth of the solid.
-    pub const DROPPED: &'static str = "W108";
+    pub const MISSED_CUT: &'static str = "W107";
+    /// W108: operations that remove components removed more than a hundredth of the solid.
+    pub const REMOVED_COMPONENTS: &'static str = "W108";
     /// W109: weights that count as 0.
     pub const WEIGHTS: &'static str = "W109";
-    /// W110: a transition along which the solid falls apart.
+    /// W110: a transition along which the solid becomes disconnected.
     pub const TRANSITION: &'static str = "W110";
     /// W111: a level set of other voxels than the recipe's, resampled.
     pub const RESAMPLED: &'static str = "W111";
     /// W112: a table that displaces the surface by more than the recipe allows.
     pub const TABLE: &'static str = "W112";
-    /// W113: shells of a mesh that overlap or lie in each other, united.
+    /// W113: shells of a mesh that overlap or contain each other, united.
     pub const OVERLAP: &'static str = "W113";
     /// W114: a field that jumps across faces that elements share.
     pub const CONTINUITY: &'static str = "W114";
-    /// W130: a phase of a period that does not hang together, or goes on along no axis.
+    /// W130: a phase of a period that is disconnected, or percolates along no axis.
     pub const DISCONNECTED: &'static str = "W130";
     /// W115: a thickness that no level of a cell gives; the nearest level is used.
     pub const THICKNESS: &'static str = "W115";
-    /// W116: a graph that stays fitted though a thickness in units of length is asked.
+    /// W116: a graph that stays fitted although a thickness in units of length is requested.
     pub const SECTION: &'static str = "W116";
-    /// W117: a grid of a file that is not quite what it says, and what was made of it.
+    /// W117: a grid of a file that deviates from its format, and how it was interpreted.
     pub const GRID: &'static str = "W117";
     /// W118: elements of a finite-element deck that are left out, since they share no face with the rest.
     pub const DECK: &'static str = "W118";

@@ -1,13 +1,13 @@
-//! `[require]`: whether the finished part fulfils what the recipe requires of it.
+//! The requirements of `[require]`, judged on the finished part.
 //!
-//! Every requirement is judged by a number of the report. Those that the report does not always hold
-//! (gaps, cavities, mass) are measured here, only where they are required.
+//! Every requirement is judged by a number of the report. Gaps, cavities and mass are measured here, and
+//! only where a requirement needs them.
 
-use super::error::{RunError, short};
-use super::least_wall::{Phase, REACH};
-use super::level_set_ops::Bench;
+use super::error::{RunError, short_number};
+use super::least_wall::{MAX_BRICK_WALL, Phase};
+use super::level_set_ops::StageContext;
 use super::report::{Report, SolidReport};
-use super::thickness::{Lattice, Measured, sampled_walls};
+use super::thickness::{SolidGeometry, VoxelLattice, sampled_walls};
 use crate::frame::{Aabb, LengthUnit};
 use crate::mesh::TriMesh;
 use crate::progress::{Progress, Threads};
@@ -15,26 +15,27 @@ use crate::recipe::{RequireFile, RequireSection, Scale, Size};
 use crate::vdb::{LevelSet, Session};
 use serde::Serialize;
 
-/// Sizes of a part that exceed the box it must fit by less than this share are rounding.
-const ROUNDING: f64 = 1e-6;
+/// Relative excess of a part over the box that it must fit, up to which it is rounding.
+const SIZE_TOLERANCE: f64 = 1e-6;
 
-/// One requirement and what was found.
+/// A requirement and its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Requirement {
     /// Its key in `[require]`.
     pub name: &'static str,
-    /// What is required, with its unit.
+    /// The required value, with its unit.
     pub required: String,
-    /// What was found, with its unit.
+    /// The measured value, with its unit.
     pub found: String,
-    /// The same as a number, where there is one: lengths in the unit of the requirement, mass in grams.
+    /// The measured value as a number, where there is one: lengths in the unit of the requirement, mass
+    /// in grams.
     pub value: Option<f64>,
     /// Whether it is met.
     pub met: bool,
-    /// Where the worst place is, in the unit of the requirement.
+    /// The worst point, in the unit of the requirement.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub place: Option<[f64; 3]>,
-    /// What to do where it is not met.
+    /// A remedy where it is not met.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<&'static str>,
 }
@@ -49,7 +50,7 @@ impl std::fmt::Display for Requirement {
             ..
         } = self;
         write!(f, "require {name}: {verdict}: {required}, found {found}")?;
-        if let Some([x, y, z]) = self.place.map(|p| p.map(short)) {
+        if let Some([x, y, z]) = self.place.map(|p| p.map(short_number)) {
             write!(f, " at ({x}, {y}, {z})")?;
         }
         if let Some(hint) = self.hint {
@@ -62,23 +63,23 @@ impl std::fmt::Display for Requirement {
 /// Measures what only requirements need of a solid in memory: cavities and gaps.
 pub(super) fn measure(
     require: &RequireSection,
-    bench: Bench,
-    (solid, mesh, measured): (&LevelSet, &TriMesh, Measured),
+    context: StageContext,
+    (solid, mesh, geometry): (&LevelSet, &TriMesh, SolidGeometry),
     report: &mut SolidReport,
 ) -> Result<(), RunError> {
     if require.closed_cavities.is_some() {
-        bench.progress.stage("cavities", None);
-        let cavities = solid.voids(bench.session());
+        context.progress.stage("cavities", None);
+        let cavities = solid.voids(context.session());
         let cavities = cavities.map_err(RunError::level_set("cavities"))?;
         report.closed_cavities = Some(cavities.len() as u64);
     }
     if require.least_gap.is_some() {
-        report.add_gaps(sampled_walls(bench, mesh, measured, Phase::Void)?);
+        report.add_gaps(sampled_walls(context, mesh, geometry, Phase::Void)?);
     }
     Ok(())
 }
 
-/// Grams of a solid whose lengths are in `unit`.
+/// Mass in grams of a solid whose lengths are in `unit`.
 pub(super) fn mass(r: &RequireSection, solid: &SolidReport, unit: LengthUnit) -> Option<f64> {
     let density = r.density?.0;
     Some(density * solid.volume * unit.to(LengthUnit::Centimetre).powi(3))
@@ -88,7 +89,9 @@ pub(super) fn mass(r: &RequireSection, solid: &SolidReport, unit: LengthUnit) ->
 pub(super) fn judge(require: &RequireSection, report: &Report, scale: Scale) -> Vec<Requirement> {
     let mut judge = Judge {
         scale,
-        wall_limit: report.bricks.map(|_| f64::from(REACH) * scale.voxel_size),
+        wall_limit: report
+            .bricks
+            .map(|_| f64::from(MAX_BRICK_WALL) * scale.voxel_size),
         list: Vec::new(),
     };
     judge.solid(require, &report.solid);
@@ -98,7 +101,7 @@ pub(super) fn judge(require: &RequireSection, report: &Report, scale: Scale) -> 
         let met = value.is_none_or(|v| v <= most.0);
         judge.list.push(Requirement {
             name: "value_jump_max",
-            required: format!("at most {}", short(most.0)),
+            required: format!("at most {}", short_number(most.0)),
             found: value.map_or("no shared faces".into(), |v| format!("{v:.3e}")),
             value,
             met,
@@ -109,16 +112,17 @@ pub(super) fn judge(require: &RequireSection, report: &Report, scale: Scale) -> 
             hint: None,
         });
         judge.advise(
-            "cells without group have their element's whole symmetry and agree on shared faces",
+            "cells without group have the full symmetry of their element and match on shared faces",
         );
     }
     judge.list
 }
 
-/// Judges a level set of a file; `unit` is that of its lengths.
+/// Judges the level set of a file; `unit` is that of its lengths.
 ///
 /// # Errors
-/// [`RunError`]: a requirement that only a run can judge, a file too large, or the user stopped it.
+/// [`RunError`]: a requirement that only a run can judge, a file that is too large, or
+/// cancellation.
 pub fn judge_level_set(
     file: &RequireFile,
     (solid, unit): (&LevelSet, LengthUnit),
@@ -128,7 +132,7 @@ pub fn judge_level_set(
     let session = Session::new(threads, progress);
     let failed = RunError::level_set("measure");
     let voxel_size = solid.voxel_size();
-    let bench = Bench {
+    let context = StageContext {
         threads,
         progress,
         scale: Scale { unit, voxel_size },
@@ -146,8 +150,8 @@ pub fn judge_level_set(
         components: solid.components(session).map_err(&failed)?.len() as u64,
         ..SolidReport::default()
     };
-    let measured = Measured {
-        lattice: Lattice {
+    let geometry = SolidGeometry {
+        lattice: VoxelLattice {
             origin: solid.origin(),
             voxel_size,
         },
@@ -155,16 +159,21 @@ pub fn judge_level_set(
         extent: found.bounds.size().max() / voxel_size,
     };
     if file.section.least_wall.is_some() {
-        let wall = sampled_walls(bench, &mesh, measured, Phase::Solid)?.least();
+        let wall = sampled_walls(context, &mesh, geometry, Phase::Solid)?.least();
         report.least_wall = wall.map(|w| w.thickness);
-        report.least_wall_place = wall.map(|w| w.place.into());
+        report.least_wall_place = wall.map(|w| w.centre.into());
     }
-    measure(&file.section, bench, (solid, &mesh, measured), &mut report)?;
+    measure(
+        &file.section,
+        context,
+        (solid, &mesh, geometry),
+        &mut report,
+    )?;
     Ok(judge_file(file, report, unit, voxel_size))
 }
 
-/// Judges a closed mesh of a file; `unit` is that of its lengths. `components` and `cavities` are what the
-/// shells of the mesh bound.
+/// Judges the closed mesh of a file; `unit` is that of its lengths. `components` and `cavities` are
+/// those that the shells of the mesh bound.
 pub fn judge_mesh(
     file: &RequireFile,
     (volume, bounds, unit): (f64, Aabb, LengthUnit),
@@ -180,7 +189,7 @@ pub fn judge_mesh(
     judge_file(file, report, unit, f64::NAN)
 }
 
-/// Judges what was measured of a file in its own unit.
+/// Judges the measures of a file, which are in the file's unit.
 fn judge_file(
     file: &RequireFile,
     mut report: SolidReport,
@@ -214,13 +223,13 @@ fn judge_file(
 /// Collects verdicts.
 struct Judge {
     scale: Scale,
-    /// Diameter up to which walls and gaps were looked for, if there is an end.
+    /// Greatest diameter of walls and gaps that was measured, if it is limited.
     wall_limit: Option<f64>,
     list: Vec<Requirement>,
 }
 
 impl Judge {
-    /// What the solid's own measures tell.
+    /// Judges the measures of the solid.
     fn solid(&mut self, r: &RequireSection, solid: &SolidReport) {
         if let Some(least) = r.least_wall {
             let found = solid.least_wall.or(self.wall_limit);
@@ -264,7 +273,7 @@ impl Judge {
     }
 
     fn length(&self, v: f64) -> String {
-        format!("{} {}", short(v), self.scale.unit)
+        format!("{} {}", short_number(v), self.scale.unit)
     }
 
     fn at_least(
@@ -273,15 +282,18 @@ impl Judge {
         least: Size,
         (value, place): (Option<f64>, Option<[f64; 3]>),
     ) {
-        let wanted = least.resolve(self.scale);
-        let met = value.is_some_and(|v| v >= wanted);
+        let limit = least.resolve(self.scale);
+        let met = value.is_some_and(|v| v >= limit);
         self.list.push(Requirement {
             name,
-            required: format!("at least {}", self.length(wanted)),
+            required: format!("at least {}", self.length(limit)),
             found: match (value, place) {
                 (Some(v), Some(_)) => self.length(v),
                 (Some(v), None) => {
-                    format!("more than {}, the widest that is measured", self.length(v))
+                    format!(
+                        "more than {}, the greatest that is measured",
+                        self.length(v)
+                    )
                 }
                 (None, _) => "no opposite walls".into(),
             },
@@ -293,34 +305,34 @@ impl Judge {
     }
 
     fn no_gap(&mut self, least: Size) {
-        let wanted = least.resolve(self.scale);
-        // Wider gaps than are looked for may be there.
-        let limit = self.wall_limit.filter(|&limit| limit < wanted);
+        let limit = least.resolve(self.scale);
+        // Gaps wider than the limit may exist.
+        let unmeasured_from = self.wall_limit.filter(|&measured| measured < limit);
         self.list.push(Requirement {
             name: "least_gap",
-            required: format!("at least {}", self.length(wanted)),
-            found: match limit {
-                Some(limit) => format!(
-                    "none up to {}, the widest that is measured",
-                    self.length(limit)
+            required: format!("at least {}", self.length(limit)),
+            found: match unmeasured_from {
+                Some(measured) => format!(
+                    "none up to {}, the greatest that is measured",
+                    self.length(measured)
                 ),
                 None => "no gap".into(),
             },
             value: None,
-            met: limit.is_none(),
+            met: unmeasured_from.is_none(),
             place: None,
             hint: None,
         });
     }
 
-    fn count(&mut self, name: &'static str, (how, wanted): (&str, u64), found: Option<u64>) {
+    fn count(&mut self, name: &'static str, (how, limit): (&str, u64), found: Option<u64>) {
         let met = found.is_some_and(|n| match how {
-            "exactly" => n == wanted,
-            _ => n <= wanted,
+            "exactly" => n == limit,
+            _ => n <= limit,
         });
         self.list.push(Requirement {
             name,
-            required: format!("{how} {wanted}"),
+            required: format!("{how} {limit}"),
             found: found.map_or("not counted".into(), |n| n.to_string()),
             value: found.map(|n| n as f64),
             met,
@@ -333,8 +345,10 @@ impl Judge {
         let [low, high] = range;
         self.list.push(Requirement {
             name,
-            required: format!("from {} to {}{unit}", short(low), short(high)),
-            found: value.map_or("not measured".into(), |v| format!("{}{unit}", short(v))),
+            required: format!("from {} to {}{unit}", short_number(low), short_number(high)),
+            found: value.map_or("not measured".into(), |v| {
+                format!("{}{unit}", short_number(v))
+            }),
             value,
             met: value.is_some_and(|v| (low..=high).contains(&v)),
             place: None,
@@ -344,17 +358,17 @@ impl Judge {
 
     fn fits(&mut self, sizes: [Size; 3], bounds: Aabb) {
         let size: [f64; 3] = bounds.size().into();
-        let room = sizes.map(|s| s.resolve(self.scale));
+        let limit = sizes.map(|s| s.resolve(self.scale));
         let met = size
             .iter()
-            .zip(room)
-            .all(|(s, r)| *s <= r * (1.0 + ROUNDING));
-        let show = |v: [f64; 3]| v.map(short).join(" x ");
+            .zip(limit)
+            .all(|(s, r)| *s <= r * (1.0 + SIZE_TOLERANCE));
+        let size_text = |v: [f64; 3]| v.map(short_number).join(" x ");
         let unit = self.scale.unit;
         self.list.push(Requirement {
             name: "fits",
-            required: format!("at most {} {unit}", show(room)),
-            found: format!("{} {unit}", show(size)),
+            required: format!("at most {} {unit}", size_text(limit)),
+            found: format!("{} {unit}", size_text(size)),
             value: None,
             met,
             place: None,

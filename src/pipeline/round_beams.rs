@@ -1,24 +1,23 @@
-//! Cells made of round beams and plates: from the recipe's graphs and diameters to one field in space.
+//! Cells of round beams and plates: graphs of a recipe with their diameters as one field in space.
 //!
-//! A strut has the diameter asked for whatever its element does to the cell. Diameters are evaluated along
-//! the struts themselves, not at the elements' corners. In a transition a part has the diameter asked for
-//! times the sum of the weights of the cells that have it. Parts of one cell taper off with its weight, down
-//! to two voxels or half of what is asked, and end where the cell has no weight; parts that all cells have
-//! keep their diameter. The solid is a union of balls throughout, so it is continuous whatever the weights
-//! are.
+//! A strut has the requested diameter in space, however its element deforms the cell. Diameters are
+//! evaluated along the struts, not at element corners. In a transition the diameter is multiplied by the
+//! sum of the weights of the cells that contain the part. Parts of one cell taper with its weight, down
+//! to two voxels or half the requested diameter, and end where the weight is zero. Parts that all cells
+//! contain keep their diameter. The solid is a union of balls, so it is continuous for any weights.
 //!
-//! Graphs and other cells cannot be mixed in one tiling as beams; there graphs stay fitted.
+//! Graphs and other cells cannot share one tiling as beams; there the graphs are fitted.
 
 use super::error::RunError;
-use super::field_ops::{Borrowed, Shape, common_part};
-use super::input_files::Inputs;
+use super::field_ops::{Borrowed, Shape, intersection};
+use super::input_files::InputFiles;
 use super::offsets::Offsets;
 use super::report::Warning;
 use super::source::{skeleton, skeleton_notes};
-use super::spatial_value::Setting;
-use super::tiling::Fill;
+use super::spatial_value::SpatialContext;
+use super::tiling::CellTiling;
 use crate::beams::{
-    Beam, Beams, Cut, Network, NetworkError, Plate, ScaffoldSolid, Shapes, WeightsAt, Width,
+    Beam, Beams, Cut, Network, NetworkError, Plate, ReferenceParts, ScaffoldSolid, WeightsAt, Width,
 };
 use crate::cell::{default_group, operators_of};
 use crate::field::{Field, Interval, WorldField};
@@ -35,32 +34,32 @@ mod fraction;
 
 use fraction::diameter_for_fraction;
 
-/// Chordal error of curved struts, and greatest error of radii between the places where they are evaluated,
+/// Chordal error of curved struts, and error of radii between the points at which they are evaluated,
 /// voxels.
 const CHORDAL_ERROR: f64 = 0.02;
 const RADIUS_ERROR: f64 = 0.01;
-/// Least radius of tapering struts, voxels: thinner ones fall into pieces.
-const LEAST_RADIUS: f64 = 1.0;
+/// Least radius of tapering struts, voxels: thinner ones break.
+const MIN_RADIUS: f64 = 1.0;
 /// Chordal error of the scaffold's boundary, voxels.
 const BOUNDARY_ERROR: f64 = 0.05;
 
 /// Beams and plates over a scaffold.
-pub(super) struct Round {
+pub(super) struct RoundBeams {
     beams: Beams,
-    /// Numbers of nodes, of straight pieces of struts and of flat pieces of plates, each once.
+    /// Numbers of nodes, of straight segments of struts and of flat facets of plates, each counted once.
     counts: [usize; 3],
     /// Least and greatest diameter that is not 0, world units.
     diameters: [f64; 2],
-    /// Chordal error of the scaffold's boundary, world units: that of the recipe's voxels, whatever voxels an
-    /// estimate has.
+    /// Chordal error of the scaffold's boundary, world units. It follows from the recipe's voxels, also
+    /// in estimates on coarser ones.
     boundary_error: f64,
     outer: OnceLock<ScaffoldSolid>,
 }
 
-/// Whether a tiling's cells are made of round beams and plates; warns where graphs stay fitted because of
-/// another cell.
-pub(super) fn is_round(inputs: &mut Inputs, tiling: &TilingSection) -> Result<bool, RunError> {
-    let cells = &inputs.recipe.sections().cell;
+/// Whether a tiling's cells are round beams and plates. Warns if graphs are fitted because another cell
+/// is not.
+pub(super) fn is_round(files: &mut InputFiles, tiling: &TilingSection) -> Result<bool, RunError> {
+    let cells = &files.recipe.sections().cell;
     let (round, fitted): (Vec<&str>, Vec<&str>) = tiling
         .cells()
         .iter()
@@ -73,24 +72,24 @@ pub(super) fn is_round(inputs: &mut Inputs, tiling: &TilingSection) -> Result<bo
         .find(|name| cells[**name].section == Some(Section::Round));
     if let Some(name) = named {
         return Err(RunError::Tiling(format!(
-            "cell.{name} has section = \"round\" and cell.{other} is no graph of round struts; the two \
-             cannot pass into each other: expected round cells only, or section = \"fitted\" in \
+            "cell.{name} has section = \"round\" and cell.{other} is not a graph of round struts; \
+             no transition joins the two; expected round cells only, or section = \"fitted\" in \
              [cell.{name}]"
         )));
     }
     let message = format!(
-        "tiling: cell.{first} is fitted, not made of round beams, because it shares the tiling with cell.{other}; \
-         its struts are as thick as asked on average only: use graphs alone for round struts, or set \
+        "tiling: cell.{first} is fitted and not made of round beams, because it shares the tiling with cell.{other}; \
+         its struts have the requested thickness on average only: use graphs alone for round struts, or set \
          section = \"fitted\" in [cell.{first}]"
     );
-    inputs.warn(Warning::SECTION, message)?;
+    files.warn(Warning::SECTION, message)?;
     Ok(false)
 }
 
-/// Refuses what round beams have no use for.
+/// Refuses keys that round beams do not support.
 fn check(recipe: &Recipe, name: &str, tiling: &TilingSection) -> Result<(), RunError> {
     let section = &recipe.sections().cell[name];
-    let refused = |key: &str, expected: &str| {
+    let unsupported = |key: &str, expected: &str| {
         Err(RunError::Tiling(format!(
             "{key} has no meaning for cell.{name}, which is made of round beams; expected {expected}, or \
              section = \"fitted\" in [cell.{name}]"
@@ -103,30 +102,30 @@ fn check(recipe: &Recipe, name: &str, tiling: &TilingSection) -> Result<(), RunE
              element, or section = \"fitted\""
         )));
     }
-    let placed = |p: &CellPlace| *p != CellPlace::Reference;
-    if section.place.as_ref().is_some_and(placed) {
-        return refused("place", "none");
+    let is_placed = |p: &CellPlace| *p != CellPlace::Reference;
+    if section.place.as_ref().is_some_and(is_placed) {
+        return unsupported("place", "none");
     }
     if section.invert == Some(true) {
-        return refused("invert", "none");
+        return unsupported("invert", "none");
     }
     if section.solid.is_some_and(|s| s != recipe::Solid::Below) {
-        return refused("solid", "none");
+        return unsupported("solid", "none");
     }
-    // A thickness for the tiling overrides what the cell says.
+    // A thickness of the tiling overrides the cell's keys.
     let own = tiling.thickness.is_none();
     if tiling.level.is_some() || (own && section.level.is_some()) {
-        return refused("level", "a thickness");
+        return unsupported("level", "a thickness");
     }
     let by_fraction =
         tiling.volume_fraction.is_some() || (own && section.volume_fraction.is_some());
     if by_fraction && fraction(recipe, tiling).is_none() {
-        return refused("volume_fraction", "one number for one cell, or a thickness");
+        return unsupported("volume_fraction", "one number for one cell, or a thickness");
     }
     Ok(())
 }
 
-/// The share of the scaffold that beams of one diameter are to fill, if that is asked.
+/// The volume fraction that beams of one diameter must have in the scaffold, if it is requested.
 pub(super) fn fraction(recipe: &Recipe, tiling: &TilingSection) -> Option<f64> {
     let [name] = tiling.cells()[..] else {
         return None;
@@ -139,13 +138,13 @@ pub(super) fn fraction(recipe: &Recipe, tiling: &TilingSection) -> Option<f64> {
     }
 }
 
-/// The parts of a cell in each shape of element.
-fn shapes(
+/// The struts and plates of a cell in each element shape.
+fn shape_parts(
     recipe: &Recipe,
     name: &str,
     tiling: &TilingSection,
     scaffold: &Scaffold,
-) -> Result<Vec<(Element, Shapes)>, RunError> {
+) -> Result<Vec<(Element, ReferenceParts)>, RunError> {
     check(recipe, name, tiling)?;
     let key = format!("cell.{name}");
     let section = &recipe.sections().cell[name];
@@ -164,18 +163,18 @@ fn shapes(
             names.join(", ")
         )));
     }
-    // A bare thickness is in reference lengths and overrides the graph's own radii.
-    let asked = section.thickness.and_then(|t| match t.0 {
+    // A thickness without a unit is in reference lengths and overrides the graph's radii.
+    let own_radius = section.thickness.and_then(|t| match t.0 {
         Length::Bare(t) => Some(t / 2.0),
         _ => None,
     });
     let of_shape = |shape: Element| {
         let parts = skeleton(recipe, section, shape).map_err(|fault| fault.of(&key))?;
-        let mut parts = Shapes {
+        let mut parts = ReferenceParts {
             struts: parts.struts().to_vec(),
             plates: parts.plates().to_vec(),
         };
-        if let Some(radius) = asked {
+        if let Some(radius) = own_radius {
             for strut in &mut parts.struts {
                 strut.1 = radius;
             }
@@ -184,19 +183,20 @@ fn shapes(
             }
         }
         let parts = symmetrised(recipe, &key, section, (shape, parts))?;
-        Ok((shape, parts.within(shape)))
+        Ok((shape, parts.clipped_to(shape)))
     };
     filled.into_iter().map(of_shape).collect()
 }
 
-/// A graph of a file, or of a cell whose group is named, with all its images, so that it meets itself whatever
-/// the numbering of neighbours; graphs of the library have their element's symmetry.
+/// A graph with all its images under its group, so that neighbours match in any numbering of their
+/// nodes. It applies to graphs of files and cells with a group; graphs of the library have the symmetry
+/// of their element.
 fn symmetrised(
     recipe: &Recipe,
     key: &str,
     section: &CellSection,
-    (shape, parts): (Element, Shapes),
-) -> Result<Shapes, RunError> {
+    (shape, parts): (Element, ReferenceParts),
+) -> Result<ReferenceParts, RunError> {
     let graph = section.graph.as_ref().or(section.plates.as_ref());
     let is_file = graph.is_some_and(|g| g.path.extension().is_some());
     let group = match &section.group {
@@ -219,32 +219,32 @@ fn symmetrised(
     Ok(parts.symmetrised(&operators))
 }
 
-impl Round {
-    /// Maps the cells' parts through all elements and gives them their diameters.
+impl RoundBeams {
+    /// Maps the cells' struts and plates through all elements and sizes them.
     pub fn load(
-        inputs: &mut Inputs,
-        fill: &Fill,
+        files: &mut InputFiles,
+        tiling: &CellTiling,
         section: &TilingSection,
-        setting: &Setting,
+        spatial: &SpatialContext,
     ) -> Result<Self, RunError> {
-        let recipe = inputs.recipe;
-        let scaffold = &fill.loaded.scaffold;
+        let recipe = files.recipe;
+        let scaffold = &tiling.loaded.scaffold;
         let names = section.cells();
         for name in &names {
             for note in skeleton_notes(recipe, &recipe.sections().cell[*name])? {
-                inputs.warn(Warning::MESH, format!("cell.{name}: {note}"))?;
+                files.warn(Warning::MESH, format!("cell.{name}: {note}"))?;
             }
         }
         let cells = names
             .iter()
-            .map(|name| shapes(recipe, name, section, scaffold));
+            .map(|name| shape_parts(recipe, name, section, scaffold));
         let cells = cells.collect::<Result<Vec<_>, _>>()?;
         let failed = |e: NetworkError| RunError::Tiling(e.to_string());
         let chord = CHORDAL_ERROR * recipe.scale().voxel_size;
         let network = Network::new(scaffold, &cells, chord).map_err(failed)?;
-        let (beams, plates) = sized(inputs, fill, section, (setting, &network))?;
+        let (beams, plates) = sized_parts(files, tiling, section, (spatial, &network))?;
         let counts = network.counts();
-        // Of many struts both take hundreds of megabytes.
+        // For many struts the network takes hundreds of megabytes.
         drop(network);
         let radii = beams.iter().flat_map(|b| b.radii);
         let radii = radii.chain(plates.iter().flat_map(|p| p.radii));
@@ -283,16 +283,16 @@ impl Round {
     /// The solid as a field.
     pub fn shape<'a>(
         &'a self,
-        fill: &'a Fill,
+        tiling: &'a CellTiling,
         options: TilingOptions,
         offsets: Offsets,
     ) -> Shape<'a> {
-        let scaffold = &fill.loaded.scaffold;
-        let whole = self.beams.bounds();
+        let scaffold = &tiling.loaded.scaffold;
+        let bounds = self.beams.bounds();
         let own: Box<WorldField> = Box::new(Borrowed(&self.beams));
         let mut shape = Shape {
             field: own,
-            extent: whole,
+            extent: bounds,
             name: "the scaffold".into(),
         };
         if options.boundary == Boundary::Cut {
@@ -301,23 +301,23 @@ impl Round {
                 let mesh = |n| scaffold.boundary(n, self.boundary_error).mesh;
                 ScaffoldSolid::new(components.map(mesh))
             });
-            shape.extent = whole.intersection(scaffold.bounds());
+            shape.extent = bounds.intersection(scaffold.bounds());
             shape.field = if offsets.count == 0 {
                 Box::new(Cut::new(&self.beams, outer))
             } else {
                 let own = Box::new(Borrowed(outer));
-                common_part(shape.field, own, options.half_width, offsets)
+                intersection(shape.field, own, options.half_width, offsets)
             };
         }
-        if let Some(envelope) = &fill.loaded.envelope {
+        if let Some(envelope) = &tiling.loaded.envelope {
             let borrowed = Box::new(Borrowed(envelope.as_ref()));
             shape.extent = shape.extent.intersection(envelope.bounds());
-            shape.field = common_part(shape.field, borrowed, options.half_width, offsets);
+            shape.field = intersection(shape.field, borrowed, options.half_width, offsets);
         }
         shape
     }
 
-    /// What a report says of them.
+    /// The report's entry.
     pub fn facts(&self) -> serde_json::Value {
         let [nodes, struts, plates] = self.counts;
         serde_json::json!({
@@ -331,12 +331,12 @@ impl Round {
         })
     }
 
-    /// Bytes that they take.
+    /// Memory, bytes.
     pub fn bytes(&self) -> u64 {
         self.beams.bytes() as u64
     }
 
-    /// The beams as elements see them.
+    /// The beams as a filling of elements.
     pub fn in_elements<'a>(&'a self, scaffold: &'a Scaffold) -> ElementView<'a> {
         ElementView {
             beams: &self.beams,
@@ -345,22 +345,22 @@ impl Round {
     }
 }
 
-/// Beams and plates of a network with the diameters that a recipe asks for.
-fn sized(
-    inputs: &mut Inputs,
-    fill: &Fill,
+/// Beams and plates of a network with the diameters that a recipe requests.
+fn sized_parts(
+    files: &mut InputFiles,
+    tiling: &CellTiling,
     section: &TilingSection,
-    (setting, network): (&Setting, &Network),
+    (spatial, network): (&SpatialContext, &Network),
 ) -> Result<(Vec<Beam>, Vec<Plate>), RunError> {
-    let recipe = inputs.recipe;
-    let scaffold = &fill.loaded.scaffold;
-    let weights = fill.cell_weights()?;
+    let recipe = files.recipe;
+    let scaffold = &tiling.loaded.scaffold;
+    let weights = tiling.cell_weights()?;
     let at = |element: usize, xi: CellPoint<3>| weights.at(element, xi);
     let at: Option<&WeightsAt> = (!weights.is_single()).then_some(&at as &WeightsAt);
     let voxel = recipe.scale().voxel_size;
-    let tolerance = [RADIUS_ERROR * voxel, LEAST_RADIUS * voxel];
+    let tolerance = [RADIUS_ERROR * voxel, MIN_RADIUS * voxel];
     if let Some(fraction) = fraction(recipe, section) {
-        // Thin beams have small boxes, so that the nearest is found soon.
+        // Thin beams have small boxes, which makes the nearest-beam search fast.
         let trial = 1e-6 * scaffold.bounds().half_diagonal();
         let constant =
             |d: f64| network.sized(scaffold, Width::<RunError>::Constant(d), None, tolerance);
@@ -370,14 +370,14 @@ fn sized(
         return constant(found.unwrap_or_default());
     }
     let Some(thickness) = &section.thickness else {
-        return match constants(recipe, &section.cells())? {
+        return match physical_thicknesses(recipe, &section.cells())? {
             None => network.sized(scaffold, Width::<RunError>::Relative, at, tolerance),
             Some([d, ..]) if weights.is_single() => {
                 network.sized(scaffold, Width::<RunError>::Constant(d), None, tolerance)
             }
             Some(own) => {
-                let asked = own.iter().copied().filter(|&t| t > 0.0);
-                let unit = asked.fold(f64::INFINITY, f64::min);
+                let positive = own.iter().copied().filter(|&t| t > 0.0);
+                let unit = positive.fold(f64::INFINITY, f64::min);
                 let at = |element: usize, xi: CellPoint<3>| {
                     let all = weights.at(element, xi);
                     std::array::from_fn(|n| all[n] * own[n] / unit)
@@ -390,8 +390,9 @@ fn sized(
     if let Varying::Field(field) = thickness
         && field.outside == Some(Outside::Error)
     {
-        // Struts on the boundary may lie a hair beyond what the nodes span.
-        setting.values(inputs, thickness, scaffold.nodes())?;
+        // Rounding may put struts of the boundary outside the box of the nodes; the nodes decide, and
+        // the struts take the nearest value.
+        spatial.values(files, thickness, scaffold.nodes())?;
     }
     let thickness = match thickness {
         Varying::Field(field) if field.outside == Some(Outside::Error) => {
@@ -402,33 +403,33 @@ fn sized(
         }
         other => other.clone(),
     };
-    let refused = |d: f64, p: Vec3| {
+    let negative = |d: f64, p: Vec3| {
         Err(RunError::Tiling(format!(
             "{}: found {d} at ({:.4}, {:.4}, {:.4}); expected a thickness that is not negative",
-            setting.key, p.x, p.y, p.z
+            spatial.key, p.x, p.y, p.z
         )))
     };
     if let Varying::Number(d) = thickness {
         if d <= 0.0 {
             return Err(RunError::Tiling(format!(
                 "{}: found {d}; expected a positive thickness",
-                setting.key
+                spatial.key
             )));
         }
         return network.sized(scaffold, Width::<RunError>::Constant(d), at, tolerance);
     }
     let mut diameters = |places: &[Vec3]| {
-        let found = setting.values(inputs, &thickness, places)?;
+        let found = spatial.values(files, &thickness, places)?;
         match found.iter().position(|&d| d < 0.0) {
-            Some(n) => refused(found[n], places[n]),
+            Some(n) => negative(found[n], places[n]),
             None => Ok(found),
         }
     };
     network.sized(scaffold, Width::Varying(&mut diameters), at, tolerance)
 }
 
-/// The thicknesses that the cells ask for in units of length, if they do.
-fn constants(recipe: &Recipe, names: &[&str]) -> Result<Option<[f64; 8]>, RunError> {
+/// The thicknesses of the cells in units of length; `None` if no cell has one.
+fn physical_thicknesses(recipe: &Recipe, names: &[&str]) -> Result<Option<[f64; 8]>, RunError> {
     let cells = &recipe.sections().cell;
     let mut all = [0.0; 8];
     let mut without = None;
@@ -448,7 +449,7 @@ fn constants(recipe: &Recipe, names: &[&str]) -> Result<Option<[f64; 8]>, RunErr
     }
 }
 
-/// Round beams as elements see them, for measures of continuity.
+/// Round beams as a filling of elements, for the continuity certificate.
 pub(super) struct ElementView<'a> {
     beams: &'a Beams,
     scaffold: &'a Scaffold,
@@ -466,7 +467,7 @@ impl Filling for ElementView<'_> {
     }
 
     fn bound(&self, _: usize, _: &CellBox<3>) -> Interval {
-        Interval::ALL
+        Interval::REAL_LINE
     }
 
     fn gradient_sup(&self, element: usize) -> f64 {

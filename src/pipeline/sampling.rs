@@ -1,12 +1,13 @@
-//! A recipe's tiled field looked at without sampling it: at points, over shared faces.
+//! Probes of a recipe's tiled field at points, and its continuity over shared faces, without sampling a
+//! band.
 
 use super::error::RunError;
-use super::inputs::Stock;
+use super::inputs::Inputs;
 use super::offsets::Offsets;
 use super::report::{ContinuityReport, ScaffoldReport, Warning};
-use super::round_beams::Round;
+use super::round_beams::RoundBeams;
 use super::sheets::SheetOptions;
-use super::tiling::{Fill, Filled};
+use super::tiling::{CellTiling, ElementContent};
 use super::{RunOptions, threads};
 use crate::cell::{Cell, Table};
 use crate::field::{Field, WorldField};
@@ -19,7 +20,7 @@ use std::path::Path;
 
 /// The tiled field at a point.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Probed {
+pub struct FieldSample {
     /// The field's value; NaN outside the scaffold.
     pub phi: f64,
     /// Its gradient in world space.
@@ -34,8 +35,8 @@ pub struct Probed {
     pub weights: Vec<f64>,
 }
 
-impl Probed {
-    /// A point outside the scaffold, with so many cells.
+impl FieldSample {
+    /// The values at a point outside the scaffold.
     fn outside(distance: f64, cells: usize) -> Self {
         Self {
             phi: f64::NAN,
@@ -48,9 +49,9 @@ impl Probed {
     }
 }
 
-/// A recipe's scaffold with its cells, read and ready.
+/// A recipe's scaffold and cells, ready for evaluation.
 pub struct Probe<'a> {
-    stock: Stock<'a>,
+    inputs: Inputs<'a>,
     threads: Threads,
 }
 
@@ -65,86 +66,89 @@ impl<'a> Probe<'a> {
         progress: &dyn Progress,
     ) -> Result<Self, RunError> {
         let threads = threads(options)?;
-        let stock = Stock::load(recipe, &threads, options, progress)?;
-        if stock.fill().is_none() {
+        let inputs = Inputs::load(recipe, &threads, options, progress)?;
+        if inputs.tiling().is_none() {
             return Err(RunError::Tiling(
-                "the recipe has no scaffold to look at; expected [scaffold] and [tiling]".into(),
+                "the recipe has no scaffold; expected [scaffold] and [tiling]".into(),
             ));
         }
-        Ok(Self { stock, threads })
+        Ok(Self { inputs, threads })
     }
 
-    fn fill(&self) -> Result<&Fill, RunError> {
+    fn tiling(&self) -> Result<&CellTiling, RunError> {
         let none = || RunError::Tiling("the recipe has no scaffold".into());
-        self.stock.fill().ok_or_else(none)
+        self.inputs.tiling().ok_or_else(none)
     }
 
     /// Names of the cells.
     pub fn cells(&self) -> Vec<String> {
-        let palette = self.stock.fill().map(|f| &f.palette);
+        let palette = self.inputs.tiling().map(|f| &f.palette);
         let names = palette.into_iter().flatten().map(|e| e.name.clone());
         names.collect()
     }
 
-    /// What is known of the scaffold.
+    /// The report's entry for the scaffold.
     pub fn scaffold(&self) -> Option<&ScaffoldReport> {
-        self.stock.fill().map(|f| &f.loaded.report)
+        self.inputs.tiling().map(|f| &f.loaded.report)
     }
 
-    /// What looked wrong so far.
+    /// Warnings of the inputs.
     pub fn warnings(&self) -> Vec<Warning> {
-        self.stock.report().warnings
+        self.inputs.report().warnings
     }
 
-    /// The field at world points, by tables or exactly by the cells' series.
+    /// The field at world points, by tables or by the cells' series (`exact`).
     ///
     /// # Errors
     /// Cells that do not fit the scaffold.
-    pub fn evaluate(&self, points: &[[f64; 3]], exact: bool) -> Result<Vec<Probed>, RunError> {
-        let fill = self.fill()?;
+    pub fn evaluate(&self, points: &[[f64; 3]], exact: bool) -> Result<Vec<FieldSample>, RunError> {
+        let tiling = self.tiling()?;
         let options = self
-            .stock
-            .tiling_options(self.stock.recipe.scale(), Offsets::default());
+            .inputs
+            .tiling_options(self.inputs.recipe.scale(), Offsets::default());
         let points: Vec<Vec3> = points.iter().map(|&p| p.into()).collect();
         self.threads.install(|| {
-            if let Some(round) = fill.round() {
-                let shape = round.shape(fill, options, Offsets::default());
+            if let Some(round) = tiling.round() {
+                let shape = round.shape(tiling, options, Offsets::default());
                 let solid = (&*shape.field, options.half_width);
-                return probe_round(fill, round, solid, &points);
+                return probe_beams(tiling, round, solid, &points);
             }
-            if let Some(sheets) = fill.sheets() {
-                let how = SheetOptions {
+            if let Some(sheets) = tiling.sheets() {
+                let sheet_options = SheetOptions {
                     tiling: options,
                     offsets: Offsets::default(),
                     nodes: 0.0,
                     visits: None,
                 };
                 let field = if exact {
-                    sheets.field(fill, || fill.exact(), how)?.0
+                    sheets.field(tiling, || tiling.exact(), sheet_options)?.0
                 } else {
-                    sheets.field(fill, || fill.tabulated(), how)?.0
+                    sheets
+                        .field(tiling, || tiling.tabulated(), sheet_options)?
+                        .0
                 };
-                return probe_sheets(fill, &*field, options.half_width, &points);
+                return probe_sheets(tiling, &*field, options.half_width, &points);
             }
             if exact {
-                probe::<Cell>(fill, &fill.exact()?, options, &points)
+                probe_cells::<Cell>(tiling, &tiling.exact()?, options, &points)
             } else {
-                probe::<Table>(fill, &fill.tabulated()?, options, &points)
+                probe_cells::<Table>(tiling, &tiling.tabulated()?, options, &points)
             }
         })
     }
 
-    /// The continuity over all shared faces; with a path also as fields of a `.vtu` of the scaffold.
+    /// The continuity over all shared faces. With a path, also writes it as fields of a `.vtu` of the
+    /// scaffold.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn certificate(&self, picture: Option<&Path>) -> Result<ContinuityReport, RunError> {
-        let fill = self.fill()?;
-        let found = self.threads.install(|| fill.certificate())?;
-        if let Some(path) = picture {
-            let scaffold = &fill.loaded.scaffold;
+    pub fn certificate(&self, vtu: Option<&Path>) -> Result<ContinuityReport, RunError> {
+        let tiling = self.tiling()?;
+        let found = self.threads.install(|| tiling.certificate())?;
+        if let Some(path) = vtu {
+            let scaffold = &tiling.loaded.scaffold;
             let quality: Vec<f64> = scaffold.elements().map(|e| e.quality()).collect();
-            let cell_weights = fill.cell_weights()?;
+            let cell_weights = tiling.cell_weights()?;
             let names = self.cells();
             let mut weights = vec![Vec::with_capacity(scaffold.len()); names.len()];
             for e in scaffold.elements() {
@@ -169,23 +173,23 @@ impl<'a> Probe<'a> {
 }
 
 /// Round beams at points: phi is the signed distance to the uncut beams, `distance` that of the solid.
-fn probe_round(
-    fill: &Fill,
-    round: &Round,
+fn probe_beams(
+    tiling: &CellTiling,
+    round: &RoundBeams,
     (solid, half_width): (&WorldField, f64),
     points: &[Vec3],
-) -> Result<Vec<Probed>, RunError> {
-    let scaffold = &fill.loaded.scaffold;
-    let weights = fill.cell_weights()?;
-    let count = fill.palette.len();
-    let one = |&p: &Vec3| {
+) -> Result<Vec<FieldSample>, RunError> {
+    let scaffold = &tiling.loaded.scaffold;
+    let weights = tiling.cell_weights()?;
+    let count = tiling.palette.len();
+    let sample_at = |&p: &Vec3| {
         let p = WorldPoint(p);
         let distance = solid.value(p).clamp(-half_width, half_width);
         let Some((e, xi)) = scaffold.locate(p) else {
-            return Probed::outside(distance, count);
+            return FieldSample::outside(distance, count);
         };
         let (phi, gradient) = round.beams().value_and_gradient(p);
-        Probed {
+        FieldSample {
             phi,
             gradient: gradient.into(),
             distance,
@@ -194,73 +198,74 @@ fn probe_round(
             weights: weights.list(e as usize, xi),
         }
     };
-    Ok(points.par_iter().map(one).collect())
+    Ok(points.par_iter().map(sample_at).collect())
 }
 
-/// Sheets at points: phi is the signed distance that the solid is made of, not clamped to the band.
+/// Sheets at points: phi is the signed distance before it is clamped to the band.
 fn probe_sheets(
-    fill: &Fill,
+    tiling: &CellTiling,
     field: &WorldField,
     half_width: f64,
     points: &[Vec3],
-) -> Result<Vec<Probed>, RunError> {
-    let scaffold = &fill.loaded.scaffold;
-    let count = fill.palette.len();
-    let filled = fill.tabulated()?;
-    let one = |&p: &Vec3| {
+) -> Result<Vec<FieldSample>, RunError> {
+    let scaffold = &tiling.loaded.scaffold;
+    let count = tiling.palette.len();
+    let cells = tiling.tabulated()?;
+    let sample_at = |&p: &Vec3| {
         let (phi, gradient) = field.value_and_gradient(WorldPoint(p));
         let distance = phi.clamp(-half_width, half_width);
         match scaffold.locate(WorldPoint(p)) {
-            None => Probed::outside(distance, count),
-            Some((e, xi)) => Probed {
+            None => FieldSample::outside(distance, count),
+            Some((e, xi)) => FieldSample {
                 phi,
                 gradient: gradient.into(),
                 distance,
                 element: scaffold.number(e as usize) as i64,
                 reference: xi.0.into(),
-                weights: filled.weights(e as usize, xi),
+                weights: cells.weights(e as usize, xi),
             },
         }
     };
-    Ok(points.par_iter().map(one).collect())
+    Ok(points.par_iter().map(sample_at).collect())
 }
 
-fn probe<C: CellField>(
-    fill: &Fill,
-    filled: &Filled<'_, C>,
+fn probe_cells<C: CellField>(
+    tiling: &CellTiling,
+    cells: &ElementContent<'_, C>,
     options: TilingOptions,
     points: &[Vec3],
-) -> Result<Vec<Probed>, RunError> {
-    let scaffold = &fill.loaded.scaffold;
+) -> Result<Vec<FieldSample>, RunError> {
+    let scaffold = &tiling.loaded.scaffold;
     let failed = |e: TilingError| RunError::Tiling(e.to_string());
-    let count = fill.palette.len();
-    let one = |p: Vec3, distance: f64, filled: &Filled<'_, C>| match scaffold.locate(WorldPoint(p))
+    let count = tiling.palette.len();
+    let sample_at = |p: Vec3, distance: f64, cells: &ElementContent<'_, C>| match scaffold
+        .locate(WorldPoint(p))
     {
-        None => Probed::outside(distance, count),
+        None => FieldSample::outside(distance, count),
         Some((e, xi)) => {
-            let (phi, slope) = filled.value_and_gradient(e as usize, xi);
+            let (phi, slope) = cells.value_and_gradient(e as usize, xi);
             let inverse = scaffold.element(e as usize).jacobian(xi).try_inverse();
             let gradient = inverse.map_or(Vec3::repeat(f64::NAN), |i| i.tr_mul(&slope));
-            Probed {
+            FieldSample {
                 phi,
                 gradient: gradient.into(),
                 distance,
                 element: scaffold.number(e as usize) as i64,
                 reference: xi.0.into(),
-                weights: filled.weights(e as usize, xi),
+                weights: cells.weights(e as usize, xi),
             }
         }
     };
     // Distances first, so that the tiling borrows the filling that the values are taken of.
-    Ok(match filled {
-        Filled::One(cell) => {
+    Ok(match cells {
+        ElementContent::Cell(cell) => {
             let tiled = TiledSolid::new(scaffold, *cell, options).map_err(failed)?;
-            let at = |&p: &Vec3| one(p, tiled.value(WorldPoint(p)), filled);
+            let at = |&p: &Vec3| sample_at(p, tiled.value(WorldPoint(p)), cells);
             points.par_iter().map(at).collect()
         }
-        Filled::Many(blend) => {
+        ElementContent::Blend(blend) => {
             let tiled = TiledSolid::new(scaffold, &**blend, options).map_err(failed)?;
-            let at = |&p: &Vec3| one(p, tiled.value(WorldPoint(p)), filled);
+            let at = |&p: &Vec3| sample_at(p, tiled.value(WorldPoint(p)), cells);
             points.par_iter().map(at).collect()
         }
     })

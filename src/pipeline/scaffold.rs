@@ -1,7 +1,7 @@
-//! Scaffolds of a recipe: from a file or a shape to elements that can be filled.
+//! Scaffolds of a recipe, from a file or a parametric shape.
 
 use super::error::RunError;
-use super::input_files::{Inputs, frame_map};
+use super::input_files::{InputFiles, frame_map};
 use super::report::{ScaffoldReport, Warning};
 use crate::frame::{Aabb, Vec3};
 use crate::io::{ElementFile, Group};
@@ -13,21 +13,21 @@ use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Kind, Scaffold, Sc
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Most hexes that fill a mesh.
-const MOST: f64 = 2e7;
+/// Greatest number of hexes that fill a mesh.
+const MAX_HEXES: f64 = 2e7;
 
-/// A scaffold, and what is known of it from its source.
-pub(super) struct Loaded {
+/// A scaffold with the data of its source.
+pub(super) struct LoadedScaffold {
     pub scaffold: Scaffold,
     pub report: ScaffoldReport,
     /// Named sets of its elements.
     pub groups: Vec<Group>,
-    /// The mesh that ends the solid of a filled one.
+    /// The mesh that bounds the solid, where cubes fill it.
     pub envelope: Option<Arc<MeshSolid>>,
 }
 
-/// What a source gave, before it is divided.
-struct Raw {
+/// A scaffold as its source describes it, before subdivision.
+struct SourceScaffold {
     scaffold: Scaffold,
     path: Option<PathBuf>,
     groups: Vec<Group>,
@@ -36,8 +36,8 @@ struct Raw {
     notes: Vec<String>,
 }
 
-impl Raw {
-    fn plain(scaffold: Scaffold) -> Self {
+impl SourceScaffold {
+    fn generated(scaffold: Scaffold) -> Self {
         Self {
             scaffold,
             path: None,
@@ -47,9 +47,9 @@ impl Raw {
         }
     }
 
-    /// The same with the scaffold's elements replaced by parts of them.
-    fn divided(self, cut: Divided) -> Self {
-        let parents = cut.parents;
+    /// Replaces the scaffold's elements by parts of them and updates the groups.
+    fn divided(self, divided: Divided) -> Self {
+        let parents = divided.parents;
         let groups = self.groups.into_iter().map(|g| {
             let is_in = |p: &u32| g.elements.binary_search(p).is_ok();
             let parts = (0..parents.len() as u32).filter(|&e| is_in(&parents[e as usize]));
@@ -60,43 +60,46 @@ impl Raw {
         });
         Self {
             groups: groups.collect(),
-            scaffold: cut.scaffold,
+            scaffold: divided.scaffold,
             ..self
         }
     }
 }
 
-/// Reads or makes the scaffold that a section describes, and judges it.
-pub(super) fn load(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Loaded, RunError> {
-    let mut raw = source(inputs, section)?;
-    let path = raw.path.clone();
+/// Reads or makes the scaffold that a section describes, and validates it.
+pub(super) fn load(
+    files: &mut InputFiles,
+    section: &ScaffoldSection,
+) -> Result<LoadedScaffold, RunError> {
+    let mut source = source_scaffold(files, section)?;
+    let path = source.path.clone();
     let fail = |e: ScaffoldError| failed(path.as_deref(), &e);
     if section.skip_inverted {
-        raw = without_inverted(inputs, raw)?;
+        source = without_inverted(files, source)?;
     }
     if section.all_quad {
-        let cut = raw.scaffold.all_quad().map_err(fail)?;
-        raw = raw.divided(cut);
+        let divided = source.scaffold.all_quad().map_err(fail)?;
+        source = source.divided(divided);
     }
     if section.all_hex {
-        let cut = raw.scaffold.all_hex().map_err(fail)?;
-        raw = raw.divided(cut);
+        let divided = source.scaffold.all_hex().map_err(fail)?;
+        source = source.divided(divided);
     }
     for _ in 0..section.refine {
-        let cut = raw.scaffold.refined().map_err(fail)?;
-        raw = raw.divided(cut);
+        let divided = source.scaffold.refined().map_err(fail)?;
+        source = source.divided(divided);
     }
     if let Some(times) = section.repeat {
-        let cut = raw.scaffold.repeated(times).map_err(fail)?;
-        raw = raw.divided(cut);
+        let divided = source.scaffold.repeated(times).map_err(fail)?;
+        source = source.divided(divided);
     }
-    let mut report = judge(inputs, &raw.scaffold, path.as_deref())?;
-    report.notes = raw.notes;
-    Ok(Loaded {
-        scaffold: raw.scaffold,
+    let mut report = validate(files, &source.scaffold, path.as_deref())?;
+    report.notes = source.notes;
+    Ok(LoadedScaffold {
+        scaffold: source.scaffold,
         report,
-        groups: raw.groups,
-        envelope: raw.envelope,
+        groups: source.groups,
+        envelope: source.envelope,
     })
 }
 
@@ -108,9 +111,15 @@ fn failed(path: Option<&Path>, error: &ScaffoldError) -> RunError {
     }
 }
 
-fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunError> {
-    let scale = inputs.recipe.scale();
-    let made = |s: Result<Scaffold, ScaffoldError>| s.map(Raw::plain).map_err(|e| failed(None, &e));
+fn source_scaffold(
+    files: &mut InputFiles,
+    section: &ScaffoldSection,
+) -> Result<SourceScaffold, RunError> {
+    let scale = files.recipe.scale();
+    let made = |s: Result<Scaffold, ScaffoldError>| {
+        s.map(SourceScaffold::generated)
+            .map_err(|e| failed(None, &e))
+    };
     let at = |o: &[crate::recipe::Length; 3]| Vec3::from(o.map(|o| o.resolve(scale)));
     if let Some(block) = &section.block {
         return made(box_scaffold(block, scale));
@@ -134,30 +143,30 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
             return Err(RunError::Empty("no mesh to fill".into()));
         };
         let key = format!("scaffold.fill.{}", surface.word());
-        let solid = Arc::new(inputs.solid(&key, surface)?);
-        let scaffold = filled(&solid, fill, scale).map_err(|e| failed(None, &e))?;
-        // The mesh cuts the cubes; tets end at it.
+        let solid = Arc::new(files.solid(&key, surface)?);
+        let scaffold = filling_elements(&solid, fill, scale).map_err(|e| failed(None, &e))?;
+        // The mesh cuts the cubes; tets conform to it.
         let envelope = (fill.kind == FillKind::Hex).then_some(solid);
-        return Ok(Raw {
+        return Ok(SourceScaffold {
             envelope,
-            ..Raw::plain(scaffold)
+            ..SourceScaffold::generated(scaffold)
         });
     }
     if let (Some(frame), Some(shell)) = (&section.crystal, &section.shell) {
-        return crystal_shell(inputs, frame, shell.thickness.resolve(scale));
+        return crystal_shell(files, frame, shell.thickness.resolve(scale));
     }
     let Some(file) = &section.file else {
         return Err(RunError::Empty("no scaffold".into()));
     };
-    let path = inputs.recipe.resolve(&file.path);
+    let path = files.recipe.resolve(&file.path);
     let fail = |e: ScaffoldError| failed(Some(&path), &e);
-    let map = frame_map(file, file.unit.map(|u| u.0), inputs.recipe.unit());
+    let map = frame_map(file, file.unit.map(|u| u.0), files.recipe.unit());
     let read = crate::io::read_elements(&path)?;
     for warning in read.warnings() {
-        inputs.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
+        files.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
     }
     let notes = read.notes().to_vec();
-    let raw = match read {
+    let source = match read {
         ElementFile::Solids(file) => {
             if section.shell.is_some() || section.plate.is_some() {
                 return Err(RunError::Scaffold {
@@ -168,7 +177,7 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
                 });
             }
             let scaffold = moved(&file.scaffold, map).map_err(fail)?;
-            Raw {
+            SourceScaffold {
                 scaffold,
                 groups: file.groups,
                 path: Some(path.clone()),
@@ -183,11 +192,11 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
                 (_, Some(plate)) => {
                     let size = surface.bounds().half_diagonal();
                     if surface.unevenness() > 1e-6 * size {
-                        inputs.warn(
+                        files.warn(
                             Warning::SCAFFOLD,
                             format!(
-                                "scaffold: the mesh is not in a plane of constant z but up to {:.3e} \
-                                 off; the plate follows it (shell = has its thickness along normals)",
+                                "scaffold: the mesh deviates from a plane of constant z by up to {:.3e}; \
+                                 the plate follows it (shell = has its thickness along normals)",
                                 surface.unevenness()
                             ),
                         )?;
@@ -206,7 +215,7 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
                     });
                 }
             };
-            Raw {
+            SourceScaffold {
                 scaffold: scaffold.map_err(fail)?,
                 groups: file.groups,
                 path: Some(path.clone()),
@@ -215,24 +224,26 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
             }
         }
     };
-    inputs.record("scaffold.file", &path, raw.scaffold.bounds())?;
-    Ok(raw)
+    files.record("scaffold.file", &path, source.scaffold.bounds())?;
+    Ok(source)
 }
 
-/// The shell of a crystal's faces, which keep their groups.
+/// The shell of a crystal's faces. Face groups become element groups.
 fn crystal_shell(
-    inputs: &mut Inputs,
+    files: &mut InputFiles,
     frame: &CrystalFrame,
     thickness: f64,
-) -> Result<Raw, RunError> {
-    let mesh = inputs.crystal("scaffold.crystal", frame)?.mesh;
-    let wrong = |message: String| RunError::Scaffold {
+) -> Result<SourceScaffold, RunError> {
+    let mesh = files.crystal("scaffold.crystal", frame)?.mesh;
+    let invalid = |message: String| RunError::Scaffold {
         file: None,
         element: None,
         message: format!("crystal {}: {message}", frame.name),
     };
-    let surface = mesh.surface().map_err(|e| wrong(e.to_string()))?;
-    let scaffold = surface.shell(thickness).map_err(|e| wrong(e.to_string()))?;
+    let surface = mesh.surface().map_err(|e| invalid(e.to_string()))?;
+    let scaffold = surface
+        .shell(thickness)
+        .map_err(|e| invalid(e.to_string()))?;
     let groups = mesh.group_counts().into_keys().map(|group| {
         let elements =
             (0..mesh.face_count() as u32).filter(|&f| mesh.groups()[f as usize] == group);
@@ -241,40 +252,43 @@ fn crystal_shell(
             elements: elements.collect(),
         }
     });
-    Ok(Raw {
+    Ok(SourceScaffold {
         groups: groups.collect(),
-        ..Raw::plain(scaffold)
+        ..SourceScaffold::generated(scaffold)
     })
 }
 
-/// Leaves out elements whose Jacobian changes its sign or vanishes, with a warning.
-fn without_inverted(inputs: &mut Inputs, raw: Raw) -> Result<Raw, RunError> {
-    let found = raw.scaffold.report();
-    let mut bad: Vec<u32> = found
+/// Removes elements whose Jacobian changes its sign or vanishes, with a warning.
+fn without_inverted(
+    files: &mut InputFiles,
+    source: SourceScaffold,
+) -> Result<SourceScaffold, RunError> {
+    let found = source.scaffold.report();
+    let mut inverted: Vec<u32> = found
         .folded
         .iter()
         .chain(&found.degenerate)
         .map(|b| b.element)
         .collect();
-    if bad.is_empty() {
-        return Ok(raw);
+    if inverted.is_empty() {
+        return Ok(source);
     }
-    bad.sort_unstable();
-    let numbers: Vec<String> = bad
+    inverted.sort_unstable();
+    let numbers: Vec<String> = inverted
         .iter()
         .take(5)
-        .map(|&e| raw.scaffold.number(e as usize).to_string())
+        .map(|&e| source.scaffold.number(e as usize).to_string())
         .collect();
-    inputs.warn(
+    files.warn(
         Warning::SCAFFOLD,
         format!(
             "scaffold: {} inverted elements are left out: elements {}",
-            bad.len(),
+            inverted.len(),
             numbers.join(", ")
         ),
     )?;
-    let whole = &raw.scaffold;
-    let keeps = |e: &usize| bad.binary_search(&(*e as u32)).is_err();
+    let whole = &source.scaffold;
+    let keeps = |e: &usize| inverted.binary_search(&(*e as u32)).is_err();
     let kept: Vec<usize> = (0..whole.len()).filter(keeps).collect();
     let mut elements = Connectivity::default();
     for &e in &kept {
@@ -282,22 +296,22 @@ fn without_inverted(inputs: &mut Inputs, raw: Raw) -> Result<Raw, RunError> {
     }
     let numbers = kept.iter().map(|&e| whole.number(e)).collect();
     let scaffold = Scaffold::new(whole.nodes().to_vec(), elements)
-        .map_err(|e| failed(raw.path.as_deref(), &e))?
+        .map_err(|e| failed(source.path.as_deref(), &e))?
         .with_numbers(numbers);
     let parents = kept.iter().map(|&e| e as u32).collect();
-    Ok(raw.divided(Divided { scaffold, parents }))
+    Ok(source.divided(Divided { scaffold, parents }))
 }
 
-/// Refuses scaffolds that cannot be filled and warns of those with defects.
-fn judge(
-    inputs: &mut Inputs,
+/// Refuses invalid scaffolds and warns of defects.
+fn validate(
+    files: &mut InputFiles,
     scaffold: &Scaffold,
     path: Option<&Path>,
 ) -> Result<ScaffoldReport, RunError> {
     let found = scaffold.validate().map_err(|e| {
         let (element, message) = match &e {
-            InvalidScaffold::Folded(bad, _) | InvalidScaffold::Degenerate(bad, _) => (
-                bad.number,
+            InvalidScaffold::Folded(inverted, _) | InvalidScaffold::Degenerate(inverted, _) => (
+                inverted.number,
                 format!("{e}; skip_inverted = true leaves such elements out"),
             ),
             InvalidScaffold::Overlap([_, second], _) => (*second, e.to_string()),
@@ -309,7 +323,7 @@ fn judge(
         }
     })?;
     for warning in found.warnings() {
-        inputs.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
+        files.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
     }
     let kinds = found.kinds.iter();
     Ok(ScaffoldReport {
@@ -325,7 +339,7 @@ fn judge(
     })
 }
 
-/// A structured box: whole numbers of cells, as near to the asked size as possible.
+/// A structured box of a whole number of cells, as close to the requested cell size as possible.
 fn box_scaffold(block: &BoxScaffold, scale: Scale) -> Result<Scaffold, ScaffoldError> {
     let size = Vec3::from(block.size.map(|s| s.resolve(scale)));
     let cell = block.cell_size.resolve(scale);
@@ -344,7 +358,11 @@ fn box_scaffold(block: &BoxScaffold, scale: Scale) -> Result<Scaffold, ScaffoldE
 }
 
 /// The cubes of a grid that meet a solid, or tets that fill it.
-fn filled(solid: &MeshSolid, fill: &FillScaffold, scale: Scale) -> Result<Scaffold, ScaffoldError> {
+fn filling_elements(
+    solid: &MeshSolid,
+    fill: &FillScaffold,
+    scale: Scale,
+) -> Result<Scaffold, ScaffoldError> {
     let cell = fill.cell_size.resolve(scale);
     let bounds = solid.bounds();
     if fill.kind == FillKind::Tet {
@@ -352,7 +370,7 @@ fn filled(solid: &MeshSolid, fill: &FillScaffold, scale: Scale) -> Result<Scaffo
     }
     let counts = bounds.size().map(|s| (s / cell).ceil().max(1.0));
     let found = counts.product();
-    if !found.is_finite() || found > MOST {
+    if !found.is_finite() || found > MAX_HEXES {
         return Err(ScaffoldError::TooMany {
             found: found.min(1e18) as usize,
             what: "elements",
@@ -370,18 +388,21 @@ fn filled(solid: &MeshSolid, fill: &FillScaffold, scale: Scale) -> Result<Scaffo
     for e in 0..grid.len() {
         let own = grid.connectivity().nodes(e);
         let at = Aabb::of(own.iter().map(|&n| grid.nodes()[n as usize] + origin));
-        // The distance decides but for cubes that the solid touches from within the half diagonal.
+        // The distance of the centre decides, up to the half diagonal.
         let d = solid.signed_distance(at.centre().0);
         if d <= at.half_diagonal() {
             elements.push(Kind::Hex8, own);
         }
     }
     let nodes: Vec<Vec3> = grid.nodes().iter().map(|v| v + origin).collect();
-    used_only(&nodes, &elements)
+    without_unused_nodes(&nodes, &elements)
 }
 
-/// A scaffold without the nodes that no element uses.
-fn used_only(nodes: &[Vec3], elements: &Connectivity) -> Result<Scaffold, ScaffoldError> {
+/// A scaffold without unused nodes.
+fn without_unused_nodes(
+    nodes: &[Vec3],
+    elements: &Connectivity,
+) -> Result<Scaffold, ScaffoldError> {
     let mut new_number = vec![u32::MAX; nodes.len()];
     let mut kept = Vec::new();
     let mut renumbered = Connectivity::default();

@@ -1,20 +1,21 @@
 //! Metric sheets: |d(x)| <= t(x) / 2 with d the world distance to the mid-surface Phi = 0.
 //!
-//! A cell with `solid = "sheet"` and a thickness fills the scaffold as a wall around its mid-surface. The
-//! wall is as thick as asked whatever the elements do to the cell: d comes from closest points of the
-//! mid-surface ([`ClosestPointField`]), and t from `[tiling] thickness` in world units, or from the cell's own
-//! thickness times the local size of the elements. The mid-surface goes on beyond the scaffold, whose outer
-//! faces cut the wall unless `boundary = "extend"`. Inverted, the solid is what the wall leaves out.
+//! A cell with `solid = "sheet"` and a thickness fills the scaffold as a wall around its mid-surface.
+//! The wall has the requested thickness in space, however the elements deform the cell: d comes from
+//! closest points of the mid-surface ([`ClosestPointField`]), t from `[tiling] thickness` in world units
+//! or from the cell's own thickness times the local size of the elements. The mid-surface continues
+//! beyond the scaffold, whose outer faces cut the wall unless `boundary = "extend"`. An inverted sheet
+//! is the complement of the wall.
 //!
-//! t is evaluated every [`THICKNESS_STEP`] voxels and interpolated linearly. Where the mid-surface has a crease,
-//! at faces of distorted elements, the wall follows it: t is the diameter of a ball that rolls along the
-//! mid-surface.
+//! t is evaluated every [`THICKNESS_STEP`] voxels and interpolated linearly. Where the mid-surface has a
+//! crease, at faces of distorted elements, the wall follows it: t is the diameter of a ball that rolls
+//! along the mid-surface.
 
 use super::error::RunError;
-use super::field_ops::{Borrowed, common_part};
+use super::field_ops::{Borrowed, intersection};
 use super::offsets::Offsets;
-use super::scattered_data::Scatter;
-use super::tiling::{Fill, Filled};
+use super::scattered_data::ScatteredPoints;
+use super::tiling::{CellTiling, ElementContent};
 use crate::band::ClosestPointField;
 use crate::field::{Complement, Field, Interval, SampleLattice, Union, WorldField};
 use crate::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
@@ -24,44 +25,44 @@ use crate::tiling::{self, Boundary, CellField, Graded, Kernel, TiledSolid, Tilin
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, PoisonError};
 
-/// Half width, in voxels, of the band of the mid-surface that closest points are taken from.
+/// Half width, in voxels, of the mid-surface's band that provides closest points.
 const MID_HALF_WIDTH: f64 = 3.0;
-/// Voxels between places where a graded thickness is evaluated.
+/// Voxels between the points at which a graded thickness is evaluated.
 const THICKNESS_STEP: i32 = 4;
-/// Parts of what is known of a graded thickness, so that threads seldom wait for each other, and how many places
-/// each knows at most.
+/// Number of shards of the cache of a graded thickness, which reduce lock contention, and greatest
+/// number of values in a shard.
 const SHARDS: usize = 16;
-const MOST_KNOWN: usize = 1 << 14;
-/// How much farther than needed distances hold, so that rounding does not show.
+const MAX_SHARD_VALUES: usize = 1 << 14;
+/// Factor on the reach of distances that makes rounding harmless.
 const REACH_SLACK: f64 = 1.0 + 1e-5;
 
 /// The thickness of sheets over a scaffold, world units.
 pub(super) struct SheetThickness {
-    /// The interpolation's places, and the thickness there.
-    places: Vec<Vec3>,
+    /// The interpolation's points, and the thickness there.
+    points: Vec<Vec3>,
     values: Vec<f64>,
     /// Least and greatest.
     range: [f64; 2],
     /// The scaffold's outer faces, which cut the sheets.
     outer: Vec<MeshSolid>,
-    /// Whether the solid is what the sheet leaves out.
+    /// Whether the solid is the complement of the sheet.
     is_inverted: bool,
 }
 
-/// What of the recipe and the run a field of sheets depends on.
+/// Options of the field of sheets.
 #[derive(Clone, Copy)]
 pub(super) struct SheetOptions<'a> {
     pub tiling: TilingOptions,
     pub offsets: Offsets,
-    /// How far nodes may displace the mid-surface, world units.
+    /// Displacement of the mid-surface that interpolation between nodes may cause, world units.
     pub nodes: f64,
     pub visits: Option<&'a Visits>,
 }
 
 impl SheetThickness {
-    /// Thickness by place, of which those that count are positive, within outer faces.
+    /// The thickness at points. Where `counts` is set it is positive.
     pub fn new(
-        (places, values): (Vec<Vec3>, Vec<f64>),
+        (points, values): (Vec<Vec3>, Vec<f64>),
         counts: &[bool],
         outer: Vec<MeshSolid>,
         is_inverted: bool,
@@ -71,10 +72,10 @@ impl SheetThickness {
             used().fold(f64::INFINITY, f64::min),
             used().fold(0.0, f64::max),
         ];
-        // Places that no element uses must not widen the range.
+        // Points that no element uses must not widen the range.
         let values = values.into_iter().map(|v| v.clamp(range[0], range[1]));
         Self {
-            places,
+            points,
             values: values.collect(),
             range,
             outer,
@@ -87,16 +88,16 @@ impl SheetThickness {
         self.range
     }
 
-    /// Whether the solid is what the sheet leaves out.
+    /// Whether the solid is the complement of the sheet.
     pub fn is_inverted(&self) -> bool {
         self.is_inverted
     }
 
-    /// The sheets as a field of signed distances, and how the mid-surface is evaluated.
+    /// The sheets as a field of signed distances, and the kernel of the mid-surface.
     pub fn field<'a, C: CellField + 'a>(
         &'a self,
-        fill: &'a Fill,
-        filled: impl Fn() -> Result<Filled<'a, C>, RunError>,
+        tiling: &'a CellTiling,
+        cells: impl Fn() -> Result<ElementContent<'a, C>, RunError>,
         options: SheetOptions<'a>,
     ) -> Result<(Box<WorldField<'a>>, Kernel), RunError> {
         let h = options.tiling.voxel_size;
@@ -107,44 +108,46 @@ impl SheetThickness {
             distance: tiling::Distance::Fast,
             ..options.tiling
         };
-        let scaffold = &fill.loaded.scaffold;
-        let far = TilingOptions {
+        let scaffold = &tiling.loaded.scaffold;
+        let far_options = TilingOptions {
             half_width: reach,
             ..mid
         };
-        let (far, _) = solid(
+        let (far_field, _) = tiled_field(
             scaffold,
-            filled()?,
-            far,
+            cells()?,
+            far_options,
             SheetOptions {
                 visits: None,
                 ..options
             },
         )?;
-        let near = TilingOptions {
+        let near_options = TilingOptions {
             half_width: MID_HALF_WIDTH * h,
             ..mid
         };
-        let (near, kernel) = solid(scaffold, filled()?, near, options)?;
+        let (near_field, kernel) = tiled_field(scaffold, cells()?, near_options, options)?;
         let distance: Box<WorldField<'a>> = if options.offsets.is_estimate {
-            far
+            far_field
         } else {
             let transform =
                 Transform::new(h).ok_or_else(|| RunError::Empty(format!("a voxel size of {h}")))?;
-            // Farther outside no point of the mid-surface is the closest one.
-            Box::new(ClosestPointField::new(near, far, transform, reach).near(self.room()))
+            // Closest points are needed near the inside of the outer faces only.
+            Box::new(
+                ClosestPointField::new(near_field, far_field, transform, reach).near(self.inside()),
+            )
         };
         let thickness = if greatest - least <= 1e-12 * greatest {
             LocalThickness::Uniform(greatest)
         } else {
             let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
             LocalThickness::Graded(Box::new(GradedThickness {
-                graded: Graded::new(scaffold, fill.interpolation(), self.values.clone())
+                graded: Graded::new(scaffold, tiling.interpolation(), self.values.clone())
                     .map_err(failed)?,
                 outer: &self.outer,
-                places: Scatter::new(&self.places),
+                points: ScatteredPoints::new(&self.points),
                 step: h,
-                known: std::array::from_fn(|_| Mutex::default()),
+                cache: std::array::from_fn(|_| Mutex::default()),
             }))
         };
         let sheet = Box::new(Sheet {
@@ -161,46 +164,47 @@ impl SheetThickness {
             return Ok((sheet, kernel));
         }
         let reach = options.tiling.half_width;
-        let cut = common_part(sheet, self.room(), reach, options.offsets);
+        let cut = intersection(sheet, self.inside(), reach, options.offsets);
         Ok((cut, kernel))
     }
 
     /// The space within the outer faces.
-    fn room(&self) -> Box<WorldField<'_>> {
+    fn inside(&self) -> Box<WorldField<'_>> {
         let outer = self.outer.iter();
         let outer = outer.map(|b| Box::new(Borrowed(b)) as Box<WorldField<'_>>);
         Box::new(Union(outer.collect()))
     }
 }
 
-/// The mid-surface's side as a field.
-fn solid<'a, C: CellField + 'a>(
+/// The side of the mid-surface as a field.
+fn tiled_field<'a, C: CellField + 'a>(
     scaffold: &'a Scaffold,
-    filled: Filled<'a, C>,
-    options: TilingOptions,
-    how: SheetOptions<'a>,
+    cells: ElementContent<'a, C>,
+    tiling_options: TilingOptions,
+    sheet_options: SheetOptions<'a>,
 ) -> Result<(Box<WorldField<'a>>, Kernel), RunError> {
     let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
-    Ok(match filled {
-        Filled::One(cell) => {
-            let solid = TiledSolid::new(scaffold, cell, options).map_err(failed)?;
-            finished(solid, how)
+    Ok(match cells {
+        ElementContent::Cell(cell) => {
+            let solid = TiledSolid::new(scaffold, cell, tiling_options).map_err(failed)?;
+            with_options(solid, sheet_options)
         }
-        Filled::Many(blend) => {
-            let solid = TiledSolid::owning(scaffold, *blend, options).map_err(failed)?;
-            finished(solid, how)
+        ElementContent::Blend(blend) => {
+            let solid =
+                TiledSolid::with_owned_filling(scaffold, *blend, tiling_options).map_err(failed)?;
+            with_options(solid, sheet_options)
         }
     })
 }
 
-fn finished<'a, F: tiling::Filling + 'a>(
+fn with_options<'a, F: tiling::Filling + 'a>(
     solid: TiledSolid<'a, F>,
-    how: SheetOptions<'a>,
+    options: SheetOptions<'a>,
 ) -> (Box<WorldField<'a>>, Kernel) {
     let kernel = solid.kernel();
-    let solid = solid.by_nodes(how.nodes);
-    let solid = match how.visits {
-        Some(visits) => solid.noting(visits),
+    let solid = solid.with_interpolation(options.nodes);
+    let solid = match options.visits {
+        Some(visits) => solid.with_visits(visits),
         None => solid,
     };
     (Box::new(solid), kernel)
@@ -212,42 +216,42 @@ enum LocalThickness<'a> {
     Graded(Box<GradedThickness<'a>>),
 }
 
-/// A thickness that differs over the scaffold.
+/// A thickness that varies over the scaffold.
 struct GradedThickness<'a> {
     graded: Graded<'a>,
-    /// The scaffold's outer faces, beyond which thickness is that of the closest point.
+    /// The scaffold's outer faces. Outside, the thickness is that of the closest point on them.
     outer: &'a [MeshSolid],
-    places: Scatter,
+    points: ScatteredPoints,
     /// Edge of a voxel, world units.
     step: f64,
-    /// What was found, by place: neighbouring leaves ask for the same places.
-    known: [Mutex<HashMap<Coord, f64>>; SHARDS],
+    /// Cache of values by point: neighbouring leaves need the same points.
+    cache: [Mutex<HashMap<Coord, f64>>; SHARDS],
 }
 
 impl GradedThickness<'_> {
-    /// At one of the places where it is evaluated: `THICKNESS_STEP` voxels times integers.
-    fn at_place(&self, place: Coord) -> f64 {
-        let Coord([x, y, z]) = place;
+    /// The thickness at a grid point: `THICKNESS_STEP` voxels times integers.
+    fn at_point(&self, point: Coord) -> f64 {
+        let Coord([x, y, z]) = point;
         let shard = (x ^ y << 1 ^ z << 2).rem_euclid(SHARDS as i32) as usize;
-        let known = || {
-            self.known[shard]
+        let cache = || {
+            self.cache[shard]
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
         };
-        if let Some(found) = known().get(&place) {
+        if let Some(found) = cache().get(&point) {
             return *found;
         }
-        let found = self.find(place);
-        let mut known = known();
-        if known.len() >= MOST_KNOWN {
-            known.clear();
+        let found = self.find(point);
+        let mut cache = cache();
+        if cache.len() >= MAX_SHARD_VALUES {
+            cache.clear();
         }
-        known.insert(place, found);
+        cache.insert(point, found);
         found
     }
 
-    fn find(&self, place: Coord) -> f64 {
-        let p = Vec3::from(place.0.map(|c| f64::from(c * THICKNESS_STEP) * self.step));
+    fn find(&self, point: Coord) -> f64 {
+        let p = Vec3::from(point.0.map(|c| f64::from(c * THICKNESS_STEP) * self.step));
         if let Some(value) = self.graded.at(WorldPoint(p)) {
             return value;
         }
@@ -255,11 +259,11 @@ impl GradedThickness<'_> {
         let q = closest.min_by(|a, b| a.distance.total_cmp(&b.distance));
         let q = q.map_or(p, |closest| closest.point);
         let found = self.graded.at(WorldPoint(q));
-        let mean = || self.places.mean(q, self.graded.values());
+        let mean = || self.points.mean(q, self.graded.values());
         found.or_else(mean).unwrap_or_default()
     }
 
-    /// The cube of places around a point: the least one, and how far along it the point is.
+    /// The cube of grid points around a point: its lowest corner, and the point's position in it.
     fn cube(&self, p: Vec3) -> (Coord, Vec3) {
         let scaled = p / (self.step * f64::from(THICKNESS_STEP));
         let least = scaled.map(f64::floor);
@@ -268,41 +272,49 @@ impl GradedThickness<'_> {
 
     /// Value and gradient at a point.
     fn at(&self, p: Vec3) -> (f64, Vec3) {
-        let (least, part) = self.cube(p);
-        let corners = self.corners(least);
-        let (value, slope) = trilinear(&corners, part);
+        let (least, fraction) = self.cube(p);
+        let corner_values = self.corner_values(least);
+        let (value, slope) = trilinear(&corner_values, fraction);
         (value, slope / (self.step * f64::from(THICKNESS_STEP)))
     }
 
-    fn corners(&self, least: Coord) -> [f64; 8] {
+    fn corner_values(&self, least: Coord) -> [f64; 8] {
         std::array::from_fn(|n| {
             let [x, y, z] = [n >> 2, n >> 1 & 1, n & 1].map(|c| c as i32);
-            self.at_place(least.offset(x, y, z))
+            self.at_point(least.offset(x, y, z))
         })
     }
 
-    /// Takes half the thickness off distances at the samples of a lattice.
+    /// Subtracts half the thickness from distances at the samples of a lattice.
     fn subtract_half(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        let mut known: Option<(Coord, [f64; 8])> = None;
+        let mut last_cube: Option<(Coord, [f64; 8])> = None;
         let mut cubes: BTreeMap<Coord, [f64; 8]> = BTreeMap::new();
         for (n, v) in out.iter_mut().enumerate() {
-            let (least, part) = self.cube(lattice.point(n).0);
-            let corners = match known {
-                Some((at, corners)) if at == least => corners,
-                _ => *cubes.entry(least).or_insert_with(|| self.corners(least)),
+            let (least, fraction) = self.cube(lattice.point(n).0);
+            let corner_values = match last_cube {
+                Some((at, corner_values)) if at == least => corner_values,
+                _ => *cubes
+                    .entry(least)
+                    .or_insert_with(|| self.corner_values(least)),
             };
-            known = Some((least, corners));
-            *v -= (0.5 * trilinear(&corners, part).0) as f32;
+            last_cube = Some((least, corner_values));
+            *v -= (0.5 * trilinear(&corner_values, fraction).0) as f32;
         }
     }
 }
 
 /// Value and slope between the corners of a unit cube, z fastest.
-fn trilinear(corners: &[f64; 8], part: Vec3) -> (f64, Vec3) {
+fn trilinear(corner_values: &[f64; 8], fraction: Vec3) -> (f64, Vec3) {
     let (mut value, mut slope) = (0.0, Vec3::zeros());
-    for (n, c) in corners.iter().enumerate() {
+    for (n, c) in corner_values.iter().enumerate() {
         let bits = [n >> 2, n >> 1 & 1, n & 1];
-        let weight = |a: usize| if bits[a] == 1 { part[a] } else { 1.0 - part[a] };
+        let weight = |a: usize| {
+            if bits[a] == 1 {
+                fraction[a]
+            } else {
+                1.0 - fraction[a]
+            }
+        };
         let sign = |a: usize| if bits[a] == 1 { 1.0 } else { -1.0 };
         value += c * weight(0) * weight(1) * weight(2);
         slope.x += c * sign(0) * weight(1) * weight(2);
@@ -314,7 +326,7 @@ fn trilinear(corners: &[f64; 8], part: Vec3) -> (f64, Vec3) {
 
 /// A wall around a mid-surface.
 struct Sheet<'a> {
-    /// Signed distances to the mid-surface, clamped beyond the band's reach.
+    /// Signed distances to the mid-surface, clamped outside the band.
     distance: Box<WorldField<'a>>,
     thickness: LocalThickness<'a>,
     /// Least and greatest thickness.
@@ -322,7 +334,7 @@ struct Sheet<'a> {
 }
 
 impl Sheet<'_> {
-    fn half(&self, p: Vec3) -> (f64, Vec3) {
+    fn half_thickness(&self, p: Vec3) -> (f64, Vec3) {
         match &self.thickness {
             LocalThickness::Uniform(t) => (t / 2.0, Vec3::zeros()),
             LocalThickness::Graded(graded) => {
@@ -342,13 +354,13 @@ impl Field for Sheet<'_> {
     type Point = WorldPoint;
 
     fn value(&self, p: WorldPoint) -> f64 {
-        self.distance.value(p).abs() - self.half(p.0).0
+        self.distance.value(p).abs() - self.half_thickness(p.0).0
     }
 
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
         let (d, g) = self.distance.value_and_gradient(p);
-        let (half, slope) = self.half(p.0);
-        (d.abs() - half, g * 1f64.copysign(d) - slope)
+        let (half_thickness, slope) = self.half_thickness(p.0);
+        (d.abs() - half_thickness, g * 1f64.copysign(d) - slope)
     }
 
     fn bound(&self, region: &Aabb) -> Interval {

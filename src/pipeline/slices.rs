@@ -1,9 +1,9 @@
-//! Layers straight from a recipe: of its exact field where it has one, else of its level set.
+//! Layers of a recipe's solid: of its exact field where possible, else of its level set.
 
 use super::error::RunError;
 use super::field_ops::shape;
-use super::inputs::Stock;
-use super::level_set_ops::{Bench, apply};
+use super::inputs::Inputs;
+use super::level_set_ops::{StageContext, apply};
 use super::report::SolidReport;
 use super::{RunOptions, threads};
 use crate::field::WorldField;
@@ -11,7 +11,7 @@ use crate::frame::{Aabb, LengthUnit};
 use crate::progress::{Cancelled, Progress};
 use crate::recipe::{Length, Recipe, Scale};
 use crate::slice::{Layer, Plan};
-use crate::vdb::{Placement, Sampled};
+use crate::vdb::{Placement, SampledLevelSet};
 use rayon::prelude::*;
 
 /// How a solid is cut; lengths are in the recipe's unit when bare.
@@ -21,14 +21,14 @@ pub struct SliceOptions {
     pub axis: usize,
     /// Height of a layer.
     pub layer: Length,
-    /// Edge of a pixel; the recipe's voxel when left out.
+    /// Edge of a pixel; by default the recipe's voxel.
     pub pixel: Option<Length>,
 }
 
-/// What was cut.
+/// The result of a cut.
 #[derive(Clone, Copy, Debug)]
-pub struct Sliced {
-    /// Where.
+pub struct SliceSummary {
+    /// Positions and sizes of the layers.
     pub plan: Plan,
     /// Unit of all its lengths.
     pub unit: LengthUnit,
@@ -36,100 +36,120 @@ pub struct Sliced {
     pub volume: f64,
 }
 
-/// Layers that are cut side by side.
-const GROUP: usize = 16;
+/// Number of layers that are cut in parallel.
+const LAYERS_PER_GROUP: usize = 16;
 
-/// Rounding of a sampled surface, voxels.
-const ROUNDING: f64 = 1e-3;
+/// Rounding error of the surface of a sampled solid, voxels.
+const SURFACE_TOLERANCE: f64 = 1e-3;
 
-/// Cuts a recipe's solid into layers and hands them over in order. Where all operations are pointwise
-/// the exact field is cut, without a volume.
+/// Cuts a recipe's solid into layers and passes them to `take` in order. Where all operations are
+/// pointwise it cuts the exact field, without a level set.
 ///
 /// # Errors
-/// As [`run`](super::run), but for outputs; and whatever `take` returns.
+/// As [`run`](super::run), but for outputs; and errors of `take`.
 pub fn slice<E: From<RunError>>(
     recipe: &Recipe,
     options: &RunOptions,
-    how: &SliceOptions,
+    slice_options: &SliceOptions,
     progress: &dyn Progress,
-    mut take: impl FnMut(&Sliced, usize, &Layer) -> Result<(), E>,
-) -> Result<Sliced, E> {
+    mut take: impl FnMut(&SliceSummary, usize, &Layer) -> Result<(), E>,
+) -> Result<SliceSummary, E> {
     let threads = threads(options)?;
-    let mut stock = Stock::load(recipe, &threads, options, progress)?;
+    let mut inputs = Inputs::load(recipe, &threads, options, progress)?;
     let sections = recipe.sections();
-    let mut bench = Bench::new(recipe, &threads, progress);
-    let first = stock.pointwise();
-    let start = stock.volumes.take_start();
-    if start.is_none() && first == sections.op.len() {
-        let shape = shape(&stock, bench.scale)?;
-        return cut(bench, &*shape.field, shape.extent, how, &mut take);
+    let mut context = StageContext::new(recipe, &threads, progress);
+    let first = inputs.field_operation_count();
+    let initial_solid = inputs.volumes.take_start();
+    if initial_solid.is_none() && first == sections.op.len() {
+        let shape = shape(&inputs, context.scale)?;
+        return cut(
+            context,
+            &*shape.field,
+            shape.extent,
+            slice_options,
+            &mut take,
+        );
     }
-    let mut solid = match start {
-        Some(start) => start,
-        None => bench.sample(&shape(&stock, bench.scale)?, "band")?.0,
+    let mut solid = match initial_solid {
+        Some(solid) => solid,
+        None => context.sample(&shape(&inputs, context.scale)?, "band")?.0,
     };
-    let mut ignored = SolidReport::default();
+    let mut ignored_report = SolidReport::default();
     for (n, op) in sections.op.iter().enumerate().skip(first) {
-        apply(&mut bench, &stock, (n, op), &mut solid, &mut ignored)?;
+        apply(
+            &mut context,
+            &inputs,
+            (n, op),
+            &mut solid,
+            &mut ignored_report,
+        )?;
     }
     let failed = RunError::level_set("slice");
     let reach = solid.background();
-    let room = solid.crossings().map_err(&failed)?;
-    let field = Sampled::new(solid, reach, Placement::NONE, bench.session()).map_err(&failed)?;
+    let bounds = solid.crossing_bounds().map_err(&failed)?;
+    let field = SampledLevelSet::new(solid, reach, Placement::IDENTITY, context.session())
+        .map_err(&failed)?;
     cut(
-        bench,
+        context,
         &field,
-        whole_layers(room, bench.scale, how),
-        how,
+        whole_layers(bounds, context.scale, slice_options),
+        slice_options,
         &mut take,
     )
 }
 
-/// The room of a sampled solid, which ends with a layer where rounding of the samples puts its end just
-/// beyond one.
-fn whole_layers(mut room: Aabb, scale: Scale, how: &SliceOptions) -> Aabb {
-    let (axis, height) = (how.axis, how.layer.resolve(scale));
-    let size = room.size()[axis];
+/// The bounds of a sampled solid, rounded to a whole number of layers where the difference is a rounding
+/// error.
+fn whole_layers(mut bounds: Aabb, scale: Scale, slice_options: &SliceOptions) -> Aabb {
+    let (axis, height) = (slice_options.axis, slice_options.layer.resolve(scale));
+    let size = bounds.size()[axis];
     let whole = (size / height).round() * height;
-    if whole > 0.0 && (size - whole).abs() < ROUNDING * scale.voxel_size {
-        room.max[axis] = room.min[axis] + whole;
+    if whole > 0.0 && (size - whole).abs() < SURFACE_TOLERANCE * scale.voxel_size {
+        bounds.max[axis] = bounds.min[axis] + whole;
     }
-    room
+    bounds
 }
 
 /// Cuts a field within a box.
 fn cut<E: From<RunError>>(
-    bench: Bench,
+    context: StageContext,
     field: &WorldField,
-    room: Aabb,
-    how: &SliceOptions,
-    take: &mut impl FnMut(&Sliced, usize, &Layer) -> Result<(), E>,
-) -> Result<Sliced, E> {
-    let scale = bench.scale;
-    let pixel = how.pixel.map_or(scale.voxel_size, |p| p.resolve(scale));
-    let plan =
-        Plan::new(room, how.axis, how.layer.resolve(scale), pixel).map_err(RunError::from)?;
-    let mut sliced = Sliced {
+    bounds: Aabb,
+    slice_options: &SliceOptions,
+    take: &mut impl FnMut(&SliceSummary, usize, &Layer) -> Result<(), E>,
+) -> Result<SliceSummary, E> {
+    let scale = context.scale;
+    let pixel = slice_options
+        .pixel
+        .map_or(scale.voxel_size, |p| p.resolve(scale));
+    let plan = Plan::new(
+        bounds,
+        slice_options.axis,
+        slice_options.layer.resolve(scale),
+        pixel,
+    )
+    .map_err(RunError::from)?;
+    let mut summary = SliceSummary {
         plan,
         unit: scale.unit,
         volume: 0.0,
     };
     let total = plan.layers() as u64;
-    bench.progress.stage("slice", Some(total));
-    for group in (0..plan.layers()).step_by(GROUP) {
-        if bench.progress.cancelled() {
+    context.progress.stage("slice", Some(total));
+    for group in (0..plan.layers()).step_by(LAYERS_PER_GROUP) {
+        if context.progress.cancelled() {
             return Err(RunError::from(Cancelled).into());
         }
-        let numbers = group..plan.layers().min(group + GROUP);
-        let layers: Vec<Layer> = bench.threads.install(|| {
+        let numbers = group..plan.layers().min(group + LAYERS_PER_GROUP);
+        let layers: Vec<Layer> = context.threads.install(|| {
             let numbers = numbers.clone().into_par_iter();
             numbers.map(|n| plan.layer(field, n)).collect()
         });
         for (n, layer) in numbers.zip(&layers) {
-            sliced.volume += layer.area() * plan.height;
-            take(&sliced, n, layer)?;
-            bench.progress.advance(1);
+            summary.volume += layer.area() * plan.height;
+            take(&summary, n, layer)?;
+            context.progress.advance(1);
         }
     }
-    Ok(sliced)
+    Ok(summary)
 }

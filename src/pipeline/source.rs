@@ -1,4 +1,4 @@
-//! Sources of cells: from the keys of a section to geometry in the reference frame of an element.
+//! Sources of cells: geometry in the reference frame of an element, from the keys of a section.
 
 use super::crystals::Crystal;
 use super::error::RunError;
@@ -28,10 +28,10 @@ pub enum CellFault {
     /// The source or the fit to it.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// A formula that is none.
+    /// An invalid formula.
     #[error(transparent)]
     Formula(#[from] crate::field::FormulaError),
-    /// What the recipe asks for cannot be.
+    /// A rule of the recipe is violated.
     #[error("{0}")]
     Rule(String),
 }
@@ -42,16 +42,16 @@ impl From<SkeletonError> for CellFault {
     }
 }
 
-/// Radius of struts, and thickness of plates, that say none: reference lengths.
-const RADIUS: f64 = 0.1;
-const THICKNESS: f64 = 0.1;
-/// Share of a source's energy below which another origin is looked for.
-const LITTLE: f64 = 0.9;
+/// Default radius of struts, and default thickness of plates, reference lengths.
+const DEFAULT_RADIUS: f64 = 0.1;
+const DEFAULT_THICKNESS: f64 = 0.1;
+/// Kept share of a source's energy below which Druse looks for a better origin.
+const MIN_KEPT_ENERGY: f64 = 0.9;
 
-/// What reading a source found beside it.
+/// Warnings and files of a source.
 #[derive(Default)]
-pub(super) struct Found {
-    /// What looked wrong.
+pub(super) struct SourceRecord {
+    /// Warnings.
     pub warnings: Vec<Warning>,
     /// The file, its key and its box in reference coordinates.
     pub file: Option<(&'static str, PathBuf, Aabb)>,
@@ -59,7 +59,7 @@ pub(super) struct Found {
     pub crystal: Option<(Crystal, Aabb)>,
 }
 
-impl Found {
+impl SourceRecord {
     fn warn(&mut self, code: &'static str, messages: &[String]) {
         let coded = messages
             .iter()
@@ -78,7 +78,7 @@ pub(super) fn skeleton(
     skeleton_by(section, element, &|path| recipe.resolve(path))
 }
 
-/// The same, with paths as `resolve` finds them.
+/// The struts and plates of a cell; `resolve` makes paths absolute.
 pub(super) fn skeleton_by(
     section: &CellSection,
     element: Element,
@@ -88,10 +88,10 @@ pub(super) fn skeleton_by(
         return Ok(Skeleton::new());
     };
     let path = has_extension(&f.path, &GRAPH_FILES).then(|| resolve(&f.path));
-    Ok(parts(section, f, element, path.as_deref())?.0)
+    Ok(struts_and_plates(section, f, element, path.as_deref())?.0)
 }
 
-/// What of the file of a cell's graph is not in the graph.
+/// Notes on the parts of a graph's file that are not read.
 pub(super) fn skeleton_notes(
     recipe: &Recipe,
     section: &CellSection,
@@ -109,8 +109,8 @@ pub(super) fn skeleton_notes(
 /// Extensions of graphs in files.
 const GRAPH_FILES: [&str; 3] = ["toml", "json", "3mf"];
 
-/// Struts or plates, by name or from a file, and what of the file is left out.
-fn parts(
+/// Struts or plates, by name or from a file, and notes on parts of the file that are not read.
+fn struts_and_plates(
     section: &CellSection,
     f: &FileFrame,
     element: Element,
@@ -119,41 +119,41 @@ fn parts(
     let radius = section.radius.map(|r| r.0);
     let thickness = section.plate_thickness.map(|t| t.0);
     let name = f.path.to_string_lossy();
-    let named = match path {
+    let skeleton = match path {
         Some(path) => {
             let (read, notes) = crate::io::read_skeleton_noted(path, radius, thickness)?;
             let map = frame_map(f, None, LengthUnit::default());
             return Ok((read.mapped(map, f.transform.scale.0), notes));
         }
         None if section.graph.is_some() => {
-            Skeleton::graph(element, &name, radius.unwrap_or(RADIUS))?
+            Skeleton::graph(element, &name, radius.unwrap_or(DEFAULT_RADIUS))?
         }
-        None => Skeleton::plates_of(element, &name, thickness.unwrap_or(THICKNESS))?,
+        None => Skeleton::plates_of(element, &name, thickness.unwrap_or(DEFAULT_THICKNESS))?,
     };
-    Ok((named, Vec::new()))
+    Ok((skeleton, Vec::new()))
 }
 
-/// Where sources are read.
+/// Reads sources and makes cells of them.
 #[derive(Clone, Copy)]
-pub(super) struct Reader<'a> {
-    /// The recipe of the section; without one, paths begin in the working directory.
+pub(super) struct SourceReader<'a> {
+    /// The recipe of the section; without one, paths are relative to the working directory.
     pub recipe: Option<&'a Recipe>,
     pub session: Session<'a>,
 }
 
-impl Reader<'_> {
-    /// A path of the section as one that can be opened.
+impl SourceReader<'_> {
+    /// Resolves a path of the section.
     pub(super) fn resolve(&self, path: &Path) -> PathBuf {
         self.recipe
             .map_or_else(|| path.to_owned(), |r| r.resolve(path))
     }
 
-    /// The source that a section names, other than a surface, a file or a hybrid.
+    /// The source that a section names, unless it is a surface, a cell file or a hybrid.
     pub fn source(
         &self,
         section: &CellSection,
         element: Element,
-        found: &mut Found,
+        record: &mut SourceRecord,
     ) -> Result<Source, SourceFault> {
         let place = section
             .place
@@ -173,8 +173,8 @@ impl Reader<'_> {
         let source = if let Some(f) = &section.mesh {
             let path = open("mesh", f);
             let read = crate::io::read_mesh(&path)?;
-            found.warn(Warning::MESH, &read.warnings);
-            let mesh = moved(&read.mesh, f);
+            record.warn(Warning::MESH, &read.warnings);
+            let mesh = placed(&read.mesh, f);
             Source::mesh(element, &mesh, &place, caps).map_err(|e| in_file(&path, e))?
         } else if let Some(f) = &section.points {
             let path = open("points", f);
@@ -197,7 +197,7 @@ impl Reader<'_> {
                         error,
                     })
                 })?;
-                let mesh = moved(&mesh, f);
+                let mesh = placed(&mesh, f);
                 Source::mesh(element, &mesh, &place, caps).map_err(|e| in_file(&path, e))?
             } else {
                 let array = crate::io::read_npy(&path)?;
@@ -207,8 +207,8 @@ impl Reader<'_> {
             }
         } else if let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) {
             let path = has_extension(&f.path, &GRAPH_FILES).then(|| open("graph", f));
-            let (skeleton, notes) = parts(section, f, element, path.as_deref())?;
-            found.warn(Warning::MESH, &notes);
+            let (skeleton, notes) = struts_and_plates(section, f, element, path.as_deref())?;
+            record.warn(Warning::MESH, &notes);
             Source::skeleton(element, &skeleton, &place)?
         } else if let (Some(frame), Some(recipe)) = (&section.crystal, self.recipe) {
             let made = Crystal::make(recipe, frame).map_err(SourceFault::Run)?;
@@ -221,26 +221,26 @@ impl Reader<'_> {
             Source::formula(element, formula, &place)?
         };
         let report = source.report();
-        found.warn(Warning::MESH, source.warnings());
+        record.warn(Warning::MESH, source.warnings());
         let bounds = Aabb {
             min: Vec3::from(report.box_min),
             max: Vec3::from(report.box_max),
         };
-        found.file = file.map(|(key, path)| (key, path, bounds));
-        found.crystal = crystal.map(|c| (c, bounds));
+        record.file = file.map(|(key, path)| (key, path, bounds));
+        record.crystal = crystal.map(|c| (c, bounds));
         Ok(source)
     }
 
-    /// The cell that a section describes, before its level is found.
+    /// The cell that a section describes, before its level is set.
     pub fn cell(
         &self,
         name: &str,
         section: &CellSection,
         element: Element,
-        found: &mut Found,
+        record: &mut SourceRecord,
     ) -> Result<Cell, SourceFault> {
-        if let Some(wanted) = &section.surface {
-            return Ok(named_surface(wanted, element)?.named(name));
+        if let Some(surface) = &section.surface {
+            return Ok(named_surface(surface, element)?.named(name));
         }
         if let Some(file) = &section.file {
             let path = self.resolve(&file.path);
@@ -251,47 +251,53 @@ impl Reader<'_> {
                     path.display(),
                     cell.element().name(),
                     element.name(),
-                    alone(cell.element())
+                    scaffold_hint(cell.element())
                 ))
                 .into());
             }
-            found.file = Some(("file", path, Aabb::of(element.vertices())));
+            record.file = Some(("file", path, Aabb::of(element.vertices())));
             return Ok(cell.named(name));
         }
         let mut options = fit_options(section);
         if let Some(group) = &options.group {
             options.group = Some(self.group(group)?);
         }
-        let of_samples = self.of_samples(name, section, (element, &options), found)?;
-        let cell = if let Some(cell) = of_samples {
+        let cell_from_samples =
+            self.cell_from_samples(name, section, (element, &options), record)?;
+        let cell = if let Some(cell) = cell_from_samples {
             cell
         } else {
-            let source = self.source(section, element, found)?;
+            let source = self.source(section, element, record)?;
             if section.band_limit.is_none() && section.tolerance.is_none() {
-                options.band_limit = options.band_limit.min(source.carried_band());
+                options.band_limit = options.band_limit.min(source.max_band_limit());
             }
             let fitted = fit_source(name, element, &source, &options, self.session.progress);
             let cell = match fitted {
                 Err(e @ FitError::NoSymmetricPart { .. }) if element != Element::Ball => {
-                    let advice = elsewhere(&source, element)?;
+                    let advice = origin_advice(&source, element)?;
                     return Err(CellFault::Rule(format!("{e}: {advice}")).into());
                 }
                 other => other?,
             };
-            // The ball has one centre.
+            // The ball has a fixed centre.
             let movable = element != Element::Ball;
-            if movable && cell.report().is_some_and(|r| r.kept_energy < LITTLE) {
-                found.warn(Warning::CELL, &[elsewhere(&source, element)?]);
+            if movable
+                && cell
+                    .report()
+                    .is_some_and(|r| r.kept_energy < MIN_KEPT_ENERGY)
+            {
+                record.warn(Warning::CELL, &[origin_advice(&source, element)?]);
             }
             cell
         };
-        found.warn(Warning::CELL, cell.report().map_or(&[], |r| &r.warnings));
+        record.warn(Warning::CELL, cell.report().map_or(&[], |r| &r.warnings));
         Ok(cell)
     }
 }
 
-impl Reader<'_> {
-    /// The name of a group or its generators; those of a file if that is what the word names.
+impl SourceReader<'_> {
+    /// The name of a group or its generators. A word that names a file stands for the generators in the
+    /// file.
     fn group(&self, word: &str) -> Result<String, SourceFault> {
         let path = self.resolve(Path::new(word));
         if GROUP_NAMES.contains(&word) || word.contains(',') || !path.is_file() {
@@ -301,32 +307,33 @@ impl Reader<'_> {
     }
 }
 
-/// About which origin most of a source would be kept, and how to place it there.
-fn elsewhere(source: &Source, element: Element) -> Result<String, CellFault> {
+/// The origin about which the symmetric part keeps most of a source, and the placement that moves it
+/// there.
+fn origin_advice(source: &Source, element: Element) -> Result<String, CellFault> {
     let operators = operators_of(element, default_group(element))?;
-    let here = source.best_origin(element, &operators);
-    let [x, y, z] = here.place;
+    let best = source.best_origin(element, &operators);
+    let [x, y, z] = best.place;
     Ok(format!(
-        "of 8 origins along each axis ({x}, {y}, {z}) keeps most, {:.3} of its energy{}",
-        here.kept,
-        if here.kept > LITTLE {
+        "of 8 origins along each axis, ({x}, {y}, {z}) keeps most of its energy, {:.3}{}",
+        best.kept,
+        if best.kept > MIN_KEPT_ENERGY {
             format!(": place = {{ translate = [{}, {}, {}] }}", -x, -y, -z)
         } else {
-            ", so that no placement makes it symmetric; a smaller group (C1 has none) keeps it, in \
-             scaffolds whose elements are all turned alike"
+            ", so no placement makes it symmetric; a smaller group (C1 has none) keeps it, in \
+             scaffolds whose elements all have the same orientation"
                 .to_owned()
         }
     ))
 }
 
-/// Why a source cannot be had: its keys and its geometry, or its file.
+/// Why a source cannot be read: a fault of the cell, or of the run.
 pub(super) enum SourceFault {
     Cell(CellFault),
     Run(RunError),
 }
 
 impl SourceFault {
-    /// As an error of a run, about the cell of this key.
+    /// The error of a run for the cell of this key.
     pub fn of(self, key: &str) -> RunError {
         match self {
             Self::Run(e) => e,
@@ -351,7 +358,7 @@ impl From<ReadError> for SourceFault {
     }
 }
 
-/// What is wrong with a file's geometry, with the file.
+/// An error of a file's geometry, with the file.
 pub(super) fn in_file(path: &Path, error: FitError) -> SourceFault {
     let expected = match &error {
         FitError::Mesh(_) => "triangles that bound a solid",
@@ -360,8 +367,8 @@ pub(super) fn in_file(path: &Path, error: FitError) -> SourceFault {
     ReadError::data(path, Place::File, error.to_string(), expected).into()
 }
 
-/// A mesh in the frame of its file's table: numbers are reference coordinates, whatever their unit.
-fn moved(mesh: &TriMesh, file: &FileFrame) -> TriMesh {
+/// A mesh placed by its section. Its coordinates are reference coordinates, whatever their unit.
+fn placed(mesh: &TriMesh, file: &FileFrame) -> TriMesh {
     mesh.mapped(frame_map(file, None, LengthUnit::default()))
 }
 
@@ -370,12 +377,12 @@ pub(super) fn has_extension(path: &Path, known: &[&str]) -> bool {
     known.iter().any(|k| own.eq_ignore_ascii_case(k))
 }
 
-/// Why no scaffold takes a cell of this element, if none does.
-pub(super) fn alone(element: Element) -> &'static str {
+/// The hint for a cell that no scaffold can take; empty for other cells.
+pub(super) fn scaffold_hint(element: Element) -> &'static str {
     match element {
         Element::Ball => {
-            ": the icosahedral group has no lattice in space, so that cells of the ball stand alone and \
-             fill no scaffold; an operation takes them, union = { cell = { name, size } }"
+            ": the icosahedral group has no lattice in space, so cells of the ball stand alone and \
+             cannot fill a scaffold; use them in an operation: union = { cell = { name, size } }"
         }
         _ => "",
     }
@@ -384,7 +391,7 @@ pub(super) fn alone(element: Element) -> &'static str {
 /// A surface by its name.
 pub(super) fn named_surface(name: &str, element: Element) -> Result<Cell, CellFault> {
     let surface = Surface::from_name(name).ok_or_else(|| {
-        let known: Vec<&str> = Surface::ALL.iter().map(|s| s.name()).collect();
+        let known: Vec<&str> = Surface::CATALOGUE.iter().map(|s| s.name()).collect();
         CellFault::Rule(format!(
             "no surface is named {name:?}; expected one of {}",
             known.join(", ")
@@ -406,26 +413,26 @@ fn placement(place: &CellPlace) -> Placement {
     }
 }
 
-/// Enters an argument of the command line as the source of a section: by the extension of a file, by
-/// the name of a surface, strut graph or plate set, or as a formula.
+/// Sets an argument of the command line as the source of a section: by the extension of a file, the name
+/// of a surface, strut graph or plate set, or as a formula.
 ///
 /// # Errors
-/// A sentence that says what was found and what an input may be.
-pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadError> {
+/// An input that is none of these; the hint lists the names.
+pub fn set_source(input: &Path, section: &mut CellSection) -> Result<(), ReadError> {
     let text = input.to_str().unwrap_or("");
     let file = || Some(Brief(FileFrame::short(input.to_owned())));
     let elements = section
         .own_element()
-        .map_or(Element::ALL.to_vec(), |e| vec![e]);
-    let plain = text.strip_suffix("_struts").unwrap_or(text);
-    let offers = |names: fn(Element) -> &'static [&'static str]| {
-        elements.iter().any(|e| names(*e).contains(&plain))
+        .map_or(Element::SCAFFOLD_ELEMENTS.to_vec(), |e| vec![e]);
+    let name = text.strip_suffix("_struts").unwrap_or(text);
+    let is_offered = |names: fn(Element) -> &'static [&'static str]| {
+        elements.iter().any(|e| names(*e).contains(&name))
     };
     if Surface::from_name(text).is_some() {
         section.surface = Some(text.to_owned());
-    } else if offers(graphs) {
+    } else if is_offered(graphs) {
         section.graph = file();
-    } else if offers(plate_sets) {
+    } else if is_offered(plate_sets) {
         section.plates = file();
     } else if has_extension(input, &["cell"]) {
         section.file = file();
@@ -436,7 +443,7 @@ pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadE
     } else if has_extension(input, &TEXT_CLOUDS) || crate::io::is_point_cloud(input)? {
         section.points = file();
     } else if has_extension(input, &["step", "stp", "iges", "igs", "brep"]) {
-        let hint = "examples/cad/step_to_stl.py makes triangles of it with gmsh";
+        let hint = "examples/cad/step_to_stl.py converts it to triangles with gmsh";
         let found = "a CAD file of exact surfaces";
         return Err(ReadError::data(input, Place::File, found, "triangles").with_hint(hint));
     } else if MeshFormat::of(input).is_some() || input.is_file() {
@@ -450,17 +457,17 @@ pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadE
             all.dedup();
             all.join(", ")
         };
-        let surfaces: Vec<&str> = Surface::ALL.iter().map(|s| s.name()).collect();
+        let surfaces: Vec<&str> = Surface::CATALOGUE.iter().map(|s| s.name()).collect();
         let known: Vec<&str> = elements
             .iter()
             .flat_map(|e| graphs(*e).iter().chain(plate_sets(*e)))
             .copied()
             .chain(surfaces.iter().copied())
             .collect();
-        let meant = recipe::nearest(text, &known);
-        let meant = meant.map_or_else(String::new, |m| format!("did you mean {m:?}? "));
+        let suggestion = recipe::nearest(text, &known);
+        let suggestion = suggestion.map_or_else(String::new, |m| format!("did you mean {m:?}? "));
         let hint = format!(
-            "{meant}an input is a file, a formula in x, y, z, a surface ({}), a strut graph ({}) or plates ({})",
+            "{suggestion}an input is a file, a formula in x, y, z, a surface ({}), a strut graph ({}) or plates ({})",
             surfaces.join(", "),
             names(graphs),
             names(plate_sets)
@@ -470,12 +477,12 @@ pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadE
     Ok(())
 }
 
-/// Whether a file holds beams and no triangles; what cannot be read is an error where it is read.
+/// Whether a file holds beams and no triangles. Read errors appear where the file is read.
 fn is_strut_file(input: &Path) -> bool {
     crate::io::is_strut_file(input).unwrap_or(false)
 }
 
-/// Whether a text was probably meant as a formula, so that its own error helps more than "no such file".
+/// Whether a text is probably a formula, so that its syntax error helps more than "no such file".
 fn looks_like_formula(text: &str) -> bool {
     let letters = ['x', 'y', 'z'];
     text.contains(['+', '*', '^', '(', ' ']) && text.contains(letters)

@@ -1,5 +1,6 @@
-//! Points with something that goes with each, sorted into cubes of equal size: what is near a place without
-//! a tree, which takes longer to build than the few balls that are looked for in it.
+//! Nearest-neighbour search in a grid of cubes over points with values.
+//!
+//! A few searches take less time than to build a k-d tree.
 
 use super::nearest::Site;
 use crate::frame::{Aabb, Vec3};
@@ -17,19 +18,20 @@ pub(super) struct Bins<T> {
     first: Vec<u32>,
 }
 
-/// Cubes that a box is divided into at most, unless it has as many points.
+/// Greatest number of cubes, unless there are more points.
 const MAX_CUBES: usize = 1 << 22;
-/// Share of its edge by which a cube begins lower: points in its lowest plane may be rounded below it.
-const ROUNDED: f64 = 1e-6;
-/// Points of a task.
-const TASK: usize = 1 << 14;
+/// Share of its edge by which a cube starts lower: rounding may move points below its lowest plane.
+const ROUNDING_TOLERANCE: f64 = 1e-6;
+/// Points of a parallel task.
+const POINTS_PER_TASK: usize = 1 << 14;
 
 impl<T: Copy + Send + Sync> Bins<T> {
-    /// Sorts points, fewer than 2^32, into cubes of an edge, or larger ones where those would be too many.
+    /// Sorts points, fewer than 2^32, into cubes of the given edge, or of larger ones where those are
+    /// too many.
     pub fn new(mut sites: Vec<Site<T>>, edge: f64) -> Self {
-        let boxes = sites.par_chunks(TASK);
+        let boxes = sites.par_chunks(POINTS_PER_TASK);
         let boxes: Vec<Aabb> = boxes
-            .map(|part| Aabb::of(part.iter().map(|s| s.place)))
+            .map(|part| Aabb::of(part.iter().map(|s| s.position)))
             .collect();
         let bounds = boxes.into_iter().fold(Aabb::EMPTY, Aabb::union);
         if bounds.is_empty() || !(edge > 0.0 && edge.is_finite()) {
@@ -41,13 +43,13 @@ impl<T: Copy + Send + Sync> Bins<T> {
                 first: vec![0; 2],
             };
         }
-        let most = MAX_CUBES.max(sites.len()) as f64;
+        let max_cubes = MAX_CUBES.max(sites.len()) as f64;
         let mut edge = edge;
         let along = |edge: f64| bounds.size().map(|s| (s / edge).floor() + 1.0);
-        while along(edge).product() > most {
+        while along(edge).product() > max_cubes {
             edge *= 2.0;
         }
-        // On multiples of the edge: points that come leaf by leaf are in order then.
+        // On multiples of the edge, so that points listed leaf by leaf are sorted already.
         let low = bounds.min.map(|c| (c / edge).floor() * edge);
         let counts = (bounds.max - low).map(|s| (s / edge).floor() as usize + 1);
         let mut bins = Self {
@@ -57,18 +59,22 @@ impl<T: Copy + Send + Sync> Bins<T> {
             counts: counts.into(),
             first: Vec::new(),
         };
-        let cube = |s: &Site<T>| bins.cube(s.place);
-        let cubes: Vec<u32> = sites.par_iter().with_min_len(TASK).map(cube).collect();
+        let cube = |s: &Site<T>| bins.cube(s.position);
+        let cubes: Vec<u32> = sites
+            .par_iter()
+            .with_min_len(POINTS_PER_TASK)
+            .map(cube)
+            .collect();
         let is_sorted = cubes
             .par_windows(2)
-            .with_min_len(TASK)
+            .with_min_len(POINTS_PER_TASK)
             .all(|w| w[0] <= w[1]);
         let cubes = if is_sorted {
             cubes
         } else {
             let mut order: Vec<(u32, u32)> = cubes.into_iter().zip(0..).collect();
             order.par_sort_unstable();
-            let sorted = order.par_iter().with_min_len(TASK);
+            let sorted = order.par_iter().with_min_len(POINTS_PER_TASK);
             sites = sorted.map(|&(_, n)| sites[n as usize]).collect();
             order.into_iter().map(|(cube, _)| cube).collect()
         };
@@ -86,33 +92,34 @@ impl<T: Copy + Send + Sync> Bins<T> {
         bins
     }
 
-    /// The cube along each axis that holds a place, or the nearest there is.
-    fn along(&self, place: Vec3) -> [usize; 3] {
-        let at = ((place - self.low) / self.edge).add_scalar(ROUNDED);
+    /// The indices of the cube that contains a point, or of the nearest cube.
+    fn along(&self, position: Vec3) -> [usize; 3] {
+        let at = ((position - self.low) / self.edge).add_scalar(ROUNDING_TOLERANCE);
         [0, 1, 2].map(|a| (at[a].max(0.0) as usize).min(self.counts[a] - 1))
     }
 
-    fn cube(&self, place: Vec3) -> u32 {
-        let [x, y, z] = self.along(place);
+    fn cube(&self, position: Vec3) -> u32 {
+        let [x, y, z] = self.along(position);
         ((x * self.counts[1] + y) * self.counts[2] + z) as u32
     }
 
-    /// The site nearest to `centre` that is nearer than `reach`, a finite length, and `counts`; of equally
-    /// near ones that with the least coordinates, so that the order in which sites were given does not matter.
+    /// The site nearest to `centre` within `reach`, a finite length, that `accepts` admits. Of equally
+    /// near sites it is the one with the smallest coordinates, so that the order of the sites does not
+    /// matter.
     pub fn nearest_within(
         &self,
         centre: Vec3,
         reach: f64,
-        counts: impl Fn(&Site<T>) -> bool,
+        accepts: impl Fn(&Site<T>) -> bool,
     ) -> Option<Site<T>> {
         let mut best = (reach * reach, None::<Site<T>>);
         let low = self.along(centre.add_scalar(-reach));
         let high = self.along(centre.add_scalar(reach));
-        // How far a cube lies from the centre along an axis.
+        // Distance of a cube from the centre along an axis.
         let gap = |a: usize, n: usize| {
             let from = self.low[a] + n as f64 * self.edge;
             let outside = (from - centre[a]).max(centre[a] - from - self.edge);
-            (outside - 2.0 * ROUNDED * self.edge).max(0.0)
+            (outside - 2.0 * ROUNDING_TOLERANCE * self.edge).max(0.0)
         };
         for x in low[0]..=high[0] {
             let across = gap(0, x).powi(2);
@@ -128,7 +135,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
                         continue;
                     }
                     for site in &self.sites[own] {
-                        consider(site, centre, &counts, &mut best);
+                        consider(site, centre, &accepts, &mut best);
                     }
                 }
             }
@@ -137,28 +144,28 @@ impl<T: Copy + Send + Sync> Bins<T> {
     }
 }
 
-/// Takes a site if it is nearer than the best so far and counts.
+/// Takes a site if it is nearer than the best so far and admitted.
 fn consider<T: Copy>(
     site: &Site<T>,
     centre: Vec3,
-    counts: &impl Fn(&Site<T>) -> bool,
+    accepts: &impl Fn(&Site<T>) -> bool,
     best: &mut (f64, Option<Site<T>>),
 ) {
-    let distance = (site.place - centre).norm_squared();
+    let distance = (site.position - centre).norm_squared();
     if distance > best.0 {
         return;
     }
-    let coordinates = |site: &Site<T>| -> [f64; 3] { site.place.into() };
+    let coordinates = |site: &Site<T>| -> [f64; 3] { site.position.into() };
     let is_before = |other: &Site<T>| coordinates(site) < coordinates(other);
     let is_nearer = distance < best.0 || best.1.as_ref().is_some_and(is_before);
-    if is_nearer && counts(site) {
+    if is_nearer && accepts(site) {
         *best = (distance, Some(*site));
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::nearest::Sites;
+    use super::super::nearest::KdTree;
     use super::*;
 
     #[test]
@@ -170,24 +177,24 @@ mod tests {
         };
         let mut point = |scale: f64| Vec3::from_fn(|_, _| scale * (next() - 0.5));
         let sites: Vec<Site<usize>> = (0..2000)
-            .map(|tag| Site {
-                // Some stand at equal places.
-                place: point(10.0).map(|c| (c * 8.0).round() / 8.0),
-                tag,
+            .map(|value| Site {
+                // Some positions are equal.
+                position: point(10.0).map(|c| (c * 8.0).round() / 8.0),
+                value,
             })
             .collect();
-        let tree = Sites::new(sites.clone());
+        let tree = KdTree::new(sites.clone());
         for edge in [0.3, 2.0, 50.0] {
             let bins = Bins::new(sites.clone(), edge);
             for n in 0..300 {
                 let (centre, reach) = (point(14.0), 0.1 + f64::from(n % 30) / 10.0);
-                let counts = |s: &Site<usize>| s.place.x + s.place.y < 4.0;
-                let places = [
-                    bins.nearest_within(centre, reach, counts),
-                    tree.nearest_within(centre, reach, counts),
+                let accepts = |s: &Site<usize>| s.position.x + s.position.y < 4.0;
+                let positions = [
+                    bins.nearest_within(centre, reach, accepts),
+                    tree.nearest_within(centre, reach, accepts),
                 ]
-                .map(|site| site.map(|s| s.place));
-                assert_eq!(places[0], places[1]);
+                .map(|site| site.map(|s| s.position));
+                assert_eq!(positions[0], positions[1]);
             }
         }
         let empty = Bins::new(Vec::<Site<()>>::new(), 1.0);

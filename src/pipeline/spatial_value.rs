@@ -1,16 +1,16 @@
-//! Values that differ from place to place: numbers, formulas, fields of files.
+//! Values that vary in space: numbers, formulas, fields of files.
 
 use super::error::RunError;
 use super::field_data::FieldData;
-use super::input_files::Inputs;
+use super::input_files::InputFiles;
 use crate::field::Formula;
 use crate::frame::{Aabb, Vec3};
 use crate::mesh::MeshSolid;
 use crate::recipe::{FieldRef, Varying};
 use crate::scaffold::{Kind, Scaffold};
 
-/// What the variables of formulas are measured against.
-pub(super) struct Setting<'a> {
+/// The geometry that the variables of formulas relate to.
+pub(super) struct SpatialContext<'a> {
     /// The scaffold's box.
     pub bounds: Aabb,
     /// The mesh that d is the distance to.
@@ -20,9 +20,9 @@ pub(super) struct Setting<'a> {
 }
 
 /// Names of a formula's variables, in the order of [`Setting::variables`].
-const NAMES: [&str; 7] = ["x", "y", "z", "bx", "by", "bz", "d"];
+const VARIABLE_NAMES: [&str; 7] = ["x", "y", "z", "bx", "by", "bz", "d"];
 
-impl Setting<'_> {
+impl SpatialContext<'_> {
     fn fail(&self, message: impl std::fmt::Display) -> RunError {
         RunError::Tiling(format!("{}: {message}", self.key))
     }
@@ -40,9 +40,10 @@ impl Setting<'_> {
         [p.x, p.y, p.z, b.x, b.y, b.z, d]
     }
 
-    /// Values of a formula at points; every one is finite.
+    /// Values of a formula at points, all finite.
     pub fn formula(&self, text: &str, points: &[Vec3]) -> Result<Vec<f64>, RunError> {
-        let formula = Formula::parse(text, &NAMES).map_err(|e| self.fail(e.to_string()))?;
+        let formula =
+            Formula::parse(text, &VARIABLE_NAMES).map_err(|e| self.fail(e.to_string()))?;
         let values: Vec<f64> = points
             .iter()
             .map(|&p| formula.value(&self.variables(p)))
@@ -67,34 +68,34 @@ impl Setting<'_> {
     /// Values at points.
     pub fn values(
         &self,
-        inputs: &mut Inputs,
+        files: &mut InputFiles,
         varying: &Varying,
         points: &[Vec3],
     ) -> Result<Vec<f64>, RunError> {
         match varying {
             Varying::Number(v) => Ok(vec![*v; points.len()]),
             Varying::Formula(text) => self.formula(text, points),
-            Varying::Field(field) => self.field(inputs, field, points),
+            Varying::Field(field) => self.field(files, field, points),
         }
     }
 
     fn field(
         &self,
-        inputs: &mut Inputs,
+        files: &mut InputFiles,
         field: &FieldRef,
         points: &[Vec3],
     ) -> Result<Vec<f64>, RunError> {
-        let scaffold = inputs.recipe.sections().scaffold.as_ref();
+        let scaffold = files.recipe.sections().scaffold.as_ref();
         let file = field
             .file
             .as_ref()
             .or(scaffold.and_then(|s| s.file.as_ref()));
         let Some(file) = file else {
-            return Err(self.fail("a field needs a file: the scaffold has none of its own"));
+            return Err(self.fail("a field needs a file: the scaffold has no file"));
         };
-        let data = FieldData::read(inputs, &self.key, field, file)?;
+        let data = FieldData::read(files, &self.key, field, file)?;
         if field.file.is_some() {
-            inputs.record(&self.key, data.path(), data.bounds())?;
+            files.record(&self.key, data.path(), data.bounds())?;
         }
         points
             .iter()
@@ -103,7 +104,7 @@ impl Setting<'_> {
     }
 }
 
-/// A piecewise linear map; empty for none. What is no number stays none.
+/// Applies a piecewise linear map; an empty map is the identity, and NaN stays NaN.
 pub(super) fn mapped(map: &[[f64; 2]], v: f64) -> f64 {
     let Some(first) = map.first().filter(|_| !v.is_nan()) else {
         return v;
@@ -124,7 +125,7 @@ pub(super) fn mapped(map: &[[f64; 2]], v: f64) -> f64 {
     map[map.len() - 1][1]
 }
 
-/// Corner nodes of a scaffold, flagged.
+/// For each node of a scaffold, whether it is a corner of an element.
 pub(super) fn corner_nodes(scaffold: &Scaffold) -> Vec<bool> {
     let mut is_corner = vec![false; scaffold.nodes().len()];
     for e in scaffold.elements() {

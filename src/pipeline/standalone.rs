@@ -1,7 +1,7 @@
-//! Cells that stand alone: one element of a cell, placed in space, as a solid.
+//! Standalone cells: one element of a cell, placed in space, as a solid.
 //!
-//! The cell fills one element scaled from its reference coordinates; that of a planar cell is the prism
-//! over it. A cell of the ball fills the cube around the ball, and the ball ends it.
+//! The cell fills one element, scaled from its reference coordinates. A planar cell fills the prism over
+//! its element. A cell of the ball fills the cube around the ball, and the ball bounds it.
 
 use super::error::RunError;
 use super::field_ops::Shape;
@@ -15,12 +15,13 @@ use crate::tiling::{TiledSolid, TilingOptions};
 pub(super) struct StandAlone {
     scaffold: Scaffold,
     table: Table,
-    /// Centre and radius of the ball that ends it.
+    /// Centre and radius of the ball that bounds it.
     ball: Option<(Vec3, f64)>,
 }
 
 impl StandAlone {
-    /// The cell with the origin of its reference coordinates at `centre`, their unit `size` long.
+    /// The cell with the origin of its reference coordinates at `centre` and a reference length of
+    /// `size`.
     pub fn new(cell: &Cell, centre: Vec3, size: f64) -> Result<Self, RunError> {
         let failed = |e: String| RunError::Tiling(e);
         let (kind, shape) = match cell.element() {
@@ -40,7 +41,7 @@ impl StandAlone {
         })
     }
 
-    /// The box around it.
+    /// The bounding box.
     pub fn bounds(&self) -> Aabb {
         self.scaffold.bounds()
     }

@@ -1,19 +1,22 @@
-//! The full local thickness of a solid, anywhere near it: the diameter of the ball within it that touches
-//! its surface at the nearest place where one was measured.
+//! The local thickness of a solid: the diameter of the inscribed ball at the nearest point where one was
+//! measured.
 //!
-//! The balls are those of [`super::least_wall`]. Up to a radius of [`WIDEST`] voxels they are looked for among
-//! all points of the surface, wider ones among ever fewer: where the radius doubles, three of four points
-//! are left out, so that a ball is told by about as many. Those lie no farther apart than a fifth of its
-//! radius r, and between points s apart a ball sinks in by s^2 / (8 r): half a hundredth of it.
+//! The balls are those of [`super::least_wall`]. Up to a radius of [`FIRST_LEVEL_RADIUS`] voxels they
+//! are searched among all points of the surface, wider ones on levels of fewer points: each level
+//! doubles the radius and keeps a quarter of the points, so that every ball meets about as many. Points
+//! are at most a fifth of the ball's radius r apart. Between points s apart a ball sinks in by s^2 / (8
+//! r), which is 0.5 % of r.
 //!
-//! A solid larger than memory is measured region by region, each with what is around it. No number
-//! depends on the regions or on the order of points: which of them count is told by their voxels, of
-//! points that are equally near the same one is taken, and every point knows the whole normal.
+//! A solid larger than memory is measured region by region with a halo. The result depends neither on
+//! the regions nor on the order of points: a point's level follows from its voxel, ties between equally
+//! near points are broken by coordinates, and every normal is complete.
 
 use super::error::RunError;
-use super::least_wall::{BIN_EDGES, Ball, Phase, Sampled, SurfacePoint, Wall, ball_at};
-use super::level_set_ops::Bench;
-use super::nearest::{Site, Sites};
+use super::least_wall::{
+    BIN_EDGE_FACTOR, Phase, SurfacePoint, TouchingBall, Wall, WallSamples, ball_at,
+};
+use super::level_set_ops::StageContext;
+use super::nearest::{KdTree, Site};
 use super::spatial_bins::Bins;
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
@@ -22,58 +25,62 @@ use crate::progress::Cancelled;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Places at which it is measured, about, if the surface has more points.
-pub(super) const PLACES: f64 = 400_000.0;
-/// Radius, voxels, of the widest balls that are looked for among all points.
-const WIDEST: i32 = 16;
-/// The last level: of balls wider than any part that files hold.
-pub(super) const LAST: u32 = 20;
-/// Samples from which the least wall is told: a percentile needs no more.
-const SAMPLES: f64 = 20_000.0;
-/// Voxels around a region of which its balls of the first level may hear.
-pub(super) const HALO: i32 = 2 * WIDEST;
-/// A vertex on an edge of voxels may seem to lie this much below it, voxels, by rounding; along its edge it
-/// keeps farther from the ends.
-const ROUNDED: f64 = 1e-5;
+/// Approximate number of points at which thickness is measured, if the surface has more.
+pub(super) const TARGET_POINTS: f64 = 400_000.0;
+/// Greatest radius of balls that are searched among all points, voxels.
+const FIRST_LEVEL_RADIUS: i32 = 16;
+/// The last level; its balls are wider than any part that files can hold.
+pub(super) const MAX_LEVEL: u32 = 20;
+/// Approximate number of samples for the least wall, which is a percentile.
+const TARGET_SAMPLES: f64 = 20_000.0;
+/// Halo of a region on the first level, voxels: the reach of its balls.
+pub(super) const FIRST_LEVEL_HALO: i32 = 2 * FIRST_LEVEL_RADIUS;
+/// Rounding tolerance, voxels: a vertex on an edge of voxels may be this much below it. Along its edge
+/// it is farther than this from the ends.
+const ROUNDING_TOLERANCE: f64 = 1e-5;
 
-/// A surface whose points are asked for region by region.
-pub(super) trait Surface {
-    /// Regions that together are all of it.
+/// A surface that provides its points region by region.
+pub(super) trait RegionalSurface {
+    /// Regions that cover the surface.
     fn regions(&self) -> Vec<Region>;
 
-    /// A region around a voxel that is good to look at at once on a level.
+    /// The region around a voxel that is processed at once on a level.
     fn region_of(&self, voxel: Coord, level: u32) -> Region;
 
-    /// The points of a level in a region and so many voxels around it.
+    /// The points of a level in a region and a halo around it.
     ///
     /// # Errors
-    /// What reading or meshing refuses.
+    /// An error of reading or meshing.
     fn around(&self, region: Region, halo: i32, level: u32) -> Result<Vec<SurfacePoint>, RunError>;
 }
 
-/// Where the voxels of a surface's points are.
+/// The voxel lattice of a surface.
 #[derive(Clone, Copy)]
-pub(super) struct Lattice {
+pub(super) struct VoxelLattice {
     /// World position of voxel (0, 0, 0).
     pub origin: Vec3,
     pub voxel_size: f64,
 }
 
-impl Lattice {
-    /// The voxel at which the edge of a vertex begins.
+impl VoxelLattice {
+    /// The voxel at the lower end of the edge that a vertex lies on.
     pub fn voxel(&self, vertex: Vec3) -> Coord {
         let index = (vertex - self.origin) / self.voxel_size;
-        Coord(index.map(|c| (c + ROUNDED).floor() as i32).into())
+        Coord(
+            index
+                .map(|c| (c + ROUNDING_TOLERANCE).floor() as i32)
+                .into(),
+        )
     }
 
-    /// Whether a vertex is a point of a level.
+    /// Whether a vertex belongs to a level.
     pub fn keeps(&self, vertex: Vec3, level: u32) -> bool {
         level == 0 || rank(self.voxel(vertex)) <= u64::MAX >> (2 * level).min(63)
     }
 }
 
-/// A number of a voxel that is spread evenly, along surfaces as well: the Kronecker sequence of the powers
-/// of 1 / g where g^4 = g + 1.
+/// A quasi-random number of a voxel, evenly distributed along surfaces as well: the Kronecker sequence
+/// of the powers of 1 / g with g^4 = g + 1.
 fn rank(Coord(voxel): Coord) -> u64 {
     const STEPS: [u64; 3] = [
         0xd1b5_4a32_d192_ed03,
@@ -87,15 +94,15 @@ fn rank(Coord(voxel): Coord) -> u64 {
 }
 
 /// A surface in memory.
-struct Whole<'a> {
+struct MeshSurface<'a> {
     mesh: &'a TriMesh,
     /// Its vertices' normals.
     outward: Vec<Vec3>,
-    lattice: Lattice,
+    lattice: VoxelLattice,
 }
 
-impl<'a> Whole<'a> {
-    fn new(mesh: &'a TriMesh, lattice: Lattice, phase: Phase) -> Self {
+impl<'a> MeshSurface<'a> {
+    fn new(mesh: &'a TriMesh, lattice: VoxelLattice, phase: Phase) -> Self {
         Self {
             mesh,
             outward: phase.outward(mesh.vertex_normals_by_area()),
@@ -104,7 +111,7 @@ impl<'a> Whole<'a> {
     }
 }
 
-impl Surface for Whole<'_> {
+impl RegionalSurface for MeshSurface<'_> {
     fn regions(&self) -> Vec<Region> {
         vec![Region::EVERYWHERE]
     }
@@ -115,158 +122,173 @@ impl Surface for Whole<'_> {
 
     fn around(&self, _: Region, _: i32, level: u32) -> Result<Vec<SurfacePoint>, RunError> {
         let all = self.mesh.vertices().par_iter().zip(&self.outward);
-        let all = all.with_min_len(1 << 12).map(|(&place, &outward)| Site {
-            place,
-            tag: -outward,
+        let all = all.with_min_len(1 << 12).map(|(&position, &outward)| Site {
+            position,
+            value: -outward,
         });
         if level == 0 {
-            // Unfiltered they take no more room than they need.
+            // Without a filter the list is allocated exactly.
             return Ok(all.collect());
         }
-        Ok(all.filter(|p| self.lattice.keeps(p.place, level)).collect())
+        Ok(all
+            .filter(|p| self.lattice.keeps(p.position, level))
+            .collect())
     }
 }
 
-/// The solid whose thickness is measured.
+/// The properties of a solid that its wall thickness is measured with.
 #[derive(Clone, Copy)]
-pub(super) struct Measured {
-    pub lattice: Lattice,
-    /// Of its band.
+pub(super) struct SolidGeometry {
+    pub lattice: VoxelLattice,
+    /// Active voxels of its band.
     pub active_voxels: u64,
-    /// Voxels along its longest side.
+    /// Length of its longest side, voxels.
     pub extent: f64,
 }
 
-/// The thickness at places on a surface.
-pub(super) struct Thickness(Sites<f32>);
+/// The thickness at points of a surface, searched by the nearest point.
+pub(super) struct Thickness(KdTree<f32>);
 
 impl Thickness {
     /// Measures it over the closed mesh of a solid in memory.
-    pub fn of_mesh(bench: Bench, mesh: &TriMesh, solid: Measured) -> Result<Self, RunError> {
-        let surface = Whole::new(mesh, solid.lattice, Phase::Solid);
-        Self::new(bench, &surface, solid)
+    pub fn of_mesh(
+        context: StageContext,
+        mesh: &TriMesh,
+        solid: SolidGeometry,
+    ) -> Result<Self, RunError> {
+        let surface = MeshSurface::new(mesh, solid.lattice, Phase::Solid);
+        Self::new(context, &surface, solid)
     }
 
-    /// Measures it.
-    pub fn new(bench: Bench, surface: &impl Surface, solid: Measured) -> Result<Self, RunError> {
-        let walls = walls(bench, ("thickness", PLACES), surface, solid)?.into_iter();
-        let sites = walls.map(|(place, wall)| Site {
-            place,
-            tag: wall.thickness as f32,
+    /// Measures it over a surface.
+    pub fn new(
+        context: StageContext,
+        surface: &impl RegionalSurface,
+        solid: SolidGeometry,
+    ) -> Result<Self, RunError> {
+        let walls = walls(context, ("thickness", TARGET_POINTS), surface, solid)?.into_iter();
+        let sites = walls.map(|(position, wall)| Site {
+            position,
+            value: wall.thickness as f32,
         });
-        Ok(Self(Sites::new(sites.collect())))
+        Ok(Self(KdTree::new(sites.collect())))
     }
 
-    /// In the unit of the solid; 0 if no ball is inscribed anywhere.
+    /// The thickness at a point, in the unit of the solid; 0 if no ball is inscribed anywhere.
     pub fn at(&self, p: Vec3) -> f32 {
         let nearest = self.0.nearest_within(p, f64::INFINITY, |_| true);
-        nearest.map_or(0.0, |site| site.tag)
+        nearest.map_or(0.0, |site| site.value)
     }
 }
 
-/// Inscribed balls of one phase over the closed mesh of a solid in memory, enough to tell percentiles.
+/// Inscribed balls of one phase over the closed mesh of a solid in memory, enough for percentiles.
 pub(super) fn sampled_walls(
-    bench: Bench,
+    context: StageContext,
     mesh: &TriMesh,
-    solid: Measured,
+    solid: SolidGeometry,
     phase: Phase,
-) -> Result<Sampled, RunError> {
-    let surface = Whole::new(mesh, solid.lattice, phase);
-    let walls = walls(bench, (phase.stage(), SAMPLES), &surface, solid)?;
+) -> Result<WallSamples, RunError> {
+    let surface = MeshSurface::new(mesh, solid.lattice, phase);
+    let walls = walls(context, (phase.stage(), TARGET_SAMPLES), &surface, solid)?;
     let walls = walls.into_iter().map(|(_, wall)| wall);
-    Ok(Sampled::of(walls.collect()))
+    Ok(WallSamples::of(walls.collect()))
 }
 
-/// Inscribed balls at places on a surface, about so many if it has more points.
+/// Inscribed balls at about `target_count` points of a surface, or at all points if it has fewer.
 fn walls(
-    bench: Bench,
-    (stage, most): (&str, f64),
-    surface: &impl Surface,
-    solid: Measured,
+    context: StageContext,
+    (stage, target_count): (&str, f64),
+    surface: &impl RegionalSurface,
+    solid: SolidGeometry,
 ) -> Result<Vec<(Vec3, Wall)>, RunError> {
-    let Measured {
+    let SolidGeometry {
         lattice,
         active_voxels,
         extent,
     } = solid;
-    // A unit of area crosses 1.5 edges of voxels in the mean, and has a band of both half widths.
-    let points = 1.5 * active_voxels as f64 / (2.0 * bench.half_width);
-    let each = (points / most).ceil().max(1.0) as u64;
+    // A unit of area crosses 1.5 edges of voxels on average, and its band has twice the half width.
+    let points = 1.5 * active_voxels as f64 / (2.0 * context.half_width);
+    let sampling_ratio = (points / target_count).ceil().max(1.0) as u64;
     let h = lattice.voxel_size;
     let mut found = Vec::new();
     let mut wider: Vec<SurfacePoint> = Vec::new();
-    let mut look = |points, places: &[SurfacePoint], edge: f64, radii: [f64; 2]| {
+    let mut measure = |points, sample_points: &[SurfacePoint], edge: f64, radii: [f64; 2]| {
         let mut wider = Vec::new();
-        let balls = balls(bench, (points, edge), places, radii)?;
-        for (place, ball) in places.iter().zip(balls) {
+        let balls = balls(context, (points, edge), sample_points, radii)?;
+        for (point, ball) in sample_points.iter().zip(balls) {
             match ball {
-                Ball::Inscribed(wall) => found.push((place.place, wall)),
-                Ball::Wider => wider.push(*place),
-                Ball::Pierced => {}
+                TouchingBall::Inscribed(wall) => found.push((point.position, wall)),
+                TouchingBall::Wider => wider.push(*point),
+                TouchingBall::Pierced => {}
             }
         }
         Ok::<_, RunError>(wider)
     };
     let regions = surface.regions();
-    bench.progress.stage(stage, Some(regions.len() as u64));
+    context.progress.stage(stage, Some(regions.len() as u64));
     for region in regions {
-        let points = surface.around(region, HALO, 0)?;
-        let is_place = |p: &&SurfacePoint| {
-            let voxel = lattice.voxel(p.place);
-            region.meets(voxel, 1) && rank(voxel) <= u64::MAX / each
+        let points = surface.around(region, FIRST_LEVEL_HALO, 0)?;
+        let is_sample = |p: &&SurfacePoint| {
+            let voxel = lattice.voxel(p.position);
+            region.meets(voxel, 1) && rank(voxel) <= u64::MAX / sampling_ratio
         };
-        let places = || points.par_iter().with_min_len(1 << 12).filter(is_place);
-        let places: Vec<SurfacePoint> = bench.threads.install(|| places().copied().collect());
-        let radii = [h, h * f64::from(WIDEST)];
-        wider.extend(look(points, &places, BIN_EDGES * h, radii)?);
-        bench.progress.advance(1);
+        let sample_points = || points.par_iter().with_min_len(1 << 12).filter(is_sample);
+        let sample_points: Vec<SurfacePoint> = context
+            .threads
+            .install(|| sample_points().copied().collect());
+        let radii = [h, h * f64::from(FIRST_LEVEL_RADIUS)];
+        wider.extend(measure(points, &sample_points, BIN_EDGE_FACTOR * h, radii)?);
+        context.progress.advance(1);
     }
     let mut level = 0;
-    // No ball within it is as wide as the solid is long.
-    while !wider.is_empty() && level < LAST && f64::from(WIDEST << level) < 2.0 * extent {
+    // No inscribed ball is wider than the solid is long.
+    while !wider.is_empty()
+        && level < MAX_LEVEL
+        && f64::from(FIRST_LEVEL_RADIUS << level) < 2.0 * extent
+    {
         level += 1;
         let mut regions: BTreeMap<Coord, (Region, Vec<SurfacePoint>)> = BTreeMap::new();
-        for place in std::mem::take(&mut wider) {
-            let region = surface.region_of(lattice.voxel(place.place), level);
+        for point in std::mem::take(&mut wider) {
+            let region = surface.region_of(lattice.voxel(point.position), level);
             let group = regions.entry(region.min);
-            group.or_insert_with(|| (region, Vec::new())).1.push(place);
+            group.or_insert_with(|| (region, Vec::new())).1.push(point);
         }
-        bench.progress.stage(stage, Some(regions.len() as u64));
-        let radius = h * f64::from(WIDEST << level);
-        for (region, places) in regions.into_values() {
-            let points = surface.around(region, HALO << level, level)?;
-            // Of points ever farther apart.
-            let edge = BIN_EDGES * h * f64::from(1 << level);
-            wider.extend(look(points, &places, edge, [radius; 2])?);
-            bench.progress.advance(1);
+        context.progress.stage(stage, Some(regions.len() as u64));
+        let radius = h * f64::from(FIRST_LEVEL_RADIUS << level);
+        for (region, sample_points) in regions.into_values() {
+            let points = surface.around(region, FIRST_LEVEL_HALO << level, level)?;
+            // The distance between points doubles with each level.
+            let edge = BIN_EDGE_FACTOR * h * f64::from(1 << level);
+            wider.extend(measure(points, &sample_points, edge, [radius; 2])?);
+            context.progress.advance(1);
         }
     }
     Ok(found)
 }
 
-/// The balls at places, with radii from the first to the second, among the points of a surface, which are
-/// looked up in cubes of an edge.
+/// The balls at points of a surface, with start and greatest radius `radii`, searched among `points` in
+/// cubes of the given edge.
 fn balls(
-    bench: Bench,
+    context: StageContext,
     (points, edge): (Vec<SurfacePoint>, f64),
-    places: &[SurfacePoint],
+    sample_points: &[SurfacePoint],
     radii: [f64; 2],
-) -> Result<Vec<Ball>, RunError> {
-    if places.is_empty() {
+) -> Result<Vec<TouchingBall>, RunError> {
+    if sample_points.is_empty() {
         return Ok(Vec::new());
     }
     let all = || {
-        let near = Bins::new(points, edge);
-        let places = places.par_iter().with_min_len(64);
-        let balls = places.map(|place| {
-            if bench.progress.cancelled() {
+        let bins = Bins::new(points, edge);
+        let sample_points = sample_points.par_iter().with_min_len(64);
+        let balls = sample_points.map(|point| {
+            if context.progress.cancelled() {
                 return Err(Cancelled);
             }
-            Ok(ball_at(*place, &near, radii))
+            Ok(ball_at(*point, &bins, radii))
         });
         balls.collect::<Result<_, _>>()
     };
-    Ok(bench.threads.install(all)?)
+    Ok(context.threads.install(all)?)
 }
 
 #[cfg(test)]
@@ -280,20 +302,20 @@ mod tests {
             "druse = 1\n[band]\nvoxel_size = 0.1\n[[op]]\nunion = { sphere = { radius = 1 } }\n";
         let recipe = Recipe::parse(text, &[]).unwrap();
         let threads = Threads::new(1).unwrap();
-        let solid = Measured {
-            lattice: Lattice {
+        let solid = SolidGeometry {
+            lattice: VoxelLattice {
                 origin: Vec3::zeros(),
                 voxel_size: 0.1,
             },
             active_voxels: 0,
             extent: 10.0 * mesh.bounds().size().max(),
         };
-        let bench = Bench::new(&recipe, &threads, &Silent);
-        let walls = sampled_walls(bench, mesh, solid, Phase::Solid).unwrap();
+        let context = StageContext::new(&recipe, &threads, &Silent);
+        let walls = sampled_walls(context, mesh, solid, Phase::Solid).unwrap();
         walls.least().unwrap()
     }
 
-    /// A box of `size`, each face an n x n grid of quads.
+    /// A box of `size` whose faces are n x n grids of quads.
     fn grid_box(size: Vec3, n: u32) -> TriMesh {
         let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
         for axis in 0..3 {
@@ -332,7 +354,7 @@ mod tests {
         assert!((mesh.volume() - 100.0).abs() < 1e-9);
         let wall = least(&mesh);
         assert!((wall.thickness - 1.0).abs() < 0.02, "{wall:?}");
-        assert!((wall.place.z - 0.5).abs() < 0.02);
+        assert!((wall.centre.z - 0.5).abs() < 0.02);
     }
 
     #[test]
@@ -340,6 +362,6 @@ mod tests {
         let mesh = TriMesh::ball(Vec3::new(1.0, 2.0, 3.0), 2.0, 5);
         let wall = least(&mesh);
         assert!((wall.thickness - 4.0).abs() < 0.05, "{wall:?}");
-        assert!((wall.place - Vec3::new(1.0, 2.0, 3.0)).norm() < 0.1);
+        assert!((wall.centre - Vec3::new(1.0, 2.0, 3.0)).norm() < 0.1);
     }
 }

@@ -1,23 +1,25 @@
-//! What fills the scaffold of a recipe: its cells, their weights, their grading.
+//! The tiling of a recipe's scaffold: its cells, their weights and their grading.
 
 use super::cells::facts_by_element;
 use super::error::RunError;
-use super::grading::{Grade, interpolated, mean, nearest, scales, shifts};
-use super::input_files::Inputs;
-use super::palette::{Entry, Fineness, entry};
+use super::grading::{
+    Grade, grade_shifts, interpolated_shift, nearest_grade, node_scales, volume_mean,
+};
+use super::input_files::InputFiles;
+use super::palette::{PaletteCell, TableAccuracy, palette_cell};
 use super::report::Warning;
-use super::round_beams::{self, Round};
-use super::scaffold::Loaded;
-use super::scattered_data::Scatter;
+use super::round_beams::{self, RoundBeams};
+use super::scaffold::LoadedScaffold;
+use super::scattered_data::ScatteredPoints;
 use super::sheets::SheetThickness;
-use super::spatial_value::{Setting, corner_nodes};
+use super::spatial_value::{SpatialContext, corner_nodes};
 use crate::cell::{Cell, Table};
 use crate::field::Field;
 use crate::frame::{CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::recipe::{self, FieldRef, Outside, TilingSection, Varying};
 use crate::tiling::{
-    Blend, CellField, Filling, Interpolation, Member, PathCheck, certify, check_path,
+    Blend, CellField, Filling, Interpolation, Member, TransitionCheck, certify, check_transition,
 };
 use crate::vdb::Session;
 use rayon::prelude::*;
@@ -29,58 +31,59 @@ mod weights;
 pub(super) use cell_weights::CellWeights;
 use thickness::is_metric_sheet;
 
-/// Cells over a scaffold.
-pub(super) struct Fill {
-    pub loaded: Loaded,
-    pub palette: Vec<Entry>,
-    fineness: Fineness,
+/// A scaffold tiled with cells.
+pub(super) struct CellTiling {
+    pub loaded: LoadedScaffold,
+    pub palette: Vec<PaletteCell>,
+    accuracy: TableAccuracy,
     interpolation: Interpolation,
-    /// Where weights and grading are given.
-    places: Vec<Vec3>,
-    /// Which of them count: corners of elements, or places within the scaffold. What is said of the
-    /// others may be nonsense.
+    /// The points at which weights and grading are given.
+    points: Vec<Vec3>,
+    /// Which of these points count: corners of elements, or points inside the scaffold. Values at the
+    /// others may be meaningless.
     counts: Vec<bool>,
-    /// By place and cell; empty for one cell.
+    /// By point and cell; empty for a single cell.
     weights: Vec<f64>,
-    /// By place; empty for none.
+    /// By point; empty without a grading.
     grading: Vec<f64>,
     follow_volume: bool,
-    /// Beams and plates in world space; the palette then holds names only.
-    round: Option<Round>,
+    /// Beams and plates in world space, if the cells are made of them; the palette then holds names
+    /// only.
+    round: Option<RoundBeams>,
     /// The walls of cells that are metric sheets; the palette then holds their mid-surfaces.
     sheets: Option<SheetThickness>,
-    /// Least and greatest thickness asked for, world units.
-    thickness_asked: Option<[f64; 2]>,
-    /// The mean share of its volume that `tiling.volume_fraction` asks for.
-    pub fraction_asked: Option<f64>,
+    /// Least and greatest requested thickness, world units.
+    target_thickness: Option<[f64; 2]>,
+    /// The mean volume fraction that `tiling.volume_fraction` requests.
+    pub target_fraction: Option<f64>,
 }
 
-/// A filling as a run uses it: borrowed from the stock.
-pub(super) enum Filled<'a, C: CellField> {
-    One(&'a C),
-    Many(Box<Blend<'a, C>>),
+/// The content of elements: a single cell, or a blend of cells.
+pub(super) enum ElementContent<'a, C: CellField> {
+    Cell(&'a C),
+    Blend(Box<Blend<'a, C>>),
 }
 
-impl Fill {
-    /// Makes the palette of a recipe and says where which cell is.
+impl CellTiling {
+    /// Makes the palette of a recipe and computes weights and grading.
     pub fn load(
-        inputs: &mut Inputs,
-        loaded: Loaded,
+        files: &mut InputFiles,
+        loaded: LoadedScaffold,
         section: &TilingSection,
         envelope: Option<&MeshSolid>,
         session: Session,
     ) -> Result<Self, RunError> {
-        let is_round = round_beams::is_round(inputs, section)?;
-        let is_sheet = !is_round && is_metric_sheet(inputs.recipe, section)?;
+        let is_round = round_beams::is_round(files, section)?;
+        let is_sheet = !is_round && is_metric_sheet(files.recipe, section)?;
         let mut palette = Vec::new();
-        let fineness = Fineness::new(inputs.recipe, section, &loaded.scaffold);
+        let accuracy = TableAccuracy::new(files.recipe, section, &loaded.scaffold);
         for name in section.cells() {
             if is_round {
-                palette.push(Entry::named(name));
+                palette.push(PaletteCell::named(name));
                 continue;
             }
-            let of_cell = (name, fineness, is_sheet);
-            palette.push(entry(inputs, &loaded.scaffold, of_cell, session)?);
+            let of_cell = (name, accuracy, is_sheet);
+            palette.push(palette_cell(files, &loaded.scaffold, of_cell, session)?);
         }
         let interpolation = match section.interpolation {
             recipe::Interpolation::Linear => Interpolation::Linear,
@@ -91,73 +94,73 @@ impl Fill {
             || !section.assign.is_empty()
             || section.is_graded()
             || is_sheet;
-        let places = if varies {
+        let points = if varies {
             interpolation.places(&loaded.scaffold)
         } else {
             Vec::new()
         };
         let counts = match interpolation {
-            Interpolation::Smooth => places
+            Interpolation::Smooth => points
                 .par_iter()
                 .map(|&p| loaded.scaffold.locate(WorldPoint(p)).is_some())
                 .collect(),
             _ => corner_nodes(&loaded.scaffold),
         };
-        let mut fill = Self {
+        let mut tiling = Self {
             interpolation,
-            places,
+            points,
             counts,
             weights: Vec::new(),
             grading: Vec::new(),
-            // A blend of mid-surfaces has no volume of its own.
+            // A blend of mid-surfaces has no volume.
             follow_volume: section.follow_volume.unwrap_or(true) && !is_sheet,
             sheets: None,
-            thickness_asked: None,
+            target_thickness: None,
             round: None,
             palette,
-            fineness,
+            accuracy,
             loaded,
-            fraction_asked: None,
+            target_fraction: None,
         };
-        let bounds = fill.loaded.scaffold.bounds();
-        let setting = |key: &str| Setting {
+        let bounds = tiling.loaded.scaffold.bounds();
+        let spatial = |key: &str| SpatialContext {
             bounds,
             envelope,
             key: key.to_owned(),
         };
         if !section.transition.is_empty() {
-            fill.weights = fill.shares(inputs, section, &setting)?;
+            tiling.weights = tiling.transition_weights(files, section, &spatial)?;
         } else if !section.assign.is_empty() {
-            fill.weights = fill.assigned(section, &setting)?;
+            tiling.weights = tiling.assigned_weights(section, &spatial)?;
         }
         if is_round {
-            let setting = setting("tiling.thickness");
-            let round = Round::load(inputs, &fill, section, &setting)?;
-            fill.thickness_asked = Some(round.diameters());
-            fill.fraction_asked = round_beams::fraction(inputs.recipe, section);
-            fill.round = Some(round);
-            return Ok(fill);
+            let spatial = spatial("tiling.thickness");
+            let round = RoundBeams::load(files, &tiling, section, &spatial)?;
+            tiling.target_thickness = Some(round.diameters());
+            tiling.target_fraction = round_beams::fraction(files.recipe, section);
+            tiling.round = Some(round);
+            return Ok(tiling);
         }
         if is_sheet {
-            let sheets = fill.sheet_thickness(inputs, section, &setting)?;
-            fill.thickness_asked = Some(sheets.range());
-            fill.sheets = Some(sheets);
+            let sheets = tiling.sheet_thickness(files, section, &spatial)?;
+            tiling.target_thickness = Some(sheets.range());
+            tiling.sheets = Some(sheets);
         } else {
-            fill.grade(inputs, section, &setting)?;
+            tiling.grade(files, section, &spatial)?;
         }
-        // Mid-surfaces part space, they are no solids.
-        if fill.palette.len() > 1 && fill.sheets.is_none() {
-            fill.look_along(inputs)?;
+        // Mid-surfaces divide space and are not solids.
+        if tiling.palette.len() > 1 && tiling.sheets.is_none() {
+            tiling.check_transitions(files)?;
         }
-        Ok(fill)
+        Ok(tiling)
     }
 
-    /// Values at the places. What is beyond the scaffold need not be defined: a field that does not
-    /// reach there counts as going on.
+    /// Values at the points. Points outside the scaffold need no defined value: a field that does not
+    /// reach them takes the nearest value.
     fn values(
         &self,
-        inputs: &mut Inputs,
-        setting: &Setting,
+        files: &mut InputFiles,
+        spatial: &SpatialContext,
         varying: &Varying,
     ) -> Result<Vec<f64>, RunError> {
         match varying {
@@ -165,19 +168,19 @@ impl Fill {
                 if field.outside == Some(Outside::Error)
                     && self.interpolation == Interpolation::Smooth =>
             {
-                setting.values(inputs, varying, self.loaded.scaffold.nodes())?;
+                spatial.values(files, varying, self.loaded.scaffold.nodes())?;
                 let on = FieldRef {
                     outside: Some(Outside::Nearest),
                     ..field.clone()
                 };
-                setting.values(inputs, &Varying::Field(on), &self.places)
+                spatial.values(files, &Varying::Field(on), &self.points)
             }
-            _ => setting.values(inputs, varying, &self.places),
+            _ => spatial.values(files, varying, &self.points),
         }
     }
 
-    /// Values at the places from those at the nodes.
-    fn at_places(&self, values: Vec<f64>) -> Vec<f64> {
+    /// Values at the points, from those at the nodes.
+    fn at_points(&self, values: Vec<f64>) -> Vec<f64> {
         if self.interpolation != Interpolation::Smooth {
             return values;
         }
@@ -186,17 +189,17 @@ impl Fill {
         let corners = (0..values.len()).filter(|&n| is_corner[n]);
         let (points, own): (Vec<Vec3>, Vec<f64>) =
             corners.map(|n| (scaffold.nodes()[n], values[n])).unzip();
-        let scatter = Scatter::new(&points);
-        let mean = |p: &Vec3| scatter.mean(*p, &own).unwrap_or_default();
-        self.places.par_iter().map(mean).collect()
+        let corner_points = ScatteredPoints::new(&points);
+        let mean_at = |p: &Vec3| corner_points.mean(*p, &own).unwrap_or_default();
+        self.points.par_iter().map(mean_at).collect()
     }
 
-    /// Turns a graded level, volume fraction or thickness into shifts at the places.
+    /// Converts a graded level, volume fraction or thickness to level shifts at the points.
     fn grade<'s>(
         &mut self,
-        inputs: &mut Inputs,
+        files: &mut InputFiles,
         section: &TilingSection,
-        setting: &dyn Fn(&str) -> Setting<'s>,
+        spatial: &dyn Fn(&str) -> SpatialContext<'s>,
     ) -> Result<(), RunError> {
         let (key, varying): (&str, &Varying) = match section {
             TilingSection { level: Some(v), .. } => ("tiling.level", v),
@@ -209,23 +212,24 @@ impl Fill {
             } => ("tiling.thickness", v),
             _ => return Ok(()),
         };
-        let mut values = self.values(inputs, &setting(key), varying)?;
+        let mut values = self.values(files, &spatial(key), varying)?;
         if key == "tiling.thickness" {
             let used = (0..values.len()).filter(|&n| self.counts[n]);
-            let asked = used.map(|n| [values[n]; 2]);
-            self.thickness_asked = asked.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
-            // In reference lengths: over the scale that is continuous whatever the elements' sizes.
+            let targets = used.map(|n| [values[n]; 2]);
+            self.target_thickness = targets.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
+            // Converted to reference lengths by a scale that is continuous over elements of different
+            // sizes.
             let shape = self.palette[0].cells[0].element();
-            let scales = self.at_places(scales(&self.loaded.scaffold, shape));
+            let scales = self.at_points(node_scales(&self.loaded.scaffold, shape));
             for (v, s) in values.iter_mut().zip(scales) {
                 *v /= s;
             }
         }
-        let smooth = self.interpolation == Interpolation::Smooth;
+        let is_smooth = self.interpolation == Interpolation::Smooth;
         if key == "tiling.volume_fraction" {
-            self.fraction_asked = match varying {
-                Varying::Number(asked) => Some(*asked),
-                _ => (!smooth).then(|| mean(&self.loaded.scaffold, &values)),
+            self.target_fraction = match varying {
+                Varying::Number(target) => Some(*target),
+                _ => (!is_smooth).then(|| volume_mean(&self.loaded.scaffold, &values)),
             };
         }
         let count = self.palette.len();
@@ -239,7 +243,8 @@ impl Fill {
                 }
                 None => 1.0,
             };
-            let used = (0..values.len()).filter(|&n| (smooth || self.counts[n]) && weight(n) > 0.0);
+            let used =
+                (0..values.len()).filter(|&n| (is_smooth || self.counts[n]) && weight(n) > 0.0);
             let used: Vec<usize> = used.collect();
             let own = used.iter().map(|&n| values[n]);
             let range = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
@@ -248,37 +253,38 @@ impl Fill {
             if used.is_empty() {
                 continue;
             }
-            let grades = shifts(entry, key, range)?;
+            let grades = grade_shifts(entry, key, range)?;
             for &n in &used {
-                grading[n] += weight(n) * interpolated(&grades, values[n]);
+                grading[n] += weight(n) * interpolated_shift(&grades, values[n]);
             }
-            self.warn_of_missed(inputs, entry, &grades, (&used, &values))?;
+            self.warn_of_missed_thickness(files, entry, &grades, (&used, &values))?;
         }
         self.grading = grading;
         Ok(())
     }
 
-    /// Warns where no level of a cell gives the thickness asked for, in reference lengths at places.
-    fn warn_of_missed(
+    /// Warns where no level of a cell gives the requested thickness; values are in reference lengths.
+    fn warn_of_missed_thickness(
         &self,
-        inputs: &mut Inputs,
-        entry: &Entry,
+        files: &mut InputFiles,
+        entry: &PaletteCell,
         grades: &[Grade],
         (used, values): (&[usize], &[f64]),
     ) -> Result<(), RunError> {
-        let missed = |n: &&usize| nearest(grades, values[**n]).is_some_and(|g| g.nearest.is_some());
+        let missed =
+            |n: &&usize| nearest_grade(grades, values[**n]).is_some_and(|g| g.nearest.is_some());
         let count = used.iter().filter(missed).count();
         let Some(&first) = used.iter().find(missed) else {
             return Ok(());
         };
-        let Some(found) = nearest(grades, values[first]).and_then(|g| g.nearest) else {
+        let Some(found) = nearest_grade(grades, values[first]).and_then(|g| g.nearest) else {
             return Ok(());
         };
-        let p = self.places[first];
+        let p = self.points[first];
         let message = format!(
-            "tiling.thickness: cell.{} has no level of the thickness asked for at {count} of {} places, \
-             first at ({:.4}, {:.4}, {:.4}), where {found:.3} edge lengths are nearest to {:.3}; parts of \
-             the solid merge in between: ask for another thickness there, or use a sheet or a graph",
+            "tiling.thickness: cell.{} has no level for the requested thickness at {count} of {} points, \
+             first at ({:.4}, {:.4}, {:.4}), where {found:.3} edge lengths are nearest to {:.3}, because parts of \
+             the solid merge in between; request another thickness there, or use a sheet or a graph",
             entry.name,
             used.len(),
             p.x,
@@ -286,35 +292,37 @@ impl Fill {
             p.z,
             values[first]
         );
-        inputs.warn(Warning::THICKNESS, message)
+        files.warn(Warning::THICKNESS, message)
     }
 
-    /// The walls of cells that are metric sheets; none for other solids.
+    /// The walls of cells that are metric sheets, if they are.
     pub fn sheets(&self) -> Option<&SheetThickness> {
         self.sheets.as_ref()
     }
 
-    /// Least and greatest thickness asked for, world units; `None` where none is.
-    pub fn thickness_asked(&self) -> Option<[f64; 2]> {
-        self.thickness_asked
+    /// Least and greatest requested thickness, world units; `None` if none is requested.
+    pub fn target_thickness(&self) -> Option<[f64; 2]> {
+        self.target_thickness
     }
 
-    /// How numbers go on between the places where they are given.
+    /// The interpolation of values between the points.
     pub fn interpolation(&self) -> Interpolation {
         self.interpolation
     }
 
-    /// Warns where the solid falls apart between two cells of a transition.
-    fn look_along(&self, inputs: &mut Inputs) -> Result<(), RunError> {
+    /// Warns of transitions between two cells along which the solid becomes disconnected.
+    fn check_transitions(&self, files: &mut InputFiles) -> Result<(), RunError> {
         let blend = self.blend(|e| e.tables.iter().collect())?;
         let shape = self.loaded.scaffold.shapes()[0];
         let count = self.palette.len();
-        // For i < j the weight of j at which the solid is not connected.
+        // For i < j: the weight of j at which the solid is disconnected.
         let mut breaks = vec![vec![None; count]; count];
         for i in 0..count {
             for j in i + 1..count {
                 let operators = self.palette[i].cells[0].operators();
-                if let PathCheck::Broken { weight } = check_path(&blend, shape, operators, i, j) {
+                if let TransitionCheck::Broken { weight } =
+                    check_transition(&blend, shape, operators, i, j)
+                {
                     breaks[i][j] = Some(weight);
                 }
             }
@@ -325,31 +333,34 @@ impl Fill {
                 let Some(weight) = broken(i, j) else { continue };
                 let [a, b] = [i, j].map(|n| &self.palette[n].name);
                 let others = || (0..count).filter(|&k| k != i && k != j);
-                // Of two cells one may be in pieces by itself: then it breaks with all others, too.
-                let loose = match weight {
+                // One of the two cells may be disconnected itself; then it breaks with all others.
+                let disconnected = match weight {
                     0.0 => Some((a, j)),
                     1.0 => Some((b, i)),
                     _ => None,
                 };
-                let advice = match loose {
+                let advice = match disconnected {
                     None => match others().find(|&k| broken(i, k).or(broken(k, j)).is_none()) {
                         Some(k) => format!("pass through {:?}", self.palette[k].name),
-                        None => "put a cell between them that is like both".into(),
+                        None => "insert a cell between them that resembles both".into(),
                     },
-                    Some((own, sound)) => {
-                        let instead = others().find(|&k| broken(k, sound).is_none());
+                    Some((own, connected)) => {
+                        let instead = others().find(|&k| broken(k, connected).is_none());
                         let instead = instead.map_or(String::new(), |k| {
-                            format!(", or pass from {:?}, which is not", self.palette[k].name)
+                            format!(
+                                ", or pass from {:?}, which is connected",
+                                self.palette[k].name
+                            )
                         });
                         format!(
-                            "{own:?} is in pieces by itself: raise its level or volume fraction{instead}"
+                            "{own:?} itself is not connected: raise its level or volume fraction{instead}"
                         )
                     }
                 };
                 let message = format!(
                     "tiling: from {a:?} to {b:?} the solid is not connected at weight {weight}; {advice}"
                 );
-                inputs.warn(Warning::TRANSITION, message)?;
+                files.warn(Warning::TRANSITION, message)?;
             }
         }
         Ok(())
@@ -357,7 +368,7 @@ impl Fill {
 
     fn blend<'a, C: CellField>(
         &'a self,
-        cells: impl Fn(&'a Entry) -> Vec<&'a C>,
+        cells: impl Fn(&'a PaletteCell) -> Vec<&'a C>,
     ) -> Result<Blend<'a, C>, RunError> {
         let scaffold = &self.loaded.scaffold;
         let members = self.palette.iter().map(|entry| Member {
@@ -376,46 +387,46 @@ impl Fill {
             blend = blend.graded(self.grading.clone()).map_err(failed)?;
         }
         if self.follow_volume && self.palette.len() > 1 {
-            blend = blend.with_volumes_followed();
+            blend = blend.with_interpolated_volumes();
         }
         Ok(blend)
     }
 
-    fn filled<'a, C: CellField>(
+    fn content<'a, C: CellField>(
         &'a self,
-        cells: impl Fn(&'a Entry) -> Vec<&'a C>,
-    ) -> Result<Filled<'a, C>, RunError> {
-        let single = self.palette.len() == 1 && self.grading.is_empty();
+        cells: impl Fn(&'a PaletteCell) -> Vec<&'a C>,
+    ) -> Result<ElementContent<'a, C>, RunError> {
+        let is_single_cell = self.palette.len() == 1 && self.grading.is_empty();
         let own = cells(&self.palette[0]);
-        if let (true, [cell]) = (single, &own[..]) {
-            return Ok(Filled::One(cell));
+        if let (true, [cell]) = (is_single_cell, &own[..]) {
+            return Ok(ElementContent::Cell(cell));
         }
-        Ok(Filled::Many(Box::new(self.blend(cells)?)))
+        Ok(ElementContent::Blend(Box::new(self.blend(cells)?)))
     }
 
-    /// The filling by tables, as runs evaluate it.
-    pub fn tabulated(&self) -> Result<Filled<'_, Table>, RunError> {
-        self.filled(|e| e.tables.iter().collect())
+    /// The cells as tables, as runs evaluate them.
+    pub fn tabulated(&self) -> Result<ElementContent<'_, Table>, RunError> {
+        self.content(|e| e.tables.iter().collect())
     }
 
-    /// The filling by the cells' series.
-    pub fn exact(&self) -> Result<Filled<'_, Cell>, RunError> {
-        self.filled(|e| e.cells.iter().collect())
+    /// The cells as exact series.
+    pub fn exact(&self) -> Result<ElementContent<'_, Cell>, RunError> {
+        self.content(|e| e.cells.iter().collect())
     }
 
-    /// Beams and plates in world space, where the cells are made of them.
-    pub fn round(&self) -> Option<&Round> {
+    /// Beams and plates in world space, if the cells are made of them.
+    pub fn round(&self) -> Option<&RoundBeams> {
         self.round.as_ref()
     }
 
-    /// What a report says of each cell.
+    /// The report's entry for each cell.
     pub fn facts(&self) -> impl Iterator<Item = (String, serde_json::Value)> + '_ {
         self.palette.iter().map(|entry| {
             if let Some(round) = &self.round {
                 return (entry.name.clone(), round.facts());
             }
             let mut facts = facts_by_element(&entry.cells);
-            let tables = entry.tables.iter().map(|t| self.fineness.facts(t));
+            let tables = entry.tables.iter().map(|t| self.accuracy.facts(t));
             facts["tables"] = tables.collect();
             if let Some(sheets) = &self.sheets {
                 facts["solid"] = if sheets.is_inverted() {
@@ -432,11 +443,11 @@ impl Fill {
         })
     }
 
-    /// Memory of all tables, or of all beams.
+    /// Memory of all tables and beams, bytes.
     pub fn table_bytes(&self) -> u64 {
         let tables = self.palette.iter().flat_map(|entry| &entry.tables);
         let tables: u64 = tables.map(|t| t.bytes() as u64).sum();
-        tables + self.round.as_ref().map_or(0, Round::bytes)
+        tables + self.round.as_ref().map_or(0, RoundBeams::bytes)
     }
 
     /// The continuity over all shared faces.
@@ -446,26 +457,26 @@ impl Fill {
             return Ok(certify(scaffold, &round.in_elements(scaffold)));
         }
         Ok(match self.tabulated()? {
-            Filled::One(table) => certify(scaffold, table),
-            Filled::Many(blend) => certify(scaffold, &*blend),
+            ElementContent::Cell(table) => certify(scaffold, table),
+            ElementContent::Blend(blend) => certify(scaffold, &*blend),
         })
     }
 }
 
-impl<C: CellField> Filled<'_, C> {
+impl<C: CellField> ElementContent<'_, C> {
     /// Value and gradient in the cell frame.
     pub fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3) {
         match self {
-            Self::One(cell) => Field::value_and_gradient(*cell, xi),
-            Self::Many(blend) => Filling::value_and_gradient(&**blend, element, xi),
+            Self::Cell(cell) => Field::value_and_gradient(*cell, xi),
+            Self::Blend(blend) => Filling::value_and_gradient(&**blend, element, xi),
         }
     }
 
     /// Weights of the cells at a point.
     pub fn weights(&self, element: usize, xi: CellPoint<3>) -> Vec<f64> {
         match self {
-            Self::One(_) => vec![1.0],
-            Self::Many(blend) => blend.weights(element, xi),
+            Self::Cell(_) => vec![1.0],
+            Self::Blend(blend) => blend.weights(element, xi),
         }
     }
 }

@@ -1,11 +1,12 @@
-//! A USD scene beside a `.vdb`: one Volume whose fields are the file's grids.
+//! USD scenes beside `.vdb` files: one Volume whose fields are the file's grids.
 
 use crate::frame::{Aabb, LengthUnit};
 use crate::recipe::GridWord;
 use std::fmt::Write;
 use std::path::Path;
 
-/// The text of the scene; `bounds` in the file's unit, the path beside it.
+/// The text of the scene of a volume file; `bounds` is in the file's unit. The scene refers to the file
+/// by its name.
 pub(super) fn scene(volume: &Path, unit: LengthUnit, bounds: Aabb, grids: &[String]) -> String {
     let file = volume.file_name().unwrap_or_default().to_string_lossy();
     let prim = identifier(&volume.file_stem().unwrap_or_default().to_string_lossy());
@@ -44,10 +45,10 @@ pub(super) fn scene(volume: &Path, unit: LengthUnit, bounds: Aabb, grids: &[Stri
     text
 }
 
-/// A name as USD allows it: letters, digits and underscores, not beginning with a digit.
+/// A valid USD identifier: letters, digits and underscores, without a leading digit.
 fn identifier(name: &str) -> String {
-    let fit = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
-    let text: String = name.chars().map(fit).collect();
+    let valid_char = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+    let text: String = name.chars().map(valid_char).collect();
     match text.chars().next() {
         Some(c) if !c.is_ascii_digit() => text,
         _ => format!("_{text}"),

@@ -1,31 +1,33 @@
-//! Grids of OpenVDB files that a run reads: solids to combine with, masks, and the solid it starts from.
+//! Grids of OpenVDB files that a run reads: operands, masks, and the initial solid.
 
 use super::error::RunError;
-use super::input_files::Inputs;
+use super::input_files::InputFiles;
 use super::report::Warning;
 use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Grid, Mask, Onto, Op, Operand, Recipe, Scale, Similarity};
 use crate::vdb::subprocess::Program;
-use crate::vdb::{Cubes, FileError, GridReading, LevelSet, Placement, Sampled, Session, Volume};
+use crate::vdb::{
+    Cubes, FileError, GridReading, LevelSet, Placement, SampledLevelSet, Session, Volume,
+};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What has been read, by the operation's key `op.N`.
+/// The grids, by the operation's key `op.N`.
 #[derive(Default)]
 pub(super) struct Volumes {
-    solids: BTreeMap<String, Sampled>,
+    solids: BTreeMap<String, SampledLevelSet>,
     masks: BTreeMap<String, Volume>,
-    start: Option<LevelSet>,
+    initial: Option<LevelSet>,
 }
 
 impl Volumes {
     pub fn load(
-        inputs: &mut Inputs,
+        files: &mut InputFiles,
         threads: &Threads,
         progress: &dyn Progress,
     ) -> Result<Self, RunError> {
-        let recipe = inputs.recipe;
+        let recipe = files.recipe;
         let mut found = Self::default();
         let session = Session::new(threads, progress);
         for (n, op) in recipe.sections().op.iter().enumerate() {
@@ -33,13 +35,13 @@ impl Volumes {
             if let Some(mask) = op.mask() {
                 let path = recipe.resolve(&mask.path);
                 let volume =
-                    fetch(inputs.reader, &path, mask.grid.as_deref())?.whole_cubes(&path)?;
+                    fetch(files.reader, &path, mask.grid.as_deref())?.require_cubes(&path)?;
                 let factor = unit_of(&volume, mask.unit.map(|u| u.0)).to(recipe.unit());
                 let stage = format!("{key}.{}.mask", op.name());
                 let volume = volume
                     .rescaled(factor)
                     .map_err(RunError::level_set(&stage))?;
-                inputs.record(&stage, &path, Aabb::EMPTY)?;
+                files.record(&stage, &path, Aabb::EMPTY)?;
                 found.masks.insert(key.clone(), volume);
             }
             let Some(Operand::Vdb(grid)) = op.operand() else {
@@ -48,55 +50,55 @@ impl Volumes {
             let path = recipe.resolve(&grid.path);
             let stage = format!("{key}.{}.vdb", op.name());
             let name = grid.grid.as_deref();
-            let opened = inputs.opened.and_then(|o| o.take(&path, name));
+            let opened = files.opened.and_then(|o| o.take(&path, name));
             let volume = match opened {
                 Some(volume) => volume,
-                None => fetch(inputs.reader, &path, name)?,
+                None => fetch(files.reader, &path, name)?,
             };
             let unit = unit_of(&volume, grid.unit.map(|u| u.0));
             let own = placement(&grid.transform, unit.to(recipe.unit()));
             let failed = RunError::level_set(&stage);
-            // The operation that follows may ask for other voxels as well as the grid's own key.
+            // The grid's own key or a following `resample` may request other voxels.
             let is_resampled = matches!(recipe.sections().op.get(n + 1), Some(Op::Resample(_)));
-            let how = reading(recipe, grid, own.scale, is_resampled);
-            let adopted = volume.solid(&path, &how, session)?;
+            let options = reading(recipe, grid, own.scale, is_resampled);
+            let adopted = volume.solid(&path, &options, session)?;
             for note in adopted.notes {
                 let name = name.map_or_else(String::new, |n| format!(", grid {n:?}"));
                 let message = format!("{stage}: {}{name}: {note}", path.display());
-                inputs.warn(Warning::GRID, message)?;
+                files.warn(Warning::GRID, message)?;
             }
             let mut solid = adopted.solid;
-            if how.value.is_none() {
-                solid.even_band(session).map_err(&failed)?;
+            if options.value.is_none() {
+                solid.rebuild_narrow_side(session).map_err(&failed)?;
             }
             let starts = n == 0
                 && recipe.sections().scaffold.is_none()
                 && matches!(op, Op::Union(_))
-                && own == Placement::NONE
+                && own == Placement::IDENTITY
                 && has_voxels(&solid, recipe);
             if starts {
-                inputs.record(&stage, &path, solid.bounds().map_err(&failed)?)?;
-                found.start = Some(solid);
+                files.record(&stage, &path, solid.bounds().map_err(&failed)?)?;
+                found.initial = Some(solid);
                 continue;
             }
             let scale = recipe.scale();
-            compare_voxels(inputs, grid, &solid, &stage, own.scale)?;
-            let solid = solid.no_finer_than(scale.voxel_size / own.scale, session);
+            compare_voxels(files, grid, &solid, &stage, own.scale)?;
+            let solid = solid.coarsened_to(scale.voxel_size / own.scale, session);
             let solid = solid.map_err(&failed)?;
             let reach = recipe.sections().band.half_width.0 * scale.voxel_size;
-            let field = Sampled::new(solid, reach, own, session).map_err(&failed)?;
-            inputs.record(&stage, &path, field.bounds())?;
+            let field = SampledLevelSet::new(solid, reach, own, session).map_err(&failed)?;
+            files.record(&stage, &path, field.bounds())?;
             found.solids.insert(key, field);
         }
         Ok(found)
     }
 
     /// The solid of an operation, by its key `op.N`.
-    pub fn solid(&self, key: &str) -> &Sampled {
+    pub fn solid(&self, key: &str) -> &SampledLevelSet {
         &self.solids[key]
     }
 
-    /// Where an operation acts, by its key `op.N`.
+    /// The mask of an operation, by its key `op.N`.
     pub fn mask(&self, key: &str, mask: &Mask) -> crate::vdb::Mask<'_> {
         crate::vdb::Mask {
             by: &self.masks[key],
@@ -105,18 +107,19 @@ impl Volumes {
         }
     }
 
-    /// The level set that the first operation begins with, untouched: no scaffold, and its own voxels.
+    /// The level set of a file that the run starts from unchanged: without a scaffold, and on the
+    /// recipe's voxels.
     pub fn start(&self) -> Option<&LevelSet> {
-        self.start.as_ref()
+        self.initial.as_ref()
     }
 
-    /// Gives it away.
+    /// Moves it out.
     pub fn take_start(&mut self) -> Option<LevelSet> {
-        self.start.take()
+        self.initial.take()
     }
 }
 
-/// A grid of floats, by way of a child process where there is one.
+/// Reads a grid of floats, in a child process if there is one.
 pub(super) fn fetch(
     reader: Option<&Program>,
     path: &Path,
@@ -128,13 +131,13 @@ pub(super) fn fetch(
     }
 }
 
-/// The unit of a file's lengths: as told, by its own word, or metres.
-pub(super) fn unit_of(volume: &Volume, told: Option<LengthUnit>) -> LengthUnit {
+/// The unit of a file's lengths: as requested, from the file's tag, or metres.
+pub(super) fn unit_of(volume: &Volume, requested: Option<LengthUnit>) -> LengthUnit {
     let own = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
-    told.or_else(own).unwrap_or(LengthUnit::Metre)
+    requested.or_else(own).unwrap_or(LengthUnit::Metre)
 }
 
-/// How the grid of an operation is read, where a length of the file is `scale` lengths of the recipe.
+/// How the grid of an operation is read; `scale` converts lengths of the file to the recipe's unit.
 fn reading(recipe: &Recipe, grid: &Grid, scale: f64, is_resampled: bool) -> GridReading {
     let own = recipe.scale();
     let edge = match grid.resample {
@@ -153,43 +156,43 @@ fn reading(recipe: &Recipe, grid: &Grid, scale: f64, is_resampled: bool) -> Grid
 }
 
 fn placement(similarity: &Similarity, factor: f64) -> Placement {
-    let (matrix, shift) = similarity.matrix();
+    let (matrix, translation) = similarity.matrix();
     let scale = similarity.scale.0;
     Placement {
         scale: scale * factor,
-        turn: matrix / scale,
-        shift,
+        rotation: matrix / scale,
+        translation,
     }
 }
 
-/// Whether a level set stands on the voxels that the recipe asks for.
+/// Whether a level set has the recipe's voxels and band.
 fn has_voxels(solid: &LevelSet, recipe: &Recipe) -> bool {
     let h = recipe.scale().voxel_size;
     let width = recipe.sections().band.half_width.0;
     (solid.voxel_size() - h).abs() <= 1e-9 * h && (solid.half_width() - width).abs() <= 1e-4
 }
 
-/// W111: voxels that are not the recipe's are resampled; refused where the operation asks for it.
+/// W111: other voxels than the recipe's are resampled; an error if the operation requires equal ones.
 fn compare_voxels(
-    inputs: &mut Inputs,
+    files: &mut InputFiles,
     grid: &Grid,
     solid: &LevelSet,
     stage: &str,
     factor: f64,
 ) -> Result<(), RunError> {
-    let scale: Scale = inputs.recipe.scale();
+    let scale: Scale = files.recipe.scale();
     let own = solid.voxel_size() * factor;
     if (own - scale.voxel_size).abs() <= 1e-6 * scale.voxel_size {
         return Ok(());
     }
-    let (found, wanted) = (
-        super::error::short(own),
-        super::error::short(scale.voxel_size),
+    let (found, expected) = (
+        super::error::short_number(own),
+        super::error::short_number(scale.voxel_size),
     );
     let unit = scale.unit;
-    let message = format!("{stage}: voxels of {found} {unit}, the recipe's are {wanted} {unit}");
+    let message = format!("{stage}: voxels of {found} {unit}, the recipe's are {expected} {unit}");
     if grid.same_voxels {
-        return Err(RunError::Voxels(message));
+        return Err(RunError::VoxelMismatch(message));
     }
     if grid.resample.is_some_and(Onto::is_wanted) {
         return Ok(());
@@ -199,12 +202,12 @@ fn compare_voxels(
     let note = if size < scale.voxel_size {
         format!(
             "; all of it spans {} {unit}, less than a voxel: is its unit right?",
-            super::error::short(size)
+            super::error::short_number(size)
         )
     } else {
         String::new()
     };
-    inputs.warn(Warning::RESAMPLED, format!("{message}: resampled{note}"))
+    files.warn(Warning::RESAMPLED, format!("{message}: resampled{note}"))
 }
 
 /// The placement of `[[op]] resample`.
@@ -215,7 +218,7 @@ pub(super) fn resample_placement(op: &crate::recipe::Resample, scale: Scale) -> 
         ..Similarity::default()
     };
     Placement {
-        shift: Vec3::from(op.translate.map(|l| l.resolve(scale))),
+        translation: Vec3::from(op.translate.map(|l| l.resolve(scale))),
         ..placement(&similarity, 1.0)
     }
 }

@@ -1,14 +1,14 @@
-//! The voxels that a solid lies on, and its way to others.
+//! The voxels of a solid, and resampling onto other voxels.
 
-use super::inputs::Stock;
+use super::inputs::Inputs;
 use super::volumes::resample_placement;
 use crate::recipe::{Resample, Scale};
-use crate::vdb::{MOST_FINER, Placement};
+use crate::vdb::{MAX_REFINEMENT_RATIO, Placement};
 
-/// Voxels beside a point that its value is made of, where a level set is resampled.
-pub(super) const PARABOLA: f64 = 2.0;
+/// Reach of the interpolation of a resampled level set, voxels.
+pub(super) const INTERPOLATION_REACH: f64 = 2.0;
 
-/// Voxels, and the band on them.
+/// The size of voxels and the half width of the band.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Voxels {
     pub scale: Scale,
@@ -16,7 +16,7 @@ pub(super) struct Voxels {
     pub half_width: f64,
 }
 
-/// The way of a solid to other voxels.
+/// A resampling from some voxels to others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Resampling {
     pub placement: Placement,
@@ -25,20 +25,20 @@ pub(super) struct Resampling {
 }
 
 impl Voxels {
-    /// Those that a solid is sampled on.
-    pub fn first(stock: &Stock) -> Self {
+    /// The voxels that a solid is sampled on first.
+    pub fn first(inputs: &Inputs) -> Self {
         Self {
-            scale: stock.recipe.scale(),
-            half_width: stock.recipe.sections().band.half_width.0,
+            scale: inputs.recipe.scale(),
+            half_width: inputs.recipe.sections().band.half_width.0,
         }
     }
 
-    /// How an operation resamples. Voxels much finer than the new ones are doubled before: a band as wide as
-    /// the new one would be too many of them.
-    pub fn ways(self, op: &Resample) -> Vec<Resampling> {
-        let mut last = self.way(op);
+    /// The steps of a `resample` operation. Voxels much finer than the target are coarsened in factors
+    /// of two first: otherwise the old band would have to be widened to too many voxels.
+    pub fn resampling_steps(self, op: &Resample) -> Vec<Resampling> {
+        let mut last = self.resampling(op);
         let mut all = Vec::new();
-        while last.factor() >= MOST_FINER {
+        while last.factor() >= MAX_REFINEMENT_RATIO {
             let double = last.from.coarser();
             last.from = double.to;
             all.push(double);
@@ -47,12 +47,12 @@ impl Voxels {
         all
     }
 
-    /// Where an operation resamples to.
+    /// The voxels after a `resample` operation.
     pub fn resampled(self, op: &Resample) -> Self {
-        self.way(op).to
+        self.resampling(op).to
     }
 
-    fn way(self, op: &Resample) -> Resampling {
+    fn resampling(self, op: &Resample) -> Resampling {
         let edge = op.voxel_size.map(|size| size.resolve(self.scale));
         let voxel_size = edge.unwrap_or(self.scale.voxel_size);
         Resampling {
@@ -68,11 +68,11 @@ impl Voxels {
         }
     }
 
-    /// The same solid on voxels of twice the edge.
+    /// The resampling onto voxels of twice the edge.
     pub fn coarser(self) -> Resampling {
         let voxel_size = 2.0 * self.scale.voxel_size;
         Resampling {
-            placement: Placement::NONE,
+            placement: Placement::IDENTITY,
             from: self,
             to: Self {
                 scale: Scale {
@@ -86,30 +86,30 @@ impl Voxels {
 }
 
 impl Resampling {
-    /// Edge of a new voxel in old ones.
+    /// Edge of a new voxel, in old voxels.
     pub fn factor(&self) -> f64 {
         self.to.scale.voxel_size / (self.from.scale.voxel_size * self.placement.scale)
     }
 
-    /// Half width that the old band is widened to, voxels.
-    pub fn wanted(&self) -> f64 {
-        (self.to.half_width * self.factor() + PARABOLA).max(self.from.half_width)
+    /// Half width that the old band must be widened to, voxels.
+    pub fn source_half_width(&self) -> f64 {
+        (self.to.half_width * self.factor() + INTERPOLATION_REACH).max(self.from.half_width)
     }
 
-    /// How many times as many leaves the old band has then.
+    /// Number of leaves of the widened old band over that of the old band.
     pub fn growth(&self) -> f64 {
-        growth(self.from.half_width, self.wanted())
+        growth(self.from.half_width, self.source_half_width())
     }
 
-    /// How many times as many leaves the new band has as the old one: the surface is as large.
-    pub fn leaves(&self) -> f64 {
+    /// Number of leaves of the new band over that of the old band.
+    pub fn leaf_ratio(&self) -> f64 {
         self.factor().powi(-2) * growth(self.from.half_width, self.to.half_width)
     }
 }
 
-/// How many times as many leaves a band has whose half width (voxels) is another: it meets a leaf's width
-/// more of them than it is wide.
+/// Number of leaves of a band over that of a band of another half width (voxels). A band of width w
+/// meets w plus a leaf's width of leaves.
 fn growth(from: f64, to: f64) -> f64 {
-    const LEAF: f64 = 7.0;
-    (2.0 * to + LEAF) / (2.0 * from + LEAF)
+    const LEAF_WIDTH: f64 = 7.0;
+    (2.0 * to + LEAF_WIDTH) / (2.0 * from + LEAF_WIDTH)
 }

@@ -387,12 +387,12 @@ fn large_enough(sections: &Sections, unit: LengthUnit, key: &str, source: &Sourc
     };
     let voxel = sections.band.voxel_size.resolve(scale) * own.to(unit);
     // What is no size at all is refused elsewhere.
-    if voxel >= Transform::LEAST_VOXEL || voxel.is_nan() {
+    if voxel >= Transform::MIN_VOXEL_SIZE || voxel.is_nan() {
         return Ok(());
     }
     let found = format!(
         "a voxel of {voxel:e} {unit}; OpenVDB holds none under {:e}",
-        Transform::LEAST_VOXEL
+        Transform::MIN_VOXEL_SIZE
     );
     Err(source
         .fault(key, found)

@@ -106,20 +106,23 @@ fn linear<T: Number>(a: &[f64; 8], xi: [T; 3]) -> Row<T> {
 /// Value and derivatives by x and y of a layer.
 #[inline(always)]
 fn bilinear<T: Number>([a, b, c, d]: [f64; 4], [x, y, _]: [T; 3]) -> (T, T, T) {
-    let (low, high) = (x.fused(x.like(b), x.like(a)), x.fused(x.like(d), x.like(c)));
-    (y.fused(high, low), y.fused(x.like(d), x.like(b)), high)
+    let (low, high) = (
+        x.fused(x.splat(b), x.splat(a)),
+        x.fused(x.splat(d), x.splat(c)),
+    );
+    (y.fused(high, low), y.fused(x.splat(d), x.splat(b)), high)
 }
 
 #[inline(always)]
 fn simplex<T: Number>(a: &[f64; 10], [x, y, z]: [T; 3]) -> Row<T> {
-    let (cx, cy, cz) = (x.like(a[1]), x.like(a[2]), x.like(a[3]));
-    let (xy, yz, zx) = (x.like(a[7]), x.like(a[8]), x.like(a[9]));
-    let dx = (x + x).fused(x.like(a[4]), y.fused(xy, z.fused(zx, cx)));
-    let dy = (y + y).fused(x.like(a[5]), z.fused(yz, x.fused(xy, cy)));
-    let dz = (z + z).fused(x.like(a[6]), x.fused(zx, y.fused(yz, cz)));
+    let (cx, cy, cz) = (x.splat(a[1]), x.splat(a[2]), x.splat(a[3]));
+    let (xy, yz, zx) = (x.splat(a[7]), x.splat(a[8]), x.splat(a[9]));
+    let dx = (x + x).fused(x.splat(a[4]), y.fused(xy, z.fused(zx, cx)));
+    let dy = (y + y).fused(x.splat(a[5]), z.fused(yz, x.fused(xy, cy)));
+    let dz = (z + z).fused(x.splat(a[6]), x.fused(zx, y.fused(yz, cz)));
     // Of a form of degree 2, f = f(0) + (f'(0) + f'(xi)) xi / 2.
     let twice = x.fused(dx + cx, y.fused(dy + cy, z * (dz + cz)));
-    (twice.fused(x.like(0.5), x.like(a[0])), [dx, dy, dz])
+    (twice.fused(x.splat(0.5), x.splat(a[0])), [dx, dy, dz])
 }
 
 #[inline(always)]
@@ -152,7 +155,7 @@ fn biquadratic<T: Number>(a: &[f64; 27], from: usize, [x, y, _]: [T; 3]) -> (T, 
 /// Value and derivative of a row.
 #[inline(always)]
 fn row<T: Number>(a: &[f64; 27], from: usize, x: T) -> (T, T) {
-    let (c0, c1, c2) = (x.like(a[from]), x.like(a[from + 1]), x.like(a[from + 2]));
+    let (c0, c1, c2) = (x.splat(a[from]), x.splat(a[from + 1]), x.splat(a[from + 2]));
     (parabola(x, c0, c1, c2), (x + x).fused(c2, c1))
 }
 

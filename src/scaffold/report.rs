@@ -206,7 +206,10 @@ impl Scaffold {
     /// The reference shapes that occur; a cell is needed for each.
     pub fn shapes(&self) -> Vec<Element> {
         let has = |s: Element| (0..self.len()).any(|e| self.connectivity().kind(e).shape() == s);
-        Element::ALL.into_iter().filter(|s| has(*s)).collect()
+        Element::SCAFFOLD_ELEMENTS
+            .into_iter()
+            .filter(|s| has(*s))
+            .collect()
     }
 }
 

@@ -4,7 +4,7 @@
 //! mesh; where they do not, the face is torn and the report lists it.
 
 use super::{Connectivity, Scaffold};
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 
 /// A face of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -74,10 +74,10 @@ impl Topology {
             component_of: Vec::new(),
             components: Vec::new(),
         };
-        let mut sets = Sets::new(elements.len());
+        let mut sets = UnionFind::new(elements.len());
         for group in faces.chunk_by(|a, b| a.0 == b.0) {
             for pair in group.windows(2) {
-                sets.join(pair[0].1.element as usize, pair[1].1.element as usize);
+                sets.union(pair[0].1.element as usize, pair[1].1.element as usize);
             }
             match group {
                 [_] => {}
@@ -95,7 +95,7 @@ impl Topology {
             }
         }
         topology.non_manifold.sort_unstable();
-        let (component_of, count) = sets.numbered(0..elements.len());
+        let (component_of, count) = sets.labels(0..elements.len());
         topology.components = vec![Vec::new(); count];
         for (e, &component) in component_of.iter().enumerate() {
             topology.components[component as usize].push(e as u32);

@@ -1,23 +1,25 @@
-//! The lanes of any processor: products are rounded before they are added, and nothing calls the
-//! mathematics library (on the x86-64 baseline even rounding down would be a call).
+//! Portable lanes: the same bits on every processor.
+//!
+//! Products are rounded before they are added. Nothing calls the mathematics library: on the x86-64
+//! baseline even `floor` would be such a call.
 // Each function is a few instructions.
 #![allow(clippy::inline_always)]
 
-use super::{Lanes, Rows};
+use super::{Lanes, RowPair};
 use wide::f32x8;
 
-/// Doubles from here on are integers: 2^52.
-const WHOLE: f64 = 4_503_599_627_370_496.0;
+/// 2^52: every greater `f64` is an integer.
+const INTEGERS_FROM: f64 = 4_503_599_627_370_496.0;
 
-/// Any processor.
+/// Lanes of the target's baseline instructions.
 #[derive(Clone, Copy)]
-pub struct Plain;
+pub struct PortableLanes;
 
-impl Lanes for Plain {
-    type Two = Rows<Self>;
+impl Lanes for PortableLanes {
+    type Wide = RowPair<Self>;
     #[inline(always)]
-    fn two(self) -> Rows<Self> {
-        Rows(self)
+    fn wide(self) -> RowPair<Self> {
+        RowPair(self)
     }
     type F = f32x8;
     type D = [f64; 4];
@@ -74,7 +76,7 @@ impl Lanes for Plain {
         a.simd_lt(b).to_bitmask() as u8
     }
     #[inline(always)]
-    fn signs(self, a: f32x8) -> u8 {
+    fn sign_bits(self, a: f32x8) -> u8 {
         a.to_bitmask() as u8
     }
     #[inline(always)]
@@ -93,55 +95,58 @@ impl Lanes for Plain {
         f32x8::new(a.to_array().map(|v| 1f32.copysign(v)))
     }
     #[inline(always)]
-    fn integers(self, a: f32x8) -> [i32; 8] {
+    fn to_integers(self, a: f32x8) -> [i32; 8] {
         a.to_array().map(|v| v as i32)
     }
     #[inline(always)]
-    fn neighbours(self, a: f32x8, b: f32x8) -> f32x8 {
+    fn add_adjacent(self, a: f32x8, b: f32x8) -> f32x8 {
         let ([a, b, c, d, e, f, g, h], o) = (a.to_array(), b.to_array());
         let low = [a + b, c + d, o[0] + o[1], o[2] + o[3]];
-        self.both(low, [e + f, g + h, o[4] + o[5], o[6] + o[7]])
+        self.join_halves(low, [e + f, g + h, o[4] + o[5], o[6] + o[7]])
     }
     #[inline(always)]
-    fn total(self, v: f32x8) -> [f32; 4] {
+    fn add_halves(self, v: f32x8) -> [f32; 4] {
         let [a, b, c, d, e, f, g, h] = v.to_array();
         [a + e, b + f, c + g, d + h]
     }
     #[inline(always)]
-    fn interleaved(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
+    fn interleave(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
         let (a, b) = (a.to_array(), b.to_array());
-        let low = self.both([a[0], b[0], a[1], b[1]], [a[4], b[4], a[5], b[5]]);
+        let low = self.join_halves([a[0], b[0], a[1], b[1]], [a[4], b[4], a[5], b[5]]);
         [
             low,
-            self.both([a[2], b[2], a[3], b[3]], [a[6], b[6], a[7], b[7]]),
+            self.join_halves([a[2], b[2], a[3], b[3]], [a[6], b[6], a[7], b[7]]),
         ]
     }
     #[inline(always)]
-    fn halves(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
+    fn regroup_halves(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
         let ([a, b, c, d, e, f, g, h], o) = (a.to_array(), b.to_array());
-        let low = self.both([a, b, c, d], [o[0], o[1], o[2], o[3]]);
-        [low, self.both([e, f, g, h], [o[4], o[5], o[6], o[7]])]
+        let low = self.join_halves([a, b, c, d], [o[0], o[1], o[2], o[3]]);
+        [
+            low,
+            self.join_halves([e, f, g, h], [o[4], o[5], o[6], o[7]]),
+        ]
     }
     #[inline(always)]
-    fn by_place(self, rows: [f32x8; 4]) -> [[f32; 4]; 8] {
+    fn rows_to_columns(self, rows: [f32x8; 4]) -> [[f32; 4]; 8] {
         let [a, b, c, d] = rows.map(f32x8::to_array);
         std::array::from_fn(|n| [a[n], b[n], c[n], d[n]])
     }
     #[inline(always)]
-    fn by_row(self, places: &[[f32; 4]; 8]) -> [f32x8; 4] {
-        std::array::from_fn(|r| f32x8::new(std::array::from_fn(|n| places[n][r])))
+    fn columns_to_rows(self, columns: &[[f32; 4]; 8]) -> [f32x8; 4] {
+        std::array::from_fn(|r| f32x8::new(std::array::from_fn(|n| columns[n][r])))
     }
     #[inline(always)]
     fn alternating(self, [a, b]: [f32; 2]) -> f32x8 {
         f32x8::new([a, b, a, b, a, b, a, b])
     }
     #[inline(always)]
-    fn both(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
+    fn join_halves(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
         let ([a, b, c, d], [e, f, g, h]) = (low, high);
         f32x8::new([a, b, c, d, e, f, g, h])
     }
     #[inline(always)]
-    fn turned(self, [a, b, c, d]: [[f64; 3]; 4]) -> [Self::D; 3] {
+    fn transpose_points(self, [a, b, c, d]: [[f64; 3]; 4]) -> [Self::D; 3] {
         [
             [a[0], b[0], c[0], d[0]],
             [a[1], b[1], c[1], d[1]],
@@ -149,11 +154,11 @@ impl Lanes for Plain {
         ]
     }
     #[inline(always)]
-    fn four(self, v: [f64; 4]) -> [f64; 4] {
+    fn load_four(self, v: [f64; 4]) -> [f64; 4] {
         v
     }
     #[inline(always)]
-    fn all_four(self, v: f64) -> [f64; 4] {
+    fn splat_four(self, v: f64) -> [f64; 4] {
         [v; 4]
     }
     #[inline(always)]
@@ -190,7 +195,7 @@ impl Lanes for Plain {
         bit(0) | bit(1) | bit(2) | bit(3)
     }
     #[inline(always)]
-    fn wide(self, v: f32x8) -> [[f64; 4]; 2] {
+    fn widen(self, v: f32x8) -> [[f64; 4]; 2] {
         let [a, b, c, d, e, f, g, h] = v.to_array().map(f64::from);
         [[a, b, c, d], [e, f, g, h]]
     }
@@ -217,16 +222,16 @@ impl Lanes for Plain {
         v.map(|v| {
             let cut = v as i64 as f64;
             let floor = cut - f64::from(u8::from(cut > v));
-            // Further on they are soon none of the processor's integers.
-            if v.abs() < WHOLE { floor } else { v }
+            // Greater values are integral already, and may exceed `i64`.
+            if v.abs() < INTEGERS_FROM { floor } else { v }
         })
     }
     #[inline(always)]
-    fn doubles(self, v: [f64; 4]) -> [f64; 4] {
+    fn four_to_array(self, v: [f64; 4]) -> [f64; 4] {
         v
     }
     #[inline(always)]
-    fn singles(self, v: [f64; 4]) -> [f32; 4] {
+    fn narrow(self, v: [f64; 4]) -> [f32; 4] {
         v.map(|v| v as f32)
     }
 }

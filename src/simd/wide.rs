@@ -1,59 +1,59 @@
-//! Rows twice as long: sixteen singles, eight doubles.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! Rows of twice the length: sixteen `f32` or eight `f64`.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
 use super::Lanes;
 
-/// Arithmetic on two rows at a time, the same as on each of them.
-pub trait Twice: Copy {
-    /// Eight singles.
+/// Arithmetic on two rows at a time, with the bits of [`Lanes`] on each of them.
+pub trait WideLanes: Copy {
+    /// Eight `f32`.
     type Row: Copy;
-    /// Four doubles.
+    /// Four `f64`.
     type Four: Copy;
-    /// Sixteen singles.
+    /// Sixteen `f32`.
     type Pair: Copy;
-    /// Eight doubles.
+    /// Eight `f64`.
     type Eight: Copy;
-    /// From two rows.
-    fn pair(self, rows: [Self::Row; 2]) -> Self::Pair;
-    /// To two rows.
-    fn rows(self, pair: Self::Pair) -> [Self::Row; 2];
-    /// From memory.
+    /// Joins two rows.
+    fn join_rows(self, rows: [Self::Row; 2]) -> Self::Pair;
+    /// Splits into two rows.
+    fn split_rows(self, pair: Self::Pair) -> [Self::Row; 2];
+    /// Loads two rows.
     fn load(self, v: &[[f32; 8]; 2]) -> Self::Pair;
-    /// To memory.
+    /// Stores two rows.
     fn store(self, v: Self::Pair, to: &mut [[f32; 8]; 2]);
-    /// For each row a number eight times.
-    fn each(self, v: [f32; 2]) -> Self::Pair;
+    /// `v[0]` in all lanes of the first row and `v[1]` in those of the second.
+    fn splat_rows(self, v: [f32; 2]) -> Self::Pair;
     /// a + b.
     fn add(self, a: Self::Pair, b: Self::Pair) -> Self::Pair;
     /// a - b.
     fn sub(self, a: Self::Pair, b: Self::Pair) -> Self::Pair;
     /// a b.
     fn mul(self, a: Self::Pair, b: Self::Pair) -> Self::Pair;
-    /// a b + c, fused where that is one instruction.
+    /// a b + c, fused where the processor has FMA.
     fn fused(self, a: Self::Pair, b: Self::Pair, c: Self::Pair) -> Self::Pair;
-    /// The lesser.
+    /// The lesser of a and b.
     fn min(self, a: Self::Pair, b: Self::Pair) -> Self::Pair;
-    /// The greater.
+    /// The greater of a and b.
     fn max(self, a: Self::Pair, b: Self::Pair) -> Self::Pair;
     /// |a|.
     fn magnitude(self, a: Self::Pair) -> Self::Pair;
-    /// One bit per number: whether a < b.
+    /// One bit per lane: whether a < b.
     fn below(self, a: Self::Pair, b: Self::Pair) -> u16;
-    /// One bit per number: its sign, also that of a zero.
-    fn signs(self, a: Self::Pair) -> u16;
-    /// From memory.
-    fn doubles_of(self, v: &[f64; 8]) -> Self::Eight;
-    /// To memory.
-    fn doubles(self, v: Self::Eight) -> [f64; 8];
-    /// Doubles from singles.
-    fn wide_eight(self, v: Self::Row) -> Self::Eight;
-    /// From two rows of doubles.
-    fn eight(self, fours: [Self::Four; 2]) -> Self::Eight;
-    /// Eight points, by coordinate.
-    fn turned_eight(self, points: &[[f64; 3]; 8]) -> [Self::Eight; 3];
-    /// The same double eight times.
-    fn all_eight(self, v: f64) -> Self::Eight;
+    /// One bit per lane: the sign bit, also of a zero.
+    fn sign_bits(self, a: Self::Pair) -> u16;
+    /// Loads eight `f64`.
+    fn load_eight(self, v: &[f64; 8]) -> Self::Eight;
+    /// The eight numbers as an array.
+    fn eight_to_array(self, v: Self::Eight) -> [f64; 8];
+    /// Converts to `f64`.
+    fn widen_eight(self, v: Self::Row) -> Self::Eight;
+    /// Joins two rows of four.
+    fn join_fours(self, fours: [Self::Four; 2]) -> Self::Eight;
+    /// The coordinates of eight points: a row each for x, y and z.
+    fn transpose_eight(self, points: &[[f64; 3]; 8]) -> [Self::Eight; 3];
+    /// `v` in all eight lanes.
+    fn splat_eight(self, v: f64) -> Self::Eight;
     /// a + b.
     fn add_eight(self, a: Self::Eight, b: Self::Eight) -> Self::Eight;
     /// a - b.
@@ -62,11 +62,11 @@ pub trait Twice: Copy {
     fn mul_eight(self, a: Self::Eight, b: Self::Eight) -> Self::Eight;
     /// a / b.
     fn div_eight(self, a: Self::Eight, b: Self::Eight) -> Self::Eight;
-    /// a b + c, fused where that is one instruction.
+    /// a b + c, fused where the processor has FMA.
     fn fused_eight(self, a: Self::Eight, b: Self::Eight, c: Self::Eight) -> Self::Eight;
     /// Square root.
     fn sqrt_eight(self, a: Self::Eight) -> Self::Eight;
-    /// One bit per number: whether a < b.
+    /// One bit per lane: whether a < b.
     fn below_eight(self, a: Self::Eight, b: Self::Eight) -> u8;
     /// x where a < b, else y.
     fn select_below_eight(
@@ -76,31 +76,31 @@ pub trait Twice: Copy {
         x: Self::Eight,
         y: Self::Eight,
     ) -> Self::Eight;
-    /// The lesser.
+    /// The lesser of a and b.
     fn min_eight(self, a: Self::Eight, b: Self::Eight) -> Self::Eight;
-    /// The greater.
+    /// The greater of a and b.
     fn max_eight(self, a: Self::Eight, b: Self::Eight) -> Self::Eight;
-    /// The greatest integers not above.
+    /// The greatest integers not above `v`.
     fn floor_eight(self, v: Self::Eight) -> Self::Eight;
-    /// In single precision.
-    fn singles_eight(self, v: Self::Eight) -> Self::Row;
+    /// Converts to `f32`.
+    fn narrow_eight(self, v: Self::Eight) -> Self::Row;
 }
 
-/// Two rows, one after the other.
+/// Two rows, processed one after the other.
 #[derive(Clone, Copy)]
-pub struct Rows<L>(pub(super) L);
+pub struct RowPair<L>(pub(super) L);
 
-impl<L: Lanes> Twice for Rows<L> {
+impl<L: Lanes> WideLanes for RowPair<L> {
     type Row = L::F;
     type Four = L::D;
     type Pair = [L::F; 2];
     type Eight = [L::D; 2];
     #[inline(always)]
-    fn pair(self, rows: [L::F; 2]) -> [L::F; 2] {
+    fn join_rows(self, rows: [L::F; 2]) -> [L::F; 2] {
         rows
     }
     #[inline(always)]
-    fn rows(self, pair: [L::F; 2]) -> [L::F; 2] {
+    fn split_rows(self, pair: [L::F; 2]) -> [L::F; 2] {
         pair
     }
     #[inline(always)]
@@ -113,7 +113,7 @@ impl<L: Lanes> Twice for Rows<L> {
         self.0.store(v[1], &mut to[1]);
     }
     #[inline(always)]
-    fn each(self, v: [f32; 2]) -> [L::F; 2] {
+    fn splat_rows(self, v: [f32; 2]) -> [L::F; 2] {
         [self.0.splat(v[0]), self.0.splat(v[1])]
     }
     #[inline(always)]
@@ -153,36 +153,42 @@ impl<L: Lanes> Twice for Rows<L> {
         u16::from(low) | u16::from(high) << 8
     }
     #[inline(always)]
-    fn signs(self, a: [L::F; 2]) -> u16 {
-        u16::from(self.0.signs(a[0])) | u16::from(self.0.signs(a[1])) << 8
+    fn sign_bits(self, a: [L::F; 2]) -> u16 {
+        u16::from(self.0.sign_bits(a[0])) | u16::from(self.0.sign_bits(a[1])) << 8
     }
     #[inline(always)]
-    fn doubles_of(self, v: &[f64; 8]) -> [L::D; 2] {
+    fn load_eight(self, v: &[f64; 8]) -> [L::D; 2] {
         let [a, b, c, d, e, f, g, h] = *v;
-        [self.0.four([a, b, c, d]), self.0.four([e, f, g, h])]
+        [
+            self.0.load_four([a, b, c, d]),
+            self.0.load_four([e, f, g, h]),
+        ]
     }
     #[inline(always)]
-    fn doubles(self, v: [L::D; 2]) -> [f64; 8] {
-        let ([a, b, c, d], [e, f, g, h]) = (self.0.doubles(v[0]), self.0.doubles(v[1]));
+    fn eight_to_array(self, v: [L::D; 2]) -> [f64; 8] {
+        let ([a, b, c, d], [e, f, g, h]) = (self.0.four_to_array(v[0]), self.0.four_to_array(v[1]));
         [a, b, c, d, e, f, g, h]
     }
     #[inline(always)]
-    fn wide_eight(self, v: L::F) -> [L::D; 2] {
-        self.0.wide(v)
+    fn widen_eight(self, v: L::F) -> [L::D; 2] {
+        self.0.widen(v)
     }
     #[inline(always)]
-    fn eight(self, fours: [L::D; 2]) -> [L::D; 2] {
+    fn join_fours(self, fours: [L::D; 2]) -> [L::D; 2] {
         fours
     }
     #[inline(always)]
-    fn turned_eight(self, points: &[[f64; 3]; 8]) -> [[L::D; 2]; 3] {
+    fn transpose_eight(self, points: &[[f64; 3]; 8]) -> [[L::D; 2]; 3] {
         let [a, b, c, d, e, f, g, h] = *points;
-        let (low, high) = (self.0.turned([a, b, c, d]), self.0.turned([e, f, g, h]));
+        let (low, high) = (
+            self.0.transpose_points([a, b, c, d]),
+            self.0.transpose_points([e, f, g, h]),
+        );
         [[low[0], high[0]], [low[1], high[1]], [low[2], high[2]]]
     }
     #[inline(always)]
-    fn all_eight(self, v: f64) -> [L::D; 2] {
-        [self.0.all_four(v); 2]
+    fn splat_eight(self, v: f64) -> [L::D; 2] {
+        [self.0.splat_four(v); 2]
     }
     #[inline(always)]
     fn add_eight(self, a: [L::D; 2], b: [L::D; 2]) -> [L::D; 2] {
@@ -241,7 +247,7 @@ impl<L: Lanes> Twice for Rows<L> {
         [self.0.floor_four(v[0]), self.0.floor_four(v[1])]
     }
     #[inline(always)]
-    fn singles_eight(self, v: [L::D; 2]) -> L::F {
-        self.0.both(self.0.singles(v[0]), self.0.singles(v[1]))
+    fn narrow_eight(self, v: [L::D; 2]) -> L::F {
+        self.0.join_halves(self.0.narrow(v[0]), self.0.narrow(v[1]))
     }
 }

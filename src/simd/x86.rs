@@ -1,47 +1,47 @@
-//! The lanes of processors with AVX2 and fused multiplications; two rows at a time where they have AVX-512.
+//! Lanes of AVX2 with FMA; rows of twice the length use AVX-512 where the processor has it.
 // Each function is one instruction, or a few.
 #![allow(clippy::inline_always)]
 
-use super::{Lanes, Rows, Twice};
+use super::{Lanes, RowPair, WideLanes};
 use pulp::{Simd, b16, cast, f32x8, f32x16, f64x4, f64x8, u64x8, x86::V3, x86::V4};
 
-/// Processors with AVX2 and fused multiplications, and what they do two rows at a time with.
+/// AVX2 and FMA, with `T` for rows of twice the length.
 #[derive(Clone, Copy)]
-pub struct Wide<T>(pub(super) V3, pub(super) T);
+pub struct Avx2Lanes<T>(pub(super) V3, pub(super) T);
 
-/// How two rows are reckoned with at a time.
-pub trait Width: Copy {
-    /// Its arithmetic.
-    type Two: Twice<Row = f32x8, Four = f64x4>;
-    /// On a processor.
-    fn two(self, v3: V3) -> Self::Two;
+/// The instructions for rows of twice the length.
+pub trait WideSupport: Copy {
+    /// The arithmetic on such rows.
+    type Wide: WideLanes<Row = f32x8, Four = f64x4>;
+    /// That arithmetic on a processor with `v3`.
+    fn wide(self, v3: V3) -> Self::Wide;
 }
 
-/// One after the other.
+/// AVX2 on each row in turn.
 #[derive(Clone, Copy)]
-pub struct Single;
+pub struct NoAvx512;
 
-impl Width for Single {
-    type Two = Rows<Wide<Self>>;
+impl WideSupport for NoAvx512 {
+    type Wide = RowPair<Avx2Lanes<Self>>;
     #[inline(always)]
-    fn two(self, v3: V3) -> Self::Two {
-        Rows(Wide(v3, self))
+    fn wide(self, v3: V3) -> Self::Wide {
+        RowPair(Avx2Lanes(v3, self))
     }
 }
 
-impl Width for V4 {
-    type Two = Self;
+impl WideSupport for V4 {
+    type Wide = Self;
     #[inline(always)]
-    fn two(self, _: V3) -> Self {
+    fn wide(self, _: V3) -> Self {
         self
     }
 }
 
-impl<T: Width> Lanes for Wide<T> {
-    type Two = T::Two;
+impl<T: WideSupport> Lanes for Avx2Lanes<T> {
+    type Wide = T::Wide;
     #[inline(always)]
-    fn two(self) -> T::Two {
-        self.1.two(self.0)
+    fn wide(self) -> T::Wide {
+        self.1.wide(self.0)
     }
     type F = f32x8;
     type D = f64x4;
@@ -99,7 +99,7 @@ impl<T: Width> Lanes for Wide<T> {
         self.0.avx._mm256_movemask_ps(cast(mask)) as u8
     }
     #[inline(always)]
-    fn signs(self, a: Self::F) -> u8 {
+    fn sign_bits(self, a: Self::F) -> u8 {
         self.0.avx._mm256_movemask_ps(cast(a)) as u8
     }
     #[inline(always)]
@@ -117,21 +117,21 @@ impl<T: Width> Lanes for Wide<T> {
         self.0.or_f32x8(sign, self.0.splat_f32x8(1.0))
     }
     #[inline(always)]
-    fn integers(self, a: f32x8) -> [i32; 8] {
+    fn to_integers(self, a: f32x8) -> [i32; 8] {
         cast(self.0.avx._mm256_cvttps_epi32(cast(a)))
     }
     #[inline(always)]
-    fn neighbours(self, a: f32x8, b: f32x8) -> f32x8 {
+    fn add_adjacent(self, a: f32x8, b: f32x8) -> f32x8 {
         cast(self.0.avx._mm256_hadd_ps(cast(a), cast(b)))
     }
     #[inline(always)]
-    fn total(self, v: f32x8) -> [f32; 4] {
+    fn add_halves(self, v: f32x8) -> [f32; 4] {
         let low = self.0.avx._mm256_castps256_ps128(cast(v));
         let high = self.0.avx._mm256_extractf128_ps::<1>(cast(v));
         cast(self.0.sse._mm_add_ps(low, high))
     }
     #[inline(always)]
-    fn interleaved(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
+    fn interleave(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
         let (a, b) = (cast(a), cast(b));
         let avx = self.0.avx;
         [
@@ -140,7 +140,7 @@ impl<T: Width> Lanes for Wide<T> {
         ]
     }
     #[inline(always)]
-    fn halves(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
+    fn regroup_halves(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
         let (a, b) = (cast(a), cast(b));
         let avx = self.0.avx;
         [
@@ -149,46 +149,52 @@ impl<T: Width> Lanes for Wide<T> {
         ]
     }
     #[inline(always)]
-    fn by_place(self, rows: [f32x8; 4]) -> [[f32; 4]; 8] {
+    fn rows_to_columns(self, rows: [f32x8; 4]) -> [[f32; 4]; 8] {
         let [a, b, c, d] = [cast(rows[0]), cast(rows[1]), cast(rows[2]), cast(rows[3])];
         let avx = self.0.avx;
-        // Places 0 1 and 4 5 of two rows each, and 2 3 and 6 7.
+        // Lanes 0 1 and 4 5 of two rows each, and lanes 2 3 and 6 7.
         let (ab, cd) = (avx._mm256_unpacklo_ps(a, b), avx._mm256_unpacklo_ps(c, d));
-        let (above, beyond) = (avx._mm256_unpackhi_ps(a, b), avx._mm256_unpackhi_ps(c, d));
+        let (upper_ab, upper_cd) = (avx._mm256_unpackhi_ps(a, b), avx._mm256_unpackhi_ps(c, d));
         let (ab, cd) = (avx._mm256_castps_pd(ab), avx._mm256_castps_pd(cd));
-        let (above, beyond) = (avx._mm256_castps_pd(above), avx._mm256_castps_pd(beyond));
-        let turned = [
+        let (upper_ab, upper_cd) = (
+            avx._mm256_castps_pd(upper_ab),
+            avx._mm256_castps_pd(upper_cd),
+        );
+        let pairs = [
             avx._mm256_unpacklo_pd(ab, cd),
             avx._mm256_unpackhi_pd(ab, cd),
-            avx._mm256_unpacklo_pd(above, beyond),
-            avx._mm256_unpackhi_pd(above, beyond),
+            avx._mm256_unpacklo_pd(upper_ab, upper_cd),
+            avx._mm256_unpackhi_pd(upper_ab, upper_cd),
         ];
         let mut all = [[0.0; 4]; 8];
         for n in 0..4 {
-            all[n] = cast(avx._mm256_castpd256_pd128(turned[n]));
-            all[n + 4] = cast(avx._mm256_extractf128_pd::<1>(turned[n]));
+            all[n] = cast(avx._mm256_castpd256_pd128(pairs[n]));
+            all[n + 4] = cast(avx._mm256_extractf128_pd::<1>(pairs[n]));
         }
         all
     }
     #[inline(always)]
-    fn by_row(self, places: &[[f32; 4]; 8]) -> [f32x8; 4] {
+    fn columns_to_rows(self, columns: &[[f32; 4]; 8]) -> [f32x8; 4] {
         let avx = self.0.avx;
-        // Places n and n + 4, then those of one row together.
+        // Columns n and n + 4, then the lanes of one row together.
         let [a, b, c, d] = [
-            cast(self.both(places[0], places[4])),
-            cast(self.both(places[1], places[5])),
-            cast(self.both(places[2], places[6])),
-            cast(self.both(places[3], places[7])),
+            cast(self.join_halves(columns[0], columns[4])),
+            cast(self.join_halves(columns[1], columns[5])),
+            cast(self.join_halves(columns[2], columns[6])),
+            cast(self.join_halves(columns[3], columns[7])),
         ];
         let (ab, cd) = (avx._mm256_unpacklo_ps(a, b), avx._mm256_unpacklo_ps(c, d));
-        let (above, beyond) = (avx._mm256_unpackhi_ps(a, b), avx._mm256_unpackhi_ps(c, d));
+        let (upper_ab, upper_cd) = (avx._mm256_unpackhi_ps(a, b), avx._mm256_unpackhi_ps(c, d));
         let (ab, cd) = (avx._mm256_castps_pd(ab), avx._mm256_castps_pd(cd));
-        let (above, beyond) = (avx._mm256_castps_pd(above), avx._mm256_castps_pd(beyond));
+        let (upper_ab, upper_cd) = (
+            avx._mm256_castps_pd(upper_ab),
+            avx._mm256_castps_pd(upper_cd),
+        );
         [
             cast(avx._mm256_unpacklo_pd(ab, cd)),
             cast(avx._mm256_unpackhi_pd(ab, cd)),
-            cast(avx._mm256_unpacklo_pd(above, beyond)),
-            cast(avx._mm256_unpackhi_pd(above, beyond)),
+            cast(avx._mm256_unpacklo_pd(upper_ab, upper_cd)),
+            cast(avx._mm256_unpackhi_pd(upper_ab, upper_cd)),
         ]
     }
     #[inline(always)]
@@ -196,13 +202,13 @@ impl<T: Width> Lanes for Wide<T> {
         cast(self.0.splat_f64x4(cast(v)))
     }
     #[inline(always)]
-    fn both(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
+    fn join_halves(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
         let low = self.0.avx._mm256_castps128_ps256(cast(low));
         cast(self.0.avx._mm256_insertf128_ps::<1>(low, cast(high)))
     }
     #[inline(always)]
-    fn turned(self, [a, b, c, d]: [[f64; 3]; 4]) -> [f64x4; 3] {
-        // Built in registers: rows stored by parts could not be loaded as a whole at once.
+    fn transpose_points(self, [a, b, c, d]: [[f64; 3]; 4]) -> [f64x4; 3] {
+        // Built in registers: a load of a row just stored in parts would stall.
         let avx = self.0.avx;
         [
             cast(avx._mm256_set_pd(d[0], c[0], b[0], a[0])),
@@ -211,11 +217,11 @@ impl<T: Width> Lanes for Wide<T> {
         ]
     }
     #[inline(always)]
-    fn four(self, v: [f64; 4]) -> f64x4 {
+    fn load_four(self, v: [f64; 4]) -> f64x4 {
         cast(v)
     }
     #[inline(always)]
-    fn all_four(self, v: f64) -> f64x4 {
+    fn splat_four(self, v: f64) -> f64x4 {
         self.0.splat_f64x4(v)
     }
     #[inline(always)]
@@ -252,7 +258,7 @@ impl<T: Width> Lanes for Wide<T> {
         self.0.avx._mm256_movemask_pd(cast(mask)) as u8
     }
     #[inline(always)]
-    fn wide(self, v: f32x8) -> [f64x4; 2] {
+    fn widen(self, v: f32x8) -> [f64x4; 2] {
         let avx = self.0.avx;
         let low = avx._mm256_castps256_ps128(cast(v));
         let high = avx._mm256_extractf128_ps::<1>(cast(v));
@@ -274,27 +280,27 @@ impl<T: Width> Lanes for Wide<T> {
         self.0.floor_f64x4(v)
     }
     #[inline(always)]
-    fn doubles(self, v: f64x4) -> [f64; 4] {
+    fn four_to_array(self, v: f64x4) -> [f64; 4] {
         cast(v)
     }
     #[inline(always)]
-    fn singles(self, v: f64x4) -> [f32; 4] {
+    fn narrow(self, v: f64x4) -> [f32; 4] {
         cast(self.0.convert_f64x4_to_f32x4(v))
     }
 }
 
-impl Twice for V4 {
+impl WideLanes for V4 {
     type Row = f32x8;
     type Four = f64x4;
     type Pair = f32x16;
     type Eight = f64x8;
     #[inline(always)]
-    fn pair(self, [low, high]: [f32x8; 2]) -> f32x16 {
+    fn join_rows(self, [low, high]: [f32x8; 2]) -> f32x16 {
         let low = self.avx512f._mm512_castps256_ps512(cast(low));
         cast(self.avx512dq._mm512_insertf32x8::<1>(low, cast(high)))
     }
     #[inline(always)]
-    fn rows(self, pair: f32x16) -> [f32x8; 2] {
+    fn split_rows(self, pair: f32x16) -> [f32x8; 2] {
         let low = self.avx512f._mm512_castps512_ps256(cast(pair));
         let high = self.avx512dq._mm512_extractf32x8_ps::<1>(cast(pair));
         [cast(low), cast(high)]
@@ -308,7 +314,7 @@ impl Twice for V4 {
         *to = cast(v);
     }
     #[inline(always)]
-    fn each(self, [low, high]: [f32; 2]) -> f32x16 {
+    fn splat_rows(self, [low, high]: [f32; 2]) -> f32x16 {
         let [low, high] = [self.splat_f32s(low), self.splat_f32s(high)];
         self.select_f32s(b16(0x00ff), low, high)
     }
@@ -345,29 +351,29 @@ impl Twice for V4 {
         self.less_than_f32s(a, b).0
     }
     #[inline(always)]
-    fn signs(self, a: f32x16) -> u16 {
+    fn sign_bits(self, a: f32x16) -> u16 {
         self.avx512dq._mm512_movepi32_mask(cast(a))
     }
     #[inline(always)]
-    fn doubles_of(self, v: &[f64; 8]) -> f64x8 {
+    fn load_eight(self, v: &[f64; 8]) -> f64x8 {
         cast(*v)
     }
     #[inline(always)]
-    fn doubles(self, v: f64x8) -> [f64; 8] {
+    fn eight_to_array(self, v: f64x8) -> [f64; 8] {
         cast(v)
     }
     #[inline(always)]
-    fn wide_eight(self, v: f32x8) -> f64x8 {
+    fn widen_eight(self, v: f32x8) -> f64x8 {
         cast(self.avx512f._mm512_cvtps_pd(cast(v)))
     }
     #[inline(always)]
-    fn eight(self, [low, high]: [f64x4; 2]) -> f64x8 {
+    fn join_fours(self, [low, high]: [f64x4; 2]) -> f64x8 {
         let low = self.avx512f._mm512_castpd256_pd512(cast(low));
         cast(self.avx512f._mm512_insertf64x4::<1>(low, cast(high)))
     }
     #[inline(always)]
-    fn turned_eight(self, v: &[[f64; 3]; 8]) -> [f64x8; 3] {
-        // Of the first two thirds of the 24 numbers what belongs to a coordinate, then of the last.
+    fn transpose_eight(self, v: &[[f64; 3]; 8]) -> [f64x8; 3] {
+        // Select each coordinate from the first 16 of the 24 numbers, then from the last 8.
         let [a, b, c]: [f64x8; 3] = cast(*v);
         let (a, b, c) = (cast(a), cast(b), cast(c));
         let avx = self.avx512f;
@@ -380,7 +386,7 @@ impl Twice for V4 {
         [cast(x), cast(y), cast(z)]
     }
     #[inline(always)]
-    fn all_eight(self, v: f64) -> f64x8 {
+    fn splat_eight(self, v: f64) -> f64x8 {
         self.splat_f64s(v)
     }
     #[inline(always)]
@@ -425,11 +431,11 @@ impl Twice for V4 {
     }
     #[inline(always)]
     fn floor_eight(self, v: f64x8) -> f64x8 {
-        // Downwards, without a flag.
+        // Round down, without raising an exception flag.
         cast(self.avx512f._mm512_roundscale_pd::<0x09>(cast(v)))
     }
     #[inline(always)]
-    fn singles_eight(self, v: f64x8) -> f32x8 {
+    fn narrow_eight(self, v: f64x8) -> f32x8 {
         cast(self.avx512f._mm512_cvtpd_ps(cast(v)))
     }
 }

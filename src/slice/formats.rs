@@ -1,12 +1,12 @@
-//! Layers as files: grey pictures, one drawing of all, the Common Layer Interface of printers.
+//! Files of layers: grey images, an SVG drawing, the Common Layer Interface of printers.
 
 use super::{Layer, Outline, Plan, signed_area};
 use std::fmt::Write;
 
-/// A grey picture, 8 bits: white inside. `per_metre` is the number of pixels a metre.
+/// A grey PNG image of 8 bits, white inside. `per_metre` is the number of pixels per metre.
 ///
 /// # Errors
-/// Those of the encoder.
+/// Errors of the encoder.
 pub fn grey_png(plan: &Plan, layer: &Layer, per_metre: f64) -> Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let [width, height] = plan.pixels.map(|p| p as u32);
@@ -25,7 +25,7 @@ pub fn grey_png(plan: &Plan, layer: &Layer, per_metre: f64) -> Result<Vec<u8>, p
     Ok(bytes)
 }
 
-/// The beginning of a drawing with one group a layer; millimetres.
+/// The head of an SVG drawing with one group per layer, in millimetres.
 pub fn svg_head(plan: &Plan, to_mm: f64) -> String {
     let [w, h] = plan.pixels.map(|p| p as f64 * plan.pixel * to_mm);
     let [x, y] = plan.corner.map(|c| c * to_mm);
@@ -35,7 +35,7 @@ pub fn svg_head(plan: &Plan, to_mm: f64) -> String {
     )
 }
 
-/// One layer of a drawing: the y axis is turned, since a drawing's points down.
+/// One layer of the drawing. The y axis is reversed, since that of SVG points down.
 pub fn svg_layer(plan: &Plan, n: usize, layer: &Layer, to_mm: f64) -> String {
     let mut text = format!(
         "<g id=\"layer{n}\" data-z=\"{}\" data-height=\"{}\"><path fill-rule=\"nonzero\" d=\"",
@@ -53,12 +53,12 @@ pub fn svg_layer(plan: &Plan, n: usize, layer: &Layer, to_mm: f64) -> String {
     text
 }
 
-/// The end of a drawing.
+/// The end of the drawing.
 pub fn svg_tail() -> &'static str {
     "</svg>\n"
 }
 
-/// The beginning of a Common Layer Interface file in text, version 2.0, in millimetres.
+/// The head of a Common Layer Interface file in ASCII, version 2.0, in millimetres.
 pub fn cli_head(plan: &Plan) -> String {
     format!(
         "$$HEADERSTART\n$$ASCII\n$$UNITS/1\n$$VERSION/200\n$$LAYERS/{}\n$$HEADEREND\n$$GEOMETRYSTART\n",
@@ -66,13 +66,13 @@ pub fn cli_head(plan: &Plan) -> String {
     )
 }
 
-/// One layer: the height of its upper end, then outlines: 1 counter-clockwise around solid, 0 clockwise
-/// around a hole, closed by their first point.
+/// One layer: the height of its upper end, then its outlines, with direction 1 counter-clockwise around solid
+/// and 0 clockwise around a hole. The first point of an outline is repeated at its end.
 pub fn cli_layer(plan: &Plan, n: usize, outlines: &[Outline], to_mm: f64) -> String {
     let mut text = format!("$$LAYER/{:.6}\n", (plan.bottom(n) + plan.height) * to_mm);
     for outline in outlines {
-        let around = u8::from(signed_area(outline) > 0.0);
-        let _ = write!(text, "$$POLYLINE/1,{around},{}", outline.len() + 1);
+        let direction = u8::from(signed_area(outline) > 0.0);
+        let _ = write!(text, "$$POLYLINE/1,{direction},{}", outline.len() + 1);
         for p in outline.iter().chain(outline.first()) {
             let _ = write!(text, ",{:.6},{:.6}", p[0] * to_mm, p[1] * to_mm);
         }

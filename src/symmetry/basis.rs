@@ -1,14 +1,14 @@
-//! The real orthonormal basis of the functions that are invariant, real and band-limited.
+//! The real orthonormal basis of the invariant, real and band-limited functions.
 
 use super::{Frequency, Lattice, Orbit, PointGroup};
 
 /// One orbit, or a pair of opposite orbits, with its one or two real basis functions.
 ///
-/// With phi(u) = (|L| m)^(-1/2) sum over the orbit of exp(2 pi i k.u): a self-paired orbit carries
-/// phi itself, which is real; a pair carries sqrt 2 Re phi and sqrt 2 Im phi.
+/// Let phi(u) = (|L| m)^(-1/2) sum over the orbit of exp(2 pi i k.u). A self-paired orbit has the basis
+/// function phi, which is real; a pair has sqrt 2 Re phi and sqrt 2 Im phi.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Harmonic<const D: usize> {
-    /// The orbit; of a pair, the one with the lexicographically greater representative.
+    /// The orbit; for a pair, the one with the lexicographically larger representative.
     pub orbit: Orbit<D>,
     /// Whether -k belongs to the orbit of k.
     pub self_paired: bool,
@@ -24,8 +24,8 @@ impl<const D: usize> Harmonic<D> {
         if self.self_paired { 1 } else { 2 }
     }
 
-    /// The coefficient C of each exponential of the orbit, from the real coefficients (a) or
-    /// (a, b): C = (a - i b)/sqrt 2 (|L| m)^(-1/2). Returned as (re, im).
+    /// The coefficient C = (re, im) of each exponential of the orbit, from the real coefficients (a) or
+    /// (a, b): C = (a - i b)/sqrt 2 (|L| m)^(-1/2).
     pub fn coefficient(&self, real: &[f64]) -> [f64; 2] {
         if self.self_paired {
             [real[0] * self.scale, 0.0]
@@ -36,7 +36,7 @@ impl<const D: usize> Harmonic<D> {
     }
 }
 
-/// The basis of the band |f| <= R: its size is the number of orbits in the band.
+/// The basis of the band |f| <= R.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Basis<const D: usize> {
     group: PointGroup<D>,
@@ -46,17 +46,17 @@ pub struct Basis<const D: usize> {
 }
 
 impl<const D: usize> Basis<D> {
-    /// The basis for |f| <= `radius`, in cycles per unit of reference length; functions in
-    /// ascending order of (|f|, representative).
+    /// The basis for |f| <= `radius`, in cycles per unit of reference length. Functions are in ascending
+    /// order of (|f|, representative).
     pub fn new(group: PointGroup<D>, lattice: Lattice<D>, radius: f64) -> Self {
         let orbits = group.orbits(&lattice, radius);
         Self::of(group, lattice, radius, orbits)
     }
 
-    /// The basis of all orbits whose every member has indices up to `greatest`, as many as
-    /// 2 `greatest` + 1 samples along each lattice vector tell apart; its radius is the greatest |f|.
-    pub fn below(group: PointGroup<D>, lattice: Lattice<D>, greatest: i32) -> Self {
-        let orbits = group.orbits_below(&lattice, greatest);
+    /// The basis of all orbits whose members all have indices up to `max_index`, which 2 `max_index` + 1
+    /// samples along each lattice vector can represent. Its radius is the largest |f|.
+    pub fn below(group: PointGroup<D>, lattice: Lattice<D>, max_index: i32) -> Self {
+        let orbits = group.orbits_below(&lattice, max_index);
         let radius = orbits
             .last()
             .map_or(0.0, |o| lattice.frequency_norm(o.representative()));
@@ -92,7 +92,7 @@ impl<const D: usize> Basis<D> {
         self.harmonics.iter().map(Harmonic::functions).sum()
     }
 
-    /// Whether there are none (never: the constant is always there).
+    /// Whether there are no basis functions, which never holds: the constant is always present.
     pub fn is_empty(&self) -> bool {
         self.harmonics.is_empty()
     }
@@ -125,10 +125,10 @@ impl<const D: usize> Basis<D> {
             .collect()
     }
 
-    /// Coefficients C of the representatives of a function given by its real coefficients.
+    /// Coefficients C of the representatives, from the real coefficients of a function.
     ///
     /// # Panics
-    /// If `real` is not [`Basis::len`] long.
+    /// If the length of `real` is not [`Basis::len`].
     pub fn coefficients(&self, real: &[f64]) -> Vec<(Frequency<D>, [f64; 2])> {
         assert_eq!(real.len(), self.len(), "one number per basis function");
         let mut rest = real;

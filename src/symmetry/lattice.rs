@@ -1,27 +1,35 @@
-//! Lattices: the periods of a cell, in Cartesian reference coordinates.
+//! Lattices: the periods of cells, in Cartesian reference coordinates.
 
 use super::{Frequency, SymmetryError};
 use nalgebra::{SMatrix, SVector};
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
 /// sqrt(3)/2, the height of the equilateral triangle of edge 1.
-const H: f64 = 0.866_025_403_784_438_6;
+const TRIANGLE_HEIGHT: f64 = 0.866_025_403_784_438_6;
 
-/// Name, dimension and vectors of the lattices that have a name; adding one is adding a row.
-const NAMED: [(&str, usize, [[f64; 3]; 3]); 7] = [
+/// Name, dimension and vectors of the named lattices.
+const NAMED_LATTICES: [(&str, usize, [[f64; 3]; 3]); 7] = [
     ("square", 2, [[1., 0., 0.], [0., 1., 0.], [0., 0., 0.]]),
-    ("hex2", 2, [[1., 0., 0.], [0.5, H, 0.], [0., 0., 0.]]),
+    (
+        "hex2",
+        2,
+        [[1., 0., 0.], [0.5, TRIANGLE_HEIGHT, 0.], [0., 0., 0.]],
+    ),
     ("cubic", 3, [[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]]),
-    ("hexprism", 3, [[1., 0., 0.], [0.5, H, 0.], [0., 0., 1.]]),
+    (
+        "hexprism",
+        3,
+        [[1., 0., 0.], [0.5, TRIANGLE_HEIGHT, 0.], [0., 0., 1.]],
+    ),
     // Spanned by the edges of the reference tetrahedron: face-centred cubic of period 2.
     ("fcc2", 3, [[0., 1., 1.], [1., 0., 1.], [1., 1., 0.]]),
-    // Spanned by the edges of the reference pyramid: face-centred cubic, a cube's face on edge.
+    // Spanned by the edges of the reference pyramid: face-centred cubic with square faces of edge 1 at z = 0.
     (
         "fcc1",
         3,
         [[1., 0., 0.], [0., 1., 0.], [0.5, 0.5, FRAC_1_SQRT_2]],
     ),
-    // The same square with twice the pyramid's height.
+    // The square of the pyramid, with twice the pyramid's height.
     (
         "tetragonal",
         3,
@@ -29,14 +37,14 @@ const NAMED: [(&str, usize, [[f64; 3]; 3]); 7] = [
     ),
 ];
 
-/// The lattice in six dimensions whose waves, seen in the first three, have the frequencies
-/// 2 sum k e of the icosahedral module: e the six axes of order 5, of length 1. The last three
-/// dimensions are internal: there the conjugate axes stand (the golden ratio t replaced by -1/t), on
-/// which the icosahedral operators act as integer matrices too.
+/// The lattice in six dimensions whose waves, restricted to the first three, have the frequencies 2 sum k e
+/// of the icosahedral module, with e the six axes of order 5, of length 1. The last three dimensions are
+/// internal: they hold the conjugate axes (the golden ratio t replaced by -1/t), on which the icosahedral
+/// operators also act as integer matrices.
 const ICOSAHEDRAL: &str = "icosahedral";
 
-/// Lattice vector of that number: an axis and its conjugate, by 4.
-fn icosahedral(number: usize) -> [f64; 6] {
+/// The lattice vector of the given number: an axis and its conjugate, divided by 4.
+fn icosahedral_vector(number: usize) -> [f64; 6] {
     let axis = |t: f64| {
         let all = [
             [0., 1., t],
@@ -54,11 +62,11 @@ fn icosahedral(number: usize) -> [f64; 6] {
 }
 
 /// Names of the lattices, in the order of the table.
-pub const LATTICE_NAMES: [&str; NAMED.len()] = {
-    let mut names = [""; NAMED.len()];
+pub const LATTICE_NAMES: [&str; NAMED_LATTICES.len()] = {
+    let mut names = [""; NAMED_LATTICES.len()];
     let mut i = 0;
-    while i < NAMED.len() {
-        names[i] = NAMED[i].0;
+    while i < NAMED_LATTICES.len() {
+        names[i] = NAMED_LATTICES[i].0;
         i += 1;
     }
     names
@@ -76,7 +84,7 @@ impl<const D: usize> Lattice<D> {
     /// The lattice spanned by these vectors.
     ///
     /// # Errors
-    /// [`SymmetryError::Flat`] unless they are finite and independent.
+    /// [`SymmetryError::Flat`] unless the vectors are finite and linearly independent.
     pub fn new(vectors: [[f64; D]; D]) -> Result<Self, SymmetryError> {
         let columns = SMatrix::<f64, D, D>::from_fn(|i, j| vectors[j][i]);
         let volume = determinant(columns).abs();
@@ -92,24 +100,27 @@ impl<const D: usize> Lattice<D> {
         }
     }
 
-    /// The lattice of that name ([`LATTICE_NAMES`]): `square`, `hex2` in the plane; `cubic`,
-    /// `hexprism`, `fcc2` (spanned by the tet's edges), `fcc1` (by the pyramid's), `tetragonal`; in
-    /// six dimensions `icosahedral`, whose vectors are (e, e') / 4 with e an axis of order 5 of the
-    /// icosahedron and e' its conjugate, both of length 1.
+    /// The lattice of the given name ([`LATTICE_NAMES`]): `square`, `hex2` in the plane; `cubic`,
+    /// `hexprism`, `fcc2` (spanned by the tet's edges), `fcc1` (by the pyramid's), `tetragonal` in space;
+    /// in six dimensions `icosahedral`, whose vectors are (e, e') / 4 with e an axis of order 5 of
+    /// the icosahedron and e' its conjugate, both of length 1.
     ///
     /// # Errors
     /// [`SymmetryError::UnknownLattice`].
     pub fn named(name: &str) -> Result<Self, SymmetryError> {
         if D == 6 && name == ICOSAHEDRAL {
-            return Self::new(six());
+            return Self::new(icosahedral_vectors());
         }
-        NAMED
+        NAMED_LATTICES
             .iter()
             .find(|row| row.0 == name && row.1 == D)
             .map_or_else(
                 || {
-                    let mut known: Vec<&str> =
-                        NAMED.iter().filter(|r| r.1 == D).map(|r| r.0).collect();
+                    let mut known: Vec<&str> = NAMED_LATTICES
+                        .iter()
+                        .filter(|r| r.1 == D)
+                        .map(|r| r.0)
+                        .collect();
                     known.extend((D == 6).then_some(ICOSAHEDRAL));
                     Err(SymmetryError::UnknownLattice {
                         name: name.to_owned(),
@@ -117,21 +128,21 @@ impl<const D: usize> Lattice<D> {
                         known: known.join(", "),
                     })
                 },
-                |row| Self::new(block(&row.2)),
+                |row| Self::new(leading_block(&row.2)),
             )
     }
 
-    /// Its name, if it is one of the named ones (to 1e-9).
+    /// The name, if the lattice equals a named one up to 1e-9.
     pub fn name(&self) -> Option<&'static str> {
         let is = |v: [[f64; D]; D]| {
             (0..D).all(|j| (0..D).all(|i| (self.columns[(i, j)] - v[j][i]).abs() < 1e-9))
         };
         if D == 6 {
-            return is(six()).then_some(ICOSAHEDRAL);
+            return is(icosahedral_vectors()).then_some(ICOSAHEDRAL);
         }
-        NAMED
+        NAMED_LATTICES
             .iter()
-            .find(|row| row.1 == D && is(block(&row.2)))
+            .find(|row| row.1 == D && is(leading_block(&row.2)))
             .map(|row| row.0)
     }
 
@@ -145,7 +156,7 @@ impl<const D: usize> Lattice<D> {
         &self.columns
     }
 
-    /// The matrix L^-1, which turns Cartesian into lattice coordinates.
+    /// The matrix L^-1, which maps Cartesian to lattice coordinates.
     pub fn inverse(&self) -> &SMatrix<f64, D, D> {
         &self.inverse
     }
@@ -166,7 +177,7 @@ impl<const D: usize> Lattice<D> {
         self.frequency(k).norm()
     }
 
-    /// Every index with |f| <= `radius` (to 1e-9), in lexicographic order.
+    /// All indices with |f| <= `radius` (up to 1e-9), in lexicographic order.
     pub fn band(&self, radius: f64) -> Vec<Frequency<D>> {
         let reach: [i32; D] =
             std::array::from_fn(|j| (radius * self.columns.column(j).norm() + 1e-9).floor() as i32);
@@ -186,9 +197,9 @@ impl<const D: usize> Lattice<D> {
         }
     }
 
-    /// The least period of the lattice along each Cartesian axis: (1, 1, 1) for `cubic`, (2, 2, 2)
-    /// for `fcc2`, (1, sqrt 3, 1) for `hexprism`, (1, 1, sqrt 2) for `fcc1`; none for lattices whose
-    /// period along an axis is longer than 12 vectors or infinite.
+    /// The smallest period of the lattice along each Cartesian axis: (1, 1, 1) for `cubic`, (2, 2, 2) for
+    /// `fcc2`, (1, sqrt 3, 1) for `hexprism`, (1, 1, sqrt 2) for `fcc1`. `None` if a period is infinite or
+    /// longer than 12 vectors.
     pub fn periods(&self) -> Option<[f64; D]> {
         let mut periods = [0.0; D];
         for (axis, period) in periods.iter_mut().enumerate() {
@@ -196,25 +207,25 @@ impl<const D: usize> Lattice<D> {
             let largest = steps.iter().fold(0f64, |m, c| m.max(c.abs()));
             *period = (1..=12)
                 .map(|n| f64::from(n) / largest)
-                .find(|p| steps.iter().all(|c| is_whole(c * p)))?;
+                .find(|p| steps.iter().all(|c| is_integer(c * p)))?;
         }
         Some(periods)
     }
 }
 
-/// Whether a number is an integer to 1e-9.
-pub(super) fn is_whole(c: f64) -> bool {
+/// Whether a number is an integer up to 1e-9.
+pub(super) fn is_integer(c: f64) -> bool {
     (c - c.round()).abs() < 1e-9
 }
 
-fn block<const D: usize>(rows: &[[f64; 3]; 3]) -> [[f64; D]; D] {
+fn leading_block<const D: usize>(rows: &[[f64; 3]; 3]) -> [[f64; D]; D] {
     std::array::from_fn(|j| std::array::from_fn(|i| rows[j][i]))
 }
 
-/// The vectors of the icosahedral lattice; only of six dimensions.
-fn six<const D: usize>() -> [[f64; D]; D] {
+/// The vectors of the icosahedral lattice, for D = 6.
+fn icosahedral_vectors<const D: usize>() -> [[f64; D]; D] {
     std::array::from_fn(|j| {
-        let vector = icosahedral(j);
+        let vector = icosahedral_vector(j);
         std::array::from_fn(|i| vector[i])
     })
 }

@@ -9,7 +9,7 @@ const AXES: [char; 6] = ['x', 'y', 'z', 'u', 'v', 'w'];
 
 /// A linear map of the lattice onto itself, as an integer matrix on lattice coordinates.
 ///
-/// Written as the images of the coordinates: `-y,x,z` maps (x, y, z) to (-y, x, z).
+/// The text form lists the images of the coordinates: `-y,x,z` maps (x, y, z) to (-y, x, z).
 ///
 /// ```
 /// use druse::symmetry::Operator;
@@ -27,7 +27,7 @@ impl<const D: usize> Operator<D> {
         Self { rows }
     }
 
-    /// The operator that leaves everything in place.
+    /// The identity.
     pub fn identity() -> Self {
         Self::new(std::array::from_fn(|i| {
             std::array::from_fn(|j| i32::from(i == j))
@@ -39,13 +39,13 @@ impl<const D: usize> Operator<D> {
         &self.rows
     }
 
-    /// Where lattice coordinates go: M u.
+    /// The image of lattice coordinates: M u.
     pub fn apply(&self, u: [f64; D]) -> [f64; D] {
         self.rows
             .map(|row| row.iter().zip(u).map(|(&m, c)| f64::from(m) * c).sum())
     }
 
-    /// Where the index of a wave goes when the wave is composed with the operator: M^T k.
+    /// The index of a wave composed with the operator: M^T k.
     pub fn apply_to_frequency(&self, k: Frequency<D>) -> Frequency<D> {
         std::array::from_fn(|j| (0..D).map(|i| self.rows[i][j] * k[i]).sum())
     }
@@ -55,12 +55,12 @@ impl<const D: usize> Operator<D> {
         laplace(&self.rows.map(|r| r.map(i64::from)), 0, &mut [false; D])
     }
 
-    /// Sum of the diagonal, which tells the kind of a rotation.
+    /// The trace, which determines the order of a rotation.
     pub fn trace(&self) -> i32 {
         (0..D).map(|i| self.rows[i][i]).sum()
     }
 
-    /// The product `self` after `other`, or `None` if an entry leaves the range of integers.
+    /// The product `self * other`, or `None` if an entry overflows.
     pub fn checked_mul(&self, other: &Self) -> Option<Self> {
         let mut rows = [[0i32; D]; D];
         for (i, row) in rows.iter_mut().enumerate() {
@@ -74,7 +74,7 @@ impl<const D: usize> Operator<D> {
     }
 }
 
-/// Expansion along rows; saturates where a product overflows, which no unimodular matrix does.
+/// Laplace expansion along rows. It saturates on overflow, which no unimodular matrix causes.
 fn laplace<const D: usize>(m: &[[i64; D]; D], row: usize, used: &mut [bool; D]) -> i64 {
     if row == D {
         return 1;

@@ -1,23 +1,23 @@
-//! Orbits of frequencies: the indices that share one coefficient.
+//! Orbits of frequencies: the sets of indices that share a coefficient.
 
 use super::{Frequency, Lattice, PointGroup};
 
 /// The images of one index under a group.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Orbit<const D: usize> {
-    /// Every image once, in ascending lexicographic order.
+    /// All images, each once, in ascending lexicographic order.
     pub members: Vec<Frequency<D>>,
-    /// How many operators leave a member in place; times the number of members: the group's order.
+    /// Number of operators that fix a member. Times the number of members, it is the order of the group.
     pub stabiliser_order: usize,
 }
 
 impl<const D: usize> Orbit<D> {
-    /// The lexicographically greatest member.
+    /// The lexicographically largest member.
     pub fn representative(&self) -> Frequency<D> {
         self.members[self.members.len() - 1]
     }
 
-    /// Whether -k belongs to it for a member k: then its coefficient is real.
+    /// Whether the orbit contains -k for each member k. Its coefficient is then real.
     pub fn is_self_paired(&self) -> bool {
         let negative = self.representative().map(|c| -c);
         self.members.binary_search(&negative).is_ok()
@@ -49,7 +49,7 @@ impl<const D: usize> PointGroup<D> {
         }
     }
 
-    /// Every orbit within the ball |f| <= `radius`, in ascending order of (|f|, representative).
+    /// All orbits in the ball |f| <= `radius`, in ascending order of (|f|, representative).
     pub fn orbits(&self, lattice: &Lattice<D>, radius: f64) -> Vec<Orbit<D>> {
         let representatives = lattice
             .band(radius)
@@ -58,19 +58,19 @@ impl<const D: usize> PointGroup<D> {
         self.sorted(lattice, representatives)
     }
 
-    /// Every orbit all of whose members have indices within +-`greatest`, in the same order.
-    pub fn orbits_below(&self, lattice: &Lattice<D>, greatest: i32) -> Vec<Orbit<D>> {
-        let side = 2 * greatest as usize + 1;
-        let index = |place: usize| -> Frequency<D> {
+    /// All orbits whose members have indices within +-`max_index`, in the same order.
+    pub fn orbits_below(&self, lattice: &Lattice<D>, max_index: i32) -> Vec<Orbit<D>> {
+        let side = 2 * max_index as usize + 1;
+        let index = |position: usize| -> Frequency<D> {
             std::array::from_fn(|a| {
-                let digit = place / side.pow((D - 1 - a) as u32) % side;
-                digit as i32 - greatest
+                let digit = position / side.pow((D - 1 - a) as u32) % side;
+                digit as i32 - max_index
             })
         };
         let is_below = |k: &Frequency<D>| {
             self.operators().iter().all(|op| {
                 let image = op.apply_to_frequency(*k);
-                image <= *k && image.iter().all(|c| c.abs() <= greatest)
+                image <= *k && image.iter().all(|c| c.abs() <= max_index)
             })
         };
         let all = (0..side.pow(D as u32)).map(index);
@@ -84,7 +84,7 @@ impl<const D: usize> PointGroup<D> {
     ) -> Vec<Orbit<D>> {
         let mut orbits: Vec<(i64, Orbit<D>)> = representatives
             .map(|k| {
-                // |f| to 1e-9, so that equal lengths compare equal.
+                // |f| is rounded to 1e-9, so that equal lengths compare equal.
                 let length = (lattice.frequency_norm(k) * 1e9).round() as i64;
                 (length, self.orbit(k))
             })

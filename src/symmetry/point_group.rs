@@ -1,43 +1,43 @@
-//! Point groups: finite sets of operators, built as closures of generators.
+//! Point groups: finite sets of operators, generated from a few of them.
 
-use super::lattice::is_whole;
+use super::lattice::is_integer;
 use super::{Frequency, Lattice, Operator, SymmetryError};
 use std::collections::BTreeSet;
 
-/// A row of the table of groups.
+/// A row of the table of named groups.
 struct Row {
     name: &'static str,
     dimension: usize,
-    /// The lattice in whose coordinates the generators are written.
-    home: &'static str,
+    /// The lattice of the generators' coordinates.
+    lattice: &'static str,
     generators: &'static [&'static str],
-    /// The part of frequency space that every orbit meets once, in Cartesian components of f.
+    /// A domain of frequency space that contains one member of every orbit, in Cartesian components of f.
     domain: &'static str,
 }
 
-/// What is said of groups without a closed chamber.
+/// The domain of groups without a fundamental chamber.
 const NO_CHAMBER: &str =
     "no closed half-space domain: the lexicographically greatest member of an orbit";
 
 const fn row(
     dimension: usize,
     name: &'static str,
-    home: &'static str,
+    lattice: &'static str,
     generators: &'static [&'static str],
     domain: &'static str,
 ) -> Row {
     Row {
         name,
         dimension,
-        home,
+        lattice,
         generators,
         domain,
     }
 }
 
-/// The groups that have a name; adding one is adding a row. Axes: the principal one is z, but for
-/// the second C3v, that of a tet's vertex, whose is x = y = z.
-const TABLE: [Row; 16] = [
+/// The named groups. The principal axis is z, except for the second C3v, that of a tet's vertex, with the
+/// axis x = y = z.
+const GROUPS: [Row; 16] = [
     row(2, "D3", "hex2", &["-x-y,x", "-x-y,y"], "k1 >= k2 >= 0"),
     row(2, "D4", "square", &["-y,x", "x,-y"], "fx >= fy >= 0"),
     row(
@@ -104,30 +104,37 @@ const TABLE: [Row; 16] = [
     row(3, "C1", "cubic", &[], "all f"),
 ];
 
-/// Names of the groups, in the order of the table; a name may stand for one group in the plane and
-/// another in space.
-pub const GROUP_NAMES: [&str; TABLE.len()] = {
-    let mut names = [""; TABLE.len()];
+/// Names of the groups, in the order of the table. A name may denote one group in the plane and another in
+/// space.
+pub const GROUP_NAMES: [&str; GROUPS.len()] = {
+    let mut names = [""; GROUPS.len()];
     let mut i = 0;
-    while i < TABLE.len() {
-        names[i] = TABLE[i].name;
+    while i < GROUPS.len() {
+        names[i] = GROUPS[i].name;
         i += 1;
     }
     names
 };
 
-/// The rows of one dimension.
+/// The rows of a dimension.
 fn rows<const D: usize>() -> impl Iterator<Item = &'static Row> {
-    TABLE.iter().filter(|r| r.dimension == D)
+    GROUPS.iter().filter(|r| r.dimension == D)
 }
 
-/// Greatest order of a finite group of integer matrices, by dimension.
-const GREATEST_ORDER: [usize; 4] = [1, 2, 12, 48];
+/// Largest order of a finite group of integer matrices, by dimension.
+const MAX_ORDER: [usize; 4] = [1, 2, 12, 48];
 
 /// A finite group of operators on the coordinates of one lattice.
 ///
-/// Invariants: closed under products, sorted in descending order (so the identity need not come
-/// first), without repetition.
+/// ```
+/// use druse::symmetry::{Lattice, PointGroup};
+/// let td = PointGroup::named("Td", &Lattice::<3>::named("fcc2").unwrap()).unwrap();
+/// assert_eq!(td.order(), 24);
+/// assert_eq!(td.orbit([1, 0, 0]).members.len(), 4);
+/// ```
+///
+/// The operators are closed under products, unique, and in descending order; the identity is not
+/// necessarily the first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PointGroup<const D: usize> {
     name: String,
@@ -147,7 +154,7 @@ impl<const D: usize> PointGroup<D> {
                 determinant: g.determinant(),
             });
         }
-        let limit = GREATEST_ORDER.get(D).copied().unwrap_or(192);
+        let limit = MAX_ORDER.get(D).copied().unwrap_or(192);
         let infinite = || SymmetryError::Infinite {
             generators: generators
                 .iter()
@@ -176,11 +183,11 @@ impl<const D: usize> PointGroup<D> {
         })
     }
 
-    /// The group of that name ([`GROUP_NAMES`]) in the coordinates of `lattice`.
+    /// The group of the given name ([`GROUP_NAMES`]) in the coordinates of `lattice`.
     ///
     /// # Errors
-    /// [`SymmetryError::NoLattice`] for an icosahedral group, [`SymmetryError::UnknownGroup`], or
-    /// [`SymmetryError::Unfitting`] if the lattice lacks the symmetry.
+    /// [`SymmetryError::NoLattice`] for an icosahedral group in space, [`SymmetryError::UnknownGroup`], or
+    /// [`SymmetryError::Unfitting`] if the lattice is not invariant under the group.
     pub fn named(name: &str, lattice: &Lattice<D>) -> Result<Self, SymmetryError> {
         if D == 3 && matches!(name, "Ih" | "I") {
             return Err(SymmetryError::NoLattice {
@@ -215,16 +222,16 @@ impl<const D: usize> PointGroup<D> {
         if row.generators.is_empty() {
             return Ok(group);
         }
-        group.on_lattice(&Lattice::named(row.home)?, lattice)
+        group.on_lattice(&Lattice::named(row.lattice)?, lattice)
     }
 
-    /// Whether this is the group that the library knows by its name.
+    /// Whether the table has this group under this name.
     pub fn is_named(&self, lattice: &Lattice<D>) -> bool {
         Self::named(&self.name, lattice).is_ok_and(|known| known == *self)
     }
 
-    /// A part of frequency space that every orbit meets, in words: Cartesian components f, or
-    /// indices k on the hexagonal lattices.
+    /// A domain of frequency space that meets every orbit, as text in Cartesian components f, or in indices k
+    /// on hexagonal lattices.
     pub fn frequency_domain(&self, lattice: &Lattice<D>) -> &'static str {
         rows::<D>()
             .filter(|r| r.name == self.name)
@@ -232,7 +239,7 @@ impl<const D: usize> PointGroup<D> {
             .map_or(NO_CHAMBER, |r| r.domain)
     }
 
-    /// A few operators whose products are the whole group, in the order of [`PointGroup::operators`].
+    /// A few operators that generate the group, in the order of [`PointGroup::operators`].
     pub fn generators(&self) -> Vec<Operator<D>> {
         let mut chosen: Vec<Operator<D>> = Vec::new();
         let mut reached = BTreeSet::from([Operator::identity()]);
@@ -241,7 +248,7 @@ impl<const D: usize> PointGroup<D> {
                 continue;
             }
             chosen.push(op);
-            // Every product lies in this finite group, so that its closure cannot fail.
+            // All products lie in this finite group, so the generation cannot fail.
             if let Ok(closure) = Self::generated("", &chosen) {
                 reached = closure.operators.into_iter().collect();
             }
@@ -252,15 +259,15 @@ impl<const D: usize> PointGroup<D> {
     /// The same Cartesian operators in the coordinates of another lattice.
     ///
     /// # Errors
-    /// [`SymmetryError::Unfitting`] if an operator does not map that lattice to itself.
+    /// [`SymmetryError::Unfitting`] if an operator does not map that lattice onto itself.
     pub fn on_lattice(self, from: &Lattice<D>, to: &Lattice<D>) -> Result<Self, SymmetryError> {
         let change = to.inverse() * from.columns();
         let back = from.inverse() * to.columns();
         let mut operators = Vec::with_capacity(self.operators.len());
         for op in &self.operators {
             let m = nalgebra::SMatrix::<f64, D, D>::from_fn(|i, j| f64::from(op.rows()[i][j]));
-            let moved = change * m * back;
-            if let Some(&entry) = moved.iter().find(|&&c| !is_whole(c)) {
+            let transformed = change * m * back;
+            if let Some(&entry) = transformed.iter().find(|&&c| !is_integer(c)) {
                 return Err(SymmetryError::Unfitting {
                     group: self.name,
                     lattice: to
@@ -270,7 +277,7 @@ impl<const D: usize> PointGroup<D> {
                 });
             }
             operators.push(Operator::new(std::array::from_fn(|i| {
-                std::array::from_fn(|j| moved[(i, j)].round() as i32)
+                std::array::from_fn(|j| transformed[(i, j)].round() as i32)
             })));
         }
         operators.sort_unstable_by(|a, b| b.cmp(a));
@@ -280,7 +287,7 @@ impl<const D: usize> PointGroup<D> {
         })
     }
 
-    /// Its name.
+    /// The name.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -306,13 +313,14 @@ impl<const D: usize> PointGroup<D> {
             .collect()
     }
 
-    /// Whether x -> -x belongs to it: then all invariant real functions have real coefficients.
+    /// Whether the group contains the inversion x -> -x. All invariant real functions then have real
+    /// coefficients.
     pub fn contains_inversion(&self) -> bool {
         let inversion = Operator::new(Operator::<D>::identity().rows().map(|r| r.map(|c| -c)));
         self.operators.contains(&inversion)
     }
 
-    /// The operators that leave the wave of this index unchanged.
+    /// The operators that fix the index `k`.
     pub fn stabiliser(&self, k: Frequency<D>) -> Vec<Operator<D>> {
         self.operators
             .iter()
@@ -321,7 +329,7 @@ impl<const D: usize> PointGroup<D> {
             .collect()
     }
 
-    /// The representative of the orbit of `k`: its lexicographically greatest member.
+    /// The representative of the orbit of `k`: its lexicographically largest member.
     pub fn canonical(&self, k: Frequency<D>) -> Frequency<D> {
         self.operators
             .iter()

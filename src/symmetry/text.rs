@@ -1,20 +1,20 @@
-//! Groups as text: generators in crystallographic notation, one a line.
+//! Groups as text: generators in crystallographic notation, one per line.
 //!
 //! ```text
-//! # a brick that may be turned about its three axes
+//! # a brick with rotations by 180 degrees about its three axes
 //! name D2
 //! lattice cubic
 //! -x,-y,z
 //! x,-y,-z
 //! ```
 //!
-//! Generators act on the coordinates of the lattice (for `cubic` the Cartesian ones); two images
-//! make a group in the plane, three one in space. `name` and `lattice` may be missing. Everything
-//! from `#` to the end of a line is a remark.
+//! Generators act on the coordinates of the lattice (for `cubic`, Cartesian ones). Two images define a
+//! group in the plane, three a group in space. `name` and `lattice` are optional. Text from `#` to the end of
+//! a line is a comment.
 
 use super::{Lattice, Operator, PointGroup, SymmetryError};
 
-/// Why text is no group: the line, from 1, and the reason.
+/// Why text is not a group: the line, from 1, and the reason.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("line {line}: {reason}")]
 pub struct GroupTextError {
@@ -24,12 +24,12 @@ pub struct GroupTextError {
     pub reason: String,
 }
 
-/// A group as it is written; see the module's head.
+/// A group in text form; see the module's head.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GroupText {
-    /// Its name, if it gives one.
+    /// The name, if the text has one.
     pub name: Option<String>,
-    /// The name of its lattice, if it gives one.
+    /// The name of the lattice, if the text has one.
     pub lattice: Option<String>,
     /// Number of coordinates: 2 or 3.
     pub dimension: usize,
@@ -37,15 +37,15 @@ pub struct GroupText {
     generators: Vec<(usize, String)>,
 }
 
-/// More lines of generators than any group needs.
-const MOST_GENERATORS: usize = 48;
+/// Maximal number of generators.
+const MAX_GENERATORS: usize = 48;
 
 impl GroupText {
     /// Reads the text of a file.
     ///
     /// # Errors
-    /// [`GroupTextError`]: an unknown word, a word given twice, no generator, generators of
-    /// different dimensions.
+    /// [`GroupTextError`]: an unknown word, a duplicate word, no generator, generators of different
+    /// dimensions.
     pub fn parse(text: &str) -> Result<Self, GroupTextError> {
         let (mut name, mut lattice) = (None, None);
         let mut generators: Vec<(usize, String)> = Vec::new();
@@ -93,9 +93,9 @@ impl GroupText {
                     }
                 )));
             }
-            if generators.len() == MOST_GENERATORS {
+            if generators.len() == MAX_GENERATORS {
                 return Err(fail(format!(
-                    "more than {MOST_GENERATORS} generators; no finite group needs so many"
+                    "more than {MAX_GENERATORS} generators; no finite group needs so many"
                 )));
             }
             dimension = images;
@@ -115,7 +115,7 @@ impl GroupText {
         })
     }
 
-    /// The text on one line, its parts divided by `;`, without remarks.
+    /// The text on one line, with parts separated by `;`, without comments.
     pub fn line(&self) -> String {
         let word = |key: &str, value: &Option<String>| value.as_ref().map(|v| format!("{key} {v}"));
         let mut parts: Vec<String> = word("name", &self.name)
@@ -126,12 +126,12 @@ impl GroupText {
         parts.join("; ")
     }
 
-    /// The group, in the coordinates of the text's own lattice, else of the one named `default`;
-    /// called `name` unless it names itself.
+    /// The group in the coordinates of the text's lattice, or of the lattice `default`. `name` is used if the
+    /// text has no name.
     ///
     /// # Errors
-    /// [`GroupTextError`]: a text of another dimension, an unknown lattice, an operator that is
-    /// none, generators of an infinite set, operators that turn lengths of the lattice.
+    /// [`GroupTextError`]: a text of another dimension, an unknown lattice, an invalid operator, generators
+    /// of an infinite group, operators that change lengths on the lattice.
     pub fn group<const D: usize>(
         &self,
         name: &str,
@@ -158,7 +158,7 @@ impl GroupText {
         let mut operators = Vec::with_capacity(self.generators.len());
         for (line, text) in &self.generators {
             let operator: Operator<D> = text.parse().map_err(on_line(*line))?;
-            // Each alone first, so that the line of an infinite one is known.
+            // Each generator is checked separately, so that an error names its line.
             PointGroup::generated("", &[operator]).map_err(on_line(*line))?;
             operators.push(operator);
         }

@@ -1,11 +1,10 @@
-//! The tiling's values in bulk among straight elements, whose maps are affine: whole rows of samples are
-//! placed in an element without a search.
+//! Rule Q for lattices among affine elements: rows of samples are located in an element without a search.
 //!
-//! Samples go by blocks of 2^3. The field at a block's centre decides most of them: with L the slope's
-//! bound and R the block's half diagonal, |F| >= L (R + w) there means |F| >= L w at all samples, whatever
-//! elements they lie in: F is continuous but where a scaffold overlaps itself, which shows in that the
-//! centre lies in several elements. What is left goes through rule Q by eight blocks at a time.
-//! What lies outside the scaffold waits, and is measured at the boundary's closest points by as many.
+//! Samples are grouped in blocks of 2^3. The field at a block's centre decides most blocks: with L the slope
+//! bound and R the block's half diagonal, |F| >= L (R + w) there implies |F| >= L w at all samples, whatever
+//! elements they are in. F is continuous except where a scaffold overlaps itself, where the centre is in
+//! several elements. The other blocks go through rule Q, eight at a time. Samples outside the scaffold are
+//! collected and evaluated at the closest points of the boundary, 64 at a time.
 
 mod block;
 mod distances;
@@ -14,291 +13,320 @@ mod newton_steps;
 mod rule;
 mod sample_batch;
 
-use super::boundary::Known;
-use super::fill::{BLOCK, PartOfLattice, parts};
-use super::locality::{NEIGHBOUR, Near, near_surface};
+use super::boundary::RegionFacts;
+use super::fill::{BLOCK_EDGE, PartOfLattice, parts};
+use super::locality::{NEIGHBOUR_DISTANCE, NearElements, near_surface_distance};
 use super::{Filling, TiledSolid};
 use crate::field::{Interval, SampleLattice};
 use crate::frame::{Vec3, WorldPoint};
-use block::{Along, Block, Part, Scene, VOLUME, place};
-use exterior::{GAP, Stray};
-use rule::Rule;
-pub(super) use rule::Wanted;
-use sample_batch::{Bundle, MOST, bits};
+use block::{Block, BlockSpan, FillContext, Part, VOLUME, sample_offset};
+use exterior::{ExteriorSample, GAP_TOLERANCE};
+use rule::BatchEvaluation;
+pub(super) use rule::Quantity;
+use sample_batch::{MAX_SAMPLES, SampleBatch, bits};
 
-/// With more near elements than this the parts of a lattice are taken one by one.
-const MANY: usize = 24;
-/// With more than this elements are not placed by the row: what is kept of each takes 2 KiB.
-pub(super) const CROWD: usize = 1024;
+/// With more near elements than this, each part of a lattice has its own list of candidates.
+const MAX_SHARED_CANDIDATES: usize = 24;
+/// With more near elements than this, batches are not used: their data take 2 KiB for each element.
+pub(super) const MAX_BATCHED_ELEMENTS: usize = 1024;
 
-/// Room for the work, kept between lattices.
+/// Buffers, reused from lattice to lattice.
 #[derive(Default)]
-pub(super) struct Straight {
+pub(super) struct AffineBuffers {
     parts: Vec<Part>,
     blocks: Vec<Block>,
-    bundle: Bundle,
-    centres: Rule,
-    samples: Rule,
-    /// Of the near elements those that matter to a bundle, by place.
-    places: Vec<u32>,
-    strays: Vec<Stray>,
-    /// Triangles of the boundary that may show, part by part.
-    shores: Vec<u32>,
-    along: [Vec<Along>; 3],
-    /// Elements near a part, where many are near the lattice.
-    few: Near,
-    /// Whether some sample, as far from the surface as the half width, may have a neighbour of the other sign.
-    is_open: bool,
-    /// At how many points a cell was looked at.
-    pub looked: u64,
+    batch: SampleBatch,
+    centres: BatchEvaluation,
+    samples: BatchEvaluation,
+    /// Indices of the near elements within reach of a batch.
+    near_indices: Vec<u32>,
+    exterior: Vec<ExteriorSample>,
+    /// Boundary triangles that may affect a part, part by part.
+    part_triangles: Vec<u32>,
+    along: [Vec<BlockSpan>; 3],
+    /// Elements near a part, where many elements are near the lattice.
+    candidates: NearElements,
+    /// Whether some sample out of the band may have a neighbour of the other sign.
+    has_unproved_sign: bool,
+    /// Number of cell evaluations.
+    pub evaluations: u64,
 }
 
-impl Straight {
+impl AffineBuffers {
     fn clear(&mut self) {
         self.parts.clear();
         self.blocks.clear();
-        self.shores.clear();
+        self.part_triangles.clear();
     }
 
-    /// Whether all samples out of the band are proved to have their neighbours' sign.
-    pub fn is_settled(&self) -> bool {
-        !(self.is_open || self.samples.is_open)
+    /// Whether it is proved that all samples out of the band have the sign of their neighbours.
+    pub fn are_signs_proved(&self) -> bool {
+        !(self.has_unproved_sign || self.samples.has_unproved_sign)
     }
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Whether all of some elements are straight.
-    pub(super) fn are_straight(&self, near: &Near) -> bool {
+    /// Whether all near elements are affine.
+    pub(super) fn are_affine(&self, near: &NearElements) -> bool {
         let mut all = near.patches.iter();
         all.all(|&e| self.patches[e as usize].is_affine())
     }
 
-    /// The field at those of some points that lie in a single element, all near ones being straight.
+    /// The field at the points that are in exactly one element; all near elements must be affine.
     pub(super) fn field_at<const N: usize>(
         &self,
-        near: &Near,
+        near: &NearElements,
         points: [Vec3; N],
-        room: &mut Straight,
+        buffers: &mut AffineBuffers,
     ) -> [Option<f64>; N] {
-        let mut values = [0.0; MOST];
-        room.bundle.clear();
+        let mut values = [0.0; MAX_SAMPLES];
+        buffers.batch.clear();
         for x in points {
-            room.bundle.push(x.into(), true);
+            buffers.batch.push(x.into(), true);
         }
-        room.bundle.fill_up();
+        buffers.batch.fill_up();
         let patches = near.patches.iter().map(|&e| &self.patches[e as usize]);
-        room.centres.place(patches, &room.bundle, self.delta());
-        self.field_of(near, &mut room.centres, &mut values);
-        let single = room.centres.single;
-        std::array::from_fn(|n| (single >> n & 1 != 0).then_some(values[n % MOST]))
+        buffers
+            .centres
+            .locate(patches, &buffers.batch, self.delta());
+        self.evaluate_owned(near, &mut buffers.centres, &mut values);
+        let single = buffers.centres.single;
+        std::array::from_fn(|n| (single >> n & 1 != 0).then_some(values[n % MAX_SAMPLES]))
     }
 
-    /// Values of one component among straight elements, its boundary included; `depth` bounds the distance
-    /// to the boundary.
-    pub(super) fn fill_straight(
+    /// Values of one component among affine elements, cut at its boundary; `depth` bounds the distance to it.
+    pub(super) fn fill_affine(
         &self,
-        (component, near): (usize, &Near),
-        (lattice, wanted): (&SampleLattice<WorldPoint>, Wanted),
-        (depth, shore): (Interval, Option<&[u32]>),
-        room: &mut Straight,
+        (component, near): (usize, &NearElements),
+        (lattice, quantity): (&SampleLattice<WorldPoint>, Quantity),
+        (depth, boundary_triangles): (Interval, Option<&[u32]>),
+        buffers: &mut AffineBuffers,
         out: &mut [f32],
     ) {
-        self.expect((lattice.step, wanted, depth), room);
-        let mut along = std::mem::take(&mut room.along);
+        self.start_sign_proof((lattice.step, quantity, depth), buffers);
+        let mut along = std::mem::take(&mut buffers.along);
         for (axis, along) in along.iter_mut().enumerate() {
             along.clear();
-            along.extend(Along::all(lattice, axis));
+            along.extend(BlockSpan::all(lattice, axis));
         }
-        let whole = Scene {
+        let whole = FillContext {
             component,
             near,
             lattice,
-            wanted,
-            shore,
-            shores: &[],
+            quantity,
+            boundary_triangles,
+            part_triangles: &[],
             along: &along,
             offsets: std::array::from_fn(|n| {
-                let [i, j, k] = place(n);
+                let [i, j, k] = sample_offset(n);
                 (i * lattice.counts[1] + j) * lattice.counts[2] + k
             }),
         };
-        if near.patches.len() <= MANY {
-            room.clear();
+        if near.patches.len() <= MAX_SHARED_CANDIDATES {
+            buffers.clear();
             for part in parts(lattice) {
-                let own = self.depth_of(&whole, &part, depth);
-                self.enter(&whole, &part, own, room, out);
+                let own = self.part_depth(&whole, &part, depth);
+                self.add_part(&whole, &part, own, buffers, out);
             }
-            self.fill_entered(&whole, room, out);
-            room.along = along;
+            self.fill_parts(&whole, buffers, out);
+            buffers.along = along;
             return;
         }
-        let mut few = std::mem::take(&mut room.few);
+        let mut candidates = std::mem::take(&mut buffers.candidates);
         for part in parts(lattice) {
-            room.clear();
-            let own = self.depth_of(&whole, &part, depth);
-            let region = part.span(lattice).dilated(self.reach(own.hi));
-            self.keep_near(near, &region, &mut few);
-            let scene = Scene {
-                near: &few,
+            buffers.clear();
+            let own = self.part_depth(&whole, &part, depth);
+            let region = part.span(lattice).dilated(self.continuation_reach(own.hi));
+            self.filter_near(near, &region, &mut candidates);
+            let context = FillContext {
+                near: &candidates,
                 ..whole
             };
-            self.enter(&scene, &part, own, room, out);
-            self.fill_entered(&scene, room, out);
+            self.add_part(&context, &part, own, buffers, out);
+            self.fill_parts(&context, buffers, out);
         }
-        room.few = few;
-        room.along = along;
+        buffers.candidates = candidates;
+        buffers.along = along;
     }
 
-    /// Prepares to prove that samples out of the band have their neighbours' sign, if they all lie deep in the
-    /// scaffold: |F| changes between neighbours by less than what makes a block or a sample far.
-    fn expect(&self, (step, wanted, depth): (f64, Wanted, Interval), room: &mut Straight) {
+    /// Starts the proof that samples out of the band have the sign of their neighbours. It requires that all of
+    /// them lie deep in the scaffold. Then |F| changes less between neighbours than the bound that puts a block
+    /// or a sample out of the band.
+    fn start_sign_proof(
+        &self,
+        (step, quantity, depth): (f64, Quantity, Interval),
+        buffers: &mut AffineBuffers,
+    ) {
         let w = self.options.half_width;
-        let away = NEIGHBOUR * step;
-        // A neighbour may lie in an element further away.
-        let change = self.steepest * away;
-        room.is_open =
-            wanted == Wanted::Signs || depth.hi > -w || away > near_surface(self.options);
-        room.samples.is_open = false;
-        room.samples.change = change;
+        let away = NEIGHBOUR_DISTANCE * step;
+        // A neighbour may be in an element further away.
+        let change = self.max_slope_sup * away;
+        buffers.has_unproved_sign = quantity == Quantity::Signs
+            || depth.hi > -w
+            || away > near_surface_distance(self.options);
+        buffers.samples.has_unproved_sign = false;
+        buffers.samples.change = change;
     }
 
-    /// Bounds of the distance to the boundary over a part of a lattice, within those of the whole.
-    fn depth_of(&self, scene: &Scene, part: &PartOfLattice, whole: Interval) -> Interval {
+    /// Bounds of the distance to the boundary over a part of a lattice, within those of the whole lattice.
+    fn part_depth(&self, context: &FillContext, part: &PartOfLattice, whole: Interval) -> Interval {
         if whole.hi <= -self.options.half_width {
             return whole;
         }
-        let around = (scene.shore, &*scene.near.patches);
-        self.boundary_range(scene.component, &part.span(scene.lattice), whole, around)
+        let around = (context.boundary_triangles, &*context.near.patches);
+        self.boundary_range(
+            context.component,
+            &part.span(context.lattice),
+            whole,
+            around,
+        )
     }
 
-    /// Enters the blocks of a part that its depth does not decide.
-    fn enter(
+    /// Adds the blocks of a part, unless the distance to the boundary decides it.
+    fn add_part(
         &self,
-        scene: &Scene,
+        context: &FillContext,
         part: &PartOfLattice,
         depth: Interval,
-        room: &mut Straight,
+        buffers: &mut AffineBuffers,
         out: &mut [f32],
     ) {
         let w = self.options.half_width;
         if self.is_cut() && depth.lo >= w {
-            part.indices(scene.lattice).for_each(|n| out[n] = w as f32);
+            part.indices(context.lattice)
+                .for_each(|n| out[n] = w as f32);
             return;
         }
-        let number = room.parts.len();
+        let number = buffers.parts.len();
         let is_deep = depth.hi <= -w;
-        let first = room.shores.len();
-        if let Some(shore) = scene.shore.filter(|_| !is_deep) {
-            let span = part.span(scene.lattice);
-            let boundary = &self.components[scene.component].boundary;
-            boundary.collect_among(shore, &span, self.sight(), &mut room.shores);
+        let first = buffers.part_triangles.len();
+        if let Some(boundary_triangles) = context.boundary_triangles.filter(|_| !is_deep) {
+            let span = part.span(context.lattice);
+            let boundary = &self.components[context.component].boundary;
+            boundary.collect_among(
+                boundary_triangles,
+                &span,
+                self.boundary_reach(),
+                &mut buffers.part_triangles,
+            );
         }
-        room.parts.push(Part {
+        buffers.parts.push(Part {
             is_deep,
-            shore: [first, room.shores.len()],
-            distance: depth.hi.abs().max(depth.lo.abs()),
-            reach: self.reach(depth.hi),
+            triangle_range: [first, buffers.part_triangles.len()],
+            max_boundary_distance: depth.hi.abs().max(depth.lo.abs()),
+            reach: self.continuation_reach(depth.hi),
         });
         let along = |a: usize| {
             let (first, last) = (part.first[a], part.last[a]);
-            (0..=(last - first) / BLOCK).map(move |n| first + n * BLOCK)
+            (0..=(last - first) / BLOCK_EDGE).map(move |n| first + n * BLOCK_EDGE)
         };
         for (i, j) in along(0).flat_map(|i| along(1).map(move |j| (i, j))) {
-            let block = |k| Block::new([i, j, k], number, scene);
-            room.blocks.extend(along(2).map(block));
+            let block = |k| Block::new([i, j, k], number, context);
+            buffers.blocks.extend(along(2).map(block));
         }
     }
 
-    /// Values of all blocks that have been entered.
-    fn fill_entered(&self, scene: &Scene, room: &mut Straight, out: &mut [f32]) {
-        let shores = std::mem::take(&mut room.shores);
-        let scene = Scene {
-            shores: &shores,
-            ..*scene
+    /// Values of all blocks of the parts added.
+    fn fill_parts(&self, context: &FillContext, buffers: &mut AffineBuffers, out: &mut [f32]) {
+        let part_triangles = std::mem::take(&mut buffers.part_triangles);
+        let context = FillContext {
+            part_triangles: &part_triangles,
+            ..*context
         };
-        self.fill_blocks(&scene, room, out);
-        self.fill_strays(&scene, room, out);
-        room.shores = shores;
+        self.fill_blocks(&context, buffers, out);
+        self.fill_exterior(&context, buffers, out);
+        buffers.part_triangles = part_triangles;
     }
 
-    fn fill_blocks(&self, scene: &Scene, room: &mut Straight, out: &mut [f32]) {
-        let step = scene.lattice.step;
+    fn fill_blocks(&self, context: &FillContext, buffers: &mut AffineBuffers, out: &mut [f32]) {
+        let step = context.lattice.step;
         let w = self.options.half_width;
-        let reach = match scene.wanted {
-            Wanted::Distances => w,
-            // More than rounding.
-            Wanted::Signs => 1e-3 * step,
+        let reach = match context.quantity {
+            Quantity::Distances => w,
+            // More than rounding errors.
+            Quantity::Signs => 1e-3 * step,
         };
-        let mut values = [0.0; MOST];
-        room.is_open |= room.samples.change > w * scene.near.slope_sup;
-        let all = std::mem::take(&mut room.blocks);
-        for blocks in all.chunks(MOST) {
-            room.bundle.clear();
+        let mut values = [0.0; MAX_SAMPLES];
+        buffers.has_unproved_sign |= buffers.samples.change > w * context.near.slope_sup;
+        let all = std::mem::take(&mut buffers.blocks);
+        for blocks in all.chunks(MAX_SAMPLES) {
+            buffers.batch.clear();
             for block in blocks {
-                room.bundle.push(block.middle(scene), true);
+                buffers.batch.push(block.centre(context), true);
             }
-            room.bundle.fill_up();
-            let near = scene.near.patches.iter();
+            buffers.batch.fill_up();
+            let near = context.near.patches.iter();
             let patches = near.map(|&e| &self.patches[e as usize]);
-            // A voxel's margin is enough for reference coordinates of what elements own.
-            room.centres.place(patches, &room.bundle, self.delta());
-            self.field_of(scene.near, &mut room.centres, &mut values);
-            let single = room.centres.single;
-            room.looked += u64::from(room.centres.owned.count_ones());
-            let mut far = 0u64;
+            // A margin of one voxel includes all points that an element owns.
+            buffers
+                .centres
+                .locate(patches, &buffers.batch, self.delta());
+            self.evaluate_owned(context.near, &mut buffers.centres, &mut values);
+            let single = buffers.centres.single;
+            buffers.evaluations += u64::from(buffers.centres.owned.count_ones());
+            let mut is_far = 0u64;
             for (n, (block, value)) in blocks.iter().zip(&values).enumerate() {
-                let least = self.rise(scene.near, block.radius + reach);
-                far |= u64::from(value.abs() >= least) << n;
+                let threshold = self.max_change(context.near, block.radius + reach);
+                is_far |= u64::from(value.abs() >= threshold) << n;
             }
-            let mut open = room.bundle.real & !(far & single);
-            for n in bits(far & single) {
+            let mut open = buffers.batch.active & !(is_far & single);
+            for n in bits(is_far & single) {
                 let block = &blocks[n];
-                let part = &room.parts[block.part()];
-                // All of a deep block lies in elements; of others one must hold it, and no other reach in.
-                let holds = || {
-                    let mut all = room.centres.placed[..scene.near.patches.len()].iter();
+                let part = &buffers.parts[block.part()];
+                // All of a deep block is in elements. Any other block must lie in one element, and no other element
+                // may reach into it.
+                let is_in_one_element = || {
+                    let mut all = buffers.centres.locations[..context.near.patches.len()].iter();
                     all.all(|p| p.outside(n).abs() >= block.radius)
                 };
-                if !(part.is_deep || holds()) {
+                if !(part.is_deep || is_in_one_element()) {
                     open |= 1 << n;
                     continue;
                 }
                 let d = if values[n] < 0.0 { -w } else { w };
-                if part.is_deep && block.is_whole() {
-                    scene.fill(block, &[d as f32; VOLUME], out);
+                if part.is_deep && block.is_full() {
+                    context.fill(block, &[d as f32; VOLUME], out);
                     continue;
                 }
-                let known = scene.known(part);
-                for n in bits(u64::from(block.places)) {
-                    let ended = self.ended(scene, d, (block, n), known);
-                    out[scene.index(block, n)] = ended as f32;
+                let known = context.known(part);
+                for n in bits(u64::from(block.sample_mask)) {
+                    let cut = self.cut_sample(context, d, (block, n), known);
+                    out[context.index(block, n)] = cut as f32;
                 }
             }
-            let mut numbers = [0; MOST];
+            let mut numbers = [0; MAX_SAMPLES];
             for (to, n) in numbers.iter_mut().zip(bits(open)) {
                 *to = n;
             }
-            for group in numbers[..open.count_ones() as usize].chunks(MOST / VOLUME) {
-                self.fill_group(scene, (blocks, group), room, out);
+            for group in numbers[..open.count_ones() as usize].chunks(MAX_SAMPLES / VOLUME) {
+                self.fill_group(context, (blocks, group), buffers, out);
             }
         }
-        room.blocks = all;
+        buffers.blocks = all;
     }
 
-    /// The distance `d` at a sample of the scaffold, the boundary regarded.
+    /// Cuts the distance `d` of a sample with the boundary.
     #[inline]
-    fn ended(&self, scene: &Scene, d: f64, (block, n): (&Block, usize), known: Known) -> f64 {
+    fn cut_sample(
+        &self,
+        context: &FillContext,
+        d: f64,
+        (block, n): (&Block, usize),
+        known: RegionFacts,
+    ) -> f64 {
         if known.is_deep || !self.is_cut() {
             return d;
         }
-        match scene.wanted {
-            Wanted::Distances => self.cut(scene.component, d, scene.point(block, n), known),
-            // Only on the boundary itself does the sign change.
-            Wanted::Signs if d >= 0.0 => d,
-            Wanted::Signs => {
-                let near = -self.on_boundary();
-                let at = scene.point(block, n);
-                if self.cut(scene.component, near, at, known) < 0.0 {
+        match context.quantity {
+            Quantity::Distances => {
+                self.cut_at_boundary(context.component, d, context.point(block, n), known)
+            }
+            // The sign changes only on the boundary itself.
+            Quantity::Signs if d >= 0.0 => d,
+            Quantity::Signs => {
+                let near = -self.boundary_tolerance();
+                let at = context.point(block, n);
+                if self.cut_at_boundary(context.component, near, at, known) < 0.0 {
                     d
                 } else {
                     0.0
@@ -307,74 +335,80 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Values of some blocks, given by their numbers, whose centres have been placed.
+    /// Values of a group of blocks, given by number, whose centres have been located.
     fn fill_group(
         &self,
-        scene: &Scene,
+        context: &FillContext,
         (blocks, group): (&[Block], &[usize]),
-        room: &mut Straight,
+        buffers: &mut AffineBuffers,
         out: &mut [f32],
     ) {
-        let Straight {
+        let AffineBuffers {
             parts,
-            bundle,
+            batch,
             centres,
             samples,
-            places,
-            strays,
-            is_open,
-            looked,
+            near_indices,
+            exterior,
+            has_unproved_sign,
+            evaluations,
             ..
-        } = room;
-        bundle.clear();
+        } = buffers;
+        batch.clear();
         for &n in group {
-            bundle.push_block(blocks[n].ends(scene), blocks[n].places.into());
+            batch.push_block(blocks[n].ends(context), blocks[n].sample_mask.into());
         }
-        // What is within reach of a sample is within reach of its block's centre and the radius.
+        // An element within reach of a sample is within reach of its block's centre plus the radius.
         let margin = |n: usize| {
             let block = &blocks[n];
             block.radius + self.delta() + parts[block.part()].reach
         };
-        places.clear();
-        for (place, placed) in (0..scene.near.patches.len() as u32).zip(&centres.placed) {
-            if group.iter().any(|&n| placed.outside(n) <= margin(n)) {
-                places.push(place);
+        near_indices.clear();
+        for (near_index, location) in (0..context.near.patches.len() as u32).zip(&centres.locations)
+        {
+            if group.iter().any(|&n| location.outside(n) <= margin(n)) {
+                near_indices.push(near_index);
             }
         }
-        self.rule_q((scene.near, places), bundle, scene.wanted, samples);
-        *looked += u64::from(samples.owned.count_ones());
+        self.evaluate_rule_q(
+            (context.near, near_indices),
+            batch,
+            context.quantity,
+            samples,
+        );
+        *evaluations += u64::from(samples.owned.count_ones());
         for (number, &n) in group.iter().enumerate() {
             let block = &blocks[n];
             let part = &parts[block.part()];
             let first = number * VOLUME;
             let owned = samples.owned >> first & 0xff;
             if part.is_deep && owned == 0xff {
-                let d = samples.found.row(number).map(|d| d as f32);
-                scene.fill(block, &d, out);
+                let d = samples.distances.row(number).map(|d| d as f32);
+                context.fill(block, &d, out);
                 continue;
             }
-            let known = scene.known(part);
-            for n in bits(u64::from(block.places)) {
-                let index = scene.index(block, n);
+            let known = context.known(part);
+            for n in bits(u64::from(block.sample_mask)) {
+                let index = context.index(block, n);
                 if owned >> n & 1 != 0 {
-                    let d = samples.found.d(first + n);
-                    out[index] = self.ended(scene, d, (block, n), known) as f32;
+                    let d = samples.distances.d(first + n);
+                    out[index] = self.cut_sample(context, d, (block, n), known) as f32;
                     continue;
                 }
-                *is_open = true;
-                let stray = Stray {
+                *has_unproved_sign = true;
+                let sample = ExteriorSample {
                     n: index,
-                    x: bundle.point(first + n),
+                    x: batch.point(first + n),
                     part: block.part(),
                 };
-                let outside = samples.outside(places.len(), first + n);
-                if outside <= GAP * self.options.voxel_size {
-                    // Perhaps in a gap between elements.
-                    out[index] = self.alone(scene, &stray, known) as f32;
-                } else if self.is_cut() && scene.wanted == Wanted::Signs {
+                let outside = samples.outside(near_indices.len(), first + n);
+                if outside <= GAP_TOLERANCE * self.options.voxel_size {
+                    // The sample may be in a gap between elements.
+                    out[index] = self.single_value(context, &sample, known) as f32;
+                } else if self.is_cut() && context.quantity == Quantity::Signs {
                     out[index] = self.options.half_width as f32;
                 } else {
-                    strays.push(stray);
+                    exterior.push(sample);
                 }
             }
         }

@@ -1,13 +1,13 @@
-//! Boxes of equal hexes parallel to the voxels, filled with a cell that is a short series.
+//! A box of equal axis-parallel hexes, filled with a cell that is a short trigonometric series.
 //!
-//! Neighbours continue each other, so that the whole box is one periodic function F, whose factors
-//! along the axes are tabulated once per row of samples instead of looked up. Distances follow rule Q
-//! with that one function, since there is nothing to blend; F itself is evaluated at every sample, so
-//! that the zero set is that of the series. D is the exact distance to the box, and outside of it F is
-//! taken at the closest point, whose coordinates are clamped one by one.
+//! Neighbours continue each other, so that the whole box is one periodic function F. Its factors along the
+//! axes are tabulated for rows of samples instead of looked up for each sample. Distances follow rule Q with
+//! F alone: there is nothing to blend. F is evaluated at every sample, so that the zero set is that of the
+//! series. D is the exact distance to the box. Outside, F is evaluated at the closest point of the box, whose
+//! coordinates are clamped one by one.
 //!
-//! The scale d / |F| is smooth: where interpolating it in a table over one period changes distances by no
-//! more than [`TOLERANCE`], it is. That is tried out on leaves spread over a period.
+//! The scale d / |F| is interpolated from a table over one period where it is smooth enough: where trials on
+//! leaves spread over a period show errors of the distances within [`RMS_TOLERANCE`] and [`MAX_ERROR`].
 
 use super::patch::Patch;
 use super::{Boundary, Distance, TilingOptions, Visits};
@@ -22,63 +22,66 @@ mod kernel;
 mod leaves;
 mod periods;
 mod scales;
-use band_sides::SidesWork;
-use kernel::{Function, RangeWork, RowWork, Rule, SignWork, WIDEST};
+use band_sides::SidesKernel;
+use kernel::{MAX_SIGN_SAMPLES, PeriodicField, RangeKernel, RowKernel, RuleQ, SignKernel};
 use periods::{Periods, grid};
 use scales::Scales;
 
-/// Root mean square, in voxels, by which interpolated scales may change distances in the band.
-const TOLERANCE: f64 = 0.004;
-/// The greatest such change.
-const MOST: f64 = 0.06;
-/// How many voxels apart the places of tables of scales are that are tried.
-const APART: [f64; 2] = [1.5, 1.0];
-/// Longest Newton steps, radians, that sines and cosines can follow.
-const FURTHEST: f64 = 2.2;
-/// Leaves on which the nodes are tried out.
-const TRIALS: u32 = 64;
-/// Precision of bounds in single precision, as a share of the greatest value.
-const SINGLE: f64 = 2e-5;
-/// What rounding may make of a length, as a factor.
-const ROUNDED: f32 = 1.0 + 1e-6;
-/// Newton steps are damped where the slope is below this fraction of its mean.
-const DAMPING: f64 = 0.05;
+/// Greatest root mean square error, voxels, of distances in the band with interpolated scales.
+const RMS_TOLERANCE: f64 = 0.004;
+/// Greatest single error of these distances, voxels.
+const MAX_ERROR: f64 = 0.06;
+/// Spacings of the tables of scales that are tried, voxels.
+const TABLE_SPACINGS: [f64; 2] = [1.5, 1.0];
+/// Longest Newton step, radians, over which sines and cosines are continued accurately.
+const MAX_STEP_ANGLE: f64 = 2.2;
+/// Number of leaves on which a table is tried.
+const TRIAL_LEAVES: u32 = 64;
+/// Error of bounds in single precision, relative to the greatest value.
+const F32_PRECISION: f64 = 2e-5;
+/// Factor by which rounding may increase a length.
+const ROUNDING_FACTOR: f32 = 1.0 + 1e-6;
+/// Newton steps are damped where the slope is below this fraction of its root mean square.
+const DAMPING_FRACTION: f64 = 0.05;
 
-/// A box of equal hexes with one function in it.
-pub(super) struct Aligned {
-    function: Function,
+/// A box of equal hexes with one periodic field.
+pub(super) struct HexGrid {
+    field: PeriodicField,
     options: TilingOptions,
     slope_sup: f64,
     slope_rms: f64,
     scales: Scales,
 }
 
-impl Aligned {
-    /// The scaffold as such a box, if it is one.
+impl HexGrid {
+    /// The tiling as such a box; `None` if the scaffold, the cell or the options do not allow it.
     pub fn new(
         scaffold: &Scaffold,
         products: &Products,
         patches: &[Patch],
         options: TilingOptions,
     ) -> Option<Self> {
-        let (room, centre, size) = grid(scaffold, products.fits_any_numbering())?;
+        let (bounds, centre, size) = grid(scaffold, products.fits_any_numbering())?;
         let (slope_sup, slope_rms) = (patches[0].slope_sup, patches[0].slope_rms);
-        let turn = size.map(|s| std::f64::consts::TAU / s);
-        let longest = 2.0 * options.half_width;
-        let furthest = turn.max() * longest;
-        if options.distance != Distance::Fast || furthest > FURTHEST || !slope_sup.is_finite() {
+        let wave_number = size.map(|s| std::f64::consts::TAU / s);
+        let max_step = 2.0 * options.half_width;
+        let max_angle = wave_number.max() * max_step;
+        if options.distance != Distance::Fast
+            || max_angle > MAX_STEP_ANGLE
+            || !slope_sup.is_finite()
+        {
             return None;
         }
         let h = options.voxel_size;
-        let rule = Rule {
-            damping: (DAMPING * slope_rms).powi(2) as f32,
-            longest: longest as f32,
+        let rule = RuleQ {
+            damping: (DAMPING_FRACTION * slope_rms).powi(2) as f32,
+            max_step: max_step as f32,
             half_width: options.half_width as f32,
-            least: slope_sup.recip() as f32,
-            greatest: (10.0 / slope_rms) as f32,
-            reach: (f64::sqrt(3.0) * h * slope_sup * (1.0 + 1e-4)) as f32,
-            tiny: (1e-4 * slope_rms * h) as f32,
-            turn: turn.map(|t| t as f32).into(),
+            min_scale: slope_sup.recip() as f32,
+            max_scale: (10.0 / slope_rms) as f32,
+            sign_reach: (f64::sqrt(3.0) * h * slope_sup * (1.0 + 1e-4)) as f32,
+            zero_tolerance: (1e-4 * slope_rms * h) as f32,
+            wave_number: wave_number.map(|t| t as f32).into(),
         };
         if !rule.is_finite() || !products.is_single() {
             return None;
@@ -86,10 +89,10 @@ impl Aligned {
         let periods = Periods {
             centre,
             rate: size.map(f64::recip),
-            room,
+            bounds,
         };
-        let mut aligned = Self {
-            function: Function {
+        let mut hex_grid = Self {
+            field: PeriodicField {
                 products: products.clone(),
                 periods,
                 rule,
@@ -97,92 +100,96 @@ impl Aligned {
             options,
             slope_sup,
             slope_rms,
-            scales: Scales::of_every_sample(),
+            scales: Scales::per_sample(),
         };
-        let function = &aligned.function;
-        let tables = APART.map(|apart| Scales::new(function, h, apart));
-        let mut few = (4..=scales::MOST).flat_map(|n| {
+        let field = &hex_grid.field;
+        let tables = TABLE_SPACINGS.map(|spacing| Scales::new(field, h, spacing));
+        let mut candidates = (4..=scales::MAX_POLYNOMIAL_NODES).flat_map(|n| {
             tables
                 .iter()
                 .flatten()
                 .map(move |t| t.clone().with_nodes(n))
         });
-        let found = few.find(|scales| aligned.suffice(scales)).or_else(|| {
-            let local = Scales::local(&aligned.function, h)?;
-            aligned.suffice(&local).then_some(local)
-        });
+        let found = candidates
+            .find(|scales| hex_grid.is_accurate(scales))
+            .or_else(|| {
+                let local = Scales::local(&hex_grid.field, h)?;
+                hex_grid.is_accurate(&local).then_some(local)
+            });
         if let Some(scales) = found {
-            aligned.scales = scales;
+            hex_grid.scales = scales;
         }
-        Some(aligned)
+        Some(hex_grid)
     }
 
-    /// Whether interpolated scales are as good as those at every sample.
-    fn suffice(&self, scales: &Scales) -> bool {
+    /// Whether distances with these interpolated scales are within the tolerances of those with exact scales.
+    fn is_accurate(&self, scales: &Scales) -> bool {
         let h = self.options.voxel_size;
-        let w = self.function.rule.half_width * (1.0 - 1e-4);
-        let (mut squares, mut count, mut most) = (0.0, 0u32, 0f64);
-        for n in 0..TRIALS {
-            // Spread evenly over a period.
+        let w = self.field.rule.half_width * (1.0 - 1e-4);
+        let (mut squares, mut count, mut max_error) = (0.0, 0u32, 0f64);
+        for n in 0..TRIAL_LEAVES {
+            // A low-discrepancy sequence over a period.
             let spread = Vec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5) * f64::from(n);
-            let periods = &self.function.periods;
+            let periods = &self.field.periods;
             let part = spread.map(|s| s.fract() - 0.5);
             let origin = WorldPoint(periods.centre + part.component_div(&periods.rate));
-            let [exact, close] =
+            let [exact, interpolated] =
                 [&self.scales, scales].map(|scales| self.leaf(scales, false, origin, h));
-            for (a, b) in exact.iter().zip(&close) {
+            for (a, b) in exact.iter().zip(&interpolated) {
                 if a.abs() < w || b.abs() < w {
-                    let off = f64::from(a - b) / h;
-                    squares += off * off;
-                    most = most.max(off.abs());
+                    let error = f64::from(a - b) / h;
+                    squares += error * error;
+                    max_error = max_error.max(error.abs());
                     count += 1;
                 }
             }
         }
-        squares <= TOLERANCE * TOLERANCE * f64::from(count) && most <= MOST
+        squares <= RMS_TOLERANCE * RMS_TOLERANCE * f64::from(count) && max_error <= MAX_ERROR
     }
 
-    /// Distances at 8^3 samples, to the solid or, not cut off at the box, to the zero set of F.
+    /// Distances at 8^3 samples: to the solid, or to the zero set of F if they are not cut at the box.
     fn leaf(&self, scales: &Scales, is_cut: bool, origin: WorldPoint, step: f64) -> [f32; 512] {
         let mut values = [[0.0; 512]];
         let leaves = &mut Leaves {
             origins: &[origin],
             step,
             by: 0.0,
-            background: self.function.rule.half_width,
+            background: self.field.rule.half_width,
             values: &mut values,
             bits: &mut [LeafBits::default()],
         };
-        leaves::fill(&self.function, scales, is_cut, leaves);
+        leaves::fill(&self.field, scales, is_cut, leaves);
         values[0]
     }
 
-    /// Whether scales were tried out for samples that are so far from each other.
-    fn is_fine(&self, step: f64) -> bool {
+    /// Whether the scales were tried for samples this far apart.
+    fn is_step_supported(&self, step: f64) -> bool {
         step <= self.options.voxel_size * (1.0 + 1e-9)
     }
 
-    /// Fills leaves, if distances hold as far as their background, moved as they are; says at how many points
-    /// the field was looked at.
+    /// Fills leaves, moved by `leaves.by`; `None` if the band is narrower than their background. Returns the
+    /// number of field evaluations.
     pub fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
-        let furthest = leaves.background + leaves.by.abs();
-        if furthest > self.function.rule.half_width * ROUNDED || !self.is_fine(leaves.step) {
+        let max_distance = leaves.background + leaves.by.abs();
+        if max_distance > self.field.rule.half_width * ROUNDING_FACTOR
+            || !self.is_step_supported(leaves.step)
+        {
             return None;
         }
-        leaves::fill(&self.function, &self.scales, self.is_cut(), leaves);
+        leaves::fill(&self.field, &self.scales, self.is_cut(), leaves);
         Some(512 * leaves.origins.len() as u64)
     }
 
     /// As [`Field::sides`](crate::field::Field::sides).
     pub fn sides(&self, first: Vec3, step: f64, [low, high]: [f64; 2]) -> [u64; 2] {
         let w = self.options.half_width;
-        if high.max(-low) > w * f64::from(ROUNDED) {
+        if high.max(-low) > w * f64::from(ROUNDING_FACTOR) {
             return [0; 2];
         }
-        // The scale is at least 1 / L, but says nothing of where distances of the other sign end.
+        // The scale is at least 1 / L; it does not bound distances of the other sign.
         let bound = |end: f64| (end.max(0.0) * self.slope_sup * (1.0 + 1e-6)) as f32;
-        let [inside, outside] = simd::run(SidesWork {
-            function: &self.function,
+        let [inside, outside] = simd::run(SidesKernel {
+            field: &self.field,
             first,
             step,
             bounds: [bound(high), bound(-low)],
@@ -194,11 +201,11 @@ impl Aligned {
         }
     }
 
-    /// What the box leaves of the sides of 4^3 leaves.
+    /// Cuts the sides of 4^3 leaves at the box.
     fn cut_sides(&self, first: Vec3, step: f64, band: [f64; 2], sides: [u64; 2]) -> [u64; 2] {
         let leaf = |axis: usize, n: usize| {
             let from = first[axis] + (8.0 * n as f64 - 1.0) * step;
-            self.beyond_between(axis, from, from + 9.0 * step)
+            self.outside_range(axis, from, from + 9.0 * step)
         };
         let along = [0, 1, 2].map(|axis| [0, 1, 2, 3].map(|n| leaf(axis, n)));
         let slack = 1e-6 * self.options.half_width;
@@ -224,22 +231,22 @@ impl Aligned {
         [inside, outside]
     }
 
-    /// Notes the hexes that a box meets.
-    pub fn note(&self, region: &Aabb, visits: &Visits) {
-        self.function
+    /// Records the hexes that a box meets.
+    pub fn record(&self, region: &Aabb, visits: &Visits) {
+        self.field
             .periods
-            .for_each_hex(region, |n| visits.enter(n));
+            .for_each_hex(region, |n| visits.insert(n));
     }
 
-    /// Notes the hexes within a distance of leaves.
-    pub fn note_leaves(&self, leaves: &Leaves<'_, WorldPoint>, distance: f64, visits: &Visits) {
+    /// Records the hexes within a distance of leaves.
+    pub fn record_leaves(&self, leaves: &Leaves<'_, WorldPoint>, distance: f64, visits: &Visits) {
         for &origin in leaves.origins {
             let lattice = SampleLattice {
                 origin,
                 step: leaves.step,
                 counts: [8; 3],
             };
-            self.note(&lattice.span().dilated(distance), visits);
+            self.record(&lattice.span().dilated(distance), visits);
         }
     }
 
@@ -247,31 +254,31 @@ impl Aligned {
         self.options.boundary == Boundary::Cut
     }
 
-    /// How far outside the box a coordinate lies; 0 in its faces, rounding or not.
-    fn beyond(&self, axis: usize, x: f64) -> f64 {
-        let periods = &self.function.periods;
-        periods.beyond(axis, x, self.options.voxel_size)
+    /// Distance of a coordinate outside the box; 0 on its faces, up to rounding.
+    fn outside(&self, axis: usize, x: f64) -> f64 {
+        let periods = &self.field.periods;
+        periods.outside(axis, x, self.options.voxel_size)
     }
 
-    /// Bounds of that over a range of coordinates.
-    fn beyond_between(&self, axis: usize, from: f64, to: f64) -> (f64, f64) {
-        let room = &self.function.periods.room;
-        let low = (room.min[axis] - to).max(from - room.max[axis]);
-        (low, self.beyond(axis, from).max(self.beyond(axis, to)))
+    /// Bounds of [`Self::outside`] over a range of coordinates.
+    fn outside_range(&self, axis: usize, from: f64, to: f64) -> (f64, f64) {
+        let bounds = &self.field.periods.bounds;
+        let low = (bounds.min[axis] - to).max(from - bounds.max[axis]);
+        (low, self.outside(axis, from).max(self.outside(axis, to)))
     }
 
     /// D: the signed distance to the box.
-    fn to_box(&self, x: Vec3) -> f64 {
-        box_distance(Vec3::from_fn(|axis, _| self.beyond(axis, x[axis])))
+    fn box_distance_at(&self, x: Vec3) -> f64 {
+        box_distance(Vec3::from_fn(|axis, _| self.outside(axis, x[axis])))
     }
 
     /// The distance at a point, in double precision.
     pub fn value(&self, x: Vec3) -> f64 {
         let w = self.options.half_width;
-        let room = &self.function.periods.room;
-        let d = self.distance(x.sup(&room.min).inf(&room.max));
+        let bounds = &self.field.periods.bounds;
+        let d = self.distance(x.sup(&bounds.min).inf(&bounds.max));
         if self.is_cut() {
-            d.max(self.to_box(x)).min(w)
+            d.max(self.box_distance_at(x)).min(w)
         } else {
             d
         }
@@ -279,21 +286,21 @@ impl Aligned {
 
     /// Reference coordinates, over all periods.
     fn reference(&self, x: Vec3) -> Vec3 {
-        let periods = &self.function.periods;
+        let periods = &self.field.periods;
         (x - periods.centre).component_mul(&periods.rate)
     }
 
-    /// Value of F and its gradient in world space.
+    /// Value of F and its world gradient.
     fn slope(&self, x: Vec3) -> (f64, Vec3) {
         let u = self.reference(x);
-        let (f, g) = self.function.products.value_and_gradient(u);
-        (f, g.component_mul(&self.function.periods.rate))
+        let (f, g) = self.field.products.value_and_gradient(u);
+        (f, g.component_mul(&self.field.periods.rate))
     }
 
-    /// Rule Q with one function.
+    /// Rule Q with one field.
     fn distance(&self, x: Vec3) -> f64 {
         let w = self.options.half_width;
-        let damping = (DAMPING * self.slope_rms).powi(2);
+        let damping = (DAMPING_FRACTION * self.slope_rms).powi(2);
         let step = |f: f64, g: Vec3| {
             let step = g * (-f / (g.norm_squared() + damping));
             step * (2.0 * w / step.norm()).min(1.0)
@@ -312,10 +319,10 @@ impl Aligned {
 
     /// Contains every value in a box.
     pub fn bound(&self, region: &Aabb) -> Interval {
-        let Function {
+        let PeriodicField {
             products, periods, ..
-        } = &self.function;
-        let inside = |v: Vec3| v.sup(&periods.room.min).inf(&periods.room.max);
+        } = &self.field;
+        let inside = |v: Vec3| v.sup(&periods.bounds.min).inf(&periods.bounds.max);
         let (min, max) = (inside(region.min), inside(region.max));
         let centre = self.reference((min + max) / 2.0);
         let half = ((max - min) / 2.0).component_mul(&periods.rate);
@@ -338,8 +345,8 @@ impl Aligned {
             }
             all
         };
-        let [lo, hi] = simd::run(RangeWork {
-            function: &self.function,
+        let [lo, hi] = simd::run(RangeKernel {
+            field: &self.field,
             min: corners(|r| r.min),
             max: corners(|r| r.max),
         });
@@ -347,7 +354,7 @@ impl Aligned {
         let is_cut = self.is_cut() && self.box_range(&all).1 > -self.options.half_width;
         std::array::from_fn(|n| {
             let (lo, hi) = (f64::from(lo[n]), f64::from(hi[n]));
-            let (lo, hi) = self.function.products.solid_range(lo, hi, SINGLE);
+            let (lo, hi) = self.field.products.solid_range(lo, hi, F32_PRECISION);
             let d = self.distances(lo, hi);
             if is_cut {
                 self.cut_range(d, &regions[n])
@@ -357,7 +364,7 @@ impl Aligned {
         })
     }
 
-    /// The range of distances from that of F.
+    /// The range of distances from the range of F.
     fn distances(&self, lo: f64, hi: f64) -> Interval {
         let w = self.options.half_width;
         // The scale is at least 1 / L, to rounding.
@@ -378,7 +385,7 @@ impl Aligned {
         d
     }
 
-    /// What the box leaves of a range of distances.
+    /// Cuts a range of distances at the box.
     fn cut_range(&self, d: Interval, region: &Aabb) -> Interval {
         let w = self.options.half_width;
         let (low, high) = self.box_range(region);
@@ -388,7 +395,7 @@ impl Aligned {
 
     /// Least and greatest D over a box.
     fn box_range(&self, region: &Aabb) -> (f64, f64) {
-        let along = |axis: usize| self.beyond_between(axis, region.min[axis], region.max[axis]);
+        let along = |axis: usize| self.outside_range(axis, region.min[axis], region.max[axis]);
         let all = [along(0), along(1), along(2)];
         let (low, high) = (all.map(|b| b.0), all.map(|b| b.1));
         (box_distance(low.into()), box_distance(high.into()))
@@ -404,7 +411,7 @@ impl Aligned {
             step,
             counts,
         } = *lattice;
-        if counts == [8; 3] && self.is_fine(step) {
+        if counts == [8; 3] && self.is_step_supported(step) {
             out.copy_from_slice(&self.leaf(&self.scales, self.is_cut(), origin, step));
             return;
         }
@@ -416,20 +423,22 @@ impl Aligned {
                 out.fill(w as f32);
             } else {
                 for (n, v) in out.iter_mut().enumerate() {
-                    *v = v.max(self.to_box(lattice.point(n).0) as f32).min(w as f32);
+                    *v = v
+                        .max(self.box_distance_at(lattice.point(n).0) as f32)
+                        .min(w as f32);
                 }
             }
         }
     }
 
-    /// Distances to the zero set of F on any lattice, in pieces of rows.
+    /// Distances to the zero set of F on any lattice, in rows of up to eight samples.
     fn fill_rows(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let depth = lattice.counts[2];
         for (row, values) in out.chunks_exact_mut(depth).enumerate() {
             for (piece, values) in values.chunks_mut(8).enumerate() {
                 let mut found = [0.0; 8];
-                simd::run(RowWork {
-                    function: &self.function,
+                simd::run(RowKernel {
+                    field: &self.field,
                     origin: lattice.point(row * depth + 8 * piece).0,
                     step: lattice.step,
                     out: &mut found,
@@ -439,23 +448,23 @@ impl Aligned {
         }
     }
 
-    /// Where values on a lattice are negative, without asking how large they are; false if the lattice
-    /// is too wide for that.
+    /// Sets a bit for each negative value on a lattice, without computing distances. Returns false if the lattice
+    /// is too large for that.
     pub fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> bool {
         let counts = lattice.counts;
-        if counts.into_iter().any(|n| n > WIDEST) {
+        if counts.into_iter().any(|n| n > MAX_SIGN_SAMPLES) {
             return false;
         }
         let (_, greatest) = self.box_range(&lattice.span());
-        simd::run(SignWork {
-            function: &self.function,
+        simd::run(SignKernel {
+            field: &self.field,
             origin: lattice.origin.0,
             step: lattice.step,
             counts,
             rows: &mut *rows,
         });
         if self.is_cut() && greatest >= 0.0 {
-            let is_inside = |axis: usize, n: usize| self.place(lattice, axis, n) < 0.0;
+            let is_inside = |axis: usize, n: usize| self.outside_at(lattice, axis, n) < 0.0;
             let along_z = (0..counts[2]).fold(0, |row, k| row | u64::from(is_inside(2, k)) << k);
             for (i, rows) in rows.chunks_mut(counts[1]).enumerate() {
                 let x = is_inside(0, i);
@@ -467,13 +476,13 @@ impl Aligned {
         true
     }
 
-    /// How far outside the box a lattice's coordinate lies.
-    fn place(&self, lattice: &SampleLattice<WorldPoint>, axis: usize, n: usize) -> f64 {
-        self.beyond(axis, lattice.origin.0[axis] + lattice.step * n as f64)
+    /// Distance of a lattice's coordinate outside the box.
+    fn outside_at(&self, lattice: &SampleLattice<WorldPoint>, axis: usize, n: usize) -> f64 {
+        self.outside(axis, lattice.origin.0[axis] + lattice.step * n as f64)
     }
 }
 
-/// The signed distance to a box from how far outside of it the coordinates lie.
+/// The signed distance to a box from the distances of the coordinates outside it.
 fn box_distance(beyond: Vec3) -> f64 {
     let most = beyond.max();
     if most <= 0.0 {

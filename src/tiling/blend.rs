@@ -1,40 +1,39 @@
 //! Several cells over one scaffold: transitions by weights, graded levels.
 //!
-//! F = sum over cells of `W_c` `Phi_c` / `gamma_c` - T(W) - B, with the weights `W_c` interpolated
-//! between the places where they are given (see [`Interpolation`]), `gamma_c` the mean slope of the
-//! cell, so that no cell outweighs another, and B a grading, interpolated likewise: positive values
-//! add material. Weights are not negative and sum to one at every place, hence everywhere. All of it
-//! is continuous across faces if every cell is.
+//! F = sum over cells of `W_c` `Phi_c` / `gamma_c` - T(W) - B. The weights `W_c` are interpolated between the
+//! places where they are given (see [`Interpolation`]); they are not negative and sum to one everywhere.
+//! `gamma_c` is the mean slope of the cell, so that no cell outweighs another. B is a grading, interpolated
+//! likewise: positive values add material. F is continuous across faces if every cell is.
 //!
-//! T follows the blend's volume: for two cells it is the level at which the blend's share of the
-//! element is interpolated linearly between theirs, tabulated over the weight; for more the pairs'
-//! tables are added, weighted by what the pair has of the whole.
+//! T makes the blend's volume follow the weights: for two cells it is the level at which the solid fraction is
+//! interpolated linearly between theirs, tabulated over the weight. For more cells, the tables of all pairs
+//! are added, each weighted by the sum of the pair's weights.
 
 use super::distribution::{Distribution, normalise};
 use super::source::{CellField, Filling, fills, single};
-use super::transition_levels::{Pair, pair};
+use super::transition_levels::{TransitionLevels, transition_levels};
 use super::{Interpolation, TilingError, interface};
-use crate::cell::{Smooth, Table};
+use crate::cell::{SmoothFunction, Table};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
 use rayon::prelude::*;
 
 /// Samples along an edge of the element's box for volumes.
-const SAMPLES: usize = 28;
-/// Most members.
-const MOST: usize = 8;
-/// Points that members are asked for together.
-const TOGETHER: usize = 16;
+const VOLUME_SAMPLES: usize = 28;
+/// Greatest number of members.
+const MAX_MEMBERS: usize = 8;
+/// Points per call to a member.
+const CHUNK: usize = 16;
 
 /// Weights of the members at a point, and their gradients.
-type Weights = [(f64, Vec3); MOST];
+type Weights = [(f64, Vec3); MAX_MEMBERS];
 
-/// One cell of a palette, for every shape of element that it has to fill.
+/// One cell of a palette, for every shape of element in the scaffold.
 pub struct Member<'a, C: CellField = Table> {
-    /// Its name, for messages.
+    /// Its name in messages.
     pub name: String,
-    /// The cell for each shape: all the same function on shared faces.
+    /// The cell for each shape; all agree on shared faces.
     pub cells: Vec<&'a C>,
 }
 
@@ -52,11 +51,11 @@ pub struct Blend<'a, C: CellField = Table> {
     members: Vec<Member<'a, C>>,
     /// 1 / gamma of each member, the same for all shapes.
     scales: Vec<f64>,
-    /// One for each member.
+    /// Weights of all members.
     weights: Distribution<'a>,
     grading: Option<Distribution<'a>>,
-    /// Levels of pairs i < j, in order; empty if volumes are not followed.
-    pairs: Vec<Pair>,
+    /// Levels of pairs i < j, in order; empty if volumes are not interpolated.
+    pairs: Vec<TransitionLevels>,
 }
 
 impl<'a, C: CellField> Blend<'a, C> {
@@ -110,35 +109,35 @@ impl<'a, C: CellField> Blend<'a, C> {
         Ok(self)
     }
 
-    /// The same with its level following the blend, so that volumes are interpolated.
+    /// The same with the level T, so that volumes are interpolated.
     #[must_use]
-    pub fn with_volumes_followed(mut self) -> Self {
+    pub fn with_interpolated_volumes(mut self) -> Self {
         let shape = self.scaffold.element(0).shape();
         let samples: Vec<Vec<f64>> = (0..self.members.len())
             .into_par_iter()
-            .map(|m| self.samples(m, shape))
+            .map(|m| self.member_samples(m, shape))
             .collect();
         self.pairs = Vec::new();
         for i in 0..self.members.len() {
             for j in i + 1..self.members.len() {
-                self.pairs.push(pair(&samples[i], &samples[j]));
+                self.pairs.push(transition_levels(&samples[i], &samples[j]));
             }
         }
         self
     }
 
     /// Values of a normalised member over an element.
-    fn samples(&self, member: usize, shape: Element) -> Vec<f64> {
+    fn member_samples(&self, member: usize, shape: Element) -> Vec<f64> {
         let Some(cell) = self.members[member].of(shape) else {
             return Vec::new();
         };
-        points(shape)
+        volume_samples(shape)
             .into_iter()
             .map(|p| cell.value(p) * self.scales[member])
             .collect()
     }
 
-    /// The blend's value at a point of an element's frame for weights that are the same everywhere.
+    /// The blend's value at a reference point of an element, for uniform weights.
     pub fn uniform(&self, shape: Element, weights: &[f64], xi: CellPoint<3>) -> f64 {
         let sum: f64 = (0..self.members.len())
             .filter(|&m| weights[m] > 0.0)
@@ -179,7 +178,7 @@ impl<'a, C: CellField> Blend<'a, C> {
                 let share = w[j] / sum;
                 let (t, dt) = pair.at(share);
                 total.0 += sum * t;
-                // d (s t(wj / s)): by wi t - share dt, by wj t + (1 - share) dt.
+                // d (s t(wj / s)) is t - share dt by wi, and t + (1 - share) dt by wj.
                 if j < 8 {
                     total.1[i] += t - share * dt;
                     total.1[j] += t + (1.0 - share) * dt;
@@ -189,7 +188,7 @@ impl<'a, C: CellField> Blend<'a, C> {
         total
     }
 
-    /// Value and gradient at a point, from the members' and their weights there.
+    /// Value and gradient at a point, from those of the members and their weights there.
     fn mix(
         &self,
         (element, xi): (usize, CellPoint<3>),
@@ -224,29 +223,29 @@ impl<'a, C: CellField> Blend<'a, C> {
         (value, gradient)
     }
 
-    /// Hands value and gradient at points of an element to `found`, with the point's number: each member
-    /// that shares in some of them is asked for many at once.
-    fn in_bulk(
+    /// Passes index, value and gradient of points of an element to `found`. Each member with a weight there is
+    /// evaluated for many points at once.
+    fn for_each_value(
         &self,
         element: usize,
         points: &[CellPoint<3>],
         mut found: impl FnMut(usize, (f64, Vec3)),
     ) {
         let shape = self.scaffold.element(element).shape();
-        let mut slopes = [[(0.0, Vec3::zeros()); TOGETHER]; MOST];
-        let mut weights = [[(0.0, Vec3::zeros()); MOST]; TOGETHER];
+        let mut slopes = [[(0.0, Vec3::zeros()); CHUNK]; MAX_MEMBERS];
+        let mut weights = [[(0.0, Vec3::zeros()); MAX_MEMBERS]; CHUNK];
         let mut first = 0;
-        for points in points.chunks(TOGETHER) {
+        for points in points.chunks(CHUNK) {
             let weights = &mut weights[..points.len()];
             for (weights, &xi) in weights.iter_mut().zip(points) {
                 *weights = self.weights.at(element, xi);
             }
-            let mut shares = [false; MOST];
+            let mut shares = [false; MAX_MEMBERS];
             for (m, member) in self.members.iter().enumerate() {
                 let counts = |w: &Weights| w[m].0 != 0.0 || w[m].1 != Vec3::zeros();
                 let cell = member.of(shape).filter(|_| weights.iter().any(counts));
                 if let Some(cell) = cell {
-                    cell.slopes(points, &mut slopes[m][..points.len()]);
+                    cell.values_and_gradients(points, &mut slopes[m][..points.len()]);
                     shares[m] = true;
                 }
             }
@@ -299,15 +298,25 @@ impl<C: CellField> Filling for Blend<'_, C> {
     }
 
     fn values(&self, element: usize, points: &[CellPoint<3>], out: &mut [f64]) {
-        self.in_bulk(element, points, |n, (value, _)| out[n] = value);
+        self.for_each_value(element, points, |n, (value, _)| out[n] = value);
     }
 
-    fn slopes(&self, element: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
-        self.in_bulk(element, points, |n, slope| out[n] = slope);
+    fn values_and_gradients(
+        &self,
+        element: usize,
+        points: &[CellPoint<3>],
+        out: &mut [(f64, Vec3)],
+    ) {
+        self.for_each_value(element, points, |n, slope| out[n] = slope);
     }
 
-    fn samples(&self, element: usize, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
-        self.in_bulk(element, points, |n, slope| out[n] = single(slope));
+    fn values_and_gradients_f32(
+        &self,
+        element: usize,
+        points: &[CellPoint<3>],
+        out: &mut [[f32; 4]],
+    ) {
+        self.for_each_value(element, points, |n, slope| out[n] = single(slope));
     }
 
     fn bound(&self, element: usize, region: &CellBox<3>) -> Interval {
@@ -323,8 +332,8 @@ impl<C: CellField> Filling for Blend<'_, C> {
                 phi[m] = Interval::new(b.lo * s, b.hi * s);
             }
         }
-        // The least and greatest mean of the cells' values over weights in their ranges that sum to
-        // one: what is not fixed goes to the least (greatest).
+        // The least and greatest mean of the cells' values, over weights in their ranges that sum to one: the
+        // remaining weight goes to the least (greatest) values.
         let mean = |greatest: bool| {
             let key = |m: usize| if greatest { -phi[m].hi } else { phi[m].lo };
             let mut order: [usize; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
@@ -369,40 +378,48 @@ impl<C: CellField> Filling for Blend<'_, C> {
     fn gradient_sup(&self, element: usize) -> f64 {
         let shape = self.scaffold.element(element).shape();
         let whole = shape.cell_box();
-        let (mut sup, mut moving) = (0f64, 0.0);
+        let (mut sup, mut weight_slope) = (0f64, 0.0);
         for m in 0..self.members.len() {
-            let (greatest, turn) = self.weights.extremes(element, m);
+            let (greatest, slope) = self.weights.extremes(element, m);
             let Some(cell) = self.members[m].of(shape).filter(|_| greatest > 0.0) else {
                 continue;
             };
             let s = self.scales[m];
             sup = sup.max(cell.gradient_sup() * s);
-            if turn > 0.0 {
+            if slope > 0.0 {
                 let b = Field::bound(cell, &whole);
-                moving += turn * (b.hi.max(-b.lo) * s);
+                weight_slope += slope * (b.hi.max(-b.lo) * s);
             }
-            if turn > 0.0 && !self.pairs.is_empty() {
-                let most = self.pairs.iter().map(Pair::steepest).fold(0.0, f64::max);
-                let level = self.pairs.iter().map(Pair::greatest).fold(0.0, f64::max);
-                moving += turn * (most + level) * (self.members.len() - 1) as f64;
+            if slope > 0.0 && !self.pairs.is_empty() {
+                let most = self
+                    .pairs
+                    .iter()
+                    .map(TransitionLevels::max_slope)
+                    .fold(0.0, f64::max);
+                let level = self
+                    .pairs
+                    .iter()
+                    .map(TransitionLevels::max_level)
+                    .fold(0.0, f64::max);
+                weight_slope += slope * (most + level) * (self.members.len() - 1) as f64;
             }
         }
         if let Some(grading) = &self.grading {
-            moving += grading.extremes(element, 0).1;
+            weight_slope += grading.extremes(element, 0).1;
         }
-        sup + moving
+        sup + weight_slope
     }
 
-    /// Weights go through less than a wave over an element.
-    fn smooth(&self, element: usize) -> Option<Smooth> {
+    /// The weights add less than one wave over an element.
+    fn smooth(&self, element: usize) -> Option<SmoothFunction> {
         let shape = self.scaffold.element(element).shape();
         let mut all = self.members.iter();
-        let greatest = all.try_fold(0.0, |most: f64, m| {
+        let frequency = all.try_fold(0.0, |highest: f64, m| {
             let own = m.of(shape)?.smooth()?;
-            own.fold.is_none().then_some(most.max(own.frequency))
+            own.fold.is_none().then_some(highest.max(own.frequency))
         });
-        Some(Smooth {
-            frequency: greatest? + 1.0,
+        Some(SmoothFunction {
+            frequency: frequency? + 1.0,
             fold: None,
         })
     }
@@ -412,15 +429,15 @@ impl<C: CellField> Filling for Blend<'_, C> {
     }
 }
 
-/// Points spread evenly over an element.
-fn points(shape: Element) -> Vec<CellPoint<3>> {
+/// A regular lattice of points in an element.
+fn volume_samples(shape: Element) -> Vec<CellPoint<3>> {
     let hull = shape.cell_box();
     let size = hull.max - hull.min;
-    let at = |i: usize| (i as f64 + 0.5) / SAMPLES as f64;
+    let at = |i: usize| (i as f64 + 0.5) / VOLUME_SAMPLES as f64;
     let mut found = Vec::new();
-    for i in 0..SAMPLES {
-        for j in 0..SAMPLES {
-            for k in 0..SAMPLES {
+    for i in 0..VOLUME_SAMPLES {
+        for j in 0..VOLUME_SAMPLES {
+            for k in 0..VOLUME_SAMPLES {
                 let p = hull.min + size.component_mul(&Vec3::new(at(i), at(j), at(k)));
                 if shape.face_distance(CellPoint(p)) <= 0.0 {
                     found.push(CellPoint(p));

@@ -1,68 +1,67 @@
-//! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
+//! Bounds of a tiling's values over boxes: bounds of the cell over the box's image in each element.
 
-use super::fill::with_straight;
-use super::locality::{Local, NEIGHBOUR, Near};
+use super::fill::with_affine_buffers;
+use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Interval, LeafParts};
 use crate::frame::{Aabb, CellPoint};
 use std::cell::Cell;
 
-/// Room for the rounding of single precision, relative.
-const SLACK: f64 = 1e-6;
+/// Relative allowance for rounding to single precision.
+const RELATIVE_SLACK: f64 = 1e-6;
 
-/// With more near elements than this, to look at the field where regions have their centres takes longer
-/// than to bound it.
-const WORTH: usize = 256;
+/// With more near elements than this, evaluating the centres of regions takes longer than bounding the cell.
+const MAX_CENTRE_TEST_ELEMENTS: usize = 256;
 
-/// How often regions that are asked for together are halved where their centres do not decide.
-const HALVINGS: u32 = 2;
+/// Greatest number of times that a region is divided into eighths where its centre does not decide.
+const MAX_HALVINGS: u32 = 2;
 
-/// What a thread keeps from some regions to the next.
+/// Buffers that a thread reuses.
 #[derive(Default)]
-struct Room {
-    /// Triangles of the boundary near all of them.
-    shore: Vec<u32>,
-    /// Elements near all of them, and near one.
-    near: Near,
-    nearer: Near,
-    local: Local,
+struct BoundBuffers {
+    /// Boundary triangles near all regions.
+    boundary_triangles: Vec<u32>,
+    /// Elements near all regions, and near one of them.
+    near: NearElements,
+    region_near: NearElements,
+    local: LocalSearch,
 }
 
 thread_local! {
-    static ROOM: Cell<Option<Box<Room>>> = Cell::default();
+    static BUFFERS: Cell<Option<Box<BoundBuffers>>> = Cell::default();
 }
 
-/// Regions that lie together, whose bounds are asked for at once.
-pub(super) struct Together<'a, const N: usize> {
-    /// Where values are wanted.
-    own: &'a [Aabb; N],
-    /// The same with points around them that must have their sign.
-    wide: &'a [Aabb; N],
-    /// How far around.
-    layer: f64,
-    /// Once one holds values nearer to 0 than this the others are not told apart.
-    enough: Option<f64>,
+/// Neighbouring regions whose bounds are evaluated together.
+pub(super) struct RegionGroup<'a, const N: usize> {
+    /// The regions.
+    inner: &'a [Aabb; N],
+    /// The regions with a layer around them, in which signs must be those of the region.
+    padded: &'a [Aabb; N],
+    /// Thickness of that layer.
+    padding: f64,
+    /// Once a region holds values nearer to 0 than this, its bound is used for all.
+    decisive: Option<f64>,
 }
 
-impl<'a> Together<'a, 8> {
-    /// Parts of a leaf.
-    pub fn leaf(parts: &'a LeafParts<Aabb>, enough: f64) -> Self {
+impl<'a> RegionGroup<'a, 8> {
+    /// The parts of a leaf.
+    pub fn leaf(parts: &'a LeafParts<Aabb>, decisive: f64) -> Self {
         Self {
-            own: &parts.own,
-            wide: &parts.wide,
-            layer: NEIGHBOUR * parts.step,
-            enough: Some(enough),
+            inner: &parts.own,
+            padded: &parts.wide,
+            padding: NEIGHBOUR_DISTANCE * parts.step,
+            decisive: Some(decisive),
         }
     }
 }
 
-impl<'a, const N: usize> From<&'a [Aabb; N]> for Together<'a, N> {
+impl<'a, const N: usize> From<&'a [Aabb; N]> for RegionGroup<'a, N> {
     fn from(regions: &'a [Aabb; N]) -> Self {
         Self {
-            own: regions,
-            wide: regions,
-            layer: 0.0,
-            enough: None,
+            inner: regions,
+            padded: regions,
+            padding: 0.0,
+            decisive: None,
         }
     }
 }
@@ -70,159 +69,176 @@ impl<'a, const N: usize> From<&'a [Aabb; N]> for Together<'a, N> {
 impl<F: Filling> TiledSolid<'_, F> {
     /// Bound over all components.
     pub(super) fn bound_of_all(&self, region: &Aabb) -> Interval {
-        let [bound] = self.bounds_of_all(&Together::from(&[*region]));
+        let [bound] = self.bounds_of_all(&RegionGroup::from(&[*region]));
         bound
     }
 
-    /// The same for regions that lie together. Of several, values nearer to 0 than the band's half width are
-    /// not told apart.
-    pub(super) fn bounds_of_all<const N: usize>(&self, regions: &Together<N>) -> [Interval; N] {
+    /// Bounds over neighbouring regions, over all components. With several regions, values nearer to 0 than the
+    /// half width are not resolved.
+    pub(super) fn bounds_of_all<const N: usize>(&self, regions: &RegionGroup<N>) -> [Interval; N] {
         let w = self.options.half_width;
         let mut all = [Interval::new(w, w); N];
-        let mut room = ROOM.take().unwrap_or_default();
+        let mut buffers = BUFFERS.take().unwrap_or_default();
         for component in 0..self.components.len() {
-            let own = self.bounds_of(component, regions, &mut room);
+            let own = self.bounds_of(component, regions, &mut buffers);
             for (a, b) in all.iter_mut().zip(own) {
                 *a = if self.is_cut() || self.components.len() == 1 {
                     Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
                 } else {
-                    // Any of them may govern.
+                    // Any of them may determine the value.
                     a.hull(b)
                 };
             }
         }
-        ROOM.set(Some(room));
+        BUFFERS.set(Some(buffers));
         all
     }
 
-    /// Bounds of one component's distance, its boundary included.
+    /// Bounds of one component's distance, cut at its boundary.
     fn bounds_of<const N: usize>(
         &self,
         component: usize,
-        &Together {
-            own: regions,
-            wide,
-            layer,
-            enough,
-        }: &Together<N>,
-        room: &mut Room,
+        &RegionGroup {
+            inner: regions,
+            padded,
+            padding,
+            decisive,
+        }: &RegionGroup<N>,
+        buffers: &mut BoundBuffers,
     ) -> [Interval; N] {
-        let Room {
-            shore,
+        let BoundBuffers {
+            boundary_triangles,
             near,
-            nearer,
+            region_near,
             local,
-        } = room;
+        } = buffers;
         let w = self.options.half_width;
-        // Where components meet, what is near the surface of one may lie inside another.
-        let enough = enough.filter(|_| self.components.len() == 1);
+        // Where components meet, points near the surface of one may lie inside another.
+        let decisive = decisive.filter(|_| self.components.len() == 1);
         let boundary = &self.components[component].boundary;
-        let around = wide.iter().fold(Aabb::EMPTY, |a, b| a.union(*b));
+        let around = padded.iter().fold(Aabb::EMPTY, |a, b| a.union(*b));
         let mut found = [Interval::new(w, w); N];
         if self.is_cut() && !boundary.bounds().dilated(w).meets(around) {
             return found;
         }
         let mut reach = 0.0;
         if self.is_cut() {
-            self.find_shore(component, &around, shore);
-            if !shore.is_empty() {
-                reach = self.sight();
+            self.find_boundary_triangles(component, &around, boundary_triangles);
+            if !boundary_triangles.is_empty() {
+                reach = self.boundary_reach();
             }
         }
-        let shore = self.is_cut().then_some(&**shore);
+        let boundary_triangles = self.is_cut().then_some(&**boundary_triangles);
         self.find_near(component, &around.dilated(reach), self.margin(), near);
         let near = &*near;
-        let depth = self.boundary_range(component, &around, Interval::ALL, (shore, &near.patches));
-        // Far from the boundary, and where the scaffold does not overlap itself there, F is continuous and L
-        // bounds its slopes: what is so much further than the layer around has the layer's sign.
-        let may_tell = self.options.distance == Distance::Fast && near.patches.len() <= WORTH;
-        let is_straight = self.are_straight(near);
-        let is_leaf = layer > 0.0 && layer < w;
-        let is_deep = may_tell && is_leaf && depth.hi <= -w;
-        // Around these most is decided; of a leaf that is open they are the ones asked for. Of one that is deep
-        // and not open no single element holds any, so that there are no values.
-        let centres = if is_deep { regions } else { wide };
+        let depth = self.boundary_range(
+            component,
+            &around,
+            Interval::REAL_LINE,
+            (boundary_triangles, &near.patches),
+        );
+        // Far from the boundary, and where the scaffold does not overlap itself, F is continuous and L bounds its
+        // slope. A value that exceeds the band by more than L times the layer has the sign of the layer.
+        let may_test_centres = self.options.distance == Distance::Fast
+            && near.patches.len() <= MAX_CENTRE_TEST_ELEMENTS;
+        let is_affine = self.are_affine(near);
+        let is_leaf = padding > 0.0 && padding < w;
+        let is_deep = may_test_centres && is_leaf && depth.hi <= -w;
+        // Most regions are decided from their centres. For a leaf deep in the scaffold the regions are bounded
+        // without the layer, if the scaffold covers them once.
+        let centres = if is_deep { regions } else { padded };
         let mut values = [None; N];
-        if may_tell && is_straight {
+        if may_test_centres && is_affine {
             values = self.at_centres(near, centres, None);
         }
-        let is_once = || {
+        let is_single_cover = || {
             let middle = around.centre().0;
             values.iter().any(Option::is_some) || boundary.winding_number(middle).round() == 1.0
         };
-        let is_open = is_deep && is_once();
-        let mut local = (is_open && !is_straight).then_some(local);
+        let use_inner = is_deep && is_single_cover();
+        let mut local = (use_inner && !is_affine).then_some(local);
         if let Some(local) = local.as_deref_mut() {
-            local.start(near);
+            local.reset(near);
             values = self.at_centres(near, centres, Some(local));
         }
-        let asked = if is_open { regions } else { wide };
-        // The one nearest to the surface settles most likely what all are worth.
+        let evaluated = if use_inner { regions } else { padded };
+        // The region nearest to the surface most likely decides for all.
         let mut order: [usize; N] = std::array::from_fn(|n| n);
-        if enough.is_some() {
+        if decisive.is_some() {
             let away = values.map(|f| f.map_or(f64::INFINITY, f64::abs));
             order.sort_unstable_by(|&a, &b| away[a].total_cmp(&away[b]));
         }
         for n in order {
-            let region = &asked[n];
+            let region = &evaluated[n];
             let depth = if N == 1 || depth.hi <= -w || depth.lo >= w {
                 depth
             } else {
-                self.boundary_range(component, region, depth, (shore, &near.patches))
+                self.boundary_range(
+                    component,
+                    region,
+                    depth,
+                    (boundary_triangles, &near.patches),
+                )
             };
             if self.is_cut() && depth.lo >= w {
                 continue;
             }
-            let reach = self.reach(depth.hi);
-            let halvings = if enough.is_some() { HALVINGS } else { 0 };
+            let reach = self.continuation_reach(depth.hi);
+            let halvings = if decisive.is_some() { MAX_HALVINGS } else { 0 };
             let field = values[n]
                 .filter(|_| reach == 0.0)
                 .and_then(|f| {
                     let radius = region.farthest(centres[n].centre());
-                    self.range_about(f, near, radius, N > 1).or_else(|| {
+                    self.range_from_centre(f, near, radius, N > 1).or_else(|| {
                         self.range_of_parts(near, region, halvings, local.as_deref_mut())
                     })
                 })
                 .unwrap_or_else(|| {
                     let all = region.dilated(reach);
-                    // Slopes count as far as the layer, too.
-                    let among = if is_open { all.dilated(layer) } else { all };
+                    // Slopes must be bounded in the layer too.
+                    let among = if use_inner { all.dilated(padding) } else { all };
                     if self.is_cut() {
-                        self.keep_near(near, &among, nearer);
+                        self.filter_near(near, &among, region_near);
                     } else {
-                        self.find_near(component, &among, self.margin(), nearer);
+                        self.find_near(component, &among, self.margin(), region_near);
                     }
-                    self.range_among(component, nearer, &all, N > 1)
+                    self.range_among(component, region_near, &all, N > 1)
                 });
-            found[n] = self.ended_bound(field, depth);
-            if enough.is_some_and(|near| found[n].comes_within(near)) {
+            found[n] = self.cut_bound(field, depth);
+            if decisive.is_some_and(|near| found[n].may_be_within(near)) {
                 return [found[n]; N];
             }
         }
         found
     }
 
-    /// What the field's value at the centre says of the distance in a region within the scaffold, if it
-    /// says enough; `is_coarse` if values nearer to 0 than the band's half width are not told apart.
-    fn range_about(&self, f: f64, near: &Near, radius: f64, is_coarse: bool) -> Option<Interval> {
+    /// Range of the distance in a region within the scaffold from the field's value `f` at its centre; `None` if
+    /// `f` decides nothing. `is_coarse`: values nearer to 0 than the half width are not resolved.
+    fn range_from_centre(
+        &self,
+        f: f64,
+        near: &NearElements,
+        radius: f64,
+        is_coarse: bool,
+    ) -> Option<Interval> {
         let w = self.options.half_width;
-        if f.abs() >= self.rise(near, w + radius) * (1.0 + SLACK) {
+        if f.abs() >= self.max_change(near, w + radius) * (1.0 + RELATIVE_SLACK) {
             let d = w.copysign(f);
             return Some(Interval::new(d, d));
         }
-        // No interval that holds it is far from 0: all lists of elements near it have its owner, whose slopes
-        // are not below the least.
-        (is_coarse && f.abs() < near.slope_least * w).then(|| Interval::new(-w, w))
+        // The range then includes values near 0: every list of elements near the region has the owner of its
+        // centre, whose slope bound is at least the smallest.
+        (is_coarse && f.abs() < near.slope_sup_min * w).then(|| Interval::new(-w, w))
     }
 
-    /// The same from the values at the centres of its eighths, halved so often at most; nothing, if these do not
-    /// decide.
+    /// As [`Self::range_from_centre`], from the centres of the eighths of the region, divided up to `halvings`
+    /// times; `None` if these do not decide.
     fn range_of_parts(
         &self,
-        near: &Near,
+        near: &NearElements,
         region: &Aabb,
         halvings: u32,
-        mut local: Option<&mut Local>,
+        mut local: Option<&mut LocalSearch>,
     ) -> Option<Interval> {
         let w = self.options.half_width;
         let finer = halvings.checked_sub(1)?;
@@ -231,10 +247,10 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut all: Option<Interval> = None;
         for (part, f) in parts.iter().zip(values) {
             let own = self
-                .range_about(f?, near, part.half_diagonal(), true)
+                .range_from_centre(f?, near, part.half_diagonal(), true)
                 .or_else(|| self.range_of_parts(near, part, finer, local.as_deref_mut()))?;
             let hull = all.map_or(own, |a| a.hull(own));
-            if hull.comes_within(w) {
+            if hull.may_be_within(w) {
                 return Some(hull);
             }
             all = Some(hull);
@@ -242,11 +258,11 @@ impl<F: Filling> TiledSolid<'_, F> {
         all
     }
 
-    /// Bound of the distance from the ranges of the cells in near elements.
+    /// Bound of the distance from the bounds of the cells in near elements.
     fn range_among(
         &self,
         component: usize,
-        near: &Near,
+        near: &NearElements,
         region: &Aabb,
         is_coarse: bool,
     ) -> Interval {
@@ -256,13 +272,13 @@ impl<F: Filling> TiledSolid<'_, F> {
             Some(f) if f.lo >= least || f.hi <= -least || !is_coarse => {
                 self.distance_range(component, near, region, f)
             }
-            // Perhaps not all elements were looked at.
+            // The loop over the elements may have ended early.
             _ => Interval::new(-w, w),
         }
     }
 
-    /// Bound of the distance from that of the field's and that of the boundary's.
-    fn ended_bound(&self, field: Interval, depth: Interval) -> Interval {
+    /// Bound of max(d, D) from the bound of d and the bound of D.
+    fn cut_bound(&self, field: Interval, depth: Interval) -> Interval {
         let w = self.options.half_width;
         if !self.is_cut() {
             return field;
@@ -273,44 +289,51 @@ impl<F: Filling> TiledSolid<'_, F> {
         )
     }
 
-    /// The field at the centres of regions, where a single element holds them: among straight elements, or
-    /// among any, of which it is known that they do not overlap there, with a place to look from.
+    /// The field at the centres of regions that lie in a single element. Without `local` all elements must be
+    /// affine; with it any are allowed, if they do not overlap there.
     fn at_centres<const N: usize>(
         &self,
-        near: &Near,
+        near: &NearElements,
         regions: &[Aabb; N],
-        local: Option<&mut Local>,
+        local: Option<&mut LocalSearch>,
     ) -> [Option<f64>; N] {
         let Some(local) = local else {
-            return with_straight(|room| self.field_at(near, regions.map(|r| r.centre().0), room));
+            return with_affine_buffers(|buffers| {
+                self.field_at(near, regions.map(|r| r.centre().0), buffers)
+            });
         };
         regions.map(|region| {
             let owner = self.owner(local, region.centre().0)?;
-            let element = self.patch(local, owner.place).number();
+            let element = self.patch(local, owner.near_index).number();
             let mut value = [0.0];
             self.filling
-                .values(element, &[CellPoint(owner.spot.xi)], &mut value);
+                .values(element, &[CellPoint(owner.preimage.xi)], &mut value);
             Some(value[0])
         })
     }
 
-    /// How far from a box the points can be at which the field is taken, if the box reaches up to
-    /// `outside` beyond the boundary: 0 if it lies in the scaffold.
-    pub(super) fn reach(&self, outside: f64) -> f64 {
+    /// Distance from a box of the points at which the field is evaluated, if the box extends up to `outside`
+    /// beyond the boundary; 0 if it lies in the scaffold.
+    pub(super) fn continuation_reach(&self, outside: f64) -> f64 {
         let slack = self.chord_slack();
         if outside < -slack {
             0.0
         } else if self.is_cut() {
-            // Further out the boundary's distance alone is the value.
+            // Further out, the value is the boundary's distance.
             outside.clamp(0.0, self.options.half_width) + slack
         } else {
             outside.max(0.0) + slack
         }
     }
 
-    /// Bounds F at points of the box that lie in near elements; `None` if there are none. Once it holds
-    /// values nearer to 0 than `least` the other elements are left out: it says no more than that.
-    pub(super) fn field_range(&self, near: &Near, region: &Aabb, least: f64) -> Option<Interval> {
+    /// Bounds F over the points of a box in near elements; `None` if there are none. The loop ends once the range
+    /// includes values nearer to 0 than `least`.
+    pub(super) fn field_range(
+        &self,
+        near: &NearElements,
+        region: &Aabb,
+        least: f64,
+    ) -> Option<Interval> {
         let mut range: Option<Interval> = None;
         for &e in &near.patches {
             if let Some(image) = self.scaffold.element(e as usize).cell_box(region) {
@@ -325,11 +348,11 @@ impl<F: Filling> TiledSolid<'_, F> {
         range
     }
 
-    /// Bound of d(F) from one of F: its scale is at least 1 / L.
+    /// Bound of d(F) from a bound of F: the scale is at least 1 / L.
     pub(super) fn distance_range(
         &self,
         component: usize,
-        near: &Near,
+        near: &NearElements,
         region: &Aabb,
         f: Interval,
     ) -> Interval {
@@ -342,10 +365,10 @@ impl<F: Filling> TiledSolid<'_, F> {
         if self.options.distance == Distance::Exact && !self.is_free_of_zeros(component, region) {
             least = 0.0;
         }
-        let least = if least >= w * (1.0 + SLACK) {
+        let least = if least >= w * (1.0 + RELATIVE_SLACK) {
             w
         } else {
-            least * (1.0 - SLACK)
+            least * (1.0 - RELATIVE_SLACK)
         };
         if f.lo > 0.0 {
             Interval::new(least, w)
@@ -356,14 +379,14 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// Whether the field certainly has no zero within w of the box.
     fn is_free_of_zeros(&self, component: usize, region: &Aabb) -> bool {
-        let wide = region.dilated(self.options.half_width);
-        let near = self.near(component, &wide, 0.0);
-        self.field_range(&near, &wide, 0.0)
+        let padded = region.dilated(self.options.half_width);
+        let near = self.near(component, &padded, 0.0);
+        self.field_range(&near, &padded, 0.0)
             .is_none_or(|f| f.lo > 0.0 || f.hi < 0.0)
     }
 }
 
-/// The eight halves by axis of a box.
+/// The eight boxes that result from halving a box along each axis.
 fn eighths(region: &Aabb) -> [Aabb; 8] {
     let middle = region.centre().0;
     std::array::from_fn(|n| {

@@ -1,27 +1,27 @@
-//! The continuity certificate: what a tiling's field does across every shared face, measured.
+//! The continuity certificate: the jumps of a tiling's field across all shared faces.
 //!
-//! Points of a face are put into the world by one side's map and inverted by each element's own;
-//! both evaluate the filling for themselves. The jump of the value is C0; where the zero set crosses
-//! the face, the angle between both sides' normals is C1. Jumps are shares of the range of the
-//! field's values on all faces.
+//! Points of a face are mapped to the world by one side's map and back by each element's own inverse map; both
+//! elements evaluate the filling independently. The jump of the value measures C0 continuity. Where the zero
+//! set crosses the face, the angle between both sides' normals measures C1. Jumps are relative to the range of
+//! the field's values on all faces.
 
-use super::interface::{joined, mix, shared, shares};
+use super::interface::{corner_weights, joined_vertices, shared_faces, weighted_point};
 use super::source::Filling;
 use crate::frame::{CellPoint, Vec3, WorldPoint};
 use crate::scaffold::{FaceRef, Scaffold};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// What was measured on faces of one kind.
+/// Measurements on faces of one kind.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct FaceStatistics {
     /// "triangle" or "quad".
     pub kind: &'static str,
-    /// Faces looked at.
+    /// Number of faces.
     pub faces: usize,
-    /// Points looked at.
+    /// Number of points.
     pub points: usize,
-    /// Points where the zero set crosses a face.
+    /// Number of points where the zero set crosses a face.
     pub crossings: usize,
     /// Greatest jump of the value, over the field's range.
     pub value_jump_max: f64,
@@ -33,25 +33,25 @@ pub struct FaceStatistics {
     pub crease_degrees_p99: f64,
 }
 
-/// A place where both sides of a face differ.
+/// A point of a face with the difference between its sides.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Seam {
+pub struct Discontinuity {
     /// Numbers of the elements in the file.
     pub elements: [u64; 2],
-    /// Where, world coordinates.
+    /// The point, world coordinates.
     pub at: [f64; 3],
     /// The jump of the value over the field's range.
     pub value_jump: f64,
-    /// How far the point is from the face as the other element has it, world units.
+    /// Distance of the point from the other element's face, world units.
     pub gap: f64,
 }
 
-/// What [`certify`] finds.
+/// The continuity of a tiling's field, see [`certify`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Certificate {
     /// Least and greatest value on the faces.
     pub range: [f64; 2],
-    /// Triangles, then quads, as far as there are such faces.
+    /// Triangles, then quads, if there are such faces.
     pub kinds: Vec<FaceStatistics>,
     /// Greatest jump over all faces.
     pub value_jump_max: f64,
@@ -61,30 +61,30 @@ pub struct Certificate {
     pub crease_degrees_p99: f64,
     /// Greatest crease, degrees.
     pub crease_degrees_max: f64,
-    /// The five worst places by the jump of the value, the worst first.
-    pub worst: Vec<Seam>,
-    /// Greatest jump on the faces of each element, for a picture.
+    /// The five points with the largest jumps, the worst first.
+    pub worst: Vec<Discontinuity>,
+    /// Greatest jump on the faces of each element.
     pub jump_of_element: Vec<f64>,
     /// Greatest crease on the faces of each element, degrees.
     pub crease_of_element: Vec<f64>,
 }
 
 /// Points along an edge of a face.
-const ALONG: usize = 5;
+const EDGE_POINTS: usize = 5;
 
-/// What one face shows.
+/// Measurements on one face.
 struct Face {
     sides: [FaceRef; 2],
     corners: usize,
     range: (f64, f64),
-    /// Jumps with their places and gaps.
+    /// Jumps with their points and gaps.
     jumps: Vec<(f64, Vec3, f64)>,
     creases: Vec<f64>,
 }
 
 /// Measures the continuity of a filling over all shared faces of a scaffold.
 pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
-    let faces: Vec<(FaceRef, FaceRef)> = shared(scaffold).collect();
+    let faces: Vec<(FaceRef, FaceRef)> = shared_faces(scaffold).collect();
     let measured: Vec<Face> = faces
         .into_par_iter()
         .filter_map(|(f, g)| face(scaffold, filling, f, g))
@@ -105,13 +105,13 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
         return found;
     }
     let scale = 1.0 / (high - low).max(f64::MIN_POSITIVE);
-    let mut seams = Vec::new();
+    let mut jumps = Vec::new();
     for face in &measured {
-        let mut worst: Option<Seam> = None;
+        let mut worst: Option<Discontinuity> = None;
         for &(jump, at, gap) in &face.jumps {
             let value_jump = jump * scale;
             if worst.is_none_or(|w| value_jump > w.value_jump) {
-                worst = Some(Seam {
+                worst = Some(Discontinuity {
                     elements: face.sides.map(|f| scaffold.number(f.element as usize)),
                     at: at.into(),
                     value_jump,
@@ -126,14 +126,14 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
             found.jump_of_element[e] = found.jump_of_element[e].max(jump);
             found.crease_of_element[e] = found.crease_of_element[e].max(crease);
         }
-        seams.extend(worst);
+        jumps.extend(worst);
     }
-    seams.sort_by(|a, b| {
+    jumps.sort_by(|a, b| {
         let by_jump = b.value_jump.total_cmp(&a.value_jump);
         by_jump.then(a.elements.cmp(&b.elements))
     });
-    seams.truncate(5);
-    found.worst = seams;
+    jumps.truncate(5);
+    found.worst = jumps;
     let statistics = |kind: &'static str, faces: &[&Face]| {
         let mut jumps: Vec<f64> = faces
             .iter()
@@ -167,7 +167,7 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
     found
 }
 
-/// The greatest value and the 99th percentile; 0 of nothing.
+/// The greatest value and the 99th percentile; zeros if there are no values.
 fn percentiles(values: &mut [f64]) -> (f64, f64) {
     values.sort_unstable_by(f64::total_cmp);
     let Some(&greatest) = values.last() else {
@@ -178,10 +178,10 @@ fn percentiles(values: &mut [f64]) -> (f64, f64) {
 }
 
 fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) -> Option<Face> {
-    let (mine, theirs) = joined(scaffold, f, g)?;
+    let (own_vertices, neighbour_vertices) = joined_vertices(scaffold, f, g)?;
     let elements = [f, g].map(|f| f.element as usize);
     let maps = elements.map(|e| scaffold.element(e));
-    let corners = mine.len();
+    let corners = own_vertices.len();
     let mut found = Face {
         sides: [f, g],
         corners,
@@ -190,19 +190,19 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
         creases: Vec::new(),
     };
     let plane = maps[1].shape().faces()[g.face as usize];
-    // Both sides at a point of the face: values, world gradients, place and gap.
-    let both = |spot: [f64; 2]| {
-        let w = shares(corners, spot);
-        let x = maps[0].map(mix(maps[0].shape(), &mine, w));
-        let guess = [
-            mix(maps[0].shape(), &mine, w),
-            mix(maps[1].shape(), &theirs, w),
+    // Values and world gradients of both sides at a point of the face, its position and its gap.
+    let both = |uv: [f64; 2]| {
+        let w = corner_weights(corners, uv);
+        let x = maps[0].map(weighted_point(maps[0].shape(), &own_vertices, w));
+        let estimate = [
+            weighted_point(maps[0].shape(), &own_vertices, w),
+            weighted_point(maps[1].shape(), &neighbour_vertices, w),
         ];
         let mut sides = [(0.0, Vec3::zeros()); 2];
         let mut gap = 0.0;
         for i in 0..2 {
-            // By the element's own map, from a start off the point.
-            let start = CellPoint(guess[i].0 * 0.98);
+            // Start off the point, so that the inverse map is really solved.
+            let start = CellPoint(estimate[i].0 * 0.98);
             let xi = maps[i].inverse_from(WorldPoint(x.0), start).ok()?;
             if i == 1 {
                 gap = (plane.normal.dot(&xi.0) - plane.offset).abs() * maps[1].stretch().1;
@@ -213,18 +213,18 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
         }
         Some((sides, x.0, gap))
     };
-    let at = |i: usize| (i as f64 + 0.37) / ALONG as f64;
+    let at = |i: usize| (i as f64 + 0.37) / EDGE_POINTS as f64;
     let mut row: Vec<([f64; 2], f64)> = Vec::new();
-    for j in 0..ALONG {
+    for j in 0..EDGE_POINTS {
         let mut last: Option<([f64; 2], f64)> = None;
-        for i in 0..ALONG {
-            let mut spot = [at(i), at(j)];
+        for i in 0..EDGE_POINTS {
+            let mut uv = [at(i), at(j)];
             if corners == 3 {
                 // The triangle's rows shrink towards its last corner.
-                spot[0] *= 1.0 - spot[1];
+                uv[0] *= 1.0 - uv[1];
             }
-            let Some((sides, x, gap)) = both(spot) else {
-                // A point that one element does not have is a tear.
+            let Some((sides, x, gap)) = both(uv) else {
+                // A point outside one of the elements is a gap in the mesh.
                 found
                     .jumps
                     .push((f64::INFINITY, maps[0].bounds().centre().0, f64::INFINITY));
@@ -236,14 +236,14 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             let before = [last, row.get(i).copied()];
             for (other, v) in before.into_iter().flatten() {
                 if (v < 0.0) != (value < 0.0) {
-                    found.creases.extend(crease(&both, other, v, spot, value));
+                    found.creases.extend(crease(&both, other, v, uv, value));
                 }
             }
-            last = Some((spot, value));
+            last = Some((uv, value));
             if row.len() > i {
-                row[i] = (spot, value);
+                row[i] = (uv, value);
             } else {
-                row.push((spot, value));
+                row.push((uv, value));
             }
         }
     }
@@ -252,7 +252,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
 
 type Sides = ([(f64, Vec3); 2], Vec3, f64);
 
-/// The angle between both sides' normals where the value vanishes between two spots, degrees.
+/// The angle between both sides' normals where the value vanishes between two points of a face, degrees.
 fn crease(
     both: &dyn Fn([f64; 2]) -> Option<Sides>,
     mut a: [f64; 2],

@@ -1,12 +1,12 @@
 //! Euclidean projections onto the closed reference cells.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::simd::Number;
 
-/// Normals of the tet's faces, times the root of 3.
-const FACES: [[f64; 3]; 4] = [
+/// Normals of the tet's faces, times sqrt 3.
+const TET_NORMALS: [[f64; 3]; 4] = [
     [1.0, 1.0, 1.0],
     [1.0, -1.0, -1.0],
     [-1.0, 1.0, -1.0],
@@ -59,8 +59,8 @@ fn onto_pyramid(xi: Vec3) -> Vec3 {
     if xi.z <= 0.0 {
         return Vec3::new(xi.x.clamp(-0.5, 0.5), xi.y.clamp(-0.5, 0.5), 0.0);
     }
-    // Above the base the nearest point is on a side; by symmetry on that of the greater coordinate
-    // (or on the edges of both). In that side's plane it is in the triangle or on an edge.
+    // Above the base the nearest point is on a side: by symmetry on that of the greater coordinate, or on the
+    // edges of both. In the plane of that side it is in the triangle or on an edge.
     let swapped = xi.y.abs() > xi.x.abs();
     let x = if swapped {
         Vec3::new(xi.y, xi.x, xi.z)
@@ -95,7 +95,7 @@ fn onto_pyramid(xi: Vec3) -> Vec3 {
 fn onto_tet<T: Number>(xi: [T; 3]) -> [T; 3] {
     // The tet is regular, so its barycentric coordinates are an isometry (up to scale) onto the
     // standard simplex of R^4, whose projection subtracts a common threshold and drops negatives.
-    let (zero, half) = (xi[0].like(0.0), xi[0].like(0.5));
+    let (zero, half) = (xi[0].splat(0.0), xi[0].splat(0.5));
     let mut lambda = tet_sums(xi);
     for l in &mut lambda {
         *l = (half - *l) * half;
@@ -105,28 +105,28 @@ fn onto_tet<T: Number>(xi: [T; 3]) -> [T; 3] {
     let (first, last) = (most[0].max(most[1]), least[0].min(least[1]));
     let middle = [most[0].min(most[1]), least[0].max(least[1])];
     let (second, third) = (middle[0].max(middle[1]), middle[0].min(middle[1]));
-    // The threshold is the greatest that one of the sets of greatest coordinates asks for.
-    let mut sum = first - first.like(1.0);
+    // The threshold is the maximum over the sets of the 1, 2, 3 or 4 greatest coordinates.
+    let mut sum = first - first.splat(1.0);
     let mut threshold = sum;
     for (l, share) in [(second, 1.0 / 2.0), (third, 1.0 / 3.0), (last, 1.0 / 4.0)] {
         sum = sum + l;
-        threshold = threshold.max(sum * sum.like(share));
+        threshold = threshold.max(sum * sum.splat(share));
     }
     let mut nearest = [zero; 3];
-    for (normal, l) in FACES.iter().zip(lambda) {
+    for (normal, l) in TET_NORMALS.iter().zip(lambda) {
         let moved = (l - threshold).max(zero);
         for (y, &n) in nearest.iter_mut().zip(normal) {
-            *y = moved.fused(moved.like(-0.5 * n), *y);
+            *y = moved.fused(moved.splat(-0.5 * n), *y);
         }
     }
-    // Points of the tet stay what they are to the last digit.
+    // Points of the tet keep all their bits.
     for (y, x) in nearest.iter_mut().zip(xi) {
-        *y = last.below(zero, *y, x);
+        *y = last.select_below(zero, *y, x);
     }
     nearest
 }
 
-/// Of the tet, the products with the normals of its faces, times the root of 3.
+/// Scalar products with the normals of the tet's faces, times sqrt 3.
 #[inline(always)]
 fn tet_sums<T: Number>([x, y, z]: [T; 3]) -> [T; 4] {
     let (sum, difference) = (y + z, y - z);
@@ -134,39 +134,43 @@ fn tet_sums<T: Number>([x, y, z]: [T; 3]) -> [T; 4] {
         x + sum,
         x - sum,
         difference - x,
-        x.like(0.0) - x - difference,
+        x.splat(0.0) - x - difference,
     ]
 }
 
 #[inline(always)]
-fn onto_line<T: Number>(x: T) -> T {
-    x.max(x.like(-0.5)).min(x.like(0.5))
+fn clamp_to_half<T: Number>(x: T) -> T {
+    x.max(x.splat(-0.5)).min(x.splat(0.5))
 }
 
 /// As [`clamp_to_cell`], for a row of points.
 #[inline(always)]
 pub(super) fn clamp_row<T: Number>(shape: Element, xi: [T; 3]) -> [T; 3] {
     match shape {
-        Element::Hex => [onto_line(xi[0]), onto_line(xi[1]), onto_line(xi[2])],
-        Element::Quad => [onto_line(xi[0]), onto_line(xi[1]), xi[2]],
+        Element::Hex => [
+            clamp_to_half(xi[0]),
+            clamp_to_half(xi[1]),
+            clamp_to_half(xi[2]),
+        ],
+        Element::Quad => [clamp_to_half(xi[0]), clamp_to_half(xi[1]), xi[2]],
         Element::Tet => onto_tet(xi),
-        _ => T::each(xi, |p| clamp_to_cell(shape, p.into()).into()),
+        _ => T::map_points(xi, |p| clamp_to_cell(shape, p.into()).into()),
     }
 }
 
-/// Largest signed distance to the faces, of a row of points.
+/// Largest signed distance to the faces, for a row of points.
 #[inline(always)]
-pub(super) fn beyond_row<T: Number>(shape: Element, xi: [T; 3]) -> T {
-    let half = xi[0].like(0.5);
+pub(super) fn face_distance_row<T: Number>(shape: Element, xi: [T; 3]) -> T {
+    let half = xi[0].splat(0.5);
     match shape {
         Element::Hex => xi[0].abs().max(xi[1].abs()).max(xi[2].abs()) - half,
         Element::Tet => {
             let [a, b, c, d] = tet_sums(xi);
-            (a.max(b).max(c.max(d)) - half) * half.like(1.0 / 3f64.sqrt())
+            (a.max(b).max(c.max(d)) - half) * half.splat(1.0 / 3f64.sqrt())
         }
         _ => {
             let distance = |p: [f64; 3]| shape.face_distance(CellPoint(p.into()));
-            T::each(xi, |p| [distance(p), 0.0, 0.0])[0]
+            T::map_points(xi, |p| [distance(p), 0.0, 0.0])[0]
         }
     }
 }

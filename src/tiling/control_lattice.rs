@@ -1,17 +1,17 @@
-//! Numbers on a lattice of control points in space, and the cubic B-spline over them.
+//! Cubic B-splines over a lattice of control points in space.
 //!
-//! Between control points j the number is sum over the 4^3 nearest of B(x/h - j) `c_j`: twice
-//! differentiable whatever the elements are, never beyond the greatest and least of those 64, linear
-//! where the `c_j` are. Beyond the lattice it stays as it is at its edge.
+//! With control values `c_j` at spacing h, the value at x is the sum over the 4^3 nearest of B(x/h - j) `c_j`.
+//! It is twice differentiable whatever the elements are, within the range of those 64 values, and linear where
+//! the `c_j` are. Outside the lattice it keeps the value at the edge.
 
 use super::Interval;
 use crate::frame::{Aabb, Vec3};
 use crate::scaffold::Scaffold;
 
-/// Greatest number of control points: coarser ones do for what is wider.
-const MOST: f64 = 250_000.0;
+/// Greatest number of control points; larger scaffolds have a coarser lattice.
+const MAX_POINTS: f64 = 250_000.0;
 
-/// Where control points stand: a box of them around a scaffold, one mean edge of its elements apart.
+/// The positions of control points: a box around a scaffold, with the mean edge of its elements as spacing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ControlLattice {
     origin: Vec3,
@@ -19,7 +19,7 @@ pub(super) struct ControlLattice {
     counts: [usize; 3],
 }
 
-/// The values of the four B-splines that do not vanish at a share of an interval, and their slopes.
+/// Values and slopes of the four B-splines that do not vanish at a fraction `t` of an interval.
 fn spline(t: f64) -> ([f64; 4], [f64; 4]) {
     let u = 1.0 - t;
     let values = [
@@ -49,10 +49,10 @@ impl ControlLattice {
         let mean = scaffold.elements().map(edge).sum::<f64>() / scaffold.len().max(1) as f64;
         let mut spacing = mean.max(size.amax() * 1e-3).max(f64::MIN_POSITIVE);
         let points = |h: f64| size.iter().map(|s| s / h + 4.0).product::<f64>();
-        while points(spacing) > MOST {
+        while points(spacing) > MAX_POINTS {
             spacing *= 1.1;
         }
-        // Whole numbers of elements are not to end a hair before a control point.
+        // Rounding must not add a control point where the size is a multiple of the spacing.
         let counts = size.map(|s| (s / spacing - 1e-6).ceil().max(1.0) as usize + 3);
         Self {
             origin: bounds.min.add_scalar(-spacing),
@@ -61,7 +61,7 @@ impl ControlLattice {
         }
     }
 
-    /// The control points in the order of their numbers, the last axis fastest.
+    /// The control points by number, the last axis fastest.
     pub fn points(&self) -> Vec<Vec3> {
         let [nx, ny, nz] = self.counts;
         let mut all = Vec::with_capacity(nx * ny * nz);
@@ -76,9 +76,8 @@ impl ControlLattice {
         all
     }
 
-    /// The first of the four control points along an axis, and the share of the way between the
-    /// middle two.
-    fn place(&self, axis: usize, x: f64) -> (usize, f64) {
+    /// The first of the four control points along an axis, and the fraction of the way between the middle two.
+    fn interval(&self, axis: usize, x: f64) -> (usize, f64) {
         let n = self.counts[axis];
         let t = (x - self.origin[axis]) / self.spacing;
         let t = t.clamp(1.0, (n - 2) as f64);
@@ -90,9 +89,10 @@ impl ControlLattice {
         (i * self.counts[1] + j) * self.counts[2] + k
     }
 
-    /// Values of `out.len()` numbers at a point, with their gradients; `values[point * out.len() + number]`.
+    /// Values and gradients at a point, of as many quantities as `out` has entries:
+    /// `values[point * out.len() + quantity]`.
     pub fn at(&self, values: &[f64], x: Vec3, out: &mut [(f64, Vec3)]) {
-        let [px, py, pz] = [0, 1, 2].map(|a| self.place(a, x[a]));
+        let [px, py, pz] = [0, 1, 2].map(|a| self.interval(a, x[a]));
         let ((bx, dx), (by, dy), (bz, dz)) = (spline(px.1), spline(py.1), spline(pz.1));
         let inverse = self.spacing.recip();
         out.fill((0.0, Vec3::zeros()));
@@ -117,7 +117,7 @@ impl ControlLattice {
         }
     }
 
-    /// What one of `count` numbers can be over a box, and a bound of its gradient's length there.
+    /// Range of one of `count` quantities over a box, and a bound of its gradient's length there.
     pub fn range(
         &self,
         values: &[f64],
@@ -125,8 +125,8 @@ impl ControlLattice {
         number: usize,
         over: &Aabb,
     ) -> (Interval, f64) {
-        let low = [0, 1, 2].map(|a| self.place(a, over.min[a]).0);
-        let high = [0, 1, 2].map(|a| self.place(a, over.max[a]).0 + 3);
+        let low = [0, 1, 2].map(|a| self.interval(a, over.min[a]).0);
+        let high = [0, 1, 2].map(|a| self.interval(a, over.max[a]).0 + 3);
         let value = |at: [usize; 3]| values[self.number(at) * count + number];
         let mut range = Interval::new(f64::INFINITY, f64::NEG_INFINITY);
         let mut steepest = [0f64; 3];

@@ -1,32 +1,32 @@
-//! Interpolation of corner values over an element: linear, or smoothed towards the corners.
+//! Interpolation of corner values over an element: linear, or smooth towards the corners.
 //!
-//! Linear: the shape functions of the linear element, r the parameters of the cube, l the
-//! barycentric coordinates. Smoothed, with S(t) = t^2 (3 - 2 t): on the cube those of S(r), whose
-//! slope across the faces vanishes; on the tet S(l) / sum S(l); on the wedge the latter in the
-//! triangle times S along the prism. Either way the value on a face depends on the face's corners
-//! alone, is the same from both sides, and the functions are positive and sum to one.
+//! Linear: the shape functions of the linear element; r are the parameters of the cube, l barycentric
+//! coordinates. Smooth, with S(t) = t^2 (3 - 2 t): on the cube the shape functions of S(r), whose slope across
+//! the faces vanishes; on the tet S(l) / sum S(l); on the wedge the latter in the triangle times S along the
+//! prism. In each case the values on a face depend on the face's corners alone and are the same from both
+//! sides, and the functions are positive and sum to one.
 
 use super::Interpolation;
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::scaffold::Kind;
 
-/// Functions of an element's corners at a point, with gradients in the cell frame; in VTK order.
-pub(super) struct Corners {
+/// The corner functions of an element at a point, with gradients in the cell frame, in VTK order.
+pub(super) struct CornerFunctions {
     pub count: usize,
     pub values: [f64; 8],
     pub slopes: [Vec3; 8],
 }
 
-const H: f64 = 0.866_025_403_784_438_6;
+const TRIANGLE_HEIGHT: f64 = 0.866_025_403_784_438_6;
 
-fn smooth(t: f64) -> (f64, f64) {
+fn smoothstep(t: f64) -> (f64, f64) {
     let t = t.clamp(0.0, 1.0);
     (t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t))
 }
 
-/// Barycentric coordinates made rational: S(l) / sum S(l).
+/// Smooth barycentric functions S(l) / sum S(l).
 fn rational<const N: usize>(l: [f64; N], slopes: [Vec3; N]) -> ([f64; N], [Vec3; N]) {
-    let s = l.map(smooth);
+    let s = l.map(smoothstep);
     let sum: f64 = s.iter().map(|s| s.0).sum();
     let mut change = Vec3::zeros();
     for (s, g) in s.iter().zip(slopes) {
@@ -41,15 +41,15 @@ fn rational<const N: usize>(l: [f64; N], slopes: [Vec3; N]) -> ([f64; N], [Vec3;
     (values, out)
 }
 
-impl Corners {
-    pub fn at(shape: Element, CellPoint(xi): CellPoint<3>, how: Interpolation) -> Self {
+impl CornerFunctions {
+    pub fn at(shape: Element, CellPoint(xi): CellPoint<3>, interpolation: Interpolation) -> Self {
         let mut c = Self {
             count: 0,
             values: [0.0; 8],
             slopes: [Vec3::zeros(); 8],
         };
-        let line = |t: f64| match how {
-            Interpolation::Smoothstep => smooth(t),
+        let line = |t: f64| match interpolation {
+            Interpolation::Smoothstep => smoothstep(t),
             _ => (t, 1.0),
         };
         match shape {
@@ -59,7 +59,7 @@ impl Corners {
                     [[1., 1., 1.], [-1., -1., 1.], [1., -1., -1.], [-1., 1., -1.]].map(Vec3::from);
                 let l = n.map(|n| (0.5 - n.dot(&xi)) / 2.0);
                 let g = n.map(|n| n * -0.5);
-                let (l, g) = match how {
+                let (l, g) = match interpolation {
                     Interpolation::Smoothstep => rational(l, g),
                     _ => (l, g),
                 };
@@ -68,13 +68,13 @@ impl Corners {
                 c.count = 4;
             }
             Element::Wedge | Element::Tri => {
-                let (x, y) = (xi.x + 0.5, xi.y + H / 3.0);
-                let l2 = y / H;
+                let (x, y) = (xi.x + 0.5, xi.y + TRIANGLE_HEIGHT / 3.0);
+                let l2 = y / TRIANGLE_HEIGHT;
                 let l1 = x - l2 / 2.0;
-                let g2 = Vec3::y() / H;
+                let g2 = Vec3::y() / TRIANGLE_HEIGHT;
                 let g1 = Vec3::x() - g2 / 2.0;
                 let (l, g) = ([1.0 - l1 - l2, l1, l2], [-g1 - g2, g1, g2]);
-                let (l, g) = match how {
+                let (l, g) = match interpolation {
                     Interpolation::Smoothstep => rational(l, g),
                     _ => (l, g),
                 };
@@ -94,7 +94,7 @@ impl Corners {
                 c.slopes[..5].copy_from_slice(&kind.shape_gradients(point));
                 c.count = 5;
             }
-            // A ball is filled as the cube around it.
+            // A ball is interpolated as the cube around it.
             Element::Hex | Element::Quad | Element::Ball => {
                 let [(x, dx), (y, dy), (z, dz)] = [xi.x, xi.y, xi.z].map(|t| line(t + 0.5));
                 let ends = |t: f64, d: f64| [(1.0 - t, -d), (t, d)];
@@ -130,16 +130,19 @@ mod tests {
     #[test]
     fn functions_are_one_at_their_corner_and_sum_to_one() {
         for shape in [Element::Tet, Element::Hex, Element::Wedge, Element::Pyramid] {
-            for how in [Interpolation::Linear, Interpolation::Smoothstep] {
+            for interpolation in [Interpolation::Linear, Interpolation::Smoothstep] {
                 for (i, v) in shape.vertices().into_iter().enumerate() {
-                    let c = Corners::at(shape, CellPoint(v), how);
+                    let c = CornerFunctions::at(shape, CellPoint(v), interpolation);
                     for j in 0..c.count {
                         let expected = f64::from(u8::from(i == j));
-                        assert!((c.values[j] - expected).abs() < 1e-12, "{shape:?} {how:?}");
+                        assert!(
+                            (c.values[j] - expected).abs() < 1e-12,
+                            "{shape:?} {interpolation:?}"
+                        );
                     }
                 }
                 let x = shape.centroid().0 + Vec3::new(0.07, -0.05, 0.03);
-                let c = Corners::at(shape, CellPoint(x), how);
+                let c = CornerFunctions::at(shape, CellPoint(x), interpolation);
                 assert!((c.of(|_| 1.0).0 - 1.0).abs() < 1e-12);
                 assert!(c.of(|_| 1.0).1.norm() < 1e-12);
                 let value = |i: usize| (i * i) as f64;
@@ -147,12 +150,12 @@ mod tests {
                 for axis in 0..3 {
                     let at = |s: f64| {
                         let x = CellPoint(x + Vec3::ith(axis, s * h));
-                        Corners::at(shape, x, how).of(value).0
+                        CornerFunctions::at(shape, x, interpolation).of(value).0
                     };
                     let slope = (at(1.0) - at(-1.0)) / (2.0 * h);
                     assert!(
                         (slope - c.of(value).1[axis]).abs() < 1e-8,
-                        "{shape:?} {how:?}"
+                        "{shape:?} {interpolation:?}"
                     );
                 }
             }

@@ -1,140 +1,140 @@
-//! Rule Q for the samples of a small box at a time: cells are asked for many points at once.
+//! Rule Q for the samples of a small box among any elements, curved ones included.
 //!
-//! Blocks of 2^3 samples that lie in one element are first asked at their centre: with L the slope's
-//! bound and R the block's half diagonal, |F| >= L (R + w) there decides all of them. Samples that are
-//! left are asked for value and gradient; where second derivatives of the map place the block's corners
-//! within 1e-7 of the cell, they place all of it, else Newton's method does. Those with |F| < L w are
-//! seated in their owner and in the elements that share in the blend, which are asked for gradients, there
-//! and one step on. What comes out is what single points give, but for those 1e-7.
+//! A block of 2^3 samples in one element is tested at its centre first: with L the slope bound and R the
+//! block's half diagonal, |F| >= L (R + w) there decides all of them. For the other samples, value and
+//! gradient are evaluated in the owner. Where a local map is within 1e-7 of the reference cell at the block's
+//! corners, it gives all preimages of the block; elsewhere Newton's method does. Samples with |F| < L w take
+//! two Newton steps in their owner and in each element that contributes to the blend. The result is that of
+//! single points, up to those 1e-7.
 
 mod in_band_samples;
 
-use super::boundary::Known;
-use super::local_map::Trail;
-use super::locality::{Asking, Local, Owner};
-use super::newton_distance::Leg;
-use super::patch::{Patch, Spot, Spots};
+use super::boundary::RegionFacts;
+use super::local_map::LocalMap;
+use super::locality::{LocalSearch, Owner, OwnerBuffers};
+use super::newton_distance::FirstStep;
+use super::patch::{Patch, Preimage, Preimages};
 use super::{Filling, TiledSolid};
 use crate::frame::{CellPoint, Mat3, Vec3};
-use in_band_samples::{Seat, Sum};
+use in_band_samples::{Contribution, ScaleSum};
 
-/// A sample: where its value goes, and where it lies.
+/// A sample: its storage index and its position.
 #[derive(Clone, Copy)]
-pub(super) struct Target {
+pub(super) struct LatticeSample {
     pub n: u32,
     pub x: Vec3,
 }
 
-/// A sample whose distance is wanted.
-struct Item {
-    target: Target,
-    /// Its owner's place in the list of near elements.
-    place: u32,
-    how: How,
-    /// How deep it lies under its owner's faces; a voxel stands for more.
+/// A sample whose distance is to be evaluated.
+struct PendingSample {
+    sample: LatticeSample,
+    /// Index of its owner in the list of near elements.
+    near_index: u32,
+    jacobian: JacobianSource,
+    /// Depth below its owner's faces; a lower bound where it exceeds a voxel.
     depth: f64,
 }
 
-/// How a sample was placed in its owner.
+/// The source of d xi / d x of a sample in its owner.
 #[derive(Clone, Copy)]
-enum How {
-    /// By a trail.
-    Trail(u32),
-    /// By itself, with d xi / d x in a list.
-    Alone(u32),
+enum JacobianSource {
+    /// A local map, by number.
+    Local(u32),
+    /// An entry of [`CurvedBatch::single_inverses`].
+    Single(u32),
 }
 
 /// A block of samples within one element.
 struct Block {
     number: usize,
-    place: usize,
+    near_index: usize,
     radius: f64,
-    /// Its centre's.
-    trail: u32,
-    /// Whether its samples are where they are guessed to be.
-    is_smooth: bool,
+    /// The local map at its centre, by number.
+    local_map: u32,
+    /// Whether the local map is accurate at all its samples.
+    is_local_map_accurate: bool,
     depth: f64,
     f: f64,
 }
 
-/// Guesses this good, in reference units, need no step of Newton's method.
-const GOOD: f64 = 1e-7;
+/// Error of a local map, reference units, below which no Newton step is needed.
+const LOCAL_MAP_TOLERANCE: f64 = 1e-7;
 
-/// Points in elements that are asked for values together.
+/// Points with their elements, to be evaluated together.
 #[derive(Default)]
-struct Questions {
-    places: Vec<u32>,
+struct EvaluationPoints {
+    near_indices: Vec<u32>,
     points: Vec<CellPoint<3>>,
 }
 
-/// Room for the work, kept between boxes.
+/// Buffers, reused from box to box.
 #[derive(Default)]
-pub(super) struct Batch {
+pub(super) struct CurvedBatch {
     blocks: Vec<Block>,
-    /// Of blocks.
-    trails: Vec<Trail>,
-    /// Samples whose element is not known from their block's.
-    open: Vec<Target>,
+    /// The local maps of blocks.
+    local_maps: Vec<LocalMap>,
+    /// Samples whose owner is not that of their block.
+    open: Vec<LatticeSample>,
     at: Vec<Vec3>,
     owners: Vec<Option<Owner>>,
-    found: Spots,
-    asking: Asking,
-    items: Vec<Item>,
-    /// d xi / d x of items that were placed alone.
-    alone: Vec<Mat3>,
-    /// One for every item, or for every block.
-    asked: Questions,
+    found: Preimages,
+    owner_buffers: OwnerBuffers,
+    items: Vec<PendingSample>,
+    /// d xi / d x of items with a Newton search of their own.
+    single_inverses: Vec<Mat3>,
+    /// A point for each block, then for each item.
+    evaluation_points: EvaluationPoints,
     /// Values at the centres of blocks.
     values: Vec<f64>,
     /// Values and gradients of items in their owners.
-    own: Vec<(f64, Vec3)>,
-    /// Items in the band near faces.
+    owner_slopes: Vec<(f64, Vec3)>,
+    /// Items in the band near faces, to which several elements contribute.
     shared: Vec<u32>,
-    seats: Vec<Seat>,
-    /// One for every seat.
+    contributions: Vec<Contribution>,
+    /// A point for each contribution.
     points: Vec<CellPoint<3>>,
-    /// One for every seat that no trail has d xi / d x for.
+    /// A matrix for each contribution without a local map.
     inverses: Vec<Mat3>,
     slopes: Vec<(f64, Vec3)>,
-    legs: Vec<Leg>,
+    first_steps: Vec<FirstStep>,
     scales: Vec<f64>,
-    /// Items that are looked for in a neighbour.
-    guests: Vec<u32>,
-    /// One for every item.
-    sums: Vec<Sum>,
-    /// At how many points a cell was looked at: samples, and centres of blocks.
-    pub looked: u64,
+    /// Items to be searched for in a neighbour of their owner.
+    neighbours: Vec<u32>,
+    /// A sum for each item.
+    sums: Vec<ScaleSum>,
+    /// Number of cell evaluations: samples, and centres of blocks.
+    pub evaluations: u64,
 }
 
-impl Questions {
+impl EvaluationPoints {
     fn clear(&mut self) {
-        self.places.clear();
+        self.near_indices.clear();
         self.points.clear();
     }
 
-    fn push(&mut self, place: u32, xi: Vec3) {
-        self.places.push(place);
+    fn push(&mut self, near_index: u32, xi: Vec3) {
+        self.near_indices.push(near_index);
         self.points.push(CellPoint(xi));
     }
 }
 
-/// Opposite corners of a block: of a lattice in storage order the first sample and the last.
-fn ends(samples: &[Target]) -> [Vec3; 2] {
+/// Opposite corners of a block: its first and its last sample in storage order.
+fn ends(samples: &[LatticeSample]) -> [Vec3; 2] {
     match (samples.first(), samples.last()) {
         (Some(a), Some(b)) => [a.x, b.x],
         _ => [Vec3::zeros(); 2],
     }
 }
 
-/// The centre of some samples and the greatest distance from it.
-fn ball(samples: &[Target]) -> (Vec3, f64) {
+/// Centre and radius of a ball around a block of samples.
+fn bounding_ball(samples: &[LatticeSample]) -> (Vec3, f64) {
     let [a, b] = ends(samples);
     ((a + b) / 2.0, (b - a).norm() / 2.0)
 }
 
-/// Corners of a block of samples of which no two share an edge: guesses that err by odd powers of the
-/// distance, or by even ones, err alike at the other corners.
-fn corners(samples: &[Target]) -> [Vec3; 4] {
+/// Four corners of a block, no two on an edge. An error that is an odd or an even function of the distance
+/// from the centre has the same size at the other four.
+fn tetrahedron_corners(samples: &[LatticeSample]) -> [Vec3; 4] {
     let [a, b] = ends(samples);
     [
         a,
@@ -145,25 +145,24 @@ fn corners(samples: &[Target]) -> [Vec3; 4] {
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Distances at samples, given block by block in the order of a lattice; the boundary regarded as
-    /// `known` says.
-    pub(super) fn measure(
+    /// Distances at samples, given block by block in the order of a lattice, cut at the boundary.
+    pub(super) fn fill_curved(
         &self,
         component: usize,
-        local: &mut Local,
-        blocks: &[Vec<Target>],
-        known: Known,
-        batch: &mut Batch,
+        local: &mut LocalSearch,
+        blocks: &[Vec<LatticeSample>],
+        known: RegionFacts,
+        batch: &mut CurvedBatch,
         out: &mut [f32],
     ) {
         self.find_blocks(local, blocks, batch);
         batch.items.clear();
-        batch.alone.clear();
-        batch.asked.clear();
+        batch.single_inverses.clear();
+        batch.evaluation_points.clear();
         batch.open.clear();
         let w = self.options.half_width;
-        let mut found = |t: &Target, d: f64| {
-            out[t.n as usize] = self.cut(component, d, t.x, known) as f32;
+        let mut found = |t: &LatticeSample, d: f64| {
+            out[t.n as usize] = self.cut_at_boundary(component, d, t.x, known) as f32;
         };
         let whole = std::mem::take(&mut batch.blocks);
         let mut next = 0;
@@ -172,96 +171,120 @@ impl<F: Filling> TiledSolid<'_, F> {
                 batch.open.extend(samples);
                 continue;
             };
-            if block.f.abs() >= self.rise(&local.near, block.radius + w) {
+            if block.f.abs() >= self.max_change(&local.near, block.radius + w) {
                 let d = w.copysign(block.f);
                 for t in samples {
                     found(t, d);
                 }
             } else {
-                self.enter_block(local, samples, block, batch);
+                self.push_block(local, samples, block, batch);
             }
             next += 1;
         }
         batch.blocks = whole;
-        self.enter_open(local, batch, |local, t| {
+        self.push_open(local, batch, |local, t| {
             let d = self.value_at(component, local, t.x, known);
             out[t.n as usize] = d as f32;
         });
-        self.ask_owners(local, batch);
-        let mut found = |t: &Target, d: f64| {
-            out[t.n as usize] = self.cut(component, d, t.x, known) as f32;
+        self.evaluate_owners(local, batch);
+        let mut found = |t: &LatticeSample, d: f64| {
+            out[t.n as usize] = self.cut_at_boundary(component, d, t.x, known) as f32;
         };
-        self.seat(local, batch, &mut found);
+        self.collect_contributions(local, batch, &mut found);
         self.blend(local, batch, &mut found);
     }
 
-    /// Finds the blocks that lie in one element, and the field at their centres.
-    fn find_blocks(&self, local: &mut Local, blocks: &[Vec<Target>], batch: &mut Batch) {
+    /// Finds the blocks within one element, and evaluates the field at their centres.
+    fn find_blocks(
+        &self,
+        local: &mut LocalSearch,
+        blocks: &[Vec<LatticeSample>],
+        batch: &mut CurvedBatch,
+    ) {
         batch.blocks.clear();
-        batch.trails.clear();
-        batch.asked.clear();
+        batch.local_maps.clear();
+        batch.evaluation_points.clear();
         batch.at.clear();
-        batch.at.extend(blocks.iter().map(|b| ball(b).0));
-        let Batch { at, owners, .. } = batch;
-        self.owners(local, at, &mut batch.asking, owners);
+        batch.at.extend(blocks.iter().map(|b| bounding_ball(b).0));
+        let CurvedBatch { at, owners, .. } = batch;
+        self.owners(local, at, &mut batch.owner_buffers, owners);
         for (number, (&x, owner)) in at.iter().zip(owners).enumerate() {
-            let Some(Owner { place, spot }) = owner else {
+            let Some(Owner {
+                near_index,
+                preimage,
+            }) = owner
+            else {
                 continue;
             };
-            let patch = self.patch(local, *place);
-            let (radius, depth) = (ball(&blocks[number]).1, patch.depth(spot));
+            let patch = self.patch(local, *near_index);
+            let (radius, depth) = (bounding_ball(&blocks[number]).1, patch.depth(preimage));
             if depth <= radius {
                 continue;
             }
             // Second derivatives change little from block to block.
-            let last = batch.blocks.last().filter(|b| b.place == *place);
-            let trail = match last {
-                Some(last) => batch.trails[last.trail as usize].moved(x, spot),
-                None => self.note_trail(local, *place, x, spot),
+            let last = batch.blocks.last().filter(|b| b.near_index == *near_index);
+            let local_map = match last {
+                Some(last) => batch.local_maps[last.local_map as usize].recentred(x, preimage),
+                None => self.store_local_map(local, *near_index, x, preimage),
             };
-            let error = patch.error(self.scaffold, &trail, corners(&blocks[number]));
-            let is_smooth = error < GOOD;
-            batch.trails.push(trail);
-            batch.asked.push(*place as u32, spot.xi);
+            let error = patch.error(
+                self.scaffold,
+                &local_map,
+                tetrahedron_corners(&blocks[number]),
+            );
+            let is_local_map_accurate = error < LOCAL_MAP_TOLERANCE;
+            batch.local_maps.push(local_map);
+            batch
+                .evaluation_points
+                .push(*near_index as u32, preimage.xi);
             batch.blocks.push(Block {
                 number,
-                place: *place,
+                near_index: *near_index,
                 radius,
-                trail: batch.trails.len() as u32 - 1,
-                is_smooth,
+                local_map: batch.local_maps.len() as u32 - 1,
+                is_local_map_accurate,
                 depth,
                 f: 0.0,
             });
         }
-        self.ask_values(local, batch);
+        self.evaluate_values(local, batch);
         for (block, &f) in batch.blocks.iter_mut().zip(&batch.values) {
             block.f = f;
         }
     }
 
-    /// Enters the samples of a block that lies in one element.
-    fn enter_block(&self, local: &Local, samples: &[Target], block: &Block, batch: &mut Batch) {
-        // A voxel stands for all depths that are more.
-        let sure = block.depth - block.radius;
-        let patch = self.patch(local, block.place);
+    /// Adds the samples of a block within one element.
+    fn push_block(
+        &self,
+        local: &LocalSearch,
+        samples: &[LatticeSample],
+        block: &Block,
+        batch: &mut CurvedBatch,
+    ) {
+        // Depths beyond a voxel need no exact value.
+        let min_depth = block.depth - block.radius;
+        let patch = self.patch(local, block.near_index);
         batch.at.clear();
         batch.at.extend(samples.iter().map(|t| t.x));
-        if block.is_smooth {
-            let first = batch.asked.points.len();
-            let trail = &batch.trails[block.trail as usize];
-            trail.guess_all(&batch.at, &mut batch.asked.points);
-            let place = block.place as u32;
-            batch.asked.places.resize(batch.asked.points.len(), place);
-            for (&target, xi) in samples.iter().zip(&batch.asked.points[first..]) {
-                let depth = if sure < self.delta() {
-                    patch.depth_at(target.x, xi.0)
+        if block.is_local_map_accurate {
+            let first = batch.evaluation_points.points.len();
+            let local_map = &batch.local_maps[block.local_map as usize];
+            local_map.estimate_all(&batch.at, &mut batch.evaluation_points.points);
+            let near_index = block.near_index as u32;
+            batch
+                .evaluation_points
+                .near_indices
+                .resize(batch.evaluation_points.points.len(), near_index);
+            for (&sample, xi) in samples.iter().zip(&batch.evaluation_points.points[first..]) {
+                let depth = if min_depth < self.delta() {
+                    patch.depth_at(sample.x, xi.0)
                 } else {
-                    sure
+                    min_depth
                 };
-                batch.items.push(Item {
-                    target,
-                    place,
-                    how: How::Trail(block.trail),
+                batch.items.push(PendingSample {
+                    sample,
+                    near_index,
+                    jacobian: JacobianSource::Local(block.local_map),
                     depth,
                 });
             }
@@ -269,96 +292,127 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         let mut found = std::mem::take(&mut batch.found);
         let all = (&*batch.at, f64::INFINITY);
-        let mut trail = batch.trails[block.trail as usize];
-        patch.spots(self.scaffold, all, (&mut trail, true), &mut found);
-        for (&target, spot) in samples.iter().zip(&found.all) {
-            match spot {
-                Some(spot) => batch.enter_alone(target, block.place, spot, patch),
-                None => batch.open.push(target),
+        let mut local_map = batch.local_maps[block.local_map as usize];
+        patch.preimages(self.scaffold, all, (&mut local_map, true), &mut found);
+        for (&sample, preimage) in samples.iter().zip(&found.all) {
+            match preimage {
+                Some(preimage) => batch.push_single(sample, block.near_index, preimage, patch),
+                None => batch.open.push(sample),
             }
         }
         batch.found = found;
     }
 
-    /// Enters samples whose owner is to be found; those without are handed to `strays`.
-    fn enter_open(
+    /// Finds the owners of open samples and adds them; samples without an owner go to `evaluate_exterior`.
+    fn push_open(
         &self,
-        local: &mut Local,
-        batch: &mut Batch,
-        mut strays: impl FnMut(&mut Local, &Target),
+        local: &mut LocalSearch,
+        batch: &mut CurvedBatch,
+        mut evaluate_exterior: impl FnMut(&mut LocalSearch, &LatticeSample),
     ) {
-        let Batch {
+        let CurvedBatch {
             open, at, owners, ..
         } = batch;
         at.clear();
         at.extend(open.iter().map(|t| t.x));
-        self.owners(local, at, &mut batch.asking, owners);
+        self.owners(local, at, &mut batch.owner_buffers, owners);
         let owners = std::mem::take(&mut batch.owners);
         for (n, owner) in owners.iter().enumerate() {
-            let target = batch.open[n];
-            if let Some(Owner { place, spot }) = owner {
-                batch.enter_alone(target, *place, spot, self.patch(local, *place));
+            let sample = batch.open[n];
+            if let Some(Owner {
+                near_index,
+                preimage,
+            }) = owner
+            {
+                batch.push_single(
+                    sample,
+                    *near_index,
+                    preimage,
+                    self.patch(local, *near_index),
+                );
             } else {
-                batch.looked += 1;
-                strays(local, &target);
+                batch.evaluations += 1;
+                evaluate_exterior(local, &sample);
             }
         }
         batch.owners = owners;
     }
 
-    /// The field and its gradient at all samples, in their owners.
-    fn ask_owners(&self, local: &Local, batch: &mut Batch) {
-        let Batch { asked, own, .. } = &mut *batch;
-        own.resize(asked.points.len(), (0.0, Vec3::zeros()));
+    /// Evaluates value and gradient at all items, in their owners.
+    fn evaluate_owners(&self, local: &LocalSearch, batch: &mut CurvedBatch) {
+        let CurvedBatch {
+            evaluation_points,
+            owner_slopes,
+            ..
+        } = &mut *batch;
+        owner_slopes.resize(evaluation_points.points.len(), (0.0, Vec3::zeros()));
         let mut first = 0;
-        for run in asked.places.chunk_by(|a, b| a == b) {
+        for run in evaluation_points.near_indices.chunk_by(|a, b| a == b) {
             let all = first..first + run.len();
             first = all.end;
-            let place = run[0] as usize;
-            self.ask_slopes(local, place, &asked.points[all.clone()], &mut own[all]);
+            let near_index = run[0] as usize;
+            self.evaluate_slopes(
+                local,
+                near_index,
+                &evaluation_points.points[all.clone()],
+                &mut owner_slopes[all],
+            );
         }
-        batch.looked += batch.asked.points.len() as u64;
+        batch.evaluations += batch.evaluation_points.points.len() as u64;
     }
 
-    /// Values and gradients at points of one of the near elements.
-    fn ask_slopes(
+    /// Evaluates values and gradients at points of one of the near elements.
+    fn evaluate_slopes(
         &self,
-        local: &Local,
-        place: usize,
+        local: &LocalSearch,
+        near_index: usize,
         points: &[CellPoint<3>],
         slopes: &mut [(f64, Vec3)],
     ) {
-        let element = local.near.patches[place] as usize;
-        self.filling.slopes(element, points, slopes);
+        let element = local.near.patches[near_index] as usize;
+        self.filling.values_and_gradients(element, points, slopes);
     }
 
-    /// The field at all points that are asked for.
-    fn ask_values(&self, local: &Local, batch: &mut Batch) {
-        let Batch { asked, values, .. } = &mut *batch;
-        values.resize(asked.points.len(), 0.0);
+    /// Evaluates the field at all evaluation points.
+    fn evaluate_values(&self, local: &LocalSearch, batch: &mut CurvedBatch) {
+        let CurvedBatch {
+            evaluation_points,
+            values,
+            ..
+        } = &mut *batch;
+        values.resize(evaluation_points.points.len(), 0.0);
         let mut first = 0;
-        for run in asked.places.chunk_by(|a, b| a == b) {
+        for run in evaluation_points.near_indices.chunk_by(|a, b| a == b) {
             let element = local.near.patches[run[0] as usize] as usize;
             let all = first..first + run.len();
             first = all.end;
-            self.filling
-                .values(element, &asked.points[all.clone()], &mut values[all]);
+            self.filling.values(
+                element,
+                &evaluation_points.points[all.clone()],
+                &mut values[all],
+            );
         }
-        batch.looked += batch.asked.points.len() as u64;
+        batch.evaluations += batch.evaluation_points.points.len() as u64;
     }
 }
 
-impl Batch {
-    /// Enters a sample that was placed in its owner by itself.
-    fn enter_alone(&mut self, target: Target, place: usize, spot: &Spot, patch: &Patch) {
-        self.alone.push(spot.inverse);
-        let how = How::Alone(self.alone.len() as u32 - 1);
-        let (place, depth) = (place as u32, patch.depth(spot));
-        self.asked.push(place, spot.xi);
-        self.items.push(Item {
-            target,
-            place,
-            how,
+impl CurvedBatch {
+    /// Adds a sample with the preimage that Newton's method found in its owner.
+    fn push_single(
+        &mut self,
+        sample: LatticeSample,
+        near_index: usize,
+        preimage: &Preimage,
+        patch: &Patch,
+    ) {
+        self.single_inverses.push(preimage.inverse);
+        let jacobian = JacobianSource::Single(self.single_inverses.len() as u32 - 1);
+        let (near_index, depth) = (near_index as u32, patch.depth(preimage));
+        self.evaluation_points.push(near_index, preimage.xi);
+        self.items.push(PendingSample {
+            sample,
+            near_index,
+            jacobian,
             depth,
         });
     }

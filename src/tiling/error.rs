@@ -13,22 +13,22 @@ pub enum TilingError {
         /// Name of its shape.
         found: &'static str,
     },
-    /// Copies of a cell in neighbours that do not meet.
+    /// Two neighbours' copies of a cell differ on the common face.
     #[error(
         "the cell does not continue from element {} (a {}) to element {} (a {}): its values on their \
          common face differ by {jump:.3} reference lengths; use a cell with its element's whole group, \
          and in mixed meshes cells that agree on faces, or all_hex = true with one hex cell",
         elements[0], shapes[0], elements[1], shapes[1]
     )]
-    Seam {
-        /// Numbers of the elements, of their file.
+    Discontinuity {
+        /// Numbers of the elements in their file.
         elements: [u64; 2],
         /// Names of their shapes.
         shapes: [&'static str; 2],
-        /// The greatest difference seen, over the mean slope.
+        /// The greatest difference found, over the mean slope.
         jump: f64,
     },
-    /// Weights that say nothing.
+    /// Weights whose sum is not positive and finite.
     #[error("the weights at ({}, {}, {}) sum to {sum}; expected a positive, finite sum", at[0], at[1], at[2])]
     Weights {
         /// The node, world coordinates.
@@ -39,12 +39,12 @@ pub enum TilingError {
     /// Too few or too many weights.
     #[error("{found} weights; expected {expected}, one for each of at most 8 cells at each place")]
     WeightCount {
-        /// How many there are.
+        /// Number of weights given.
         found: usize,
-        /// How many there should be.
+        /// Number of weights expected.
         expected: usize,
     },
-    /// Pyramids have no smoothed weights.
+    /// Smoothed weights in a pyramid, which has none.
     #[error(
         "element {number} is a pyramid, whose weights cannot be smoothed; expected linear ones"
     )]
@@ -55,15 +55,15 @@ pub enum TilingError {
     /// A length is not positive and finite.
     #[error("{what} is {value}; expected a positive, finite length")]
     Length {
-        /// Which one.
+        /// Name of the length.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
-    /// There is nothing to tile.
+    /// The scaffold is empty.
     #[error("the scaffold has no elements")]
     Empty,
-    /// A cell without slope or with one that is not finite has no distance.
+    /// The cell's gradient vanishes or is not finite, so that it has no distance.
     #[error(
         "the cell's gradient has the root mean square {rms} on its surface and the bound {sup}; expected positive, finite numbers (does the cell have a surface?)"
     )]

@@ -1,31 +1,31 @@
 //! Rule R: closest zero points in cells, on faces and on edges.
 
-use super::locality::Local;
-use super::patch::{Patch, Spot};
+use super::locality::LocalSearch;
+use super::patch::{Patch, Preimage};
 use super::{Filling, TiledSolid};
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use std::sync::LazyLock;
 
 /// Newton steps of one search.
-const STEPS: usize = 10;
-/// A search has converged when a step is shorter than this many voxels.
-const SETTLED: f64 = 1e-4;
-/// Zero points this far outside a cell, in reference units, still count.
-const OUTSIDE: f64 = 1e-7;
+const MAX_STEPS: usize = 10;
+/// A search has converged when its step is shorter than this, voxels.
+const STEP_TOLERANCE: f64 = 1e-4;
+/// Tolerance for zero points outside a cell, reference units.
+const CELL_TOLERANCE: f64 = 1e-7;
 
-/// Where a search is confined to: the whole cell, the plane of a face, the line of an edge.
+/// The domain of a search: the whole cell, the plane of a face or the line of an edge.
 struct Domain {
     /// A point of the plane or line.
     base: Vec3,
-    /// Orthonormal directions, as columns; the rest is zero.
+    /// Orthonormal directions as columns; the remaining columns are zero.
     basis: Mat3,
     dimension: usize,
-    /// The faces it lies in, by number.
+    /// The faces that contain it, by number.
     faces: Vec<usize>,
 }
 
 impl Domain {
-    /// All of a solid element's, the cell first.
+    /// All domains of a solid element, the cell first.
     fn all(shape: Element) -> Vec<Self> {
         let faces = shape.faces();
         let cell = Self {
@@ -79,19 +79,20 @@ impl Domain {
     }
 }
 
-/// The domains of each element, in the order of [`Element::ALL`].
-static DOMAINS: LazyLock<[Vec<Domain>; 6]> = LazyLock::new(|| Element::ALL.map(Domain::all));
+/// The domains of each element, in the order of [`Element::SCAFFOLD_ELEMENTS`].
+static DOMAINS: LazyLock<[Vec<Domain>; 6]> =
+    LazyLock::new(|| Element::SCAFFOLD_ELEMENTS.map(Domain::all));
 
 impl<F: Filling> TiledSolid<'_, F> {
     /// The distance at `x` by rule R, where rule Q gives `d`; never further from 0.
-    pub(super) fn exact(&self, local: &Local, x: Vec3, d: f64) -> f64 {
+    pub(super) fn exact(&self, local: &LocalSearch, x: Vec3, d: f64) -> f64 {
         let mut best = d.abs();
-        for place in 0..local.near.patches.len() {
-            let Some(spot) = self.spot(local, place, x, best) else {
+        for near_index in 0..local.near.patches.len() {
+            let Some(preimage) = self.preimage(local, near_index, x, best) else {
                 continue;
             };
-            let patch = self.patch(local, place);
-            if spot.overshoot >= best {
+            let patch = self.patch(local, near_index);
+            if preimage.outside_distance >= best {
                 continue;
             }
             for domain in &DOMAINS[patch.shape() as usize] {
@@ -102,7 +103,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 if far {
                     continue;
                 }
-                if let Some(distance) = self.closest_zero(patch, domain, x, &spot) {
+                if let Some(distance) = self.closest_zero(patch, domain, x, &preimage) {
                     best = best.min(distance);
                 }
             }
@@ -110,14 +111,20 @@ impl<F: Filling> TiledSolid<'_, F> {
         best.copysign(d)
     }
 
-    /// Distance from `x` to the zero point that Newton's method finds in a domain: each step goes to
-    /// the point of the tangent plane of F (within the domain) that is nearest to `x`.
-    fn closest_zero(&self, patch: &Patch, domain: &Domain, x: Vec3, spot: &Spot) -> Option<f64> {
-        let longest = 2.0 * self.options.half_width;
-        let settled = SETTLED * self.options.voxel_size;
-        let mut xi = domain.project(patch.clamp(domain.project(spot.xi)));
+    /// Distance from `x` to the zero point that Newton's method finds in a domain. Each step goes to the point
+    /// nearest to `x` in the tangent plane of F within the domain.
+    fn closest_zero(
+        &self,
+        patch: &Patch,
+        domain: &Domain,
+        x: Vec3,
+        preimage: &Preimage,
+    ) -> Option<f64> {
+        let max_step = 2.0 * self.options.half_width;
+        let tolerance = STEP_TOLERANCE * self.options.voxel_size;
+        let mut xi = domain.project(patch.clamp(domain.project(preimage.xi)));
         let mut converged = false;
-        for _ in 0..STEPS {
+        for _ in 0..MAX_STEPS {
             let (p, jacobian) = patch.frame(self.scaffold, xi);
             let (f, g) = self
                 .filling
@@ -141,8 +148,8 @@ impl<F: Filling> TiledSolid<'_, F> {
             if !length.is_finite() {
                 return None;
             }
-            xi += step * (longest / length).min(1.0);
-            if length < settled {
+            xi += step * (max_step / length).min(1.0);
+            if length < tolerance {
                 converged = true;
                 break;
             }
@@ -150,7 +157,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 return None;
             }
         }
-        let inside = patch.shape().face_distance(CellPoint(xi)) <= OUTSIDE;
+        let inside = patch.shape().face_distance(CellPoint(xi)) <= CELL_TOLERANCE;
         (converged && inside).then(|| (x - patch.point(self.scaffold, xi)).norm())
     }
 }

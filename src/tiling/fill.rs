@@ -1,59 +1,62 @@
-//! The tiling's values in bulk: what can be decided for small boxes is not asked of samples.
+//! Bulk evaluation of a tiling: bounds decide whole boxes, and an evaluator is chosen for the others.
 
-use super::affine::{CROWD, Straight, Wanted};
-use super::boundary::Known;
-use super::curved::{Batch, Target};
-use super::interpolated::Nodes;
-use super::locality::{Local, Near};
+use super::affine::{AffineBuffers, MAX_BATCHED_ELEMENTS, Quantity};
+use super::boundary::RegionFacts;
+use super::curved::{CurvedBatch, LatticeSample};
+use super::interpolated::InterpolationBuffers;
+use super::locality::{LocalSearch, NearElements};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, enter_signs};
+use crate::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, pack_signs};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
 
-/// Samples along the edge of the boxes that are decided as a whole.
-const PART: usize = 4;
-/// Samples along the edge of the blocks that they are made of.
-pub(super) const BLOCK: usize = 2;
+/// Samples along the edge of a part: a box that bounds may decide as a whole.
+const PART_EDGE: usize = 4;
+/// Samples along the edge of a block; parts are made of blocks.
+pub(super) const BLOCK_EDGE: usize = 2;
 
-/// What a thread keeps from one lattice to the next.
+/// Buffers that a thread reuses from lattice to lattice.
 #[derive(Default)]
 struct Scratch {
     values: Vec<f32>,
     /// Elements near the lattice, and near a part of it.
-    wide: Near,
-    local: Local,
-    blocks: Vec<Vec<Target>>,
-    batch: Batch,
-    straight: Straight,
-    nodes: Nodes,
-    /// Triangles of the boundary near the lattice.
-    shore: Vec<u32>,
+    near: NearElements,
+    local: LocalSearch,
+    blocks: Vec<Vec<LatticeSample>>,
+    curved: CurvedBatch,
+    affine: AffineBuffers,
+    interpolation: InterpolationBuffers,
+    /// Boundary triangles near the lattice.
+    boundary_triangles: Vec<u32>,
 }
 
 thread_local! {
     static SCRATCH: Cell<Option<Box<Scratch>>> = Cell::default();
-    /// Room for values of which the signs alone are wanted.
-    static SIGNED: Cell<Vec<f32>> = Cell::default();
+    /// Buffer for values that are needed only for their signs.
+    static SIGN_VALUES: Cell<Vec<f32>> = Cell::default();
 }
 
-/// Does something in the room that a thread keeps for straight elements.
-pub(super) fn with_straight<T>(work: impl FnOnce(&mut Straight) -> T) -> T {
+/// Runs `work` with the thread's buffers for affine elements.
+pub(super) fn with_affine_buffers<T>(work: impl FnOnce(&mut AffineBuffers) -> T) -> T {
     let mut scratch = SCRATCH.take().unwrap_or_default();
-    let found = work(&mut scratch.straight);
+    let found = work(&mut scratch.affine);
     SCRATCH.set(Some(scratch));
     found
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Fills leaves one by one, unless the surface is moved, and proves of those deep in the scaffold what it
-    /// can; returns at how many points a cell was looked at.
-    pub(super) fn fill_each(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
+    /// Fills leaves one by one, and proves the signs of those deep in the scaffold where possible. Returns the
+    /// number of cell evaluations; `None` if the surface is to be moved.
+    pub(super) fn fill_leaves_separately(
+        &self,
+        leaves: &mut Leaves<'_, WorldPoint>,
+    ) -> Option<u64> {
         if leaves.by != 0.0 {
             return None;
         }
-        // But for single precision.
+        // Up to single precision.
         let within = self.options.half_width * (1.0 - 1e-6);
-        let mut looked = 0;
+        let mut evaluations = 0;
         let mut kept = 0;
         for (&origin, bits) in leaves.origins.iter().zip(leaves.bits.iter_mut()) {
             let values = leaves.values.get_mut(kept)?;
@@ -62,28 +65,28 @@ impl<F: Filling> TiledSolid<'_, F> {
                 step: leaves.step,
                 counts: [8; 3],
             };
-            let (own, is_settled) = self.fill_all((&lattice, Wanted::Distances), values);
-            looked += own;
+            let (own, signs_proved) = self.fill_all((&lattice, Quantity::Distances), values);
+            evaluations += own;
             *bits = LeafBits {
-                settled: is_settled && f64::from(leaves.background) >= within,
-                ..LeafBits::look_at(values, leaves.background)
+                settled: signs_proved && f64::from(leaves.background) >= within,
+                ..LeafBits::from_values(values, leaves.background)
             };
             kept += usize::from(!bits.is_out());
         }
-        Some(looked)
+        Some(evaluations)
     }
 
-    /// Values on a lattice, over all components; returns at how many points a cell was looked at, and whether
-    /// it is proved that samples as far from the surface as the half width have their neighbours' sign.
+    /// Values on a lattice over all components. Returns the number of cell evaluations, and whether it is proved
+    /// that samples at least the half width from the surface have the sign of their neighbours.
     pub(super) fn fill_all(
         &self,
-        (lattice, wanted): (&SampleLattice<WorldPoint>, Wanted),
+        (lattice, quantity): (&SampleLattice<WorldPoint>, Quantity),
         out: &mut [f32],
     ) -> (u64, bool) {
         let w = self.options.half_width;
         if !self.is_cut() && self.components.len() > 1 {
             for component in 0..self.components.len() {
-                self.note(&self.near(component, &lattice.span(), self.margin()));
+                self.record(&self.near(component, &lattice.span(), self.margin()));
             }
             for (n, v) in out.iter_mut().enumerate() {
                 *v = self.value(lattice.point(n)) as f32;
@@ -99,130 +102,134 @@ impl<F: Filling> TiledSolid<'_, F> {
             !self.is_cut() || bounds.dilated(w).meets(span)
         };
         let mut scratch = SCRATCH.take().unwrap_or_default();
-        scratch.batch.looked = 0;
-        scratch.straight.looked = 0;
-        scratch.nodes.looked = 0;
+        scratch.curved.evaluations = 0;
+        scratch.affine.evaluations = 0;
+        scratch.interpolation.evaluations = 0;
         out.fill(w as f32);
-        let (mut first, mut is_settled) = (true, true);
+        let (mut is_first, mut signs_proved) = (true, true);
         for component in (0..self.components.len()).filter(reaches) {
-            if first {
-                is_settled &= self.fill_one(component, (lattice, wanted), &mut scratch, out);
-                first = false;
+            if is_first {
+                signs_proved &=
+                    self.fill_component(component, (lattice, quantity), &mut scratch, out);
+                is_first = false;
                 continue;
             }
             let mut values = std::mem::take(&mut scratch.values);
             values.clear();
             values.resize(out.len(), w as f32);
-            is_settled &= self.fill_one(component, (lattice, wanted), &mut scratch, &mut values);
+            signs_proved &=
+                self.fill_component(component, (lattice, quantity), &mut scratch, &mut values);
             for (o, &v) in out.iter_mut().zip(&values) {
                 *o = o.min(v);
             }
             scratch.values = values;
         }
-        let looked = scratch.batch.looked + scratch.straight.looked + scratch.nodes.looked;
+        let evaluations = scratch.curved.evaluations
+            + scratch.affine.evaluations
+            + scratch.interpolation.evaluations;
         SCRATCH.set(Some(scratch));
-        (looked, is_settled && !first)
+        (evaluations, signs_proved && !is_first)
     }
 
-    /// Where samples are negative, a bit each; returns at how many points a cell was looked at.
+    /// Sets a bit for each negative sample. Returns the number of cell evaluations.
     pub(super) fn fill_signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {
-        let mut values = SIGNED.take();
+        let mut values = SIGN_VALUES.take();
         values.resize(lattice.len(), 0.0);
-        let (looked, _) = self.fill_all((lattice, Wanted::Signs), &mut values);
-        enter_signs(&values, lattice.counts[2], rows);
-        SIGNED.set(values);
-        looked
+        let (evaluations, _) = self.fill_all((lattice, Quantity::Signs), &mut values);
+        pack_signs(&values, lattice.counts[2], rows);
+        SIGN_VALUES.set(values);
+        evaluations
     }
 
-    /// Notes elements as visited, where that is wanted.
-    fn note(&self, near: &Near) {
+    /// Records elements as visited, if requested.
+    fn record(&self, near: &NearElements) {
         if let Some(visits) = self.visits {
-            near.patches.iter().for_each(|&e| visits.enter(e as usize));
+            near.patches.iter().for_each(|&e| visits.insert(e as usize));
         }
     }
 
-    /// Values of one component, its boundary included; whether samples out of the band are proved to have
-    /// their neighbours' sign.
-    fn fill_one(
+    /// Values of one component, cut at its boundary. Returns whether it is proved that samples out of the band
+    /// have the sign of their neighbours.
+    fn fill_component(
         &self,
         component: usize,
-        (lattice, wanted): (&SampleLattice<WorldPoint>, Wanted),
+        (lattice, quantity): (&SampleLattice<WorldPoint>, Quantity),
         scratch: &mut Scratch,
         out: &mut [f32],
     ) -> bool {
         let Scratch {
-            wide,
+            near,
             local,
             blocks,
-            batch,
-            straight,
-            nodes,
-            shore,
+            curved,
+            affine,
+            interpolation,
+            boundary_triangles,
             ..
         } = scratch;
         let w = self.options.half_width;
         let span = lattice.span();
-        shore.clear();
-        // Where the boundary is out of sight all elements that matter are near.
+        boundary_triangles.clear();
+        // Without boundary triangles in reach, only elements near the lattice matter.
         let mut reach = 0.0;
         if self.is_cut() {
-            self.find_shore(component, &span, shore);
-            if !shore.is_empty() {
-                reach = self.sight();
+            self.find_boundary_triangles(component, &span, boundary_triangles);
+            if !boundary_triangles.is_empty() {
+                reach = self.boundary_reach();
             }
         }
-        self.find_near(component, &span.dilated(reach), self.margin(), wide);
-        let shore = self.is_cut().then_some(&**shore);
-        let around = (shore, &*wide.patches);
-        let whole_depth = self.boundary_range(component, &span, Interval::ALL, around);
+        self.find_near(component, &span.dilated(reach), self.margin(), near);
+        let boundary_triangles = self.is_cut().then_some(&**boundary_triangles);
+        let around = (boundary_triangles, &*near.patches);
+        let whole_depth = self.boundary_range(component, &span, Interval::REAL_LINE, around);
         if self.is_cut() && whole_depth.lo >= w {
             out.fill(w as f32);
             return false;
         }
         if !self.is_cut() {
-            let reached = span.dilated(self.reach(whole_depth.hi));
-            self.find_near(component, &reached, self.margin(), wide);
+            let reached = span.dilated(self.continuation_reach(whole_depth.hi));
+            self.find_near(component, &reached, self.margin(), near);
         }
-        let wide = &*wide;
-        self.note(wide);
-        if self.fill_by_nodes((wide, whole_depth), lattice, nodes, out) {
+        let near = &*near;
+        self.record(near);
+        if self.fill_interpolated((near, whole_depth), lattice, interpolation, out) {
             return false;
         }
         if self.options.distance == Distance::Fast
-            && wide.patches.len() <= CROWD
-            && self.are_straight(wide)
+            && near.patches.len() <= MAX_BATCHED_ELEMENTS
+            && self.are_affine(near)
         {
-            let lattice = (lattice, wanted);
-            let boundary = (whole_depth, shore);
-            self.fill_straight((component, wide), lattice, boundary, straight, out);
-            return straight.is_settled();
+            let lattice = (lattice, quantity);
+            let boundary = (whole_depth, boundary_triangles);
+            self.fill_affine((component, near), lattice, boundary, affine, out);
+            return affine.are_signs_proved();
         }
-        local.start_rough();
+        local.reset_for_f32();
         for part in parts(lattice) {
             let region = part.span(lattice);
             let depth = if whole_depth.hi <= -w {
                 whole_depth
             } else {
-                self.boundary_range(component, &region, whole_depth, (shore, &[]))
+                self.boundary_range(component, &region, whole_depth, (boundary_triangles, &[]))
             };
-            let mut known = Known {
-                constant: None,
+            let mut known = RegionFacts {
+                field_distance: None,
                 is_deep: depth.hi <= -w,
-                distance: depth.hi.abs().max(depth.lo.abs()),
-                shore,
+                max_boundary_distance: depth.hi.abs().max(depth.lo.abs()),
+                boundary_triangles,
             };
-            let region = region.dilated(self.reach(depth.hi.min(whole_depth.hi)));
-            self.narrow(wide, &region, local);
-            let decisive = w * local.near.slope_sup;
+            let region = region.dilated(self.continuation_reach(depth.hi.min(whole_depth.hi)));
+            self.restrict(near, &region, local);
+            let band_value = w * local.near.slope_sup;
             let range = self
-                .field_range(&local.near, &region, decisive)
+                .field_range(&local.near, &region, band_value)
                 .map(|f| self.distance_range(component, &local.near, &region, f));
             if let Some(d) = range {
-                known.constant = [w, -w]
+                known.field_distance = [w, -w]
                     .into_iter()
                     .find(|&c| (c > 0.0 && d.lo >= c) || (c < 0.0 && d.hi <= c));
             }
-            let whole = match known.constant {
+            let whole = match known.field_distance {
                 _ if self.is_cut() && depth.lo >= w => Some(w),
                 Some(c) if c > 0.0 || known.is_deep || !self.is_cut() => Some(c),
                 _ => None,
@@ -231,12 +238,12 @@ impl<F: Filling> TiledSolid<'_, F> {
                 for n in part.indices(lattice) {
                     out[n] = d as f32;
                 }
-            } else if known.constant.is_none() && self.options.distance == Distance::Fast {
+            } else if known.field_distance.is_none() && self.options.distance == Distance::Fast {
                 let blocks = part.blocks(lattice, blocks);
-                self.measure(component, local, blocks, known, batch, out);
+                self.fill_curved(component, local, blocks, known, curved, out);
             } else {
                 for n in part.indices(lattice) {
-                    batch.looked += 1;
+                    curved.evaluations += 1;
                     let x = lattice.point(n).0;
                     out[n] = self.value_at(component, local, x, known) as f32;
                 }
@@ -246,7 +253,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     }
 }
 
-/// A box of at most 4^3 samples of a lattice, by indices.
+/// A box of at most 4^3 samples of a lattice, by its first and last indices.
 pub(super) struct PartOfLattice {
     pub first: [usize; 3],
     pub last: [usize; 3],
@@ -279,27 +286,27 @@ impl PartOfLattice {
         })
     }
 
-    /// Its samples by blocks, each in storage order.
+    /// The samples by blocks, each in storage order.
     fn blocks<'a>(
         &self,
         lattice: &SampleLattice<WorldPoint>,
-        room: &'a mut Vec<Vec<Target>>,
-    ) -> &'a [Vec<Target>] {
+        buffers: &'a mut Vec<Vec<LatticeSample>>,
+    ) -> &'a [Vec<LatticeSample>] {
         let [_, ny, nz] = lattice.counts;
-        let count = [0, 1, 2].map(|a| (self.last[a] - self.first[a]) / BLOCK + 1);
+        let count = [0, 1, 2].map(|a| (self.last[a] - self.first[a]) / BLOCK_EDGE + 1);
         let all = count.iter().product();
-        // Those that are not needed now keep their room.
-        if room.len() < all {
-            room.resize_with(all, Vec::new);
+        // Blocks that are not used now keep their allocation.
+        if buffers.len() < all {
+            buffers.resize_with(all, Vec::new);
         }
-        let mut blocks = room[..all].iter_mut();
+        let mut blocks = buffers[..all].iter_mut();
         let along = |a: usize, block: usize| {
-            let first = self.first[a] + BLOCK * block;
-            first..=self.last[a].min(first + BLOCK - 1)
+            let first = self.first[a] + BLOCK_EDGE * block;
+            first..=self.last[a].min(first + BLOCK_EDGE - 1)
         };
-        // Coordinates by axis, from the part's first sample on.
-        let mut at = [[0.0; PART]; 3];
-        for n in 0..PART {
+        // Coordinates by axis, from the part's first sample.
+        let mut at = [[0.0; PART_EDGE]; 3];
+        for n in 0..PART_EDGE {
             let x = lattice
                 .origin
                 .stepped(lattice.step, self.first.map(|i| i + n))
@@ -313,24 +320,24 @@ impl PartOfLattice {
                 block.clear();
                 for (i, j) in along(0, bi).flat_map(|i| along(1, bj).map(move |j| (i, j))) {
                     let (x, y) = (at[0][i - self.first[0]], at[1][j - self.first[1]]);
-                    block.extend(along(2, bk).map(|k| Target {
+                    block.extend(along(2, bk).map(|k| LatticeSample {
                         n: ((i * ny + j) * nz + k) as u32,
                         x: Vec3::new(x, y, at[2][k - self.first[2]]),
                     }));
                 }
             }
         }
-        &room[..all]
+        &buffers[..all]
     }
 }
 
 /// The parts of a lattice, in storage order.
 pub(super) fn parts(lattice: &SampleLattice<WorldPoint>) -> impl Iterator<Item = PartOfLattice> {
     let counts = lattice.counts;
-    let [nx, ny, nz] = counts.map(|c| c.div_ceil(PART));
+    let [nx, ny, nz] = counts.map(|c| c.div_ceil(PART_EDGE));
     (0..nx * ny * nz).map(move |n| {
-        let first = [n / (ny * nz), n / nz % ny, n % nz].map(|i| i * PART);
-        let last = [0, 1, 2].map(|a| (first[a] + PART).min(counts[a]) - 1);
+        let first = [n / (ny * nz), n / nz % ny, n % nz].map(|i| i * PART_EDGE);
+        let last = [0, 1, 2].map(|a| (first[a] + PART_EDGE).min(counts[a]) - 1);
         PartOfLattice { first, last }
     })
 }

@@ -1,20 +1,20 @@
-//! Whether cells meet at shared faces, from the ways in which faces are joined.
+//! Continuity of cells at shared faces, tested once for each way in which faces are joined.
 //!
-//! The trace of a filling on a face depends on the shape, on which face of it, and on the order in
-//! which the neighbour sees its corners. A mesh has few such ways of joining, however many faces:
-//! each is tried once, at fixed points of the face.
+//! The trace of a filling on a face depends on the element's shape, on which face it is, and on the order in
+//! which the neighbour numbers its corners. However many faces a mesh has, only a few such joins occur. Each is
+//! tested once, at fixed points of the face.
 
 use super::TilingError;
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::scaffold::{FaceRef, Neighbour, Scaffold};
 use std::collections::BTreeSet;
 
-/// Jumps of this share of the mean slope times the reference length are seams.
-const JUMP: f64 = 1e-3;
+/// Greatest jump at a shared face, relative to the mean slope times the reference length.
+const MAX_JUMP: f64 = 1e-3;
 
-/// Points of a face as shares (a, b): barycentric of a triangle, along the edges of a quad. None lies
-/// on a mirror line of the face.
-const SPOTS: [[f64; 2]; 12] = [
+/// Points (a, b) of a face: barycentric coordinates of a triangle, or parameters along the edges of a quad.
+/// None lies on a mirror line of the face.
+const FACE_POINTS: [[f64; 2]; 12] = [
     [0.11, 0.23],
     [0.37, 0.08],
     [0.21, 0.57],
@@ -29,8 +29,8 @@ const SPOTS: [[f64; 2]; 12] = [
     [0.81, 0.04],
 ];
 
-/// Shares of a face's corners, in their order, at a spot.
-pub(super) fn shares(corners: usize, [a, b]: [f64; 2]) -> [f64; 4] {
+/// Weights of a face's corners, in their order, at a point (a, b) of the face.
+pub(super) fn corner_weights(corners: usize, [a, b]: [f64; 2]) -> [f64; 4] {
     if corners == 3 {
         [1.0 - a - b, a, b, 0.0]
     } else {
@@ -38,7 +38,7 @@ pub(super) fn shares(corners: usize, [a, b]: [f64; 2]) -> [f64; 4] {
     }
 }
 
-/// Corners of a face as an element numbers them, and their node numbers.
+/// Corners of a face: vertices of the element, and nodes of the scaffold.
 pub(super) fn corners(scaffold: &Scaffold, f: FaceRef) -> (Vec<u8>, Vec<u32>) {
     let e = scaffold.element(f.element as usize);
     let local = e.kind().faces()[f.face as usize].corners.to_vec();
@@ -46,24 +46,37 @@ pub(super) fn corners(scaffold: &Scaffold, f: FaceRef) -> (Vec<u8>, Vec<u32>) {
     (local, global)
 }
 
-/// The point of the cell frame with these shares of its vertices.
-pub(super) fn mix(shape: Element, corners: &[u8], shares: [f64; 4]) -> CellPoint<3> {
+/// The point of the cell frame with these weights of the vertices.
+pub(super) fn weighted_point(
+    shape: Element,
+    corners: &[u8],
+    corner_weights: [f64; 4],
+) -> CellPoint<3> {
     let v = shape.vertices();
-    let sum = corners.iter().zip(shares);
+    let sum = corners.iter().zip(corner_weights);
     CellPoint(sum.map(|(&c, w)| v[c as usize] * w).sum::<Vec3>())
 }
 
 /// Both sides' vertices of a shared face, in the order of the first side's corners.
-pub(super) fn joined(scaffold: &Scaffold, f: FaceRef, g: FaceRef) -> Option<(Vec<u8>, Vec<u8>)> {
-    let (mine, nodes) = corners(scaffold, f);
-    let (theirs, other) = corners(scaffold, g);
-    let place = |n: &u32| other.iter().position(|o| o == n).map(|p| theirs[p]);
-    let theirs: Option<Vec<u8>> = nodes.iter().map(place).collect();
-    Some((mine, theirs?))
+pub(super) fn joined_vertices(
+    scaffold: &Scaffold,
+    f: FaceRef,
+    g: FaceRef,
+) -> Option<(Vec<u8>, Vec<u8>)> {
+    let (own_vertices, nodes) = corners(scaffold, f);
+    let (neighbour_vertices, other) = corners(scaffold, g);
+    let vertex = |n: &u32| {
+        other
+            .iter()
+            .position(|o| o == n)
+            .map(|p| neighbour_vertices[p])
+    };
+    let neighbour_vertices: Option<Vec<u8>> = nodes.iter().map(vertex).collect();
+    Some((own_vertices, neighbour_vertices?))
 }
 
-/// Shared faces, each once, by the side of the lower element.
-pub(super) fn shared(scaffold: &Scaffold) -> impl Iterator<Item = (FaceRef, FaceRef)> + '_ {
+/// Shared faces, each once, from the side of the lower element.
+pub(super) fn shared_faces(scaffold: &Scaffold) -> impl Iterator<Item = (FaceRef, FaceRef)> + '_ {
     (0..scaffold.len())
         .flat_map(|e| scaffold.faces_of(e))
         .filter_map(|f| match scaffold.neighbour(f) {
@@ -72,60 +85,70 @@ pub(super) fn shared(scaffold: &Scaffold) -> impl Iterator<Item = (FaceRef, Face
         })
 }
 
-/// A way in which faces are joined: the first faces of the mesh that are, the shapes of their elements
-/// and both sides' vertices.
-struct Way {
+/// A way in which faces are joined, with its first example in the mesh, the shapes of both elements and the
+/// vertices of both sides.
+struct FaceJoin {
     faces: [FaceRef; 2],
     shapes: [Element; 2],
-    mine: Vec<u8>,
-    theirs: Vec<u8>,
+    own_vertices: Vec<u8>,
+    neighbour_vertices: Vec<u8>,
 }
 
 /// The ways in which the faces of a scaffold are joined, each once.
-pub(crate) struct Ways(Vec<Way>);
+pub(crate) struct FaceJoins(Vec<FaceJoin>);
 
-/// Every way of joining, once.
-fn ways(scaffold: &Scaffold) -> impl Iterator<Item = Way> + '_ {
+/// The ways in which faces are joined, each once.
+fn face_joins(scaffold: &Scaffold) -> impl Iterator<Item = FaceJoin> + '_ {
     let mut seen = BTreeSet::new();
-    shared(scaffold).filter_map(move |(f, g)| {
-        let (mine, theirs) = joined(scaffold, f, g)?;
+    shared_faces(scaffold).filter_map(move |(f, g)| {
+        let (own_vertices, neighbour_vertices) = joined_vertices(scaffold, f, g)?;
         let shapes = [f, g].map(|f| scaffold.element(f.element as usize).shape());
-        let way = (shapes.map(|s| s as u8), mine.clone(), theirs.clone());
-        seen.insert(way).then_some(Way {
+        let join = (
+            shapes.map(|s| s as u8),
+            own_vertices.clone(),
+            neighbour_vertices.clone(),
+        );
+        seen.insert(join).then_some(FaceJoin {
             faces: [f, g],
             shapes,
-            mine,
-            theirs,
+            own_vertices,
+            neighbour_vertices,
         })
     })
 }
 
-/// Points along an edge of a face where jumps are compared with the range of the values.
-const ALONG: usize = 6;
+/// Points along an edge of a face at which [`FaceJoins::relative_jump`] compares values.
+const EDGE_POINTS: usize = 6;
 
-impl Ways {
-    /// Those of a scaffold.
+impl FaceJoins {
+    /// The joins of a scaffold.
     pub fn of(scaffold: &Scaffold) -> Self {
-        Self(ways(scaffold).collect())
+        Self(face_joins(scaffold).collect())
     }
 
-    /// The greatest difference of a filling's values between both sides of every way of joining, as a
-    /// share of the range of its values there; 0 where no faces are shared.
+    /// The greatest jump of a filling's values at any join, relative to the range of its values there; 0 where no
+    /// faces are shared.
     pub fn relative_jump(&self, value: &dyn Fn(Element, CellPoint<3>) -> f64) -> f64 {
         let (mut jump, mut low, mut high) = (0f64, f64::INFINITY, f64::NEG_INFINITY);
-        let at = |i: usize| (i as f64 + 0.37) / ALONG as f64;
-        for way in &self.0 {
-            let corners = way.mine.len();
-            let grid = (0..ALONG * ALONG).map(|n| {
-                let (a, b) = (at(n % ALONG), at(n / ALONG));
+        let at = |i: usize| (i as f64 + 0.37) / EDGE_POINTS as f64;
+        for join in &self.0 {
+            let corners = join.own_vertices.len();
+            let grid = (0..EDGE_POINTS * EDGE_POINTS).map(|n| {
+                let (a, b) = (at(n % EDGE_POINTS), at(n / EDGE_POINTS));
                 // The triangle's rows shrink towards its last corner.
                 let along = if corners == 3 { a * (1.0 - b) } else { a };
                 [along, b]
             });
-            for spot in grid.chain(SPOTS) {
-                let w = shares(corners, spot);
-                let a = value(way.shapes[0], mix(way.shapes[0], &way.mine, w));
-                let b = value(way.shapes[1], mix(way.shapes[1], &way.theirs, w));
+            for uv in grid.chain(FACE_POINTS) {
+                let w = corner_weights(corners, uv);
+                let a = value(
+                    join.shapes[0],
+                    weighted_point(join.shapes[0], &join.own_vertices, w),
+                );
+                let b = value(
+                    join.shapes[1],
+                    weighted_point(join.shapes[1], &join.neighbour_vertices, w),
+                );
                 jump = jump.max((a - b).abs());
                 (low, high) = (low.min(a), high.max(a));
             }
@@ -137,28 +160,28 @@ impl Ways {
     }
 }
 
-/// Compares a filling's values on both sides of every way of joining; `slope` is the mean one.
+/// Compares a filling's values on both sides of every join; `slope` is the mean slope.
 pub(super) fn check(
     scaffold: &Scaffold,
     value: &dyn Fn(Element, CellPoint<3>) -> f64,
     slope: f64,
 ) -> Result<(), TilingError> {
-    for way in ways(scaffold) {
-        let Way {
+    for join in face_joins(scaffold) {
+        let FaceJoin {
             faces,
             shapes,
-            mine,
-            theirs,
-        } = way;
+            own_vertices,
+            neighbour_vertices,
+        } = join;
         let mut jump = 0f64;
-        for spot in SPOTS {
-            let w = shares(mine.len(), spot);
-            let a = value(shapes[0], mix(shapes[0], &mine, w));
-            let b = value(shapes[1], mix(shapes[1], &theirs, w));
+        for uv in FACE_POINTS {
+            let w = corner_weights(own_vertices.len(), uv);
+            let a = value(shapes[0], weighted_point(shapes[0], &own_vertices, w));
+            let b = value(shapes[1], weighted_point(shapes[1], &neighbour_vertices, w));
             jump = jump.max((a - b).abs());
         }
-        if jump > JUMP * slope {
-            return Err(TilingError::Seam {
+        if jump > MAX_JUMP * slope {
+            return Err(TilingError::Discontinuity {
                 elements: faces.map(|f| scaffold.number(f.element as usize)),
                 shapes: shapes.map(Element::name),
                 jump: jump / slope,

@@ -1,70 +1,68 @@
-//! Leaves by nodes: where an element is so large that its field is smooth over a leaf, the cell is asked at
-//! a few nodes, and a polynomial through them says the rest.
+//! Leaves of 8^3 samples by interpolation, where the cell is smooth over a leaf.
 //!
-//! The nodes of a leaf are those of Chebyshev along each axis, 4^3 or 6^3 of them; values at its 8^3 samples,
-//! and first and second derivatives, are products of small matrices. From these rule Q takes both its steps:
-//! the second one starts where the first ends, to which the field is continued to the second order.
+//! The cell is evaluated at 4^3 or 6^3 Chebyshev nodes. Products with small matrices give values, first and
+//! second derivatives at the samples. From these rule Q takes both steps: the second one starts where the
+//! first ends, with the field continued to the second order.
 //!
-//! Whether a leaf may be told so is found by trying: the polynomial is compared with the cell at samples
-//! where it errs most, the leaf's corners among them. What is folded, a sheet about the zeros of a function, is
-//! told by that function.
+//! A trial decides whether a leaf may be interpolated: the polynomial is compared with the cell at samples
+//! where its error is largest, the leaf's corners among them. A sheet |f| - t is interpolated by f.
 
 mod leaf;
 mod matrices;
 
-use super::locality::Near;
-use super::patch::{Search, Spots};
+use super::locality::NearElements;
+use super::patch::{InverseOptions, Preimages};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Interval, Point, SampleLattice};
 use crate::frame::{CellPoint, Vec3, WorldPoint};
-use leaf::{Rule, Told, tell};
-use matrices::{MOST, Matrices};
+use leaf::{LeafValues, RuleQ, evaluate_leaf};
+use matrices::{MAX_NODES, Matrices};
 
 /// Samples along a leaf's edge.
 const EDGE: usize = 8;
 /// Samples of a leaf.
 const VOLUME: usize = EDGE * EDGE * EDGE;
-/// How much of its shortest wave a field may go through along a leaf's edge: beyond this, nodes could miss what
-/// lies between them, and second derivatives do not reach as far as a step.
-const WITHIN: f64 = 0.7;
-/// From here on, few nodes hardly ever do.
-const MUCH: f64 = 0.3;
-/// More nodes may do where few miss the tolerance by no more than so many times.
-const HOPE: f64 = 64.0;
-/// Along each axis, samples at which the polynomial is compared with the cell: its ends, and between.
-const TRIED: [[usize; 2]; 2] = [[0, 7], [1, 5]];
+/// Greatest length of a leaf's edge in waves of the field's highest frequency. Beyond it, nodes could miss
+/// features, and second derivatives are not accurate over a Newton step.
+const MAX_WAVES: f64 = 0.7;
+/// Length of a leaf's edge, in waves, beyond which the few nodes are not tried.
+const MAX_WAVES_FEW_NODES: f64 = 0.3;
+/// The greater number of nodes is tried if the error of the few is at most this multiple of the tolerance.
+const RETRY_FACTOR: f64 = 64.0;
+/// Samples of the trial along each axis: the ends, and two between them.
+const TRIAL_SAMPLES: [[usize; 2]; 2] = [[0, 7], [1, 5]];
 
-/// Room for the work, kept between leaves.
+/// Buffers, reused from leaf to leaf.
 #[derive(Default)]
-pub(super) struct Nodes {
+pub(super) struct InterpolationBuffers {
     at: Vec<Vec3>,
     points: Vec<CellPoint<3>>,
     values: Vec<f64>,
-    spots: Spots,
-    told: Told,
-    /// At how many points a cell was looked at.
-    pub looked: u64,
+    preimages: Preimages,
+    leaf: LeafValues,
+    /// Number of cell evaluations.
+    pub evaluations: u64,
 }
 
-/// Storage indices of the samples that are tried.
-fn trials() -> impl Iterator<Item = [usize; 3]> {
-    TRIED
+/// Lattice indices of the trial samples.
+fn trial_samples() -> impl Iterator<Item = [usize; 3]> {
+    TRIAL_SAMPLES
         .into_iter()
         .flat_map(|ends| (0..8).map(move |n| [ends[n >> 2 & 1], ends[n >> 1 & 1], ends[n & 1]]))
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Distances of a leaf that lies in one element, deeper under the boundary than the band reaches, if
-    /// nodes tell them within the tolerance; `near` are the elements less than a voxel away.
-    pub(super) fn fill_by_nodes(
+    /// Interpolates the distances of a leaf if it lies in one element, more than w inside the boundary, and if the
+    /// trial is within the tolerance. `near` are the elements less than a voxel away.
+    pub(super) fn fill_interpolated(
         &self,
-        (near, depth): (&Near, Interval),
+        (near, depth): (&NearElements, Interval),
         lattice: &SampleLattice<WorldPoint>,
-        room: &mut Nodes,
+        buffers: &mut InterpolationBuffers,
         out: &mut [f32],
     ) -> bool {
         let w = self.options.half_width;
-        let (&[number], Some(tolerance)) = (&*near.patches, self.nodes) else {
+        let (&[number], Some(tolerance)) = (&*near.patches, self.interpolation_tolerance) else {
             return false;
         };
         let Ok(out) = <&mut [f32; VOLUME]>::try_from(out) else {
@@ -75,100 +73,108 @@ impl<F: Filling> TiledSolid<'_, F> {
             return false;
         }
         let patch = &self.patches[number as usize];
-        let across = (EDGE - 1) as f64 * lattice.step * patch.finest();
+        let across = (EDGE - 1) as f64 * lattice.step * patch.max_compression();
         let Some(smooth) = self.filling.smooth(number as usize) else {
             return false;
         };
         let waves = across * smooth.frequency;
-        if waves > WITHIN {
+        if waves > MAX_WAVES {
             return false;
         }
-        let pace = self.pace(patch);
-        let rule = Rule::new((pace, patch.slope_sup), smooth.fold, w, lattice.step);
+        let limits = self.limits(patch);
+        let rule = RuleQ::new((limits, patch.slope_sup), smooth.fold, w, lattice.step);
         let allowed = tolerance * patch.slope_rms;
-        let first = usize::from(waves > MUCH);
+        let first = usize::from(waves > MAX_WAVES_FEW_NODES);
         for matrices in &Matrices::all()[first..] {
-            let Some(missed) = self.try_nodes(number, lattice, (matrices, &rule), room) else {
+            let Some(error) = self.try_interpolation(number, lattice, (matrices, &rule), buffers)
+            else {
                 return false;
             };
-            if missed <= allowed {
+            if error <= allowed {
                 if let Some(visits) = self.visits {
-                    visits.enter_leaf();
+                    visits.count_leaf();
                 }
-                *out = room.told.distances;
+                *out = buffers.leaf.distances;
                 return true;
             }
-            if missed > HOPE * allowed {
+            if error > RETRY_FACTOR * allowed {
                 return false;
             }
         }
         false
     }
 
-    /// Tells a leaf by so many nodes; gives the greatest difference to the field itself where that was tried,
-    /// unless some node lies in no element, or the field bends too much for its distances to be told.
-    fn try_nodes(
+    /// Interpolates a leaf from the nodes of `matrices`. Returns the greatest error at the trial samples; `None`
+    /// if a node is outside the element or the field is too curved for the two steps.
+    fn try_interpolation(
         &self,
         number: u32,
         lattice: &SampleLattice<WorldPoint>,
-        (matrices, rule): (&Matrices, &Rule),
-        room: &mut Nodes,
+        (matrices, rule): (&Matrices, &RuleQ),
+        buffers: &mut InterpolationBuffers,
     ) -> Option<f64> {
-        let Nodes {
+        let InterpolationBuffers {
             at,
             points,
             values,
-            spots,
-            told,
-            looked,
-        } = room;
+            preimages,
+            leaf,
+            evaluations,
+        } = buffers;
         at.clear();
         let along = |axis: usize, steps: f64| lattice.origin.0[axis] + steps * lattice.step;
-        let places = &matrices.at[..matrices.count];
-        for &i in places {
-            for &j in places {
+        let offsets = &matrices.positions[..matrices.count];
+        for &i in offsets {
+            for &j in offsets {
                 let (x, y) = (along(0, i), along(1, j));
-                at.extend(places.iter().map(|&k| Vec3::new(x, y, along(2, k))));
+                at.extend(offsets.iter().map(|&k| Vec3::new(x, y, along(2, k))));
             }
         }
         let count = at.len();
-        at.extend(trials().map(|n| lattice.origin.stepped(lattice.step, n).0));
+        at.extend(trial_samples().map(|n| lattice.origin.stepped(lattice.step, n).0));
         let patch = &self.patches[number as usize];
         points.clear();
-        let mut trail = patch.start();
+        let mut local_map = patch.centroid_map();
         if patch.is_affine() {
-            trail.guess_all(at, points);
+            local_map.estimate_all(at, points);
         } else {
             let centre = lattice.span().centre().0;
-            let first = patch.spot(self.scaffold, centre, f64::INFINITY, Search::default())?;
-            trail = patch.trail(self.scaffold, centre, &first);
-            patch.spots(
+            let first = patch.preimage(
+                self.scaffold,
+                centre,
+                f64::INFINITY,
+                InverseOptions::default(),
+            )?;
+            local_map = patch.local_map(self.scaffold, centre, &first);
+            patch.preimages(
                 self.scaffold,
                 (at, f64::INFINITY),
-                (&mut trail, true),
-                spots,
+                (&mut local_map, true),
+                preimages,
             );
-            for spot in &spots.all {
-                points.push(CellPoint(spot.as_ref().filter(|s| s.beyond <= 0.0)?.xi));
+            for preimage in &preimages.all {
+                points.push(CellPoint(
+                    preimage.as_ref().filter(|s| s.face_distance <= 0.0)?.xi,
+                ));
             }
         }
         values.resize(points.len(), 0.0);
-        let (nodes, tried) = points.split_at(count);
+        let (nodes, trial_points) = points.split_at(count);
         let (own, found) = values.split_at_mut(count);
         self.filling.smooth_values(number as usize, nodes, own);
-        self.filling.values(number as usize, tried, found);
-        *looked += points.len() as u64;
-        let mut singles = [0.0; MOST * MOST * MOST];
-        for (to, v) in singles.iter_mut().zip(own) {
+        self.filling.values(number as usize, trial_points, found);
+        *evaluations += points.len() as u64;
+        let mut node_values = [0.0; MAX_NODES * MAX_NODES * MAX_NODES];
+        for (to, v) in node_values.iter_mut().zip(own) {
             *to = *v as f32;
         }
-        if !tell(matrices, &singles, rule, told) {
+        if !evaluate_leaf(matrices, &node_values, rule, leaf) {
             return None;
         }
-        let missed = trials().zip(found).map(|([i, j, k], v)| {
-            let told = told.values[(i * EDGE + j) * EDGE + k];
-            (f64::from(told) - *v).abs()
+        let error = trial_samples().zip(found).map(|([i, j, k], v)| {
+            let leaf = leaf.values[(i * EDGE + j) * EDGE + k];
+            (f64::from(leaf) - *v).abs()
         });
-        Some(missed.fold(0.0, f64::max))
+        Some(error.fold(0.0, f64::max))
     }
 }

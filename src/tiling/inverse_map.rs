@@ -1,37 +1,37 @@
-//! Where points lie in a curved element: Newton's method for the continued map, four points at a time.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! The inverse map of a curved element: Newton's method for the continued map, four points at a time.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use super::clamp::{beyond_row, clamp_row};
-use super::local_map::Trail;
-use super::patch::{Spot, is_settled};
+use super::clamp::{clamp_row, face_distance_row};
+use super::local_map::LocalMap;
+use super::patch::{Preimage, has_converged};
 use crate::frame::{Element, Mat3, Vec3};
 use crate::scaffold::Polynomial;
-use crate::simd::{self, Four, Lanes, Number, Work, difference};
+use crate::simd::{self, Four, Lanes, Number, SimdKernel, difference};
 
-/// Newton steps for four points; a point that takes more is looked for by itself.
-const STEPS: usize = 12;
+/// Newton steps for four points. Points that need more steps are searched for one by one.
+const MAX_STEPS: usize = 12;
 
 /// Rows of a matrix.
 pub(super) type Matrix<T> = [[T; 3]; 3];
 
-/// A curved element as the steps see it.
+/// The polynomial map of a curved element.
 #[derive(Clone, Copy)]
-pub(super) struct Curve<'a> {
-    pub map: &'a Polynomial,
+pub(super) struct CurvedMap<'a> {
+    pub polynomial: &'a Polynomial,
     pub shape: Element,
 }
 
-/// What a step finds, from a point of the closed cell.
+/// The result of a Newton step from a point of the closed cell.
 struct Step<T> {
-    /// Where the cell's point lies in the world.
+    /// The world position of that point.
     from: [T; 3],
     xi: [T; 3],
-    /// d xi / d x by rows, at the cell's point.
+    /// d xi / d x at that point, by rows.
     inverse: Matrix<T>,
 }
 
-// Arithmetic on lanes stands in no closure: it would not be compiled for its caller's processor.
+// No SIMD arithmetic is written in closures: they are not inlined into a caller compiled for the processor.
 
 /// a . b + c.
 #[inline(always)]
@@ -59,16 +59,20 @@ fn cross<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     ]
 }
 
-/// By the adjugate; not finite where there is none.
+/// The inverse, by the adjugate; not finite for a singular matrix.
 #[inline(always)]
 fn inverse<T: Number>([a, b, c]: Matrix<T>) -> Matrix<T> {
     let (bc, ca, ab) = (cross(b, c), cross(c, a), cross(a, b));
-    let share = a[0].like(1.0) / dot(a, bc, a[0].like(0.0));
-    let (p, q, r) = (scaled(bc, share), scaled(ca, share), scaled(ab, share));
+    let reciprocal = a[0].splat(1.0) / dot(a, bc, a[0].splat(0.0));
+    let (p, q, r) = (
+        scaled(bc, reciprocal),
+        scaled(ca, reciprocal),
+        scaled(ab, reciprocal),
+    );
     [[p[0], q[0], r[0]], [p[1], q[1], r[1]], [p[2], q[2], r[2]]]
 }
 
-/// Points by coordinates; the last one again where there are fewer than four.
+/// Loads points by coordinates; the last one is repeated where there are fewer than four.
 #[inline(always)]
 pub(super) fn rows<L: Lanes>(lanes: L, points: &[Vec3]) -> [Four<L>; 3] {
     let last = points.len() - 1;
@@ -81,48 +85,48 @@ pub(super) fn rows<L: Lanes>(lanes: L, points: &[Vec3]) -> [Four<L>; 3] {
     Four::points(lanes, [a.into(), b.into(), c.into(), d.into()])
 }
 
-/// To memory: by row, column and lane.
+/// Stores a matrix by row, column and lane.
 #[inline(always)]
-pub(super) fn stored_matrix<L: Lanes>(m: Matrix<Four<L>>) -> [[[f64; 4]; 3]; 3] {
-    [stored(m[0]), stored(m[1]), stored(m[2])]
+pub(super) fn matrix_to_arrays<L: Lanes>(m: Matrix<Four<L>>) -> [[[f64; 4]; 3]; 3] {
+    [to_arrays(m[0]), to_arrays(m[1]), to_arrays(m[2])]
 }
 
-/// To memory: by coordinate and lane.
+/// Stores a vector by coordinate and lane.
 #[inline(always)]
-pub(super) fn stored<L: Lanes>(v: [Four<L>; 3]) -> [[f64; 4]; 3] {
+pub(super) fn to_arrays<L: Lanes>(v: [Four<L>; 3]) -> [[f64; 4]; 3] {
     [v[0].row(), v[1].row(), v[2].row()]
 }
 
-impl Curve<'_> {
-    /// One step from a guess `at` that is close to where `x` lies, and d xi / d x (guessed as `by`) there.
+impl CurvedMap<'_> {
+    /// Refines an estimate `at` of the preimage of `x`, and the estimate `inverse` of d xi / d x, by one Newton step.
     #[inline(always)]
-    pub fn follow<T: Number>(
+    pub fn refine<T: Number>(
         &self,
         x: [T; 3],
         at: [T; 3],
-        mut by: Matrix<T>,
+        mut inverse: Matrix<T>,
     ) -> ([T; 3], Matrix<T>) {
-        // From the clamped point, so that the Jacobian is regular.
+        // Start from the clamped point, where the Jacobian is regular.
         let step = self.step(x, clamp_row(self.shape, at));
         let mut to = at;
-        // A map that is singular there leaves everything as it was guessed.
-        let far = x[0].like(1e9);
-        let size = step.xi[0].abs().max(step.xi[1].abs()).max(step.xi[2].abs());
+        // Where the map is singular, the estimates remain.
+        let limit = x[0].splat(1e9);
+        let magnitude = step.xi[0].abs().max(step.xi[1].abs()).max(step.xi[2].abs());
         for (to, found) in to.iter_mut().zip(step.xi) {
-            *to = size.below(far, found, *to);
+            *to = magnitude.select_below(limit, found, *to);
         }
-        for (row, found) in by.iter_mut().zip(step.inverse) {
+        for (row, found) in inverse.iter_mut().zip(step.inverse) {
             for (to, found) in row.iter_mut().zip(found) {
-                *to = size.below(far, found, *to);
+                *to = magnitude.select_below(limit, found, *to);
             }
         }
-        (to, by)
+        (to, inverse)
     }
 
-    /// A step towards `x` from `at`, which is in the closed cell.
+    /// A Newton step towards `x` from `at`, a point of the closed cell.
     #[inline(always)]
     fn step<T: Number>(&self, x: [T; 3], at: [T; 3]) -> Step<T> {
-        let (from, jacobian) = self.map.evaluate(at);
+        let (from, jacobian) = self.polynomial.evaluate(at);
         let inverse = inverse(jacobian);
         Step {
             from,
@@ -132,85 +136,91 @@ impl Curve<'_> {
     }
 }
 
-/// Finds points in one element; `None` for those that take more steps than most.
-struct Find<'a> {
-    curve: Curve<'a>,
-    trail: &'a mut Trail,
-    is_rough: bool,
+/// Finds preimages in one element; `None` for points that do not converge in [`MAX_STEPS`].
+struct PreimagesKernel<'a> {
+    map: CurvedMap<'a>,
+    local_map: &'a mut LocalMap,
+    for_f32: bool,
     points: &'a [Vec3],
-    found: &'a mut Vec<Option<Spot>>,
+    found: &'a mut Vec<Option<Preimage>>,
 }
 
-impl Work for Find<'_> {
+impl SimdKernel for PreimagesKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         for points in self.points.chunks(4) {
             let four = rows(lanes, points);
-            let mut spots = [None; 4];
-            self.curve.find(four, self.trail, self.is_rough, &mut spots);
-            if let Some(spot) = &spots[0] {
-                *self.trail = self.trail.moved(points[0], spot);
+            let mut preimages = [None; 4];
+            self.map
+                .preimages_of_row(four, self.local_map, self.for_f32, &mut preimages);
+            if let Some(preimage) = &preimages[0] {
+                *self.local_map = self.local_map.recentred(points[0], preimage);
             }
-            self.found.extend(&spots[..points.len()]);
+            self.found.extend(&preimages[..points.len()]);
         }
     }
 }
 
-impl Curve<'_> {
-    /// Where points lie, guessed from the first of the last four, if that was found.
-    pub fn find_all(
+impl CurvedMap<'_> {
+    /// The preimages of points, estimated from the first of the previous four.
+    pub fn preimages(
         &self,
-        trail: &mut Trail,
-        is_rough: bool,
+        local_map: &mut LocalMap,
+        for_f32: bool,
         points: &[Vec3],
-        found: &mut Vec<Option<Spot>>,
+        found: &mut Vec<Option<Preimage>>,
     ) {
-        let curve = *self;
-        simd::run(Find {
-            curve,
-            trail,
-            is_rough,
+        let map = *self;
+        simd::run(PreimagesKernel {
+            map,
+            local_map,
+            for_f32,
             points,
             found,
         });
     }
 
     #[inline(always)]
-    fn find<L: Lanes>(
+    fn preimages_of_row<L: Lanes>(
         &self,
         x: [Four<L>; 3],
-        trail: &Trail,
-        is_rough: bool,
-        spots: &mut [Option<Spot>; 4],
+        local_map: &LocalMap,
+        for_f32: bool,
+        preimages: &mut [Option<Preimage>; 4],
     ) {
-        let mut at = clamp_row(self.shape, trail.guess_row(x));
-        for _ in 0..STEPS {
+        let mut at = clamp_row(self.shape, local_map.estimate_row(x));
+        for _ in 0..MAX_STEPS {
             let step = self.step(x, at);
             let next = clamp_row(self.shape, step.xi);
-            let beyond = beyond_row(self.shape, step.xi).row();
+            let face_distance = face_distance_row(self.shape, step.xi).row();
             let [a, b, c] = difference(next, at);
             let moved = a.abs().max(b.abs()).max(c.abs()).row();
-            let mut settled = [false; 4];
+            let mut converged = [false; 4];
             for n in 0..4 {
-                settled[n] = spots[n].is_none() && is_settled(moved[n], beyond[n], is_rough);
+                converged[n] =
+                    preimages[n].is_none() && has_converged(moved[n], face_distance[n], for_f32);
             }
-            if settled.contains(&true) {
+            if converged.contains(&true) {
                 let rest = difference(x, step.from);
-                let overshoot = dot(rest, rest, x[0].like(0.0)).sqrt().row();
-                let (xi, inverse) = (stored(step.xi), stored_matrix(step.inverse));
-                // Where the map is singular nothing is found.
+                let outside_distance = dot(rest, rest, x[0].splat(0.0)).sqrt().row();
+                let (xi, inverse) = (to_arrays(step.xi), matrix_to_arrays(step.inverse));
+                // Where the map is singular there is no preimage.
                 let is_found = |n: usize| xi.iter().all(|row| row[n].is_finite());
-                for n in (0..4).filter(|&n| settled[n] && is_found(n)) {
-                    spots[n] = Some(Spot {
+                for n in (0..4).filter(|&n| converged[n] && is_found(n)) {
+                    preimages[n] = Some(Preimage {
                         xi: Vec3::from_fn(|r, _| xi[r][n]),
                         inverse: Mat3::from_fn(|r, c| inverse[r][c][n]),
-                        beyond: beyond[n],
-                        overshoot: if beyond[n] > 0.0 { overshoot[n] } else { 0.0 },
+                        face_distance: face_distance[n],
+                        outside_distance: if face_distance[n] > 0.0 {
+                            outside_distance[n]
+                        } else {
+                            0.0
+                        },
                     });
                 }
-                if spots.iter().all(Option::is_some) {
+                if preimages.iter().all(Option::is_some) {
                     return;
                 }
             }
@@ -219,77 +229,83 @@ impl Curve<'_> {
     }
 }
 
-/// How d xi / d x turns on about a point.
-struct Bend<'a> {
-    curve: Curve<'a>,
+/// Half the second derivatives of xi by x at a point.
+struct SecondDerivativesKernel<'a> {
+    map: CurvedMap<'a>,
     at: Vec3,
     inverse: &'a Mat3,
 }
 
-impl Work for Bend<'_> {
+impl SimdKernel for SecondDerivativesKernel<'_> {
     type Output = [Vec3; 6];
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> [Vec3; 6] {
-        // Differences are exact: the Jacobian is of degree 2 at most in each coordinate.
-        const FAR: f64 = 0.25;
+        // Central differences are exact: the Jacobian has at most degree 2 in each coordinate.
+        const DIFFERENCE_STEP: f64 = 0.25;
         let a = self.inverse;
-        // - d a / d xi, by column of d x.
-        let mut turns = [Mat3::zeros(); 3];
+        // -d a / d x, one matrix for each coordinate of x.
+        let mut changes = [Mat3::zeros(); 3];
         for (axes, count) in [([0, 1], 2), ([2, 2], 1)] {
-            let (p, q) = (Vec3::ith(axes[0], FAR), Vec3::ith(axes[1], FAR));
+            let (p, q) = (
+                Vec3::ith(axes[0], DIFFERENCE_STEP),
+                Vec3::ith(axes[1], DIFFERENCE_STEP),
+            );
             let points = [self.at + p, self.at - p, self.at + q, self.at - q];
-            let (_, jacobian) = self.curve.map.evaluate(rows(lanes, &points));
-            let j = stored_matrix(jacobian);
+            let (_, jacobian) = self.map.polynomial.evaluate(rows(lanes, &points));
+            let j = matrix_to_arrays(jacobian);
             for (n, &axis) in axes.iter().enumerate().take(count) {
-                let slope =
-                    Mat3::from_fn(|r, c| (j[r][c][2 * n] - j[r][c][2 * n + 1]) / (2.0 * FAR));
-                let turn = a * slope * a;
-                for (by, turned) in turns.iter_mut().enumerate() {
-                    *turned += turn * a[(axis, by)];
+                let slope = Mat3::from_fn(|r, c| {
+                    (j[r][c][2 * n] - j[r][c][2 * n + 1]) / (2.0 * DIFFERENCE_STEP)
+                });
+                let rate = a * slope * a;
+                for (column, change) in changes.iter_mut().enumerate() {
+                    *change += rate * a[(axis, column)];
                 }
             }
         }
         [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)].map(|(i, j)| {
-            let second: Vec3 = -turns[i].column(j);
+            let second: Vec3 = -changes[i].column(j);
             if i == j { second / 2.0 } else { second }
         })
     }
 }
 
-impl Curve<'_> {
-    /// [`Trail::bend`] where a point lies.
-    pub fn bend(&self, at: Vec3, inverse: &Mat3) -> [Vec3; 6] {
-        simd::run(Bend {
-            curve: *self,
+impl CurvedMap<'_> {
+    /// [`LocalMap::second_derivatives`] at a reference point.
+    pub fn second_derivatives(&self, at: Vec3, inverse: &Mat3) -> [Vec3; 6] {
+        simd::run(SecondDerivativesKernel {
+            map: *self,
             at,
             inverse,
         })
     }
 }
 
-/// How far guesses of four points are from where a step takes them.
-struct Astray<'a>(Curve<'a>, &'a Trail, [Vec3; 4]);
+/// The distance of a local map's estimates from the results of a Newton step, for four points.
+struct LocalMapErrorKernel<'a>(CurvedMap<'a>, &'a LocalMap, [Vec3; 4]);
 
-impl Work for Astray<'_> {
+impl SimdKernel for LocalMapErrorKernel<'_> {
     type Output = f64;
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> f64 {
-        let Self(curve, trail, points) = self;
+        let Self(map, local_map, points) = self;
         let x: [Four<L>; 3] = rows(lanes, &points);
-        let guess = trail.guess_row(x);
-        let step = curve.step(x, clamp_row(curve.shape, guess));
-        let [a, b, c] = difference(step.xi, guess);
-        let far = a.abs().max(b.abs()).max(c.abs()).row();
-        // What is no number counts as far.
-        far.into_iter().fold(0.0, |m, v| if v <= m { m } else { v })
+        let estimate = local_map.estimate_row(x);
+        let step = map.step(x, clamp_row(map.shape, estimate));
+        let [a, b, c] = difference(step.xi, estimate);
+        let errors = a.abs().max(b.abs()).max(c.abs()).row();
+        // NaN counts as the greatest error.
+        errors
+            .into_iter()
+            .fold(0.0, |m, v| if v <= m { m } else { v })
     }
 }
 
-impl Curve<'_> {
-    /// By how much, in reference units, a trail errs at one of four points of the element at most.
-    pub fn error(&self, trail: &Trail, points: [Vec3; 4]) -> f64 {
-        simd::run(Astray(*self, trail, points))
+impl CurvedMap<'_> {
+    /// The greatest error of a local map at four points of the element, reference units.
+    pub fn error(&self, local_map: &LocalMap, points: [Vec3; 4]) -> f64 {
+        simd::run(LocalMapErrorKernel(*self, local_map, points))
     }
 }

@@ -1,109 +1,111 @@
-//! The map from the world to an element's cell about a point, to the second order.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+//! Second-order Taylor expansion of the inverse map x -> xi of an element about a point.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
+// are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
 use super::inverse_map::{Matrix, product, rows};
-use super::patch::Spot;
+use super::patch::Preimage;
 use crate::frame::{CellPoint, Mat3, Vec3};
-use crate::simd::{self, Lanes, Number, Work, alike, difference};
+use crate::simd::{self, Lanes, Number, SimdKernel, difference, splat_vector};
 
-/// A point as an element has placed it: from there others are guessed.
+/// The expansion of xi(x) about a point: Newton's method for nearby points starts from it.
 #[derive(Clone, Copy)]
-pub(super) struct Trail {
+pub(super) struct LocalMap {
+    /// The centre of the expansion.
     pub x: Vec3,
+    /// Its preimage.
     pub xi: Vec3,
     /// d xi / d x.
     pub inverse: Mat3,
-    /// Half the second derivatives of xi by x: by x x, y y, z z, and twice that by x y, y z, z x, if they
-    /// are known and not 0.
-    pub bend: Option<[Vec3; 6]>,
+    /// Half the second derivatives of xi by x: xx / 2, yy / 2, zz / 2, xy, yz, zx; none where they are unknown or 0.
+    pub second_derivatives: Option<[Vec3; 6]>,
 }
 
-impl Trail {
-    /// The same second derivatives from another point.
-    pub fn moved(self, x: Vec3, spot: &Spot) -> Self {
+impl LocalMap {
+    /// The expansion about another point, with the same second derivatives.
+    pub fn recentred(self, x: Vec3, preimage: &Preimage) -> Self {
         Self {
             x,
-            xi: spot.xi,
-            inverse: spot.inverse,
+            xi: preimage.xi,
+            inverse: preimage.inverse,
             ..self
         }
     }
 
-    /// Where points lie, by their reference coordinates.
+    /// xi at a row of points.
     #[inline(always)]
-    pub fn guess_row<T: Number>(&self, x: [T; 3]) -> [T; 3] {
-        let like = x[0];
-        let d = difference(x, alike(like, self.x));
-        let mut xi = product(self.rows(like), d, alike(like, self.xi));
-        let Some(bend) = &self.bend else {
+    pub fn estimate_row<T: Number>(&self, x: [T; 3]) -> [T; 3] {
+        let lane = x[0];
+        let d = difference(x, splat_vector(lane, self.x));
+        let mut xi = product(self.inverse_rows(lane), d, splat_vector(lane, self.xi));
+        let Some(derivatives) = &self.second_derivatives else {
             return xi;
         };
         let [p, q, r] = d;
-        let second = [p * p, q * q, r * r, p * q, q * r, r * p];
-        for (bend, second) in bend.iter().zip(second) {
-            for (to, bend) in xi.iter_mut().zip(alike(like, *bend)) {
-                *to = second.fused(bend, *to);
+        let products = [p * p, q * q, r * r, p * q, q * r, r * p];
+        for (derivative, product) in derivatives.iter().zip(products) {
+            for (to, derivative) in xi.iter_mut().zip(splat_vector(lane, *derivative)) {
+                *to = product.fused(derivative, *to);
             }
         }
         xi
     }
 
-    /// d xi / d x where points lie.
+    /// d xi / d x at a row of points.
     #[inline(always)]
-    pub fn inverse_row<T: Number>(&self, x: [T; 3]) -> Matrix<T> {
-        // Which second derivatives each column grows by, along x, y and z.
-        const GROW: [[usize; 3]; 3] = [[0, 3, 5], [3, 1, 4], [5, 4, 2]];
-        let like = x[0];
-        let mut by = self.rows(like);
-        let Some(bend) = &self.bend else {
-            return by;
+    pub fn inverse_jacobian_row<T: Number>(&self, x: [T; 3]) -> Matrix<T> {
+        // The second derivatives that change each column along x, y and z.
+        const SECOND_DERIVATIVES: [[usize; 3]; 3] = [[0, 3, 5], [3, 1, 4], [5, 4, 2]];
+        let lane = x[0];
+        let mut inverse = self.inverse_rows(lane);
+        let Some(derivatives) = &self.second_derivatives else {
+            return inverse;
         };
-        let d = difference(x, alike(like, self.x));
-        for (column, grow) in GROW.iter().enumerate() {
-            for (axis, (&n, d)) in grow.iter().zip(d).enumerate() {
+        let d = difference(x, splat_vector(lane, self.x));
+        for (column, indices) in SECOND_DERIVATIVES.iter().enumerate() {
+            for (axis, (&n, d)) in indices.iter().zip(d).enumerate() {
                 let d = if axis == column { d + d } else { d };
-                for (row, bend) in by.iter_mut().zip(alike(like, bend[n])) {
-                    row[column] = d.fused(bend, row[column]);
+                for (row, derivative) in inverse.iter_mut().zip(splat_vector(lane, derivatives[n]))
+                {
+                    row[column] = d.fused(derivative, row[column]);
                 }
             }
         }
-        by
+        inverse
     }
 
-    /// d xi / d x at the trail's start, by rows.
+    /// d xi / d x at the centre of the expansion, by rows.
     #[inline(always)]
-    pub fn rows<T: Number>(&self, like: T) -> Matrix<T> {
+    pub fn inverse_rows<T: Number>(&self, lane: T) -> Matrix<T> {
         let m = &self.inverse;
         [
-            alike(like, Vec3::new(m[0], m[3], m[6])),
-            alike(like, Vec3::new(m[1], m[4], m[7])),
-            alike(like, Vec3::new(m[2], m[5], m[8])),
+            splat_vector(lane, Vec3::new(m[0], m[3], m[6])),
+            splat_vector(lane, Vec3::new(m[1], m[4], m[7])),
+            splat_vector(lane, Vec3::new(m[2], m[5], m[8])),
         ]
     }
 
-    /// Where a point lies, by its reference coordinates.
-    pub fn guess(&self, x: Vec3) -> Vec3 {
-        self.guess_row::<f64>(x.into()).into()
+    /// xi at a point.
+    pub fn estimate(&self, x: Vec3) -> Vec3 {
+        self.estimate_row::<f64>(x.into()).into()
     }
 
-    /// Adds where points lie to `found`.
-    pub fn guess_all(&self, points: &[Vec3], found: &mut Vec<CellPoint<3>>) {
-        simd::run(Guess(self, points, found));
+    /// Appends xi at each point to `found`.
+    pub fn estimate_all(&self, points: &[Vec3], found: &mut Vec<CellPoint<3>>) {
+        simd::run(EstimateKernel(self, points, found));
     }
 }
 
-struct Guess<'a>(&'a Trail, &'a [Vec3], &'a mut Vec<CellPoint<3>>);
+struct EstimateKernel<'a>(&'a LocalMap, &'a [Vec3], &'a mut Vec<CellPoint<3>>);
 
-impl Work for Guess<'_> {
+impl SimdKernel for EstimateKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let Self(trail, points, found) = self;
+        let Self(local_map, points, found) = self;
         for points in points.chunks(4) {
-            let [x, y, z] = trail.guess_row(rows(lanes, points));
+            let [x, y, z] = local_map.estimate_row(rows(lanes, points));
             let (x, y, z) = (x.row(), y.row(), z.row());
             let all = [
                 CellPoint(Vec3::new(x[0], y[0], z[0])),

@@ -1,40 +1,40 @@
-//! Which elements matter at a point: its owner, its neighbours, the continuation outside.
+//! The elements that contribute at a point: its owner, its neighbours, the continuation outside.
 
-use super::boundary::Known;
-use super::local_map::Trail;
-use super::patch::{ON_FACE, Patch, Search, Spot, Spots};
+use super::boundary::RegionFacts;
+use super::local_map::LocalMap;
+use super::patch::{FACE_TOLERANCE, InverseOptions, Patch, Preimage, Preimages};
 use super::{Distance, Filling, TiledSolid, TilingOptions};
 use crate::frame::{Aabb, Vec3};
 use std::cell::Cell;
 
-/// Distance of the furthest of a sample's neighbours, a hair more, in voxels.
-pub(super) const NEIGHBOUR: f64 = 1.733;
-/// Voxels beyond the half width within which slopes count as near the surface: across a block of samples,
-/// and to their neighbours.
-const AROUND: f64 = 2.0;
+/// Distance to the farthest of a sample's 26 neighbours, voxels: sqrt 3, rounded up.
+pub(super) const NEIGHBOUR_DISTANCE: f64 = 1.733;
+/// Margin beyond the half width, voxels, in which slopes count as near the surface: it covers a block of
+/// samples and their neighbours.
+const NEAR_SURFACE_VOXELS: f64 = 2.0;
 
-/// Elements that are near a point, mostly no more than so many.
-const FEW: usize = 64;
+/// Initial capacity of a list of near elements.
+const TYPICAL_NEAR_ELEMENTS: usize = 64;
 
-/// How far from the surface the slopes matter that the band's values depend on, world units.
-pub(super) fn near_surface(options: TilingOptions) -> f64 {
-    options.half_width + AROUND * options.voxel_size
+/// Distance from the surface, world units, up to which slopes affect values in the band.
+pub(super) fn near_surface_distance(options: TilingOptions) -> f64 {
+    options.half_width + NEAR_SURFACE_VOXELS * options.voxel_size
 }
 
-/// Elements of one component near a box, by ascending number.
+/// The elements of one component near a box, by ascending number.
 #[derive(Clone, Default)]
-pub(super) struct Near {
+pub(super) struct NearElements {
     pub patches: Vec<u32>,
     /// The largest of their slope bounds L near the surface.
     pub slope_sup: f64,
-    /// The least of these.
-    pub slope_least: f64,
-    /// The largest over all of them.
-    slope_most: f64,
+    /// The smallest of these bounds.
+    pub slope_sup_min: f64,
+    /// The largest slope bound anywhere in the elements.
+    slope_sup_anywhere: f64,
 }
 
-impl Near {
-    /// Becomes another, in the room that it has.
+impl NearElements {
+    /// Copies `other`, reusing the allocation.
     fn copy(&mut self, other: &Self) {
         let patches = std::mem::take(&mut self.patches);
         *self = Self { patches, ..*other };
@@ -42,87 +42,89 @@ impl Near {
     }
 }
 
-/// Elements near a box, with what one point teaches about the next: never the result, only how soon
-/// it is found, but for rounding.
+/// The elements near a box, with the local maps of recent points as starts of Newton's method. They change
+/// the cost of a search, and its result only by rounding.
 #[derive(Default)]
-pub(super) struct Local {
-    pub near: Near,
-    /// The last point's owner.
+pub(super) struct LocalSearch {
+    pub near: NearElements,
+    /// The owner of the last point.
     last: Option<u32>,
-    /// A point near the last ones that each near element placed, if it is curved.
-    trails: Vec<Cell<Option<Trail>>>,
-    /// Whether points are wanted for values in single precision.
-    is_rough: bool,
-    /// The last list of elements, and their trails.
-    before: (Vec<u32>, Vec<Cell<Option<Trail>>>),
+    /// For each near element, if curved, the local map at a recent point.
+    local_maps: Vec<Cell<Option<LocalMap>>>,
+    /// Whether positions are needed for values in single precision only.
+    for_f32: bool,
+    /// The previous list of elements, with its local maps.
+    previous: (Vec<u32>, Vec<Cell<Option<LocalMap>>>),
 }
 
-/// A point's owner: its place in the list of near elements, and the point as it sees it.
+/// The element that owns a point: its index among the near elements, and the point's preimage in it.
 #[derive(Clone, Copy)]
 pub(super) struct Owner {
-    pub place: usize,
-    pub spot: Spot,
+    pub near_index: usize,
+    pub preimage: Preimage,
 }
 
-/// Room for asking many points who owns them.
+/// Buffers for finding the owners of many points.
 #[derive(Default)]
-pub(super) struct Asking {
+pub(super) struct OwnerBuffers {
     open: Vec<u32>,
     at: Vec<Vec3>,
-    found: Spots,
+    found: Preimages,
 }
 
-impl Local {
-    pub fn new(near: Near) -> Self {
-        let trails = vec![Cell::new(None); near.patches.len()];
+impl LocalSearch {
+    pub fn new(near: NearElements) -> Self {
+        let local_maps = vec![Cell::new(None); near.patches.len()];
         Self {
             near,
-            trails,
+            local_maps,
             ..Self::default()
         }
     }
 
-    /// Forgets all, for other elements: what is known of those before must not decide even the last bits.
-    pub fn start(&mut self, near: &Near) {
+    /// Starts over with other elements. Nothing is kept: earlier points must not affect even the last bits.
+    pub fn reset(&mut self, near: &NearElements) {
         self.near.copy(near);
         self.last = None;
-        self.is_rough = false;
-        self.trails.clear();
-        self.trails.resize(near.patches.len(), Cell::new(None));
+        self.for_f32 = false;
+        self.local_maps.clear();
+        self.local_maps.resize(near.patches.len(), Cell::new(None));
     }
 
-    /// The same for none, to be filled by [`TiledSolid::narrow`], for values in single precision.
-    pub fn start_rough(&mut self) {
-        self.start(&Near::default());
-        self.is_rough = true;
+    /// Starts over without elements, to be filled by [`TiledSolid::restrict`], for values in single precision.
+    pub fn reset_for_f32(&mut self) {
+        self.reset(&NearElements::default());
+        self.for_f32 = true;
     }
 
-    /// What the next point of an element is guessed from.
-    fn trail(&self, place: usize, patch: &Patch) -> Trail {
-        self.trails[place].get().unwrap_or_else(|| patch.start())
+    /// The local map from which the next point of an element is estimated.
+    fn local_map(&self, near_index: usize, patch: &Patch) -> LocalMap {
+        self.local_maps[near_index]
+            .get()
+            .unwrap_or_else(|| patch.centroid_map())
     }
 
-    fn note(&self, place: usize, patch: &Patch, x: Vec3, spot: &Spot) {
-        let trail = self.trail(place, patch).moved(x, spot);
-        self.trails[place].set(Some(trail));
+    fn store_preimage(&self, near_index: usize, patch: &Patch, x: Vec3, preimage: &Preimage) {
+        let local_map = self.local_map(near_index, patch).recentred(x, preimage);
+        self.local_maps[near_index].set(Some(local_map));
     }
 
-    /// How an element looks for a point.
-    fn search(&self, place: usize, x: Vec3) -> Search {
-        Search {
-            start: self.trails[place].get().map(|t| t.guess(x)),
-            is_rough: self.is_rough,
+    /// The start and the tolerance of Newton's method for a point in an element.
+    fn inverse_options(&self, near_index: usize, x: Vec3) -> InverseOptions {
+        InverseOptions {
+            start: self.local_maps[near_index].get().map(|t| t.estimate(x)),
+            for_f32: self.for_f32,
         }
     }
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Blending reaches this far beyond an element's faces: one voxel.
+    /// Distance from an element's faces over which fields are blended: one voxel.
     pub(super) fn delta(&self) -> f64 {
         self.options.voxel_size
     }
 
-    /// How far from a point elements can matter to its distance.
+    /// Distance from a point within which elements can affect its value.
     pub(super) fn margin(&self) -> f64 {
         match self.options.distance {
             Distance::Fast => self.delta(),
@@ -131,122 +133,151 @@ impl<F: Filling> TiledSolid<'_, F> {
     }
 
     /// The elements of a component that may be less than `margin` away from a point of `region`.
-    pub(super) fn near(&self, component: usize, region: &Aabb, margin: f64) -> Near {
-        let mut near = Near {
-            patches: Vec::with_capacity(FEW),
-            ..Near::default()
+    pub(super) fn near(&self, component: usize, region: &Aabb, margin: f64) -> NearElements {
+        let mut near = NearElements {
+            patches: Vec::with_capacity(TYPICAL_NEAR_ELEMENTS),
+            ..NearElements::default()
         };
         self.find_near(component, region, margin, &mut near);
         near
     }
 
-    /// The same, in the place of others.
-    pub(super) fn find_near(&self, component: usize, region: &Aabb, margin: f64, near: &mut Near) {
+    /// As [`Self::near`], replacing the elements of `near`.
+    pub(super) fn find_near(
+        &self,
+        component: usize,
+        region: &Aabb,
+        margin: f64,
+        near: &mut NearElements,
+    ) {
         let patches = &mut near.patches;
         self.scaffold.candidates(&region.dilated(margin), patches);
         let (centre, half) = (region.centre().0, region.size() / 2.0);
         patches.retain(|&e| {
             self.component_of[e as usize] as usize == component
-                && !self.patches[e as usize].misses(centre, half, margin)
+                && !self.patches[e as usize].is_box_outside(centre, half, margin)
         });
         self.find_slopes(near);
     }
 
-    fn find_slopes(&self, near: &mut Near) {
-        (near.slope_sup, near.slope_most) = (0.0, 0.0);
-        near.slope_least = f64::INFINITY;
+    fn find_slopes(&self, near: &mut NearElements) {
+        (near.slope_sup, near.slope_sup_anywhere) = (0.0, 0.0);
+        near.slope_sup_min = f64::INFINITY;
         for &e in &near.patches {
             let patch = &self.patches[e as usize];
             near.slope_sup = near.slope_sup.max(patch.slope_sup);
-            near.slope_least = near.slope_least.min(patch.slope_sup);
-            near.slope_most = near.slope_most.max(patch.slope_most);
+            near.slope_sup_min = near.slope_sup_min.min(patch.slope_sup);
+            near.slope_sup_anywhere = near.slope_sup_anywhere.max(patch.slope_sup_anywhere);
         }
     }
 
-    /// How much |F| changes at most over a length, in near elements, if it starts or ends where |F| <= L w: near
-    /// the surface by L, further away by the steepest slope there is.
-    pub(super) fn rise(&self, near: &Near, length: f64) -> f64 {
-        let beyond = (length - near_surface(self.options)).max(0.0);
-        near.slope_sup * (length - beyond) + near.slope_most * beyond
+    /// Bound of the change of |F| over a length within near elements, if |F| <= L w at one end: L bounds the
+    /// slope near the surface, and a larger bound holds further away.
+    pub(super) fn max_change(&self, near: &NearElements, length: f64) -> f64 {
+        let face_distance = (length - near_surface_distance(self.options)).max(0.0);
+        near.slope_sup * (length - face_distance) + near.slope_sup_anywhere * face_distance
     }
 
-    /// Replaces `near` by what of a wider list may be near a point of `region`.
-    pub(super) fn keep_near(&self, wide: &Near, region: &Aabb, near: &mut Near) {
+    /// Replaces `near` by the elements of a wider list that may be near a point of `region`.
+    pub(super) fn filter_near(&self, wider: &NearElements, region: &Aabb, near: &mut NearElements) {
         let (centre, half, margin) = (region.centre().0, region.size() / 2.0, self.margin());
-        let all = wide.patches.iter().copied();
-        let misses = |e: &u32| self.patches[*e as usize].misses(centre, half, margin);
+        let all = wider.patches.iter().copied();
+        let misses = |e: &u32| self.patches[*e as usize].is_box_outside(centre, half, margin);
         near.patches.clear();
         near.patches.extend(all.filter(|e| !misses(e)));
         self.find_slopes(near);
     }
 
-    /// The same for a list that knows more.
-    pub(super) fn narrow(&self, wide: &Near, region: &Aabb, local: &mut Local) {
-        let Local {
+    /// As [`Self::filter_near`], keeping the local maps of elements that remain.
+    pub(super) fn restrict(&self, wider: &NearElements, region: &Aabb, local: &mut LocalSearch) {
+        let LocalSearch {
             near,
-            trails,
-            before,
+            local_maps,
+            previous,
             ..
         } = local;
-        std::mem::swap(&mut near.patches, &mut before.0);
-        std::mem::swap(trails, &mut before.1);
-        self.keep_near(wide, region, near);
-        // What is known of an element holds nearby too.
-        let known = |e| before.1[before.0.binary_search(e).ok()?].get();
-        trails.clear();
-        trails.extend(near.patches.iter().map(|e| Cell::new(known(e))));
+        std::mem::swap(&mut near.patches, &mut previous.0);
+        std::mem::swap(local_maps, &mut previous.1);
+        self.filter_near(wider, region, near);
+        // A local map is useful for nearby points too.
+        let known = |e| previous.1[previous.0.binary_search(e).ok()?].get();
+        local_maps.clear();
+        local_maps.extend(near.patches.iter().map(|e| Cell::new(known(e))));
     }
 
-    pub(super) fn patch(&self, local: &Local, place: usize) -> &Patch {
-        &self.patches[local.near.patches[place] as usize]
+    pub(super) fn patch(&self, local: &LocalSearch, near_index: usize) -> &Patch {
+        &self.patches[local.near.patches[near_index] as usize]
     }
 
-    /// Where a point lies in one of the near elements, if it may be less than `margin` outside.
-    pub(super) fn spot(&self, local: &Local, place: usize, x: Vec3, margin: f64) -> Option<Spot> {
-        let patch = self.patch(local, place);
-        if patch.is_affine() {
-            return patch.spot(self.scaffold, x, margin, Search::default());
-        }
-        let spot = patch.spot(self.scaffold, x, margin, local.search(place, x))?;
-        local.note(place, patch, x, &spot);
-        Some(spot)
-    }
-
-    /// Where those of some points lie in one of the near elements that may be less than `margin` outside.
-    pub(super) fn spots(
+    /// The preimage of a point in one of the near elements, if it may be less than `margin` outside.
+    pub(super) fn preimage(
         &self,
-        local: &Local,
-        place: usize,
+        local: &LocalSearch,
+        near_index: usize,
+        x: Vec3,
+        margin: f64,
+    ) -> Option<Preimage> {
+        let patch = self.patch(local, near_index);
+        if patch.is_affine() {
+            return patch.preimage(self.scaffold, x, margin, InverseOptions::default());
+        }
+        let preimage = patch.preimage(
+            self.scaffold,
+            x,
+            margin,
+            local.inverse_options(near_index, x),
+        )?;
+        local.store_preimage(near_index, patch, x, &preimage);
+        Some(preimage)
+    }
+
+    /// The preimages of the points that may be less than `margin` outside one of the near elements.
+    pub(super) fn preimages(
+        &self,
+        local: &LocalSearch,
+        near_index: usize,
         points: (&[Vec3], f64),
-        found: &mut Spots,
+        preimages: &mut Preimages,
     ) {
-        let patch = self.patch(local, place);
-        let mut trail = local.trail(place, patch);
-        patch.spots(self.scaffold, points, (&mut trail, local.is_rough), found);
+        let patch = self.patch(local, near_index);
+        let mut local_map = local.local_map(near_index, patch);
+        patch.preimages(
+            self.scaffold,
+            points,
+            (&mut local_map, local.for_f32),
+            preimages,
+        );
         if !patch.is_affine() {
-            local.trails[place].set(Some(trail));
+            local.local_maps[near_index].set(Some(local_map));
         }
     }
 
-    /// Makes and notes a trail, with second derivatives, from a point as one of the near elements has
-    /// placed it.
-    pub(super) fn note_trail(&self, local: &Local, place: usize, x: Vec3, spot: &Spot) -> Trail {
-        let trail = self.patch(local, place).trail(self.scaffold, x, spot);
-        local.trails[place].set(Some(trail));
-        trail
+    /// Stores the local map, with second derivatives, at a point with a known preimage.
+    pub(super) fn store_local_map(
+        &self,
+        local: &LocalSearch,
+        near_index: usize,
+        x: Vec3,
+        preimage: &Preimage,
+    ) -> LocalMap {
+        let local_map = self
+            .patch(local, near_index)
+            .local_map(self.scaffold, x, preimage);
+        local.local_maps[near_index].set(Some(local_map));
+        local_map
     }
 
-    /// The owners of points, into `owners`; as [`Self::owner`] finds them.
+    /// Finds the owners of points, as [`Self::owner`] does.
     pub(super) fn owners(
         &self,
-        local: &mut Local,
+        local: &mut LocalSearch,
         points: &[Vec3],
-        asking: &mut Asking,
+        owner_buffers: &mut OwnerBuffers,
         owners: &mut Vec<Option<Owner>>,
     ) {
         owners.clear();
         owners.resize(points.len(), None);
-        let Asking { open, at, found } = asking;
+        let OwnerBuffers { open, at, found } = owner_buffers;
         open.clear();
         open.extend(0..points.len() as u32);
         at.clear();
@@ -254,23 +285,26 @@ impl<F: Filling> TiledSolid<'_, F> {
         let margin = points.iter().map(|&x| self.rounding(x)).fold(0.0, f64::max);
         let near = &local.near.patches;
         let last = local.last.and_then(|n| near.binary_search(&n).ok());
-        // Well inside the last point's owner no other can contain a point.
-        let first = last.map(|place| (place, -ON_FACE));
-        for (place, most) in first
+        // No other element contains a point well inside the last owner.
+        let first = last.map(|near_index| (near_index, -FACE_TOLERANCE));
+        for (near_index, most) in first
             .into_iter()
-            .chain((0..near.len()).map(|p| (p, ON_FACE)))
+            .chain((0..near.len()).map(|p| (p, FACE_TOLERANCE)))
         {
             if open.is_empty() {
                 break;
             }
-            self.spots(local, place, (at, margin), found);
+            self.preimages(local, near_index, (at, margin), found);
             let mut is_owner = false;
-            for (n, &spot) in found.found().filter(|(_, s)| s.beyond <= most) {
-                owners[open[n as usize] as usize] = Some(Owner { place, spot });
+            for (n, &preimage) in found.found().filter(|(_, s)| s.face_distance <= most) {
+                owners[open[n as usize] as usize] = Some(Owner {
+                    near_index,
+                    preimage,
+                });
                 is_owner = true;
             }
             if is_owner {
-                local.last = Some(local.near.patches[place]);
+                local.last = Some(local.near.patches[near_index]);
                 open.retain(|&n| owners[n as usize].is_none());
                 at.clear();
                 at.extend(open.iter().map(|&n| points[n as usize]));
@@ -278,63 +312,68 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// How far outside an element a point of it can lie by rounding.
+    /// Bound of the distance by which rounding can move a point out of its element.
     fn rounding(&self, x: Vec3) -> f64 {
-        ON_FACE * x.amax().max(self.options.voxel_size) + ON_FACE * self.delta()
+        FACE_TOLERANCE * x.amax().max(self.options.voxel_size) + FACE_TOLERANCE * self.delta()
     }
 
-    /// The element of lowest number that contains a point.
-    pub(super) fn owner(&self, local: &mut Local, x: Vec3) -> Option<Owner> {
+    /// The element with the lowest number that contains a point.
+    pub(super) fn owner(&self, local: &mut LocalSearch, x: Vec3) -> Option<Owner> {
         let margin = self.rounding(x);
         let near = &local.near.patches;
         let last = local.last.and_then(|n| near.binary_search(&n).ok());
-        if let Some(place) = last {
-            // Well inside one element no other can contain the point.
-            let patch = self.patch(local, place);
-            if let Some(spot) = patch.inside(self.scaffold, x, local.search(place, x)) {
+        if let Some(near_index) = last {
+            // No other element contains a point well inside this one.
+            let patch = self.patch(local, near_index);
+            if let Some(preimage) =
+                patch.interior_preimage(self.scaffold, x, local.inverse_options(near_index, x))
+            {
                 if !patch.is_affine() {
-                    local.note(place, patch, x, &spot);
+                    local.store_preimage(near_index, patch, x, &preimage);
                 }
-                return Some(Owner { place, spot });
+                return Some(Owner {
+                    near_index,
+                    preimage,
+                });
             }
         }
-        for place in 0..local.near.patches.len() {
-            if let Some(spot) = self.spot(local, place, x, margin)
-                && spot.beyond <= ON_FACE
+        for near_index in 0..local.near.patches.len() {
+            if let Some(preimage) = self.preimage(local, near_index, x, margin)
+                && preimage.face_distance <= FACE_TOLERANCE
             {
-                local.last = Some(local.near.patches[place]);
-                return Some(Owner { place, spot });
+                local.last = Some(local.near.patches[near_index]);
+                return Some(Owner {
+                    near_index,
+                    preimage,
+                });
             }
         }
         None
     }
 
-    /// The component's value at `x`, its boundary included. `local` must hold all elements near `x`
-    /// and near the boundary points closest to it.
-    ///
-    /// Known beforehand may be: the field's own `constant` value near here; that the boundary's
-    /// distance cannot show (`is_deep`: more than w inside); a bound of the distance to it.
+    /// The value of a component at `x`, cut at its boundary. `local` must hold all elements near `x` and near
+    /// the closest points of the boundary. `known` states what holds in a region around `x`.
     pub(super) fn value_at(
         &self,
         component: usize,
-        local: &mut Local,
+        local: &mut LocalSearch,
         x: Vec3,
-        known: Known,
+        known: RegionFacts,
     ) -> f64 {
         let w = self.options.half_width;
         let slack = self.chord_slack();
         let boundary = &self.components[component].boundary;
         let Some(at) = self.owner(local, x) else {
             if known.is_deep {
-                return self.in_a_gap(local, x);
+                return self.value_in_gap(local, x);
             }
             if !self.is_cut() {
-                return self.continued(local, x, boundary.closest(x).point);
+                return self.continuation(local, x, boundary.closest(x).point);
             }
-            let radius = w.min(known.distance * (1.0 + 1e-9));
+            let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
             return match known.closest_within(boundary, x, radius) {
                 Some(c) => {
-                    let outside = if c.distance < self.on_boundary() {
+                    let outside = if c.distance < self.boundary_tolerance() {
                         0.0
                     } else if c.distance < slack && boundary.contains(x) {
                         -c.distance
@@ -342,41 +381,41 @@ impl<F: Filling> TiledSolid<'_, F> {
                         c.distance
                     };
                     let d = known
-                        .constant
-                        .unwrap_or_else(|| self.continued(local, x, c.point));
+                        .field_distance
+                        .unwrap_or_else(|| self.continuation(local, x, c.point));
                     d.max(outside).min(w)
                 }
-                None if boundary.contains(x) => self.in_a_gap(local, x),
+                None if boundary.contains(x) => self.value_in_gap(local, x),
                 None => w,
             };
         };
         let d = known
-            .constant
+            .field_distance
             .unwrap_or_else(|| self.distance(local, at, x));
-        self.cut(component, d, x, known)
+        self.cut_at_boundary(component, d, x, known)
     }
 
-    /// The value at a point that rounding has put between two elements.
-    fn in_a_gap(&self, local: &mut Local, x: Vec3) -> f64 {
+    /// The value at a point that rounding has moved into a gap between elements.
+    fn value_in_gap(&self, local: &mut LocalSearch, x: Vec3) -> f64 {
         match self.nearest(local, x) {
             Some((at, point)) => self.distance(local, at, point),
             None => self.options.half_width,
         }
     }
 
-    /// The distance outside the scaffold, before the boundary has its say: the value at the closest
-    /// point of the scaffold, `q` on the boundary's triangles. On curved faces these run up to the
-    /// chordal error off the elements: within a voxel of them the point of evaluation fades into the
-    /// foot of `x` on the element itself, so that nothing jumps where the scaffold ends.
-    fn continued(&self, local: &mut Local, x: Vec3, q: Vec3) -> f64 {
+    /// The distance outside the scaffold, not yet cut at the boundary: the value at the closest point `q` on
+    /// the boundary's triangles. On curved faces the triangles deviate from the elements by the chordal error.
+    /// Within a voxel of them the point of evaluation is therefore blended into the foot of `x` on the element,
+    /// so that the value is continuous at the end of the scaffold.
+    fn continuation(&self, local: &mut LocalSearch, x: Vec3, q: Vec3) -> f64 {
         let Some((mut at, mut point)) = self.nearest(local, q) else {
             return self.options.half_width;
         };
         let nearness = 1.0 - (x - q).norm() / self.delta();
-        let patch = self.patch(local, at.place);
+        let patch = self.patch(local, at.near_index);
         if nearness > 0.0 && !patch.is_affine() {
-            let spot = patch.spot_anyway(self.scaffold, x);
-            let foot = patch.point(self.scaffold, patch.clamp(spot.xi));
+            let preimage = patch.preimage_or_affine(self.scaffold, x);
+            let foot = patch.point(self.scaffold, patch.clamp(preimage.xi));
             if let Some(faded) = self.nearest(local, point + (foot - point) * nearness) {
                 (at, point) = faded;
             }
@@ -384,27 +423,33 @@ impl<F: Filling> TiledSolid<'_, F> {
         self.distance(local, at, point)
     }
 
-    /// The point of the near elements that is nearest to `q`, and its owner, where `q` lies on the
-    /// elements but for rounding and the chordal error.
-    fn nearest(&self, local: &mut Local, q: Vec3) -> Option<(Owner, Vec3)> {
+    /// The point of the near elements nearest to `q`, and its owner, for `q` on the elements up to rounding and
+    /// the chordal error.
+    fn nearest(&self, local: &mut LocalSearch, q: Vec3) -> Option<(Owner, Vec3)> {
         if let Some(at) = self.owner(local, q) {
             return Some((at, q));
         }
-        let mut best: Option<(f64, usize, Spot)> = None;
-        for place in 0..local.near.patches.len() {
+        let mut best: Option<(f64, usize, Preimage)> = None;
+        for near_index in 0..local.near.patches.len() {
             let reach = best.as_ref().map_or(f64::INFINITY, |b| b.0);
-            let Some(spot) = self.spot(local, place, q, reach) else {
+            let Some(preimage) = self.preimage(local, near_index, q, reach) else {
                 continue;
             };
-            let m = spot.overshoot;
+            let m = preimage.outside_distance;
             if m < reach {
-                best = Some((m, place, spot));
+                best = Some((m, near_index, preimage));
             }
         }
-        let (_, place, spot) = best?;
-        let patch = self.patch(local, place);
-        let point = patch.point(self.scaffold, patch.clamp(spot.xi));
-        let spot = patch.spot_anyway(self.scaffold, point);
-        Some((Owner { place, spot }, point))
+        let (_, near_index, preimage) = best?;
+        let patch = self.patch(local, near_index);
+        let point = patch.point(self.scaffold, patch.clamp(preimage.xi));
+        let preimage = patch.preimage_or_affine(self.scaffold, point);
+        Some((
+            Owner {
+                near_index,
+                preimage,
+            },
+            point,
+        ))
     }
 }

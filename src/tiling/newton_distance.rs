@@ -1,95 +1,102 @@
 //! The scale of rule Q: distance per field unit, by two damped Newton steps with an element's own field.
 //!
-//! Points of one element walk together, four at a time; between the steps the cell is asked for all of
-//! them. A point gives the same bits alone and among others.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+//! The steps are taken for four points of an element at a time. Between the steps the caller evaluates the
+//! cell at all points. A point gives the same bits alone and among others.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
+// are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
-use super::inverse_map::{Curve, Matrix, dot, product, rows, stored, stored_matrix};
-use super::local_map::Trail;
+use super::inverse_map::{CurvedMap, Matrix, dot, matrix_to_arrays, product, rows, to_arrays};
+use super::local_map::LocalMap;
 use crate::frame::{CellPoint, Mat3, Vec3};
-use crate::simd::{self, Four, Lanes, Number, Work};
+use crate::simd::{self, Four, Lanes, Number, SimdKernel};
 
-/// Newton steps are damped where the slope is below this fraction of its mean.
-const DAMPING: f64 = 0.05;
-/// Scales beyond this many times the mean distance per field unit are cut off.
-const STEEPEST: f64 = 10.0;
+/// Newton steps are damped where the slope is below this fraction of its root mean square.
+const DAMPING_FRACTION: f64 = 0.05;
+/// Bound of the scale, in units of 1 / root mean square of the slope.
+const MAX_SCALE_FACTOR: f64 = 10.0;
 
-/// How far a walk in one element may go.
+/// Damping and bounds of the Newton steps in one element.
 #[derive(Clone, Copy)]
-pub(super) struct Pace {
+pub(super) struct StepLimits {
     pub damping: f64,
-    /// Values nearer to 0 are zeros.
-    pub zero: f64,
-    /// Of a step, world units.
-    longest: f64,
-    /// Least and greatest distance per field unit.
-    pub scales: [f64; 2],
+    /// Values with a smaller magnitude count as zeros.
+    pub zero_tolerance: f64,
+    /// The longest step, world units.
+    max_step: f64,
+    /// Least and greatest scale, distance per field unit.
+    pub scale_range: [f64; 2],
 }
 
-impl Pace {
-    /// In an element with these slopes per world unit, for this half width and voxel size.
+impl StepLimits {
+    /// The limits in an element with these slopes, per world unit.
     pub fn new(slope_rms: f64, slope_sup: f64, half_width: f64, voxel_size: f64) -> Self {
         Self {
-            damping: (DAMPING * slope_rms).powi(2),
-            zero: 1e-9 * slope_rms * voxel_size,
-            longest: 2.0 * half_width,
-            scales: [1.0 / slope_sup, STEEPEST / slope_rms],
+            damping: (DAMPING_FRACTION * slope_rms).powi(2),
+            zero_tolerance: 1e-9 * slope_rms * voxel_size,
+            max_step: 2.0 * half_width,
+            scale_range: [1.0 / slope_sup, MAX_SCALE_FACTOR / slope_rms],
         }
     }
 }
 
 /// The first step of four points.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Leg {
+pub(super) struct FirstStep {
     /// The step, world units.
-    pub way: [[f64; 4]; 3],
-    /// |F| at the start; 0 where that is a zero already.
-    size: [f64; 4],
-    /// The scale there.
-    flat: [f64; 4],
-    /// d xi / d x at its end, by rows.
-    pub by: [[[f64; 4]; 3]; 3],
+    pub step: [[f64; 4]; 3],
+    /// |F| at the start; 0 where the start is a zero.
+    magnitude: [f64; 4],
+    /// The scale at a zero, from the slope at the start.
+    zero_scale: [f64; 4],
+    /// d xi / d x at the end of the step, by rows.
+    pub inverse: [[[f64; 4]; 3]; 3],
 }
 
-/// d xi / d x where points set off.
+/// d xi / d x at the start points.
 #[derive(Clone, Copy)]
-pub(super) enum Frame<'a> {
-    /// As a trail has it.
-    Trail(&'a Trail),
-    /// One for each of them.
+pub(super) enum InverseJacobians<'a> {
+    /// From one local map.
+    Local(&'a LocalMap),
+    /// One matrix for each point.
     Each(&'a [Mat3]),
 }
 
-/// Points that set off from where they lie in the world and in the cell, with the field's values and
-/// gradients by reference coordinates.
-pub(super) struct Walkers<'a> {
+/// Start points of Newton steps.
+pub(super) struct StepStarts<'a> {
+    /// World positions.
     pub x: &'a [Vec3],
+    /// Reference coordinates.
     pub at: &'a mut [CellPoint<3>],
-    pub frame: Frame<'a>,
+    pub inverses: InverseJacobians<'a>,
+    /// Values and gradients by reference coordinates.
     pub slopes: &'a [(f64, Vec3)],
 }
 
-struct SetOff<'a>(Pace, Option<Curve<'a>>, Walkers<'a>, &'a mut [Leg]);
+struct FirstStepKernel<'a>(
+    StepLimits,
+    Option<CurvedMap<'a>>,
+    StepStarts<'a>,
+    &'a mut [FirstStep],
+);
 
-struct Arrive<'a> {
-    pace: Pace,
+struct SecondStepKernel<'a> {
+    limits: StepLimits,
     slopes: &'a [(f64, Vec3)],
-    legs: &'a [Leg],
+    first_steps: &'a [FirstStep],
     scales: &'a mut [f64],
 }
 
-/// The numbers of four; the last one again where there are fewer.
+/// Indices for four lanes: the last point is repeated where there are fewer than four.
 #[inline(always)]
-fn indices(count: usize) -> [usize; 4] {
+fn lane_indices(count: usize) -> [usize; 4] {
     [0, 1.min(count - 1), 2.min(count - 1), 3.min(count - 1)]
 }
 
-/// Values and gradients.
+/// Loads values and gradients.
 #[inline(always)]
-fn slopes<L: Lanes>(lanes: L, slopes: &[(f64, Vec3)]) -> (Four<L>, [Four<L>; 3]) {
-    let [a, b, c, d] = indices(slopes.len());
+fn load_slopes<L: Lanes>(lanes: L, slopes: &[(f64, Vec3)]) -> (Four<L>, [Four<L>; 3]) {
+    let [a, b, c, d] = lane_indices(slopes.len());
     let (a, b, c, d) = (&slopes[a], &slopes[b], &slopes[c], &slopes[d]);
     (
         Four::of(lanes, [a.0, b.0, c.0, d.0]),
@@ -97,10 +104,10 @@ fn slopes<L: Lanes>(lanes: L, slopes: &[(f64, Vec3)]) -> (Four<L>, [Four<L>; 3])
     )
 }
 
-/// Rows of matrices.
+/// Loads matrices, by rows.
 #[inline(always)]
-fn turned<L: Lanes>(lanes: L, matrices: &[Mat3]) -> Matrix<Four<L>> {
-    let [a, b, c, d] = indices(matrices.len());
+fn matrix_rows<L: Lanes>(lanes: L, matrices: &[Mat3]) -> Matrix<Four<L>> {
+    let [a, b, c, d] = lane_indices(matrices.len());
     let (a, b, c, d) = (&matrices[a], &matrices[b], &matrices[c], &matrices[d]);
     let mut all = [[Four::of(lanes, [0.0; 4]); 3]; 3];
     for (r, row) in all.iter_mut().enumerate() {
@@ -112,66 +119,67 @@ fn turned<L: Lanes>(lanes: L, matrices: &[Mat3]) -> Matrix<Four<L>> {
     all
 }
 
-/// Gradients by the world from those by the cell.
+/// World gradients from reference gradients.
 #[inline(always)]
-pub(super) fn to_world<T: Number>(by: Matrix<T>, g: [T; 3]) -> [T; 3] {
-    let zero = g[0].like(0.0);
+pub(super) fn to_world<T: Number>(inverse: Matrix<T>, g: [T; 3]) -> [T; 3] {
+    let zero = g[0].splat(0.0);
     [
-        dot([by[0][0], by[1][0], by[2][0]], g, zero),
-        dot([by[0][1], by[1][1], by[2][1]], g, zero),
-        dot([by[0][2], by[1][2], by[2][2]], g, zero),
+        dot([inverse[0][0], inverse[1][0], inverse[2][0]], g, zero),
+        dot([inverse[0][1], inverse[1][1], inverse[2][1]], g, zero),
+        dot([inverse[0][2], inverse[1][2], inverse[2][2]], g, zero),
     ]
 }
 
-impl Pace {
-    /// A damped Newton step from where value and gradient are these.
+impl StepLimits {
+    /// The damped Newton step from value `f`, gradient `g` and its square.
     #[inline(always)]
-    pub fn step<T: Number>(&self, f: T, g: [T; 3], square: T) -> [T; 3] {
-        let zero = f.like(0.0);
-        let rate = (zero - f) / (square + f.like(self.damping));
+    pub fn newton_step<T: Number>(&self, f: T, g: [T; 3], square: T) -> [T; 3] {
+        let zero = f.splat(0.0);
+        let rate = (zero - f) / (square + f.splat(self.damping));
         let length = (square * rate * rate).sqrt();
-        let longest = f.like(self.longest);
-        let rate = longest.below(length, rate * (longest / length), rate);
+        let max_step = f.splat(self.max_step);
+        let rate = max_step.select_below(length, rate * (max_step / length), rate);
         [g[0] * rate, g[1] * rate, g[2] * rate]
     }
 }
 
-impl Work for SetOff<'_> {
+impl SimdKernel for FirstStepKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let Self(pace, curve, walkers, legs) = self;
-        let groups = walkers.x.chunks(4).zip(walkers.slopes.chunks(4));
-        let groups = groups.zip(walkers.at.chunks_mut(4)).zip(legs);
-        for (n, (((x, s), at), leg)) in groups.enumerate() {
-            let (f, g) = slopes(lanes, s);
+        let Self(limits, map, starts, first_steps) = self;
+        let groups = starts.x.chunks(4).zip(starts.slopes.chunks(4));
+        let groups = groups.zip(starts.at.chunks_mut(4)).zip(first_steps);
+        for (n, (((x, s), at), first_step)) in groups.enumerate() {
+            let (f, g) = load_slopes(lanes, s);
             let start = rows(lanes, x);
-            let by = match walkers.frame {
-                Frame::Trail(trail) => trail.inverse_row(start),
-                Frame::Each(all) => turned(lanes, &all[4 * n..4 * n + x.len()]),
+            let inverse = match starts.inverses {
+                InverseJacobians::Local(local_map) => local_map.inverse_jacobian_row(start),
+                InverseJacobians::Each(all) => matrix_rows(lanes, &all[4 * n..4 * n + x.len()]),
             };
-            let g = to_world(by, g);
-            let square = dot(g, g, f.like(0.0));
-            let way = pace.step(f, g, square);
-            let flat = square.sqrt() / (square + f.like(pace.damping));
-            let size = f.abs();
-            let size = size.below(f.like(pace.zero), f.like(0.0), size);
-            let [a, b, c, d] = indices(at.len());
+            let g = to_world(inverse, g);
+            let square = dot(g, g, f.splat(0.0));
+            let step = limits.newton_step(f, g, square);
+            let zero_scale = square.sqrt() / (square + f.splat(limits.damping));
+            let magnitude = f.abs();
+            let magnitude =
+                magnitude.select_below(f.splat(limits.zero_tolerance), f.splat(0.0), magnitude);
+            let [a, b, c, d] = lane_indices(at.len());
             let from = rows(lanes, &[at[a].0, at[b].0, at[c].0, at[d].0]);
-            let guess = product(by, way, from);
-            let (to, by) = match curve {
-                Some(curve) => {
-                    let end = [start[0] + way[0], start[1] + way[1], start[2] + way[2]];
-                    curve.follow(end, guess, by)
+            let estimate = product(inverse, step, from);
+            let (to, inverse) = match map {
+                Some(map) => {
+                    let end = [start[0] + step[0], start[1] + step[1], start[2] + step[2]];
+                    map.refine(end, estimate, inverse)
                 }
-                None => (guess, by),
+                None => (estimate, inverse),
             };
-            leg.way = stored(way);
-            leg.size = size.row();
-            leg.flat = flat.row();
-            leg.by = stored_matrix(by);
-            let to = stored(to);
+            first_step.step = to_arrays(step);
+            first_step.magnitude = magnitude.row();
+            first_step.zero_scale = zero_scale.row();
+            first_step.inverse = matrix_to_arrays(inverse);
+            let to = to_arrays(to);
             for (n, at) in at.iter_mut().enumerate() {
                 at.0 = Vec3::new(to[0][n], to[1][n], to[2][n]);
             }
@@ -179,37 +187,40 @@ impl Work for SetOff<'_> {
     }
 }
 
-impl Work for Arrive<'_> {
+impl SimdKernel for SecondStepKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let pace = self.pace;
-        let groups = self.slopes.chunks(4).zip(self.legs);
-        for ((s, leg), scales) in groups.zip(self.scales.chunks_mut(4)) {
-            let (f, g) = slopes(lanes, s);
-            let by = [
-                loaded(lanes, leg.by[0]),
-                loaded(lanes, leg.by[1]),
-                loaded(lanes, leg.by[2]),
+        let limits = self.limits;
+        let groups = self.slopes.chunks(4).zip(self.first_steps);
+        for ((s, first_step), scales) in groups.zip(self.scales.chunks_mut(4)) {
+            let (f, g) = load_slopes(lanes, s);
+            let inverse = [
+                load_rows(lanes, first_step.inverse[0]),
+                load_rows(lanes, first_step.inverse[1]),
+                load_rows(lanes, first_step.inverse[2]),
             ];
-            let g = to_world(by, g);
-            let [x, y, z] = pace.step(f, g, dot(g, g, f.like(0.0)));
-            let first = loaded(lanes, leg.way);
-            let (size, flat) = (Four::of(lanes, leg.size), Four::of(lanes, leg.flat));
-            let way = [first[0] + x, first[1] + y, first[2] + z];
-            let scale = dot(way, way, f.like(0.0)).sqrt() / size;
-            let scale = f.like(0.0).below(size, scale, flat);
-            let [least, most] = pace.scales;
-            let scale = scale.min(f.like(most)).max(f.like(least)).row();
+            let g = to_world(inverse, g);
+            let [x, y, z] = limits.newton_step(f, g, dot(g, g, f.splat(0.0)));
+            let first = load_rows(lanes, first_step.step);
+            let (magnitude, zero_scale) = (
+                Four::of(lanes, first_step.magnitude),
+                Four::of(lanes, first_step.zero_scale),
+            );
+            let step = [first[0] + x, first[1] + y, first[2] + z];
+            let scale = dot(step, step, f.splat(0.0)).sqrt() / magnitude;
+            let scale = f.splat(0.0).select_below(magnitude, scale, zero_scale);
+            let [min, max] = limits.scale_range;
+            let scale = scale.min(f.splat(max)).max(f.splat(min)).row();
             scales.copy_from_slice(&scale[..scales.len()]);
         }
     }
 }
 
-/// From memory: by coordinate and lane.
+/// Loads vectors, stored by coordinate and lane.
 #[inline(always)]
-fn loaded<L: Lanes>(lanes: L, v: [[f64; 4]; 3]) -> [Four<L>; 3] {
+fn load_rows<L: Lanes>(lanes: L, v: [[f64; 4]; 3]) -> [Four<L>; 3] {
     [
         Four::of(lanes, v[0]),
         Four::of(lanes, v[1]),
@@ -217,17 +228,28 @@ fn loaded<L: Lanes>(lanes: L, v: [[f64; 4]; 3]) -> [Four<L>; 3] {
     ]
 }
 
-/// The first step: moves the walkers' reference coordinates to its end; there is a leg for each four.
-pub(super) fn set_off(pace: Pace, curve: Option<Curve>, walkers: Walkers, legs: &mut [Leg]) {
-    simd::run(SetOff(pace, curve, walkers, legs));
+/// Takes the first step: moves the reference coordinates to its end. `first_steps` has an entry for each four
+/// points.
+pub(super) fn take_first_step(
+    limits: StepLimits,
+    map: Option<CurvedMap>,
+    starts: StepStarts,
+    first_steps: &mut [FirstStep],
+) {
+    simd::run(FirstStepKernel(limits, map, starts, first_steps));
 }
 
-/// The second step, from value and gradient at the end of the first: the scales, not beyond their limits.
-pub(super) fn arrive(pace: Pace, slopes: &[(f64, Vec3)], legs: &[Leg], scales: &mut [f64]) {
-    simd::run(Arrive {
-        pace,
+/// Takes the second step, from values and gradients at the end of the first, and clamps the scales.
+pub(super) fn take_second_step(
+    limits: StepLimits,
+    slopes: &[(f64, Vec3)],
+    first_steps: &[FirstStep],
+    scales: &mut [f64],
+) {
+    simd::run(SecondStepKernel {
+        limits,
         slopes,
-        legs,
+        first_steps,
         scales,
     });
 }

@@ -1,95 +1,95 @@
-//! One element of the scaffold with the cell in it: inverse map, slopes, distance to its faces.
+//! One element of the scaffold with its cell: inverse map, slope bounds, distance to its faces.
 
 use super::Filling;
-use super::boundary_distance::Walls;
-use super::inverse_map::Curve;
-use super::local_map::Trail;
-use super::newton_distance::{self, Leg, Pace, Walkers};
+use super::boundary_distance::BoundingPlanes;
+use super::inverse_map::CurvedMap;
+use super::local_map::LocalMap;
+use super::newton_distance::{self, FirstStep, StepLimits, StepStarts};
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::Scaffold;
 use std::sync::OnceLock;
 
-/// Points this close to a face, in reference units, belong to the element.
-pub(super) const ON_FACE: f64 = 1e-9;
+/// Points within this distance of a face, in reference units, belong to the element.
+pub(super) const FACE_TOLERANCE: f64 = 1e-9;
 
-/// How reference coordinates are found.
+/// The inverse of an element's map.
 enum Inverse {
     /// `xi = matrix (x - centre)`.
     Affine { matrix: Mat3, centre: Vec3 },
-    /// By Newton's method, starting from the affine map at the centroid.
+    /// By Newton's method, from the affine map at the centroid.
     Curved { matrix: Mat3, centre: Vec3 },
 }
 
-/// An element and what the distance rules need to know of it.
+/// An element with the data that the distance rules need.
 pub(super) struct Patch {
     number: usize,
     shape: Element,
     inverse: Inverse,
-    walls: Walls,
-    /// L: bound of |grad F| over those points of the element where |F| <= L times the reach of what is near the
-    /// surface, per world unit; infinite if none could be proved.
+    planes: BoundingPlanes,
+    /// L: bound of |grad F|, per world unit, over the points of the element where |F| <= L times the distance
+    /// [`near_surface_distance`](super::locality::near_surface_distance); infinite if no bound is proved.
     pub slope_sup: f64,
-    /// The same over all of the element.
-    pub slope_most: f64,
+    /// Bound of |grad F| over the whole element.
+    pub slope_sup_anywhere: f64,
     /// gamma: root mean square of |grad F| on the surface.
     pub slope_rms: f64,
     /// Least stretch of the map: world length per reference length.
     least_stretch: f64,
 }
 
-/// How a point is looked for in a curved element.
+/// Start and tolerance of Newton's method in a curved element.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Search {
+pub(super) struct InverseOptions {
     /// Where Newton's method starts.
     pub start: Option<Vec3>,
-    /// Whether an error of some 1e-8 of the cell will do outside: for values in single precision.
-    pub is_rough: bool,
+    /// Whether an error of about 1e-8 of the cell is allowed outside it: for values in single precision.
+    pub for_f32: bool,
 }
 
-/// Where a point lies as an element sees it. Outside the element the map is continued: linearly from
-/// the nearest point of the closed reference cell, so that the continuation meets the map at the
-/// faces. (An affine map is its own continuation.)
+/// The preimage of a point under the continued map of an element. Outside the element the map is continued
+/// linearly from the nearest point of the closed reference cell, so that it is continuous at the faces. (An
+/// affine map is its own continuation.)
 #[derive(Clone, Copy)]
-pub(super) struct Spot {
+pub(super) struct Preimage {
     /// Reference coordinates by the continued map.
     pub xi: Vec3,
     /// d xi / d x there.
     pub inverse: Mat3,
     /// Largest signed distance to the faces in reference coordinates; at most 0 inside.
-    pub beyond: f64,
-    /// m(x): how far outside the element, world units; continuous, at most 0 inside. Of affine elements
-    /// the largest signed distance to the planes of the faces; of curved ones the distance from the point
-    /// of the element where the continuation starts.
-    pub overshoot: f64,
+    pub face_distance: f64,
+    /// m(x): distance outside the element, world units; continuous, at most 0 inside. For affine elements it is
+    /// the largest signed distance to the planes of the faces, for curved ones the distance from the point of
+    /// the element where the continuation starts.
+    pub outside_distance: f64,
 }
 
-/// Where some of a list of points lie in one element.
+/// The preimages of some points of a list in one element.
 #[derive(Default)]
-pub(super) struct Spots {
-    /// Their numbers in the list, ascending.
-    of: Vec<u32>,
-    /// `None` where nothing was found.
-    pub all: Vec<Option<Spot>>,
+pub(super) struct Preimages {
+    /// Indices of these points in the list, ascending.
+    indices: Vec<u32>,
+    /// `None` where Newton's method failed.
+    pub all: Vec<Option<Preimage>>,
     at: Vec<Vec3>,
 }
 
-/// The reference vertices, made once.
+/// The reference vertices, computed once.
 fn vertices(shape: Element) -> &'static [Vec3] {
     static ALL: [OnceLock<Vec<Vec3>>; 7] = [const { OnceLock::new() }; 7];
     ALL[shape as usize].get_or_init(|| shape.vertices())
 }
 
-impl Spots {
-    /// Numbers, and where those points lie that were found.
-    pub fn found(&self) -> impl Iterator<Item = (u32, &Spot)> {
-        let both = self.of.iter().zip(&self.all);
-        both.filter_map(|(&n, spot)| Some((n, spot.as_ref()?)))
+impl Preimages {
+    /// Indices and preimages of the points that were found.
+    pub fn found(&self) -> impl Iterator<Item = (u32, &Preimage)> {
+        let both = self.indices.iter().zip(&self.all);
+        both.filter_map(|(&n, preimage)| Some((n, preimage.as_ref()?)))
     }
 }
 
 impl Patch {
-    /// Prepares element `number` of a filled scaffold; slopes as far from the surface as `reach`, world units,
-    /// are near it.
+    /// Prepares element `number` of a filled scaffold. Slopes count as near the surface up to the distance
+    /// `reach`, world units.
     pub fn new(scaffold: &Scaffold, filling: &impl Filling, number: usize, reach: f64) -> Self {
         let element = scaffold.element(number);
         let shape = element.shape();
@@ -106,7 +106,7 @@ impl Patch {
             }
         };
         let controls = element.control_points();
-        let walls = Walls::new(shape, &matrix, &controls, element.bounds());
+        let planes = BoundingPlanes::new(shape, &matrix, &controls, element.bounds());
         Self {
             number,
             shape,
@@ -115,91 +115,102 @@ impl Patch {
             } else {
                 Inverse::Curved { matrix, centre }
             },
-            walls,
+            planes,
             slope_sup: per_world(filling.gradient_sup_near(number, reach / least_stretch)),
-            slope_most: per_world(filling.gradient_sup(number)),
+            slope_sup_anywhere: per_world(filling.gradient_sup(number)),
             slope_rms: filling.gradient_rms(number) * matrix.norm() / 3f64.sqrt(),
             least_stretch,
         }
     }
 
-    /// Whether a point is certainly further than `margin` outside.
-    fn is_beyond(&self, x: Vec3, margin: f64) -> bool {
-        self.walls.outside::<f64>(x.into()) > margin
+    /// Whether a point is certainly more than `margin` outside.
+    fn is_farther_outside(&self, x: Vec3, margin: f64) -> bool {
+        self.planes.outside_distance::<f64>(x.into()) > margin
     }
 
-    /// Whether a point certainly lies deeper than `margin` under the faces.
+    /// Whether a point is certainly more than `margin` inside.
     #[inline]
-    pub fn is_under(&self, x: Vec3, margin: f64) -> bool {
-        self.is_affine() && self.walls.outside::<f64>(x.into()) < -margin
+    pub fn is_deeper_inside(&self, x: Vec3, margin: f64) -> bool {
+        self.is_affine() && self.planes.outside_distance::<f64>(x.into()) < -margin
     }
 
     /// A lower bound of a point's distance to the plane of a face; curved faces have none.
     pub fn face_distance(&self, face: usize, x: Vec3) -> f64 {
         match self.inverse {
-            Inverse::Affine { .. } => self.walls.face_distance(face, x),
+            Inverse::Affine { .. } => self.planes.face_distance(face, x),
             Inverse::Curved { .. } => 0.0,
         }
     }
 
-    /// Whether every point of the box is certainly further than `margin` outside, by the measure m.
+    /// Whether every point of a box is certainly more than `margin` outside, by the measure m.
     #[inline]
-    pub fn misses(&self, centre: Vec3, half: Vec3, margin: f64) -> bool {
-        self.walls.misses(centre, half, margin)
+    pub fn is_box_outside(&self, centre: Vec3, half: Vec3, margin: f64) -> bool {
+        self.planes.is_box_outside(centre, half, margin)
     }
 
-    /// Where `x` lies, if it may be less than `margin` world units outside.
-    pub fn spot(&self, scaffold: &Scaffold, x: Vec3, margin: f64, search: Search) -> Option<Spot> {
-        if self.is_beyond(x, margin) {
+    /// The preimage of `x`, if it may be less than `margin` world units outside.
+    pub fn preimage(
+        &self,
+        scaffold: &Scaffold,
+        x: Vec3,
+        margin: f64,
+        options: InverseOptions,
+    ) -> Option<Preimage> {
+        if self.is_farther_outside(x, margin) {
             return None;
         }
         match &self.inverse {
-            Inverse::Affine { .. } => Some(self.by_affine_map(x)),
+            Inverse::Affine { .. } => Some(self.affine_preimage(x)),
             Inverse::Curved { matrix, centre } => {
-                let guess = search.start.unwrap_or_else(|| matrix * (x - centre));
-                let from = |start: Vec3| self.newton(scaffold, x, start, search.is_rough);
-                from(self.clamp(guess))
+                let estimate = options.start.unwrap_or_else(|| matrix * (x - centre));
+                let from = |start: Vec3| self.newton(scaffold, x, start, options.for_f32);
+                from(self.clamp(estimate))
                     .or_else(|| from(Vec3::zeros()))
                     .or_else(|| vertices(self.shape).iter().copied().find_map(from))
             }
         }
     }
 
-    /// Where `x` lies if it is well inside the element, off its faces.
-    pub fn inside(&self, scaffold: &Scaffold, x: Vec3, search: Search) -> Option<Spot> {
-        let spot = match &self.inverse {
-            Inverse::Affine { .. } => self.by_affine_map(x),
+    /// The preimage of `x`, if it is inside the element and off its faces.
+    pub fn interior_preimage(
+        &self,
+        scaffold: &Scaffold,
+        x: Vec3,
+        options: InverseOptions,
+    ) -> Option<Preimage> {
+        let preimage = match &self.inverse {
+            Inverse::Affine { .. } => self.affine_preimage(x),
             Inverse::Curved { matrix, centre } => {
-                if self.is_beyond(x, 0.0) {
+                if self.is_farther_outside(x, 0.0) {
                     return None;
                 }
-                let guess = search.start.unwrap_or_else(|| matrix * (x - centre));
-                self.newton(scaffold, x, self.clamp(guess), search.is_rough)?
+                let estimate = options.start.unwrap_or_else(|| matrix * (x - centre));
+                self.newton(scaffold, x, self.clamp(estimate), options.for_f32)?
             }
         };
-        (spot.beyond < -ON_FACE).then_some(spot)
+        (preimage.face_distance < -FACE_TOLERANCE).then_some(preimage)
     }
 
-    /// Where those of some points lie that may be less than `margin` world units outside; four at a time,
-    /// guessed from the first of the last four that was found.
-    pub fn spots(
+    /// The preimages of the points that may be less than `margin` world units outside, four at a time. Each
+    /// four start from the local map at the first of the previous four.
+    pub fn preimages(
         &self,
         scaffold: &Scaffold,
         (points, margin): (&[Vec3], f64),
-        (trail, is_rough): (&mut Trail, bool),
-        found: &mut Spots,
+        (local_map, for_f32): (&mut LocalMap, bool),
+        found: &mut Preimages,
     ) {
-        let Spots { of, at, all } = found;
-        of.clear();
+        let Preimages { indices, at, all } = found;
+        indices.clear();
         at.clear();
         all.clear();
         let affine = self.affine();
-        self.walls.keep(points, margin, |n, m| {
-            of.push(n as u32);
+        self.planes.for_each_within(points, margin, |n, m| {
+            indices.push(n as u32);
             match affine {
                 Some((matrix, centre)) => {
                     let xi = matrix * (points[n] - centre);
-                    all.push(Some(self.affine_spot(xi, *matrix, m)));
+                    all.push(Some(self.preimage_of(xi, *matrix, m)));
                 }
                 None => at.push(points[n]),
             }
@@ -207,22 +218,27 @@ impl Patch {
         if affine.is_some() {
             return;
         }
-        match self.curve(scaffold) {
-            Some(curve) => curve.find_all(trail, is_rough, at, all),
+        match self.curved_map(scaffold) {
+            Some(map) => map.preimages(local_map, for_f32, at, all),
             None => all.resize(at.len(), None),
         }
-        for (&x, spot) in at.iter().zip(all).filter(|(_, s)| s.is_none()) {
-            let start = Some(trail.guess(x));
-            *spot = self.spot(scaffold, x, f64::INFINITY, Search { start, is_rough });
-            if let Some(spot) = spot {
-                *trail = trail.moved(x, spot);
+        for (&x, preimage) in at.iter().zip(all).filter(|(_, s)| s.is_none()) {
+            let start = Some(local_map.estimate(x));
+            *preimage = self.preimage(
+                scaffold,
+                x,
+                f64::INFINITY,
+                InverseOptions { start, for_f32 },
+            );
+            if let Some(preimage) = preimage {
+                *local_map = local_map.recentred(x, preimage);
             }
         }
     }
 
-    /// The planes around it.
-    pub fn walls(&self) -> &Walls {
-        &self.walls
+    /// The bounding planes of the element.
+    pub fn planes(&self) -> &BoundingPlanes {
+        &self.planes
     }
 
     /// d xi / d x and the centre of an affine element.
@@ -233,70 +249,84 @@ impl Patch {
         }
     }
 
-    /// The element as one that four points at a time are looked for in, if it is one.
-    fn curve<'a>(&self, scaffold: &'a Scaffold) -> Option<Curve<'a>> {
-        Some(Curve {
-            map: scaffold.element(self.number).polynomial()?,
+    /// The polynomial map for Newton's method on four points at a time, if there is one.
+    fn curved_map<'a>(&self, scaffold: &'a Scaffold) -> Option<CurvedMap<'a>> {
+        Some(CurvedMap {
+            polynomial: scaffold.element(self.number).polynomial()?,
             shape: self.shape,
         })
     }
 
-    /// Where points are guessed from if nothing is known: the affine map at the centroid.
+    /// The affine map at the centroid: the start where no local map is known.
     #[inline]
-    pub fn start(&self) -> Trail {
+    pub fn centroid_map(&self) -> LocalMap {
         let (Inverse::Affine { matrix, centre } | Inverse::Curved { matrix, centre }) =
             &self.inverse;
-        Trail {
+        LocalMap {
             x: *centre,
             xi: Vec3::zeros(),
             inverse: *matrix,
-            bend: None,
+            second_derivatives: None,
         }
     }
 
-    fn affine_spot(&self, xi: Vec3, inverse: Mat3, overshoot: f64) -> Spot {
-        Spot {
+    fn preimage_of(&self, xi: Vec3, inverse: Mat3, outside_distance: f64) -> Preimage {
+        Preimage {
             xi,
             inverse,
-            beyond: self.shape.face_distance(CellPoint(xi)),
-            overshoot,
+            face_distance: self.shape.face_distance(CellPoint(xi)),
+            outside_distance,
         }
     }
 
-    /// The spot of a point by the affine map, that at the centroid if the element is curved.
-    fn by_affine_map(&self, x: Vec3) -> Spot {
-        let Trail {
+    /// The preimage of a point by the affine map; at the centroid if the element is curved.
+    fn affine_preimage(&self, x: Vec3) -> Preimage {
+        let LocalMap {
             x: centre, inverse, ..
-        } = self.start();
-        let overshoot = self.walls.outside::<f64>(x.into());
-        self.affine_spot(inverse * (x - centre), inverse, overshoot)
+        } = self.centroid_map();
+        let outside_distance = self.planes.outside_distance::<f64>(x.into());
+        self.preimage_of(inverse * (x - centre), inverse, outside_distance)
     }
 
-    /// The spot of any point, by the affine map at the centroid if all else fails.
-    pub fn spot_anyway(&self, scaffold: &Scaffold, x: Vec3) -> Spot {
-        self.spot(scaffold, x, f64::INFINITY, Search::default())
-            .unwrap_or_else(|| self.by_affine_map(x))
+    /// The preimage of any point, by the affine map at the centroid if Newton's method fails.
+    pub fn preimage_or_affine(&self, scaffold: &Scaffold, x: Vec3) -> Preimage {
+        self.preimage(scaffold, x, f64::INFINITY, InverseOptions::default())
+            .unwrap_or_else(|| self.affine_preimage(x))
     }
 
-    /// Newton's method for the continued map: steps from points of the closed cell, clamped back.
-    fn newton(&self, scaffold: &Scaffold, x: Vec3, guess: Vec3, is_rough: bool) -> Option<Spot> {
+    /// Newton's method for the continued map. Each step starts at a point of the closed cell.
+    fn newton(
+        &self,
+        scaffold: &Scaffold,
+        x: Vec3,
+        estimate: Vec3,
+        for_f32: bool,
+    ) -> Option<Preimage> {
         const STEPS: usize = 40;
         let element = scaffold.element(self.number);
-        let mut at = guess;
+        let mut at = estimate;
         for _ in 0..STEPS {
             let (p, jacobian) = element.map_and_jacobian(CellPoint(at));
             let inverse = jacobian.try_inverse()?;
             let xi = at + inverse * (x - p.0);
-            let beyond = self.shape.face_distance(CellPoint(xi));
-            let next = if beyond > 0.0 { self.clamp(xi) } else { xi };
+            let face_distance = self.shape.face_distance(CellPoint(xi));
+            let next = if face_distance > 0.0 {
+                self.clamp(xi)
+            } else {
+                xi
+            };
             let moved = (next - at).amax();
-            if is_settled(moved, beyond, is_rough) {
-                let overshoot = if beyond > 0.0 { (x - p.0).norm() } else { 0.0 };
-                return Some(Spot {
+            if has_converged(moved, face_distance, for_f32) {
+                let outside_distance = if face_distance > 0.0 {
+                    (x - p.0).norm()
+                } else {
+                    0.0
+                };
+                return Some(Preimage {
                     xi,
                     inverse,
-                    beyond,
-                    overshoot,
+                    face_distance,
+                    outside_distance,
                 });
             }
             at = next;
@@ -309,78 +339,86 @@ impl Patch {
         super::clamp::clamp_to_cell(self.shape, xi)
     }
 
-    /// How deep a point of the element lies under its faces, world units: 0 on the faces.
-    pub fn depth(&self, spot: &Spot) -> f64 {
+    /// Depth of a point of the element below its faces, world units; 0 on the faces.
+    pub fn depth(&self, preimage: &Preimage) -> f64 {
         match &self.inverse {
-            Inverse::Affine { .. } => (-spot.overshoot).max(0.0),
-            Inverse::Curved { .. } => (-spot.beyond * self.least_stretch).max(0.0),
+            Inverse::Affine { .. } => (-preimage.outside_distance).max(0.0),
+            Inverse::Curved { .. } => (-preimage.face_distance * self.least_stretch).max(0.0),
         }
     }
 
-    /// The first step of points of the element towards the zero set.
-    pub fn set_off(&self, scaffold: &Scaffold, pace: Pace, walkers: Walkers, legs: &mut [Leg]) {
-        let curve = self.curve(scaffold);
-        if self.is_affine() || curve.is_some() {
-            return newton_distance::set_off(pace, curve, walkers, legs);
+    /// The first Newton step of points of the element towards the zero set.
+    pub fn take_first_step(
+        &self,
+        scaffold: &Scaffold,
+        limits: StepLimits,
+        starts: StepStarts,
+        first_steps: &mut [FirstStep],
+    ) {
+        let map = self.curved_map(scaffold);
+        if self.is_affine() || map.is_some() {
+            return newton_distance::take_first_step(limits, map, starts, first_steps);
         }
-        let Walkers {
+        let StepStarts {
             x,
             at,
-            frame,
+            inverses,
             slopes,
-        } = walkers;
-        let again = Walkers {
+        } = starts;
+        let again = StepStarts {
             x,
             at: &mut *at,
-            frame,
+            inverses,
             slopes,
         };
-        newton_distance::set_off(pace, None, again, &mut *legs);
+        newton_distance::take_first_step(limits, None, again, &mut *first_steps);
         for (n, at) in at.iter_mut().enumerate() {
-            let (leg, lane) = (&mut legs[n / 4], n % 4);
-            let end = x[n] + Vec3::from_fn(|r, _| leg.way[r][lane]);
+            let (first_step, lane) = (&mut first_steps[n / 4], n % 4);
+            let end = x[n] + Vec3::from_fn(|r, _| first_step.step[r][lane]);
             // One Newton step, from the clamped point so that the Jacobian is regular.
             let from = self.clamp(at.0);
             let (p, jacobian) = self.frame(scaffold, from);
             if let Some(inverse) = jacobian.try_inverse() {
                 at.0 = from + inverse * (end - p);
                 for (r, c) in (0..3).flat_map(|r| (0..3).map(move |c| (r, c))) {
-                    leg.by[r][c][lane] = inverse[(r, c)];
+                    first_step.inverse[r][c][lane] = inverse[(r, c)];
                 }
             }
         }
     }
 
-    /// How far a step may go in it.
-    pub fn pace(&self, half_width: f64, voxel_size: f64) -> Pace {
-        Pace::new(self.slope_rms, self.slope_sup, half_width, voxel_size)
+    /// Limits of the Newton steps in the element.
+    pub fn limits(&self, half_width: f64, voxel_size: f64) -> StepLimits {
+        StepLimits::new(self.slope_rms, self.slope_sup, half_width, voxel_size)
     }
 
-    /// By how much, in reference units, a trail errs at one of four points of a curved element at most;
-    /// nothing is known of pyramids whose map is no polynomial.
-    pub fn error(&self, scaffold: &Scaffold, trail: &Trail, points: [Vec3; 4]) -> f64 {
+    /// Bound of the error, in reference units, of a local map at four points; infinite for pyramids, whose map
+    /// is no polynomial.
+    pub fn error(&self, scaffold: &Scaffold, local_map: &LocalMap, points: [Vec3; 4]) -> f64 {
         if self.is_affine() {
             return 0.0;
         }
-        self.curve(scaffold)
-            .map_or(f64::INFINITY, |c| c.error(trail, points))
+        self.curved_map(scaffold)
+            .map_or(f64::INFINITY, |map| map.error(local_map, points))
     }
 
-    /// A trail from a point as the element has placed it.
-    pub fn trail(&self, scaffold: &Scaffold, x: Vec3, spot: &Spot) -> Trail {
-        let (xi, inverse) = (spot.xi, spot.inverse);
-        Trail {
+    /// The local map at a point with a known preimage.
+    pub fn local_map(&self, scaffold: &Scaffold, x: Vec3, preimage: &Preimage) -> LocalMap {
+        let (xi, inverse) = (preimage.xi, preimage.inverse);
+        LocalMap {
             x,
             xi,
             inverse,
-            bend: self.curve(scaffold).map(|c| c.bend(xi, &inverse)),
+            second_derivatives: self
+                .curved_map(scaffold)
+                .map(|c| c.second_derivatives(xi, &inverse)),
         }
     }
 
     /// [`Self::depth`] of a point `x` whose reference coordinates are known.
     pub fn depth_at(&self, x: Vec3, xi: Vec3) -> f64 {
         let depth = match &self.inverse {
-            Inverse::Affine { .. } => -self.walls.outside::<f64>(x.into()),
+            Inverse::Affine { .. } => -self.planes.outside_distance::<f64>(x.into()),
             Inverse::Curved { .. } => -self.shape.face_distance(CellPoint(xi)) * self.least_stretch,
         };
         depth.max(0.0)
@@ -406,7 +444,7 @@ impl Patch {
     }
 
     /// The greatest reference length per world length.
-    pub fn finest(&self) -> f64 {
+    pub fn max_compression(&self) -> f64 {
         1.0 / self.least_stretch
     }
 
@@ -422,11 +460,11 @@ impl Patch {
     }
 }
 
-/// Whether a step of Newton's method may be the last, which moved by this much in the closed cell and
-/// found the point so far beyond it. Inside, convergence is quadratic: the next step would be the square
-/// of this one. Outside it is linear, each step a small share (curvature times overshoot) of the last.
-/// On the faces the last digit decides who owns a point.
-pub(super) fn is_settled(moved: f64, beyond: f64, is_rough: bool) -> bool {
-    let is_exact = beyond > 0.0 && !(is_rough && beyond > 1e-3);
+/// Whether Newton's method has converged, from the last step (`moved`, in the closed cell) and the distance
+/// of the point outside the cell. Inside, convergence is quadratic: the next step would be about the square
+/// of this one. Outside it is linear: each step is a small fraction (curvature times distance) of the
+/// previous one. On the faces the last digit decides which element owns a point.
+pub(super) fn has_converged(moved: f64, face_distance: f64, for_f32: bool) -> bool {
+    let is_exact = face_distance > 0.0 && !(for_f32 && face_distance > 1e-3);
     moved < if is_exact { 1e-9 } else { 1e-6 }
 }

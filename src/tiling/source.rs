@@ -1,15 +1,15 @@
-//! What a tiling asks of what fills its elements: of one cell, and of fillings of several.
+//! The field in the elements of a tiling: one cell, or a filling of several.
 
 use super::{TilingError, interface};
-use crate::cell::{Cell, Products, Smooth, Table};
+use crate::cell::{Cell, Products, SmoothFunction, Table};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
 
-/// A field of the cell frame that can fill a scaffold: smooth, defined beyond its element too (a
-/// periodic series is), with known slopes.
+/// A field of the cell frame that can fill a scaffold: smooth, defined beyond its element too (as a periodic
+/// series is), with bounds of its gradient.
 pub trait CellField: Field<Point = CellPoint<3>> {
-    /// The element it fills.
+    /// The element that it fills.
     fn element(&self) -> Element;
     /// Whether the cell is the same whatever the numbering of an element's nodes.
     fn fits_any_numbering(&self) -> bool {
@@ -17,22 +17,23 @@ pub trait CellField: Field<Point = CellPoint<3>> {
     }
     /// Bound of the gradient's length over the element, per unit of reference length.
     fn gradient_sup(&self) -> f64;
-    /// A bound L of its length over those points of the element where |value| <= L `reach`; it does not fall
-    /// as `reach` grows.
+    /// A bound L of the gradient's length over the points of the element where |value| <= L `reach`. It does not
+    /// decrease with `reach`.
     fn gradient_sup_near(&self, _reach: f64) -> f64 {
         self.gradient_sup()
     }
-    /// The gradient's root mean square on the surface inside the element (gamma).
+    /// gamma: root mean square of the gradient on the surface inside the element.
     fn gradient_rms(&self) -> f64;
-    /// The same function as a few products of sines and cosines, if it is one.
+    /// The function as a short sum of products of sines and cosines, if it is one.
     fn products(&self) -> Option<&Products> {
         None
     }
-    /// The function without kinks that it is made of, if there is one and its waves are known.
-    fn smooth(&self) -> Option<Smooth> {
+    /// The smooth function that the field is made of, if there is one of known frequency. (A sheet is made of
+    /// the function whose zeros it surrounds.)
+    fn smooth(&self) -> Option<SmoothFunction> {
         None
     }
-    /// Values of that function at points, into `out` of the same length.
+    /// Values of the smooth function at points, into `out` of the same length.
     fn smooth_values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
         self.values(points, out);
     }
@@ -43,13 +44,13 @@ pub trait CellField: Field<Point = CellPoint<3>> {
         }
     }
     /// Values and gradients at points, into `out` of the same length.
-    fn slopes(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+    fn values_and_gradients(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
         for (s, &p) in out.iter_mut().zip(points) {
             *s = Field::value_and_gradient(self, p);
         }
     }
-    /// The same in single precision: value, and derivatives by x, y and z.
-    fn samples(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+    /// Values and derivatives by x, y and z in single precision, into `out` of the same length.
+    fn values_and_gradients_f32(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
         for (s, &p) in out.iter_mut().zip(points) {
             *s = single(Field::value_and_gradient(self, p));
         }
@@ -61,16 +62,20 @@ pub(super) fn single((value, slope): (f64, Vec3)) -> [f32; 4] {
     [value, slope.x, slope.y, slope.z].map(|v| v as f32)
 }
 
-/// Points that a table is asked for together.
-const TOGETHER: usize = 16;
+/// Points per call to a table.
+const CHUNK: usize = 16;
 
-/// Asks for values in single precision.
+/// Evaluates `f32` values in chunks of points, into `out`.
 #[inline]
-fn by_few(points: &[CellPoint<3>], out: &mut [f64], ask: impl Fn(&[CellPoint<3>], &mut [f32])) {
-    let mut found = [0.0; TOGETHER];
-    for (points, out) in points.chunks(TOGETHER).zip(out.chunks_mut(TOGETHER)) {
+fn in_chunks(
+    points: &[CellPoint<3>],
+    out: &mut [f64],
+    evaluate: impl Fn(&[CellPoint<3>], &mut [f32]),
+) {
+    let mut found = [0.0; CHUNK];
+    for (points, out) in points.chunks(CHUNK).zip(out.chunks_mut(CHUNK)) {
         let found = &mut found[..points.len()];
-        ask(points, found);
+        evaluate(points, found);
         for (v, &f) in out.iter_mut().zip(&*found) {
             *v = f64::from(f);
         }
@@ -96,20 +101,20 @@ impl CellField for Table {
     fn products(&self) -> Option<&Products> {
         Self::products(self)
     }
-    fn smooth(&self) -> Option<Smooth> {
+    fn smooth(&self) -> Option<SmoothFunction> {
         Self::smooth(self)
     }
     fn smooth_values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
-        by_few(points, out, |points, out| {
+        in_chunks(points, out, |points, out| {
             Self::smooth_values(self, points, out);
         });
     }
     fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
-        by_few(points, out, |points, out| Self::values(self, points, out));
+        in_chunks(points, out, |points, out| Self::values(self, points, out));
     }
-    fn slopes(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
-        let mut found = [[0.0; 4]; TOGETHER];
-        for (points, out) in points.chunks(TOGETHER).zip(out.chunks_mut(TOGETHER)) {
+    fn values_and_gradients(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+        let mut found = [[0.0; 4]; CHUNK];
+        for (points, out) in points.chunks(CHUNK).zip(out.chunks_mut(CHUNK)) {
             let found = &mut found[..points.len()];
             self.values_and_gradients(points, found);
             for (s, f) in out.iter_mut().zip(&*found) {
@@ -118,12 +123,12 @@ impl CellField for Table {
             }
         }
     }
-    fn samples(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+    fn values_and_gradients_f32(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
         self.values_and_gradients(points, out);
     }
 }
 
-/// Exact evaluation, for verification: slow, its gradient bounded from the series.
+/// Exact evaluation, for verification: slow, with a gradient bound from the series.
 impl CellField for Cell {
     fn element(&self) -> Element {
         Self::element(self)
@@ -135,7 +140,7 @@ impl CellField for Cell {
         // By Bernstein's inequality |grad| <= 2 pi R sup |Phi| for a function of band limit R.
         let range = Field::bound(self, &Self::element(self).cell_box());
         let sup = range.hi.max(-range.lo);
-        std::f64::consts::TAU * self.form().band_limit() * sup
+        std::f64::consts::TAU * self.expression().band_limit() * sup
     }
     fn gradient_rms(&self) -> f64 {
         self.gamma()
@@ -152,16 +157,15 @@ pub fn fills(cell: Element, shape: Element) -> bool {
         )
 }
 
-/// What fills the elements of a scaffold: a function of the element and of the point in it.
+/// A function of the element and the reference point, that fills a scaffold.
 pub trait Filling: Send + Sync {
-    /// Whether it fits the scaffold: every element has a cell, and both sides of every shared face
-    /// agree.
+    /// Checks that every element of the scaffold has a cell, and that both sides of every shared face agree.
     ///
     /// # Errors
     /// [`TilingError`] names the first element that does not.
     fn check(&self, scaffold: &Scaffold) -> Result<(), TilingError>;
 
-    /// Value and gradient by the reference coordinates; negative inside. Goes on beyond the element.
+    /// Value (negative inside) and gradient by reference coordinates. Defined beyond the element too.
     fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3);
 
     /// The value alone.
@@ -177,14 +181,24 @@ pub trait Filling: Send + Sync {
     }
 
     /// Values and gradients at points of one element, into `out` of the same length.
-    fn slopes(&self, element: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+    fn values_and_gradients(
+        &self,
+        element: usize,
+        points: &[CellPoint<3>],
+        out: &mut [(f64, Vec3)],
+    ) {
         for (s, &p) in out.iter_mut().zip(points) {
             *s = self.value_and_gradient(element, p);
         }
     }
 
-    /// The same in single precision: value, and derivatives by the reference coordinates.
-    fn samples(&self, element: usize, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+    /// Values and derivatives by reference coordinates in single precision, into `out` of the same length.
+    fn values_and_gradients_f32(
+        &self,
+        element: usize,
+        points: &[CellPoint<3>],
+        out: &mut [[f32; 4]],
+    ) {
         for (s, &p) in out.iter_mut().zip(points) {
             *s = single(self.value_and_gradient(element, p));
         }
@@ -196,28 +210,27 @@ pub trait Filling: Send + Sync {
     /// Bound of the gradient's length over an element, per unit of reference length.
     fn gradient_sup(&self, element: usize) -> f64;
 
-    /// A bound L of its length over those points of an element where |value| <= L `reach`, in reference
-    /// lengths; over all of it, or of one bound for all elements that does not fall as `reach` grows: where
-    /// elements differ by their size alone, the steepest one's holds for all.
+    /// A bound L of the gradient's length over the points of an element where |value| <= L `reach`, in reference
+    /// lengths. It holds over the whole element, or it is one bound for all elements that does not decrease with
+    /// `reach`: where elements differ in size only, the bound of the steepest one then holds for all.
     fn gradient_sup_near(&self, element: usize, _reach: f64) -> f64 {
         self.gradient_sup(element)
     }
 
-    /// The gradient's root mean square on the surface in an element.
+    /// Root mean square of the gradient on the surface in an element.
     fn gradient_rms(&self, element: usize) -> f64;
 
-    /// The function without kinks that the field is made of in an element, if there is one and its waves are
-    /// known.
-    fn smooth(&self, _element: usize) -> Option<Smooth> {
+    /// The smooth function that the field is made of in an element, if there is one of known frequency.
+    fn smooth(&self, _element: usize) -> Option<SmoothFunction> {
         None
     }
 
-    /// Values of that function at points of one element, into `out` of the same length.
+    /// Values of the smooth function at points of one element, into `out` of the same length.
     fn smooth_values(&self, element: usize, points: &[CellPoint<3>], out: &mut [f64]) {
         self.values(element, points, out);
     }
 
-    /// The function as a few products of sines and cosines, if it is the same one in all elements.
+    /// The function as a short sum of products of sines and cosines, if it is the same in all elements.
     fn products(&self) -> Option<&Products> {
         None
     }
@@ -240,7 +253,7 @@ impl<C: CellField> Filling for C {
                 });
             }
         }
-        // Every face of a tet or hex is like every other one; those of the others are not.
+        // All faces of a tet or of a hex are equivalent; those of wedges and pyramids are not.
         let alike = matches!(self.element(), Element::Tet | Element::Hex);
         if alike && self.fits_any_numbering() {
             return Ok(());
@@ -261,12 +274,12 @@ impl<C: CellField> Filling for C {
         CellField::values(self, points, out);
     }
 
-    fn slopes(&self, _: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
-        CellField::slopes(self, points, out);
+    fn values_and_gradients(&self, _: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+        CellField::values_and_gradients(self, points, out);
     }
 
-    fn samples(&self, _: usize, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
-        CellField::samples(self, points, out);
+    fn values_and_gradients_f32(&self, _: usize, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        CellField::values_and_gradients_f32(self, points, out);
     }
 
     fn bound(&self, _: usize, region: &CellBox<3>) -> Interval {
@@ -285,7 +298,7 @@ impl<C: CellField> Filling for C {
         CellField::gradient_rms(self)
     }
 
-    fn smooth(&self, _: usize) -> Option<Smooth> {
+    fn smooth(&self, _: usize) -> Option<SmoothFunction> {
         CellField::smooth(self)
     }
 
@@ -298,13 +311,13 @@ impl<C: CellField> Filling for C {
     }
 }
 
-/// A filling that somebody else owns, or the tiling itself.
-pub(super) enum Held<'a, F> {
+/// A filling, borrowed or owned by the tiling.
+pub(super) enum FillingRef<'a, F> {
     Borrowed(&'a F),
     Owned(Box<F>),
 }
 
-impl<F> std::ops::Deref for Held<'_, F> {
+impl<F> std::ops::Deref for FillingRef<'_, F> {
     type Target = F;
     fn deref(&self) -> &F {
         match self {

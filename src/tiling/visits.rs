@@ -1,17 +1,17 @@
-//! Which elements of a scaffold an evaluation came near, and what it did there.
+//! The elements that an evaluation visited, and the number of leaves that it interpolated.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A set of elements, entered by many threads at once, and a number of leaves.
+/// A set of elements and a count of leaves, written by many threads.
 #[derive(Debug, Default)]
 pub struct Visits {
     elements: Vec<AtomicU64>,
-    /// Leaves told by nodes.
+    /// Interpolated leaves.
     leaves: AtomicU64,
 }
 
 impl Visits {
-    /// None of so many elements.
+    /// An empty set for a scaffold of `elements` elements.
     pub fn new(elements: usize) -> Self {
         let words = 0..elements.div_ceil(64);
         Self {
@@ -20,34 +20,34 @@ impl Visits {
         }
     }
 
-    /// Enters an element.
-    pub(super) fn enter(&self, element: usize) {
+    /// Adds an element.
+    pub(super) fn insert(&self, element: usize) {
         let bit = 1 << (element % 64);
         if let Some(word) = self.elements.get(element / 64)
-            // Most were entered before: a look costs less than a change.
+            // Most elements are present already, and a load is cheaper than a write.
             && word.load(Ordering::Relaxed) & bit == 0
         {
             word.fetch_or(bit, Ordering::Relaxed);
         }
     }
 
-    /// Counts a leaf told by nodes.
-    pub(super) fn enter_leaf(&self) {
+    /// Counts an interpolated leaf.
+    pub(super) fn count_leaf(&self) {
         self.leaves.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How many leaves were told by the field at a few nodes, see [`by_nodes`](super::TiledSolid::by_nodes).
-    pub fn leaves_by_nodes(&self) -> u64 {
+    /// Number of interpolated leaves, see [`with_interpolation`](super::TiledSolid::with_interpolation).
+    pub fn interpolated_leaves(&self) -> u64 {
         self.leaves.load(Ordering::Relaxed)
     }
 
-    /// How many elements are in it.
+    /// Number of elements.
     pub fn count(&self) -> u64 {
         let words = self.elements.iter().map(|w| w.load(Ordering::Relaxed));
         words.map(|w| u64::from(w.count_ones())).sum()
     }
 
-    /// Takes all out.
+    /// Removes all elements and leaves.
     pub fn clear(&self) {
         for word in &self.elements {
             word.store(0, Ordering::Relaxed);

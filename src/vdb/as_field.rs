@@ -1,7 +1,7 @@
-//! A level set as a field, and level sets on other voxels made from it.
+//! A level set as a field, and its resampling to other voxels.
 //!
-//! Between voxels values are quadratic along each axis. The bound of a region is the range of the
-//! voxels around it: exact up to what a parabola through three of them can overshoot.
+//! Values are interpolated quadratically along each axis. The bound of a region is the range of the voxels
+//! around it, widened by the overshoot of a parabola through three of them.
 
 use super::ffi;
 use super::{LevelSet, LevelSetBuilder, Session, VdbError};
@@ -10,44 +10,44 @@ use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Coord, Mat3, Transform, Vec3, WorldPoint};
 use std::collections::HashMap;
 
-/// Where a level set is put: a point x goes to `scale turn x + shift`.
+/// A similarity transform: a point x is mapped to `scale rotation x + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Positive factor on lengths.
     pub scale: f64,
-    /// A rotation.
-    pub turn: Mat3,
-    /// World units.
-    pub shift: Vec3,
+    /// Rotation matrix.
+    pub rotation: Mat3,
+    /// Translation, world units.
+    pub translation: Vec3,
 }
 
 impl Placement {
-    /// Leaves all where it is.
-    pub const NONE: Self = Self {
+    /// The identity.
+    pub const IDENTITY: Self = Self {
         scale: 1.0,
-        turn: Mat3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        shift: Vec3::new(0.0, 0.0, 0.0),
+        rotation: Mat3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        translation: Vec3::new(0.0, 0.0, 0.0),
     };
 
     fn inverse(&self, p: Vec3) -> Vec3 {
-        self.turn.tr_mul(&(p - self.shift)) / self.scale
+        self.rotation.tr_mul(&(p - self.translation)) / self.scale
     }
 
-    /// The placement that leads back.
+    /// The inverse transform.
     #[must_use]
     pub fn inverted(&self) -> Self {
         Self {
             scale: 1.0 / self.scale,
-            turn: self.turn.transpose(),
-            shift: self.inverse(Vec3::zeros()),
+            rotation: self.rotation.transpose(),
+            translation: self.inverse(Vec3::zeros()),
         }
     }
 
     /// The box around the image of a box.
     #[must_use]
     pub fn image(&self, b: Aabb) -> Aabb {
-        let centre = self.turn * b.centre().0 * self.scale + self.shift;
-        let half = self.turn.abs() * b.size() * (self.scale / 2.0);
+        let centre = self.rotation * b.centre().0 * self.scale + self.translation;
+        let half = self.rotation.abs() * b.size() * (self.scale / 2.0);
         Aabb {
             min: centre - half,
             max: centre + half,
@@ -55,12 +55,12 @@ impl Placement {
     }
 }
 
-/// Ranges of values of cubes of 8 and of 128 voxels.
+/// Ranges of values of aligned cubes, by origin.
 type Ranges = HashMap<Coord, (f32, f32)>;
 
-/// A level set as a distance field: values are distances up to its half width, and plus or minus it
-/// beyond.
-pub struct Sampled {
+/// A level set as a distance field: values are distances within its half width; beyond it only the sign and a
+/// lower bound are valid.
+pub struct SampledLevelSet {
     level_set: LevelSet,
     placement: Placement,
     bounds: Aabb,
@@ -68,22 +68,20 @@ pub struct Sampled {
     blocks: Ranges,
 }
 
-/// From so many voxels along the edge of a new one on, they are doubled before a level set is resampled:
-/// what is finer than half a new voxel does not show, and its band would have to be widened to many times
-/// its width.
-pub const MOST_FINER: f64 = 4.0;
+/// Ratio of new to old voxel edge from which the old voxels are doubled before resampling: details finer than
+/// half a new voxel do not matter, and the band would have to be widened to many times its width.
+pub const MAX_REFINEMENT_RATIO: f64 = 4.0;
 
-/// Factor on values beyond the band.
-const FAR: f32 = 64.0;
-/// Most cubes that a bound looks at one by one.
-const MOST: i64 = 512;
+/// Factor on values beyond the band, so that they exceed any requested half width.
+const BEYOND_BAND_FACTOR: f32 = 64.0;
+/// Greatest number of cubes whose ranges a bound combines.
+const MAX_BOUND_CUBES: i64 = 512;
 
-impl Sampled {
-    /// A field of a level set whose band is at least `half_width` (world units) wide after placing;
-    /// a narrower one is widened first.
+impl SampledLevelSet {
+    /// A field with distances up to `half_width` (world units) after placement; a narrower band is widened first.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn new(
         level_set: LevelSet,
         half_width: f64,
@@ -99,11 +97,11 @@ impl Sampled {
         )
     }
 
-    /// The same for values that are made of the level set's voxels in a region: a cell and two voxels more
-    /// on each side.
+    /// A field for values that depend only on the level set's voxels in a region. A value depends on its cell
+    /// and two more voxels on each side.
     ///
     /// # Errors
-    /// As [`Sampled::new`].
+    /// As [`SampledLevelSet::new`].
     pub fn within(
         mut level_set: LevelSet,
         region: Region,
@@ -112,10 +110,10 @@ impl Sampled {
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let h = level_set.voxel_size();
-        // Two voxels more: parabolas must not see where the band ends.
-        let wanted = half_width / (placement.scale * h) + 2.0;
-        let wider = (wanted - level_set.half_width()).ceil().clamp(0.0, 4096.0);
-        level_set.widen_within(wider as u32, region, session)?;
+        // Two more voxels, so that parabolas do not include the end of the band.
+        let target = half_width / (placement.scale * h) + 2.0;
+        let extra = (target - level_set.half_width()).ceil().clamp(0.0, 4096.0);
+        level_set.widen_within(extra as u32, region, session)?;
         let mut leaves = Ranges::new();
         let mut blocks = Ranges::new();
         level_set.for_each_leaf(|leaf| {
@@ -129,11 +127,11 @@ impl Sampled {
             let block = blocks.entry(leaf.origin.aligned(128)).or_insert(range);
             *block = (block.0.min(range.0), block.1.max(range.1));
         })?;
-        let own = level_set.bounds()?;
-        let bounds = if own.is_empty() {
-            own
+        let bounds = level_set.bounds()?;
+        let bounds = if bounds.is_empty() {
+            bounds
         } else {
-            placement.image(own)
+            placement.image(bounds)
         };
         Ok(Self {
             level_set,
@@ -149,12 +147,16 @@ impl Sampled {
         self.bounds
     }
 
-    /// A value as a distance in the world: beyond the band no more is known than that it is far, and
-    /// far it must be whatever band one asks for.
+    /// A value as a distance in the world. Values at the background are scaled by [`BEYOND_BAND_FACTOR`]: their
+    /// distance is unknown and must exceed any requested half width.
     fn distance(&self, v: f32) -> f32 {
-        let far = v.abs() >= self.level_set.background() as f32 * (1.0 - 1e-5);
+        let is_beyond_band = v.abs() >= self.level_set.background() as f32 * (1.0 - 1e-5);
         let scale = self.placement.scale as f32;
-        if far { v * scale * FAR } else { v * scale }
+        if is_beyond_band {
+            v * scale * BEYOND_BAND_FACTOR
+        } else {
+            v * scale
+        }
     }
 
     fn samples(&self, points: &[Vec3], out: &mut [f32]) {
@@ -162,7 +164,7 @@ impl Sampled {
             .iter()
             .map(|&p| self.placement.inverse(p).into())
             .collect();
-        // Refused only when lengths differ.
+        // Fails only if the lengths differ.
         if ffi::grid_samples(&self.level_set.grid, inside.as_flattened(), true, out).is_err() {
             out.fill(self.level_set.background() as f32);
         }
@@ -177,11 +179,12 @@ impl Sampled {
         f64::from(out[0])
     }
 
-    /// Range of the voxels of cubes of `edge` that meet a box of voxels; `None` when they are many.
+    /// Range of the voxels of the cubes of `edge` that overlap a box of voxels; `None` for more than
+    /// [`MAX_BOUND_CUBES`].
     fn range(&self, low: Coord, high: Coord, edge: i32, known: &Ranges) -> Option<(f32, f32)> {
         let first = low.aligned(edge);
         let counts = [0, 1, 2].map(|a| i64::from((high[a] - first[a]) / edge) + 1);
-        if counts.iter().product::<i64>() > MOST {
+        if counts.iter().product::<i64>() > MAX_BOUND_CUBES {
             return None;
         }
         let (mut range, mut absent) = ((f32::INFINITY, f32::NEG_INFINITY), Vec::new());
@@ -197,13 +200,13 @@ impl Sampled {
                 None => absent.push(cube),
             }
         }
-        // A cube without leaves has one sign: that of any of its voxels.
+        // A cube without leaves is constant: any of its voxels has its value.
         let values = self.level_set.values(&absent).ok()?;
         Some(values.iter().fold(range, |(a, b), &v| (a.min(v), b.max(v))))
     }
 }
 
-impl Field for Sampled {
+impl Field for SampledLevelSet {
     type Point = WorldPoint;
 
     fn value(&self, p: WorldPoint) -> f64 {
@@ -221,9 +224,12 @@ impl Field for Sampled {
 
     fn bound(&self, region: &Aabb) -> Interval {
         let h = self.level_set.voxel_size();
-        let w = self.level_set.background() * self.placement.scale * f64::from(FAR) * 2.0;
+        let w = self.level_set.background()
+            * self.placement.scale
+            * f64::from(BEYOND_BAND_FACTOR)
+            * 2.0;
         let inside = self.placement.inverted().image(*region);
-        // Parabolas reach two voxels beyond the cell they lie in.
+        // A parabola depends on voxels up to two beyond its cell.
         let index = |v: f64| v.clamp(-1e9, 1e9) as i32;
         let origin = self.level_set.origin();
         let low = Coord([0, 1, 2].map(|a| index(((inside.min[a] - origin[a]) / h).floor()) - 2));
@@ -234,12 +240,12 @@ impl Field for Sampled {
         let Some((a, b)) = range else {
             return Interval::new(-w, w);
         };
-        // Each axis overshoots by at most an eighth of the range of its three values; and a little for
-        // rounding, unless all are equal: then the result is.
-        let over = (b - a) * 0.5;
+        // The overshoot is at most an eighth of the range of the three values on each axis. The margin of one
+        // half also covers rounding; equal values give an exact result.
+        let overshoot = (b - a) * 0.5;
         Interval::new(
-            self.distance(a - over).into(),
-            self.distance(b + over).into(),
+            self.distance(a - overshoot).into(),
+            self.distance(b + overshoot).into(),
         )
     }
 
@@ -250,26 +256,27 @@ impl Field for Sampled {
 }
 
 impl LevelSet {
-    /// The same solid on voxels of twice, four times ... the edge, until fewer than [`MOST_FINER`] of them
-    /// go along an edge of `voxel` (world units).
+    /// The solid on voxels of repeatedly doubled edge, until fewer than [`MAX_REFINEMENT_RATIO`] of them fit
+    /// along an edge of `voxel` (world units).
     ///
     /// # Errors
     /// As [`LevelSet::resampled`].
-    pub fn no_finer_than(mut self, voxel: f64, session: Session<'_>) -> Result<Self, VdbError> {
-        while voxel >= MOST_FINER * self.voxel_size() {
+    pub fn coarsened_to(mut self, voxel: f64, session: Session<'_>) -> Result<Self, VdbError> {
+        while voxel >= MAX_REFINEMENT_RATIO * self.voxel_size() {
             let Some(transform) = Transform::new(2.0 * self.voxel_size()) else {
                 break;
             };
-            self = self.resampled(transform, self.half_width(), Placement::NONE, session)?;
+            self = self.resampled(transform, self.half_width(), Placement::IDENTITY, session)?;
         }
         Ok(self)
     }
 
-    /// The same solid, placed elsewhere, on voxels of another size whose corner is the world's origin.
+    /// The solid after a placement, on a lattice of another voxel size with voxel (0, 0, 0) at the world's
+    /// origin.
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] for a half width (voxels) below 1, [`VdbError::Cancelled`], or what
-    /// OpenVDB refuses.
+    /// [`VdbError::Parameter`] for a half width (voxels) below 1, [`VdbError::Cancelled`], or errors of
+    /// OpenVDB.
     pub fn resampled(
         &self,
         transform: Transform,
@@ -278,7 +285,7 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let builder = LevelSetBuilder::new(transform, half_width)?;
-        let field = Sampled::new(
+        let field = SampledLevelSet::new(
             self.duplicate()?,
             half_width * transform.voxel_size(),
             placement,

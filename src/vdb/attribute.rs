@@ -1,4 +1,4 @@
-//! Numbers that go with a surface: one or three at every voxel of its band, to shade it by.
+//! Attributes of a surface: one or three values at every active voxel of its band.
 
 use super::{LevelSet, Session, VdbError, ffi};
 use crate::frame::WorldPoint;
@@ -6,31 +6,31 @@ use crate::progress::Cancelled;
 use cxx::UniquePtr;
 use rayon::prelude::*;
 
-/// A grid of floats or of vectors on the voxels of a level set's band; only to be written.
+/// A grid of floats or vectors at the active voxels of a level set; it can only be written.
 pub struct Attribute {
     pub(super) grid: UniquePtr<ffi::Grid>,
 }
 
-/// Leaves that one call of the function is asked for.
-const GROUP: usize = 64;
+/// Leaves per call of the function.
+const GROUP_LEAVES: usize = 64;
 
 impl LevelSet {
-    /// Attributes of so many numbers each (1 or 3): a function gives all of them at points, one after the
-    /// other, and is asked at every active voxel, in groups and from any thread.
+    /// Evaluates attributes of 1 or 3 components each at every active voxel. `function` returns all components
+    /// of all attributes, point after point; it is called for groups of points, from any thread.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
+    /// [`VdbError::Cancelled`], or errors of OpenVDB (memory).
     pub fn attributes(
         &self,
         components: &[usize],
-        numbers: impl Fn(&[WorldPoint]) -> Vec<f32> + Sync,
+        function: impl Fn(&[WorldPoint]) -> Vec<f32> + Sync,
         session: Session<'_>,
     ) -> Result<Vec<Attribute>, VdbError> {
         let leaves = self.leaves()?;
         let order: Vec<usize> = (0..leaves.len()).collect();
         let progress = session.progress;
         let groups: Vec<Vec<f32>> = session.threads.install(|| {
-            let groups = order.par_chunks(GROUP).map(|group| {
+            let groups = order.par_chunks(GROUP_LEAVES).map(|group| {
                 if progress.cancelled() {
                     return Err(Cancelled);
                 }
@@ -43,24 +43,27 @@ impl LevelSet {
                     }));
                 }
                 progress.advance(group.len() as u64);
-                Ok(numbers(&points))
+                Ok(function(&points))
             });
             groups.collect::<Result<_, _>>()
         })?;
         drop(leaves);
-        let row: usize = components.iter().sum();
+        let values_per_voxel: usize = components.iter().sum();
         let mut start = 0;
-        let mut made = Vec::with_capacity(components.len());
+        let mut attributes = Vec::with_capacity(components.len());
         for &count in components {
             let mut values = Vec::new();
-            for numbers in groups.iter().flat_map(|group| group.chunks_exact(row)) {
-                values.extend_from_slice(&numbers[start..start + count]);
+            for voxel in groups
+                .iter()
+                .flat_map(|group| group.chunks_exact(values_per_voxel))
+            {
+                values.extend_from_slice(&voxel[start..start + count]);
             }
             let grid = ffi::grid_attribute(&self.grid, count, &values)
                 .map_err(|e| VdbError::plain("making an attribute", &e))?;
-            made.push(Attribute { grid });
+            attributes.push(Attribute { grid });
             start += count;
         }
-        Ok(made)
+        Ok(attributes)
     }
 }

@@ -1,42 +1,41 @@
-//! Bands that are narrower on one side: how far distances are known inside and outside, and how the narrower side
-//! is rebuilt.
+//! Widths of the band inside and outside, and rebuilding of a band that is narrower on one side.
 //!
-//! A file tells one half width, its background, which is that of the outside. Programs may write fewer voxels
-//! inside (or, seldom, outside). Operations would take the missing distances for those of a thin wall.
+//! A file has one half width, its background. Some programs write fewer voxels inside or, rarely, outside.
+//! Operations would interpret the missing distances as a thin wall.
 
 use super::redistance::Rebuild;
 use super::{LeafView, LevelSet, Session, VdbError};
 use crate::band::Region;
 
-/// Share of a background that counts as all of it.
-const WHOLE: f32 = 1.0 - 1e-3;
+/// Share of the background from which a value counts as the full half width.
+const FULL_WIDTH_SHARE: f32 = 1.0 - 1e-3;
 
-/// What the leaves say of one side.
+/// Extreme values of one side of the surface.
 #[derive(Clone, Copy, Default)]
-struct Extremes {
-    /// Greatest distance of an active voxel.
+struct SideExtremes {
+    /// Greatest magnitude of an active voxel.
     active: f32,
-    /// Greatest distance that a voxel and its six neighbours have in common, which no distance does.
+    /// Greatest magnitude that a voxel shares with its six neighbours: a clipped value, not a distance.
     plateau: f32,
-    /// Whether a voxel lies beyond the band.
+    /// Whether there are voxels beyond the band.
     has_beyond: bool,
 }
 
 impl LevelSet {
-    /// How far from the surface distances are known, voxels: inside, outside. The half width where nothing
-    /// shows that it is less.
+    /// Greatest distance from the surface up to which distances are valid, voxels: inside and outside. The half
+    /// width unless the values show less.
     ///
     /// # Errors
     /// As [`LevelSet::leaves`].
     pub fn known_widths(&self) -> Result<[f64; 2], VdbError> {
-        let mut sides = [Extremes::default(); 2];
-        self.for_each_leaf(|leaf| look_at(&leaf, &mut sides))?;
+        let mut sides = [SideExtremes::default(); 2];
+        self.for_each_leaf(|leaf| add_extremes(&leaf, &mut sides))?;
         sides[0].has_beyond |= self.tiles()?.iter().any(|t| t.value < 0.0);
         let (background, h) = (self.background() as f32, self.voxel_size() as f32);
         Ok(sides.map(|side| {
             let is_cut_off = side.has_beyond && side.active < background - 1.01 * h;
-            let is_flat = side.plateau > 0.0 && side.plateau < WHOLE * background;
-            if is_flat && side.plateau >= WHOLE * side.active {
+            let is_flat = side.plateau > 0.0 && side.plateau < FULL_WIDTH_SHARE * background;
+            if is_flat && side.plateau >= FULL_WIDTH_SHARE * side.active {
                 f64::from(side.plateau / h)
             } else if is_cut_off && side.active > 0.0 {
                 f64::from(side.active / h)
@@ -46,12 +45,12 @@ impl LevelSet {
         }))
     }
 
-    /// Rebuilds the distances of a band that is narrower on one side, without moving the surface; whether it
-    /// was.
+    /// Rebuilds the distances of a band that is narrower on one side, without moving the surface. Returns
+    /// whether it was.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
-    pub fn even_band(&mut self, session: Session<'_>) -> Result<bool, VdbError> {
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
+    pub fn rebuild_narrow_side(&mut self, session: Session<'_>) -> Result<bool, VdbError> {
         let [inside, outside] = self.known_widths()?;
         let known = inside.min(outside);
         if known >= self.half_width {
@@ -69,8 +68,8 @@ impl LevelSet {
     }
 }
 
-/// Adds what a leaf says, inside and outside.
-fn look_at(leaf: &LeafView<'_>, sides: &mut [Extremes; 2]) {
+/// Adds the values of a leaf to the extremes inside and outside.
+fn add_extremes(leaf: &LeafView<'_>, sides: &mut [SideExtremes; 2]) {
     for (n, &v) in leaf.values.iter().enumerate() {
         let side = &mut sides[usize::from(v >= 0.0)];
         let size = v.abs();

@@ -1,4 +1,4 @@
-//! From leaves to a level set: blocks filled on any thread, attached by pointer, filled with signs.
+//! Building of a level set from leaves: blocks are filled on any thread, then attached, then signs are filled.
 
 use super::ffi;
 use super::{LevelSet, Session, VdbError};
@@ -10,8 +10,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 type SharedBlock = Arc<Mutex<UniquePtr<ffi::Block>>>;
 
-/// The only way from raw values to a [`LevelSet`]: a [`LeafSink`] that keeps each block of 128^3
-/// voxels as an internal node of its own until [`LevelSetBuilder::finish`].
+/// Builds a [`LevelSet`] from raw values: a [`LeafSink`] that keeps each block of 128^3 voxels as a separate
+/// internal node until [`LevelSetBuilder::finish`].
 ///
 /// Values are signed distances in world units, negative inside; inactive voxels of a leaf hold minus
 /// or plus the background, because the signs of everything else are derived from them.
@@ -20,9 +20,9 @@ pub struct LevelSetBuilder {
     half_width: f64,
     background: f32,
     blocks: Mutex<BTreeMap<Coord, SharedBlock>>,
-    /// Cubes that lie inside, for a part of a level set.
+    /// Cubes that lie inside; only for a part of a level set.
     inside: Option<Mutex<Vec<(Coord, i32)>>>,
-    /// The voxel that becomes (0, 0, 0).
+    /// The voxel that becomes voxel (0, 0, 0).
     first: Coord,
 }
 
@@ -58,12 +58,12 @@ impl LevelSetBuilder {
         })
     }
 
-    /// A builder of a part of a level set, cut off where the part ends: signs beyond the band are those
-    /// that [`LeafSink::inside`] tells, for they cannot be filled in from such leaves. `first`, whose
-    /// coordinates are multiples of 8, becomes voxel (0, 0, 0).
+    /// A builder of a part of a level set. Signs beyond the band are those that [`LeafSink::inside`] receives,
+    /// since a flood fill would be wrong at the cut faces. Voxel `first`, whose coordinates are multiples of
+    /// 8, becomes voxel (0, 0, 0).
     ///
-    /// OpenVDB drops nodes without active voxels and lets their first voxel speak for all: with the
-    /// part's own first voxel there, what it says is true of the part.
+    /// OpenVDB prunes a node without active voxels to the value of its first voxel. With the first voxel of the
+    /// part at the origin, this value is valid for the part.
     ///
     /// # Errors
     /// As [`LevelSetBuilder::new`].
@@ -75,15 +75,15 @@ impl LevelSetBuilder {
         })
     }
 
-    /// Half width of the band in world units: what inactive voxels hold, up to sign.
+    /// Half width of the band in world units: the magnitude of inactive values.
     pub fn background(&self) -> f32 {
         self.background
     }
 
-    /// Puts the blocks together, in order of origin, and fills in the signs beyond the band.
+    /// Attaches the blocks, in order of origin, and fills in the signs beyond the band.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses (memory).
+    /// Only errors of OpenVDB (memory).
     pub fn finish(self, session: Session<'_>) -> Result<LevelSet, VdbError> {
         let failed = |e: cxx::Exception| VdbError::plain("building a level set", &e);
         let blocks = self
@@ -115,22 +115,22 @@ impl LevelSetBuilder {
             half_width: self.half_width,
         };
         if self.first != Coord([0; 3]) {
-            solid.place_at(self.transform.world(self.first).0)?;
+            solid.set_origin(self.transform.world(self.first).0)?;
         }
         Ok(solid)
     }
 
-    /// Refuses what would break the promise: NaN, infinity, values beyond the band.
+    /// Rejects NaN, infinity and values beyond the band.
     fn validate(&self, leaves: &LeafBatch) -> Result<(), VdbError> {
-        // Rounding of the caller's own background.
-        let most = self.background * (1.0 + 1e-5);
+        // Allows for the rounding of the caller's background.
+        let max_value = self.background * (1.0 + 1e-5);
         for (origin, values) in leaves.origins.iter().zip(&leaves.values) {
             // NaN fails the comparison too.
-            if values.iter().all(|v| v.abs() <= most) {
+            if values.iter().all(|v| v.abs() <= max_value) {
                 continue;
             }
             for (n, &value) in values.iter().enumerate() {
-                if value.is_nan() || value.abs() > most {
+                if value.is_nan() || value.abs() > max_value {
                     let n = n as i32;
                     return Err(VdbError::Value {
                         voxel: origin.offset(n >> 6, n >> 3 & 7, n & 7),
@@ -155,16 +155,16 @@ impl LevelSetBuilder {
     }
 }
 
-/// A voxel as seen from the one that becomes (0, 0, 0).
-fn seen_from(first: Coord, voxel: Coord) -> Coord {
+/// The coordinates of a voxel relative to the one that becomes (0, 0, 0).
+fn relative_to(first: Coord, voxel: Coord) -> Coord {
     voxel.offset(-first[0], -first[1], -first[2])
 }
 
-/// Cubes of 8 to 128 voxels as tiles of a tree, whose edges are 8 or 128.
+/// Divides cubes of 8 to 128 voxels into tiles of a tree, with edges of 8 or 128.
 fn tiles(cubes: &[(Coord, i32)], first: Coord) -> Vec<(Coord, i32)> {
     let mut tiles = Vec::with_capacity(cubes.len());
     for &(origin, edge) in cubes {
-        let origin = seen_from(first, origin);
+        let origin = relative_to(first, origin);
         if edge == BLOCK && origin.aligned(BLOCK) == origin {
             tiles.push((origin, BLOCK));
             continue;
@@ -188,23 +188,23 @@ impl LeafSink for LevelSetBuilder {
     fn block(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
         self.validate(leaves).map_err(SinkError::new)?;
         if self.first == Coord([0; 3]) {
-            return self.put(origin, leaves);
+            return self.add_leaves(origin, leaves);
         }
         let mut parts: BTreeMap<Coord, LeafBatch> = BTreeMap::new();
         for (n, &origin) in leaves.origins.iter().enumerate() {
-            let origin = seen_from(self.first, origin);
+            let origin = relative_to(self.first, origin);
             let part = parts.entry(origin.aligned(BLOCK)).or_default();
             part.push(origin, leaves.masks[n], &leaves.values[n]);
         }
         parts
             .iter()
-            .try_for_each(|(&origin, part)| self.put(origin, part))
+            .try_for_each(|(&origin, part)| self.add_leaves(origin, part))
     }
 }
 
 impl LevelSetBuilder {
-    /// Puts leaves into a block.
-    fn put(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
+    /// Adds leaves to a block.
+    fn add_leaves(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
         let failed = |e| SinkError::new(VdbError::plain("building a block", &e));
         let block = self.block_at(origin).map_err(failed)?;
         let origins: Vec<[i32; 3]> = leaves.origins.iter().map(|o| o.0).collect();

@@ -1,9 +1,9 @@
-//! Where a picture is taken from: a camera whose frame fits a box exactly.
+//! A camera whose frame fits a box.
 
 use super::ffi;
 use crate::frame::{Aabb, Vec3};
 
-/// A view of a box: from `towards_eye`, z up, filling a frame of given shape but for a margin.
+/// A view of a box: from `towards_eye`, z up; the box fills the frame up to a margin.
 pub(super) struct View {
     pub eye: Vec3,
     pub right: Vec3,
@@ -17,13 +17,13 @@ pub(super) struct View {
     rows: usize,
 }
 
-/// Share of the frame left free on each side.
-const MARGIN: f64 = 0.05;
+/// Share of the frame that is free on each side.
+const FRAME_MARGIN: f64 = 0.05;
 /// Half the angle of view of a perspective picture: 30 degrees over the larger side.
 const HALF_ANGLE: f64 = 15.0 * std::f64::consts::PI / 180.0;
 
 impl View {
-    /// `columns` x `rows` square samples. Row 0 is at the top.
+    /// Fits a view of `columns` x `rows` square samples to a box. Row 0 is at the top.
     pub fn fit(
         bounds: Aabb,
         towards_eye: Vec3,
@@ -49,7 +49,7 @@ impl View {
             2.0 * radius
         };
         let eye = centre - forward * distance;
-        // The box's shadow on the plane through the centre.
+        // The projection of the box onto the plane through the centre.
         let mut low = [f64::INFINITY; 2];
         let mut high = [f64::NEG_INFINITY; 2];
         for c in corners {
@@ -63,7 +63,7 @@ impl View {
                 high[a] = high[a].max(c.dot(axis) * scale);
             }
         }
-        let fill = 1.0 - 2.0 * MARGIN;
+        let fill = 1.0 - 2.0 * FRAME_MARGIN;
         let size = [0, 1].map(|a| (high[a] - low[a]).max(1e-9 * radius));
         let pixel = (size[0] / (fill * columns as f64)).max(size[1] / (fill * rows as f64));
         let middle = [0, 1].map(|a| f64::midpoint(low[a], high[a]));
@@ -86,10 +86,10 @@ impl View {
         }
     }
 
-    /// The same view of `columns` x `rows` samples, filled by what lies between the samples `low` and
-    /// `high` (both included) of this one.
+    /// The view of `columns` x `rows` samples that is filled by the samples `low` to `high` (both included)
+    /// of this one.
     pub fn cropped(&self, low: [usize; 2], high: [usize; 2], columns: usize, rows: usize) -> Self {
-        let fill = 1.0 - 2.0 * MARGIN;
+        let fill = 1.0 - 2.0 * FRAME_MARGIN;
         let size = [0, 1].map(|a| (high[a] - low[a] + 1) as f64);
         let middle = [0, 1].map(|a| (high[a] + low[a] + 1) as f64 / 2.0);
         let scale = (size[0] / (fill * columns as f64)).max(size[1] / (fill * rows as f64));
@@ -107,31 +107,32 @@ impl View {
         }
     }
 
-    /// The samples that may see a box, `low` and `high` included; none where it is out of the frame.
+    /// The range of samples that may see a box, both ends included; none if it is out of the frame.
     pub fn window(&self, bounds: Aabb) -> Option<([usize; 2], [usize; 2])> {
         let mut low = [f64::INFINITY; 2];
         let mut high = [f64::NEG_INFINITY; 2];
         for c in corners(bounds) {
             let from_eye = c - self.eye;
             let scale = (self.corner - self.eye).dot(&self.forward) / from_eye.dot(&self.forward);
-            let through = if self.perspective {
+            let projected = if self.perspective {
                 self.eye + from_eye * scale
             } else {
                 c
             };
             for (a, axis) in [self.du, self.dv].iter().enumerate() {
-                let at = (through - self.corner).dot(axis) / axis.norm_squared();
+                let at = (projected - self.corner).dot(axis) / axis.norm_squared();
                 low[a] = low[a].min(at);
                 high[a] = high[a].max(at);
             }
         }
-        let most = [self.columns, self.rows].map(|n| n as f64 - 1.0);
-        let is_seen = (0..2).all(|a| high[a] >= -1.0 && low[a] <= most[a] + 1.0);
-        let inner = |v: [f64; 2], by: f64| [0, 1].map(|a| (v[a] + by).clamp(0.0, most[a]) as usize);
-        is_seen.then(|| (inner(low, -1.0), inner(high, 1.0)))
+        let last = [self.columns, self.rows].map(|n| n as f64 - 1.0);
+        let is_seen = (0..2).all(|a| high[a] >= -1.0 && low[a] <= last[a] + 1.0);
+        let clamped =
+            |v: [f64; 2], by: f64| [0, 1].map(|a| (v[a] + by).clamp(0.0, last[a]) as usize);
+        is_seen.then(|| (clamped(low, -1.0), clamped(high, 1.0)))
     }
 
-    /// The samples from `low` to `high`, both included, as a view of their own.
+    /// The samples from `low` to `high`, both included, as a separate view.
     pub fn part(&self, low: [usize; 2], high: [usize; 2]) -> Self {
         Self {
             corner: self.corner + self.du * low[0] as f64 + self.dv * low[1] as f64,
@@ -141,7 +142,7 @@ impl View {
         }
     }
 
-    /// Samples along a row, and rows.
+    /// Samples per row, and rows.
     pub fn size(&self) -> [usize; 2] {
         [self.columns, self.rows]
     }
@@ -151,7 +152,7 @@ impl View {
         self.du.norm()
     }
 
-    /// Position relative to the eye of what sample (i, j) sees at a depth along its ray.
+    /// Position, relative to the eye, at a depth along the ray of sample (i, j).
     pub fn position(&self, i: usize, j: usize, depth: f64) -> Vec3 {
         let through =
             self.corner + self.du * (i as f64 + 0.5) + self.dv * (j as f64 + 0.5) - self.eye;
@@ -162,6 +163,7 @@ impl View {
         }
     }
 
+    /// The camera of the bridge.
     pub fn camera(&self, light: Vec3, cut: Option<(usize, f64)>) -> ffi::Camera {
         ffi::Camera {
             eye: self.eye.into(),

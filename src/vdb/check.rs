@@ -1,6 +1,6 @@
-//! Whether a level set is what it promises, in numbers.
+//! Check of the guarantees of a level set.
 
-use super::components::{Pieces, Side};
+use super::components::{Components, Side};
 use super::index::{FACES, Holder, LeafIndex};
 use super::{LevelSet, Session, VdbError};
 use crate::progress::Cancelled;
@@ -8,57 +8,56 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::AddAssign;
 
-/// How well the band is a distance: |grad| by central differences, where all six neighbours are active.
+/// Statistics of |grad|, by central differences at voxels whose six neighbours are active; 1 for a distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct GradientStatistics {
-    /// Voxels measured.
+    /// Number of measured voxels.
     pub voxels: u64,
     /// Root mean square of |grad| - 1.
     pub rms: f64,
     /// 99 % of the voxels have | |grad| - 1 | below this (to 0.001).
     pub p99: f64,
-    /// Voxels with |grad| outside 0.5 to 1.5: creases and the medial axis of thin walls.
+    /// Number of voxels with |grad| outside 0.5 to 1.5: creases and the medial axis of thin walls.
     pub far_off: u64,
 }
 
-/// What [`LevelSet::check`] found.
+/// The result of [`LevelSet::check`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LevelSetCheck {
-    /// World units.
+    /// Edge of a voxel, world units.
     pub voxel_size: f64,
-    /// Voxels.
+    /// Half width of the band, voxels.
     pub half_width: f64,
-    /// How far distances are known inside and outside, voxels: less than the half width where the band is
+    /// Distances up to which values are valid inside and outside, voxels; below the half width if the band is
     /// narrower on that side.
     pub known_widths: [f64; 2],
-    /// World units.
+    /// Half width of the band, world units.
     pub background: f64,
-    /// Voxels of the band.
+    /// Number of active voxels.
     pub active_voxels: u64,
-    /// Values that are NaN or infinite.
+    /// Number of values that are NaN or infinite.
     pub not_finite: u64,
-    /// Active values beyond the background.
+    /// Number of active values beyond the background.
     pub beyond_band: u64,
-    /// Inactive values that are neither minus nor plus the background.
+    /// Number of inactive values that are neither minus nor plus the background.
     pub off_background: u64,
-    /// Neighbours of different sign of which one is inactive: the surface is torn there, or inside
-    /// and outside are exchanged.
+    /// Number of pairs of neighbours with different signs and at least one inactive voxel: the surface is torn
+    /// there, or inside and outside are exchanged.
     pub torn: u64,
-    /// Where the first of them is, world units.
+    /// Position of the first of them, world units.
     pub torn_at: Option<[f64; 3]>,
-    /// How well it is a distance.
+    /// Statistics of the gradient.
     pub gradient: GradientStatistics,
-    /// Connected pieces of the solid.
+    /// Number of connected components of the solid.
     pub pieces: usize,
-    /// Voids that the solid encloses.
+    /// Number of voids that the solid encloses.
     pub voids: usize,
-    /// Share of the solid's voxels in the largest piece.
+    /// Share of the solid's voxels in the largest component.
     pub largest_share: f64,
 }
 
 impl LevelSetCheck {
-    /// What breaks the promise, one line each; empty when all is well. Gradients, pieces and voids
-    /// are told, not judged.
+    /// Violations of the guarantees, one line each. Gradients, components and voids are not judged.
     pub fn problems(&self) -> Vec<String> {
         let lines = [
             (self.not_finite, "values are NaN or infinite"),
@@ -87,18 +86,18 @@ impl LevelSetCheck {
         problems
     }
 
-    /// Whether the promise holds.
+    /// Whether all guarantees hold.
     pub fn passed(&self) -> bool {
         self.problems().is_empty()
     }
 }
 
-/// Bins of | |grad| - 1 |, 0.001 each; the last holds the rest.
-const BINS: usize = 1000;
+/// Number of bins of | |grad| - 1 |, 0.001 each; the last bin holds the rest.
+const ERROR_BINS: usize = 1000;
 
 /// Counts of one leaf or several.
 #[derive(Clone, Copy, Default)]
-struct Tally {
+struct LeafCounts {
     active: u64,
     not_finite: u64,
     beyond: u64,
@@ -108,7 +107,7 @@ struct Tally {
     squares: f64,
 }
 
-impl AddAssign for Tally {
+impl AddAssign for LeafCounts {
     fn add_assign(&mut self, o: Self) {
         self.active += o.active;
         self.not_finite += o.not_finite;
@@ -121,42 +120,42 @@ impl AddAssign for Tally {
 }
 
 impl LevelSet {
-    /// Measures the level set against what it promises.
+    /// Checks the guarantees of the level set.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn check(&self, session: Session<'_>) -> Result<LevelSetCheck, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, true)?;
         let (h, background) = (self.voxel_size() as f32, self.background() as f32);
         let progress = session.progress;
-        // Groups of a fixed size, added in order: the sums depend on nothing else.
+        // Groups of a fixed size, added in order, so that the sums do not depend on the number of threads.
         let numbers: Vec<usize> = (0..index.leaves.len()).collect();
-        let groups: Vec<(Tally, Vec<u64>)> = session.threads.install(|| {
+        let groups: Vec<(LeafCounts, Vec<u64>)> = session.threads.install(|| {
             let groups = numbers.par_chunks(512).map(|group| {
                 if progress.cancelled() {
                     return Err(Cancelled);
                 }
-                let mut bins = vec![0; BINS];
-                let mut total = Tally::default();
+                let mut bins = vec![0; ERROR_BINS];
+                let mut total = LeafCounts::default();
                 for &leaf in group {
-                    total += tally(&index, leaf, h, background, &mut bins);
+                    total += count_leaf(&index, leaf, h, background, &mut bins);
                 }
                 Ok((total, bins))
             });
             groups.collect::<Result<_, _>>()
         })?;
-        let mut bins = vec![0; BINS];
-        let mut total = Tally::default();
-        for (t, b) in groups {
-            total += t;
+        let mut bins = vec![0; ERROR_BINS];
+        let mut total = LeafCounts::default();
+        for (counts, b) in groups {
+            total += counts;
             bins.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         }
-        let tears = self.tears()?;
-        let solid = Pieces::find(&index, Side::Solid, self.voxel_size(), session)?
+        let gaps = self.band_gaps()?;
+        let solid = Components::find(&index, Side::Solid, self.voxel_size(), session)?
             .ranking
             .counted();
-        let voids = Pieces::find(&index, Side::Void, self.voxel_size(), session)?
+        let voids = Components::find(&index, Side::Void, self.voxel_size(), session)?
             .ranking
             .counted();
         let inside: u64 = solid.iter().map(|p| p.voxels).sum();
@@ -169,8 +168,8 @@ impl LevelSet {
             not_finite: total.not_finite,
             beyond_band: total.beyond,
             off_background: total.off,
-            torn: tears.torn,
-            torn_at: tears.first.map(Into::into),
+            torn: gaps.gaps,
+            torn_at: gaps.first.map(Into::into),
             gradient: GradientStatistics {
                 voxels: total.measured,
                 rms: (total.squares / total.measured.max(1) as f64).sqrt(),
@@ -186,51 +185,57 @@ impl LevelSet {
 
 /// The upper end of the bin that holds this quantile.
 fn quantile(bins: &[u64], share: f64) -> f64 {
-    let wanted = bins.iter().sum::<u64>() as f64 * share;
-    let mut seen = 0;
+    let target = bins.iter().sum::<u64>() as f64 * share;
+    let mut cumulative = 0;
     let bin = bins.iter().position(|&count| {
-        seen += count;
-        seen > 0 && seen as f64 >= wanted
+        cumulative += count;
+        cumulative > 0 && cumulative as f64 >= target
     });
     bin.map_or(0.0, |b| (b + 1) as f64 / 1000.0)
 }
 
-fn tally(index: &LeafIndex<'_>, leaf: usize, h: f32, background: f32, bins: &mut [u64]) -> Tally {
+fn count_leaf(
+    index: &LeafIndex<'_>,
+    leaf: usize,
+    h: f32,
+    background: f32,
+    bins: &mut [u64],
+) -> LeafCounts {
     let view = index.leaves[leaf];
-    let beside = FACES.map(|s| index.holder(view.origin.offset(8 * s[0], 8 * s[1], 8 * s[2])));
-    // A voxel's neighbour across face f: its value, whether it is active.
+    let neighbours = FACES.map(|s| index.holder(view.origin.offset(8 * s[0], 8 * s[1], 8 * s[2])));
+    // Value of a voxel's neighbour across face f, and whether it is active.
     let neighbour = |n: usize, f: usize| -> (f32, bool) {
         let (axis, ahead) = (f / 2, f % 2 == 1);
         let step = [64, 8, 1][axis];
-        let place = n / step % 8;
-        let at = match (ahead, place) {
+        let index_on_axis = n / step % 8;
+        let at = match (ahead, index_on_axis) {
             (true, 7) => n - 7 * step,
             (false, 0) => n + 7 * step,
             (true, _) => return (view.values[n + step], view.is_active(n + step)),
             (false, _) => return (view.values[n - step], view.is_active(n - step)),
         };
-        match beside[f] {
+        match neighbours[f] {
             Holder::Leaf(other) => {
                 let other = &index.leaves[other];
                 (other.values[at], other.is_active(at))
             }
             Holder::Tile(tile) => (index.tiles[tile].value, index.tiles[tile].active),
-            Holder::Nothing => (background, false),
+            Holder::Background => (background, false),
         }
     };
-    let mut t = Tally::default();
+    let mut counts = LeafCounts::default();
     for (n, &v) in view.values.iter().enumerate() {
         let active = view.is_active(n);
-        t.active += u64::from(active);
+        counts.active += u64::from(active);
         if !v.is_finite() {
-            t.not_finite += 1;
+            counts.not_finite += 1;
             continue;
         }
         let excess = (v.abs() - background) / background;
         if active {
-            t.beyond += u64::from(excess > 1e-3);
+            counts.beyond += u64::from(excess > 1e-3);
         } else {
-            t.off += u64::from(excess.abs() > 1e-3);
+            counts.off += u64::from(excess.abs() > 1e-3);
         }
         let mut all_active = active;
         let mut slope = [0.0; 3];
@@ -242,11 +247,11 @@ fn tally(index: &LeafIndex<'_>, leaf: usize, h: f32, background: f32, bins: &mut
         if all_active {
             let g = slope.iter().map(|s| s * s).sum::<f32>().sqrt() / (2.0 * h);
             let error = f64::from(g - 1.0);
-            t.measured += 1;
-            t.squares += error * error;
-            t.far_off += u64::from(error.abs() > 0.5);
-            bins[((error.abs() * 1000.0) as usize).min(BINS - 1)] += 1;
+            counts.measured += 1;
+            counts.squares += error * error;
+            counts.far_off += u64::from(error.abs() > 0.5);
+            bins[((error.abs() * 1000.0) as usize).min(ERROR_BINS - 1)] += 1;
         }
     }
-    t
+    counts
 }

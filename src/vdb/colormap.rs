@@ -1,6 +1,6 @@
-//! Numbers as colours: viridis (Smith and van der Walt, CC0), dark violet to yellow.
+//! The colour map viridis (Smith and van der Walt, CC0), dark violet to yellow.
 
-/// Ten of its colours, sRGB, evenly apart.
+/// Ten of its colours in sRGB, equally spaced.
 const ANCHORS: [[u8; 3]; 10] = [
     [68, 1, 84],
     [72, 40, 120],
@@ -13,27 +13,27 @@ const ANCHORS: [[u8; 3]; 10] = [
     [180, 222, 44],
     [253, 231, 37],
 ];
-/// Share of the numbers beyond each end of the range.
-const BEYOND: f64 = 0.01;
+/// Share of the values beyond each end of the colour range.
+const CLIPPED_SHARE: f64 = 0.01;
 
-/// A number for each sample, or none at all.
+/// Values of samples and their colour range; empty if there are none.
 #[derive(Default)]
-pub(super) struct Paint {
+pub(super) struct ValueColours {
     values: Vec<f32>,
     range: [f32; 2],
 }
 
-impl Paint {
-    /// The range leaves a hundredth of the numbers beyond each end; zeros count for nothing if there are
-    /// others, since that is what lies beside the band.
+impl ValueColours {
+    /// Sets the range so that a hundredth of the values lies beyond each end. Zeros, the values beside the
+    /// band, are ignored.
     pub fn new(values: Vec<f32>) -> Self {
         let mut sorted: Vec<f32> = values.iter().copied().filter(|v| *v != 0.0).collect();
         sorted.sort_unstable_by(f32::total_cmp);
         let at = |share: f64| {
-            let place = share * sorted.len().saturating_sub(1) as f64;
-            sorted.get(place.round() as usize).copied().unwrap_or(0.0)
+            let index = share * sorted.len().saturating_sub(1) as f64;
+            sorted.get(index.round() as usize).copied().unwrap_or(0.0)
         };
-        let range = [at(BEYOND), at(1.0 - BEYOND)];
+        let range = [at(CLIPPED_SHARE), at(1.0 - CLIPPED_SHARE)];
         Self { values, range }
     }
 
@@ -41,7 +41,7 @@ impl Paint {
         self.range
     }
 
-    /// Linear colour of a sample; `None` without numbers.
+    /// Linear colour of a sample; `None` without values.
     pub fn colour(&self, sample: usize) -> Option<[f32; 3]> {
         let [low, high] = self.range;
         let value = *self.values.get(sample)?;
@@ -50,7 +50,7 @@ impl Paint {
     }
 }
 
-/// The linear colour of a number between 0 and 1.
+/// The linear colour of a value between 0 and 1.
 pub(crate) fn linear_colour(share: f32) -> [f32; 3] {
     let t = share.clamp(0.0, 1.0) * (ANCHORS.len() - 1) as f32;
     let n = (t as usize).min(ANCHORS.len() - 2);

@@ -1,9 +1,9 @@
-//! Connected pieces of the solid, and of the space around it.
+//! Connected components of the solid, and of the space around it.
 //!
-//! Two voxels hang together when they share a face and are both inside (distance < 0). Leaves are cut
-//! into parts with bit operations, then parts and tiles are joined across faces. Surfaces are not
-//! what is counted: a hollow sphere is one piece (with one void in it). What is nowhere deeper than a
-//! thousandth of a voxel is rounding, not a piece.
+//! Two voxels are connected if they share a face and are both inside (distance < 0). Leaves are split into
+//! parts by bit operations; parts and tiles are then united over faces. Solids are counted, not surfaces: a
+//! hollow sphere is one component with one void. A component that is nowhere deeper than a thousandth of a
+//! voxel is rounding and does not count.
 
 use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::LeafView;
@@ -11,52 +11,53 @@ use super::voxel_mask::{self, Bits};
 use super::{LevelSet, Session, VdbError};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 use rayon::prelude::*;
 use std::cmp::Reverse;
 
-/// A connected piece of the solid, or a void in it.
+/// A connected component of the solid, or a void in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Piece {
-    /// Voxels whose centres are in it.
+pub struct Component {
+    /// Number of voxels.
     pub voxels: u64,
-    /// Their volume, world units cubed.
+    /// Volume of the voxels, world units cubed.
     pub volume: f64,
-    /// Distance of its deepest voxel from the surface, world units; at most the band's half width.
+    /// Distance of the deepest voxel from the surface, world units; at most the half width of the band.
     pub depth: f64,
-    /// Its first voxel in order (x, y, z) of leaves, then of voxels.
+    /// First voxel, in order (x, y, z) of leaves, then of voxels.
     pub place: Coord,
 }
 
-/// Which voxels are looked at.
+/// The side of the surface whose components are found.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Side {
     /// Distance < 0.
     Solid,
-    /// Distance >= 0, tiles and the endless outside included.
+    /// Distance >= 0, including tiles and the unbounded outside.
     Void,
 }
 
-/// What a piece must be deep, in voxels.
-const LEAST_DEPTH: f64 = 1e-3;
-/// First voxel of the endless outside.
-pub(super) const NOWHERE: Coord = Coord([i32::MIN; 3]);
+/// Least depth of a component, voxels.
+const MIN_DEPTH: f64 = 1e-3;
+/// First voxel of the unbounded outside.
+pub(super) const UNBOUNDED_PLACE: Coord = Coord([i32::MIN; 3]);
 
 /// A connected part of a leaf.
 pub(super) struct Part {
     pub bits: Bits,
-    /// Largest distance of its voxels from the surface, world units.
+    /// Greatest distance of a voxel from the surface, world units.
     depth: f32,
 }
 
 impl Part {
+    /// The connected parts of a leaf on a side.
     pub fn all_of(leaf: &LeafView<'_>, side: Side) -> Vec<Self> {
         let set = voxel_mask::select(leaf.values, |v| (v < 0.0) == (side == Side::Solid));
         let parts = voxel_mask::parts(set);
         let deeper = |d: f32, v: f32| if v > d { v } else { d };
         let depth = |part: &Bits| {
             if *part == set {
-                // All on this side: one pass over the leaf.
+                // A single part: one pass over the leaf suffices.
                 let sign = if side == Side::Solid { -1.0 } else { 1.0 };
                 return leaf.values.iter().fold(0.0, |d, v| deeper(d, sign * v));
             }
@@ -80,18 +81,18 @@ impl Part {
     }
 }
 
-/// What is known of a part, a tile or a set of them.
+/// Statistics of a part, a tile or a set of them.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Tally {
+pub(super) struct ComponentStats {
     pub voxels: u64,
-    /// World units.
+    /// Greatest distance from the surface, world units.
     pub depth: f32,
-    /// Its first voxel in order of leaves, then of voxels; of tiles their least one.
+    /// First voxel in order of leaves, then of voxels; the least voxel of a tile. None on the other side.
     pub place: Option<Coord>,
 }
 
-impl Tally {
-    /// Of a part of a leaf.
+impl ComponentStats {
+    /// Statistics of a part of a leaf.
     pub fn of_part(part: &Part, leaf: &LeafView<'_>) -> Self {
         let x = part.bits.iter().position(|&w| w != 0).unwrap_or(0);
         let first = 64 * x + part.bits[x].trailing_zeros() as usize;
@@ -102,7 +103,7 @@ impl Tally {
         }
     }
 
-    /// Of a cube without leaves.
+    /// Statistics of a cube without leaves.
     pub fn of_cube(origin: Coord, edge: i32, value: f32) -> Self {
         Self {
             voxels: (edge as u64).pow(3),
@@ -122,52 +123,51 @@ impl Tally {
     }
 }
 
-/// Numbered pieces.
+/// Components in order of size.
 pub(super) struct Ranking {
-    /// Piece of each member of the sets; `usize::MAX` of those that are on the other side.
-    pub piece_of: Vec<usize>,
-    /// The pieces, largest first, equals in order of place; after the first `count` of them those
-    /// that are rounding only.
-    pub list: Vec<Piece>,
-    /// How many are pieces indeed.
+    /// Component of each member of the sets; `usize::MAX` for members on the other side.
+    pub component_of: Vec<usize>,
+    /// The components, largest first, equal ones in order of place; those that are only rounding follow after
+    /// the first `count`.
+    pub list: Vec<Component>,
+    /// Number of components that are more than rounding.
     pub count: usize,
-    /// The piece that reaches the endless outside (voids only).
-    pub endless: Option<usize>,
+    /// The component of the unbounded outside (voids only).
+    pub unbounded: Option<usize>,
 }
 
 impl Ranking {
-    /// Of sets whose members have these tallies, without a place on the other side. `endless` is the
-    /// member that stands for the endless outside.
+    /// Ranks sets whose members have these statistics. `unbounded` is the member of the unbounded outside.
     pub fn new(
-        tallies: &[Tally],
-        sets: &mut Sets,
-        endless: Option<usize>,
+        stats: &[ComponentStats],
+        sets: &mut UnionFind,
+        unbounded: Option<usize>,
         voxel_size: f64,
     ) -> Self {
-        let mut whole = vec![Tally::default(); tallies.len()];
-        for (n, tally) in tallies.iter().enumerate() {
-            whole[sets.root(n)].add(*tally);
+        let mut whole = vec![ComponentStats::default(); stats.len()];
+        for (n, member) in stats.iter().enumerate() {
+            whole[sets.find(n)].add(*member);
         }
-        let endless_root = endless.map(|n| sets.root(n));
-        if let Some(root) = endless_root {
+        let unbounded_root = unbounded.map(|n| sets.find(n));
+        if let Some(root) = unbounded_root {
             whole[root].depth = f32::INFINITY;
         }
-        let deep = |root: usize| f64::from(whole[root].depth) >= LEAST_DEPTH * voxel_size;
+        let is_deep = |root: usize| f64::from(whole[root].depth) >= MIN_DEPTH * voxel_size;
         let mut order: Vec<(Coord, usize)> = (0..whole.len())
             .filter_map(|root| Some((whole[root].place?, root)))
             .collect();
-        order.sort_by_key(|&(place, root)| (!deep(root), Reverse(whole[root].voxels), place));
+        order.sort_by_key(|&(place, root)| (!is_deep(root), Reverse(whole[root].voxels), place));
         let mut number = vec![usize::MAX; whole.len()];
-        for (piece, &(_, root)) in order.iter().enumerate() {
-            number[root] = piece;
+        for (component, &(_, root)) in order.iter().enumerate() {
+            number[root] = component;
         }
         Self {
-            piece_of: (0..whole.len()).map(|n| number[sets.root(n)]).collect(),
-            endless: endless_root.map(|root| number[root]),
-            count: order.iter().filter(|(_, root)| deep(*root)).count(),
+            component_of: (0..whole.len()).map(|n| number[sets.find(n)]).collect(),
+            unbounded: unbounded_root.map(|root| number[root]),
+            count: order.iter().filter(|(_, root)| is_deep(*root)).count(),
             list: order
                 .into_iter()
-                .map(|(place, root)| Piece {
+                .map(|(place, root)| Component {
                     voxels: whole[root].voxels,
                     volume: whole[root].voxels as f64 * voxel_size.powi(3),
                     depth: whole[root].depth.into(),
@@ -177,27 +177,27 @@ impl Ranking {
         }
     }
 
-    /// The pieces that are neither rounding nor the endless outside.
-    pub fn counted(mut self) -> Vec<Piece> {
+    /// The components without rounding and the unbounded outside.
+    pub fn counted(mut self) -> Vec<Component> {
         self.list.truncate(self.count);
-        if let Some(outside) = self.endless {
+        if let Some(outside) = self.unbounded {
             self.list.remove(outside);
         }
         self.list
     }
 }
 
-/// Every part of every leaf, and the pieces that parts, tiles and the outside belong to.
-pub(super) struct Pieces {
-    /// Per leaf: its parts and the number of the first.
+/// The parts of all leaves, and the components of parts, tiles and the outside.
+pub(super) struct Components {
+    /// For each leaf the number of its first part, and its parts.
     pub parts: Vec<(usize, Vec<Part>)>,
-    /// Number of parts: where tiles begin among the ranking's members. The last member is the endless
-    /// outside.
-    pub tiles_from: usize,
+    /// Number of the first tile among the members of the ranking, which are all parts, all tiles and the
+    /// unbounded outside.
+    pub first_tile: usize,
     pub ranking: Ranking,
 }
 
-impl Pieces {
+impl Components {
     pub fn find(
         index: &LeafIndex<'_>,
         side: Side,
@@ -217,66 +217,66 @@ impl Pieces {
                 .collect::<Result<_, _>>()
         })?;
         let mut parts = Vec::with_capacity(lists.len());
-        let mut tiles_from = 0;
+        let mut first_tile = 0;
         for list in lists {
-            let first = tiles_from;
-            tiles_from += list.len();
+            let first = first_tile;
+            first_tile += list.len();
             parts.push((first, list));
         }
-        let outside = tiles_from + index.tiles.len();
-        let mut sets = Sets::new(outside + 1);
-        join_leaves(index, &parts, side, tiles_from, &mut sets);
-        join_tiles(index, side, tiles_from, &mut sets);
-        let mut tallies = Vec::with_capacity(outside + 1);
+        let outside = first_tile + index.tiles.len();
+        let mut sets = UnionFind::new(outside + 1);
+        join_leaves(index, &parts, side, first_tile, &mut sets);
+        join_tiles(index, side, first_tile, &mut sets);
+        let mut stats = Vec::with_capacity(outside + 1);
         for (leaf, (_, list)) in index.leaves.iter().zip(&parts) {
-            tallies.extend(list.iter().map(|part| Tally::of_part(part, leaf)));
+            stats.extend(list.iter().map(|part| ComponentStats::of_part(part, leaf)));
         }
-        tallies.extend(index.tiles.iter().map(|tile| {
-            let belongs = belongs(tile.value, side);
-            let tally = belongs.then(|| Tally::of_cube(tile.origin, tile.edge, tile.value));
-            tally.unwrap_or_default()
+        stats.extend(index.tiles.iter().map(|tile| {
+            let stats = is_on_side(tile.value, side)
+                .then(|| ComponentStats::of_cube(tile.origin, tile.edge, tile.value));
+            stats.unwrap_or_default()
         }));
-        let endless = (side == Side::Void).then_some(outside);
-        tallies.push(Tally {
-            place: endless.map(|_| NOWHERE),
-            ..Tally::default()
+        let unbounded = (side == Side::Void).then_some(outside);
+        stats.push(ComponentStats {
+            place: unbounded.map(|_| UNBOUNDED_PLACE),
+            ..ComponentStats::default()
         });
-        let ranking = Ranking::new(&tallies, &mut sets, endless, voxel_size);
+        let ranking = Ranking::new(&stats, &mut sets, unbounded, voxel_size);
         Ok(Self {
             parts,
-            tiles_from,
+            first_tile,
             ranking,
         })
     }
 
-    /// The voxels of a leaf that belong to pieces for which `chosen` holds.
-    pub fn chosen_in(&self, leaf: usize, chosen: &[bool]) -> Bits {
-        self.those_in(leaf, |piece| chosen[piece])
+    /// The voxels of a leaf that belong to selected components.
+    pub fn selected_in(&self, leaf: usize, is_selected: &[bool]) -> Bits {
+        self.voxels_in(leaf, |component| is_selected[component])
     }
 
-    /// The voxels of a leaf that belong to any but one piece.
-    pub fn others_in(&self, leaf: usize, piece: usize) -> Bits {
-        self.those_in(leaf, |other| other != piece)
+    /// The voxels of a leaf that belong to any other component.
+    pub fn others_in(&self, leaf: usize, component: usize) -> Bits {
+        self.voxels_in(leaf, |other| other != component)
     }
 
-    fn those_in(&self, leaf: usize, chosen: impl Fn(usize) -> bool) -> Bits {
+    fn voxels_in(&self, leaf: usize, is_selected: impl Fn(usize) -> bool) -> Bits {
         let (first, list) = &self.parts[leaf];
         let mut out = [0; 8];
         for (n, part) in list.iter().enumerate() {
-            if chosen(self.ranking.piece_of[first + n]) {
+            if is_selected(self.ranking.component_of[first + n]) {
                 voxel_mask::add(&mut out, &part.bits);
             }
         }
         out
     }
 
-    /// For each piece that is more than rounding, the numbers of the leaves that hold parts of it, ascending.
-    pub fn leaves_by_piece(&self) -> Vec<Vec<usize>> {
+    /// For each component that is more than rounding, the ascending numbers of the leaves with parts of it.
+    pub fn leaves_by_component(&self) -> Vec<Vec<usize>> {
         let mut all = vec![Vec::new(); self.ranking.count];
         for (leaf, (first, list)) in self.parts.iter().enumerate() {
             let own = first + list.len();
-            for &piece in &self.ranking.piece_of[*first..own] {
-                if let Some(leaves) = all.get_mut(piece)
+            for &component in &self.ranking.component_of[*first..own] {
+                if let Some(leaves) = all.get_mut(component)
                     && leaves.last() != Some(&leaf)
                 {
                     leaves.push(leaf);
@@ -287,20 +287,20 @@ impl Pieces {
     }
 }
 
-/// Whether a tile of this value is on this side.
-fn belongs(value: f32, side: Side) -> bool {
+/// Whether a tile value is on a side.
+fn is_on_side(value: f32, side: Side) -> bool {
     (value < 0.0) == (side == Side::Solid)
 }
 
-/// Joins parts of leaves with those of the next leaves, and with tiles on all sides.
+/// Joins the parts of leaves with those of the next leaves, and with tiles on all sides.
 fn join_leaves(
     index: &LeafIndex<'_>,
     parts: &[(usize, Vec<Part>)],
     side: Side,
-    tiles_from: usize,
-    sets: &mut Sets,
+    first_tile: usize,
+    sets: &mut UnionFind,
 ) {
-    let outside = tiles_from + index.tiles.len();
+    let outside = first_tile + index.tiles.len();
     for (leaf, (first, list)) in index.leaves.iter().zip(parts) {
         for (f, step) in FACES.iter().enumerate() {
             let (axis, last) = (f / 2, f % 2 == 1);
@@ -313,23 +313,26 @@ fn join_leaves(
                     let (other_first, others) = &parts[other];
                     for (n, mine) in here.enumerate() {
                         for (m, part) in others.iter().enumerate() {
-                            if voxel_mask::meet(&mine, &voxel_mask::face(&part.bits, axis, false)) {
-                                sets.join(first + n, other_first + m);
+                            if voxel_mask::intersects(
+                                &mine,
+                                &voxel_mask::face(&part.bits, axis, false),
+                            ) {
+                                sets.union(first + n, other_first + m);
                             }
                         }
                     }
                 }
                 Holder::Leaf(_) => {} // joined from the other leaf
-                Holder::Tile(tile) if !belongs(index.tiles[tile].value, side) => {}
-                Holder::Nothing if side == Side::Solid => {}
-                Holder::Tile(_) | Holder::Nothing => {
+                Holder::Tile(tile) if !is_on_side(index.tiles[tile].value, side) => {}
+                Holder::Background if side == Side::Solid => {}
+                Holder::Tile(_) | Holder::Background => {
                     let target = match index.holder(beside) {
-                        Holder::Tile(tile) => tiles_from + tile,
+                        Holder::Tile(tile) => first_tile + tile,
                         _ => outside,
                     };
                     for (n, mine) in here.enumerate() {
                         if !voxel_mask::is_empty(&mine) {
-                            sets.join(first + n, target);
+                            sets.union(first + n, target);
                         }
                     }
                 }
@@ -338,11 +341,11 @@ fn join_leaves(
     }
 }
 
-/// Joins tiles with tiles of the same size or larger; smaller ones find them.
-fn join_tiles(index: &LeafIndex<'_>, side: Side, tiles_from: usize, sets: &mut Sets) {
-    let outside = tiles_from + index.tiles.len();
+/// Joins tiles with neighbouring tiles of the same size or larger; smaller tiles find larger ones.
+fn join_tiles(index: &LeafIndex<'_>, side: Side, first_tile: usize, sets: &mut UnionFind) {
+    let outside = first_tile + index.tiles.len();
     for (n, tile) in index.tiles.iter().enumerate() {
-        if !belongs(tile.value, side) {
+        if !is_on_side(tile.value, side) {
             continue;
         }
         for step in FACES {
@@ -350,43 +353,43 @@ fn join_tiles(index: &LeafIndex<'_>, side: Side, tiles_from: usize, sets: &mut S
             match index.holder(tile.origin.offset(x, y, z)) {
                 Holder::Tile(other) => {
                     let other_tile = index.tiles[other];
-                    if other_tile.edge >= tile.edge && belongs(other_tile.value, side) {
-                        sets.join(tiles_from + n, tiles_from + other);
+                    if other_tile.edge >= tile.edge && is_on_side(other_tile.value, side) {
+                        sets.union(first_tile + n, first_tile + other);
                     }
                 }
-                // A tile whose neighbour has nodes of its own is found by those; the first voxel
-                // beside it is in none only where there is no node at all.
-                Holder::Nothing if side == Side::Void => sets.join(tiles_from + n, outside),
-                Holder::Nothing | Holder::Leaf(_) => {}
+                // Finer nodes beside the tile find it. The first voxel beside it is in no node only if
+                // there is none along the whole face.
+                Holder::Background if side == Side::Void => sets.union(first_tile + n, outside),
+                Holder::Background | Holder::Leaf(_) => {}
             }
         }
     }
 }
 
 impl LevelSet {
-    /// The connected pieces of the solid, largest first.
+    /// The connected components of the solid, largest first.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
-    pub fn components(&self, session: Session<'_>) -> Result<Vec<Piece>, VdbError> {
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
+    pub fn components(&self, session: Session<'_>) -> Result<Vec<Component>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, false)?;
         Ok(
-            Pieces::find(&index, Side::Solid, self.voxel_size(), session)?
+            Components::find(&index, Side::Solid, self.voxel_size(), session)?
                 .ranking
                 .counted(),
         )
     }
 
-    /// The voids: pieces of empty space that the solid encloses, largest first.
+    /// The voids, largest first: components of empty space that the solid encloses.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
-    pub fn voids(&self, session: Session<'_>) -> Result<Vec<Piece>, VdbError> {
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
+    pub fn voids(&self, session: Session<'_>) -> Result<Vec<Component>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, true)?;
         Ok(
-            Pieces::find(&index, Side::Void, self.voxel_size(), session)?
+            Components::find(&index, Side::Void, self.voxel_size(), session)?
                 .ranking
                 .counted(),
         )

@@ -1,4 +1,4 @@
-//! What can go wrong with a level set, and with a file of them.
+//! Errors of level sets and of their files.
 
 use super::Session;
 use crate::band::StoreError;
@@ -7,11 +7,11 @@ use crate::progress::Cancelled;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why an operation on a level set was refused or failed. The level set it would have changed is
-/// empty afterwards when OpenVDB failed or the user stopped it, untouched when a parameter was refused.
+/// Why an operation on a level set failed. After a failure of OpenVDB or cancellation the level set is empty;
+/// after a refused parameter it is unchanged.
 #[derive(Debug, thiserror::Error)]
 pub enum VdbError {
-    /// The user asked to stop.
+    /// The user cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
     /// A parameter is out of range.
@@ -19,40 +19,40 @@ pub enum VdbError {
     Parameter {
         /// Its name.
         name: &'static str,
-        /// What was given.
+        /// The given value.
         value: f64,
-        /// What is accepted.
+        /// The accepted values.
         expected: &'static str,
     },
-    /// A leaf holds a value that no narrow band has.
+    /// A leaf holds a value beyond the narrow band.
     #[error("voxel {voxel:?} holds {value}; expected a number within the band of {background}", voxel = .voxel.0)]
     Value {
-        /// Which voxel.
+        /// The voxel.
         voxel: Coord,
         /// Its value, world units.
         value: f32,
         /// Half width of the band, world units.
         background: f32,
     },
-    /// Two level sets do not share their voxels.
+    /// Two level sets have different voxels or half widths.
     #[error("the operands differ in {what}: {left} and {right}")]
     Mismatch {
-        /// In what.
+        /// The property that differs.
         what: &'static str,
-        /// Of the level set that was to change.
+        /// Its value in the level set.
         left: f64,
-        /// Of the operand.
+        /// Its value in the operand.
         right: f64,
     },
-    /// A mesh is too large to be numbered, or cannot be a mesh.
+    /// A mesh has too many vertices, or is invalid.
     #[error(transparent)]
     Mesh(#[from] crate::mesh::MeshError),
     /// A part of a level set has no mesh.
     #[error(transparent)]
     Mesher(crate::mesher::MesherError),
-    /// The surface that values bound is not closed.
+    /// The isosurface is not closed.
     #[error(
-        "the surface is open: the grid's values end where it goes on; expected values on both sides of all of it"
+        "the surface is open: the grid's values end before it does; expected values on both sides of the whole surface"
     )]
     Open,
     /// A voxel mesh with too many elements.
@@ -62,11 +62,11 @@ pub enum VdbError {
     )]
     TooManyCubes(u64),
     /// OpenVDB refused.
-    #[error("OpenVDB failed in {doing}: {reason}")]
+    #[error("OpenVDB failed in {operation}: {reason}")]
     OpenVdb {
-        /// In which operation.
-        doing: &'static str,
-        /// Its own words.
+        /// The operation.
+        operation: &'static str,
+        /// The message of OpenVDB.
         reason: String,
     },
 }
@@ -82,29 +82,33 @@ impl From<crate::mesher::MesherError> for VdbError {
 }
 
 impl VdbError {
-    /// An exception that came out of OpenVDB while `doing` something.
-    pub(super) fn of(doing: &'static str, session: Session<'_>, error: &cxx::Exception) -> Self {
+    /// The error for an exception of OpenVDB during an operation.
+    pub(super) fn of(
+        operation: &'static str,
+        session: Session<'_>,
+        error: &cxx::Exception,
+    ) -> Self {
         if session.progress.cancelled() || error.what() == "interrupted" {
             return Self::Cancelled(Cancelled);
         }
-        Self::plain(doing, error)
+        Self::plain(operation, error)
     }
 
-    /// A field that could not be sampled while `doing` something.
-    pub(super) fn band(doing: &'static str, error: crate::band::BandError) -> Self {
+    /// The error for a failed band evaluation during an operation.
+    pub(super) fn band(operation: &'static str, error: crate::band::BandError) -> Self {
         match error {
             crate::band::BandError::Cancelled(c) => Self::Cancelled(c),
             error => Self::OpenVdb {
-                doing,
+                operation,
                 reason: error.to_string(),
             },
         }
     }
 
-    /// The same where nothing can be cancelled.
-    pub(super) fn plain(doing: &'static str, error: &cxx::Exception) -> Self {
+    /// The error for an exception during an operation that cannot be cancelled.
+    pub(super) fn plain(operation: &'static str, error: &cxx::Exception) -> Self {
         Self::OpenVdb {
-            doing,
+            operation,
             reason: error.what().to_owned(),
         }
     }
@@ -113,7 +117,7 @@ impl VdbError {
 /// Why a `.vdb` file could not be read or written. Every variant names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// The user asked to stop.
+    /// The user cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
     /// The system failed: missing file, full disk.
@@ -121,28 +125,28 @@ pub enum FileError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Its error.
+        /// The system's error.
         source: io::Error,
     },
-    /// It is no `.vdb` file, or a damaged one.
-    #[error("{}: {reason}; expected an OpenVDB file of format 224 or older, whole", .path.display())]
+    /// The file is not a `.vdb` file, or damaged.
+    #[error("{}: {reason}; expected a complete OpenVDB file of format 224 or older", .path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
         /// What was found.
         reason: String,
     },
-    /// There is no such grid.
-    #[error("{}: no grid {wanted:?}; it holds {}", .path.display(), listed(.present))]
+    /// The file has no such grid.
+    #[error("{}: no grid {requested:?}; it holds {}", .path.display(), listed(.present))]
     NoGrid {
         /// The file.
         path: PathBuf,
-        /// The name asked for.
-        wanted: String,
+        /// The requested name.
+        requested: String,
         /// Grids of the file, as "name (type, class)".
         present: Vec<String>,
     },
-    /// The grid is no narrow-band level set of floats with cubic voxels, and cannot be made one as requested.
+    /// The grid is not a narrow-band level set of floats with cubic voxels and cannot be converted as requested.
     #[error("{}: grid {grid:?} has {found}; expected {expected}", .path.display())]
     NotALevelSet {
         /// The file.
@@ -151,32 +155,32 @@ pub enum FileError {
         grid: String,
         /// What was found.
         found: String,
-        /// What a level set has.
+        /// What is expected.
         expected: String,
-        /// What to do.
+        /// The remedy.
         hint: String,
     },
-    /// A name or key that a file must not have.
+    /// A name or key is not allowed in a file.
     #[error("{}: the {what} {name:?} {problem}", .path.display())]
     Name {
         /// The file.
         path: PathBuf,
-        /// What it names.
+        /// The kind of name.
         what: &'static str,
         /// The name.
         name: String,
-        /// Why not.
+        /// The reason.
         problem: &'static str,
     },
-    /// The leaf files that a file is put together from.
+    /// Leaf files cannot be read.
     #[error(transparent)]
     Leaves(StoreError),
-    /// OpenVDB refused.
+    /// OpenVDB failed.
     #[error("{}: OpenVDB failed: {reason}", .path.display())]
     OpenVdb {
         /// The file.
         path: PathBuf,
-        /// Its own words.
+        /// The message of OpenVDB.
         reason: String,
     },
 }
@@ -199,7 +203,7 @@ fn listed(present: &[String]) -> String {
 }
 
 impl FileError {
-    /// An exception met while reading `path`.
+    /// The error for an exception while reading `path`.
     pub(super) fn damaged(path: &Path, error: &cxx::Exception) -> Self {
         Self::Damaged {
             path: path.to_owned(),
@@ -207,7 +211,7 @@ impl FileError {
         }
     }
 
-    /// The system's error on `path`.
+    /// The error for an I/O error on `path`.
     pub(super) fn io(path: &Path, source: io::Error) -> Self {
         Self::Io {
             path: path.to_owned(),
@@ -217,7 +221,7 @@ impl FileError {
 }
 
 impl FileError {
-    /// What to do about it, where that is known.
+    /// A remedy, if there is one.
     pub fn hint(&self) -> Option<String> {
         match self {
             Self::NotALevelSet { hint, .. } => Some(hint.clone()).filter(|h| !h.is_empty()),
@@ -230,10 +234,10 @@ impl FileError {
     }
 }
 
-/// Longest message of OpenVDB that is passed on, characters: it may quote what a damaged file holds.
-const LONGEST: usize = 200;
+/// Greatest length of a message of OpenVDB, characters: it may quote the contents of a damaged file.
+const MAX_REASON_CHARS: usize = 200;
 
-/// OpenVDB's words without its class of exception, on one line and of bounded length.
+/// The message of OpenVDB without the class of the exception, on one line and of bounded length.
 pub(super) fn reason(error: &cxx::Exception) -> String {
     let what = error.what();
     let words = match what.split_once(": ") {
@@ -243,9 +247,9 @@ pub(super) fn reason(error: &cxx::Exception) -> String {
     let shown = words
         .trim_end_matches('.')
         .chars()
-        .take(LONGEST)
+        .take(MAX_REASON_CHARS)
         .flat_map(char::escape_debug);
-    let cut = if words.chars().nth(LONGEST).is_some() {
+    let cut = if words.chars().nth(MAX_REASON_CHARS).is_some() {
         "..."
     } else {
         ""

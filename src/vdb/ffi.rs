@@ -1,12 +1,11 @@
-//! The one bridge to C++. Units and signs are OpenVDB's here; the modules beside this one correct
-//! them. Nothing of this file is public.
+//! The bridge to C++. Units, signs and winding are OpenVDB's here; the other modules of `vdb` correct them.
 #![allow(unsafe_code)]
 #![allow(clippy::missing_safety_doc)]
 
 use crate::progress::{Progress, Threads};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// What a call into OpenVDB may use: so many threads, and the answer to "shall I go on?".
+/// Threads and cancellation of a call into OpenVDB.
 pub struct Host<'a> {
     pub threads: &'a Threads,
     pub progress: &'a dyn Progress,
@@ -16,20 +15,20 @@ fn host_threads(host: &Host<'_>) -> usize {
     host.threads.count()
 }
 
-/// A panic must not reach C++, which would abort: it counts as a wish to stop.
+/// A panic must not reach C++, which would abort; it counts as a cancellation.
 fn host_cancelled(host: &Host<'_>) -> bool {
     catch_unwind(AssertUnwindSafe(|| host.progress.cancelled())).unwrap_or(true)
 }
 
 #[cxx::bridge(namespace = "druse")]
 mod bridge {
-    /// Where a leaf stands and which of its voxels are active (word = x, bit = 8 y + z).
+    /// Origin and active voxels of a leaf (word x, bit 8 y + z).
     struct LeafHead {
         origin: [i32; 3],
         mask: [u64; 8],
     }
 
-    /// A cube of one value: active, or inactive inside.
+    /// A cube of one value.
     #[derive(Clone, Copy)]
     struct Tile {
         origin: [i32; 3],
@@ -43,7 +42,7 @@ mod bridge {
         value: String,
     }
 
-    /// A grid of any type as the file's reader sees it.
+    /// The description of a grid of any type.
     struct GridFacts {
         name: String,
         /// As in `Tree_float_5_4_3`.
@@ -81,7 +80,8 @@ mod bridge {
         Difference,
     }
 
-    /// Width in voxels, repetitions, scheme; `normalisations` < 0 keeps OpenVDB's count.
+    /// Options of a filter: width in voxels, repetitions, fifth-order scheme; `normalisations` < 0 keeps
+    /// OpenVDB's count.
     struct Smoothing {
         width: i32,
         iterations: i32,
@@ -89,8 +89,7 @@ mod bridge {
         normalisations: i32,
     }
 
-    /// Values of a grid that count as none of an effect (`low`) and all of it (`high`); `inverted`
-    /// the other way round.
+    /// The values of a mask with weight 0 (`low`) and 1 (`high`); exchanged if `inverted`.
     #[derive(Clone, Copy)]
     struct Range {
         low: f64,
@@ -99,9 +98,9 @@ mod bridge {
     }
 
     /// A picture of `columns` x `rows` samples: the ray of sample (i, j) passes through
-    /// `corner + (i + 1/2) du + (j + 1/2) dv`, coming from `eye` or, without perspective, along
-    /// `forward`. What lies beyond `cut` on `cut_axis` (0 to 2; -1: no cut), on the eye's side, is
-    /// left away. `light` points to the light.
+    /// `corner + (i + 1/2) du + (j + 1/2) dv`, from `eye` or, without perspective, along `forward`. The part
+    /// on the eye's side of the plane `cut` on `cut_axis` (0 to 2; -1: none) is not shown. `light` points to
+    /// the light.
     struct Camera {
         eye: [f64; 3],
         corner: [f64; 3],
@@ -116,8 +115,8 @@ mod bridge {
         cut: f64,
     }
 
-    /// What a file says of a tree that nobody holds: its active voxels, the box of them, the bytes that
-    /// it would take, and the value and state of its tiles that lie inside.
+    /// The description of a streamed tree: its active voxels and their box, its memory in bytes, and the value
+    /// and state of its inside tiles.
     struct TreeFacts {
         box_min: [i32; 3],
         box_max: [i32; 3],
@@ -151,12 +150,16 @@ mod bridge {
         fn grid_copy(grid: &Grid) -> Result<UniquePtr<Grid>>;
         /// A copy with all 26 neighbours of active voxels active.
         fn grid_with_neighbours(grid: &Grid) -> Result<UniquePtr<Grid>>;
-        /// Leaves background everywhere; voxels stay what they are.
+        /// Removes all nodes; the transform stays.
         fn grid_clear(grid: Pin<&mut Grid>) -> Result<()>;
-        /// Sets the voxel size and the world position of voxel (0, 0, 0); values stay.
-        fn grid_place(grid: Pin<&mut Grid>, voxel_size: f64, origin: &[f64; 3]) -> Result<()>;
+        /// Sets the voxel size and the world position of voxel (0, 0, 0); values do not change.
+        fn grid_set_transform(
+            grid: Pin<&mut Grid>,
+            voxel_size: f64,
+            origin: &[f64; 3],
+        ) -> Result<()>;
         /// An empty grid of floats of any class.
-        fn grid_raw(
+        fn grid_new_of_class(
             voxel_size: f64,
             origin: &[f64; 3],
             background: f32,
@@ -178,7 +181,7 @@ mod bridge {
         fn grid_facts(grid: &Grid) -> Result<GridFacts>;
         /// A copy of a grid of doubles.
         fn grid_as_floats(grid: &Grid) -> Result<UniquePtr<Grid>>;
-        /// Multiplies all values, active or not, and the background, and adds `shift`.
+        /// Multiplies all values, active or not, and the background by `factor` and adds `shift`.
         fn grid_scale_values(
             grid: Pin<&mut Grid>,
             factor: f32,
@@ -188,35 +191,35 @@ mod bridge {
         fn grid_active_voxels(grid: &Grid) -> Result<u64>;
         /// An empty block at a multiple of 128.
         fn block_new(x: i32, y: i32, z: i32, background: f32) -> Result<UniquePtr<Block>>;
-        /// 3 coordinates, 8 mask words and 512 values a leaf.
+        /// 3 coordinates, 8 mask words and 512 values per leaf.
         fn block_add_leaves(
             block: Pin<&mut Block>,
             origins: &[i32],
             masks: &[u64],
             values: &[f32],
         ) -> Result<()>;
-        /// The grid takes the block over.
+        /// Moves the block into the grid.
         fn grid_attach(grid: Pin<&mut Grid>, block: UniquePtr<Block>) -> Result<()>;
         fn grid_flood_fill(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
-        /// A fog volume `density` made from a copy.
+        /// A copy as a fog volume `density`.
         fn grid_fog(grid: &Grid, host: &Host<'_>) -> Result<UniquePtr<Grid>>;
 
-        /// Valid as long as the grid is not changed: the caller's business.
+        /// Valid only while the grid does not change; the caller must ensure this.
         fn leaf_table(grid: &Grid) -> Result<UniquePtr<LeafTable>>;
         fn len(self: &LeafTable) -> usize;
         fn head(self: &LeafTable, index: usize) -> Result<LeafHead>;
         fn values(self: &LeafTable, index: usize) -> Result<&[f32]>;
-        /// A grid of floats or of vectors on the active voxels of another: 1 or 3 numbers a voxel, in
-        /// order of leaves and of voxels.
+        /// A grid of floats or vectors at the active voxels of another: 1 or 3 values per voxel, in order of
+        /// leaves and of voxels.
         fn grid_attribute(
             shape: &Grid,
             components: usize,
             values: &[f32],
         ) -> Result<UniquePtr<Grid>>;
-        /// Active tiles and inactive ones that are inside, or all tiles of all nodes.
-        fn grid_tiles(grid: &Grid, everything: bool) -> Result<Vec<Tile>>;
-        /// Overwrites leaves that are there (3 coordinates, 8 mask words, 512 values each), makes
-        /// tiles (3 coordinates and edge each) inactive with value `fill`, and prunes.
+        /// All tiles, or only those that are active or inside.
+        fn grid_tiles(grid: &Grid, all_tiles: bool) -> Result<Vec<Tile>>;
+        /// Overwrites existing leaves (3 coordinates, 8 mask words, 512 values each), makes tiles (3
+        /// coordinates and edge each) inactive with value `fill`, and prunes.
         fn grid_edit(
             grid: Pin<&mut Grid>,
             origins: &[i32],
@@ -226,16 +229,16 @@ mod bridge {
             fill: f32,
             host: &Host<'_>,
         ) -> Result<()>;
-        /// Overwrites leaves or makes them: 3 coordinates, 8 mask words, 512 values each.
+        /// Overwrites or adds leaves: 3 coordinates, 8 mask words, 512 values each.
         fn grid_put_leaves(
             grid: Pin<&mut Grid>,
             origins: &[i32],
             masks: &[u64],
             values: &[f32],
         ) -> Result<()>;
-        /// 3 indices a value.
+        /// 3 indices per value.
         fn grid_values(grid: &Grid, voxels: &[i32], values: &mut [f32]) -> Result<()>;
-        /// 3 world coordinates a value; trilinear, or quadratic along each axis.
+        /// 3 world coordinates per value; interpolation is trilinear, or quadratic along each axis.
         fn grid_samples(
             grid: &Grid,
             points: &[f64],
@@ -246,46 +249,50 @@ mod bridge {
         fn grid_filter(
             grid: Pin<&mut Grid>,
             kind: Filter,
-            how: Smoothing,
+            smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
-        /// Adds `offset` (world units) to the distance: positive shrinks the solid.
+        /// Adds `offset` (world units) to the distance; a positive offset shrinks the solid.
         fn grid_offset(
             grid: Pin<&mut Grid>,
             offset: f64,
-            how: Smoothing,
+            smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
-        fn grid_renormalise(grid: Pin<&mut Grid>, how: Smoothing, host: &Host<'_>) -> Result<()>;
-        /// Gives all voxels without a distance another background (world units, positive).
+        fn grid_renormalise(
+            grid: Pin<&mut Grid>,
+            smoothing: Smoothing,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        /// Sets the background (world units, positive) of all voxels beyond the band.
         fn grid_set_background(
             grid: Pin<&mut Grid>,
             background: f32,
             host: &Host<'_>,
         ) -> Result<()>;
-        /// Widens the band by so many voxels on each side, or narrows it (negative).
+        /// Widens the band by `voxels` on each side, or narrows it (negative).
         fn grid_resize(
             grid: Pin<&mut Grid>,
             voxels: i32,
-            how: Smoothing,
+            smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
-        /// Adds `offset` (world units) times the share that another grid gives at each place.
-        fn grid_vary(
+        /// Adds `offset` (world units) times the mask's weight to the distance.
+        fn grid_offset_masked(
             grid: Pin<&mut Grid>,
             offset: f64,
-            by: &Grid,
+            mask: &Grid,
             range: Range,
-            how: Smoothing,
+            smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
-        /// Keeps of the change since `before` the share that another grid gives at each place.
-        fn grid_mix(
+        /// Multiplies the change since `before` by the mask's weight.
+        fn grid_restrict_change(
             grid: Pin<&mut Grid>,
             before: &Grid,
-            by: &Grid,
+            mask: &Grid,
             range: Range,
-            how: Smoothing,
+            smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
         /// Union that rounds the seam over `radius` (world units); both bands must be that wide.
@@ -293,14 +300,14 @@ mod bridge {
             grid: Pin<&mut Grid>,
             operand: UniquePtr<Grid>,
             radius: f64,
-            how: Smoothing,
+            smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
         /// Fills concave edges until no principal curvature is below -1 / `radius` (world units).
         fn grid_fillet(
             grid: Pin<&mut Grid>,
             radius: f64,
-            how: Smoothing,
+            smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
         fn grid_prune(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
@@ -311,12 +318,12 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<()>;
 
-        /// World units; wound clockwise seen from outside. `far` is the greatest coordinate of the whole
-        /// that the grid is a part of, 0 if it is one itself.
+        /// World units; wound clockwise seen from outside. `max_coordinate` is the greatest coordinate
+        /// magnitude of the whole that the grid is a part of; 0 for a whole grid.
         fn grid_to_mesh(
             grid: &Grid,
             adaptivity: f64,
-            far: f64,
+            max_coordinate: f64,
             host: &Host<'_>,
         ) -> Result<UniquePtr<Surface>>;
         fn points(self: &Surface) -> &[f32];
@@ -334,7 +341,7 @@ mod bridge {
         fn grid_volume(grid: &Grid, host: &Host<'_>) -> Result<f64>;
         fn grid_area(grid: &Grid, host: &Host<'_>) -> Result<f64>;
 
-        /// The path's bytes.
+        /// `path` as bytes.
         fn file_open(path: &[u8]) -> Result<UniquePtr<FileIn>>;
         fn version(self: &FileIn) -> u32;
         fn writer(self: &FileIn) -> Result<String>;
@@ -343,8 +350,8 @@ mod bridge {
         fn file_read(file: Pin<&mut FileIn>, index: usize) -> Result<UniquePtr<Grid>>;
 
         fn file_new() -> Result<UniquePtr<FileOut>>;
-        /// Shares the grid's tree when `scale` is 1, else copies it; the grid must not change until
-        /// the file is written. The number of the grid in the file.
+        /// Shares the grid's tree if `scale` is 1, else copies it; the grid must not change until the file is
+        /// written. Returns the number of the grid in the file.
         fn file_add(
             file: Pin<&mut FileOut>,
             grid: &Grid,
@@ -361,7 +368,7 @@ mod bridge {
             key: &str,
             value: &str,
         ) -> Result<()>;
-        /// 0, or the error number of the first write that failed.
+        /// Returns 0, or the error number of the first write that failed.
         fn file_write(
             file: &FileOut,
             descriptor: i32,
@@ -369,7 +376,7 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<i32>;
 
-        /// The same as a NanoVDB file, one segment a grid.
+        /// Writes a NanoVDB file with one segment per grid; returns as `file_write`.
         fn file_write_nano(
             file: &FileOut,
             descriptor: i32,
@@ -377,27 +384,27 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<i32>;
 
-        /// Begins a file of grids that are given without leaves; what follows is written in the order
-        /// of the functions here, from `stream_grid` on for each of them, in their order. Keeps `host`:
-        /// the caller's business.
+        /// Begins a file of grids that were added without leaves. The functions below are called in this
+        /// order, from `stream_grid` on for each grid. Keeps a reference to `host`; the caller must ensure its
+        /// lifetime.
         fn stream_open(
             file: &FileOut,
             descriptor: i32,
             compression: u32,
             host: &Host<'_>,
         ) -> Result<UniquePtr<Stream>>;
-        /// Begins the grid with a number, of floats or of vectors.
+        /// Begins grid number `index`, of floats or vectors.
         fn stream_grid(stream: Pin<&mut Stream>, index: usize, facts: &TreeFacts) -> Result<()>;
-        /// Inside tiles of 4096 voxels (3 coordinates each, sorted), and how many nodes follow.
+        /// Inside tiles of 4096 voxels (3 coordinates each, sorted), and the number of nodes that follow.
         fn stream_root(stream: Pin<&mut Stream>, tiles: &[i32], nodes: u32) -> Result<()>;
-        /// A node of 4096 voxels: 512 words each of slots with a block, and of tiles that are inside.
+        /// A node of 4096 voxels: 512 words of slots with a block, and 512 of inside tiles.
         fn stream_upper(
             stream: Pin<&mut Stream>,
             origin: &[i32; 3],
             children: &[u64],
             inside: &[u64],
         ) -> Result<()>;
-        /// Its next block: leaves (3 coordinates and 8 words each), and 64 words of tiles inside.
+        /// The next block of the node: leaves (3 coordinates and 8 words each), and 64 words of inside tiles.
         fn stream_topology(
             stream: Pin<&mut Stream>,
             origin: &[i32; 3],
@@ -405,7 +412,7 @@ mod bridge {
             masks: &[u64],
             inside: &[u64],
         ) -> Result<()>;
-        /// After all blocks of all nodes: their values in the same order, of each leaf all 512.
+        /// After all blocks of all nodes: their values in the same order, 512 per leaf.
         fn stream_values(
             stream: Pin<&mut Stream>,
             origin: &[i32; 3],
@@ -413,20 +420,20 @@ mod bridge {
             masks: &[u64],
             values: &[f32],
         ) -> Result<()>;
-        /// Completes the file: 0, or the error number of the first write that failed.
+        /// Completes the file; returns 0, or the error number of the first write that failed.
         fn stream_close(stream: Pin<&mut Stream>) -> Result<i32>;
 
-        /// Six numbers a sample: depth along the ray (infinite: missed), unit normal, 1 on the cut
-        /// and 0 on the surface, 1 in the light and 0 in shadow. Of all samples, row by row, or of those
-        /// whose numbers are given.
+        /// Six values per sample: depth along the ray (infinite: no hit), unit normal, 1 on the cut and 0 on
+        /// the surface, 1 in the light and 0 in shadow. For the samples with given numbers, or for all, row by
+        /// row, if there are none.
         fn grid_trace(
             grid: &Grid,
             camera: &Camera,
-            wanted: &[u32],
+            samples: &[u32],
             hits: &mut [f32],
             host: &Host<'_>,
         ) -> Result<()>;
-        /// Takes the light from samples, as `grid_trace` gives them, that a grid keeps it from.
+        /// Removes the light from hits, as `grid_trace` returns them, that lie in the shadow of a grid.
         fn grid_shade(
             grid: &Grid,
             camera: &Camera,
@@ -438,12 +445,12 @@ mod bridge {
 
 pub use bridge::*;
 
-// SAFETY: a Grid is a heap object with no thread affinity; it changes only through Pin<&mut Grid>,
-// and what takes &Grid reads the tree with accessors of its own.
+// SAFETY: a Grid is a heap object without thread affinity; it changes only through Pin<&mut Grid>, and
+// functions with &Grid read the tree with their own accessors.
 unsafe impl Send for bridge::Grid {}
 // SAFETY: as above; OpenVDB's trees allow any number of readers.
 unsafe impl Sync for bridge::Grid {}
-// SAFETY: a Block is an internal node that belongs to no tree: nothing is shared with other threads.
+// SAFETY: a Block is an internal node that belongs to no tree; nothing is shared with other threads.
 unsafe impl Send for bridge::Block {}
 // SAFETY: a LeafTable holds pointers to leaves that are only read.
 unsafe impl Send for bridge::LeafTable {}

@@ -1,6 +1,7 @@
-//! Reading `.vdb` files: what is in them, and level sets out of them. Always whole and eager:
-//! OpenVDB's delayed loading of a damaged file crashes, hangs or eats all memory. Files of others are
-//! best looked at by a child process first, see [`subprocess`](super::subprocess).
+//! Reading of `.vdb` files: their contents, and level sets.
+//!
+//! Files are read completely and at once: OpenVDB's delayed loading of a damaged file crashes, hangs or
+//! exhausts memory. Read untrusted files in a child process, see [`subprocess`](super::subprocess).
 
 use super::foreign::GridReading;
 use super::hash::ContentHash;
@@ -15,46 +16,46 @@ use std::path::Path;
 /// One grid of a file, of any type.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GridInfo {
-    /// Its name; equal names are numbered, as in `surface[1]`.
+    /// Name; equal names are numbered, as in `surface[1]`.
     pub name: String,
     /// OpenVDB's type, as in `Tree_float_5_4_3`.
     #[serde(rename = "type")]
     pub grid_type: String,
     /// `level set`, `fog volume`, `staggered` or `unknown`.
     pub class: String,
-    /// Edges of a voxel, the file's unit.
+    /// Edges of a voxel, in the file's unit.
     pub voxel_size: [f64; 3],
-    /// World position of voxel (0, 0, 0), the file's unit.
+    /// World position of voxel (0, 0, 0), in the file's unit.
     pub origin: [f64; 3],
-    /// Whether voxels are cubes along the axes.
+    /// Whether voxels are axis-aligned cubes.
     pub cubic: bool,
-    /// From voxel numbers to the world, for voxels that are not.
+    /// The map from index space to the world, for other voxels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub map: Option<IndexMap>,
-    /// Least and greatest active value, of grids of floats in files.
+    /// Least and greatest active value; only for grids of floats in files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub values: Option<[f32; 2]>,
-    /// Values that are NaN or infinite, of grids of floats in files.
+    /// Number of values that are NaN or infinite; only for grids of floats in files.
     #[serde(default)]
     pub not_finite: u64,
-    /// What is wrong with a level set of a file, and what to do.
+    /// Defects of a level set in a file, and remedies.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// Value where nothing is stored, for grids of numbers.
+    /// Background value, for grids of numbers.
     pub background: Option<f64>,
-    /// Voxels that are active, tiles included.
+    /// Active voxels, including those of tiles.
     pub active_voxels: u64,
-    /// Tiles that are active (grids of floats).
+    /// Active tiles (grids of floats only).
     pub active_tiles: u64,
     /// Leaves of 8^3 voxels.
     pub leaves: u64,
-    /// Memory that the tree takes.
+    /// Memory of the tree, bytes.
     pub bytes: u64,
     /// First and last active voxel on each axis.
     pub bbox: Option<[[i32; 3]; 2]>,
-    /// Whether its floats are stored as half floats.
+    /// Whether floats are stored as half floats.
     pub half: bool,
-    /// How its values are compressed in the file.
+    /// Compression of the values in the file.
     pub compression: Option<String>,
     /// All metadata, as text.
     pub metadata: Vec<(String, String)>,
@@ -67,7 +68,7 @@ impl GridInfo {
             .into_iter()
             .map(|m| (m.key, m.value))
             .collect();
-        let map = (!facts.plain_transform).then(|| IndexMap::of_corners(&facts.corners));
+        let map = (!facts.plain_transform).then(|| IndexMap::from_corners(&facts.corners));
         Self {
             name: facts.name,
             grid_type: facts.grid_type,
@@ -97,21 +98,21 @@ impl GridInfo {
     }
 }
 
-/// A file as a whole.
+/// The description of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FileInfo {
     /// File format: 224 for OpenVDB 4 to 12.
     pub version: u32,
-    /// Library and format that wrote it, as in `10.0/224`.
+    /// Version of the library and format that wrote it, as in `10.0/224`.
     #[serde(rename = "library")]
     pub writer: String,
-    /// Size of the file.
+    /// Size of the file, bytes.
     pub bytes: u64,
     /// Metadata of the file itself.
     pub metadata: Vec<(String, String)>,
     /// Its grids, in order of name.
     pub grids: Vec<GridInfo>,
-    /// Content hash over all grids; absent when a grid holds no floats.
+    /// Content hash over all grids; absent if a grid holds no floats.
     pub content_hash: Option<String>,
 }
 
@@ -132,7 +133,7 @@ fn lookup(metadata: &[(String, String)], key: &str) -> Option<String> {
 /// Reads a whole file and describes it, one grid in memory at a time.
 ///
 /// # Errors
-/// [`FileError::Io`] for a missing file, [`FileError::Damaged`] for one that is not whole.
+/// [`FileError::Io`] for a missing file, [`FileError::Damaged`] for an incomplete one.
 pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
     let mut file = open(path)?;
@@ -144,7 +145,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     for (index, name) in order {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
         let facts = ffi::grid_facts(&grid).map_err(damaged)?;
-        if facts.grid_type == FLOATS || facts.grid_type == VECTORS {
+        if facts.grid_type == FLOAT_GRID_TYPE || facts.grid_type == VECTOR_GRID_TYPE {
             if let Some(hash) = &mut hash {
                 hash.add(name, &grid).map_err(damaged)?;
             }
@@ -155,7 +156,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
             name: name.clone(),
             ..GridInfo::from_facts(facts)
         };
-        if info.grid_type == FLOATS {
+        if info.grid_type == FLOAT_GRID_TYPE {
             let volume = Volume::adopt(path, name, grid)?;
             info.values = volume.info.values;
             info.not_finite = volume.info.not_finite;
@@ -176,15 +177,15 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     })
 }
 
-pub(super) const FLOATS: &str = "Tree_float_5_4_3";
-const VECTORS: &str = "Tree_vec3s_5_4_3";
-pub(super) const DOUBLES: &str = "Tree_double_5_4_3";
+pub(super) const FLOAT_GRID_TYPE: &str = "Tree_float_5_4_3";
+const VECTOR_GRID_TYPE: &str = "Tree_vec3s_5_4_3";
+pub(super) const DOUBLE_GRID_TYPE: &str = "Tree_double_5_4_3";
 
 /// Reads a level set. Without a name: the grid `surface`, else the only level set of the file.
 ///
 /// # Errors
 /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or [`FileError::NotALevelSet`]
-/// when the grid does not keep a [`LevelSet`]'s promise.
+/// if the grid does not satisfy the guarantees of a [`LevelSet`].
 pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<LevelSet, FileError> {
     let found = Volume::read(path, name)?;
     if found.info().class == "fog volume" {
@@ -210,7 +211,7 @@ pub(super) fn pick(
     let names = file.names().map_err(damaged)?;
     let no_grid = |present| FileError::NoGrid {
         path: path.to_owned(),
-        wanted: name.unwrap_or("surface").to_owned(),
+        requested: name.unwrap_or("surface").to_owned(),
         present,
     };
     if let Some(index) = names.iter().position(|n| n == name.unwrap_or("surface")) {
@@ -223,9 +224,9 @@ pub(super) fn pick(
         let facts = ffi::grid_facts(&grid).map_err(damaged)?;
         let (kind, class) = (&facts.grid_type, &facts.class_name);
         present.push(format!("{name} ({kind}, {class})"));
-        if class == "level set" && (kind == FLOATS || kind == DOUBLES) {
+        if class == "level set" && (kind == FLOAT_GRID_TYPE || kind == DOUBLE_GRID_TYPE) {
             surfaces.push(index);
-        } else if kind == FLOATS || kind == DOUBLES {
+        } else if kind == FLOAT_GRID_TYPE || kind == DOUBLE_GRID_TYPE {
             volumes.push(index);
         }
     }
@@ -234,7 +235,7 @@ pub(super) fn pick(
     }
     let index = match (&surfaces[..], &volumes[..]) {
         ([index], _) | ([], [index]) => *index,
-        // Of another type, which is the error then.
+        // Its other type is reported as the error.
         _ if names.len() == 1 => 0,
         _ => return Err(no_grid(present)),
     };
@@ -242,7 +243,7 @@ pub(super) fn pick(
     Ok((names[index].clone(), grid))
 }
 
-/// Opens a file after a look at its first bytes, which OpenVDB would report as riddles.
+/// Opens a file after a check of its first bytes: OpenVDB's messages about them are cryptic.
 fn open(path: &Path) -> Result<UniquePtr<ffi::FileIn>, FileError> {
     let io = |e| FileError::io(path, e);
     let mut head = Vec::new();
@@ -251,20 +252,22 @@ fn open(path: &Path) -> Result<UniquePtr<ffi::FileIn>, FileError> {
         return Err(io(std::io::ErrorKind::IsADirectory.into()));
     }
     file.take(12).read_to_end(&mut head).map_err(io)?;
-    let not = |reason: String| FileError::Damaged {
+    let damaged = |reason: String| FileError::Damaged {
         path: path.to_owned(),
         reason,
     };
     // The magic number 0x56444220 as i64, then the format as u32.
     if !head.starts_with(&[0x20, 0x42, 0x44, 0x56, 0, 0, 0, 0]) {
-        return Err(not("the first bytes are not those of a .vdb file".into()));
+        return Err(damaged(
+            "the first bytes are not those of a .vdb file".into(),
+        ));
     }
     let Some(&version) = head.get(8..).and_then(<[u8]>::first_chunk) else {
-        return Err(not(format!("it ends after {} bytes", head.len())));
+        return Err(damaged(format!("it ends after {} bytes", head.len())));
     };
     let version = u32::from_le_bytes(version);
     if version > 224 {
-        return Err(not(format!("it is of format {version}")));
+        return Err(damaged(format!("it is of format {version}")));
     }
     let opened = ffi::initialize().and_then(|()| ffi::file_open(path.as_os_str().as_bytes()));
     opened.map_err(|e| FileError::damaged(path, &e))

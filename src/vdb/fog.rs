@@ -1,18 +1,18 @@
-//! Fog volumes: density 1 deep inside, a ramp over the inner half of the band, 0 outside.
+//! Fog volumes: density 1 deep inside, a linear ramp over the inner half of the band, 0 outside.
 
 use super::{LevelSet, Session, VdbError, ffi};
 use cxx::UniquePtr;
 
-/// A fog volume made from a level set, for renderers; only to be written.
+/// A fog volume made from a level set, for renderers; it can only be written.
 pub struct Fog {
     pub(super) grid: UniquePtr<ffi::Grid>,
 }
 
 impl LevelSet {
-    /// The solid as a fog volume, from a copy.
+    /// A copy of the solid as a fog volume.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses (memory).
+    /// Only errors of OpenVDB (memory).
     pub fn to_fog(&self, session: Session<'_>) -> Result<Fog, VdbError> {
         let grid = ffi::grid_fog(&self.grid, &session.host())
             .map_err(|e| VdbError::of("making fog", session, &e))?;

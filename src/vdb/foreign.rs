@@ -1,29 +1,29 @@
-//! From a grid of floats of others to a level set: what it is, what is wrong with it, and what can be mended.
+//! Conversion of a grid of floats from another program to a level set: interpretation, repairs, refusals.
 //!
-//! Mended with a note is what leaves the surface where it is: signs of inactive values, a background that is none,
-//! distances in other units than the voxels', a class that is not stated. On request a grid that is inside out is
-//! turned, and a grid whose voxels are no cubes is brought onto cubes. All else is refused with a remedy.
+//! Repairs that do not move the surface are made with a note: signs of inactive values, a wrong background,
+//! distances in other units than the voxels, a missing class. On request an inside-out grid is inverted, and a grid
+//! of non-cubic voxels is resampled to cubes. Everything else is refused with a remedy.
 
 use super::refusal::{Located, Refusal, place_of, torn, value_hint};
-use super::repair::Mending;
+use super::repair::Repair;
 use super::resample::on_cubes;
 use super::value_survey::Slopes;
 use super::{FileError, LevelSet, Session, VdbError, Volume};
 use crate::frame::Vec3;
 use std::path::Path;
 
-/// How a grid of others is to be read.
+/// Options of the conversion of a grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridReading {
-    /// The value on the surface, for grids that are no level sets.
+    /// The value on the surface, for grids that are not level sets.
     pub value: Option<f64>,
     /// Exchange inside and outside of a level set that is inside out.
     pub invert: bool,
-    /// What becomes of voxels that are no cubes along the axes.
+    /// Treatment of voxels that are not axis-aligned cubes.
     pub cubes: Cubes,
-    /// Half width of bands that are made anew, voxels.
+    /// Half width of rebuilt bands, voxels.
     pub half_width: f64,
-    /// Leave a torn surface as it is, for whoever counts the tears.
+    /// Accept a band with gaps, so that they can be counted.
     pub allow_torn: bool,
 }
 
@@ -39,55 +39,53 @@ impl Default for GridReading {
     }
 }
 
-/// What becomes of voxels that are no cubes along the axes.
+/// Treatment of voxels that are not axis-aligned cubes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cubes {
     /// They are refused.
     Refuse,
-    /// The grid is brought onto cubes of this edge, the file's unit.
+    /// The grid is resampled to cubes of this edge, in the file's unit.
     Edge(f64),
-    /// The level set stands in voxel numbers: edge 1, origin 0.
+    /// The level set stays in index space: edge 1, origin 0.
     Numbers,
 }
 
-/// A level set of others and what was mended.
+/// A converted level set and its repairs.
 pub struct Adopted {
     /// The level set.
     pub solid: LevelSet,
-    /// One sentence each.
+    /// One sentence per repair.
     pub notes: Vec<String>,
 }
 
-/// What a grid is.
+/// The interpretation of a grid.
 #[derive(Clone, Debug, PartialEq)]
 enum Plan {
-    /// The surface where values are so.
+    /// The isosurface at a value.
     Isosurface(f64),
-    /// A level set.
-    LevelSet(Mending),
+    /// A level set with repairs.
+    LevelSet(Repair),
 }
 
-/// Greatest values of a fog that count as 1.
+/// Range of the greatest value of a fog that counts as density 1.
 const FULL_FOG: [f32; 2] = [0.9, 1.1];
 impl Volume {
-    /// Edge and half width (voxels) of the voxels that the grid's level set has, or would have on cubes: the file's
-    /// unit.
+    /// Voxel edge (in the file's unit) and half width (voxels) of the grid's level set, or of its resampling to cubes.
     pub fn voxels(&self) -> (f64, f64) {
         let width = match self.plan(&GridReading {
             invert: self.survey.is_inside_out(),
             ..GridReading::default()
         }) {
-            Ok(Plan::LevelSet(mending)) if self.info.cubic => mending.half_width,
+            Ok(Plan::LevelSet(repair)) if self.info.cubic => repair.half_width,
             _ => GridReading::default().half_width,
         };
         (self.info.cube_edge(), width)
     }
 
-    /// The level set that the grid is, or that a value of it bounds; `path` is its name in errors.
+    /// Converts the grid, or its isosurface, to a level set; `path` is the name in errors.
     ///
     /// # Errors
-    /// [`FileError::NotALevelSet`] with what is missing and what to do, [`FileError::Cancelled`], or what OpenVDB
-    /// refuses.
+    /// [`FileError::NotALevelSet`] with the defect and the remedy, [`FileError::Cancelled`], or errors of OpenVDB.
     pub fn solid(
         mut self,
         path: &Path,
@@ -109,28 +107,28 @@ impl Volume {
                 let solid = self.isosurface(value, how.half_width, session);
                 (solid.map_err(failed)?, Vec::new())
             }
-            Plan::LevelSet(mending) => {
-                self.mend(&mending, session).map_err(failed)?;
+            Plan::LevelSet(repair) => {
+                self.repair(&repair, session).map_err(failed)?;
                 let wrong = self.fill_signs(session).map_err(failed)?;
-                let mut notes = mending.notes;
+                let mut notes = repair.notes;
                 if wrong > 0 {
                     notes.push(format!(
-                        "{wrong} inactive values had the wrong sign; they have that of the band beside them now"
+                        "{wrong} inactive values had the wrong sign; they now have the sign of the band beside them"
                     ));
                 }
                 let (transform, origin) = self.frame().map_err(failed)?;
                 let solid = LevelSet {
                     transform,
                     origin,
-                    half_width: mending.half_width,
+                    half_width: repair.half_width,
                     grid: self.grid,
                 };
-                // Long moves of a surface may leave single pairs without a distance in files of Druse's own;
-                // their meshes are closed, and `druse check` counts the pairs.
+                // Large offsets may leave gaps of single pairs in files of Druse; their meshes are closed, and
+                // `druse check` counts the pairs.
                 if !how.allow_torn && !is_own {
-                    let tears = solid.tears().map_err(failed)?;
-                    if tears.torn > 0 {
-                        return Err(located.refuse(torn(tears, &self.info)));
+                    let gaps = solid.band_gaps().map_err(failed)?;
+                    if gaps.gaps > 0 {
+                        return Err(located.refuse(torn(gaps, &self.info)));
                     }
                 }
                 (solid, notes)
@@ -144,7 +142,7 @@ impl Volume {
         Ok(Adopted { solid, notes })
     }
 
-    /// What is made of the grid, or why nothing.
+    /// The interpretation of the grid, or its refusal.
     fn plan(&self, how: &GridReading) -> Result<Plan, Refusal> {
         let survey = &self.survey;
         if let Some(refusal) = self.not_finite() {
@@ -162,7 +160,7 @@ impl Volume {
                     low < 0.0 && high > 0.0 && self.slopes().is_some_and(Slopes::is_uniform);
                 if is_band {
                     let note = format!(
-                        "its class is {class}, and its values are signed distances: taken for a level set"
+                        "its class is {class}, and its values are signed distances: read as a level set"
                     );
                     return self.level_set(how, vec![note]).map(Plan::LevelSet);
                 }
@@ -175,9 +173,9 @@ impl Volume {
         }
     }
 
-    /// The first value that is NaN or infinite, with its place.
+    /// The refusal of the first value that is NaN or infinite.
     pub(super) fn not_finite(&self) -> Option<Refusal> {
-        let (v, voxel) = self.survey.first?;
+        let (v, voxel) = self.survey.first_non_finite?;
         let map = self.info.index_map();
         let index = Vec3::from(voxel.0.map(f64::from));
         Some(Refusal::new(
@@ -192,12 +190,12 @@ impl Volume {
         ))
     }
 
-    /// What is to be said of the grid before anything is made of it: what commands refuse or mend.
+    /// Notes on the grid before its conversion: what commands refuse or repair.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         let is_solid = matches!(self.info.class.as_str(), "level set" | "fog volume");
         match self.plan(&GridReading::default()) {
-            Ok(Plan::LevelSet(mending)) => notes.extend(mending.notes),
+            Ok(Plan::LevelSet(repair)) => notes.extend(repair.notes),
             Err(refusal) if is_solid || self.survey.not_finite > 0 => {
                 notes.push(format!(
                     "found {}; expected {}: {}",
@@ -208,14 +206,14 @@ impl Volume {
         }
         if !self.info.cubic {
             notes.push(format!(
-                "{}: commands take it with --resample",
+                "{}: commands accept it with --resample",
                 self.info.shape()
             ));
         }
         notes
     }
 
-    /// The value on the surface of a fog.
+    /// The value on the surface of a fog volume.
     fn fog_value(&self) -> Result<f64, Refusal> {
         let high = self.survey.range.map_or(0.0, |r| r[1]);
         let low = self.survey.range.map_or(0.0, |r| r[0]);

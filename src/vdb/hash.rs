@@ -1,36 +1,35 @@
-//! The content hash: what a file holds, whatever the order of threads, the metadata and the random
-//! identifier in its header.
+//! The content hash of a file, independent of metadata, threads and the random identifier in the header.
 //!
-//! BLAKE3 over the grids in order of name (bytes). Of each grid: name, type (`Tree_float_5_4_3`) and
-//! class, each as its length in bytes (u32) and UTF-8; voxel size and background (f64); number of
-//! leaves (u64), and per leaf with an active voxel, in order of origin (x, y, z): origin (3 x i32),
-//! mask (8 x u64), active values in order of offset (f32, -0 as 0; of vectors three); number of active tiles (u64), and
-//! per tile in order of origin: origin (3 x i32), edge (i32), value (f32). All numbers little-endian.
+//! BLAKE3 over the grids in order of name (bytes). For each grid: name, type (`Tree_float_5_4_3`) and class,
+//! each as its length in bytes (u32) and UTF-8; voxel size and background (f64); number of leaves with an
+//! active voxel (u64) and, per such leaf in order of origin (x, y, z), origin (3 x i32), mask (8 x u64) and
+//! active values in order of offset (f32, three for vectors, -0 as 0); number of active tiles (u64) and, per
+//! tile in order of origin, origin (3 x i32), edge (i32) and value (f32). All numbers are little-endian.
 
 use super::leaves::{TileView, tiles_of};
 use super::{LevelSet, VdbError, ffi};
 
-/// Hash of several grids; add them in order of name.
+/// The hash of several grids, which are added in order of name.
 #[derive(Default)]
 pub(super) struct ContentHash {
     hasher: blake3::Hasher,
-    /// Bytes that wait: BLAKE3 hashes 16 chunks of 1 KiB at once where it is given that many.
-    waiting: Vec<u8>,
+    /// Buffered bytes: BLAKE3 hashes 16 chunks of 1 KiB in parallel if it gets that many at once.
+    buffer: Vec<u8>,
 }
 
-/// Bytes that are hashed at once.
+/// Bytes hashed at once.
 const BATCH_BYTES: usize = 1 << 17;
 
-/// What a grid says before its leaves.
+/// The part of a grid that is hashed before its leaves.
 pub(super) struct GridHead<'a> {
     pub name: &'a str,
     pub grid_type: &'a str,
     pub class_name: &'a str,
     pub voxel_size: f64,
     pub background: f64,
-    /// Whether its numbers are stored as half floats: they are hashed as they come back.
+    /// Whether values are stored as half floats; they are hashed as rounded.
     pub half: bool,
-    /// Leaves with an active voxel.
+    /// Number of leaves with an active voxel.
     pub leaves: u64,
 }
 
@@ -51,42 +50,42 @@ impl<'a> GridHead<'a> {
 impl ContentHash {
     /// 64 hexadecimal digits.
     pub fn finish(mut self) -> String {
-        self.hasher.update(&self.waiting);
-        self.waiting.clear();
+        self.hasher.update(&self.buffer);
+        self.buffer.clear();
         self.hasher.finalize().to_hex().to_string()
     }
 
     /// Adds bytes.
-    fn put(&mut self, bytes: &[u8]) {
-        self.waiting.extend_from_slice(bytes);
-        self.flush_full();
+    fn add_bytes(&mut self, bytes: &[u8]) {
+        self.buffer.extend_from_slice(bytes);
+        self.flush_if_full();
     }
 
-    /// Hashes what waits once it is enough.
-    fn flush_full(&mut self) {
-        if self.waiting.len() >= BATCH_BYTES {
-            self.hasher.update(&self.waiting);
-            self.waiting.clear();
+    /// Hashes the buffer if it is full.
+    fn flush_if_full(&mut self) {
+        if self.buffer.len() >= BATCH_BYTES {
+            self.hasher.update(&self.buffer);
+            self.buffer.clear();
         }
     }
 
     /// Begins a grid; its leaves with an active voxel follow in order of origin, then its tiles.
-    pub fn begin(&mut self, head: &GridHead<'_>) {
+    pub fn begin_grid(&mut self, head: &GridHead<'_>) {
         for text in [head.name, head.grid_type, head.class_name] {
-            self.put(&(text.len() as u32).to_le_bytes());
-            self.put(text.as_bytes());
+            self.add_bytes(&(text.len() as u32).to_le_bytes());
+            self.add_bytes(text.as_bytes());
         }
-        self.put(&head.voxel_size.to_le_bytes());
+        self.add_bytes(&head.voxel_size.to_le_bytes());
         let background = if head.half {
             f64::from(as_half(head.background as f32))
         } else {
             head.background
         };
-        self.put(&background.to_le_bytes());
-        self.put(&head.leaves.to_le_bytes());
+        self.add_bytes(&background.to_le_bytes());
+        self.add_bytes(&head.leaves.to_le_bytes());
     }
 
-    /// Adds a leaf: its active numbers in order of offset.
+    /// Adds a leaf: its active values in order of offset.
     pub fn leaf(
         &mut self,
         origin: [i32; 3],
@@ -94,19 +93,19 @@ impl ContentHash {
         half: bool,
         active: impl Iterator<Item = f32>,
     ) {
-        let bytes = &mut self.waiting;
+        let bytes = &mut self.buffer;
         bytes.extend(origin.iter().flat_map(|c| c.to_le_bytes()));
         bytes.extend(mask.iter().flat_map(|w| w.to_le_bytes()));
         for v in active {
             let v = if half { as_half(v) } else { v };
             bytes.extend_from_slice(&positive_zero(v).to_le_bytes());
         }
-        self.flush_full();
+        self.flush_if_full();
     }
 
     /// Adds a leaf of single floats.
     fn leaf_of_floats(&mut self, head: &ffi::LeafHead, values: &[f32], half: bool) {
-        let bytes = &mut self.waiting;
+        let bytes = &mut self.buffer;
         bytes.extend(head.origin.iter().flat_map(|c| c.to_le_bytes()));
         bytes.extend(head.mask.iter().flat_map(|w| w.to_le_bytes()));
         for (&word, row) in head.mask.iter().zip(values.chunks_exact(64)) {
@@ -122,12 +121,12 @@ impl ContentHash {
             }
             bytes.extend_from_slice(&active[..len]);
         }
-        self.flush_full();
+        self.flush_if_full();
     }
 
-    /// Says how many active tiles follow and end the grid, in order of origin.
+    /// Adds the number of active tiles, which follow in order of origin and end the grid.
     pub fn begin_tiles(&mut self, count: u64) {
-        self.put(&count.to_le_bytes());
+        self.add_bytes(&count.to_le_bytes());
     }
 
     /// Adds an active tile.
@@ -136,37 +135,37 @@ impl ContentHash {
         let words = tile.origin.0.iter().map(|c| c.to_le_bytes());
         let value = positive_zero(tile.value).to_le_bytes();
         let words = words.chain([tile.edge.to_le_bytes(), value]);
-        for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
-            place.copy_from_slice(&word);
+        for (slot, word) in bytes.chunks_exact_mut(4).zip(words) {
+            slot.copy_from_slice(&word);
         }
-        self.put(&bytes);
+        self.add_bytes(&bytes);
     }
 
     /// Adds a grid of floats or vectors under a name.
     pub fn add(&mut self, name: &str, grid: &ffi::Grid) -> Result<(), cxx::Exception> {
         let facts = ffi::grid_facts(grid)?;
         let table = ffi::leaf_table(grid)?;
-        let any = |mask: &[u64; 8]| mask.iter().any(|&w| w != 0);
-        let mut kept = 0u64;
+        let has_active = |mask: &[u64; 8]| mask.iter().any(|&w| w != 0);
+        let mut active_leaves = 0u64;
         for n in 0..table.len() {
-            kept += u64::from(any(&table.head(n)?.mask));
+            active_leaves += u64::from(has_active(&table.head(n)?.mask));
         }
-        self.begin(&GridHead::new(name, &facts, kept));
+        self.begin_grid(&GridHead::new(name, &facts, active_leaves));
         for n in 0..table.len() {
             let (head, values) = (table.head(n)?, table.values(n)?);
-            if !any(&head.mask) {
+            if !has_active(&head.mask) {
                 continue;
             }
             if values.len() == 512 {
                 self.leaf_of_floats(&head, values, facts.half);
                 continue;
             }
-            // Numbers a voxel: 3 of vectors.
+            // Components per voxel: 3 for vectors.
             let width = (values.len() / 512).max(1);
             let voxels = values.chunks_exact(width).enumerate();
             let active = voxels.filter(|(v, _)| head.mask[v >> 6] >> (v & 63) & 1 == 1);
-            let numbers = active.flat_map(|(_, numbers)| numbers.iter().copied());
-            self.leaf(head.origin, &head.mask, facts.half, numbers);
+            let components = active.flat_map(|(_, voxel)| voxel.iter().copied());
+            self.leaf(head.origin, &head.mask, facts.half, components);
         }
         let mut tiles = tiles_of(grid, false)?;
         tiles.retain(|t| t.active);
@@ -182,9 +181,9 @@ fn positive_zero(v: f32) -> f32 {
     if v == 0.0 { 0.0 } else { v }
 }
 
-/// What is left of a number that was stored with 11 bits and 5 of exponent, rounded to even.
+/// Rounds to a half float (11 bits of mantissa, 5 of exponent), to nearest even.
 fn as_half(v: f32) -> f32 {
-    // 2^13 of the float's units in the last place make one of the half's; below 2^-14 its steps are 2^-24.
+    // One unit in the last place of a half is 2^13 of those of a float; below 2^-14 its steps are 2^-24.
     if v.abs() < 6.103_515_6e-5 {
         let step = 2f32.powi(-24);
         return (v / step).round_ties_even() * step;
@@ -195,11 +194,10 @@ fn as_half(v: f32) -> f32 {
 }
 
 impl LevelSet {
-    /// The content hash of a file that holds this level set alone under this name, unscaled: 64
-    /// hexadecimal digits.
+    /// The content hash of a file with only this level set, unscaled, under a name: 64 hexadecimal digits.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn content_hash(&self, name: &str) -> Result<String, VdbError> {
         let mut hash = ContentHash::default();
         hash.add(name, &self.grid)

@@ -1,4 +1,4 @@
-//! Leaves and tiles by place: what lies at a voxel and beside a leaf.
+//! Lookup of the leaf or tile at a voxel, and of the neighbours of a leaf.
 
 use super::leaves::{LeafView, Leaves, TileView, tiles_of};
 use super::{LevelSet, VdbError};
@@ -6,21 +6,21 @@ use crate::frame::Coord;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
-/// What holds a voxel.
+/// The node of a tree that holds a voxel.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Holder {
-    /// Leaf of this number.
+    /// The leaf with this number.
     Leaf(usize),
-    /// Tile of this number.
+    /// The tile with this number.
     Tile(usize),
-    /// No node: outside, without end.
-    Nothing,
+    /// No node: the unbounded outside.
+    Background,
 }
 
 /// Edges of tiles, smallest first.
-const EDGES: [i32; 3] = [8, 128, 4096];
+const TILE_EDGES: [i32; 3] = [8, 128, 4096];
 
-/// Hashes origins of nodes with one multiplication a number; `SipHash` takes longer than the look-up itself.
+/// Hashes node origins with one multiplication per coordinate; `SipHash` would take longer than the lookup.
 #[derive(Default)]
 struct CoordHasher(u64);
 
@@ -32,7 +32,7 @@ impl CoordHasher {
 
 impl Hasher for CoordHasher {
     fn finish(&self) -> u64 {
-        // The table takes the lowest bits, which a product has from the lowest bits alone.
+        // The table uses the lowest bits; those of a product depend on the lowest bits alone.
         self.0 ^ self.0 >> 32
     }
 
@@ -49,10 +49,10 @@ impl Hasher for CoordHasher {
     }
 }
 
-/// Numbers of nodes by their origins.
+/// Numbers of nodes by origin.
 type ByOrigin = HashMap<Coord, usize, BuildHasherDefault<CoordHasher>>;
 
-/// Leaves in order of origin, with a table of places.
+/// Leaves and tiles of a level set with lookup tables by origin.
 pub(super) struct LeafIndex<'a> {
     pub leaves: Vec<LeafView<'a>>,
     pub tiles: Vec<TileView>,
@@ -62,14 +62,13 @@ pub(super) struct LeafIndex<'a> {
 }
 
 impl<'a> LeafIndex<'a> {
-    /// Of the inside (`everything` false: only tiles that are inside or active) or of all space that
-    /// has nodes.
+    /// Indexes the leaves and tiles; without `all_tiles` only tiles that are inside or active.
     pub fn new(
         level_set: &LevelSet,
         leaves: &'a Leaves<'_>,
-        everything: bool,
+        all_tiles: bool,
     ) -> Result<Self, VdbError> {
-        let tiles = tiles_of(&level_set.grid, everything)
+        let tiles = tiles_of(&level_set.grid, all_tiles)
             .map_err(|e| VdbError::plain("listing tiles", &e))?;
         let leaves: Vec<_> = leaves.iter().collect();
         Ok(Self {
@@ -86,30 +85,30 @@ impl<'a> LeafIndex<'a> {
         self.leaf_at.get(&voxel.aligned(8)).copied()
     }
 
-    /// What holds a voxel.
+    /// The leaf or tile that holds a voxel.
     pub fn holder(&self, voxel: Coord) -> Holder {
         if let Some(leaf) = self.leaf(voxel) {
             return Holder::Leaf(leaf);
         }
-        for edge in EDGES {
+        for edge in TILE_EDGES {
             if let Some(&tile) = self.tile_at.get(&voxel.aligned(edge)) {
-                // A tile of this origin may be smaller than the cube asked for.
+                // A tile with this origin may be smaller than the cube.
                 if self.tiles[tile].edge == edge {
                     return Holder::Tile(tile);
                 }
             }
         }
-        Holder::Nothing
+        Holder::Background
     }
 
-    /// What lies beside a leaf, across each of its faces.
-    pub fn beside(&self, leaf: usize) -> [Holder; 6] {
+    /// The neighbours of a leaf across its six faces.
+    pub fn face_neighbours(&self, leaf: usize) -> [Holder; 6] {
         let origin = self.leaves[leaf].origin;
         FACES.map(|s| self.holder(origin.offset(8 * s[0], 8 * s[1], 8 * s[2])))
     }
 
-    /// Value of the neighbour of a voxel of a leaf across a face; `beside` is of that leaf.
-    pub fn neighbour(&self, leaf: usize, beside: &[Holder; 6], n: usize, face: usize) -> f32 {
+    /// Value of the neighbour of voxel `n` of a leaf across a face; `neighbours` are those of the leaf.
+    pub fn neighbour(&self, leaf: usize, neighbours: &[Holder; 6], n: usize, face: usize) -> f32 {
         let (shift, ahead) = ([6, 3, 0][face / 2], face % 2 == 1);
         let step = 1 << shift;
         let at = match (ahead, n >> shift & 7) {
@@ -118,10 +117,10 @@ impl<'a> LeafIndex<'a> {
             (true, _) => return self.leaves[leaf].values[n + step],
             (false, _) => return self.leaves[leaf].values[n - step],
         };
-        match beside[face] {
+        match neighbours[face] {
             Holder::Leaf(other) => self.leaves[other].values[at],
             Holder::Tile(tile) => self.tiles[tile].value,
-            Holder::Nothing => self.background,
+            Holder::Background => self.background,
         }
     }
 
@@ -134,18 +133,18 @@ impl<'a> LeafIndex<'a> {
                 (leaf.values[n], leaf.is_active(n))
             }
             Holder::Tile(tile) => (self.tiles[tile].value, self.tiles[tile].active),
-            Holder::Nothing => (self.background, false),
+            Holder::Background => (self.background, false),
         }
     }
 }
 
-/// Place of a voxel in its leaf.
+/// Offset of a voxel in its leaf.
 pub(super) fn offset(voxel: Coord) -> usize {
     let [x, y, z] = voxel.0.map(|c| (c & 7) as usize);
     x << 6 | y << 3 | z
 }
 
-/// The six neighbours that share a face.
+/// Steps to the six face neighbours.
 pub(super) const FACES: [[i32; 3]; 6] = [
     [-1, 0, 0],
     [1, 0, 0],

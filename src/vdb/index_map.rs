@@ -1,52 +1,52 @@
-//! From the numbers of voxels to the world, for any grid of a file: turned, mirrored, sheared, stretched, or a frustum.
+//! The map from index space to the world of any grid of a file: rotated, mirrored, sheared, scaled, or a frustum.
 //!
-//! All maps of OpenVDB are polynomials of first degree along each axis: affine ones, and frustums, whose width grows
-//! linearly with depth. Such a map is known from the corners of one cube.
+//! All maps of OpenVDB are trilinear polynomials: affine maps, and frustums, whose width grows linearly with depth.
+//! Such a map is determined by the corners of one cube.
 
 use crate::frame::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
-/// Edge of the cube whose corners say what a map is, voxels.
-const SPAN: f64 = 64.0;
-/// Steps of Newton's method; a few are enough for a frustum.
-const STEPS: usize = 40;
-/// Differences, as a share of a voxel's edge, below which two directions or lengths count as equal.
-const EQUAL: f64 = 1e-6;
+/// Edge of the cube whose corners determine a map, voxels.
+const CUBE_EDGE: f64 = 64.0;
+/// Greatest number of Newton steps; a few suffice for a frustum.
+const MAX_NEWTON_STEPS: usize = 40;
+/// Relative difference below which two directions or lengths count as equal.
+const RELATIVE_TOLERANCE: f64 = 1e-6;
 
-/// A map from voxel numbers to the world.
+/// A map from index space (voxel coordinates) to the world.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct IndexMap {
-    /// Factors of 1, x, y, xy, z, xz, yz, xyz: bit 0 of the place is x, bit 1 y, bit 2 z.
+    /// Coefficients of 1, x, y, xy, z, xz, yz, xyz: bit 0 of the index is x, bit 1 y, bit 2 z.
     factors: [[f64; 3]; 8],
 }
 
 impl IndexMap {
-    /// The map that takes the corners of the cube from 0 to 64 to these places; bit 0 of a corner's number is x, bit 1
-    /// y, bit 2 z.
-    pub(super) fn of_corners(corners: &[f64; 24]) -> Self {
+    /// The map that takes the corners of the cube from 0 to 64 to these positions; bit 0 of a corner's number is x,
+    /// bit 1 y, bit 2 z.
+    pub(super) fn from_corners(corners: &[f64; 24]) -> Self {
         let mut factors: [[f64; 3]; 8] =
             std::array::from_fn(|n| std::array::from_fn(|a| corners[3 * n + a]));
         for axis in [1usize, 2, 4] {
             for n in (0..8usize).filter(|n| n & axis != 0) {
-                let (far, near) = (factors[n], factors[n ^ axis]);
-                factors[n] = std::array::from_fn(|a| (far[a] - near[a]) / SPAN);
+                let (high, low) = (factors[n], factors[n ^ axis]);
+                factors[n] = std::array::from_fn(|a| (high[a] - low[a]) / CUBE_EDGE);
             }
         }
-        // What differences of rounded places leave of products that are not there.
+        // Mixed coefficients at the level of rounding are zero.
         let edge = [1usize, 2, 4].map(|n| Vec3::from(factors[n]).norm());
         let size = edge[0].max(edge[1]).max(edge[2]);
-        let far = corners.iter().fold(0.0f64, |m, c| m.max(c.abs()));
+        let max_coordinate = corners.iter().fold(0.0f64, |m, c| m.max(c.abs()));
         for n in [3usize, 5, 6, 7] {
-            if Vec3::from(factors[n]).norm() <= 1e-9 * size / SPAN + 1e-15 * far {
+            if Vec3::from(factors[n]).norm() <= 1e-9 * size / CUBE_EDGE + 1e-15 * max_coordinate {
                 factors[n] = [0.0; 3];
             }
         }
         Self { factors }
     }
 
-    /// The map of boxes along the axes, from the lengths of their edges and the world position of voxel (0, 0, 0).
-    pub(super) fn boxes(edges: [f64; 3], origin: [f64; 3]) -> Self {
+    /// The map of axis-aligned boxes, from the lengths of their edges and the world position of voxel (0, 0, 0).
+    pub(super) fn axis_aligned(edges: [f64; 3], origin: [f64; 3]) -> Self {
         let mut factors = [[0.0; 3]; 8];
         factors[0] = origin;
         for a in 0..3 {
@@ -55,9 +55,9 @@ impl IndexMap {
         Self { factors }
     }
 
-    /// The world position of a voxel, or of a place between voxels.
+    /// The world position of a point in index space.
     pub fn world(&self, index: Vec3) -> Vec3 {
-        self.sum(|n| factor(n, index))
+        self.sum(|n| monomial(n, index))
     }
 
     fn sum(&self, weight: impl Fn(usize) -> f64) -> Vec3 {
@@ -65,7 +65,7 @@ impl IndexMap {
         terms.map(|(n, f)| Vec3::from(*f) * weight(n)).sum()
     }
 
-    /// The edges of a voxel at a place, as columns.
+    /// The edges of a voxel at a point in index space, as columns: the Jacobian of the map.
     pub fn edges(&self, index: Vec3) -> Mat3 {
         let column = |axis: usize| {
             let bit = 1 << axis;
@@ -73,17 +73,17 @@ impl IndexMap {
                 if n & bit == 0 {
                     0.0
                 } else {
-                    factor(n ^ bit, index)
+                    monomial(n ^ bit, index)
                 }
             })
         };
         Mat3::from_columns(&[column(0), column(1), column(2)])
     }
 
-    /// The place between voxels that lies at a point of the world; `None` where there is none.
+    /// The point in index space of a world position, by Newton's method; `None` if there is none.
     pub fn index(&self, world: Vec3) -> Option<Vec3> {
         let mut index = Vec3::zeros();
-        for _ in 0..STEPS {
+        for _ in 0..MAX_NEWTON_STEPS {
             let step = self.edges(index).try_inverse()? * (world - self.world(index));
             index += step;
             if !step.iter().all(|c| c.is_finite()) {
@@ -96,19 +96,19 @@ impl IndexMap {
         None
     }
 
-    /// Whether voxels are alike everywhere: no frustum.
+    /// Whether all voxels are alike, which is false for a frustum.
     pub fn is_affine(&self) -> bool {
         [3usize, 5, 6, 7]
             .iter()
             .all(|&n| self.factors[n] == [0.0; 3])
     }
 
-    /// Whether the map turns left hands into right ones.
+    /// Whether the map reverses orientation.
     pub fn is_mirrored(&self, index: Vec3) -> bool {
         self.edges(index).determinant() < 0.0
     }
 
-    /// The shortest edge of a voxel at a place.
+    /// The shortest edge of a voxel at a point in index space.
     pub fn shortest_edge(&self, index: Vec3) -> f64 {
         let edges = self.edges(index);
         edges
@@ -117,7 +117,7 @@ impl IndexMap {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether voxels have a volume, in a box of them too.
+    /// Whether voxels have a volume everywhere in a box of index space.
     pub(super) fn is_regular(&self, low: Vec3, high: Vec3) -> bool {
         let first = self.edges(low);
         let sign = first.determinant().signum();
@@ -126,29 +126,32 @@ impl IndexMap {
             let edges = self.edges(corner);
             let volume = edges.determinant();
             let lengths: f64 = edges.column_iter().map(|c| c.norm()).product();
-            // Beyond the apex of a frustum two edges point the other way, and the volume keeps its sign.
-            let turned = (0..3).any(|a| edges.column(a).dot(&first.column(a)) <= 0.0);
-            volume.is_finite() && volume * sign > 1e-9 * lengths && lengths > 0.0 && !turned
+            // Beyond the apex of a frustum two edges are reversed, while the volume keeps its sign.
+            let is_reversed = (0..3).any(|a| edges.column(a).dot(&first.column(a)) <= 0.0);
+            volume.is_finite() && volume * sign > 1e-9 * lengths && lengths > 0.0 && !is_reversed
         })
     }
 
-    /// What voxels are at a place, in words: "voxels of 0.1 x 0.1 x 0.2, turned".
+    /// Describes the voxels at a point in index space: "voxels of 0.1 x 0.1 x 0.2, turned".
     pub fn description(&self, index: Vec3) -> String {
         let edges = self.edges(index);
         let [x, y, z] = [0, 1, 2].map(|a| edges.column(a).into_owned());
         let lengths = [x.norm(), y.norm(), z.norm()];
         let longest = lengths[0].max(lengths[1]).max(lengths[2]);
         let [a, b, c] = lengths.map(|l| l as f32);
-        let mut text = if lengths.iter().all(|l| longest - l <= EQUAL * longest) {
+        let mut text = if lengths
+            .iter()
+            .all(|l| longest - l <= RELATIVE_TOLERANCE * longest)
+        {
             format!("voxels of {a}")
         } else {
             format!("voxels of {a} x {b} x {c}")
         };
         let is_sheared = [(x, y), (y, z), (z, x)]
             .iter()
-            .any(|(u, v)| u.dot(v).abs() > EQUAL * u.norm() * v.norm());
-        let off_axis =
-            (0..3).any(|a| (0..3).any(|b| a != b && edges[(a, b)].abs() > EQUAL * longest));
+            .any(|(u, v)| u.dot(v).abs() > RELATIVE_TOLERANCE * u.norm() * v.norm());
+        let off_axis = (0..3)
+            .any(|a| (0..3).any(|b| a != b && edges[(a, b)].abs() > RELATIVE_TOLERANCE * longest));
         let words = [
             (!self.is_affine(), "of a frustum"),
             (self.is_affine() && is_sheared, "sheared"),
@@ -162,33 +165,33 @@ impl IndexMap {
     }
 }
 
-/// The product of those coordinates whose bit is set.
-fn factor(bits: usize, index: Vec3) -> f64 {
-    let own = (0..3).filter(|a| bits >> a & 1 == 1);
-    own.map(|a| index[a]).product()
+/// The product of the coordinates whose bit is set.
+fn monomial(bits: usize, index: Vec3) -> f64 {
+    let axes = (0..3).filter(|a| bits >> a & 1 == 1);
+    axes.map(|a| index[a]).product()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The map of the corners of the cube of 64 voxels.
-    fn of(map: impl Fn(Vec3) -> Vec3) -> IndexMap {
+    /// The map found from the corners of a cube under another map.
+    fn fitted(map: impl Fn(Vec3) -> Vec3) -> IndexMap {
         let mut corners = [0.0; 24];
         for n in 0..8usize {
             let at = map(Vec3::from_fn(
-                |a, _| if n >> a & 1 == 1 { SPAN } else { 0.0 },
+                |a, _| if n >> a & 1 == 1 { CUBE_EDGE } else { 0.0 },
             ));
             corners[3 * n..3 * n + 3].copy_from_slice(at.as_slice());
         }
-        IndexMap::of_corners(&corners)
+        IndexMap::from_corners(&corners)
     }
 
     #[test]
     fn affine_maps_are_found_from_corners() {
         let edges = Mat3::new(0.1, 0.02, 0.0, 0.0, -0.2, 0.0, 0.03, 0.0, 0.3);
         let shift = Vec3::new(1.0, -2.0, 3000.0);
-        let map = of(|i| edges * i + shift);
+        let map = fitted(|i| edges * i + shift);
         assert!(map.is_affine() && map.is_mirrored(Vec3::zeros()));
         assert!((map.edges(Vec3::zeros()) - edges).norm() < 1e-12);
         let place = Vec3::new(-7.5, 12.25, 100.0);
@@ -205,7 +208,7 @@ mod tests {
 
     #[test]
     fn frustums_are_found_from_corners() {
-        let map = of(|i| {
+        let map = fitted(|i| {
             let width = 0.1 * (1.0 + 0.01 * i.z);
             Vec3::new((i.x - 20.0) * width, (i.y - 20.0) * width, 0.2 * i.z)
         });
@@ -215,7 +218,7 @@ mod tests {
         assert!((map.world(place) - expected).norm() < 1e-9);
         assert!((map.index(expected).unwrap() - place).norm() < 1e-6);
         assert!(map.description(place).contains("frustum"));
-        // Where the width vanishes voxels have no volume.
+        // Voxels have no volume where the width vanishes.
         assert!(!map.is_regular(Vec3::new(0.0, 0.0, -150.0), Vec3::repeat(40.0)));
     }
 }

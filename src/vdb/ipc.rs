@@ -1,8 +1,8 @@
-//! One grid through a pipe: how a child process that has opened a foreign file hands it over.
+//! Transfer of one grid through a pipe, from the child process that reads an untrusted file.
 //!
 //! A line of JSON (the grid's facts, or why there is none), then records, little-endian: `L`, origin
 //! (3 x i32), mask (8 x u64), 512 values (f32); `T`, origin, edge (i32), value, active (u8); at last
-//! `E`. The receiver trusts nothing: it counts, and checks what it puts into a tree.
+//! `E`. The receiver does not trust the sender: it limits the number of records and checks each.
 
 use super::subprocess::Limits;
 use super::{FileError, GridInfo, Volume, ffi};
@@ -11,20 +11,21 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
-/// What comes before the leaves.
+/// The first line: the grid's description, or why there is none.
 #[derive(Serialize, Deserialize)]
 enum Head {
     #[serde(rename = "grid")]
     Grid(Box<GridInfo>),
     #[serde(rename = "none")]
     NoGrid {
-        wanted: String,
+        #[serde(rename = "wanted")]
+        requested: String,
         present: Vec<String>,
     },
     #[serde(rename = "damaged")]
     Damaged(String),
     #[serde(rename = "unfit")]
-    Unfit {
+    Invalid {
         grid: String,
         found: String,
         expected: String,
@@ -34,19 +35,19 @@ enum Head {
     Errno(i32),
 }
 
-/// Bytes that both ends of the pipe hold back.
-const BUFFER: usize = 1 << 18;
+/// Buffer size at both ends of the pipe.
+const BUFFER_BYTES: usize = 1 << 18;
 /// Bytes of a leaf's record after its letter.
 const LEAF_BYTES: usize = 12 + 64 + 2048;
-/// Longest head, bytes: metadata of others may be long.
-const LONGEST_HEAD: u64 = 64 << 20;
+/// Greatest length of the head; metadata may be long.
+const MAX_HEAD_BYTES: u64 = 64 << 20;
 
-/// The child's part: reads one grid of a file and writes it to `out`.
+/// Child: reads one grid of a file and writes it to `out`.
 ///
 /// # Errors
-/// Only those of `out`; what is wrong with the file is told to the receiver.
+/// Only errors of `out`; errors of the file are sent to the receiver.
 pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Result<()> {
-    let mut out = BufWriter::with_capacity(BUFFER, out);
+    let mut out = BufWriter::with_capacity(BUFFER_BYTES, out);
     let volume = super::file::pick(path, name).and_then(|(n, g)| Volume::wrap(path, &n, g));
     let head = match &volume {
         Ok(volume) => Head::Grid(Box::new(GridInfo {
@@ -54,9 +55,9 @@ pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Resu
             ..volume.info().clone()
         })),
         Err(FileError::NoGrid {
-            wanted, present, ..
+            requested, present, ..
         }) => Head::NoGrid {
-            wanted: wanted.clone(),
+            requested: requested.clone(),
             present: present.clone(),
         },
         Err(FileError::NotALevelSet {
@@ -65,7 +66,7 @@ pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Resu
             expected,
             hint,
             ..
-        }) => Head::Unfit {
+        }) => Head::Invalid {
             grid: grid.clone(),
             found: found.clone(),
             expected: expected.clone(),
@@ -88,9 +89,9 @@ pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Resu
     for leaf in volume.leaves().map_err(broken)?.iter() {
         let (numbers, values) = record[1..].split_at_mut(LEAF_BYTES - 2048);
         let (origin, mask) = numbers.split_at_mut(12);
-        enter(origin, leaf.origin.0.map(i32::to_le_bytes));
-        enter(mask, leaf.mask.map(u64::to_le_bytes));
-        enter(values, leaf.values.map(f32::to_le_bytes));
+        copy_numbers(origin, leaf.origin.0.map(i32::to_le_bytes));
+        copy_numbers(mask, leaf.mask.map(u64::to_le_bytes));
+        copy_numbers(values, leaf.values.map(f32::to_le_bytes));
         out.write_all(&record)?;
     }
     let tiles = super::leaves::tiles_of(&volume.grid, true);
@@ -105,47 +106,51 @@ pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Resu
     out.flush()
 }
 
-/// Enters numbers of `N` bytes each into as many places.
-fn enter<const N: usize>(places: &mut [u8], numbers: impl IntoIterator<Item = [u8; N]>) {
-    for (place, bytes) in places.as_chunks_mut().0.iter_mut().zip(numbers) {
-        *place = bytes;
+/// Copies numbers of `N` bytes each into a buffer.
+fn copy_numbers<const N: usize>(buffer: &mut [u8], numbers: impl IntoIterator<Item = [u8; N]>) {
+    for (slot, bytes) in buffer.as_chunks_mut().0.iter_mut().zip(numbers) {
+        *slot = bytes;
     }
 }
 
-/// Why nothing came.
-pub(super) enum Loss {
-    /// The child said why.
-    Told(FileError),
-    /// The stream ended or made no sense.
+/// Why no grid was received.
+pub(super) enum TransferError {
+    /// The child reported an error.
+    Reported(FileError),
+    /// The stream ended early or is invalid.
     Broken(String),
 }
 
-/// The parent's part: a grid out of what the child writes.
-pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Volume, Loss> {
-    let broken = |e: io::Error| Loss::Broken(e.to_string());
-    let mut from = BufReader::with_capacity(BUFFER, from);
+/// Parent: reads the grid that the child writes.
+pub(super) fn receive(
+    path: &Path,
+    from: impl Read,
+    limits: Limits,
+) -> Result<Volume, TransferError> {
+    let broken = |e: io::Error| TransferError::Broken(e.to_string());
+    let mut from = BufReader::with_capacity(BUFFER_BYTES, from);
     let mut line = String::new();
     (&mut from)
-        .take(LONGEST_HEAD)
+        .take(MAX_HEAD_BYTES)
         .read_line(&mut line)
         .map_err(broken)?;
     let path = path.to_owned();
     let info = match serde_json::from_str(&line) {
         Ok(Head::Grid(info)) => info,
-        Ok(Head::NoGrid { wanted, present }) => {
-            return Err(Loss::Told(FileError::NoGrid {
+        Ok(Head::NoGrid { requested, present }) => {
+            return Err(TransferError::Reported(FileError::NoGrid {
                 path,
-                wanted,
+                requested,
                 present,
             }));
         }
-        Ok(Head::Unfit {
+        Ok(Head::Invalid {
             grid,
             found,
             expected,
             hint,
         }) => {
-            return Err(Loss::Told(FileError::NotALevelSet {
+            return Err(TransferError::Reported(FileError::NotALevelSet {
                 path,
                 grid,
                 found,
@@ -154,15 +159,19 @@ pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Vo
             }));
         }
         Ok(Head::Damaged(reason)) => {
-            return Err(Loss::Told(FileError::Damaged { path, reason }));
+            return Err(TransferError::Reported(FileError::Damaged { path, reason }));
         }
         Ok(Head::Errno(number)) => {
             let source = io::Error::from_raw_os_error(number);
-            return Err(Loss::Told(FileError::Io { path, source }));
+            return Err(TransferError::Reported(FileError::Io { path, source }));
         }
-        Err(_) => return Err(Loss::Broken("it ended before its first line".into())),
+        Err(_) => {
+            return Err(TransferError::Broken(
+                "it ended before its first line".into(),
+            ));
+        }
     };
-    let refused = |e: cxx::Exception| Loss::Broken(e.what().to_owned());
+    let refused = |e: cxx::Exception| TransferError::Broken(e.what().to_owned());
     ffi::initialize().map_err(refused)?;
     let mut builder = Volume::assemble(&info).map_err(refused)?;
     let mut left = limits.memory / LEAF_BYTES as u64;
@@ -170,9 +179,9 @@ pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Vo
     loop {
         let mut letter = [0];
         from.read_exact(&mut letter).map_err(broken)?;
-        left = left
-            .checked_sub(1)
-            .ok_or_else(|| Loss::Broken("it holds more than the limit of memory".into()))?;
+        left = left.checked_sub(1).ok_or_else(|| {
+            TransferError::Broken("it holds more than the limit of memory".into())
+        })?;
         let i32_at =
             |r: &[u8], n: usize| r[n..].first_chunk().map_or(0, |b| i32::from_le_bytes(*b));
         let origin = |r: &[u8]| Coord([0, 4, 8].map(|n| i32_at(r, n)));
@@ -202,7 +211,7 @@ pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Vo
                     .map_err(refused)?;
             }
             [b'E'] => break,
-            _ => return Err(Loss::Broken("what it sends makes no sense".into())),
+            _ => return Err(TransferError::Broken("its records are invalid".into())),
         }
     }
     builder.finish(*info).map_err(refused)

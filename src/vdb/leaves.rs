@@ -1,4 +1,4 @@
-//! What a level set holds, seen from Rust without copies: leaves in order of origin, and tiles.
+//! Views of the leaves and tiles of a level set, without copies.
 
 use super::{LevelSet, VdbError, ffi};
 use crate::frame::{Coord, WorldPoint};
@@ -11,7 +11,7 @@ use std::marker::PhantomData;
 pub struct LeafView<'a> {
     /// Least voxel, a multiple of 8 on every axis.
     pub origin: Coord,
-    /// Which voxels are active.
+    /// Active voxels.
     pub mask: [u64; 8],
     /// Signed distances in world units, negative inside; inactive voxels hold the background.
     pub values: &'a [f32; 512],
@@ -47,23 +47,24 @@ impl LeafView<'_> {
     }
 }
 
-/// A cube of one value above the leaves: inactive inside, or (in files of others) active.
+/// A tile of the tree: a cube of one value. Tiles of level sets are inactive and inside; other grids may have
+/// active ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TileView {
     /// Least voxel.
     pub origin: Coord,
     /// Edge in voxels: 8, 128 or 4096.
     pub edge: i32,
-    /// Its value.
+    /// The value.
     pub value: f32,
-    /// Whether its voxels count as active.
+    /// Whether the voxels are active.
     pub active: bool,
 }
 
 /// The leaves of a level set, in order of origin (x, then y, then z).
 pub struct Leaves<'a> {
     table: UniquePtr<ffi::LeafTable>,
-    /// The table points into the level set, which must not change meanwhile.
+    /// The table points into the level set, which must not change.
     level_set: PhantomData<&'a LevelSet>,
 }
 
@@ -85,7 +86,7 @@ impl<'a> Leaves<'a> {
         self.len() == 0
     }
 
-    /// Leaf number `index` of [`Leaves::len`]; may be called from any thread.
+    /// The leaf with a number below [`Leaves::len`]; may be called from any thread.
     pub fn get(&self, index: usize) -> Option<LeafView<'_>> {
         let head = self.table.head(index).ok()?;
         let values = self.table.values(index).ok()?.first_chunk()?;
@@ -106,7 +107,7 @@ impl LevelSet {
     /// The leaves, in order of origin.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses (memory).
+    /// Only errors of OpenVDB (memory).
     pub fn leaves(&self) -> Result<Leaves<'_>, VdbError> {
         Leaves::of_grid(&self.grid).map_err(|e| VdbError::plain("listing leaves", &e))
     }
@@ -123,34 +124,33 @@ impl LevelSet {
     /// The tiles that are active or inside, in order of origin.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses (memory).
+    /// Only errors of OpenVDB (memory).
     pub fn tiles(&self) -> Result<Vec<TileView>, VdbError> {
         tiles_of(&self.grid, false).map_err(|e| VdbError::plain("listing tiles", &e))
     }
 
-    /// Signed distances at voxels, world units, negative inside; minus or plus the half width of the
-    /// band beyond it.
+    /// Signed distances at voxels, world units, negative inside; minus or plus the background beyond the band.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn values(&self, voxels: &[Coord]) -> Result<Vec<f32>, VdbError> {
         let flat: Vec<[i32; 3]> = voxels.iter().map(|v| v.0).collect();
         let mut values = vec![0.0; voxels.len()];
         ffi::grid_values(&self.grid, flat.as_flattened(), &mut values)
-            .map_err(|e| VdbError::plain("looking values up", &e))?;
+            .map_err(|e| VdbError::plain("reading values", &e))?;
         Ok(values)
     }
 
-    /// Signed distances at points of the world, trilinear between voxels.
+    /// Signed distances at world points, trilinear between voxels.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn samples(&self, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
         samples_of(&self.grid, points)
     }
 }
 
-/// Values at points of the world, trilinear between voxels; the background outside.
+/// Values at world points, trilinear between voxels; the background outside.
 pub(super) fn samples_of(grid: &ffi::Grid, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
     let flat: Vec<[f64; 3]> = points.iter().map(|p| p.0.into()).collect();
     let mut values = vec![0.0; points.len()];
@@ -159,12 +159,9 @@ pub(super) fn samples_of(grid: &ffi::Grid, points: &[WorldPoint]) -> Result<Vec<
     Ok(values)
 }
 
-/// Tiles in order of origin: all, or those that are active or inside.
-pub(super) fn tiles_of(
-    grid: &ffi::Grid,
-    everything: bool,
-) -> Result<Vec<TileView>, cxx::Exception> {
-    let mut tiles: Vec<TileView> = ffi::grid_tiles(grid, everything)?
+/// Tiles in order of origin: all, or only those that are active or inside.
+pub(super) fn tiles_of(grid: &ffi::Grid, all_tiles: bool) -> Result<Vec<TileView>, cxx::Exception> {
+    let mut tiles: Vec<TileView> = ffi::grid_tiles(grid, all_tiles)?
         .into_iter()
         .map(|t| TileView {
             origin: Coord(t.origin),

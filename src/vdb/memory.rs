@@ -1,11 +1,11 @@
-//! Memory of the process, which counts what C++ allocates too.
+//! Memory of the process, including allocations of C++.
 
-/// Most memory the process ever held, bytes; `None` where the system does not say.
+/// Peak memory of the process, bytes; `None` if the system does not report it.
 pub fn peak_memory() -> Option<u64> {
     status("VmHWM:")
 }
 
-/// Memory the process holds now, bytes; `None` where the system does not say.
+/// Current memory of the process, bytes; `None` if the system does not report it.
 pub fn resident_memory() -> Option<u64> {
     status("VmRSS:")
 }

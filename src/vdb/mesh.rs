@@ -1,88 +1,95 @@
-//! Level set to mesh and back. The winding of OpenVDB's meshes is turned here and nowhere else: its quads
-//! run clockwise seen from outside.
+//! Level set to mesh and back. OpenVDB's quads run clockwise seen from outside; this module reverses them.
 
 use super::{LevelSet, Session, VdbError, ffi};
 use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
 use crate::frame::{Aabb, Coord, Transform, Vec3};
 use crate::mesh::{QuadMesh, TriMesh};
-use crate::mesher::{LeafValues, Mesher, MesherError, Patch, Share};
+use crate::mesher::{LeafValues, Mesher, MesherError, Patch, RegionQuads};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 
 impl LevelSet {
     /// The zero set as triangles, counter-clockwise seen from outside, in world units, by
-    /// [`Mesher`]: closed, oriented, manifold and free of self-intersections. Of a level set that is no
-    /// whole narrow band (its surface runs along tiles, as files of others may have it) the quads of
-    /// [`LevelSet::to_quads`], cut along their shorter diagonals.
+    /// [`Mesher`]: closed, oriented, manifold and free of self-intersections. If the surface leaves the
+    /// narrow band, as in some files of other programs, the quads of [`LevelSet::to_quads`], cut along
+    /// their shorter diagonals.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
+    /// [`VdbError::Cancelled`], or errors of OpenVDB (memory).
     pub fn to_mesh(&self, session: Session<'_>) -> Result<TriMesh, VdbError> {
-        let whole = self.with_neighbours()?;
-        let leaves = whole.as_ref().unwrap_or(self).leaves()?;
+        let padded = self.with_neighbours()?;
+        let leaves = padded.as_ref().unwrap_or(self).leaves()?;
         let mesher = self.mesher();
         let made = session
             .threads
-            .install(|| mesher.mesh(&values(&leaves), session.progress));
+            .install(|| mesher.mesh(&leaf_values(&leaves), session.progress));
         match made {
             Ok(mesh) => Ok(mesh),
-            Err(MesherError::Torn { .. }) => Ok(self.to_quads(0.0, session)?.into_triangles()),
+            Err(MesherError::OpenSurface { .. }) => {
+                Ok(self.to_quads(0.0, session)?.into_triangles())
+            }
             Err(e) => Err(e.into()),
         }
     }
 
     fn mesher(&self) -> Mesher<'static> {
-        Mesher::new(self.transform).placed(self.origin).in_double()
+        Mesher::new(self.transform)
+            .with_origin(self.origin)
+            .in_double()
     }
 
-    /// The greatest coordinate of the leaves in magnitude, world units.
+    /// The greatest magnitude of a coordinate of the leaves, world units.
     ///
     /// # Errors
     /// As [`LevelSet::leaves`].
-    pub fn far(&self) -> Result<f64, VdbError> {
-        let mut far = 0.0f64;
+    pub fn max_coordinate(&self) -> Result<f64, VdbError> {
+        let mut max_coordinate = 0.0f64;
         self.for_each_leaf(|leaf| {
             for a in 0..3 {
                 for end in [leaf.origin[a], leaf.origin[a].saturating_add(LEAF)] {
                     let at = f64::from(end) * self.voxel_size() + self.origin[a];
-                    far = far.max(at.abs());
+                    max_coordinate = max_coordinate.max(at.abs());
                 }
             }
         })?;
-        Ok(far)
+        Ok(max_coordinate)
     }
 
-    /// The box around the places where the surface crosses edges of the voxel lattice, linear between voxels:
-    /// that of the mesh, world units. Empty where the surface crosses none.
+    /// The box around the crossings of the surface with lattice edges, linear between voxels: the box of the
+    /// mesh, world units. Empty if there are none.
     ///
     /// # Errors
     /// As [`LevelSet::leaves`].
-    pub fn crossings(&self) -> Result<Aabb, VdbError> {
+    pub fn crossing_bounds(&self) -> Result<Aabb, VdbError> {
         let leaves = self.leaves()?;
-        let own: HashMap<Coord, usize> = leaves
+        let numbers: HashMap<Coord, usize> = leaves
             .iter()
             .enumerate()
             .map(|(n, l)| (l.origin, n))
             .collect();
-        let value = |origin: Coord, n: usize| Some(leaves.get(*own.get(&origin)?)?.values[n]);
-        // Beside a tile: a voxel at the surface has space there, one in the depth is no end of the solid.
-        let beyond = self.background() as f32;
+        let value = |origin: Coord, n: usize| Some(leaves.get(*numbers.get(&origin)?)?.values[n]);
+        // Tiles: outside beside an active voxel, inside beside an inactive one.
+        let background = self.background() as f32;
         let mut bounds = Aabb::EMPTY;
         for leaf in leaves.iter() {
             for (n, &inner) in leaf.values.iter().enumerate().filter(|(_, v)| **v < 0.0) {
                 for (axis, side) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
                     let stride = 64 >> (3 * axis);
-                    let place = (n / stride) & 7;
-                    let along = place as i32 + side;
-                    let base = n - stride * place + stride * (along & 7) as usize;
+                    let index = (n / stride) & 7;
+                    let along = index as i32 + side;
+                    let base = n - stride * index + stride * (along & 7) as usize;
                     let outer = if (0..LEAF).contains(&along) {
                         leaf.values[base]
                     } else {
                         let mut origin = leaf.origin;
                         origin.0[axis] += side * LEAF;
-                        let is_deep = !leaf.is_active(n);
-                        value(origin, base).unwrap_or(if is_deep { -beyond } else { beyond })
+                        let tile = if leaf.is_active(n) {
+                            background
+                        } else {
+                            -background
+                        };
+                        value(origin, base).unwrap_or(tile)
                     };
                     if outer >= 0.0 {
                         let share = f64::from(inner) / (f64::from(inner) - f64::from(outer));
@@ -96,75 +103,75 @@ impl LevelSet {
         Ok(bounds)
     }
 
-    /// As [`LevelSet::to_mesh`], with vertices where a field vanishes, of which the level set is a sample.
+    /// As [`LevelSet::to_mesh`], with vertices at the zeros of the field that the level set samples.
     ///
     /// # Errors
-    /// As [`LevelSet::to_mesh`], and [`VdbError::Mesher`] of a level set that is no whole narrow band.
-    pub fn to_mesh_on(
+    /// As [`LevelSet::to_mesh`], and [`VdbError::Mesher`] if the surface leaves the narrow band.
+    pub fn to_exact_mesh(
         &self,
         field: &WorldField,
         session: Session<'_>,
     ) -> Result<TriMesh, VdbError> {
-        let whole = self.with_neighbours()?;
-        let leaves = whole.as_ref().unwrap_or(self).leaves()?;
-        let mesher = self.mesher().on(field);
+        let padded = self.with_neighbours()?;
+        let leaves = padded.as_ref().unwrap_or(self).leaves()?;
+        let mesher = self.mesher().with_exact_field(field);
         let made = session
             .threads
-            .install(|| mesher.mesh(&values(&leaves), session.progress));
+            .install(|| mesher.mesh(&leaf_values(&leaves), session.progress));
         Ok(made?)
     }
 
-    /// The part of [`LevelSet::to_mesh`] whose cells have their least voxel in a region of whole leaves,
-    /// of a larger level set, of which this is a part with the leaves above it. Regions that share no
-    /// voxel share no triangle, and together they have all; vertices at their seams are equal to the last
-    /// bit if each was made with the same `far`, the greatest coordinate of the whole in world units.
-    /// With a field its vertices are where that vanishes, as in [`LevelSet::to_mesh_on`].
+    /// The part of [`LevelSet::to_mesh`] of a larger level set whose cells have their least voxel in a region
+    /// of whole leaves; this level set is the part of it in the region and the leaves above. Disjoint regions
+    /// share no triangle. Vertices on their seams are equal to the last bit if `max_coordinate`, the greatest
+    /// coordinate magnitude of the whole in world units, is the same. With `exact`, vertices lie at the zeros
+    /// of that field, as in [`LevelSet::to_exact_mesh`].
     ///
     /// # Errors
-    /// As [`LevelSet::to_mesh`], and [`VdbError::Mesher`] where leaves are missing.
+    /// As [`LevelSet::to_mesh`], and [`VdbError::Mesher`] if leaves are missing.
     pub fn patch(
         &self,
         region: Region,
-        far: f64,
+        max_coordinate: f64,
         exact: Option<&WorldField>,
         session: Session<'_>,
     ) -> Result<Patch, VdbError> {
-        let whole = self.with_neighbours()?;
-        let leaves = whole.as_ref().unwrap_or(self).leaves()?;
+        let padded = self.with_neighbours()?;
+        let leaves = padded.as_ref().unwrap_or(self).leaves()?;
         let mut mesher = self.mesher();
         if let Some(field) = exact {
-            mesher = mesher.on(field);
+            mesher = mesher.with_exact_field(field);
         }
-        let mesher = mesher.reaching(far);
+        let mesher = mesher.with_max_coordinate(max_coordinate);
         let made = session
             .threads
-            .install(|| mesher.patch(&values(&leaves), region, session.progress));
+            .install(|| mesher.patch(&leaf_values(&leaves), region, session.progress));
         Ok(made?)
     }
 
-    /// The same for each block of 128^3 voxels of a region of whole blocks, the last one first, made into
-    /// something else by all threads.
+    /// The patches of all blocks of 128^3 voxels of a region of whole blocks, the last block first, each
+    /// converted by `make` in parallel.
     ///
     /// # Errors
-    /// As [`LevelSet::patch`], or what `make` refuses.
+    /// As [`LevelSet::patch`], or errors of `make`.
     pub fn block_patches<T: Send, E: From<VdbError> + Send>(
         &self,
         region: Region,
-        far: f64,
+        max_coordinate: f64,
         exact: Option<&WorldField>,
         session: Session<'_>,
         make: impl Fn(Patch) -> Result<T, E> + Sync,
     ) -> Result<Vec<T>, E> {
-        let whole = self.with_neighbours()?;
-        let leaves = whole.as_ref().unwrap_or(self).leaves()?;
-        let all = values(&leaves);
-        let mut mesher = self.mesher().reaching(far);
+        let padded = self.with_neighbours()?;
+        let leaves = padded.as_ref().unwrap_or(self).leaves()?;
+        let all = leaf_values(&leaves);
+        let mut mesher = self.mesher().with_max_coordinate(max_coordinate);
         if let Some(field) = exact {
-            mesher = mesher.on(field);
+            mesher = mesher.with_exact_field(field);
         }
         let mut of_block: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
         for (n, leaf) in all.iter().enumerate() {
-            // The cells of a leaf below reach into it.
+            // Cells of the leaves below use voxels of this leaf.
             let around = Region::cube(leaf.origin.offset(-LEAF, -LEAF, -LEAF), 2 * LEAF);
             for block in around.cubes(BLOCK) {
                 of_block.entry(block).or_default().push(n);
@@ -175,19 +182,20 @@ impl LevelSet {
         session.threads.install(|| {
             let blocks = blocks.par_iter().filter(|(block, _)| within(block));
             blocks
-                .map(|(block, own)| {
-                    let own: Vec<LeafValues> = own.iter().map(|&n| all[n]).collect();
-                    let patch = mesher.patch(&own, Region::cube(*block, BLOCK), session.progress);
+                .map(|(block, numbers)| {
+                    let leaves: Vec<LeafValues> = numbers.iter().map(|&n| all[n]).collect();
+                    let patch =
+                        mesher.patch(&leaves, Region::cube(*block, BLOCK), session.progress);
                     make(patch.map_err(VdbError::from)?)
                 })
                 .collect()
         })
     }
 
-    /// Of a band thinner than the diagonal of a voxel a copy with the neighbours of its active voxels in
-    /// leaves, too: the surface may cross a cell whose farthest corner lies beyond the band.
+    /// For a band thinner than a voxel's diagonal, a copy in which the neighbours of active voxels are in
+    /// leaves: the surface may cross a cell whose farthest corner lies beyond the band.
     fn with_neighbours(&self) -> Result<Option<Self>, VdbError> {
-        // A little more, since single precision rounds.
+        // sqrt(3), with a margin for the rounding of single precision.
         if self.half_width > 1.75 {
             return Ok(None);
         }
@@ -198,54 +206,53 @@ impl LevelSet {
         }))
     }
 
-    /// What of a mesh belongs to a region of whole leaves, where this is a part of a larger level set with
-    /// the leaves up to [`LevelSet::quad_halo`] voxels around, and the mesh that of
-    /// [`LevelSet::part_to_quads`]. Regions that share no voxel share no quad, and together they have all;
-    /// `last` is the greatest x of those whose patches come with this one.
-    pub(crate) fn share(
+    /// The quads of a mesh that belong to a region of whole leaves. This level set is a part of a larger one
+    /// with the leaves up to [`LevelSet::quad_halo`] voxels around the region, and the mesh is that of
+    /// [`LevelSet::part_to_quads`]. Disjoint regions share no quad; `last` is the greatest x of the regions
+    /// processed together.
+    pub(crate) fn region_quads(
         &self,
         mesh: &QuadMesh,
         (region, last): (Region, i32),
         adaptivity: f64,
-    ) -> Share {
+    ) -> RegionQuads {
         let index = |v: Vec3| (v - self.origin) / self.transform.voxel_size();
-        // Of quads that are not merged the corners are in neighbouring cells; of those that are, in
-        // neighbouring leaves, and relaxing moves them no further than to the next.
+        // Corners of single quads are in neighbouring cells. Corners of merged quads are in neighbouring
+        // leaves, and relaxation moves them at most to the next leaf.
         let layer = if adaptivity > 0.0 { 2 * LEAF } else { 1 };
-        Share::new(mesh, (region, last, layer), index)
+        RegionQuads::new(mesh, (region, last, layer), index)
     }
 
-    /// Voxels around a region on which its quads depend, a multiple of 8: those that are merged are so leaf
-    /// by leaf, and a vertex whose faces are turned over goes to the middle of their corners (OpenVDB calls it
-    /// relaxing).
+    /// Number of voxels around a region on which its quads depend, a multiple of 8. OpenVDB merges quads leaf
+    /// by leaf, and relaxes a vertex of inverted faces to the mean of their corners.
     pub(crate) fn quad_halo(adaptivity: f64) -> i32 {
         if adaptivity > 0.0 { 3 * LEAF } else { LEAF }
     }
 
     /// The zero set as quadrilaterals, counter-clockwise seen from outside, in world units: one for each
-    /// edge of the voxel grid that changes sign. Closed and manifold, also where walls lie in planes of
-    /// voxels: values of magnitude under 1e-4 voxel (up to 1e-2 beyond 100 voxels, where `f32` is coarser)
-    /// are taken for that much, so that the vertices of different cells never fall onto one voxel.
+    /// lattice edge that changes sign. Closed and manifold, also for walls in planes of voxels: values below
+    /// 1e-4 voxel in magnitude (up to 1e-2 beyond 100 voxels, where `f32` is coarser) are raised to it, so
+    /// that vertices of different cells never coincide at a voxel.
     ///
-    /// `adaptivity` above 0 merges flat regions, 1 all it can; most such meshes intersect themselves
-    /// somewhere. Cancelling is asked before and after: OpenVDB's mesher itself cannot be interrupted
-    /// (about 75 ns per active voxel).
+    /// `adaptivity` above 0 merges flat regions, 1 as many as possible; most such meshes intersect
+    /// themselves. Cancellation is checked before and after: OpenVDB's mesher cannot be interrupted (about
+    /// 75 ns per active voxel).
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] for an adaptivity outside 0 to 1, [`VdbError::Cancelled`], or what OpenVDB
-    /// refuses (memory).
+    /// [`VdbError::Parameter`] for an adaptivity outside 0 to 1, [`VdbError::Cancelled`], or errors of
+    /// OpenVDB (memory).
     pub fn to_quads(&self, adaptivity: f64, session: Session<'_>) -> Result<QuadMesh, VdbError> {
         self.part_to_quads(adaptivity, 0.0, session)
     }
 
-    /// The same of a part of a whole whose leaves reach up to `far`, world units.
+    /// The quads of a part of a whole with coordinates up to `max_coordinate`, world units.
     ///
     /// # Errors
     /// As [`LevelSet::to_quads`].
     pub(crate) fn part_to_quads(
         &self,
         adaptivity: f64,
-        far: f64,
+        max_coordinate: f64,
         session: Session<'_>,
     ) -> Result<QuadMesh, VdbError> {
         if !(0.0..=1.0).contains(&adaptivity) {
@@ -255,32 +262,31 @@ impl LevelSet {
                 expected: "0 to 1",
             });
         }
-        let surface = ffi::grid_to_mesh(&self.grid, adaptivity, far, &session.host())
+        let surface = ffi::grid_to_mesh(&self.grid, adaptivity, max_coordinate, &session.host())
             .map_err(|e| VdbError::of("meshing", session, &e))?;
         let vertices: Vec<Vec3> = surface
             .points()
             .chunks_exact(3)
             .map(|p| Vec3::new(p[0].into(), p[1].into(), p[2].into()))
             .collect();
-        let quads = surface.quads().chunks_exact(4).filter_map(turned);
+        let quads = surface.quads().chunks_exact(4).filter_map(reversed);
         let quads = quads.collect();
         drop(surface);
         Ok(QuadMesh::new(vertices, quads)?)
     }
 
-    /// The level set of a closed mesh by OpenVDB's own meshToVolume: a second opinion for tests and
-    /// quick previews. Coordinates pass through `f32`.
+    /// The level set of a closed mesh by OpenVDB's meshToVolume, for tests and previews. Coordinates are
+    /// rounded to `f32`.
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] for a half width below 1, [`VdbError::Cancelled`], or what OpenVDB
-    /// refuses.
+    /// [`VdbError::Parameter`] for a half width below 1, [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn from_mesh(
         mesh: &TriMesh,
         transform: Transform,
         half_width: f64,
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
-        // The builder knows which half widths a level set may have.
+        // Checks the half width.
         super::LevelSetBuilder::new(transform, half_width)?;
         let points: Vec<f32> = mesh
             .vertices()
@@ -304,8 +310,8 @@ impl LevelSet {
     }
 }
 
-/// Leaves as the mesher takes them.
-fn values<'a>(leaves: &'a super::Leaves<'_>) -> Vec<LeafValues<'a>> {
+/// The leaves as input of the mesher.
+fn leaf_values<'a>(leaves: &'a super::Leaves<'_>) -> Vec<LeafValues<'a>> {
     let value = |leaf: super::LeafView<'a>| LeafValues {
         origin: leaf.origin,
         values: leaf.values,
@@ -316,9 +322,8 @@ fn values<'a>(leaves: &'a super::Leaves<'_>) -> Vec<LeafValues<'a>> {
         .collect()
 }
 
-/// A quadrilateral of OpenVDB's, turned: its order is the reverse, and its triangles repeat their last
-/// corner.
-fn turned(q: &[u32]) -> Option<[u32; 4]> {
+/// Reverses a quadrilateral of OpenVDB; triangles repeat their last corner.
+fn reversed(q: &[u32]) -> Option<[u32; 4]> {
     match *q {
         [a, b, c, d] if c == d => Some([c, b, a, a]),
         [a, b, c, d] => Some([d, c, b, a]),

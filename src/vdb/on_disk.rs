@@ -1,17 +1,17 @@
-//! Pieces of a solid that lies on the disk: counted, and removed, as in memory.
+//! Connected components of a solid on disk: counted and removed, as in memory.
 //!
-//! Each block of 128^3 voxels is labelled for itself, by the parts of its leaves and the slots between
-//! them; what hangs together in a block is one component. Components are joined over the faces of
-//! blocks, slab by slab, and with the cubes without leaves around them, which are labelled by node of
-//! 4096^3 voxels. In memory stay some bytes a component, and while pieces are chosen some a leaf.
+//! Each block of 128^3 voxels is labelled separately, from the parts of its leaves and the slots between
+//! them. Labels are united over the faces of blocks, slab by slab, and with the empty cubes around them,
+//! which are labelled per node of 4096^3 voxels. Memory holds a few bytes per label, and per leaf while
+//! components are selected.
 
-use super::components::{NOWHERE, Ranking, Side, Tally};
-use super::remove_components::{Dropped, Unwanted};
-use super::{FileError, LevelSet, Piece, Session, VdbError};
+use super::components::{ComponentStats, Ranking, Side, UNBOUNDED_PLACE};
+use super::remove_components::{ComponentSelection, RemovedComponents};
+use super::{Component, FileError, LevelSet, Session, VdbError};
 use crate::band::{BLOCK, LeafStore, Region, StoreError};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -22,38 +22,38 @@ mod segments;
 
 pub use segments::StoredSegments;
 
-use empty_space::{Beyond, Empty};
+use empty_space::{EmptyCube, EmptySpace};
 use labels::{Faces, Labels, label};
-use removal::Chosen;
+use removal::SelectedParts;
 
-/// Numbered pieces of a store.
-struct StoredPieces {
+/// The components of a store, ranked.
+struct StoredComponents {
     ranking: Ranking,
-    /// Labels of each block, where they are kept, and its first component.
+    /// For each block its first label and, if kept, the labels of its leaves.
     blocks: BTreeMap<Coord, (usize, Labels)>,
 }
 
-impl StoredPieces {
+impl StoredComponents {
     fn find(
         store: &LeafStore,
         side: Side,
         voxel_size: f64,
-        keep: bool,
+        keep_labels: bool,
         session: Session<'_>,
     ) -> Result<Self, FileError> {
         let progress = session.progress;
-        progress.stage("pieces", Some(store.blocks().count() as u64));
-        let mut sets = Sets::new(1);
-        // Member 0 is the endless outside.
-        let endless = (side == Side::Void).then_some(0);
-        let mut tallies = vec![Tally {
-            place: endless.map(|_| NOWHERE),
-            ..Tally::default()
+        progress.stage("components", Some(store.blocks().count() as u64));
+        let mut sets = UnionFind::new(1);
+        // Member 0 is the unbounded outside.
+        let unbounded = (side == Side::Void).then_some(0);
+        let mut stats = vec![ComponentStats {
+            place: unbounded.map(|_| UNBOUNDED_PLACE),
+            ..ComponentStats::default()
         }];
-        let empty = Empty::new(store, side, &mut sets, &mut tallies);
+        let empty = EmptySpace::new(store, side, &mut sets, &mut stats);
         let mut blocks = BTreeMap::new();
-        // Faces towards greater x of the slab before.
-        let mut before: BTreeMap<Coord, (usize, Faces)> = BTreeMap::new();
+        // Blocks of the previous slab.
+        let mut previous: BTreeMap<Coord, (usize, Faces)> = BTreeMap::new();
         let origins: Vec<Coord> = store.blocks().collect();
         for slab in origins.chunk_by(|a, b| a[0] == b[0]) {
             let labelled = session.threads.install(|| {
@@ -66,128 +66,130 @@ impl StoredPieces {
                 });
                 found.collect::<Result<Vec<_>, StoreError>>()
             })?;
-            let mut here: BTreeMap<Coord, (usize, Faces)> = BTreeMap::new();
+            let mut current: BTreeMap<Coord, (usize, Faces)> = BTreeMap::new();
             for (&origin, block) in slab.iter().zip(labelled) {
-                let first = sets.extend(block.tallies.len());
-                tallies.extend(block.tallies);
-                if keep {
+                let first = sets.extend(block.stats.len());
+                stats.extend(block.stats);
+                if keep_labels {
                     blocks.insert(origin, (first, block.labels));
                 }
                 let own = (first, block.faces);
                 for axis in 0..3 {
                     for last in [false, true] {
-                        let beside = step(origin, axis, last, BLOCK);
-                        if store.inside_slots(beside).is_none() {
-                            if let Beyond::Member(other) = empty.at(beside) {
+                        let neighbour = step(origin, axis, last, BLOCK);
+                        if store.inside_slots(neighbour).is_none() {
+                            if let EmptyCube::Member(other) = empty.at(neighbour) {
                                 for item in own.1.of(axis, last) {
-                                    sets.join(first + item.component as usize, other);
+                                    sets.union(first + item.label as usize, other);
                                 }
                             }
                         } else if !last {
-                            // Blocks before this one are here already.
-                            let row = if axis == 0 { &before } else { &here };
-                            if let Some((other_first, other)) = row.get(&beside) {
+                            // Blocks before this one are labelled already.
+                            let slab = if axis == 0 { &previous } else { &current };
+                            if let Some((other_first, other)) = slab.get(&neighbour) {
                                 own.1.join(axis, other, |mine, theirs| {
-                                    sets.join(first + mine, other_first + theirs);
+                                    sets.union(first + mine, other_first + theirs);
                                 });
                             }
                         }
                     }
                 }
-                here.insert(origin, own);
+                current.insert(origin, own);
             }
-            before = here;
+            previous = current;
         }
         Ok(Self {
-            ranking: Ranking::new(&tallies, &mut sets, endless, voxel_size),
+            ranking: Ranking::new(&stats, &mut sets, unbounded, voxel_size),
             blocks,
         })
     }
 }
 
-/// The cube of `edge` voxels beside another.
+/// Origin of the neighbour of a cube of `edge` voxels across its first or last face on an axis.
 fn step(origin: Coord, axis: usize, last: bool, edge: i32) -> Coord {
-    let mut beside = origin;
-    beside.0[axis] += if last { edge } else { -edge };
-    beside
+    let mut neighbour = origin;
+    neighbour.0[axis] += if last { edge } else { -edge };
+    neighbour
 }
 
-/// The connected pieces of a solid on the disk, largest first, as [`LevelSet::components`] has them.
+/// The connected components of a solid on disk, largest first, as [`LevelSet::components`] returns them.
 ///
 /// # Errors
-/// A leaf file that has changed, or cancelling.
+/// A changed leaf file, or cancellation.
 pub fn stored_components(
     store: &LeafStore,
     voxel_size: f64,
     session: Session<'_>,
-) -> Result<Vec<Piece>, FileError> {
-    let found = StoredPieces::find(store, Side::Solid, voxel_size, false, session)?;
+) -> Result<Vec<Component>, FileError> {
+    let found = StoredComponents::find(store, Side::Solid, voxel_size, false, session)?;
     Ok(found.ranking.counted())
 }
 
-/// The cavities of a solid on the disk, largest first, as [`LevelSet::voids`] has them.
+/// The cavities of a solid on disk, largest first, as [`LevelSet::voids`] returns them.
 ///
 /// # Errors
-/// A leaf file that has changed, or cancelling.
+/// A changed leaf file, or cancellation.
 pub fn stored_voids(
     store: &LeafStore,
     voxel_size: f64,
     session: Session<'_>,
-) -> Result<Vec<Piece>, FileError> {
-    let found = StoredPieces::find(store, Side::Void, voxel_size, false, session)?;
+) -> Result<Vec<Component>, FileError> {
+    let found = StoredComponents::find(store, Side::Void, voxel_size, false, session)?;
     Ok(found.ranking.counted())
 }
 
-/// Pieces of a solid on the disk that are to be removed, brick by brick.
+/// Components of a solid on disk to be removed, brick by brick.
 pub struct StoredRemoval {
-    chosen: Chosen,
-    dropped: Dropped,
+    selected: SelectedParts,
+    removed: RemovedComponents,
 }
 
 impl StoredRemoval {
-    /// Finds what is to be removed, as [`LevelSet::remove`] does.
+    /// Finds the components to remove, as [`LevelSet::remove`] does.
     ///
     /// # Errors
-    /// A leaf file that has changed, or cancelling.
+    /// A changed leaf file, or cancellation.
     pub fn choose(
         store: &LeafStore,
-        unwanted: Unwanted,
+        selection: ComponentSelection,
         voxel_size: f64,
         session: Session<'_>,
     ) -> Result<Self, FileError> {
-        let side = unwanted.side();
-        let found = StoredPieces::find(store, side, voxel_size, true, session)?;
-        let (goes, dropped) = unwanted.choose(&found.ranking);
-        let mut chosen = Chosen::new(side);
+        let side = selection.side();
+        let found = StoredComponents::find(store, side, voxel_size, true, session)?;
+        let (is_removed, removed) = selection.apply(&found.ranking);
+        let mut selected = SelectedParts::new(side);
         for &block in found.blocks.keys() {
-            chosen.enter(&found, block, |piece| goes.get(piece) == Some(&true));
+            selected.add_block(&found, block, |component| {
+                is_removed.get(component) == Some(&true)
+            });
         }
-        Ok(Self { chosen, dropped })
+        Ok(Self { selected, removed })
     }
 
-    /// How much is removed.
-    pub fn dropped(&self) -> Dropped {
-        self.dropped
+    /// Number and volume of the removed components.
+    pub fn removed(&self) -> RemovedComponents {
+        self.removed
     }
 
-    /// Whether anything that is removed comes near a region.
+    /// Whether a block with removed parts overlaps a region.
     pub fn meets(&self, region: Region) -> bool {
-        let mut blocks = self.chosen.blocks.iter();
+        let mut blocks = self.selected.blocks.iter();
         blocks.any(|&block| region.meets(block, BLOCK))
     }
 
-    /// Removes it from a part of the solid whose voxel (0, 0, 0) is `first` of the whole. The part must
-    /// reach [`REMOVAL_REACH`](super::REMOVAL_REACH) half widths of the band farther than what is used
-    /// of it; only its band is right afterwards, not the signs beyond.
+    /// Removes the components from a part of the solid whose voxel (0, 0, 0) is voxel `first` of the whole.
+    /// The part must extend [`REMOVAL_REACH`](super::REMOVAL_REACH) half widths beyond the region that is
+    /// used afterwards. Only its band is valid afterwards, not the signs beyond.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn apply(
         &self,
         part: &mut LevelSet,
         first: Coord,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        self.chosen.remove(part, first, session)
+        self.selected.remove(part, first, session)
     }
 }

@@ -1,8 +1,10 @@
-//! Operations that need neighbours, and boolean ones. Signs are corrected here: OpenVDB's
-//! `offset(+d)` adds d to the distance, which shrinks the solid.
+//! Offsets, filters and boolean operations.
+//!
+//! The sign of offsets is corrected here: OpenVDB's `offset(+d)` adds d to the distance, which shrinks the
+//! solid.
 
 use super::ffi::{self, Csg, Filter, Smoothing};
-use super::smooth::is_own;
+use super::smooth::is_native;
 use super::{LevelSet, Scheme, Session, VdbError};
 use std::pin::Pin;
 
@@ -16,18 +18,17 @@ fn smoothing(width: u32, iterations: u32, session: Session<'_>) -> Smoothing {
 }
 
 impl LevelSet {
-    /// Moves the surface outwards by `distance` (world units), at once by points of the surface, or, with
-    /// OpenVDB's tools, in time proportional to distance / voxel size.
+    /// Moves the surface outwards by `distance` (world units): in one step by closest-point redistancing, or,
+    /// with OpenVDB's tools, in time proportional to distance / voxel size.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] unless the distance is finite and not negative,
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn dilate(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
         self.move_surface("dilate", checked(distance)?, session)
     }
 
-    /// Moves the surface inwards by `distance` (world units); what is thinner than twice that
-    /// vanishes.
+    /// Moves the surface inwards by `distance` (world units); parts thinner than twice the distance vanish.
     ///
     /// # Errors
     /// As [`LevelSet::dilate`].
@@ -35,7 +36,7 @@ impl LevelSet {
         self.move_surface("erode", -checked(distance)?, session)
     }
 
-    /// Erodes, then dilates by `distance` (world units): what is thinner than twice that is gone.
+    /// Erodes, then dilates by `distance` (world units): removes parts thinner than twice the distance.
     ///
     /// # Errors
     /// As [`LevelSet::dilate`].
@@ -44,7 +45,7 @@ impl LevelSet {
         self.dilate(distance, session)
     }
 
-    /// Dilates, then erodes by `distance` (world units): gaps narrower than twice that are closed.
+    /// Dilates, then erodes by `distance` (world units): closes gaps narrower than twice the distance.
     ///
     /// # Errors
     /// As [`LevelSet::dilate`].
@@ -53,26 +54,26 @@ impl LevelSet {
         self.erode(distance, session)
     }
 
-    /// The one place that knows OpenVDB's sign: `outwards` > 0 grows the solid.
+    /// Offsets the surface; `outwards` > 0 grows the solid, the opposite of OpenVDB's sign.
     fn move_surface(
         &mut self,
-        doing: &'static str,
+        operation: &'static str,
         outwards: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        if self.moves_by_points(session) {
-            return self.move_by_points(doing, outwards, session);
+        if self.uses_closest_points(session) {
+            return self.offset_by_closest_points(operation, outwards, session);
         }
-        let how = smoothing(1, 1, session);
-        self.change(doing, session, |grid, host| {
-            ffi::grid_offset(grid, -outwards, how, host)
+        let options = smoothing(1, 1, session);
+        self.change(operation, session, |grid, host| {
+            ffi::grid_offset(grid, -outwards, options, host)
         })
     }
 
     /// Smooths by a Gaussian of `width` voxels (four passes of a box filter), `iterations` times.
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] for a width of 0, [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Parameter`] for a width of 0, [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn gaussian(
         &mut self,
         width: u32,
@@ -128,7 +129,7 @@ impl LevelSet {
 
     fn filter(
         &mut self,
-        doing: &'static str,
+        operation: &'static str,
         kind: Filter,
         width: u32,
         iterations: u32,
@@ -141,40 +142,40 @@ impl LevelSet {
                 expected: "at least 1",
             });
         }
-        if is_own(kind, session) {
-            return self.smooth(doing, (kind, width, iterations), session);
+        if is_native(kind, session) {
+            return self.smooth(operation, (kind, width, iterations), session);
         }
-        let how = smoothing(width, iterations, session);
-        self.change(doing, session, |grid, host| {
-            ffi::grid_filter(grid, kind, how, host)
+        let options = smoothing(width, iterations, session);
+        self.change(operation, session, |grid, host| {
+            ffi::grid_filter(grid, kind, options, host)
         })
     }
 
-    /// Makes the band a distance again without moving the surface: `iterations` steps of half a
-    /// voxel each, so that 6 reach across a band of 3 voxels.
+    /// Restores distances in the band without moving the surface: `iterations` steps of half a voxel each, so
+    /// that 6 steps cover a band of 3 voxels.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn renormalise(&mut self, iterations: u32, session: Session<'_>) -> Result<(), VdbError> {
-        let how = Smoothing {
+        let options = Smoothing {
             normalisations: i32::try_from(iterations).unwrap_or(i32::MAX),
             ..smoothing(1, 1, session)
         };
         self.change("renormalise", session, |grid, host| {
-            ffi::grid_renormalise(grid, how, host)
+            ffi::grid_renormalise(grid, options, host)
         })
     }
 
-    /// The solid that is in either; uses the operand up. Solids that touch in a plane of voxels become one.
+    /// The union with another solid. Solids that touch in a plane of voxels merge.
     ///
     /// # Errors
-    /// [`VdbError::Mismatch`] when voxel size, origin or half width differ; what OpenVDB refuses.
+    /// [`VdbError::Mismatch`] if voxel size, origin or half width differ; errors of OpenVDB.
     pub fn union(&mut self, operand: Self, session: Session<'_>) -> Result<(), VdbError> {
         self.combine("union", Csg::Union, operand, session)?;
-        self.join_contacts("union", session)
+        self.merge_contacts("union", session)
     }
 
-    /// The solid that is in both; uses the operand up.
+    /// The intersection with another solid.
     ///
     /// # Errors
     /// As [`LevelSet::union`].
@@ -182,7 +183,7 @@ impl LevelSet {
         self.combine("intersect", Csg::Intersection, operand, session)
     }
 
-    /// The solid without the operand, which is used up.
+    /// The difference: this solid without the operand.
     ///
     /// # Errors
     /// As [`LevelSet::union`].
@@ -192,18 +193,18 @@ impl LevelSet {
 
     pub(super) fn combine(
         &mut self,
-        doing: &'static str,
+        operation: &'static str,
         kind: Csg,
         operand: Self,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         self.assert_same_voxels(&operand)?;
-        self.change(doing, session, |grid, host| {
+        self.change(operation, session, |grid, host| {
             ffi::grid_csg(grid, operand.grid, kind, host)
         })
     }
 
-    /// Level sets combine voxel by voxel: both must have the same ones.
+    /// Checks that two level sets have the same voxels and half width.
     pub(super) fn assert_same_voxels(&self, other: &Self) -> Result<(), VdbError> {
         let mismatch = |what, left: f64, right: f64, tolerance: f64| {
             let differ = (left - right).abs() > tolerance;
@@ -219,10 +220,10 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Lets OpenVDB change the grid; after a failure the level set is empty, not half-done.
+    /// Changes the grid by a function of the bridge; after a failure the level set is empty.
     pub(super) fn change(
         &mut self,
-        doing: &'static str,
+        operation: &'static str,
         session: Session<'_>,
         work: impl FnOnce(Pin<&mut ffi::Grid>, &ffi::Host<'_>) -> Result<(), cxx::Exception>,
     ) -> Result<(), VdbError> {
@@ -230,14 +231,14 @@ impl LevelSet {
             Ok(()) => Ok(()),
             Err(error) => {
                 ffi::grid_clear(self.grid.pin_mut())
-                    .map_err(|e| VdbError::plain("emptying a level set", &e))?;
-                Err(VdbError::of(doing, session, &error))
+                    .map_err(|e| VdbError::plain("clearing a level set", &e))?;
+                Err(VdbError::of(operation, session, &error))
             }
         }
     }
 }
 
-/// A distance to move by.
+/// Checks a distance of an offset.
 fn checked(distance: f64) -> Result<f64, VdbError> {
     if distance.is_finite() && distance >= 0.0 {
         return Ok(distance);

@@ -1,43 +1,42 @@
-//! Moving the surface, and widening its band, by this crate's own hands: distances rebuilt from points of
-//! the surface.
+//! Offsets and wider bands by closest-point redistancing.
 
-use super::smooth::{leaf_of, put};
+use super::smooth::{leaf_of, write_leaves};
 use super::{LevelSet, Scheme, Session, Tools, VdbError, ffi};
 use crate::band::{LEAF, LeafBatch, Region, SurfacePoints};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use rayon::prelude::*;
 
-/// Farthest that a surface is moved at once, voxels: each leaf looks at all within reach, whose number grows with
-/// the third power.
-const LONGEST_MOVE: f64 = 48.0;
-/// Leaves that a thread takes at a time, between two looks at whether the user asked to stop.
-const CHUNK: usize = 64;
+/// Greatest offset of one step, voxels: each leaf searches all leaves within reach, whose number grows with the
+/// third power of the offset.
+const MAX_STEP_VOXELS: f64 = 48.0;
+/// Leaves that one thread processes between two checks for cancellation.
+const CHUNK_LEAVES: usize = 64;
 
-/// How distances are rebuilt.
+/// Parameters of a rebuild of distances.
 #[derive(Clone, Copy)]
 pub(super) struct Rebuild {
-    /// How far the surface is moved outwards, world units.
+    /// Offset of the surface outwards, world units.
     pub outwards: f64,
-    /// Half width of the band then, world units.
+    /// New half width of the band, world units.
     pub background: f32,
-    /// How far from the surface distances are known before, world units.
+    /// Distance from the surface up to which the old values are valid, world units.
     pub known: f32,
-    /// Leaves that meet it are rebuilt.
+    /// Leaves that meet this region are rebuilt.
     pub within: Region,
 }
 
 impl LevelSet {
-    /// Whether distances are rebuilt by own hands, where the surface moves or the band widens.
-    pub(super) fn moves_by_points(&self, session: Session<'_>) -> bool {
+    /// Whether closest-point redistancing is used instead of OpenVDB's tracker.
+    pub(super) fn uses_closest_points(&self, session: Session<'_>) -> bool {
         session.scheme == Scheme::First
-            && session.tools == Tools::Own
+            && session.tools == Tools::Native
             && SurfacePoints::suffices(self.half_width)
     }
 
-    /// Makes the band `voxels` wider on each side, at once, in leaves that meet a region. Values within the
-    /// old one stay.
-    pub(super) fn widen_by_points(
+    /// Makes the band `voxels` wider on each side in leaves that meet a region. Values within the old band do
+    /// not change.
+    pub(super) fn widen_by_closest_points(
         &mut self,
         voxels: u32,
         within: Region,
@@ -55,15 +54,15 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Moves the surface outwards (inwards if negative) by so many world units, at once up to
-    /// [`LONGEST_MOVE`] voxels, farther in equal steps.
-    pub(super) fn move_by_points(
+    /// Offsets the surface outwards (inwards if negative) in equal steps of at most [`MAX_STEP_VOXELS`]
+    /// voxels.
+    pub(super) fn offset_by_closest_points(
         &mut self,
-        doing: &'static str,
+        operation: &'static str,
         outwards: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        let steps = (outwards.abs() / (LONGEST_MOVE * self.voxel_size())).ceil();
+        let steps = (outwards.abs() / (MAX_STEP_VOXELS * self.voxel_size())).ceil();
         let steps = steps.max(1.0) as u64;
         let rebuild = Rebuild {
             outwards: outwards / steps as f64,
@@ -72,7 +71,7 @@ impl LevelSet {
             within: Region::EVERYWHERE,
         };
         for _ in 0..steps {
-            self.rebuild(doing, rebuild, session)?;
+            self.rebuild(operation, rebuild, session)?;
             if self.active_voxels()? == 0 {
                 break;
             }
@@ -80,36 +79,43 @@ impl LevelSet {
         Ok(())
     }
 
+    /// Rebuilds the distances; after an error the level set is empty.
     pub(super) fn rebuild(
         &mut self,
-        doing: &'static str,
+        operation: &'static str,
         how: Rebuild,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         let background = how.background;
         let is_wider = background > self.background() as f32;
-        let moved = session.threads.install(|| self.moved(how, session));
-        let moved = match moved {
-            Ok(moved) => moved,
+        let changed = session
+            .threads
+            .install(|| self.changed_leaves(how, session));
+        let changed = match changed {
+            Ok(changed) => changed,
             Err(error) => {
-                let failed = |e: cxx::Exception| VdbError::of(doing, session, &e);
+                let failed = |e: cxx::Exception| VdbError::of(operation, session, &e);
                 ffi::grid_clear(self.grid.pin_mut()).map_err(failed)?;
                 return Err(error);
             }
         };
-        self.change(doing, session, |mut grid, host| {
+        self.change(operation, session, |mut grid, host| {
             if is_wider {
                 ffi::grid_set_background(grid.as_mut(), background, host)?;
             }
-            for batch in moved {
-                put(grid.as_mut(), &batch)?;
+            for batch in changed {
+                write_leaves(grid.as_mut(), &batch)?;
             }
             ffi::grid_prune(grid, host)
         })
     }
 
-    /// The leaves that are different then.
-    fn moved(&self, how: Rebuild, session: Session<'_>) -> Result<Vec<LeafBatch>, VdbError> {
+    /// The leaves that differ after the rebuild.
+    fn changed_leaves(
+        &self,
+        how: Rebuild,
+        session: Session<'_>,
+    ) -> Result<Vec<LeafBatch>, VdbError> {
         let Rebuild {
             outwards,
             background,
@@ -120,24 +126,25 @@ impl LevelSet {
         let own: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();
         let leaf = |n: usize| leaf_of(&leaves, n);
         let surface = SurfacePoints::new(leaves.len(), leaf, self.voxel_size(), known);
-        // Where distances end within the differences, these say nothing of how the surface bends.
+        // A band too narrow for second differences does not determine the curvature of the surface.
         let surface = if SurfacePoints::suffices(f64::from(known) / self.voxel_size()) {
             surface
         } else {
             surface.straightened()
         };
         let surface = surface.with_background(background);
-        let stays = background > known;
+        let keeps_known = background > known;
         let mut all = surface.leaves_within(outwards);
         all.retain(|&origin| within.meets(origin, LEAF));
-        let there = |origin: &Coord| own.binary_search(origin);
-        let new: Vec<Coord> = all.iter().filter(|o| there(o).is_err()).copied().collect();
+        let number_of = |origin: &Coord| own.binary_search(origin);
+        let absent = all.iter().filter(|o| number_of(o).is_err());
+        let new: Vec<Coord> = absent.copied().collect();
         let signs = self.values(&new)?;
         all.extend(own.iter().filter(|&&origin| within.meets(origin, LEAF)));
         all.par_sort_unstable();
         all.dedup();
-        let one = |origin: Coord, batch: &mut LeafBatch| {
-            let own = there(&origin).ok();
+        let rebuild_leaf = |origin: Coord, batch: &mut LeafBatch| {
+            let own = number_of(&origin).ok();
             let inside = own.map_or_else(
                 || {
                     let sign = new.binary_search(&origin).map_or(0.0, |n| signs[n]);
@@ -146,7 +153,7 @@ impl LevelSet {
                 |n| leaf(n).inside(),
             );
             let mut moved = surface.moved(origin, &inside, outwards);
-            if let Some(n) = own.filter(|_| stays) {
+            if let Some(n) = own.filter(|_| keeps_known) {
                 moved.keep(&leaf(n), known);
             }
             let is_same = moved.mask == [0; 8] && (moved.values[0] < 0.0) == (inside[0] & 1 == 1);
@@ -154,14 +161,14 @@ impl LevelSet {
                 batch.push(origin, moved.mask, &moved.values);
             }
         };
-        all.par_chunks(CHUNK)
+        all.par_chunks(CHUNK_LEAVES)
             .map(|chunk| {
                 if session.progress.cancelled() {
                     return Err(VdbError::Cancelled(Cancelled));
                 }
                 let mut batch = LeafBatch::default();
                 for &origin in chunk {
-                    one(origin, &mut batch);
+                    rebuild_leaf(origin, &mut batch);
                 }
                 Ok(batch)
             })

@@ -1,6 +1,6 @@
-//! Why a grid of others is refused, and what to do.
+//! Messages for grids that are refused: what was found, what is expected, and the remedy.
 
-use super::torn_band::Tears;
+use super::torn_band::BandGaps;
 use super::{FileError, GridInfo, VdbError, Volume};
 use crate::frame::Vec3;
 use std::path::Path;
@@ -26,8 +26,8 @@ impl Located<'_> {
         match error {
             VdbError::Cancelled(c) => FileError::Cancelled(c),
             VdbError::Open => self.refuse(Refusal::new(
-                "values that end where the surface goes on: it is open",
-                "values on both sides of all of the surface",
+                "values that end before the surface does: it is open",
+                "values on both sides of the whole surface",
                 "write the grid again with one voxel more around it, or choose another value",
             )),
             error => FileError::OpenVdb {
@@ -38,7 +38,7 @@ impl Located<'_> {
     }
 }
 
-/// What is wrong with a grid and what to do.
+/// The defect of a grid, the expectation and the remedy.
 pub(super) struct Refusal {
     pub found: String,
     pub expected: &'static str,
@@ -55,49 +55,48 @@ impl Refusal {
     }
 }
 
+/// The hint to give a value of the surface, rounded to four digits.
 pub(super) fn value_hint(value: f64) -> String {
-    // Four digits.
     let step = 10f64.powi(value.abs().max(1e-30).log10().floor() as i32 - 3);
     let value = ((value / step).round() * step) as f32;
     format!("--value {value}; in a recipe value = {value} beside the path")
 }
 
-/// A point of the world as a message has it, to a thousandth of a voxel's edge or better.
+/// A world position as text, rounded to a thousandth of a voxel's edge or finer.
 pub(super) fn place_of(at: Vec3, edge: f64) -> String {
     let step = 10f64.powi(edge.log10().floor() as i32 - 3);
     let [x, y, z] = [at.x, at.y, at.z].map(|c| ((c / step).round() * step) as f32 + 0.0);
     format!("({x}, {y}, {z})")
 }
 
-/// A torn surface: by a band that ends before the next voxel, or by a hole.
-pub(super) fn torn(tears: Tears, info: &GridInfo) -> Refusal {
-    let at = tears.first.unwrap_or_default();
+/// The refusal of a band with gaps: too narrow on one side, or with holes.
+pub(super) fn torn(gaps: BandGaps, info: &GridInfo) -> Refusal {
+    let at = gaps.first.unwrap_or_default();
     let at = info.map.map_or(at, |m| m.world(at));
     let place = place_of(at, info.cube_edge());
-    if tears.torn * 5 > tears.crossings {
+    if gaps.gaps * 5 > gaps.crossings {
         return Refusal::new(
             format!(
-                "a band that is narrower than a voxel on one side: of {} pairs of neighbours across the surface {} lack a distance, \
+                "a band that is narrower than a voxel on one side: {} of {} pairs of neighbours across the surface lack a distance, \
                  the first at {place}",
-                tears.crossings, tears.torn
+                gaps.gaps, gaps.crossings
             ),
             "a band of at least one voxel on each side",
-            value_hint(0.0)
-                + " (which makes the band anew; the surface moves by up to half a voxel)",
+            value_hint(0.0) + " (which rebuilds the band; the surface moves by up to half a voxel)",
         );
     }
     Refusal::new(
         format!(
             "a torn surface: {} of {} pairs of neighbours across it lack a distance, the first at {place}",
-            tears.torn, tears.crossings
+            gaps.gaps, gaps.crossings
         ),
-        "a whole narrow band, closed around the solid",
-        "write it again in the program that made it, with all leaves of its band; druse voxelize makes one of a mesh",
+        "a complete narrow band, closed around the solid",
+        "write it again in the program that made it, with all leaves of its band; druse voxelize makes one from a mesh",
     )
 }
 
 impl Volume {
-    /// The error of voxels that are no cubes.
+    /// The error for voxels that are not axis-aligned cubes.
     pub(super) fn refuse_voxels(&self, path: &Path) -> FileError {
         let edge = self.info.cube_edge() as f32;
         let located = Located {
@@ -108,7 +107,7 @@ impl Volume {
             self.info.shape(),
             "cubes along the axes",
             format!(
-                "--resample brings it onto cubes of {edge}, --resample=LENGTH onto others (druse filter, mesh, slice; for other \
+                "--resample resamples it to cubes of {edge}, --resample=LENGTH to others (druse filter, mesh, slice; for other \
                  commands druse filter FILE -o CUBES.vdb resample={edge}); in a recipe resample = true beside the path"
             ),
         ))

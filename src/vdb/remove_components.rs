@@ -1,46 +1,46 @@
-//! Removing whole pieces: small ones, all but the largest, voids.
+//! Removal of connected components: small ones, all but the largest, voids.
 //!
-//! A removed piece takes its part of the band along: the voxels on the other side of its surface
-//! whose steepest descent leads to it. Where a surface that stays comes within the band of those
-//! voxels, their distance to it is found by marching from the voxels that it owns; everything else
-//! becomes background. Pieces that are rounding only go with any removal, uncounted.
+//! A removed component takes its part of the band with it: the voxels on the other side of its surface whose
+//! steepest descent leads to it. Near a remaining surface their distances to it are found by fast marching from
+//! the remaining voxels; all others become background. Any removal also removes, uncounted, components that
+//! are only rounding.
 
-use super::components::{Pieces, Ranking, Side};
+use super::components::{Components, Ranking, Side};
 use super::ffi;
 use super::index::{FACES, LeafIndex, offset};
 use super::voxel_mask::{self, Bits};
-use super::{LeafView, LevelSet, Piece, Session, VdbError};
+use super::{Component, LeafView, LevelSet, Session, VdbError};
 use crate::band::LEAF;
 use crate::frame::Coord;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
-/// Half widths of the band that a removal looks to each side: steepest descents lead a band's width
-/// down, at worst along its diagonals, and distances march as far again.
+/// Reach of a removal in half widths of the band: a steepest descent covers the width of the band, at worst
+/// along its diagonals, and marching covers as much again.
 pub const REMOVAL_REACH: f64 = 4.0;
 
-/// What an operation removed.
+/// The components that an operation removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Dropped {
-    /// Number of pieces.
-    pub pieces: usize,
+pub struct RemovedComponents {
+    /// Number of components.
+    pub components: usize,
     /// Volume of their voxels, world units cubed.
     pub volume: f64,
 }
 
-/// Which pieces are removed.
+/// The components to remove.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Unwanted {
-    /// Every piece of the solid but the largest (of equals, the first in order of place).
-    ButLargest,
-    /// Every piece of the solid whose volume (world units cubed) is smaller.
-    Smaller(f64),
-    /// Every void whose volume (world units cubed) is at most this; infinity means all.
+pub enum ComponentSelection {
+    /// All components of the solid except the largest; of equal ones the first in order of place is kept.
+    AllButLargest,
+    /// Components of the solid with a smaller volume (world units cubed).
+    SmallerThan(f64),
+    /// Voids of at most this volume (world units cubed); infinity means all.
     Voids(f64),
 }
 
-impl Unwanted {
-    /// Where its pieces are.
+impl ComponentSelection {
+    /// The side of the surface of the selected components.
     pub(super) fn side(self) -> Side {
         match self {
             Self::Voids(_) => Side::Void,
@@ -48,77 +48,80 @@ impl Unwanted {
         }
     }
 
-    /// Which pieces of a ranking are removed, and how much that is.
-    pub(super) fn choose(self, found: &Ranking) -> (Vec<bool>, Dropped) {
-        let takes = |number: usize, piece: &Piece| match self {
-            Self::ButLargest => number > 0,
-            Self::Smaller(volume) => piece.volume < volume,
-            Self::Voids(volume) => piece.volume <= volume,
+    /// Applies the selection to a ranking: whether each component is removed, and their number and volume.
+    pub(super) fn apply(self, ranking: &Ranking) -> (Vec<bool>, RemovedComponents) {
+        let selects = |number: usize, component: &Component| match self {
+            Self::AllButLargest => number > 0,
+            Self::SmallerThan(volume) => component.volume < volume,
+            Self::Voids(volume) => component.volume <= volume,
         };
-        let chosen: Vec<bool> = (found.list.iter().enumerate())
-            .map(|(n, piece)| found.endless != Some(n) && (n >= found.count || takes(n, piece)))
+        let is_removed: Vec<bool> = (ranking.list.iter().enumerate())
+            .map(|(n, component)| {
+                ranking.unbounded != Some(n) && (n >= ranking.count || selects(n, component))
+            })
             .collect();
-        let mut dropped = Dropped::default();
-        let counted = found.list.iter().zip(&chosen).take(found.count);
-        for (piece, _) in counted.filter(|(_, chosen)| **chosen) {
-            dropped.pieces += 1;
-            dropped.volume += piece.volume;
+        let mut removed = RemovedComponents::default();
+        let counted = ranking.list.iter().zip(&is_removed).take(ranking.count);
+        for (component, _) in counted.filter(|(_, is_removed)| **is_removed) {
+            removed.components += 1;
+            removed.volume += component.volume;
         }
-        (chosen, dropped)
+        (is_removed, removed)
     }
 }
 
 impl LevelSet {
-    /// Removes whole pieces. Of voids, what is reported are voids.
+    /// Removes components, or fills voids; returns their number and volume.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn remove(
         &mut self,
-        unwanted: Unwanted,
+        selection: ComponentSelection,
         session: Session<'_>,
-    ) -> Result<Dropped, VdbError> {
-        let side = unwanted.side();
+    ) -> Result<RemovedComponents, VdbError> {
+        let side = selection.side();
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
-        let found = Pieces::find(&index, side, self.voxel_size(), session)?;
-        let (chosen, dropped) = unwanted.choose(&found.ranking);
-        if !chosen.contains(&true) {
-            return Ok(dropped);
+        let found = Components::find(&index, side, self.voxel_size(), session)?;
+        let (is_removed, removed) = selection.apply(&found.ranking);
+        if !is_removed.contains(&true) {
+            return Ok(removed);
         }
-        let removed = (0..index.leaves.len()).map(|leaf| (leaf, found.chosen_in(leaf, &chosen)));
-        let mut edit = Removal::new(self, &index, side, removed).edit();
+        let voxels =
+            (0..index.leaves.len()).map(|leaf| (leaf, found.selected_in(leaf, &is_removed)));
+        let mut edit = Removal::new(self, &index, side, voxels).edit();
         for (n, tile) in index.tiles.iter().enumerate() {
-            let piece = found.ranking.piece_of[found.tiles_from + n];
-            if chosen.get(piece) == Some(&true) {
+            let component = found.ranking.component_of[found.first_tile + n];
+            if is_removed.get(component) == Some(&true) {
                 let [x, y, z] = tile.origin.0;
                 edit.tiles.push([x, y, z, tile.edge]);
             }
         }
         drop(leaves);
         self.overwrite(&edit, session)?;
-        Ok(dropped)
+        Ok(removed)
     }
 
-    /// Removes the part of the band that chosen voxels have, by leaf. Of a part of a level set (whose
-    /// voxel (0, 0, 0) is `first` of the whole) what lies at least [`REMOVAL_REACH`] half widths of the
-    /// band from its ends is then as in the whole; beyond the band the old signs stay.
-    pub(super) fn remove_chosen(
+    /// Removes the selected voxels of each leaf with their part of the band. In a part of a level set the result
+    /// equals that of the whole at least [`REMOVAL_REACH`] half widths from the ends of the part; beyond the
+    /// band the old signs stay.
+    pub(super) fn remove_voxels(
         &mut self,
         side: Side,
-        chosen: impl Fn(&LeafView<'_>) -> Bits,
+        selected: impl Fn(&LeafView<'_>) -> Bits,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
-        let removed = index.leaves.iter().map(chosen).enumerate();
-        let edit = Removal::new(self, &index, side, removed).edit();
+        let voxels = index.leaves.iter().map(selected).enumerate();
+        let edit = Removal::new(self, &index, side, voxels).edit();
         drop(leaves);
         self.overwrite(&edit, session)
     }
 
     fn overwrite(&mut self, edit: &Edit, session: Session<'_>) -> Result<(), VdbError> {
-        self.change("removing pieces", session, |grid, host| {
+        self.change("removing components", session, |grid, host| {
             ffi::grid_edit(
                 grid,
                 edit.origins.as_flattened(),
@@ -131,33 +134,41 @@ impl LevelSet {
         })
     }
 
-    /// Removes every piece of the solid but the largest (of equals, the first in order of place).
+    /// Removes all components of the solid except the largest; of equal ones the first in order of place is
+    /// kept.
     ///
     /// # Errors
     /// As [`LevelSet::remove`].
-    pub fn keep_largest(&mut self, session: Session<'_>) -> Result<Dropped, VdbError> {
-        self.remove(Unwanted::ButLargest, session)
+    pub fn keep_largest(&mut self, session: Session<'_>) -> Result<RemovedComponents, VdbError> {
+        self.remove(ComponentSelection::AllButLargest, session)
     }
 
-    /// Removes every piece of the solid whose volume (world units cubed) is smaller than `volume`.
+    /// Removes the components of the solid with a volume below `volume` (world units cubed).
     ///
     /// # Errors
     /// As [`LevelSet::remove`].
-    pub fn drop_small(&mut self, volume: f64, session: Session<'_>) -> Result<Dropped, VdbError> {
-        self.remove(Unwanted::Smaller(volume), session)
+    pub fn remove_small(
+        &mut self,
+        volume: f64,
+        session: Session<'_>,
+    ) -> Result<RemovedComponents, VdbError> {
+        self.remove(ComponentSelection::SmallerThan(volume), session)
     }
 
-    /// Fills every void whose volume (world units cubed) is at most `volume`; infinity fills all.
-    /// What it reports are voids.
+    /// Fills the voids of at most `volume` (world units cubed); infinity fills all.
     ///
     /// # Errors
     /// As [`LevelSet::remove`].
-    pub fn fill_voids(&mut self, volume: f64, session: Session<'_>) -> Result<Dropped, VdbError> {
-        self.remove(Unwanted::Voids(volume), session)
+    pub fn fill_voids(
+        &mut self,
+        volume: f64,
+        session: Session<'_>,
+    ) -> Result<RemovedComponents, VdbError> {
+        self.remove(ComponentSelection::Voids(volume), session)
     }
 }
 
-/// Leaves to be overwritten, and tiles (origin and edge) to be filled with a value.
+/// Leaves to overwrite, and tiles (origin and edge) to fill with a value.
 pub(super) struct Edit {
     pub origins: Vec<[i32; 3]>,
     pub masks: Vec<Bits>,
@@ -166,92 +177,93 @@ pub(super) struct Edit {
     fill: f32,
 }
 
-/// The removal in terms of `psi`: the distance, negated where voids are removed, so that removed
-/// voxels have psi <= 0 and the other side of their surface psi > 0.
+/// A removal in terms of `psi`: the distance, negated if voids are removed, so that removed voxels have
+/// psi <= 0 and the other side of their surface has psi > 0.
 pub(super) struct Removal<'a> {
     index: &'a LeafIndex<'a>,
-    /// Voxels of chosen pieces, for the leaves that have any.
+    /// Removed voxels, for the leaves that have any.
     removed: HashMap<usize, Bits>,
-    /// +1 when solid is removed, -1 when voids are.
+    /// +1 if solid is removed, -1 if voids are.
     sign: f32,
     background: f32,
     voxel_size: f32,
-    /// Leaves in reach of the removed voxels.
-    patch: Vec<usize>,
+    /// Leaves within reach of the removed voxels, ascending.
+    leaves_in_reach: Vec<usize>,
 }
 
-/// Leaves beyond a surface's own that its band can reach.
-pub(super) fn rings(half_width: f64) -> i32 {
+/// Number of leaves by which a band extends beyond the leaves of its solid.
+pub(super) fn band_leaves(half_width: f64) -> i32 {
     (half_width / f64::from(LEAF)).ceil() as i32
 }
 
 impl<'a> Removal<'a> {
-    /// Removes the chosen voxels of some leaves.
+    /// A removal of selected voxels, by leaf.
     pub fn new(
         level_set: &LevelSet,
         index: &'a LeafIndex<'a>,
         side: Side,
-        chosen: impl Iterator<Item = (usize, Bits)>,
+        selected: impl Iterator<Item = (usize, Bits)>,
     ) -> Self {
         let mut removed = HashMap::new();
-        let mut patch = Vec::new();
-        let rings = rings(level_set.half_width());
-        for (leaf, bits) in chosen.filter(|(_, bits)| !voxel_mask::is_empty(bits)) {
+        let mut leaves_in_reach = Vec::new();
+        let band_leaves = band_leaves(level_set.half_width());
+        for (leaf, bits) in selected.filter(|(_, bits)| !voxel_mask::is_empty(bits)) {
             removed.insert(leaf, bits);
             let o = index.leaves[leaf].origin;
-            for x in -rings..=rings {
-                for y in -rings..=rings {
-                    for z in -rings..=rings {
-                        patch.extend(index.leaf(o.offset(8 * x, 8 * y, 8 * z)));
+            for x in -band_leaves..=band_leaves {
+                for y in -band_leaves..=band_leaves {
+                    for z in -band_leaves..=band_leaves {
+                        leaves_in_reach.extend(index.leaf(o.offset(8 * x, 8 * y, 8 * z)));
                     }
                 }
             }
         }
-        patch.sort_unstable();
-        patch.dedup();
+        leaves_in_reach.sort_unstable();
+        leaves_in_reach.dedup();
         Self {
             index,
             removed,
             sign: if side == Side::Solid { 1.0 } else { -1.0 },
             background: level_set.background() as f32,
             voxel_size: level_set.voxel_size() as f32,
-            patch,
+            leaves_in_reach,
         }
     }
 
     fn is_removed(&self, voxel: Coord) -> bool {
         let bits = self.index.leaf(voxel).and_then(|l| self.removed.get(&l));
-        bits.is_some_and(|bits| voxel_mask::has(bits, offset(voxel)))
+        bits.is_some_and(|bits| voxel_mask::contains(bits, offset(voxel)))
     }
 
+    /// psi of a voxel, and whether the voxel is active.
     fn psi(&self, voxel: Coord) -> (f32, bool) {
         let (value, active) = self.index.value(voxel);
         (self.sign * value, active)
     }
 
-    /// What the leaves are without them, in ascending order.
+    /// The leaves after the removal, ascending.
     pub fn edit(self) -> Edit {
-        let lost = self.lost();
-        let marched = self.march(&lost);
+        let reset = self.reset_voxels();
+        let marched = self.march(&reset);
         let fill = self.sign * self.background;
         let mut edit = Edit {
-            origins: Vec::with_capacity(lost.len()),
-            masks: Vec::with_capacity(lost.len()),
-            values: Vec::with_capacity(lost.len()),
+            origins: Vec::with_capacity(reset.len()),
+            masks: Vec::with_capacity(reset.len()),
+            values: Vec::with_capacity(reset.len()),
             tiles: Vec::new(),
             fill,
         };
-        for &leaf in &self.patch {
-            let Some(bits) = lost.get(&leaf) else {
+        for &leaf in &self.leaves_in_reach {
+            let Some(bits) = reset.get(&leaf) else {
                 continue;
             };
             let view = &self.index.leaves[leaf];
             let (mut mask, mut values) = (view.mask, *view.values);
-            for n in (0..512).filter(|&n| voxel_mask::has(bits, n)) {
-                let near = marched.get(&view.voxel(n));
-                values[n] = near.map_or(fill, |psi| self.sign * psi);
+            for n in (0..512).filter(|&n| voxel_mask::contains(bits, n)) {
+                let marched_value = marched.get(&view.voxel(n));
+                values[n] = marched_value.map_or(fill, |psi| self.sign * psi);
                 mask[n >> 6] &= !(1 << (n & 63));
-                mask[n >> 6] |= u64::from(near.is_some()) << (n & 63);
+                mask[n >> 6] |= u64::from(marched_value.is_some()) << (n & 63);
             }
             edit.origins.push(view.origin.0);
             edit.masks.push(mask);
@@ -260,84 +272,84 @@ impl<'a> Removal<'a> {
         edit
     }
 
-    /// Removed voxels and those of the other side that they own, by leaf of the patch.
-    fn lost(&self) -> HashMap<usize, Bits> {
-        let mut lost = self.removed.clone();
-        // The other side of the band, nearest to its surface first: a voxel's steepest descent then
-        // leads to one whose owner is known.
-        let mut far: Vec<(f32, Coord)> = Vec::new();
-        for &leaf in &self.patch {
+    /// Voxels to reset, by leaf: the removed ones, and those on the other side that belong to their surface.
+    fn reset_voxels(&self) -> HashMap<usize, Bits> {
+        let mut reset = self.removed.clone();
+        // The other side of the band, nearest to the surface first: the steepest descent of a voxel then leads
+        // to a voxel that is decided already.
+        let mut other_side: Vec<(f32, Coord)> = Vec::new();
+        for &leaf in &self.leaves_in_reach {
             let view = &self.index.leaves[leaf];
-            far.extend((0..512).filter(|&n| view.is_active(n)).filter_map(|n| {
+            other_side.extend((0..512).filter(|&n| view.is_active(n)).filter_map(|n| {
                 let psi = self.sign * view.values[n];
                 let voxel = view.voxel(n);
-                // Zero is on the void's side: a void's own voxels have psi <= 0.
+                // Zero counts as void: the voxels of a void have psi <= 0.
                 (psi >= 0.0 && !self.is_removed(voxel)).then_some((psi, voxel))
             }));
         }
-        far.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let is_lost = |lost: &HashMap<usize, Bits>, voxel: Coord| {
-            let bits = self.index.leaf(voxel).and_then(|leaf| lost.get(&leaf));
-            bits.is_some_and(|bits| voxel_mask::has(bits, offset(voxel)))
+        other_side.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let is_reset = |reset: &HashMap<usize, Bits>, voxel: Coord| {
+            let bits = self.index.leaf(voxel).and_then(|leaf| reset.get(&leaf));
+            bits.is_some_and(|bits| voxel_mask::contains(bits, offset(voxel)))
         };
-        for (psi, voxel) in far {
+        for (psi, voxel) in other_side {
             let mut steepest = (0.0, None);
             for n in (0..27).filter(|&n| n != 13) {
                 let step = [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1];
-                let beside = voxel.offset(step[0], step[1], step[2]);
+                let neighbour = voxel.offset(step[0], step[1], step[2]);
                 let length = (step.iter().map(|s| s * s).sum::<i32>() as f32).sqrt();
-                let slope = (psi - self.psi(beside).0) / length;
+                let slope = (psi - self.psi(neighbour).0) / length;
                 if slope > steepest.0 {
-                    steepest = (slope, Some(beside));
+                    steepest = (slope, Some(neighbour));
                 }
             }
-            if steepest.1.is_some_and(|to| is_lost(&lost, to))
+            if steepest.1.is_some_and(|to| is_reset(&reset, to))
                 && let Some(leaf) = self.index.leaf(voxel)
             {
-                voxel_mask::insert(lost.entry(leaf).or_insert([0; 8]), offset(voxel));
+                voxel_mask::insert(reset.entry(leaf).or_insert([0; 8]), offset(voxel));
             }
         }
-        lost
+        reset
     }
 
-    /// Distances of lost voxels to the surfaces that stay, as far as the band reaches: first-order
-    /// upwind marching from the voxels that are not lost.
-    fn march(&self, lost: &HashMap<usize, Bits>) -> HashMap<Coord, f32> {
-        let is_lost = |voxel: Coord| {
-            let bits = self.index.leaf(voxel).and_then(|leaf| lost.get(&leaf));
-            bits.is_some_and(|bits| voxel_mask::has(bits, offset(voxel)))
+    /// Distances of reset voxels to the remaining surfaces within the band, by first-order fast marching from
+    /// the other voxels.
+    fn march(&self, reset: &HashMap<usize, Bits>) -> HashMap<Coord, f32> {
+        let is_reset = |voxel: Coord| {
+            let bits = self.index.leaf(voxel).and_then(|leaf| reset.get(&leaf));
+            bits.is_some_and(|bits| voxel_mask::contains(bits, offset(voxel)))
         };
         let mut known: HashMap<Coord, f32> = HashMap::new();
         let mut heap: BinaryHeap<Reverse<(u32, Coord)>> = BinaryHeap::new();
-        // The distance that the known neighbours of a lost voxel give it.
+        // The distance of a reset voxel from its known neighbours.
         let solve = |voxel: Coord, known: &HashMap<Coord, f32>| {
             let mut axes = [f32::INFINITY; 3];
             for (f, [x, y, z]) in FACES.into_iter().enumerate() {
-                let beside = voxel.offset(x, y, z);
-                let psi = if is_lost(beside) {
-                    known.get(&beside).copied()
+                let neighbour = voxel.offset(x, y, z);
+                let psi = if is_reset(neighbour) {
+                    known.get(&neighbour).copied()
                 } else {
-                    let (psi, active) = self.psi(beside);
+                    let (psi, active) = self.psi(neighbour);
                     active.then_some(psi)
                 };
                 axes[f / 2] = axes[f / 2].min(psi.unwrap_or(f32::INFINITY));
             }
-            // A lost voxel stays on its side of the surface.
+            // A reset voxel keeps its side of the surface.
             upwind(axes, self.voxel_size).max(1e-3 * self.voxel_size)
         };
-        // Positive floats sort as their bits.
-        let offer = |voxel: Coord, psi: f32, heap: &mut BinaryHeap<_>| {
+        // Positive floats sort like their bits.
+        let push = |voxel: Coord, psi: f32, heap: &mut BinaryHeap<_>| {
             if psi < self.background {
                 heap.push(Reverse((psi.to_bits(), voxel)));
             }
         };
-        for &leaf in &self.patch {
-            let Some(bits) = lost.get(&leaf) else {
+        for &leaf in &self.leaves_in_reach {
+            let Some(bits) = reset.get(&leaf) else {
                 continue;
             };
             let view = &self.index.leaves[leaf];
-            for n in (0..512).filter(|&n| voxel_mask::has(bits, n)) {
-                offer(view.voxel(n), solve(view.voxel(n), &known), &mut heap);
+            for n in (0..512).filter(|&n| voxel_mask::contains(bits, n)) {
+                push(view.voxel(n), solve(view.voxel(n), &known), &mut heap);
             }
         }
         while let Some(Reverse((psi, voxel))) = heap.pop() {
@@ -346,9 +358,9 @@ impl<'a> Removal<'a> {
             }
             known.insert(voxel, f32::from_bits(psi));
             for [x, y, z] in FACES {
-                let beside = voxel.offset(x, y, z);
-                if is_lost(beside) && !known.contains_key(&beside) {
-                    offer(beside, solve(beside, &known), &mut heap);
+                let neighbour = voxel.offset(x, y, z);
+                if is_reset(neighbour) && !known.contains_key(&neighbour) {
+                    push(neighbour, solve(neighbour, &known), &mut heap);
                 }
             }
         }
@@ -356,7 +368,7 @@ impl<'a> Removal<'a> {
     }
 }
 
-/// Solves |grad psi| = 1 upwind from the least neighbour on each axis.
+/// Solves |grad psi| = 1 upwind, from the least neighbour on each axis (`INFINITY`: none).
 fn upwind(mut axes: [f32; 3], h: f32) -> f32 {
     axes.sort_by(f32::total_cmp);
     let mut psi = axes[0] + h;

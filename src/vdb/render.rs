@@ -1,29 +1,29 @@
-//! Pictures: rays by OpenVDB, light here.
+//! Pictures of level sets: rays are traced in C++, shading is done here.
 //!
-//! One key light with shadows from the upper left, a fill light, sky and ground, and in crevices
-//! darkening from the depths of neighbouring samples; far parts fade a little. One ray a pixel, and three
-//! more where it and the pixels beside it see different things.
+//! A key light from the upper left with shadows, a fill light, sky and ground, ambient occlusion from the
+//! depths of neighbouring samples; distant parts fade slightly. Pixels are sampled once, and three times
+//! more at edges.
 
 use super::camera::View;
-use super::colormap::Paint;
+use super::colormap::ValueColours;
 use super::samples::Samples;
-use super::shading::{FINE, Hit, Lights, Short, develop, openness};
+use super::shading::{Hit, Lights, SAMPLES_PER_EDGE, Vec3f, ambient_openness, shade_image};
 use super::{LevelSet, Session, VdbError, Volume, ffi};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use rayon::prelude::*;
 
-/// What a picture shows, and how.
+/// Options of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Picture {
-    /// Pixels.
+    /// Width in pixels.
     pub width: usize,
-    /// Pixels.
+    /// Height in pixels.
     pub height: usize,
-    /// From the part towards the eye, z up; any length.
+    /// Direction from the part towards the eye, z up; any length.
     pub towards_eye: Vec3,
     /// Perspective of 30 degrees, or parallel rays.
     pub perspective: bool,
-    /// Axis and world coordinate of a plane; what lies before it is left away.
+    /// Axis and world coordinate of a section plane; the part on the eye's side is not shown.
     pub cut: Option<(usize, f64)>,
     /// Whether the background is transparent instead of white.
     pub transparent: bool,
@@ -42,30 +42,30 @@ impl Default for Picture {
     }
 }
 
-/// Pixels, row by row from the top, red green blue alpha (straight).
+/// An image: pixels row by row from the top, red, green, blue and straight alpha.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
-    /// Pixels.
+    /// Width in pixels.
     pub width: usize,
-    /// Pixels.
+    /// Height in pixels.
     pub height: usize,
-    /// 4 bytes a pixel, sRGB.
+    /// 4 bytes per pixel, sRGB.
     pub rgba: Vec<u8>,
 }
 
-/// Numbers that the bridge gives for each sample.
-pub(super) const NUMBERS: usize = 6;
-/// Largest picture: larger ones are a slip of the keyboard.
-const MOST_PIXELS: usize = 1 << 26;
+/// Values per sample that the bridge returns: depth, normal, cut, light.
+pub(super) const RAY_VALUES: usize = 6;
+/// Greatest number of pixels of a picture.
+const MAX_PIXELS: usize = 1 << 26;
 
-/// Six numbers for each sample of a view under a light, as the bridge gives them: of the samples with some
-/// numbers, or, without any, of all.
+/// Traces samples of a view under a light; returns [`RAY_VALUES`] values per sample. An empty list of sample
+/// numbers means all samples.
 pub(super) type Trace<'t, E> = dyn FnMut(&View, Vec3, &[u32]) -> Result<Vec<f32>, E> + 't;
 
 impl Picture {
     pub(super) fn check(&self) -> Result<(), VdbError> {
         let pixels = self.width.saturating_mul(self.height);
-        if pixels == 0 || pixels > MOST_PIXELS {
+        if pixels == 0 || pixels > MAX_PIXELS {
             return Err(VdbError::Parameter {
                 name: "size of the picture in pixels",
                 value: pixels as f64,
@@ -79,17 +79,17 @@ impl Picture {
                 name: if axis > 2 {
                     "axis of the cut"
                 } else {
-                    "place of the cut"
+                    "position of the cut"
                 },
                 value: if axis > 2 { axis as f64 } else { at },
-                expected: "axis 0, 1 or 2 and a finite place",
+                expected: "axis 0, 1 or 2 and a finite position",
             });
         }
         Ok(())
     }
 
-    /// The picture of what lies in a box. `trace` gives six numbers for each sample of a view under a
-    /// light, as the bridge does; with `at_once` it is asked for all of a view, whichever are needed.
+    /// Makes the picture of the contents of a box. With `at_once`, `trace` is called for all samples of a view,
+    /// whichever are needed.
     pub(super) fn compose<E: From<VdbError> + Send>(
         &self,
         bounds: Aabb,
@@ -100,15 +100,15 @@ impl Picture {
     ) -> Result<(Image, [f32; 2]), E> {
         let (width, height) = (self.width, self.height);
         if bounds.is_empty() {
-            let nothing = Samples::none(width, height);
-            return Ok((develop(self, &nothing, &Lights::none()), [0.0; 2]));
+            let samples = Samples::empty(width, height);
+            return Ok((shade_image(self, &samples, &Lights::unlit()), [0.0; 2]));
         }
-        let (columns, rows) = (width * FINE, height * FINE);
+        let (columns, rows) = (width * SAMPLES_PER_EDGE, height * SAMPLES_PER_EDGE);
         let towards = self.towards_eye;
         let coarse = [width.div_ceil(8).max(32), height.div_ceil(8).max(32)];
         let view = View::fit(bounds, towards, self.perspective, coarse[0], coarse[1]);
         let key = (view.up * 0.8 - view.right * 0.7 - view.forward * 0.55).normalize();
-        // Once coarsely, to see what part of the frame is filled.
+        // A coarse view finds the part of the frame that is filled.
         let (low, high) = covered(&trace(&view, key, &[])?, coarse[0]);
         let view = view.cropped(low, high, columns, rows);
         let all = if at_once {
@@ -116,56 +116,56 @@ impl Picture {
         } else {
             Vec::new()
         };
-        let mut look = |wanted: &[u32]| {
-            let numbers = if at_once {
-                let own = wanted
+        let mut trace_samples = |numbers: &[u32]| {
+            let values = if at_once {
+                let selected = numbers
                     .iter()
-                    .flat_map(|&n| &all[NUMBERS * n as usize..][..NUMBERS]);
-                own.copied().collect()
+                    .flat_map(|&n| &all[RAY_VALUES * n as usize..][..RAY_VALUES]);
+                selected.copied().collect()
             } else {
-                trace(&view, key, wanted)?
+                trace(&view, key, numbers)?
             };
-            let samples = wanted.par_iter().zip(numbers.par_chunks_exact(NUMBERS));
+            let samples = numbers.par_iter().zip(values.par_chunks_exact(RAY_VALUES));
             let hits = samples.with_min_len(1 << 12).map(|(&n, s)| {
                 let (i, j) = (n as usize % columns, n as usize / columns);
                 s[0].is_finite().then(|| Hit {
                     position: view.position(i, j, s[0].into()).cast(),
-                    normal: Short::new(s[1], s[2], s[3]),
+                    normal: Vec3f::new(s[1], s[2], s[3]),
                     on_cut: s[4] > 0.5,
                     lit: s[5] > 0.5,
                 })
             });
             Ok::<Vec<_>, E>(session.threads.install(|| hits.collect()))
         };
-        let mut samples = Samples::first(width, height, &mut look)?;
-        samples.divide(&mut look)?;
+        let mut samples = Samples::first(width, height, &mut trace_samples)?;
+        samples.divide(&mut trace_samples)?;
         session.threads.install(|| {
             let hits = samples.hits();
             let values = grid.map(|g| values_at(hits, view.eye, g)).transpose()?;
-            let paint = Paint::new(values.unwrap_or_default());
+            let colours = ValueColours::new(values.unwrap_or_default());
             let reach = 0.05 * bounds.half_diagonal();
-            let radius = reach / (FINE as f64 * view.pixel());
-            let open =
-                openness(&samples, reach, radius, session.progress).map_err(VdbError::from)?;
-            let range = paint.range();
-            let lights = Lights::new(&view, key, hits, open).with_paint(paint);
-            Ok((develop(self, &samples, &lights), range))
+            let radius = reach / (SAMPLES_PER_EDGE as f64 * view.pixel());
+            let openness = ambient_openness(&samples, reach, radius, session.progress)
+                .map_err(VdbError::from)?;
+            let range = colours.range();
+            let lights = Lights::new(&view, key, hits, openness).with_colours(colours);
+            Ok((shade_image(self, &samples, &lights), range))
         })
     }
 }
 
 impl LevelSet {
-    /// Takes a picture of the solid.
+    /// Makes a picture of the solid.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] for a size of 0 or beyond 2^26 pixels or a cut on an axis other than
-    /// 0, 1, 2; [`VdbError::Cancelled`]; what OpenVDB refuses.
+    /// 0, 1, 2; [`VdbError::Cancelled`]; errors of OpenVDB.
     pub fn render(&self, picture: &Picture, session: Session<'_>) -> Result<Image, VdbError> {
         Ok(self.render_with(picture, None, session)?.0)
     }
 
-    /// As [`LevelSet::render`], coloured by the values of a grid, dark violet to yellow; the values at the
-    /// two ends, which 2 % of what is seen lie beyond.
+    /// As [`LevelSet::render`], coloured by the values of a grid, dark violet to yellow. Also returns the
+    /// values at the two ends of the colours; 2 % of the samples lie beyond them.
     ///
     /// # Errors
     /// As [`LevelSet::render`].
@@ -186,31 +186,31 @@ impl LevelSet {
     ) -> Result<(Image, [f32; 2]), VdbError> {
         picture.check()?;
         let bounds = self.bounds()?;
-        picture.compose(bounds, grid, session, false, &mut |view, key, wanted| {
-            self.trace(view, (key, picture.cut), wanted, session)
+        picture.compose(bounds, grid, session, false, &mut |view, key, numbers| {
+            self.trace(view, (key, picture.cut), numbers, session)
         })
     }
 
-    /// Six numbers for each sample of a view, or for those wanted, as the bridge gives them.
+    /// [`RAY_VALUES`] values for each sample with a number, or for all samples of a view if `numbers` is empty.
     pub(super) fn trace(
         &self,
         view: &View,
         (light, cut): (Vec3, Option<(usize, f64)>),
-        wanted: &[u32],
+        numbers: &[u32],
         session: Session<'_>,
     ) -> Result<Vec<f32>, VdbError> {
         let camera = view.camera(light, cut);
-        let count = match wanted.len() {
+        let count = match numbers.len() {
             0 => camera.columns * camera.rows,
             some => some,
         };
-        let mut numbers = vec![0f32; NUMBERS * count];
-        ffi::grid_trace(&self.grid, &camera, wanted, &mut numbers, &session.host())
+        let mut values = vec![0f32; RAY_VALUES * count];
+        ffi::grid_trace(&self.grid, &camera, numbers, &mut values, &session.host())
             .map_err(|e| VdbError::of("rendering", session, &e))?;
-        Ok(numbers)
+        Ok(values)
     }
 
-    /// A picture as the bytes of a PNG file, from the usual place.
+    /// A picture with the default view as the bytes of a PNG file.
     ///
     /// # Errors
     /// As [`LevelSet::render`].
@@ -254,23 +254,23 @@ impl Image {
     }
 }
 
-/// Values of a grid where samples met something, 0 elsewhere.
+/// Values of a grid at the hits, 0 at samples without a hit.
 fn values_at(hits: &[Option<Hit>], eye: Vec3, grid: &Volume) -> Result<Vec<f32>, VdbError> {
     let rows = hits.par_chunks(1 << 14).map(|hits| {
-        let places = hits.iter().map(|hit| {
+        let points = hits.iter().map(|hit| {
             let p = hit.as_ref().map_or(eye, |h| eye + h.position.cast());
             WorldPoint(p)
         });
-        grid.samples(&places.collect::<Vec<_>>())
+        grid.samples(&points.collect::<Vec<_>>())
     });
     Ok(rows.collect::<Result<Vec<_>, _>>()?.concat())
 }
 
-/// The box of samples that met something; all of them if none did.
-fn covered(numbers: &[f32], columns: usize) -> ([usize; 2], [usize; 2]) {
-    let rows = numbers.len() / (NUMBERS * columns);
+/// The box of samples with a hit; the whole view if there are none.
+fn covered(values: &[f32], columns: usize) -> ([usize; 2], [usize; 2]) {
+    let rows = values.len() / (RAY_VALUES * columns);
     let mut found = ([columns, rows], [0, 0]);
-    for (n, sample) in numbers.chunks_exact(NUMBERS).enumerate() {
+    for (n, sample) in values.chunks_exact(RAY_VALUES).enumerate() {
         if sample[0].is_finite() {
             let at = [n % columns, n / columns];
             for a in 0..2 {

@@ -1,32 +1,33 @@
-//! What a level set of others needs to be one of ours, and how it gets that.
+//! Repairs of level sets from other programs: scale, sign, background, active tiles, inactive signs.
 
 use super::foreign::GridReading;
 use super::refusal::{Refusal, value_hint};
 use super::value_survey::Slopes;
 use super::{Session, VdbError, Volume, ffi};
 
-/// What a level set needs.
+/// The repairs of a level set.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Mending {
+pub(super) struct Repair {
     /// Factor on all values.
     pub factor: f64,
-    /// The new background, after that.
+    /// New background, after scaling.
     pub background: Option<f32>,
-    /// The half width in voxels that it then has.
+    /// Half width after the repairs, voxels.
     pub half_width: f64,
-    /// Whether tiles are active that lie beyond the band.
+    /// Whether tiles beyond the band are active.
     pub has_active_tiles: bool,
+    /// A sentence for each repair.
     pub notes: Vec<String>,
 }
 
-/// Slopes of distances, world units per world unit.
-const SLOPES: [f64; 2] = [0.8, 1.25];
+/// Range of slopes that counts as distances in world units.
+const UNIT_SLOPES: [f64; 2] = [0.8, 1.25];
 
-/// A grid without an active voxel: empty, if its background may be that of a band.
-fn empty_level_set(background: f64, h: f64, mut mending: Mending) -> Result<Mending, Refusal> {
-    mending.half_width = background / h;
-    if mending.half_width >= 1.0 && (background as f32).is_normal() {
-        return Ok(mending);
+/// The repairs of a grid without active voxels: an empty level set, if its background is that of a band.
+fn empty_level_set(background: f64, h: f64, mut repair: Repair) -> Result<Repair, Refusal> {
+    repair.half_width = background / h;
+    if repair.half_width >= 1.0 && (background as f32).is_normal() {
+        return Ok(repair);
     }
     Err(Refusal::new(
         format!("no active voxel, and the background {background}"),
@@ -37,27 +38,29 @@ fn empty_level_set(background: f64, h: f64, mut mending: Mending) -> Result<Mend
 
 impl Volume {
     pub(super) fn slopes(&self) -> Option<Slopes> {
-        // Only OpenVDB's own refusals (memory).
-        Slopes::of(&self.grid, self.survey.largest()).ok().flatten()
+        // Fails only if OpenVDB does (memory).
+        Slopes::of(&self.grid, self.survey.max_magnitude())
+            .ok()
+            .flatten()
     }
 
-    /// What a level set needs, or why it is none.
+    /// The repairs that make the grid a level set, or why it cannot be one.
     pub(super) fn level_set(
         &self,
         how: &GridReading,
         notes: Vec<String>,
-    ) -> Result<Mending, Refusal> {
+    ) -> Result<Repair, Refusal> {
         let survey = &self.survey;
         let h = self.own_edge();
-        let mut mending = Mending {
+        let mut repair = Repair {
             factor: 1.0,
             notes,
-            ..Mending::default()
+            ..Repair::default()
         };
-        let largest = f64::from(survey.largest());
+        let largest = f64::from(survey.max_magnitude());
         let background = self.info.background.unwrap_or(0.0);
         if survey.active == 0 {
-            return empty_level_set(background, h, mending);
+            return empty_level_set(background, h, repair);
         }
         if survey.negative == survey.active && survey.is_inside_out() && !self.has_inside(-1.0) {
             return Err(Refusal::new(
@@ -77,7 +80,7 @@ impl Volume {
                     "--invert exchanges inside and outside; in a recipe invert = true beside the path",
                 ));
             }
-            (true, true) => mending.factor = -1.0,
+            (true, true) => repair.factor = -1.0,
             (false, true) => {
                 return Err(Refusal::new(
                     "distances that are negative inside, as they should be",
@@ -87,12 +90,12 @@ impl Volume {
             }
             (false, false) => {}
         }
-        let inside = if mending.factor < 0.0 {
+        let inside = if repair.factor < 0.0 {
             survey.active - survey.negative
         } else {
             survey.negative
         };
-        if inside == 0 && !self.has_inside(mending.factor) {
+        if inside == 0 && !self.has_inside(repair.factor) {
             return Err(Refusal::new(
                 "no distance below 0: an unsigned distance, which has no inside",
                 "signed distances",
@@ -100,47 +103,46 @@ impl Volume {
                     + " (a wall of that thickness on each side of its zero set)",
             ));
         }
-        if let Some(least) = survey.least_tile {
+        if let Some(least) = survey.min_active_tile {
             if f64::from(least) < 0.999 * background.abs().min(largest) {
                 return Err(Refusal::new(
                     format!("active tiles of {least}"),
                     "a narrow band, active in leaves only, or tiles beyond it",
-                    value_hint(0.0) + " (which makes the band anew)",
+                    value_hint(0.0) + " (which rebuilds the band)",
                 ));
             }
-            mending.has_active_tiles = true;
+            repair.has_active_tiles = true;
         }
-        self.scale(h, &mut mending);
-        let size = mending.factor.abs();
-        let mut width = background.abs() * size;
-        // Less than what active voxels hold, or nothing: the background is the end of the band.
-        if !(width.is_finite() && width >= 0.999 * largest * size) || background == 0.0 {
-            mending.notes.push(format!(
-                "its background is {} and its band {} wide: the background is that now",
+        self.scale(h, &mut repair);
+        let scale = repair.factor.abs();
+        let mut width = background.abs() * scale;
+        // A background below the active values, or none: the band ends at the greatest value.
+        if !(width.is_finite() && width >= 0.999 * largest * scale) || background == 0.0 {
+            repair.notes.push(format!(
+                "its background is {} and its band {} wide: the background is set to the width",
                 background as f32, largest as f32
             ));
-            width = largest * size;
-            mending.background = Some(width as f32);
-        } else if background * mending.factor < 0.0 {
-            mending.background = Some(width as f32);
+            width = largest * scale;
+            repair.background = Some(width as f32);
+        } else if background * repair.factor < 0.0 {
+            repair.background = Some(width as f32);
         }
-        mending.half_width = width / h;
-        if mending.half_width < 1.0 || !(width as f32).is_normal() {
+        repair.half_width = width / h;
+        if repair.half_width < 1.0 || !(width as f32).is_normal() {
             return Err(Refusal::new(
                 format!(
                     "a band of {} voxels on each side",
-                    (mending.half_width * 1000.0).round() / 1000.0
+                    (repair.half_width * 1000.0).round() / 1000.0
                 ),
                 "a band of at least one voxel",
                 value_hint(0.0)
-                    + " (which makes the band anew; the surface moves by up to half a voxel)",
+                    + " (which rebuilds the band; the surface moves by up to half a voxel)",
             ));
         }
-        Ok(mending)
+        Ok(repair)
     }
 
-    /// Whether voxels that are not active say where the inside is, at the surface of a band that is active outside
-    /// only.
+    /// Whether any value, active or not, lies inside: a band may be active outside only.
     fn has_inside(&self, factor: f64) -> bool {
         let Ok(leaves) = self.leaves() else {
             return false;
@@ -150,35 +152,35 @@ impl Volume {
             .any(|l| l.values.iter().any(|&v| f64::from(v) * factor < 0.0))
     }
 
-    /// Distances in other units than the world's are scaled.
-    fn scale(&self, h: f64, mending: &mut Mending) {
+    /// Scales distances that are not in world units.
+    fn scale(&self, h: f64, repair: &mut Repair) {
         let slopes = self.slopes();
         if !self.info.cubic {
-            // Voxels have no one edge: distances count voxels, more or less.
+            // Voxels have no single edge length: distances count voxels, approximately.
             let median = slopes.map(Slopes::median).filter(|m| *m > 0.0);
-            mending.factor /= median.unwrap_or_else(|| self.info.cube_edge());
+            repair.factor /= median.unwrap_or_else(|| self.info.cube_edge());
             return;
         }
         let Some(slopes) = slopes else {
             return;
         };
         let slope = slopes.median() / h;
-        if (SLOPES[0]..=SLOPES[1]).contains(&slope) || slope <= 0.0 {
+        if (UNIT_SLOPES[0]..=UNIT_SLOPES[1]).contains(&slope) || slope <= 0.0 {
             return;
         }
         if !slopes.is_uniform() {
             let [low, _, high] = slopes.0.map(|s| (s / h) as f32);
-            mending.notes.push(format!(
-                "its values are no distances (they rise by {low} to {high} per unit of length): widths of operations are off by \
-                 as much; value = 0 makes distances anew"
+            repair.notes.push(format!(
+                "its values are no distances (slopes of {low} to {high} per unit of length): widths of operations are off by \
+                 as much; value = 0 rebuilds the distances"
             ));
             return;
         }
         let decimal = 10f64.powi(slope.log10().round() as i32);
-        let near = |a: f64| (slope / a - 1.0).abs() < 0.1;
-        let (factor, what) = if near(1.0 / h) {
+        let is_near = |a: f64| (slope / a - 1.0).abs() < 0.1;
+        let (factor, what) = if is_near(1.0 / h) {
             (h, "count voxels".to_owned())
-        } else if near(decimal) {
+        } else if is_near(decimal) {
             (
                 1.0 / decimal,
                 format!("rise by {decimal} per unit of length"),
@@ -189,67 +191,67 @@ impl Volume {
                 format!("rise by {} per unit of length", slope as f32),
             )
         };
-        mending.factor *= factor;
-        mending.notes.push(format!(
+        repair.factor *= factor;
+        repair.notes.push(format!(
             "its distances {what}: multiplied by {}",
             factor as f32
         ));
     }
 
-    /// Brings values and background in order.
-    pub(super) fn mend(&mut self, mending: &Mending, session: Session<'_>) -> Result<(), VdbError> {
+    /// Applies the repairs to values, background and tiles.
+    pub(super) fn repair(&mut self, repair: &Repair, session: Session<'_>) -> Result<(), VdbError> {
         let failed = |e| VdbError::of("reading a level set", session, &e);
         let host = session.host();
-        let factor = mending.factor as f32;
+        let factor = repair.factor as f32;
         if (factor - 1.0).abs() > 0.0 {
             ffi::grid_scale_values(self.grid.pin_mut(), factor, 0.0, &host).map_err(failed)?;
         }
-        if let Some(background) = mending.background {
+        if let Some(background) = repair.background {
             ffi::grid_set_background(self.grid.pin_mut(), background, &host).map_err(failed)?;
         }
-        if mending.has_active_tiles {
+        if repair.has_active_tiles {
             let tiles = super::leaves::tiles_of(&self.grid, true).map_err(failed)?;
             for is_inside in [false, true] {
-                let own = tiles
+                let of_side = tiles
                     .iter()
                     .filter(|t| t.active && (t.value < 0.0) == is_inside);
-                let own: Vec<i32> = own
+                let cubes: Vec<i32> = of_side
                     .flat_map(|t| [t.origin[0], t.origin[1], t.origin[2], t.edge])
                     .collect();
-                let background = mending.half_width * self.own_edge();
+                let background = repair.half_width * self.own_edge();
                 let fill = if is_inside {
                     -background as f32
                 } else {
                     background as f32
                 };
-                ffi::grid_edit(self.grid.pin_mut(), &[], &[], &[], &own, fill, &host)
+                ffi::grid_edit(self.grid.pin_mut(), &[], &[], &[], &cubes, fill, &host)
                     .map_err(failed)?;
             }
         }
         Ok(())
     }
 
-    /// Fills the signs of inactive values in; how many had the other one.
+    /// Fills in the signs of inactive values; returns how many were wrong.
     pub(super) fn fill_signs(&mut self, session: Session<'_>) -> Result<u64, VdbError> {
         let failed = |e| VdbError::of("reading a level set", session, &e);
         let before = self.inactive_inside()?;
         ffi::grid_flood_fill(self.grid.pin_mut(), &session.host()).map_err(failed)?;
         let wrong = before.abs_diff(self.inactive_inside()?);
         if wrong > 0 {
-            // Leaves without an active voxel get their signs from their neighbours as tiles.
+            // Pruning turns leaves without active voxels into tiles, whose signs come from their neighbours.
             ffi::grid_prune(self.grid.pin_mut(), &session.host()).map_err(failed)?;
             ffi::grid_flood_fill(self.grid.pin_mut(), &session.host()).map_err(failed)?;
         }
         Ok(before.abs_diff(self.inactive_inside()?))
     }
 
-    /// Voxels that are inactive and below zero.
+    /// Number of inactive voxels below zero.
     fn inactive_inside(&self) -> Result<u64, VdbError> {
         let mut count = 0;
         for leaf in self.leaves()?.iter() {
             let below = super::voxel_mask::select(leaf.values, |v| v < 0.0);
-            let own = below.iter().zip(leaf.mask);
-            count += own
+            let words = below.iter().zip(leaf.mask);
+            count += words
                 .map(|(b, m)| u64::from((b & !m).count_ones()))
                 .sum::<u64>();
         }

@@ -1,16 +1,16 @@
-//! Grids whose voxels are no cubes along the axes: what their voxels are, and the same solid on cubes.
+//! Resampling of grids whose voxels are not axis-aligned cubes.
 //!
-//! The surface is meshed in voxel numbers, where nothing is turned or stretched, and its vertices are mapped to the
-//! world: planes stay planes. Distances are then those from the mesh, whatever the grid's values were.
+//! The surface is meshed in index space, where voxels are cubes, and the vertices are mapped to the world. Distances
+//! are then measured from this mesh, so that they do not depend on the scale of the grid's values.
 
 use super::{GridInfo, IndexMap, LevelSet, LevelSetBuilder, Session, VdbError};
 use crate::band::Band;
 use crate::frame::{Transform, Vec3};
 use crate::mesh::MeshSolid;
 
-/// The same solid on cubes: the mesh in voxel numbers, mapped to the world, and its distances.
+/// The solid on cubic voxels, from a level set in index space and its map to the world.
 pub(super) fn on_cubes(
-    numbers: &LevelSet,
+    in_index_space: &LevelSet,
     map: &IndexMap,
     (edge, half_width): (f64, f64),
     session: Session<'_>,
@@ -21,7 +21,7 @@ pub(super) fn on_cubes(
         expected: "a positive, finite number",
     })?;
     let builder = LevelSetBuilder::new(transform, half_width)?;
-    let mesh = numbers.to_mesh(session)?;
+    let mesh = in_index_space.to_mesh(session)?;
     if !mesh.is_empty() {
         let middle = mesh.bounds().centre().0;
         let mapped = mesh.mapped(|v| map.world(v));
@@ -48,11 +48,11 @@ pub(super) fn on_cubes(
 }
 
 impl GridInfo {
-    /// From voxel numbers to the world, the file's unit.
+    /// The map from index space to the world, in the file's unit.
     pub fn index_map(&self) -> IndexMap {
         self.map.unwrap_or_else(|| {
             let [x, y, z] = self.voxel_size;
-            IndexMap::boxes([x, y, z], self.origin)
+            IndexMap::axis_aligned([x, y, z], self.origin)
         })
     }
 
@@ -62,12 +62,12 @@ impl GridInfo {
         Vec3::from_fn(|a, _| f64::midpoint(f64::from(low[a]), f64::from(high[a])))
     }
 
-    /// What its voxels are, in words.
+    /// Describes the voxels, as in "voxels of 0.1, turned".
     pub fn shape(&self) -> String {
         self.index_map().description(self.middle())
     }
 
-    /// Edge of a cube as fine as its voxels: the shortest edge, in the midst of a frustum.
+    /// Edge of a cube as fine as the voxels: their shortest edge, in the middle of a frustum.
     pub fn cube_edge(&self) -> f64 {
         match self.map {
             None => self.voxel_size[0],

@@ -1,9 +1,8 @@
-//! A level set divided into its connected pieces, each a level set: what is left of the band when all the
-//! others are removed.
+//! The connected components of a level set as separate level sets: each is made by removal of the others.
 
-use super::components::{Pieces, Side};
+use super::components::{Components, Side};
 use super::index::LeafIndex;
-use super::remove_components::{REMOVAL_REACH, Removal, rings};
+use super::remove_components::{REMOVAL_REACH, Removal, band_leaves};
 use super::voxel_mask::{self, Bits};
 use super::{LevelSet, LevelSetBuilder, Session, VdbError};
 use crate::band::{BLOCK, LEAF, LeafBatch, LeafSink, Region};
@@ -11,21 +10,21 @@ use crate::frame::Coord;
 use crate::progress::Cancelled;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Edge of the cubes of leaves that a piece's surroundings are told by, a power of 2: no less than how far a
-/// removal looks, and the band beyond a piece's leaves.
-pub(super) fn surroundings(half_width: f64) -> i32 {
+/// Edge of the cubes that bound the neighbourhood of a component, a power of 2: at least the reach of a removal
+/// plus the band beyond the component's leaves.
+pub(super) fn neighbourhood_edge(half_width: f64) -> i32 {
     let reach = (REMOVAL_REACH * half_width / f64::from(LEAF)).ceil() as i32;
-    let leaves = (reach + rings(half_width)) as u32;
+    let leaves = (reach + band_leaves(half_width)) as u32;
     leaves.next_power_of_two() as i32 * LEAF
 }
 
-/// Numbers of leaves by cubes of an edge.
-struct Cubes {
+/// Numbers of leaves by the cube that contains them.
+struct LeafCubes {
     edge: i32,
     leaves: BTreeMap<Coord, Vec<usize>>,
 }
 
-impl Cubes {
+impl LeafCubes {
     fn new(index: &LeafIndex<'_>, edge: i32) -> Self {
         let mut leaves: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
         for (n, leaf) in index.leaves.iter().enumerate() {
@@ -34,7 +33,7 @@ impl Cubes {
         Self { edge, leaves }
     }
 
-    /// Leaves in the cubes of some leaves and in those about them, ascending.
+    /// Leaves in the cubes of some leaves and in the adjacent cubes, ascending.
     fn around(&self, own: impl Iterator<Item = Coord>) -> Vec<usize> {
         let cubes: BTreeSet<Coord> = own.map(|o| o.aligned(self.edge)).collect();
         let around = |cube: Coord| {
@@ -50,46 +49,46 @@ impl Cubes {
 }
 
 impl LevelSet {
-    /// The connected pieces of the solid, the largest first: copies. A surface within another's is of the
-    /// piece whose hollow it bounds.
+    /// Copies of the connected components of the solid, largest first. The surface of a void belongs to the
+    /// component that encloses it.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
+    /// [`VdbError::Cancelled`], or errors of OpenVDB (memory).
     pub fn segments(&self, session: Session<'_>) -> Result<Vec<Self>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, false)?;
-        let found = Pieces::find(&index, Side::Solid, self.voxel_size(), session)?;
-        let cubes = Cubes::new(&index, surroundings(self.half_width()));
-        let own = found.leaves_by_piece();
+        let found = Components::find(&index, Side::Solid, self.voxel_size(), session)?;
+        let cubes = LeafCubes::new(&index, neighbourhood_edge(self.half_width()));
+        let own = found.leaves_by_component();
         (own.iter().enumerate())
-            .map(|(piece, own)| {
+            .map(|(component, own)| {
                 if session.progress.cancelled() {
                     return Err(VdbError::Cancelled(Cancelled));
                 }
-                self.segment(&index, &found, &cubes, (piece, own), session)
+                self.segment(&index, &found, &cubes, (component, own), session)
             })
             .collect()
     }
 
-    /// One piece, which has parts in these leaves.
+    /// One component, from the leaves with parts of it.
     fn segment(
         &self,
         index: &LeafIndex<'_>,
-        found: &Pieces,
-        cubes: &Cubes,
-        (piece, own): (usize, &[usize]),
+        found: &Components,
+        cubes: &LeafCubes,
+        (component, own): (usize, &[usize]),
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let origins = || own.iter().map(|&n| index.leaves[n].origin);
         let near = cubes.around(origins());
-        let others = near.iter().map(|&n| (n, found.others_in(n, piece)));
+        let others = near.iter().map(|&n| (n, found.others_in(n, component)));
         let edit = Removal::new(self, index, Side::Solid, others).edit();
         let edited: BTreeMap<Coord, usize> =
             edit.origins.iter().map(|o| Coord(*o)).zip(0..).collect();
-        let rings = LEAF * rings(self.half_width());
+        let band_leaves = LEAF * band_leaves(self.half_width());
         let is_own = |leaf: &usize| own.binary_search(leaf).is_ok();
         let is_beside = |leaf: &usize| {
-            let around = Region::cube(index.leaves[*leaf].origin, LEAF).grown(rings);
+            let around = Region::cube(index.leaves[*leaf].origin, LEAF).grown(band_leaves);
             let mut leaves = around.cubes(LEAF).filter_map(|o| index.leaf(o));
             leaves.any(|other| is_own(&other))
         };
@@ -108,11 +107,11 @@ impl LevelSet {
         let builder = LevelSetBuilder::new(self.transform, self.half_width)?;
         for (block, leaves) in &blocks {
             let refused =
-                |e| VdbError::band("dividing into pieces", crate::band::BandError::Sink(e));
+                |e| VdbError::band("separating components", crate::band::BandError::Sink(e));
             builder.block(*block, leaves).map_err(refused)?;
         }
         let mut segment = builder.finish(session)?;
-        segment.place_at(self.origin)?;
+        segment.set_origin(self.origin)?;
         Ok(segment)
     }
 }

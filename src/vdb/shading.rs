@@ -1,7 +1,7 @@
-//! Light on what rays met: openness, colours, pixels.
+//! Shading of hits: ambient occlusion, light and colours, and the pixels of an image.
 
 use super::camera::View;
-use super::colormap::Paint;
+use super::colormap::ValueColours;
 use super::render::{Image, Picture};
 use super::samples::Samples;
 use crate::frame::Vec3;
@@ -9,33 +9,33 @@ use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use std::sync::LazyLock;
 
-/// Rays along each edge of a pixel.
-pub(super) const FINE: usize = 2;
+/// Samples along each edge of a divided pixel.
+pub(super) const SAMPLES_PER_EDGE: usize = 2;
 
-/// Directions and places of samples: many of them.
-pub(super) type Short = nalgebra::Vector3<f32>;
+/// A position or direction in single precision, which saves memory per sample.
+pub(super) type Vec3f = nalgebra::Vector3<f32>;
 
-/// What one ray met.
+/// The intersection of a ray with the solid.
 #[derive(Clone, Copy)]
 pub(super) struct Hit {
-    /// Relative to the eye.
-    pub position: Short,
-    pub normal: Short,
+    /// Position relative to the eye.
+    pub position: Vec3f,
+    pub normal: Vec3f,
     pub on_cut: bool,
     pub lit: bool,
 }
 
-/// How open each sample is to the sky around it: 1 free, 0 buried. Looks at the positions that the first
-/// samples of pixels within `reach` (world units; `radius` pixels at the centre) saw. One sample of each pixel
-/// looks, and those that see something else than it.
-pub(super) fn openness(
+/// Screen-space ambient occlusion: the openness of each sample, from 1 (free) to 0 (buried), from the
+/// positions of the first samples of pixels within `reach` (world units; `radius` pixels at the centre). It is
+/// evaluated for the first sample of each pixel, and for extra samples on another surface.
+pub(super) fn ambient_openness(
     samples: &Samples,
     reach: f64,
     radius: f64,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, Cancelled> {
     let [width, height] = samples.size();
-    let around = &Surroundings {
+    let surroundings = &Surroundings {
         samples,
         reach: reach as f32,
         radius: radius as f32,
@@ -49,12 +49,12 @@ pub(super) fn openness(
             }
             for (i, out) in row.iter_mut().enumerate() {
                 if let Some(hit) = samples.pixel(i, j) {
-                    *out = around.openness(hit, i, j);
+                    *out = surroundings.openness(hit, i, j);
                 }
             }
             Ok(())
         })?;
-    // Mean over 4 x 4 pixels of the same surface takes the turned spirals away.
+    // The mean over 4 x 4 pixels of the same surface removes the pattern of the rotated spirals.
     let smoothed = |n: usize| {
         let (i, j) = (n % width, n / width);
         let Some(hit) = samples.pixel(i, j) else {
@@ -63,7 +63,10 @@ pub(super) fn openness(
         let (mut sum, mut count) = (0.0, 0.0);
         for y in j.saturating_sub(1)..(j + 3).min(height) {
             for x in i.saturating_sub(1)..(i + 3).min(width) {
-                if samples.pixel(x, y).is_some_and(|o| is_same(hit, o)) {
+                if samples
+                    .pixel(x, y)
+                    .is_some_and(|o| has_similar_normal(hit, o))
+                {
                     sum += raw[y * width + x];
                     count += 1.0;
                 }
@@ -72,45 +75,45 @@ pub(super) fn openness(
         sum / f32::max(count, 1.0)
     };
     let numbers = (0..width * height).into_par_iter().with_min_len(1 << 12);
-    let mut open: Vec<f32> = numbers.map(smoothed).collect();
+    let mut openness: Vec<f32> = numbers.map(smoothed).collect();
     let divided: Vec<usize> = samples.divided().collect();
     let others = divided.par_iter().with_min_len(1 << 8).flat_map_iter(|&n| {
-        let first = (samples.hits()[n].as_ref(), open[n]);
+        let first = (samples.hits()[n].as_ref(), openness[n]);
         samples.of_pixel(n).skip(1).map(move |other| {
             let Some(hit) = &samples.hits()[other] else {
                 return 1.0;
             };
             match first {
-                (Some(own), open) if is_same(hit, own) => open,
-                _ => around.openness(hit, n % width, n / width),
+                (Some(own), openness) if has_similar_normal(hit, own) => openness,
+                _ => surroundings.openness(hit, n % width, n / width),
             }
         })
     });
     let others: Vec<f32> = others.collect();
-    open.extend(others);
-    Ok(open)
+    openness.extend(others);
+    Ok(openness)
 }
 
-/// Whether two samples look the same way.
-fn is_same(one: &Hit, other: &Hit) -> bool {
-    one.normal.dot(&other.normal) > 0.8
+/// Whether the normals of two hits are similar.
+fn has_similar_normal(first: &Hit, other: &Hit) -> bool {
+    first.normal.dot(&other.normal) > 0.8
 }
 
-/// What a sample sees around itself.
+/// The samples and reach of the ambient occlusion.
 struct Surroundings<'a> {
     samples: &'a Samples,
-    /// World units.
+    /// Reach in world units.
     reach: f32,
-    /// Pixels.
+    /// Reach in pixels at the centre.
     radius: f32,
 }
 
 impl Surroundings<'_> {
-    /// Of a sample in a pixel.
+    /// The openness of a hit in pixel (i, j).
     fn openness(&self, hit: &Hit, i: usize, j: usize) -> f32 {
         const TAPS: usize = 16;
         let [width, height] = self.samples.size();
-        // A spiral, turned differently in each of 4 x 4 pixels.
+        // A spiral, rotated differently in each of 4 x 4 pixels.
         let turn = ((5 * (i % 4) + 11 * (j % 4)) % 16) as f32 / 16.0;
         let (mut sin, mut cos) = (turn * 2.4).sin_cos();
         // The golden angle.
@@ -142,39 +145,39 @@ impl Surroundings<'_> {
     }
 }
 
-/// Light from everywhere.
+/// The lights and colours of a picture.
 pub(super) struct Lights {
-    key: Short,
-    fill: Short,
-    forward: Short,
-    /// Where a surface looks that mirrors the key light into the eye.
-    half: Short,
+    key: Vec3f,
+    fill: Vec3f,
+    forward: Vec3f,
+    /// Normal of a surface that reflects the key light into the eye.
+    half: Vec3f,
     /// Depth of the nearest and farthest sample.
     depths: [f32; 2],
-    open: Vec<f32>,
-    paint: Paint,
+    openness: Vec<f32>,
+    colours: ValueColours,
 }
 
 impl Lights {
-    pub fn none() -> Self {
+    pub fn unlit() -> Self {
         Self {
-            key: Short::z(),
-            fill: Short::z(),
-            forward: Short::z(),
-            half: Short::z(),
+            key: Vec3f::z(),
+            fill: Vec3f::z(),
+            forward: Vec3f::z(),
+            half: Vec3f::z(),
             depths: [0.0, 1.0],
-            open: Vec::new(),
-            paint: Paint::default(),
+            openness: Vec::new(),
+            colours: ValueColours::default(),
         }
     }
 
-    /// The same on a coloured surface.
-    pub fn with_paint(self, paint: Paint) -> Self {
-        Self { paint, ..self }
+    /// Sets the colours of the surface.
+    pub fn with_colours(self, colours: ValueColours) -> Self {
+        Self { colours, ..self }
     }
 
-    pub fn new(view: &View, key: Vec3, hits: &[Option<Hit>], open: Vec<f32>) -> Self {
-        let forward: Short = view.forward.cast();
+    pub fn new(view: &View, key: Vec3, hits: &[Option<Hit>], openness: Vec<f32>) -> Self {
+        let forward: Vec3f = view.forward.cast();
         let depths = hits.iter().flatten().fold([f32::INFINITY, 0.0], |d, h| {
             let depth = h.position.dot(&forward);
             [f32::min(d[0], depth), f32::max(d[1], depth)]
@@ -186,18 +189,18 @@ impl Lights {
             forward,
             half: (key.cast::<f32>() - forward).normalize(),
             depths,
-            open,
-            paint: Paint::default(),
+            openness,
+            colours: ValueColours::default(),
         }
     }
 
     /// Linear colour of a sample.
     fn shade(&self, n: usize, hit: &Hit) -> [f32; 3] {
-        const SURFACE: [f32; 3] = [0.46, 0.55, 0.64];
-        const CUT: [f32; 3] = [0.80, 0.30, 0.10];
-        const GROUND: [f32; 3] = [0.24, 0.20, 0.17];
-        const SKY: [f32; 3] = [0.34, 0.39, 0.46];
-        let open = self.open[n];
+        const SURFACE_COLOUR: [f32; 3] = [0.46, 0.55, 0.64];
+        const CUT_COLOUR: [f32; 3] = [0.80, 0.30, 0.10];
+        const GROUND_COLOUR: [f32; 3] = [0.24, 0.20, 0.17];
+        const SKY_COLOUR: [f32; 3] = [0.34, 0.39, 0.46];
+        let openness = self.openness[n];
         let shadow = if hit.lit { 1.0 } else { 0.0 };
         let lit = hit.normal.dot(&self.key).max(0.0) * shadow;
         let fill = hit.normal.dot(&self.fill).max(0.0);
@@ -206,21 +209,22 @@ impl Lights {
         let span = (self.depths[1] - self.depths[0]).max(f32::MIN_POSITIVE);
         let far = (hit.position.dot(&self.forward) - self.depths[0]) / span;
         let fade = 0.18 * far.clamp(0.0, 1.0);
-        let albedo = match self.paint.colour(n) {
-            _ if hit.on_cut => CUT,
+        let albedo = match self.colours.colour(n) {
+            _ if hit.on_cut => CUT_COLOUR,
             Some(own) => own,
-            None => SURFACE,
+            None => SURFACE_COLOUR,
         };
         std::array::from_fn(|c| {
-            let around = (GROUND[c] + (SKY[c] - GROUND[c]) * sky) * open * open;
-            let light = around + 1.05 * lit * (0.4 + 0.6 * open) + 0.2 * fill * open;
+            let ambient =
+                (GROUND_COLOUR[c] + (SKY_COLOUR[c] - GROUND_COLOUR[c]) * sky) * openness * openness;
+            let light = ambient + 1.05 * lit * (0.4 + 0.6 * openness) + 0.2 * fill * openness;
             (albedo[c] * light + gloss) * (1.0 - fade) + 0.75 * fade
         })
     }
 }
 
-/// Samples to pixels.
-pub(super) fn develop(picture: &Picture, samples: &Samples, lights: &Lights) -> Image {
+/// Shades the samples and averages them into pixels.
+pub(super) fn shade_image(picture: &Picture, samples: &Samples, lights: &Lights) -> Image {
     let mut rgba = vec![0u8; 4 * picture.width * picture.height];
     rgba.par_chunks_exact_mut(4)
         .with_min_len(1 << 10)
@@ -261,12 +265,12 @@ pub(super) fn develop(picture: &Picture, samples: &Samples, lights: &Lights) -> 
 }
 
 fn to_srgb(linear: f32) -> u8 {
-    /// A power takes longer than the rest of a pixel.
+    /// A table, since a power would take longer than the rest of a pixel.
     static TABLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
-        let entries = 0..=STEPS;
+        let entries = 0..=TABLE_STEPS;
         entries
             .map(|n| {
-                let v = n as f32 / STEPS as f32;
+                let v = n as f32 / TABLE_STEPS as f32;
                 let curve = if v <= 0.003_130_8 {
                     12.92 * v
                 } else {
@@ -276,7 +280,7 @@ fn to_srgb(linear: f32) -> u8 {
             })
             .collect()
     });
-    /// A step is less than a twentieth of a level where the curve is steepest.
-    const STEPS: usize = 1 << 16;
-    TABLE[(linear.clamp(0.0, 1.0) * STEPS as f32).round() as usize]
+    /// One step is less than a twentieth of a level where the curve is steepest.
+    const TABLE_STEPS: usize = 1 << 16;
+    TABLE[(linear.clamp(0.0, 1.0) * TABLE_STEPS as f32).round() as usize]
 }

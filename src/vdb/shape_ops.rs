@@ -1,4 +1,4 @@
-//! Operations that make a shape of a shape: walls, blends, fillets, masks, trims.
+//! Shape operations: wider bands, walls, trims, blends, fillets, and masked changes.
 
 use super::ffi::{self, Csg, Smoothing};
 use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, Volume};
@@ -6,15 +6,15 @@ use crate::band::{Band, Region};
 use crate::field::BoxSolid;
 use crate::frame::Aabb;
 
-/// Where an effect acts: nowhere below the range of a grid's values, wholly above it, linearly
+/// The weight of an effect at each point, from the values of a grid: 0 below the range, 1 above, linear
 /// between. Outside the grid its background counts.
 #[derive(Clone, Copy)]
 pub struct Mask<'a> {
-    /// The grid; it may have voxels of its own.
+    /// The grid; its voxels may differ from those of the level set.
     pub by: &'a Volume,
-    /// Values that mean "not at all" and "wholly".
+    /// Values of weight 0 and of weight 1.
     pub range: [f64; 2],
-    /// Whether they mean the opposite.
+    /// Whether the weights are inverted.
     pub inverted: bool,
 }
 
@@ -25,7 +25,7 @@ impl Mask<'_> {
             return Err(VdbError::Parameter {
                 name: "width of the mask's range",
                 value: high - low,
-                expected: "a positive, finite number",
+                expected: "a check_positive, finite number",
             });
         }
         Ok(ffi::Range {
@@ -36,19 +36,19 @@ impl Mask<'_> {
     }
 }
 
-/// On which side of the old surface a wall lies.
+/// The side of the old surface on which a wall lies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WallSide {
-    /// Within the solid: its outer surface stays.
+    /// Within the solid; its outer surface stays.
     #[default]
     Inside,
-    /// Around the solid: it becomes the hole.
+    /// Around the solid, which becomes the cavity.
     Outside,
     /// Half the thickness on each side.
     Both,
 }
 
-/// How OpenVDB makes bands wider: the values of the new voxels must be distances.
+/// Options of OpenVDB's wider bands: the values of new voxels must be distances.
 fn widening() -> Smoothing {
     Smoothing {
         width: 1,
@@ -59,24 +59,24 @@ fn widening() -> Smoothing {
 }
 
 impl LevelSet {
-    /// Makes the band `voxels` wider on each side, without moving the surface: at once by points of the
-    /// surface, or, with OpenVDB's tools, ring by ring.
+    /// Makes the band `voxels` wider on each side, without moving the surface: in one step by closest-point
+    /// redistancing, or, with OpenVDB's tools, layer by layer.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
+    /// [`VdbError::Cancelled`], or errors of OpenVDB (memory).
     pub fn widen(&mut self, voxels: u32, session: Session<'_>) -> Result<(), VdbError> {
         self.widen_within(voxels, Region::EVERYWHERE, session)
     }
 
-    /// The same where only what lies in a region will be looked at: elsewhere the band may stay as it is.
+    /// Widens the band in a region; elsewhere it may stay as it is.
     pub(super) fn widen_within(
         &mut self,
         voxels: u32,
         region: Region,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        if voxels > 0 && self.moves_by_points(session) {
-            return self.widen_by_points(voxels, region, session);
+        if voxels > 0 && self.uses_closest_points(session) {
+            return self.widen_by_closest_points(voxels, region, session);
         }
         self.resize(i64::from(voxels), session)
     }
@@ -93,7 +93,7 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Leaves only a wall of full `thickness` (world units) along the surface.
+    /// Keeps only a wall of total `thickness` (world units) along the surface.
     ///
     /// # Errors
     /// As [`LevelSet::dilate`].
@@ -115,111 +115,111 @@ impl LevelSet {
         self.subtract(inner, session)
     }
 
-    /// The solid within a box, world units.
+    /// Intersects the solid with a box, world units.
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] for an empty box, [`VdbError::Cancelled`], or what OpenVDB refuses.
-    pub fn trim(&mut self, room: Aabb, session: Session<'_>) -> Result<(), VdbError> {
-        if room.is_empty() {
+    /// [`VdbError::Parameter`] for an empty box, [`VdbError::Cancelled`], or errors of OpenVDB.
+    pub fn trim(&mut self, trim_box: Aabb, session: Session<'_>) -> Result<(), VdbError> {
+        if trim_box.is_empty() {
             return Err(VdbError::Parameter {
                 name: "least edge of the box",
-                value: room.size().min(),
-                expected: "a positive length",
+                value: trim_box.size().min(),
+                expected: "a check_positive length",
             });
         }
         let builder = LevelSetBuilder::new(self.transform, self.half_width)?;
         let shift = -self.origin;
-        let room = Aabb {
-            min: room.min + shift,
-            max: room.max + shift,
+        let trim_box = Aabb {
+            min: trim_box.min + shift,
+            max: trim_box.max + shift,
         };
-        // Only where the solid is: a box may be far larger.
-        let reach = self.background() + 2.0 * self.voxel_size();
-        let mut own = self.bounds()?;
-        if own.is_empty() {
+        // Only near the solid: the box may be far larger.
+        let margin = self.background() + 2.0 * self.voxel_size();
+        let mut bounds = self.bounds()?;
+        if bounds.is_empty() {
             return Ok(());
         }
-        own = Aabb {
-            min: own.min + shift,
-            max: own.max + shift,
+        bounds = Aabb {
+            min: bounds.min + shift,
+            max: bounds.max + shift,
         };
-        let room = room.intersection(own.dilated(reach));
-        if room.is_empty() {
+        let trim_box = trim_box.intersection(bounds.dilated(margin));
+        if trim_box.is_empty() {
             return self.change("trimming", session, |grid, _| ffi::grid_clear(grid));
         }
         let band = Band {
-            field: &BoxSolid(room),
+            field: &BoxSolid(trim_box),
             transform: self.transform,
             half_width: self.half_width,
-            extent: room,
+            extent: trim_box,
         };
         band.evaluate(session.threads, session.progress, &builder)
             .map_err(|e| VdbError::band("trimming", e))?;
         let mut operand = builder.finish(session)?;
-        operand.place_at(self.origin)?;
+        operand.set_origin(self.origin)?;
         self.intersect(operand, session)
     }
 
-    /// The solid that is in either, the seam between them rounded over `radius` (world units): the
-    /// polynomial smooth minimum min(a, b) - max(r - |a - b|, 0)^2 / (4 r). Uses the operand up.
+    /// The union with another solid, with the seam rounded over `radius` (world units): the polynomial smooth
+    /// minimum min(a, b) - max(r - |a - b|, 0)^2 / (4 r).
     ///
     /// # Errors
-    /// As [`LevelSet::union`], and [`VdbError::Parameter`] unless the radius is positive and finite.
+    /// As [`LevelSet::union`], and [`VdbError::Parameter`] unless the radius is check_positive and finite.
     pub fn blend(
         &mut self,
         mut operand: Self,
         radius: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        positive("radius of the blend", radius)?;
+        check_positive("radius of the blend", radius)?;
         self.assert_same_voxels(&operand)?;
-        // Both distances must be known as far as the blend reaches.
-        let wider = (radius / self.voxel_size() + 2.0 - self.half_width).ceil();
-        let wider = wider.clamp(0.0, 4096.0) as u32;
-        self.widen(wider, session)?;
-        operand.widen(wider, session)?;
-        let how = Smoothing {
+        // Both distances are needed up to the radius.
+        let extra = (radius / self.voxel_size() + 2.0 - self.half_width).ceil();
+        let extra = extra.clamp(0.0, 4096.0) as u32;
+        self.widen(extra, session)?;
+        operand.widen(extra, session)?;
+        let smoothing = Smoothing {
             high_order: session.scheme == Scheme::Weno5,
             normalisations: -1,
             ..widening()
         };
         self.change("blend", session, |grid, host| {
-            ffi::grid_blend(grid, operand.grid, radius, how, host)
+            ffi::grid_blend(grid, operand.grid, radius, smoothing, host)
         })?;
-        self.resize(-i64::from(wider), session)
+        self.resize(-i64::from(extra), session)
     }
 
-    /// Fills concave edges to a `radius` (world units): whatever a ball of that radius, rolled around
-    /// the outside, cannot reach becomes solid; so do gaps narrower than twice the radius. Nothing is
-    /// taken away. A convex solid stays as it is.
+    /// Rounds concave edges to a `radius` (world units): space that a ball of that radius cannot reach from
+    /// outside becomes solid, including gaps narrower than twice the radius. Nothing is removed; a convex solid
+    /// does not change.
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] unless the radius is positive and finite; [`VdbError::Cancelled`], or
-    /// what OpenVDB refuses.
+    /// [`VdbError::Parameter`] unless the radius is positive and finite; [`VdbError::Cancelled`], or errors
+    /// of OpenVDB.
     pub fn fillet(&mut self, radius: f64, session: Session<'_>) -> Result<(), VdbError> {
-        positive("radius of the fillet", radius)?;
-        if self.moves_by_points(session) {
+        check_positive("radius of the fillet", radius)?;
+        if self.uses_closest_points(session) {
             let before = self.duplicate()?;
             self.close(radius, session)?;
             return self.combine("fillet", Csg::Union, before, session);
         }
-        // The scheme of first order moves flat walls by more than the fillet's own error.
-        let how = Smoothing {
+        // The first-order scheme would move flat walls by more than the error of the fillet.
+        let smoothing = Smoothing {
             high_order: true,
             normalisations: -1,
             ..widening()
         };
         self.change("fillet", session, |grid, host| {
-            ffi::grid_fillet(grid, radius, how, host)
+            ffi::grid_fillet(grid, radius, smoothing, host)
         })
     }
 
-    /// Moves the surface outwards by `distance` times the mask's share at each place; a negative
-    /// distance moves it inwards.
+    /// Moves the surface outwards by `distance` times the mask's weight at each point; inwards for a negative
+    /// distance.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] for an unusable distance or range; else as [`LevelSet::dilate`].
-    pub fn move_by(
+    pub fn offset_masked(
         &mut self,
         distance: f64,
         mask: Mask<'_>,
@@ -233,24 +233,24 @@ impl LevelSet {
             });
         }
         let range = mask.range()?;
-        let how = Smoothing {
+        let smoothing = Smoothing {
             high_order: session.scheme == Scheme::Weno5,
             normalisations: -1,
             ..widening()
         };
-        // OpenVDB's sign: adding to the distance shrinks.
+        // OpenVDB's sign: an addition to the distance shrinks the solid.
         self.change("moving the surface", session, |grid, host| {
-            ffi::grid_vary(grid, -distance, &mask.by.grid, range, how, host)
+            ffi::grid_offset_masked(grid, -distance, &mask.by.grid, range, smoothing, host)
         })
     }
 
-    /// Keeps of a change only what a mask lets through: where its share is 0 the level set is again
-    /// as it was `before`. For changes that move the surface by less than the band's half width.
+    /// Restricts a change to a mask: where its weight is 0, the level set is again as it was `before`. For
+    /// changes that move the surface by less than the half width of the band.
     ///
     /// # Errors
     /// [`VdbError::Mismatch`] for other voxels, [`VdbError::Parameter`] for an unusable range,
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
-    pub fn mix(
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
+    pub fn restrict_change(
         &mut self,
         before: &Self,
         mask: Mask<'_>,
@@ -258,32 +258,32 @@ impl LevelSet {
     ) -> Result<(), VdbError> {
         self.assert_same_voxels(before)?;
         let range = mask.range()?;
-        let how = Smoothing {
+        let smoothing = Smoothing {
             high_order: session.scheme == Scheme::Weno5,
             normalisations: -1,
             ..widening()
         };
         self.change("masking", session, |grid, host| {
-            ffi::grid_mix(grid, &before.grid, &mask.by.grid, range, how, host)
+            ffi::grid_restrict_change(grid, &before.grid, &mask.by.grid, range, smoothing, host)
         })
     }
 
-    /// Drops nodes that say nothing; the shape and its surface stay.
+    /// Removes redundant nodes of the tree; the solid does not change.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn prune(&mut self, session: Session<'_>) -> Result<(), VdbError> {
         self.change("prune", session, ffi::grid_prune)
     }
 }
 
-fn positive(name: &'static str, value: f64) -> Result<(), VdbError> {
+fn check_positive(name: &'static str, value: f64) -> Result<(), VdbError> {
     if value.is_finite() && value > 0.0 {
         return Ok(());
     }
     Err(VdbError::Parameter {
         name,
         value,
-        expected: "a positive, finite number",
+        expected: "a check_positive, finite number",
     })
 }

@@ -1,4 +1,4 @@
-//! Smoothing by this crate's own filter: leaves out of the tree and back into it.
+//! Smoothing by this crate's filter: leaves are copied out of the tree and back.
 
 use super::ffi::{self, Filter};
 use super::{Leaves, LevelSet, Scheme, Session, Tools, VdbError};
@@ -7,31 +7,34 @@ use crate::frame::Coord;
 use crate::progress::Cancelled;
 use std::pin::Pin;
 
-/// Leaves that travel back at a time.
-const BATCH: usize = 512;
+/// Leaves written back at a time.
+const BATCH_LEAVES: usize = 512;
 
-/// Whether the own filter can do what is asked for.
-pub(super) fn is_own(kind: Filter, session: Session<'_>) -> bool {
-    let known = [Filter::Mean, Filter::Gaussian, Filter::Laplacian].contains(&kind);
-    known && session.scheme == Scheme::First && session.tools == Tools::Own
+/// Whether this crate's filter serves a kind and session.
+pub(super) fn is_native(kind: Filter, session: Session<'_>) -> bool {
+    let is_supported = [Filter::Mean, Filter::Gaussian, Filter::Laplacian].contains(&kind);
+    is_supported && session.scheme == Scheme::First && session.tools == Tools::Native
 }
 
-/// A leaf as the band's own filters take it.
+/// Leaf number `n` as input of the band's filters.
 pub(super) fn leaf_of<'a>(leaves: &'a Leaves<'_>, n: usize) -> LeafRef<'a> {
-    let nothing = LeafRef {
+    let empty = LeafRef {
         origin: Coord([0; 3]),
         mask: [0; 8],
         values: &[0.0; 512],
     };
-    leaves.get(n).map_or(nothing, |l| LeafRef {
+    leaves.get(n).map_or(empty, |l| LeafRef {
         origin: l.origin,
         mask: l.mask,
         values: l.values,
     })
 }
 
-/// Puts leaves into a tree, in the place of those that are there.
-pub(super) fn put(grid: Pin<&mut ffi::Grid>, leaves: &LeafBatch) -> Result<(), cxx::Exception> {
+/// Writes leaves into a tree; replaces existing ones.
+pub(super) fn write_leaves(
+    grid: Pin<&mut ffi::Grid>,
+    leaves: &LeafBatch,
+) -> Result<(), cxx::Exception> {
     let origins: Vec<[i32; 3]> = leaves.origins.iter().map(|o| o.0).collect();
     ffi::grid_put_leaves(
         grid,
@@ -42,10 +45,10 @@ pub(super) fn put(grid: Pin<&mut ffi::Grid>, leaves: &LeafBatch) -> Result<(), c
 }
 
 impl LevelSet {
-    /// Smooths `iterations` times; of the kinds that [`is_own`] knows.
+    /// Smooths `iterations` times by a kind that [`is_native`] accepts.
     pub(super) fn smooth(
         &mut self,
-        doing: &'static str,
+        operation: &'static str,
         (kind, width, iterations): (Filter, u32, u32),
         session: Session<'_>,
     ) -> Result<(), VdbError> {
@@ -65,7 +68,7 @@ impl LevelSet {
             Ok(smoother)
         });
         drop(leaves);
-        let failed = |e: cxx::Exception| VdbError::of(doing, session, &e);
+        let failed = |e: cxx::Exception| VdbError::of(operation, session, &e);
         let smoother = match smoothed {
             Ok(smoother) => smoother,
             Err(stopped) => {
@@ -73,18 +76,18 @@ impl LevelSet {
                 return Err(VdbError::Cancelled(stopped));
             }
         };
-        self.change(doing, session, |mut grid, host| {
-            let mut batch = LeafBatch::with_capacity(BATCH);
+        self.change(operation, session, |mut grid, host| {
+            let mut batch = LeafBatch::with_capacity(BATCH_LEAVES);
             for leaf in smoother.leaves() {
                 if let Some(values) = leaf.values.first_chunk() {
                     batch.push(leaf.origin, leaf.mask, values);
                 }
-                if batch.len() == BATCH {
-                    put(grid.as_mut(), &batch)?;
+                if batch.len() == BATCH_LEAVES {
+                    write_leaves(grid.as_mut(), &batch)?;
                     batch.clear();
                 }
             }
-            put(grid.as_mut(), &batch)?;
+            write_leaves(grid.as_mut(), &batch)?;
             ffi::grid_prune(grid, host)
         })
     }

@@ -9,7 +9,7 @@ use crate::band::Region;
 use crate::field::cube_share;
 use crate::frame::Coord;
 use crate::progress::Cancelled;
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 use rayon::prelude::*;
 
 /// Parts of a cell that its share of solid is rounded to. Sums of whole numbers do not depend on the order in
@@ -212,17 +212,17 @@ fn cell_share(corners: [f32; 8], h: f32) -> f64 {
 /// The cubes of the largest face-connected component, and the number of components.
 /// `cubes` are ascending, each once; of equal components the first is taken.
 pub fn largest_face_component(cubes: &[Coord]) -> (Vec<Coord>, usize) {
-    let mut sets = Sets::new(cubes.len());
+    let mut sets = UnionFind::new(cubes.len());
     for (n, cube) in cubes.iter().enumerate() {
         for step in [[0, 0, 1], [0, 1, 0], [1, 0, 0]] {
             let [x, y, z] = step;
             let rest = &cubes[n + 1..];
             if let Ok(place) = rest.binary_search(&cube.offset(x, y, z)) {
-                sets.join(n, n + 1 + place);
+                sets.union(n, n + 1 + place);
             }
         }
     }
-    let (component, count) = sets.numbered(0..cubes.len());
+    let (component, count) = sets.labels(0..cubes.len());
     let mut sizes = vec![0usize; count];
     for &c in &component {
         sizes[c as usize] += 1;

@@ -1,11 +1,13 @@
-//! Grids of any size from files of leaves into one ordinary file: grid after grid, masks first, then
-//! values, block by block, so that no tree is ever in memory.
+//! Streaming of grids from leaf files into an ordinary `.vdb` file: per grid the topology, then the values,
+//! block by block, without a tree in memory.
 
 use super::hash::{ContentHash, GridHead};
 use super::leaves::TileView;
-use super::write::{PutError, failed};
-use super::{FileError, VdbWriter, Written, ffi};
-use crate::band::{LeafBatch, LeafFileError, LeafStore, NumberStore, Region, StoreError, VOXELS};
+use super::write::{WriteError, failed};
+use super::{FileError, VdbWriter, WrittenFile, ffi};
+use crate::band::{
+    AttributeStore, LeafBatch, LeafFileError, LeafStore, Region, StoreError, VOXELS,
+};
 use crate::frame::Coord;
 use crate::progress::Progress;
 use std::path::Path;
@@ -15,46 +17,50 @@ mod fog;
 
 pub use fog::StoredFog;
 
-/// Bytes that a leaf takes in memory beside its values, with its share of the nodes above.
-const LEAF_BYTES: u64 = 192;
+/// Memory of a leaf without its values, including its share of the nodes above, bytes.
+const LEAF_OVERHEAD_BYTES: u64 = 192;
 
-/// A grid that lies on the disk.
+/// A grid on disk.
 #[derive(Clone, Copy)]
-pub enum Streamed<'a> {
+pub enum StoredGrid<'a> {
     /// A level set.
     Surface(&'a LeafStore),
-    /// Its fog.
+    /// The fog volume of a level set.
     Fog(&'a StoredFog<'a>),
-    /// Numbers that go with its active voxels, and a factor on them: of lengths that to the file's unit.
-    Numbers(&'a LeafStore, &'a NumberStore, f32),
+    /// An attribute at the active voxels of a level set, and a factor on its values: for lengths the conversion
+    /// to the file's unit.
+    Attribute(&'a LeafStore, &'a AttributeStore, f32),
 }
 
-/// A node of 4096^3 voxels: 512 words each of slots that hold a block, and of tiles that are inside.
-struct Upper {
+/// A node of 4096^3 voxels: bits of the slots that hold a block, and of those that are inside tiles.
+struct BlockNode {
     origin: Coord,
     children: Vec<u64>,
     inside: Vec<u64>,
 }
 
-impl Upper {
-    /// Its blocks in order of slot, which is their order of origin.
+impl BlockNode {
+    /// Origins of the blocks, in order of slot, which is the order of origin.
     fn blocks(&self) -> impl Iterator<Item = Coord> + '_ {
-        slots(&self.children).map(|n| self.origin.offset(along(n, 10), along(n, 5), along(n, 0)))
+        slots(&self.children).map(|n| {
+            self.origin
+                .offset(slot_offset(n, 10), slot_offset(n, 5), slot_offset(n, 0))
+        })
     }
 }
 
-/// The set bits of a mask.
+/// The numbers of the set bits of a mask.
 fn slots(words: &[u64]) -> impl Iterator<Item = usize> + '_ {
     let set = move |n: &usize| words[n >> 6] >> (n & 63) & 1 == 1;
     (0..64 * words.len()).filter(set)
 }
 
-/// Where a slot of a node of 4096 voxels begins along an axis, whose number stands at `shift`.
-fn along(slot: usize, shift: usize) -> i32 {
+/// Offset along an axis of a slot in a node of 4096 voxels; the index on the axis begins at bit `shift`.
+fn slot_offset(slot: usize, shift: usize) -> i32 {
     (slot >> shift & 31) as i32 * 128
 }
 
-/// The leaves of a block: of each 3 coordinates, 8 words and 512 numbers or vectors.
+/// The leaves of a block, each with an origin, a mask and 512 values or vectors.
 #[derive(Default)]
 struct BlockLeaves {
     origins: Vec<Coord>,
@@ -63,17 +69,16 @@ struct BlockLeaves {
 }
 
 impl VdbWriter<'_> {
-    /// Writes grids from the disk under the names, the tags and the voxels of those that were added,
-    /// which must be empty, in their order. The file says what it would say if the grids had been in
-    /// memory: the content hash is the same, and so are nodes and tiles.
+    /// Writes grids from disk. Name, tags and voxels are those of the grids that were added, in their order,
+    /// which must be empty. The file equals that of the grids in memory: same content hash, nodes and tiles.
     ///
     /// # Errors
     /// As [`VdbWriter::write_to`], and [`FileError::Leaves`].
     pub fn write_streamed_to(
         self,
         staged: &Path,
-        grids: &[Streamed<'_>],
-    ) -> Result<Written, FileError> {
+        grids: &[StoredGrid<'_>],
+    ) -> Result<WrittenFile, FileError> {
         let refused = |e: cxx::Exception| failed(&self.path, &e);
         if grids.len() != self.names.len() {
             let (given, named) = (grids.len(), self.names.len());
@@ -97,7 +102,7 @@ impl VdbWriter<'_> {
             progress.stage("hash", None);
             let facts = self.file.grid(index).and_then(ffi::grid_facts);
             let facts = facts.map_err(refused)?;
-            hash.begin(&GridHead::new(name, &facts, grid.leaves()));
+            hash.begin_grid(&GridHead::new(name, &facts, grid.leaves()));
             grid.hash(&mut hash, (facts.half, factor), progress)?;
         }
         let blocks: usize = grids.iter().map(|g| g.shape().blocks().count()).sum();
@@ -105,12 +110,12 @@ impl VdbWriter<'_> {
         self.write_with(staged, hash.finish(), |file, descriptor, flags, host| {
             let mut stream = ffi::stream_open(file, descriptor, flags, host)?;
             for (index, (grid, background)) in grids.iter().zip(backgrounds).enumerate() {
-                let way = Way {
+                let options = WriteOptions {
                     factor,
                     background,
                     progress: host.progress,
                 };
-                if !grid.write(stream.pin_mut(), index, &way)? {
+                if !grid.write(stream.pin_mut(), index, &options)? {
                     return Ok(0);
                 }
             }
@@ -119,28 +124,28 @@ impl VdbWriter<'_> {
     }
 }
 
-/// How a grid is written.
-struct Way<'a> {
-    /// On the values of level sets: from the store's unit to the file's.
+/// Options of the writing of a grid.
+struct WriteOptions<'a> {
+    /// Factor on the values of level sets, from the store's unit to the file's.
     factor: f32,
-    /// The grid's, in the file's unit.
+    /// Background of the grid, in the file's unit.
     background: f32,
     progress: &'a dyn Progress,
 }
 
-impl Streamed<'_> {
-    /// The level set that it goes with.
+impl StoredGrid<'_> {
+    /// The level set of the grid.
     fn shape(&self) -> &LeafStore {
         match self {
-            Self::Surface(store) | Self::Numbers(store, ..) => store,
+            Self::Surface(store) | Self::Attribute(store, ..) => store,
             Self::Fog(fog) => fog.store(),
         }
     }
 
-    /// Leaves with an active voxel.
+    /// Number of leaves with an active voxel.
     fn leaves(&self) -> u64 {
         match self {
-            Self::Surface(store) | Self::Numbers(store, ..) => store.leaves(),
+            Self::Surface(store) | Self::Attribute(store, ..) => store.leaves(),
             Self::Fog(fog) => fog.leaves(),
         }
     }
@@ -157,8 +162,8 @@ impl Streamed<'_> {
                 hash.leaf(origin.0, mask, half, scaled);
                 Ok(())
             })?,
-            Self::Numbers(store, numbers, factor) => {
-                numbers.for_each_leaf(store, progress, |origin, mask, own| {
+            Self::Attribute(store, attribute, factor) => {
+                attribute.for_each_leaf(store, progress, |origin, mask, own| {
                     hash.leaf(origin.0, mask, half, own.iter().map(|v| v * factor));
                 })?;
             }
@@ -182,68 +187,68 @@ impl Streamed<'_> {
         Ok(())
     }
 
-    fn facts(&self, way: &Way) -> ffi::TreeFacts {
+    fn facts(&self, options: &WriteOptions) -> ffi::TreeFacts {
         let (bounds, active_voxels, values) = match self {
             Self::Surface(store) => (store.bounds(), store.active_voxels(), 1),
             Self::Fog(fog) => (fog.bounds(), fog.active_voxels(), 1),
-            Self::Numbers(store, numbers, _) => {
-                (store.bounds(), store.active_voxels(), numbers.width())
+            Self::Attribute(store, attribute, _) => {
+                (store.bounds(), store.active_voxels(), attribute.width())
             }
         };
         let [low, high] = bounds.unwrap_or([Coord([0; 3]); 2]);
         let (inside, inside_active) = match self {
-            Self::Surface(_) => (-way.background, false),
+            Self::Surface(_) => (-options.background, false),
             Self::Fog(_) => (1.0, true),
-            Self::Numbers(..) => (0.0, false),
+            Self::Attribute(..) => (0.0, false),
         };
         ffi::TreeFacts {
             box_min: low.0,
             box_max: high.0,
             active_voxels: active_voxels as i64,
-            bytes: (self.leaves() * (LEAF_BYTES + 2048 * values as u64)) as i64,
+            bytes: (self.leaves() * (LEAF_OVERHEAD_BYTES + 2048 * values as u64)) as i64,
             inside,
             inside_active,
         }
     }
 
-    /// Its nodes of 4096^3 voxels, in order of origin, and the cubes of that size that lie inside.
-    fn nodes(&self) -> (Vec<Upper>, Vec<Coord>) {
+    /// The nodes of 4096^3 voxels, in order of origin, and the cubes of that size that lie inside.
+    fn nodes(&self) -> (Vec<BlockNode>, Vec<Coord>) {
         match self {
             Self::Surface(store) => {
-                let uppers = store.uppers().map(|u| Upper {
+                let upper_nodes = store.upper_nodes().map(|u| BlockNode {
                     origin: u.origin,
                     children: u.children.clone(),
                     inside: u.inside.clone(),
                 });
-                (uppers.collect(), store.inside_uppers())
+                (upper_nodes.collect(), store.inside_upper_cubes())
             }
-            Self::Numbers(store, ..) => {
-                let uppers = store.uppers().map(|u| Upper {
+            Self::Attribute(store, ..) => {
+                let upper_nodes = store.upper_nodes().map(|u| BlockNode {
                     origin: u.origin,
                     children: u.children.clone(),
                     inside: vec![0; u.inside.len()],
                 });
-                (uppers.collect(), Vec::new())
+                (upper_nodes.collect(), Vec::new())
             }
-            Self::Fog(fog) => (fog.uppers(), fog.store().inside_uppers()),
+            Self::Fog(fog) => (fog.upper_nodes(), fog.store().inside_upper_cubes()),
         }
     }
 
     /// The leaves of a block, in the file's unit.
     fn block(&self, origin: Coord, factor: f32) -> Result<BlockLeaves, LeafFileError> {
-        let (numbers, store, factor) = match self {
+        let (attribute, store, factor) = match self {
             Self::Fog(fog) => return fog.block(origin),
             Self::Surface(store) => (None, store, factor),
-            Self::Numbers(store, numbers, own) => (Some(numbers), store, *own),
+            Self::Attribute(store, attribute, own) => (Some(attribute), store, *own),
         };
         let LeafBatch {
             origins,
             masks,
             values,
         } = store.read(origin, Region::EVERYWHERE)?;
-        let mut values = if let Some(numbers) = numbers {
+        let mut values = if let Some(attribute) = attribute {
             drop(values);
-            spread(&masks, &numbers.read(origin)?, numbers.width())
+            scatter(&masks, &attribute.read(origin)?, attribute.width())
         } else {
             values.into_flattened()
         };
@@ -259,25 +264,29 @@ impl Streamed<'_> {
         })
     }
 
-    /// Writes all nodes and leaves; false when the user asked to stop.
+    /// Writes all nodes and leaves; returns false after cancellation.
     fn write(
         &self,
         mut stream: Pin<&mut ffi::Stream>,
         index: usize,
-        way: &Way,
-    ) -> Result<bool, PutError> {
-        ffi::stream_grid(stream.as_mut(), index, &self.facts(way))?;
-        let (uppers, tiles) = self.nodes();
+        options: &WriteOptions,
+    ) -> Result<bool, WriteError> {
+        ffi::stream_grid(stream.as_mut(), index, &self.facts(options))?;
+        let (upper_nodes, tiles) = self.nodes();
         let tiles: Vec<[i32; 3]> = tiles.iter().map(|c| c.0).collect();
-        ffi::stream_root(stream.as_mut(), tiles.as_flattened(), uppers.len() as u32)?;
+        ffi::stream_root(
+            stream.as_mut(),
+            tiles.as_flattened(),
+            upper_nodes.len() as u32,
+        )?;
         let outside = [0; 64];
-        for upper in &uppers {
+        for upper in &upper_nodes {
             let (at, inside) = (&upper.origin.0, &upper.inside);
             ffi::stream_upper(stream.as_mut(), at, &upper.children, inside)?;
             for origin in upper.blocks() {
-                let block = self.block(origin, way.factor)?;
+                let block = self.block(origin, options.factor)?;
                 let inside = match self {
-                    Self::Numbers(..) => None,
+                    Self::Attribute(..) => None,
                     _ => self.shape().inside_slots(origin),
                 };
                 let leaves: Vec<[i32; 3]> = block.origins.iter().map(|o| o.0).collect();
@@ -288,14 +297,14 @@ impl Streamed<'_> {
                     block.masks.as_flattened(),
                     inside.unwrap_or(&outside),
                 )?;
-                way.progress.advance(1);
-                if way.progress.cancelled() {
+                options.progress.advance(1);
+                if options.progress.cancelled() {
                     return Ok(false);
                 }
             }
         }
-        for origin in uppers.iter().flat_map(Upper::blocks) {
-            let block = self.block(origin, way.factor)?;
+        for origin in upper_nodes.iter().flat_map(BlockNode::blocks) {
+            let block = self.block(origin, options.factor)?;
             let leaves: Vec<[i32; 3]> = block.origins.iter().map(|o| o.0).collect();
             ffi::stream_values(
                 stream.as_mut(),
@@ -304,8 +313,8 @@ impl Streamed<'_> {
                 block.masks.as_flattened(),
                 &block.values,
             )?;
-            way.progress.advance(1);
-            if way.progress.cancelled() {
+            options.progress.advance(1);
+            if options.progress.cancelled() {
                 return Ok(false);
             }
         }
@@ -313,10 +322,10 @@ impl Streamed<'_> {
     }
 }
 
-/// Numbers of active voxels at their places among all voxels of their leaves; 0 elsewhere.
-fn spread(masks: &[[u64; 8]], numbers: &[f32], width: usize) -> Vec<f32> {
+/// Scatters the values of active voxels to all voxels of their leaves; 0 elsewhere.
+fn scatter(masks: &[[u64; 8]], attribute: &[f32], width: usize) -> Vec<f32> {
     let mut values = vec![0.0; masks.len() * VOXELS * width];
-    let mut rows = numbers.chunks_exact(width);
+    let mut rows = attribute.chunks_exact(width);
     for (leaf, mask) in values.chunks_exact_mut(VOXELS * width).zip(masks) {
         for n in slots(mask) {
             if let Some(row) = rows.next() {

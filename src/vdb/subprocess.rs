@@ -1,14 +1,13 @@
-//! Looking at a file nobody vouches for: in a child process with limits.
+//! Reading of untrusted `.vdb` files in a child process with limits of memory and time.
 //!
-//! Of 2,400 corrupted `.vdb` files, OpenVDB 10 crashed on 28 and ran out of memory on 75. The child
-//! reads the whole file under a limit of memory and time and either describes it as JSON or hands one
-//! grid over through a pipe, leaf by leaf; whatever happens to it, the parent gets what it asked for or
-//! one clear error, and never opens the file itself.
+//! OpenVDB 10 crashed on 28 and ran out of memory on 75 of 2,400 corrupted files. The child reads the whole
+//! file and either describes it as JSON or sends one grid through a pipe, leaf by leaf. If the child fails,
+//! the parent returns one clear error; the parent never opens the file.
 //!
-//! The program decides how the child is called: a [`Program`] is called with the file, the limits and
-//! what is wanted, and must end up in [`report`] or [`send`].
+//! A [`Program`] defines the command of the child. It is called with the file, the limits and the request,
+//! and must call [`report`] or [`send`].
 
-use super::ipc::{self, Loss};
+use super::ipc::{self, TransferError};
 use super::{FileError, FileInfo, Volume, info};
 use rustix::process::{Resource, Rlimit, setrlimit};
 use serde::{Deserialize, Serialize};
@@ -21,7 +20,7 @@ use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What the child may use.
+/// Limits of the child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Limits {
     /// Address space in bytes.
@@ -31,27 +30,27 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Those for a file that is there.
+    /// The limits for an existing file.
     fn for_file(path: &Path) -> Result<Self, FileError> {
         let size = std::fs::metadata(path).map_err(|e| FileError::io(path, e))?;
         Ok(Self::for_size(size.len()))
     }
 
-    /// Of this process, from now on.
+    /// Applies the limits to this process.
     fn impose(self) {
-        let none = |resource, most| {
+        let limit = |resource, bytes| {
             let limit = Rlimit {
-                current: Some(most),
-                maximum: Some(most),
+                current: Some(bytes),
+                maximum: Some(bytes),
             };
-            // A system that refuses leaves the parent's clock as the guard.
+            // If the system refuses, the parent's time limit still holds.
             let _ = setrlimit(resource, limit);
         };
-        none(Resource::As, self.memory);
-        none(Resource::Core, 0);
+        limit(Resource::As, self.memory);
+        limit(Resource::Core, 0);
     }
 
-    /// Generous for a whole file of this size: 2 GiB and 40 times its size, 10 s and 1 s per 20 MB.
+    /// Limits for a file of this size: 2 GiB plus 40 times its size, 10 s plus 1 s per 20 MB.
     pub fn for_size(bytes: u64) -> Self {
         Self {
             memory: (2 << 30) + bytes.saturating_mul(40),
@@ -60,7 +59,7 @@ impl Limits {
     }
 }
 
-/// What the child says.
+/// The child's result.
 #[derive(Serialize, Deserialize)]
 enum Report {
     #[serde(rename = "info")]
@@ -71,38 +70,38 @@ enum Report {
     Errno(i32),
 }
 
-/// How a child is started: the program and the arguments that lead it to [`report`] and [`send`].
+/// The program of the child, with the arguments that make it call [`report`] or [`send`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Program {
-    /// What is executed.
+    /// The executable.
     pub path: PathBuf,
-    /// What it is told before the file.
+    /// Its arguments before the file.
     pub arguments: Vec<OsString>,
 }
 
 impl Program {
-    /// The child for a file: `FILE MEMORY MILLISECONDS info`, or `... grid [NAME]`.
-    fn command(&self, path: &Path, limits: Limits, wanted: &[&str]) -> Command {
+    /// The command of a child: arguments `FILE MEMORY MILLISECONDS info`, or `... grid [NAME]`.
+    fn command(&self, path: &Path, limits: Limits, request: &[&str]) -> Command {
         let mut child = Command::new(&self.path);
         child
             .args(&self.arguments)
             .arg(path)
             .args([limits.memory, limits.milliseconds].map(|n| n.to_string()))
-            .args(wanted);
+            .args(request);
         child
     }
 
-    /// What is in a file.
+    /// Describes the contents of a file.
     ///
     /// # Errors
-    /// [`FileError::Io`] when the file is missing or the child cannot be started,
-    /// [`FileError::Damaged`] for everything that happened to the child.
+    /// [`FileError::Io`] if the file is missing or the child cannot be started, [`FileError::Damaged`] if
+    /// the child fails.
     pub fn inspect(&self, path: &Path) -> Result<FileInfo, FileError> {
         let limits = Limits::for_file(path)?;
         inspect(self.command(path, limits, &["info"]), path, limits)
     }
 
-    /// One grid of floats of a file. Without a name: `surface`, else the only level set, else the
+    /// Reads one grid of floats of a file. Without a name: `surface`, else the only level set, else the
     /// only grid of floats.
     ///
     /// # Errors
@@ -110,24 +109,24 @@ impl Program {
     /// and for voxels that are no cubes.
     pub fn fetch(&self, path: &Path, name: Option<&str>) -> Result<Volume, FileError> {
         let limits = Limits::for_file(path)?;
-        let mut wanted = vec!["grid"];
-        wanted.extend(name);
-        let child = self.command(path, limits, &wanted);
-        attend(child, path, limits, |pipe| ipc::receive(path, pipe, limits))
+        let mut request = vec!["grid"];
+        request.extend(name);
+        let child = self.command(path, limits, &request);
+        run_child(child, path, limits, |pipe| ipc::receive(path, pipe, limits))
     }
 }
 
-/// A grid that a child has handed over before a run asks for it.
+/// A grid that was read before the run that uses it.
 #[derive(Clone)]
-pub struct Opened {
+pub struct PrefetchedGrid {
     path: PathBuf,
     name: Option<String>,
-    /// Taken once; whoever asks again reads the file again.
+    /// Taken once; a second use reads the file again.
     volume: Arc<Mutex<Option<Volume>>>,
 }
 
-impl Opened {
-    /// The grid of a file that a name, or none, stands for.
+impl PrefetchedGrid {
+    /// Stores the grid that a file and an optional name stand for.
     pub fn new(path: &Path, name: Option<&str>, volume: Volume) -> Self {
         Self {
             path: path.to_owned(),
@@ -136,7 +135,7 @@ impl Opened {
         }
     }
 
-    /// Gives it away, if it is that of a path and a name.
+    /// Takes the grid, if it is the one of this path and name.
     pub fn take(&self, path: &Path, name: Option<&str>) -> Option<Volume> {
         if path != self.path || name != self.name.as_deref() {
             return None;
@@ -146,14 +145,19 @@ impl Opened {
     }
 }
 
-impl fmt::Debug for Opened {
+impl fmt::Debug for PrefetchedGrid {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Opened({}, {:?})", self.path.display(), self.name)
+        write!(
+            f,
+            "PrefetchedGrid({}, {:?})",
+            self.path.display(),
+            self.name
+        )
     }
 }
 
-/// The child's part: limits its own memory, reads the whole file and describes the outcome as one
-/// line of JSON. Changes the limits of the process: only for a process that does nothing else.
+/// Child: limits its memory, reads the whole file and describes the result as one line of JSON. Changes the
+/// limits of the process; only for a process that does nothing else.
 pub fn report(path: &Path, limits: Limits) -> String {
     limits.impose();
     let report = match info(path) {
@@ -167,11 +171,11 @@ pub fn report(path: &Path, limits: Limits) -> String {
     serde_json::to_string(&report).unwrap_or_default()
 }
 
-/// The child's part: limits its own memory, reads one grid of floats and hands it over through `out`.
-/// Changes the limits of the process: only for a process that does nothing else.
+/// Child: limits its memory, reads one grid of floats and sends it through `out`. Changes the limits of the
+/// process; only for a process that does nothing else.
 ///
 /// # Errors
-/// Those of `out`; what is wrong with the file is told to the receiver.
+/// Errors of `out`; errors of the file are sent to the receiver.
 pub fn send(
     path: &Path,
     name: Option<&str>,
@@ -182,23 +186,22 @@ pub fn send(
     ipc::send(path, name, out)
 }
 
-/// The parent's part: runs `child` (which must print [`report`] of the same path and limits) and
-/// waits for it no longer than the limits say.
+/// Parent: runs `child`, which must print [`report`] of the same path and limits; kills it at the time limit.
 ///
 /// # Errors
-/// [`FileError::Io`] when the file is missing or the child cannot be started,
-/// [`FileError::Damaged`] for everything that happened to the child.
+/// [`FileError::Io`] if the file is missing or the child cannot be started, [`FileError::Damaged`] if the
+/// child fails.
 pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, FileError> {
     std::fs::metadata(path).map_err(|e| FileError::io(path, e))?;
-    let told = attend(child, path, limits, |mut pipe| {
+    let report = run_child(child, path, limits, |mut pipe| {
         let mut text = String::new();
         pipe.read_to_string(&mut text)
-            .map_err(|e| Loss::Broken(e.to_string()))?;
+            .map_err(|e| TransferError::Broken(e.to_string()))?;
         let line = text.lines().rev().find(|l| l.starts_with('{'));
         line.and_then(|l| serde_json::from_str(l).ok())
-            .ok_or_else(|| Loss::Broken("it said nothing".into()))
+            .ok_or_else(|| TransferError::Broken("it wrote no report".into()))
     })?;
-    match told {
+    match report {
         Report::Info(info) => Ok(info),
         Report::Damaged(reason) => Err(FileError::Damaged {
             path: path.to_owned(),
@@ -211,13 +214,12 @@ pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, 
     }
 }
 
-/// The parent's part: starts the child, listens to it with `listen`, and waits for it no longer than
-/// the limits say.
-fn attend<T: Send>(
+/// Parent: starts the child, reads its output with `receive`, and kills it at the time limit.
+fn run_child<T: Send>(
     mut child: Command,
     path: &Path,
     limits: Limits,
-    listen: impl FnOnce(ChildStdout) -> Result<T, Loss> + Send,
+    receive: impl FnOnce(ChildStdout) -> Result<T, TransferError> + Send,
 ) -> Result<T, FileError> {
     let io = |e| FileError::io(path, e);
     let damaged = |reason: String| FileError::Damaged {
@@ -231,36 +233,40 @@ fn attend<T: Send>(
         .spawn()
         .map_err(io)?;
     let pipe = running.stdout.take();
-    let (status, heard) = std::thread::scope(|scope| {
-        // What comes may be longer than a pipe holds.
-        let listener = scope.spawn(move || match pipe {
-            Some(pipe) => listen(pipe),
-            None => Err(Loss::Broken("it has no voice".into())),
+    let (status, received) = std::thread::scope(|scope| {
+        // Read in parallel: the output may be longer than the pipe's buffer.
+        let receiver = scope.spawn(move || match pipe {
+            Some(pipe) => receive(pipe),
+            None => Err(TransferError::Broken("it has no output".into())),
         });
         let status = wait(&mut running, Duration::from_millis(limits.milliseconds));
-        (status, listener.join())
+        (status, receiver.join())
     });
     let Some(status) = status.map_err(io)? else {
         let seconds = limits.milliseconds as f64 / 1000.0;
         return Err(damaged(format!("reading it took more than {seconds} s")));
     };
-    match heard {
-        Ok(Ok(heard)) => Ok(heard),
-        Ok(Err(Loss::Told(error))) => Err(error),
-        Ok(Err(Loss::Broken(_))) if !status.success() => Err(damaged(epitaph(status, limits))),
-        Ok(Err(Loss::Broken(reason))) => Err(damaged(format!("its reader failed: {reason}"))),
-        Err(_) => Err(damaged(epitaph(status, limits))),
+    match received {
+        Ok(Ok(received)) => Ok(received),
+        Ok(Err(TransferError::Reported(error))) => Err(error),
+        Ok(Err(TransferError::Broken(_))) if !status.success() => {
+            Err(damaged(exit_reason(status, limits)))
+        }
+        Ok(Err(TransferError::Broken(reason))) => {
+            Err(damaged(format!("its reader failed: {reason}")))
+        }
+        Err(_) => Err(damaged(exit_reason(status, limits))),
     }
 }
 
-/// Waits for the child's end, or kills it: `None`.
-fn wait(child: &mut Child, most: Duration) -> std::io::Result<Option<ExitStatus>> {
+/// Waits for the child's exit; after the time limit kills it and returns `None`.
+fn wait(child: &mut Child, limit: Duration) -> std::io::Result<Option<ExitStatus>> {
     let start = Instant::now();
     loop {
         if let Some(status) = child.try_wait()? {
             return Ok(Some(status));
         }
-        if start.elapsed() > most {
+        if start.elapsed() > limit {
             child.kill()?;
             child.wait()?;
             return Ok(None);
@@ -269,7 +275,7 @@ fn wait(child: &mut Child, most: Duration) -> std::io::Result<Option<ExitStatus>
     }
 }
 
-fn epitaph(status: ExitStatus, limits: Limits) -> String {
+fn exit_reason(status: ExitStatus, limits: Limits) -> String {
     match status.signal() {
         Some(signal) => format!(
             "reading it ended the reader with signal {signal} (allowed: {} MiB)",

@@ -1,4 +1,4 @@
-//! Where the surface of a level set is torn: neighbours of different sign of which one has no distance.
+//! Gaps in a narrow band: pairs of neighbours with different signs and at least one inactive voxel.
 
 use super::index::{FACES, Holder, LeafIndex};
 use super::voxel_mask::select;
@@ -6,30 +6,30 @@ use super::{LevelSet, VdbError};
 use crate::frame::{Coord, Vec3};
 use rayon::prelude::*;
 
-/// What was found.
+/// Numbers of crossings and of gaps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Tears {
-    /// Neighbours of different sign.
+pub(super) struct BandGaps {
+    /// Pairs of neighbours with different signs.
     pub crossings: u64,
-    /// Those of which one is inactive.
-    pub torn: u64,
-    /// Where the first one is, world units.
+    /// Those pairs with at least one inactive voxel.
+    pub gaps: u64,
+    /// Position of the first gap, world units.
     pub first: Option<Vec3>,
 }
 
-impl Tears {
-    fn join(self, other: Self) -> Self {
+impl BandGaps {
+    fn merge(self, other: Self) -> Self {
         Self {
             crossings: self.crossings + other.crossings,
-            torn: self.torn + other.torn,
+            gaps: self.gaps + other.gaps,
             first: self.first.or(other.first),
         }
     }
 }
 
 impl LevelSet {
-    /// Counts the places where the surface is torn.
-    pub(super) fn tears(&self) -> Result<Tears, VdbError> {
+    /// Counts the gaps of the band.
+    pub(super) fn band_gaps(&self) -> Result<BandGaps, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, true)?;
         let place = |voxel: Coord| self.transform.world(voxel).0 + self.origin;
@@ -37,7 +37,7 @@ impl LevelSet {
             .into_par_iter()
             .with_min_len(64)
             .map(|n| of_leaf(&index, n, place))
-            .reduce(Tears::default, Tears::join);
+            .reduce(BandGaps::default, BandGaps::merge);
         let mut found = of_leaves;
         for tile in &index.tiles {
             for step in FACES {
@@ -46,12 +46,12 @@ impl LevelSet {
                     Holder::Tile(other) if index.tiles[other].edge >= tile.edge => {
                         index.tiles[other].value
                     }
-                    Holder::Nothing => 1.0,
+                    Holder::Background => 1.0,
                     _ => continue,
                 };
                 if (tile.value < 0.0) != (other < 0.0) {
                     found.crossings += 1;
-                    found.torn += 1;
+                    found.gaps += 1;
                     found.first = found.first.or_else(|| Some(place(tile.origin)));
                 }
             }
@@ -60,23 +60,23 @@ impl LevelSet {
     }
 }
 
-/// The tears within a leaf and at its faces; those between two leaves count for the lesser one.
-fn of_leaf(index: &LeafIndex<'_>, n: usize, place: impl Fn(Coord) -> Vec3) -> Tears {
+/// The gaps within a leaf and on its faces; a gap between two leaves counts for the lesser one.
+fn of_leaf(index: &LeafIndex<'_>, n: usize, place: impl Fn(Coord) -> Vec3) -> BandGaps {
     let leaf = &index.leaves[n];
     let negative = select(leaf.values, |v| v < 0.0);
-    let mut found = Tears::default();
-    let mut add = |word: usize, signs: u64, both: u64| {
-        let torn = signs & !both;
-        found.crossings += u64::from(signs.count_ones());
-        found.torn += u64::from(torn.count_ones());
-        if torn != 0 && found.first.is_none() {
+    let mut found = BandGaps::default();
+    let mut add = |word: usize, crossings: u64, both_active: u64| {
+        let gaps = crossings & !both_active;
+        found.crossings += u64::from(crossings.count_ones());
+        found.gaps += u64::from(gaps.count_ones());
+        if gaps != 0 && found.first.is_none() {
             found.first = Some(place(
-                leaf.voxel(64 * word + torn.trailing_zeros() as usize),
+                leaf.voxel(64 * word + gaps.trailing_zeros() as usize),
             ));
         }
     };
     for (x, (&signs, &mask)) in negative.iter().zip(&leaf.mask).enumerate() {
-        // Along y and z within the word, whose bit is 8 y + z.
+        // Along y and z within the word; its bits are 8 y + z.
         add(x, (signs ^ signs >> 8) & (u64::MAX >> 8), mask & mask >> 8);
         add(
             x,
@@ -87,7 +87,7 @@ fn of_leaf(index: &LeafIndex<'_>, n: usize, place: impl Fn(Coord) -> Vec3) -> Te
             add(x, signs ^ negative[x + 1], mask & leaf.mask[x + 1]);
         }
     }
-    for (face, holder) in index.beside(n).into_iter().enumerate() {
+    for (face, holder) in index.face_neighbours(n).into_iter().enumerate() {
         let (stride, ahead) = ([64, 8, 1][face / 2], face % 2 == 1);
         let other = match holder {
             Holder::Leaf(other) if ahead => Some(&index.leaves[other]),

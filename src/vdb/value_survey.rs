@@ -1,46 +1,46 @@
-//! A look over all values of a grid of floats of others, before anything is made of it.
+//! Statistics of all values of a grid of floats, before it is interpreted.
 //!
-//! One pass tells the range of the active values, what is no number, and the sign at the outer end of the band; a
-//! second one, over a sample of leaves, how steeply values rise.
+//! One pass finds the range of the active values, non-finite values, and the signs on the bounding box. A second pass
+//! measures slopes in a sample of leaves.
 
 use super::ffi;
 use super::leaves::{LeafView, Leaves, tiles_of};
 use crate::frame::Coord;
 
-/// What the values of a grid are.
+/// Statistics of the values of a grid.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Survey {
-    /// Active voxels of leaves, and active tiles.
+    /// Number of active voxels of leaves plus active tiles.
     pub active: u64,
-    /// Those below zero.
+    /// Number of those below zero.
     pub negative: u64,
-    /// Least and greatest active value that is finite.
+    /// Least and greatest finite active value.
     pub range: Option<[f32; 2]>,
-    /// Values that are NaN or infinite, in leaves or tiles, active or not.
+    /// Number of values that are NaN or infinite, in leaves or tiles, active or not.
     pub not_finite: u64,
     /// The first of them and its voxel.
-    pub first: Option<(f32, Coord)>,
-    /// Active voxels at the faces of the box around all of them: below zero, and others.
-    pub outer: [u64; 2],
-    /// The greatest magnitude among them.
-    pub outer_size: f32,
-    /// Magnitude of active tiles, the least of them.
-    pub least_tile: Option<f32>,
+    pub first_non_finite: Option<(f32, Coord)>,
+    /// Active voxels on the faces of their bounding box: below zero, and others.
+    pub outer_counts: [u64; 2],
+    /// The greatest magnitude of those values.
+    pub max_outer: f32,
+    /// The least magnitude of an active tile.
+    pub min_active_tile: Option<f32>,
 }
 
-/// How steeply values rise from voxel to voxel, at the percentiles 10, 50 and 90.
+/// Slopes of the values, per voxel: percentiles 10, 50 and 90.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Slopes(pub [f64; 3]);
 
-/// Leaves that slopes are measured in, at most.
-const SLOPE_LEAVES: usize = 2048;
-/// Voxels with a slope, at least, for it to mean something.
-const SLOPE_VOXELS: usize = 32;
-/// Share of the greatest value from which a band counts as cut off.
-const CUT_OFF: f32 = 0.98;
+/// Greatest number of leaves in which slopes are measured.
+const MAX_SLOPE_LEAVES: usize = 2048;
+/// Least number of measured voxels for a result.
+const MIN_SLOPE_VOXELS: usize = 32;
+/// Share of the greatest value above which values count as clipped.
+const CLIPPED_SHARE: f32 = 0.98;
 
 impl Survey {
-    /// Looks at all leaves and tiles; the box holds all active voxels.
+    /// Surveys all leaves and tiles; `bbox` is the bounding box of the active voxels.
     pub fn of(grid: &ffi::Grid, bbox: Option<[[i32; 3]; 2]>) -> Result<Self, cxx::Exception> {
         let mut found = Self::default();
         let bbox = bbox.unwrap_or([[i32::MAX; 3], [i32::MIN; 3]]);
@@ -52,14 +52,15 @@ impl Survey {
             if tile.value.is_finite() {
                 if tile.active {
                     let size = tile.value.abs();
-                    found.least_tile = Some(found.least_tile.map_or(size, |s| s.min(size)));
+                    found.min_active_tile =
+                        Some(found.min_active_tile.map_or(size, |s| s.min(size)));
                     let last = tile.edge - 1;
                     let low = tile.origin;
                     let high = low.offset(last, last, last);
                     found.add(tile.value, is_outer(low, bbox) || is_outer(high, bbox));
                 }
             } else {
-                found.miss(tile.value, tile.origin);
+                found.add_non_finite(tile.value, tile.origin);
             }
         }
         Ok(found)
@@ -67,11 +68,11 @@ impl Survey {
 
     fn add_leaf(&mut self, leaf: &LeafView<'_>, bbox: [[i32; 3]; 2]) {
         const EXPONENT: u32 = 0x7f80_0000;
-        // Without a way out of the loop it takes many values at once.
+        // A loop without an early exit is vectorised.
         let is_bad = |v: &f32| v.to_bits() & EXPONENT == EXPONENT;
         if leaf.values.iter().fold(false, |any, v| any | is_bad(v)) {
             for (n, &v) in leaf.values.iter().enumerate().filter(|(_, v)| is_bad(v)) {
-                self.miss(v, leaf.voxel(n));
+                self.add_non_finite(v, leaf.voxel(n));
             }
         }
         let last = leaf.voxel(511);
@@ -94,25 +95,27 @@ impl Survey {
         let [low, high] = self.range.unwrap_or([v, v]);
         self.range = Some([low.min(v), high.max(v)]);
         if is_outer {
-            self.outer[usize::from(v >= 0.0)] += 1;
-            self.outer_size = self.outer_size.max(v.abs());
+            self.outer_counts[usize::from(v >= 0.0)] += 1;
+            self.max_outer = self.max_outer.max(v.abs());
         }
     }
 
-    fn miss(&mut self, v: f32, voxel: Coord) {
+    fn add_non_finite(&mut self, v: f32, voxel: Coord) {
         self.not_finite += 1;
-        self.first.get_or_insert((v, voxel));
+        self.first_non_finite.get_or_insert((v, voxel));
     }
 
-    /// The greatest magnitude of an active value.
-    pub fn largest(&self) -> f32 {
+    /// The greatest magnitude of a finite active value.
+    pub fn max_magnitude(&self) -> f32 {
         self.range
             .map_or(0.0, |[low, high]| low.abs().max(high.abs()))
     }
 
-    /// Whether values are negative all around, far from the surface: inside and outside are exchanged.
+    /// Whether inside and outside are exchanged: values on the bounding box are negative and far from the surface.
     pub fn is_inside_out(&self) -> bool {
-        self.outer[0] > 0 && self.outer[1] == 0 && self.outer_size > 0.5 * self.largest()
+        self.outer_counts[0] > 0
+            && self.outer_counts[1] == 0
+            && self.max_outer > 0.5 * self.max_magnitude()
     }
 }
 
@@ -122,18 +125,18 @@ fn is_outer(voxel: Coord, [low, high]: [[i32; 3]; 2]) -> bool {
 }
 
 impl Slopes {
-    /// Of values within `largest`, by differences over two voxels; `None` where too few tell.
-    pub fn of(grid: &ffi::Grid, largest: f32) -> Result<Option<Self>, cxx::Exception> {
+    /// Measures slopes by central differences at values below `max_magnitude`; `None` if too few voxels qualify.
+    pub fn of(grid: &ffi::Grid, max_magnitude: f32) -> Result<Option<Self>, cxx::Exception> {
         let leaves = Leaves::of_grid(grid)?;
-        let step = leaves.len().div_ceil(SLOPE_LEAVES).max(1);
+        let step = leaves.len().div_ceil(MAX_SLOPE_LEAVES).max(1);
         let mut slopes: Vec<f32> = Vec::new();
         for leaf in (0..leaves.len())
             .step_by(step)
             .filter_map(|n| leaves.get(n))
         {
-            add_slopes(&leaf, CUT_OFF * largest, &mut slopes);
+            add_slopes(&leaf, CLIPPED_SHARE * max_magnitude, &mut slopes);
         }
-        if slopes.len() < SLOPE_VOXELS {
+        if slopes.len() < MIN_SLOPE_VOXELS {
             return Ok(None);
         }
         slopes.sort_unstable_by(f32::total_cmp);
@@ -142,30 +145,30 @@ impl Slopes {
         Ok(Some(Self([at(0.1), at(0.5), at(0.9)])))
     }
 
-    /// The middle one.
+    /// The median slope.
     pub fn median(self) -> f64 {
         self.0[1]
     }
 
-    /// Whether values rise alike nearly everywhere.
+    /// Whether slopes are nearly equal everywhere.
     pub fn is_uniform(self) -> bool {
         let [low, _, high] = self.0;
         low > 0.0 && high < 1.3 * low
     }
 }
 
-/// Slopes at the inner voxels of a leaf that, with their neighbours, are active and below a magnitude.
-fn add_slopes(leaf: &LeafView<'_>, most: f32, slopes: &mut Vec<f32>) {
+/// Adds the slopes at inner voxels of a leaf that are, with their neighbours, active and below `limit`.
+fn add_slopes(leaf: &LeafView<'_>, limit: f32, slopes: &mut Vec<f32>) {
     for n in 0..512usize {
         let is_inner = [n >> 6, n >> 3 & 7, n & 7]
             .iter()
             .all(|c| (1..7).contains(c));
-        let tells = |n: usize| leaf.is_active(n) && leaf.values[n].abs() < most;
-        if !is_inner || !tells(n) {
+        let is_usable = |n: usize| leaf.is_active(n) && leaf.values[n].abs() < limit;
+        if !is_inner || !is_usable(n) {
             continue;
         }
         let strides = [64, 8, 1];
-        if strides.iter().all(|s| tells(n - s) && tells(n + s)) {
+        if strides.iter().all(|s| is_usable(n - s) && is_usable(n + s)) {
             let square = strides.map(|s| (leaf.values[n + s] - leaf.values[n - s]).powi(2));
             slopes.push(square.iter().sum::<f32>().sqrt() / 2.0);
         }

@@ -1,4 +1,4 @@
-//! Grids of floats of any class: fog volumes, masks, fields of others.
+//! Grids of floats of any class: fog volumes, masks, grids of other programs.
 
 use super::leaves::{Leaves, samples_of};
 use super::refusal::Located;
@@ -9,19 +9,19 @@ use crate::frame::{Coord, Transform, Vec3, WorldPoint};
 use cxx::UniquePtr;
 use std::path::Path;
 
-/// A grid of floats of which nothing is promised; what a file of others holds.
+/// A grid of floats without the guarantees of a level set, as in files of other programs.
 pub struct Volume {
     pub(super) grid: UniquePtr<ffi::Grid>,
     pub(super) name: String,
-    /// What it is, as found when it was read.
+    /// Its description when it was read.
     pub(super) info: Box<GridInfo>,
-    /// What its values are.
+    /// Statistics of its values.
     pub(super) survey: Survey,
 }
 
 impl Volume {
-    /// Takes a grid over if it holds floats, or doubles, which become floats; without a look at its values. A grid
-    /// whose voxels are no cubes along the axes stands in voxel numbers from then on: edge 1, origin 0.
+    /// Wraps a grid of floats, or of doubles, which become floats, without a survey of its values. A grid whose voxels
+    /// are not axis-aligned cubes is kept in index space: edge 1, origin 0.
     pub(super) fn wrap(
         path: &Path,
         name: &str,
@@ -36,12 +36,12 @@ impl Volume {
             expected: expected.to_owned(),
             hint,
         };
-        if info.grid_type == super::file::DOUBLES {
+        if info.grid_type == super::file::DOUBLE_GRID_TYPE {
             grid = ffi::grid_as_floats(&grid).map_err(damaged)?;
             info.active_tiles = ffi::grid_facts(&grid).map_err(damaged)?.active_tiles;
-            super::file::FLOATS.clone_into(&mut info.grid_type);
+            super::file::FLOAT_GRID_TYPE.clone_into(&mut info.grid_type);
         }
-        if info.grid_type != super::file::FLOATS {
+        if info.grid_type != super::file::FLOAT_GRID_TYPE {
             let (what, hint) = other_type(&info.grid_type);
             return Err(refuse(
                 format!("values that are {what} (the type {})", info.grid_type),
@@ -59,7 +59,7 @@ impl Volume {
                     "write the grid again with another transform".to_owned(),
                 ));
             }
-            ffi::grid_place(grid.pin_mut(), 1.0, &[0.0; 3]).map_err(damaged)?;
+            ffi::grid_set_transform(grid.pin_mut(), 1.0, &[0.0; 3]).map_err(damaged)?;
         } else if Transform::new(info.voxel_size[0]).is_none() {
             return Err(refuse(
                 format!("voxels of {}", info.voxel_size[0]),
@@ -75,27 +75,28 @@ impl Volume {
         })
     }
 
-    /// As [`Volume::wrap`], with a look at all values.
+    /// As [`Volume::wrap`], with a survey of all values.
     pub(super) fn adopt(
         path: &Path,
         name: &str,
         grid: UniquePtr<ffi::Grid>,
     ) -> Result<Self, FileError> {
         let mut volume = Self::wrap(path, name, grid)?;
-        volume.look().map_err(|e| FileError::damaged(path, &e))?;
+        volume
+            .survey_values()
+            .map_err(|e| FileError::damaged(path, &e))?;
         Ok(volume)
     }
 
-    /// Looks at all values.
-    fn look(&mut self) -> Result<(), cxx::Exception> {
+    /// Surveys all values.
+    fn survey_values(&mut self) -> Result<(), cxx::Exception> {
         self.survey = Survey::of(&self.grid, self.info.bbox)?;
         self.info.values = self.survey.range;
         self.info.not_finite = self.survey.not_finite;
         Ok(())
     }
 
-    /// Edge of its voxels and world position of voxel (0, 0, 0), as the grid has them: 1 and 0 where it stands in
-    /// voxel numbers.
+    /// Edge of the voxels and world position of voxel (0, 0, 0) of the grid; 1 and 0 in index space.
     pub(super) fn frame(&self) -> Result<(Transform, Vec3), VdbError> {
         let edge = self.own_edge();
         let transform = Transform::new(edge).ok_or(VdbError::Parameter {
@@ -111,7 +112,7 @@ impl Volume {
         Ok((transform, origin))
     }
 
-    /// Edge of its voxels; 1 where the grid stands in voxel numbers.
+    /// Edge of the voxels of the grid; 1 in index space.
     pub(super) fn own_edge(&self) -> f64 {
         if self.info.cubic {
             self.info.voxel_size[0]
@@ -120,11 +121,11 @@ impl Volume {
         }
     }
 
-    /// The same if its voxels are cubes along the axes and all values finite: what masks and colours must be.
+    /// Requires axis-aligned cubic voxels and finite values, as masks and colours need.
     ///
     /// # Errors
-    /// [`FileError::NotALevelSet`]; `path` is its name in errors.
-    pub fn whole_cubes(self, path: &Path) -> Result<Self, FileError> {
+    /// [`FileError::NotALevelSet`]; `path` is the name in errors.
+    pub fn require_cubes(self, path: &Path) -> Result<Self, FileError> {
         if !self.info.cubic {
             return Err(self.refuse_voxels(path));
         }
@@ -138,20 +139,20 @@ impl Volume {
         }
     }
 
-    /// Multiplies lengths by `factor`: voxels and their places, not values.
+    /// Multiplies lengths by `factor`: voxels and their positions, not values.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn rescaled(mut self, factor: f64) -> Result<Self, VdbError> {
         self.info.origin = self.info.origin.map(|c| c * factor);
         self.info.voxel_size = self.info.voxel_size.map(|h| h * factor);
         let (h, origin) = (self.info.voxel_size[0], self.info.origin);
-        ffi::grid_place(self.grid.pin_mut(), h, &origin)
+        ffi::grid_set_transform(self.grid.pin_mut(), h, &origin)
             .map_err(|e| VdbError::plain("scaling", &e))?;
         Ok(self)
     }
 
-    /// Its name in the file.
+    /// The name in the file.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -167,29 +168,29 @@ impl Volume {
         &self.info
     }
 
-    /// Its leaves, in order of origin.
+    /// The leaves, in order of origin.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses (memory).
+    /// Only errors of OpenVDB (memory).
     pub fn leaves(&self) -> Result<Leaves<'_>, VdbError> {
         Leaves::of_grid(&self.grid).map_err(|e| VdbError::plain("listing leaves", &e))
     }
 
-    /// Values at points of the world, trilinear between voxels; the background outside.
+    /// Values at world points, trilinear between voxels; the background outside.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn samples(&self, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
         samples_of(&self.grid, points)
     }
 
-    /// The level set of the surface on which the values are `value`: of a fog, or where the background is below the
-    /// value, the part above it is inside, else the part below. Distances are those from the mesh of that surface,
-    /// linear between voxels.
+    /// The level set of the isosurface at `value`. Inside are the values above it if the background is below it, or
+    /// equal to it in a fog volume; else the values below it. Distances are measured from the mesh of the isosurface,
+    /// which is linear between voxels.
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] for a value that is not finite or a half width (voxels) below 1,
-    /// [`VdbError::Open`] where values end at the surface, [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Parameter`] for a value that is not finite or a half width (voxels) below 1, [`VdbError::Open`] if
+    /// the values end at the surface, [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn isosurface(
         &self,
         value: f64,
@@ -211,23 +212,24 @@ impl Volume {
             self.info.class == "fog volume"
         };
         let sign = if is_above { -1.0 } else { 1.0 };
-        let failed = |e| VdbError::of("finding a surface", session, &e);
+        let failed = |e| VdbError::of("extracting an isosurface", session, &e);
         let mut grid = ffi::grid_copy(&self.grid).map_err(failed)?;
         let (factor, shift) = (sign as f32, (-sign * value) as f32);
         ffi::grid_scale_values(grid.pin_mut(), factor, shift, &session.host()).map_err(failed)?;
-        ffi::grid_place(grid.pin_mut(), transform.voxel_size(), &[0.0; 3]).map_err(failed)?;
+        ffi::grid_set_transform(grid.pin_mut(), transform.voxel_size(), &[0.0; 3])
+            .map_err(failed)?;
         let values = LevelSet {
             grid,
             transform,
             origin: Vec3::zeros(),
-            // The narrowest: the mesher then looks at the neighbours of active voxels, too.
+            // The narrowest band: the mesher then uses the neighbours of active voxels, too.
             half_width: 1.0,
         };
-        let same = IndexMap::boxes([1.0; 3], [0.0; 3]);
+        let identity = IndexMap::axis_aligned([1.0; 3], [0.0; 3]);
         let voxels = (transform.voxel_size(), half_width);
-        let mut solid = on_cubes(&values, &same, voxels, session)?;
+        let mut solid = on_cubes(&values, &identity, voxels, session)?;
         if origin != Vec3::zeros() {
-            solid.place_at(origin)?;
+            solid.set_origin(origin)?;
         }
         Ok(solid)
     }
@@ -235,17 +237,17 @@ impl Volume {
     /// Values at voxels.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn values(&self, voxels: &[Coord]) -> Result<Vec<f32>, VdbError> {
         let flat: Vec<[i32; 3]> = voxels.iter().map(|v| v.0).collect();
         let mut values = vec![0.0; voxels.len()];
         ffi::grid_values(&self.grid, flat.as_flattened(), &mut values)
-            .map_err(|e| VdbError::plain("looking values up", &e))?;
+            .map_err(|e| VdbError::plain("reading values", &e))?;
         Ok(values)
     }
 
-    /// Reads a grid of floats in this process: for files that one has made oneself. Without a name:
-    /// `surface`, else the only level set, else the only grid of floats.
+    /// Reads a grid of floats in this process; only for trusted files. Without a name: `surface`, else the only
+    /// level set, else the only grid of floats.
     ///
     /// # Errors
     /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or
@@ -255,36 +257,36 @@ impl Volume {
         Self::adopt(path, &name, grid)
     }
 
-    /// A volume from its parts, as they come through a pipe.
+    /// A builder of a volume from its parts, as they arrive through a pipe.
     pub(super) fn assemble(info: &GridInfo) -> Result<VolumeBuilder, cxx::Exception> {
         let (edge, origin) = if info.cubic {
             (info.voxel_size[0], info.origin)
         } else {
             (1.0, [0.0; 3])
         };
-        // A background that is no number comes as none.
+        // None stands for a background that is not a number.
         let background = info.background.unwrap_or(f64::NAN) as f32;
-        let grid = ffi::grid_raw(edge, &origin, background, &info.class)?;
+        let grid = ffi::grid_new_of_class(edge, &origin, background, &info.class)?;
         Ok(VolumeBuilder { grid })
     }
 }
 
-/// What values of a type other than floats and doubles are, and what to do with them.
+/// The kind of the values of other types than floats and doubles, and the remedy.
 fn other_type(name: &str) -> (&'static str, &'static str) {
-    let own = name.strip_prefix("Tree_").unwrap_or(name);
-    let kind = own.split('_').next().unwrap_or(own);
+    let name = name.strip_prefix("Tree_").unwrap_or(name);
+    let kind = name.split('_').next().unwrap_or(name);
     match kind {
         "bool" | "mask" => (
             "on or off only",
             "make a level set or fog of floats of it (in OpenVDB topologyToLevelSet, in Houdini Convert VDB)",
         ),
         "int32" | "int64" => (
-            "whole numbers",
+            "integers",
             "make floats of them (in Houdini Convert VDB) and give the value on the surface with --value",
         ),
         "vec3s" | "vec3d" | "vec3i" | "vec3h" => (
             "vectors",
-            "a vector bounds no solid: choose another grid with --grid, or make floats of a component or of its length",
+            "vectors bound no solid: choose another grid with --grid, or make floats of a component or of its length",
         ),
         "ptdataidx32" | "ptidx32" => (
             "points",
@@ -298,7 +300,7 @@ fn other_type(name: &str) -> (&'static str, &'static str) {
     }
 }
 
-/// A volume in the making.
+/// Builds a volume from leaves and tiles.
 pub(super) struct VolumeBuilder {
     grid: UniquePtr<ffi::Grid>,
 }
@@ -323,10 +325,10 @@ impl VolumeBuilder {
         ffi::grid_put_tile(self.grid.pin_mut(), &origin.0, edge, value, active)
     }
 
-    /// The volume, with the facts that its file told of it.
+    /// The volume, with the description from its file.
     pub fn finish(self, info: GridInfo) -> Result<Volume, cxx::Exception> {
         let facts = GridInfo::from_facts(ffi::grid_facts(&self.grid)?);
-        // What the other end said of the values is counted again.
+        // The statistics of the values are computed again, since the sender is not trusted.
         let info = GridInfo {
             name: info.name,
             voxel_size: info.voxel_size,
@@ -342,7 +344,7 @@ impl VolumeBuilder {
             info: Box::new(info),
             survey: Survey::default(),
         };
-        volume.look()?;
+        volume.survey_values()?;
         Ok(volume)
     }
 }

@@ -1,10 +1,12 @@
-//! Sets of voxels of one leaf as 512 bits (word = x, bit = 8 y + z), and their connected parts.
+//! Sets of voxels of one leaf as 512 bits (word x, bit 8 y + z), and their connected parts.
 
 /// A set of voxels of one leaf.
 pub(super) type Bits = [u64; 8];
 
-const Z_FIRST: u64 = 0x0101_0101_0101_0101;
-const Z_LAST: u64 = Z_FIRST << 7;
+/// Bits at z = 0.
+const Z_MIN_BITS: u64 = 0x0101_0101_0101_0101;
+/// Bits at z = 7.
+const Z_MAX_BITS: u64 = Z_MIN_BITS << 7;
 
 /// The set of voxels whose value satisfies `test`.
 pub(super) fn select(values: &[f32; 512], test: impl Fn(f32) -> bool) -> Bits {
@@ -25,7 +27,7 @@ pub(super) fn count(bits: &Bits) -> u64 {
     bits.iter().map(|w| u64::from(w.count_ones())).sum()
 }
 
-pub(super) fn has(bits: &Bits, offset: usize) -> bool {
+pub(super) fn contains(bits: &Bits, offset: usize) -> bool {
     bits[offset >> 6] >> (offset & 63) & 1 == 1
 }
 
@@ -40,12 +42,12 @@ pub(super) fn add(bits: &mut Bits, other: &Bits) {
     }
 }
 
-/// The set and its neighbours across faces.
-fn grown(bits: &Bits) -> Bits {
+/// The set and its face neighbours.
+fn dilated(bits: &Bits) -> Bits {
     let mut out = [0; 8];
     for x in 0..8 {
         let w = bits[x];
-        let along_z = (w & !Z_LAST) << 1 | (w & !Z_FIRST) >> 1;
+        let along_z = (w & !Z_MAX_BITS) << 1 | (w & !Z_MIN_BITS) >> 1;
         out[x] |= w | along_z | w << 8 | w >> 8;
         if x > 0 {
             out[x - 1] |= w;
@@ -57,14 +59,14 @@ fn grown(bits: &Bits) -> Bits {
     out
 }
 
-/// The parts of a set that hang together across faces, by their first voxel.
+/// The parts of a set that are connected over faces, in order of their first voxels.
 pub(super) fn parts(mut set: Bits) -> Vec<Bits> {
     let mut parts = Vec::new();
     while let Some(x) = set.iter().position(|&w| w != 0) {
         let mut part = [0; 8];
         part[x] = 1 << set[x].trailing_zeros();
         loop {
-            let mut next = grown(&part);
+            let mut next = dilated(&part);
             for (n, s) in next.iter_mut().zip(&set) {
                 *n &= s;
             }
@@ -81,8 +83,8 @@ pub(super) fn parts(mut set: Bits) -> Vec<Bits> {
     parts
 }
 
-/// The voxels of a set on one face of the leaf, as bits that face the same bits of the neighbour:
-/// `axis` 0 to 2, `last` or first layer.
+/// The voxels of a set on the first or last face of the leaf on an axis. Voxels that share a face with a
+/// voxel of the neighbouring leaf have the same bit there.
 pub(super) fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
     let mut out = [0; 8];
     match (axis, last) {
@@ -90,26 +92,26 @@ pub(super) fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
         (0, true) => out[0] = bits[7],
         (1, false) => (0..8).for_each(|x| out[x] = bits[x] & 0xff),
         (1, true) => (0..8).for_each(|x| out[x] = bits[x] >> 56),
-        (_, false) => (0..8).for_each(|x| out[x] = bits[x] & Z_FIRST),
-        (_, true) => (0..8).for_each(|x| out[x] = bits[x] >> 7 & Z_FIRST),
+        (_, false) => (0..8).for_each(|x| out[x] = bits[x] & Z_MIN_BITS),
+        (_, true) => (0..8).for_each(|x| out[x] = bits[x] >> 7 & Z_MIN_BITS),
     }
     out
 }
 
-/// A face's 64 bits in one word; voxels that face each other have the same bit.
-pub(super) fn packed(face: &Bits, axis: usize) -> u64 {
+/// The 64 bits of a face in one word; voxels that share a face have the same bit.
+pub(super) fn pack_face(face: &Bits, axis: usize) -> u64 {
     let bytes = face.iter().enumerate();
     match axis {
         0 => face[0],
         1 => bytes.fold(0, |out, (x, w)| out | (w & 0xff) << (8 * x)),
-        // Gathers the bits 0, 8, 16 ... 56: each meets the product's highest byte once.
+        // Gathers the bits 0, 8, ..., 56: the product moves each to one bit of its highest byte.
         _ => bytes.fold(0, |out, (x, w)| {
-            out | (w & Z_FIRST).wrapping_mul(0x0102_0408_1020_4080) >> 56 << (8 * x)
+            out | (w & Z_MIN_BITS).wrapping_mul(0x0102_0408_1020_4080) >> 56 << (8 * x)
         }),
     }
 }
 
-pub(super) fn meet(a: &Bits, b: &Bits) -> bool {
+pub(super) fn intersects(a: &Bits, b: &Bits) -> bool {
     a.iter().zip(b).any(|(a, b)| a & b != 0)
 }
 
@@ -118,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_are_those_of_a_flood_fill() {
+    fn parts_equal_those_of_a_flood_fill() {
         let mut state = 1u32;
         for density in [20, 40, 60, 80] {
             let mut set = [0; 8];
@@ -131,13 +133,13 @@ mod tests {
             let mut seen = [0; 8];
             let mut expected = Vec::new();
             for start in 0..512 {
-                if !has(&set, start) || has(&seen, start) {
+                if !contains(&set, start) || contains(&seen, start) {
                     continue;
                 }
                 let mut part = [0; 8];
                 let mut stack = vec![start];
                 while let Some(n) = stack.pop() {
-                    if has(&part, n) || !has(&set, n) {
+                    if contains(&part, n) || !contains(&set, n) {
                         continue;
                     }
                     insert(&mut part, n);
@@ -159,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn faces_face_each_other() {
+    fn opposite_faces_have_equal_bits() {
         let mut seen = [0u64; 3];
         for axis in 0..3 {
             let step = [64, 8, 1][axis];
@@ -171,12 +173,18 @@ mod tests {
                 let (mut here, mut there) = ([0; 8], [0; 8]);
                 insert(&mut here, n);
                 insert(&mut there, n - 7 * step);
-                assert!(meet(&face(&here, axis, true), &face(&there, axis, false)));
+                assert!(intersects(
+                    &face(&here, axis, true),
+                    &face(&there, axis, false)
+                ));
                 assert!(is_empty(&face(&here, axis, false)));
-                let one = packed(&face(&here, axis, true), axis);
-                assert_eq!(one, packed(&face(&there, axis, false), axis));
+                let one = pack_face(&face(&here, axis, true), axis);
+                assert_eq!(one, pack_face(&face(&there, axis, false), axis));
                 assert_eq!(one.count_ones(), 1);
-                assert!(seen[axis] & one == 0, "each voxel has a bit of its own");
+                assert!(
+                    seen[axis] & one == 0,
+                    "each voxel contains a bit of its own"
+                );
                 seen[axis] |= one;
             }
         }

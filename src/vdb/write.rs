@@ -1,4 +1,4 @@
-//! Writing `.vdb` files of format 224 through a stream of our own, which notices a full disk.
+//! Writing of `.vdb` files of format 224, through a stream that reports a full disk.
 
 use super::hash::ContentHash;
 use super::{Attribute, FileError, Fog, LevelSet, Session, ffi};
@@ -10,14 +10,14 @@ use std::marker::PhantomData;
 use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 
-/// How values are stored; inactive ones never are, but without `None`.
+/// Compression of values. Inactive values are stored only with `None`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compression {
-    /// As they are.
+    /// No compression.
     None,
-    /// zlib: slower and no smaller.
+    /// zlib; slower than Blosc and no smaller.
     Zip,
-    /// Blosc: OpenVDB's default and the best.
+    /// Blosc; OpenVDB's default.
     #[default]
     Blosc,
 }
@@ -33,20 +33,20 @@ impl Compression {
     }
 }
 
-/// What was written.
+/// A written file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Written {
-    /// Size of the file.
+pub struct WrittenFile {
+    /// Size of the file, bytes.
     pub bytes: u64,
-    /// Content hash over its grids, 64 hexadecimal digits; also in the file as `druse.content_hash`.
+    /// Content hash over the grids, 64 hexadecimal digits; in the file as `druse.content_hash`.
     pub content_hash: String,
 }
 
-/// A file in the making: grids by name, and text that goes with them.
+/// Writes a file of named grids with metadata.
 ///
 /// `creator` is `druse/<version>` (a creator that begins with "Houdini" makes Blender turn the
-/// object). Tags stand in the file's metadata and in every grid's. The grids stay borrowed until the
-/// file is written.
+/// object). Tags are in the metadata of the file and of every grid. Grids stay borrowed until the file is
+/// written.
 ///
 /// ```no_run
 /// # use druse::vdb::{LevelSet, Session, VdbWriter};
@@ -70,10 +70,10 @@ pub struct VdbWriter<'a> {
 }
 
 impl<'a> VdbWriter<'a> {
-    /// A file without grids; `path` is its name in errors and where [`VdbWriter::write`] puts it.
+    /// A file without grids; `path` is the target of [`VdbWriter::write`] and the name in errors.
     ///
     /// # Errors
-    /// Only what OpenVDB itself refuses.
+    /// Only errors of OpenVDB.
     pub fn new(path: &Path, session: Session<'a>) -> Result<Self, FileError> {
         let file = ffi::initialize()
             .and_then(|()| ffi::file_new())
@@ -94,15 +94,15 @@ impl<'a> VdbWriter<'a> {
         })
     }
 
-    /// Multiplies lengths by `factor` in the grids added from now on: voxel size, values and
-    /// background alike. Factors other than 1 copy the grid.
+    /// Multiplies all lengths by `factor` in the grids added afterwards: voxel size, values and background.
+    /// Factors other than 1 copy the grid.
     #[must_use]
     pub fn scaled(mut self, factor: f64) -> Self {
         self.scale = factor;
         self
     }
 
-    /// Sets how values are stored.
+    /// Sets the compression.
     #[must_use]
     pub fn compression(mut self, compression: Compression) -> Self {
         self.compression = compression;
@@ -112,13 +112,13 @@ impl<'a> VdbWriter<'a> {
     /// Adds a level set; its usual name is `surface`.
     ///
     /// # Errors
-    /// [`FileError::Name`] for an empty name or one used twice, or what OpenVDB refuses (memory).
+    /// [`FileError::Name`] for an empty name or one used twice, or errors of OpenVDB (memory).
     pub fn level_set(&mut self, name: &str, level_set: &'a LevelSet) -> Result<(), FileError> {
         self.add(name, &level_set.grid, self.scale, false)
     }
 
-    /// Adds a level set stored as half floats: a fifth smaller, its distances rounded to 11 bits (up
-    /// to 1.5 thousandths of a voxel in a band of 3). The content hash is of what a reader finds.
+    /// Adds a level set stored as half floats: a fifth smaller, with distances rounded to 11 bits (up to 1.5
+    /// thousandths of a voxel in a band of 3 voxels). The content hash covers the rounded values.
     ///
     /// # Errors
     /// As [`VdbWriter::level_set`].
@@ -130,8 +130,8 @@ impl<'a> VdbWriter<'a> {
         self.add(name, &level_set.grid, self.scale, true)
     }
 
-    /// Adds a fog volume, as half floats if so wished; its usual name is `density`. Densities do not
-    /// scale: only its voxels do.
+    /// Adds a fog volume, optionally as half floats; its usual name is `density`. Scaling applies to the voxels,
+    /// not to densities.
     ///
     /// # Errors
     /// As [`VdbWriter::level_set`].
@@ -139,7 +139,7 @@ impl<'a> VdbWriter<'a> {
         self.add(name, &fog.grid, self.scale, half)
     }
 
-    /// Adds an attribute under a name of its own; its numbers do not scale, only its voxels do.
+    /// Adds an attribute; scaling applies to the voxels, not to the values.
     ///
     /// # Errors
     /// As [`VdbWriter::level_set`].
@@ -165,7 +165,7 @@ impl<'a> VdbWriter<'a> {
         }
         if name.contains(['[', ']', '\u{1e}']) {
             return Err(refuse(
-                "holds a character that OpenVDB numbers equal names with",
+                "contains a character that OpenVDB uses to number equal names",
             ));
         }
         if self.names.iter().any(|n| n == name) {
@@ -178,12 +178,12 @@ impl<'a> VdbWriter<'a> {
         Ok(())
     }
 
-    /// Adds a line of text under a key, as in `druse.unit`; a later value replaces an earlier one.
+    /// Adds a metadata string under a key, as in `druse.unit`; a later value replaces an earlier one.
     ///
     /// # Errors
-    /// [`FileError::Name`] for a key that OpenVDB or this writer sets itself.
+    /// [`FileError::Name`] for a key that OpenVDB or this writer sets.
     pub fn tag(&mut self, key: &str, value: &str) -> Result<(), FileError> {
-        const OWN: [&str; 7] = [
+        const RESERVED_KEYS: [&str; 7] = [
             "name",
             "class",
             "creator",
@@ -192,12 +192,12 @@ impl<'a> VdbWriter<'a> {
             "vector_type",
             "druse.content_hash",
         ];
-        if key.is_empty() || key.starts_with("file_") || OWN.contains(&key) {
+        if key.is_empty() || key.starts_with("file_") || RESERVED_KEYS.contains(&key) {
             return Err(FileError::Name {
                 path: self.path.clone(),
                 what: "metadata key",
                 name: key.to_owned(),
-                problem: "is not free",
+                problem: "is reserved",
             });
         }
         self.tags.retain(|(k, _)| k != key);
@@ -208,37 +208,37 @@ impl<'a> VdbWriter<'a> {
     /// Writes the file to its path.
     ///
     /// # Errors
-    /// [`FileError::Io`] with the system's error number (28: no space left), a half-written file
-    /// remaining; [`FileError::Cancelled`].
-    pub fn write(self) -> Result<Written, FileError> {
+    /// [`FileError::Io`] with the system's error number (28: no space left), which leaves an incomplete
+    /// file; [`FileError::Cancelled`].
+    pub fn write(self) -> Result<WrittenFile, FileError> {
         let path = self.path.clone();
         self.write_to(&path)
     }
 
-    /// Writes the file to a temporary path, to be renamed by the caller; errors name the real one.
+    /// Writes the file to a temporary path, which the caller renames; errors name the target.
     ///
     /// # Errors
     /// As [`VdbWriter::write`].
-    pub fn write_to(self, staged: &Path) -> Result<Written, FileError> {
+    pub fn write_to(self, staged: &Path) -> Result<WrittenFile, FileError> {
         let content_hash = self.content_hash().map_err(|e| failed(&self.path, &e))?;
         self.write_with(staged, content_hash, |file, descriptor, flags, host| {
             ffi::file_write(file, descriptor, flags, host).map_err(Into::into)
         })
     }
 
-    /// Enters the tags, lets `put` write to a file descriptor (the file, the descriptor, the flags of
-    /// the compression; it gives the system's error number or 0), and says what was written.
+    /// Sets the tags and calls `write` with the file, a descriptor and the compression flags; it returns the
+    /// system's error number or 0.
     pub(super) fn write_with(
         mut self,
         staged: &Path,
         content_hash: String,
-        put: impl FnOnce(&ffi::FileOut, i32, u32, &ffi::Host<'_>) -> Result<i32, PutError>,
-    ) -> Result<Written, FileError> {
+        write: impl FnOnce(&ffi::FileOut, i32, u32, &ffi::Host<'_>) -> Result<i32, WriteError>,
+    ) -> Result<WrittenFile, FileError> {
         self.tags
             .push(("druse.content_hash".into(), content_hash.clone()));
-        self.enter_tags().map_err(|e| failed(&self.path, &e))?;
-        let bytes = self.put(staged, put)?;
-        Ok(Written {
+        self.set_tags().map_err(|e| failed(&self.path, &e))?;
+        let bytes = self.write_descriptor(staged, write)?;
+        Ok(WrittenFile {
             bytes,
             content_hash,
         })
@@ -249,22 +249,22 @@ impl<'a> VdbWriter<'a> {
     ///
     /// # Errors
     /// As [`VdbWriter::write`].
-    pub fn write_nano_to(self, staged: &Path) -> Result<Written, FileError> {
+    pub fn write_nano_to(self, staged: &Path) -> Result<WrittenFile, FileError> {
         let content_hash = self.content_hash().map_err(|e| failed(&self.path, &e))?;
-        let bytes = self.put(staged, |file, descriptor, flags, host| {
+        let bytes = self.write_descriptor(staged, |file, descriptor, flags, host| {
             ffi::file_write_nano(file, descriptor, flags, host).map_err(Into::into)
         })?;
-        Ok(Written {
+        Ok(WrittenFile {
             bytes,
             content_hash,
         })
     }
 
-    /// Lets the bridge write to a new file; its size.
-    fn put(
+    /// Creates a file and writes to its descriptor by `write`; returns its size.
+    fn write_descriptor(
         &self,
         staged: &Path,
-        write: impl FnOnce(&ffi::FileOut, i32, u32, &ffi::Host<'_>) -> Result<i32, PutError>,
+        write: impl FnOnce(&ffi::FileOut, i32, u32, &ffi::Host<'_>) -> Result<i32, WriteError>,
     ) -> Result<u64, FileError> {
         let io = |e| FileError::io(&self.path, e);
         let target = File::create(staged).map_err(io)?;
@@ -274,8 +274,8 @@ impl<'a> VdbWriter<'a> {
             return Err(Cancelled.into());
         }
         let error = error.map_err(|e| match e {
-            PutError::OpenVdb(e) => failed(&self.path, &e),
-            PutError::Store(e) => FileError::from(e),
+            WriteError::OpenVdb(e) => failed(&self.path, &e),
+            WriteError::Store(e) => FileError::from(e),
         })?;
         if error != 0 {
             return Err(io(std::io::Error::from_raw_os_error(error)));
@@ -293,7 +293,7 @@ impl<'a> VdbWriter<'a> {
         Ok(hash.finish())
     }
 
-    fn enter_tags(&mut self) -> Result<(), cxx::Exception> {
+    fn set_tags(&mut self) -> Result<(), cxx::Exception> {
         for (key, value) in &self.tags {
             ffi::file_tag(self.file.pin_mut(), key, value)?;
             for index in 0..self.names.len() {
@@ -304,25 +304,25 @@ impl<'a> VdbWriter<'a> {
     }
 }
 
-/// Why the bytes of a file did not come about.
-pub(super) enum PutError {
+/// Why the contents of a file could not be written.
+pub(super) enum WriteError {
     OpenVdb(cxx::Exception),
     Store(StoreError),
 }
 
-impl From<cxx::Exception> for PutError {
+impl From<cxx::Exception> for WriteError {
     fn from(e: cxx::Exception) -> Self {
         Self::OpenVdb(e)
     }
 }
 
-impl From<StoreError> for PutError {
+impl From<StoreError> for WriteError {
     fn from(e: StoreError) -> Self {
         Self::Store(e)
     }
 }
 
-impl From<LeafFileError> for PutError {
+impl From<LeafFileError> for WriteError {
     fn from(e: LeafFileError) -> Self {
         Self::Store(e.into())
     }

@@ -99,9 +99,9 @@ impl CellField for Noted<'_> {
         self.note(Query::Values(points.to_vec()));
         CellField::values(self.table, points, out);
     }
-    fn slopes(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+    fn values_and_gradients(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
         self.note(Query::Slopes(points.to_vec()));
-        CellField::slopes(self.table, points, out);
+        CellField::values_and_gradients(self.table, points, out);
     }
 }
 
@@ -238,7 +238,9 @@ fn main() {
                     Query::Value(p) => values[0] = Field::value(&table, *p),
                     Query::Slope(p) => slopes[0] = Field::value_and_gradient(&table, *p),
                     Query::Values(p) => CellField::values(&table, p, &mut values[..p.len()]),
-                    Query::Slopes(p) => CellField::slopes(&table, p, &mut slopes[..p.len()]),
+                    Query::Slopes(p) => {
+                        CellField::values_and_gradients(&table, p, &mut slopes[..p.len()]);
+                    }
                 }
                 black_box((&values, &slopes));
             }

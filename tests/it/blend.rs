@@ -195,7 +195,7 @@ proptest! {
         let grading = (0..count).map(|_| 0.1 * noise.signed()).collect();
         let blend = Blend::new(&s, members(&cells), weights, how)
             .unwrap()
-            .with_volumes_followed()
+            .with_interpolated_volumes()
             .graded(grading)
             .unwrap();
         prop_assert!(blend.check(&s).is_ok());
@@ -263,7 +263,7 @@ fn volumes_are_interpolated_along_a_transition() {
         let weights = vec![0.5; 2 * s.nodes().len()];
         let blend = Blend::new(&s, members(&cells), weights, Interpolation::Linear)
             .unwrap()
-            .with_volumes_followed();
+            .with_interpolated_volumes();
         for w in [0.0, 0.125, 0.3, 0.5, 0.77, 1.0] {
             let found = share(element, |p| blend.uniform(element, &[1.0 - w, w], p));
             let expected = 0.2 * (1.0 - w) + 0.5 * w;
@@ -345,7 +345,7 @@ fn a_transition_between_equals_changes_nothing() {
         .collect();
     let blend = Blend::new(&s, members(&cells), weights, Interpolation::Smoothstep)
         .unwrap()
-        .with_volumes_followed();
+        .with_interpolated_volumes();
     let options = TilingOptions {
         voxel_size: 0.05,
         half_width: 0.15,
@@ -388,7 +388,7 @@ fn smooth_weights_leave_no_crease() {
         let weights = places.iter().flat_map(|p| [1.0 - weight(p.x), weight(p.x)]);
         Blend::new(&s, members(&cells), weights.collect(), how)
             .unwrap()
-            .with_volumes_followed()
+            .with_interpolated_volumes()
     };
     let kinked = |x: f64| 0.2 + 0.2 * (x - 3.0).abs().min(2.0);
     let creased = certify(&s, &blend(Interpolation::Linear, kinked));

@@ -89,7 +89,7 @@ fn leaves_come_back_in_global_order_with_the_signs_between_them() {
             }
         }
     }
-    let inside = store.inside(Region::cube(Coord([-64; 3]), 128));
+    let inside = store.inside_cubes(Region::cube(Coord([-64; 3]), 128));
     assert!(inside.iter().any(|c| c.0 == Coord([-8; 3])));
     for (origin, edge) in inside {
         assert!(exact(origin) < -3.0 && exact(origin.offset(edge - 1, edge - 1, edge - 1)) < -3.0);

@@ -68,7 +68,7 @@ fn surfaces_are_their_formulas() {
             }
         }
     };
-    for surface in Surface::ALL {
+    for surface in Surface::CATALOGUE {
         for element in [Element::Tet, Element::Hex] {
             let Ok(cell) = surface.cell(element) else {
                 let lacks = match surface {
@@ -100,7 +100,7 @@ fn the_gyroid_has_the_solid_shares_of_its_literature() {
     let level = gyroid.level_for_volume_fraction(0.35).unwrap();
     assert!((level + 0.463_952).abs() < 2e-3, "{level}");
     // No cubic group leaves anything of it about the usual origin.
-    let source = |p: CellPoint<3>| gyroid.form().value(p);
+    let source = |p: CellPoint<3>| gyroid.expression().value(p);
     let options = druse::cell::FitOptions {
         band_limit: 2.0,
         ..Default::default()
@@ -374,7 +374,7 @@ proptest! {
         const STEP: f64 = 1e-6;
         let (v, g) = cell.value_and_gradient(p);
         prop_assert!((v - cell.value(p)).abs() < 1e-12);
-        prop_assume!(cell.form().value(p).abs() > 1e-3);
+        prop_assume!(cell.expression().value(p).abs() > 1e-3);
         let difference = Vec3::from_fn(|a, _| {
             let e = Vec3::ith(a, STEP);
             (cell.value(CellPoint(p.0 + e)) - cell.value(CellPoint(p.0 - e))) / (2.0 * STEP)

@@ -77,7 +77,7 @@ proptest! {
             let cell = random_cell(kind.shape(), Some(group), seed);
             let c = certify(&s, &cell);
             prop_assert!(c.value_jump_max > 0.1, "{} {}", group, c.value_jump_max);
-            let refused = matches!(Filling::check(&cell, &s), Err(TilingError::Seam { .. }));
+            let refused = matches!(Filling::check(&cell, &s), Err(TilingError::Discontinuity { .. }));
             prop_assert!(refused);
             let refused = TiledSolid::new(&s, &cell, options()).is_err();
             prop_assert!(refused);
@@ -117,7 +117,7 @@ fn planar_cells_fill_plates_and_only_plates() {
     let shuffled = scaffold(Kind::Hex8, 0.05, 1).unwrap();
     let cell = random_cell(Element::Quad, None, 11);
     let e = Filling::check(&cell, &shuffled).unwrap_err();
-    assert!(matches!(e, TilingError::Seam { .. }), "{e}");
+    assert!(matches!(e, TilingError::Discontinuity { .. }), "{e}");
 }
 
 /// A mid node moved on one side of a face: torn, found, named.

@@ -277,7 +277,7 @@ fn the_least_voxel_is_written_and_a_smaller_one_refused_at_once() {
             "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = {voxel}\n[[op]]\nunion = {{ sphere = {{ radius = {radius} }} }}\n[[output]]\nvdb = \"a.vdb\"\n"
         )
     };
-    let least = druse::frame::Transform::LEAST_VOXEL * 1e3;
+    let least = druse::frame::Transform::MIN_VOXEL_SIZE * 1e3;
     let place = Place::with(&recipe(1.0001 * least));
     assert!(place.run(&["run", "r.toml"]).status.success());
     let place = Place::with(&recipe(0.9999 * least));

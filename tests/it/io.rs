@@ -120,7 +120,7 @@ fn a_binary_file_that_begins_with_solid_is_binary() {
     bytes.extend(b"more");
     assert_eq!(
         read("x.stl", &bytes).unwrap().warnings,
-        ["4 bytes after the last triangle; passed over"]
+        ["4 bytes after the last triangle; ignored"]
     );
 }
 

@@ -150,7 +150,7 @@ fn geometry<'a>(
 #[test]
 fn patches_are_the_mesh_in_parts_and_weld_to_it() {
     let leaves = noise(Coord([-8, -16, 0]), 11, |v| v as f32);
-    let mesher = Mesher::new(transform(0.3)).reaching(10.0);
+    let mesher = Mesher::new(transform(0.3)).with_max_coordinate(10.0);
     let whole = mesher.mesh(&views(&leaves), &Silent).unwrap();
     for edges in [[8, 8, 8], [16, 8, 24], [24, 24, 24]] {
         let mut regions = Vec::new();
@@ -214,7 +214,7 @@ fn a_surface_that_runs_out_of_its_leaves_is_refused_and_named() {
         let made = Mesher::new(transform(1.0)).mesh(&views(&part), &Silent);
         // The ball reaches into every one of the eight leaves at its centre, and beyond them.
         match made {
-            Err(MesherError::Torn { voxel }) => {
+            Err(MesherError::OpenSurface { voxel }) => {
                 let near = (0..3).all(|a| (-9..=16).contains(&(voxel[a] - origin[a])));
                 assert!(near, "{voxel:?} {origin:?}");
                 torn += 1;
@@ -253,7 +253,7 @@ fn vertices_converge_in_second_order_and_lie_on_an_exact_field() {
         let plain = Mesher::new(transform(h))
             .mesh(&views(&leaves), &Silent)
             .unwrap();
-        let mesher = Mesher::new(transform(h)).on(&ball);
+        let mesher = Mesher::new(transform(h)).with_exact_field(&ball);
         let on = mesher.mesh(&views(&leaves), &Silent).unwrap();
         assert_sound(&on, "ball");
         // Vertices near the ends of their edges are kept off them by a thousandth.

@@ -249,12 +249,12 @@ fn random_lattices_have_closed_manifold_meshes() {
         match run(&Recipe::parse(&recipe, &[]).unwrap(), &options, &Silent) {
             Ok(_) => {}
             // A box may miss the struts.
-            Err(RunError::Empty(_) | RunError::Apart { .. }) => continue,
+            Err(RunError::Empty(_) | RunError::Disjoint { .. }) => continue,
             Err(e) => panic!("lattice {n}: {e}\n{recipe}"),
         }
         let mesh = druse::io::read_mesh(place.path().join("m.ply")).unwrap();
         let report = check(&mesh.mesh);
-        for (word, answer) in report.words() {
+        for (word, answer) in report.properties() {
             if word.contains("intersect") {
                 crossed += u32::from(answer == Some(false));
             } else {

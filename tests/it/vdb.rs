@@ -154,7 +154,7 @@ fn meshes_are_closed_and_wound_counter_clockwise() {
 #[test]
 fn the_least_voxel_is_held_and_none_below() {
     for (share, is_held) in [(1.0001, true), (0.9999, false)] {
-        let transform = Transform::new(share * Transform::LEAST_VOXEL).unwrap();
+        let transform = Transform::new(share * Transform::MIN_VOXEL_SIZE).unwrap();
         let builder = LevelSetBuilder::new(transform, 3.0).unwrap();
         assert_eq!(builder.finish(session()).is_ok(), is_held, "{share}");
     }
@@ -299,7 +299,7 @@ fn nothing_is_a_level_set_too() {
     let mut s = LevelSet::empty(Transform::new(1.0).unwrap(), 3.0, session()).unwrap();
     s.gaussian(1, 1, session()).unwrap();
     s.dilate(1.0, session()).unwrap();
-    assert_eq!(s.keep_largest(session()).unwrap().pieces, 0);
+    assert_eq!(s.keep_largest(session()).unwrap().components, 0);
     assert_eq!((volume(&s), s.area(session()).unwrap()), (0.0, 0.0));
     assert!(s.to_mesh(session()).unwrap().is_empty());
     assert!(s.bounds().unwrap().is_empty());

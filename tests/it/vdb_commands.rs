@@ -219,7 +219,7 @@ fn what_cannot_be_done_is_said() {
         (
             "filter a.vdb -o none.vdb union={plane={normal=[0,0,1]}}",
             65,
-            &["no end"],
+            &["is unbounded"],
         ),
         (
             "filter a.vdb -o none.vdb intersect={plane={normal=[0,0,0]}}",

@@ -1,22 +1,22 @@
-//! Leaves in global order: one cursor for each block of a slab of blocks across x.
+//! Iteration over the leaves of a store in global order, with one cursor per block of an x slab.
 
 use super::super::leaf_file::{
-    LARGEST_LEAF, LeafFileError, StoredLeaf, leaf_at, leaf_length, read_range,
+    LeafFileError, MAX_LEAF_BYTES, StoredLeaf, leaf_at, leaf_length, read_range,
 };
 use super::{Block, LeafStore, StoreError};
 use crate::frame::Coord;
 use crate::progress::{Cancelled, Progress};
 use std::fs::File;
 
-/// Memory for reading ahead, bytes.
-const AHEAD: usize = 16 << 20;
+/// Memory for read-ahead over all cursors, bytes.
+const READ_AHEAD_BYTES: usize = 16 << 20;
 
 impl LeafStore {
     /// Calls `visit` with every leaf in order of origin (x, y, z): its origin, mask and active values.
-    /// Memory is bounded by [`LeafStore`]'s own, whatever the number of leaves.
+    /// The read-ahead buffers have a fixed total size, whatever the number of leaves.
     ///
     /// # Errors
-    /// [`StoreError`] when a file has changed since it was opened, on cancelling, or of `visit`.
+    /// [`StoreError`] if a file has changed since it was opened, on cancellation, or from `visit`.
     pub fn for_each_leaf(
         &self,
         progress: &dyn Progress,
@@ -29,7 +29,7 @@ impl LeafStore {
             if blocks.peek().is_some_and(|(next, _)| next[0] == origin[0]) {
                 continue;
             }
-            let ahead = (AHEAD / slab.len()).clamp(LARGEST_LEAF, 1 << 18);
+            let ahead = (READ_AHEAD_BYTES / slab.len()).clamp(MAX_LEAF_BYTES, 1 << 18);
             for x in 0..16 {
                 if progress.cancelled() {
                     return Err(Cancelled.into());
@@ -37,11 +37,11 @@ impl LeafStore {
                 let mut rows = &mut slab[..];
                 while let Some(first) = rows.first() {
                     let y = first.origin[1];
-                    let many = rows.iter().take_while(|c| c.origin[1] == y).count();
-                    let (row, rest) = rows.split_at_mut(many);
-                    for place in (0..16).map(|y| x << 4 | y) {
+                    let row_blocks = rows.iter().take_while(|c| c.origin[1] == y).count();
+                    let (row, rest) = rows.split_at_mut(row_blocks);
+                    for column in (0..16).map(|y| x << 4 | y) {
                         for cursor in &mut *row {
-                            while let Some(leaf) = cursor.next_at(self, place, ahead)? {
+                            while let Some(leaf) = cursor.next_in(self, column, ahead)? {
                                 visit(leaf.origin(cursor.origin), &leaf.mask, &leaf.active)?;
                             }
                         }
@@ -55,12 +55,12 @@ impl LeafStore {
     }
 }
 
-/// Reads a block's leaves one after the other, a little ahead.
+/// Reads a block's leaves one after another, with read-ahead.
 struct Cursor<'a> {
     origin: Coord,
     block: &'a Block,
-    /// Chunk, and bytes of it that have been read.
-    at: (usize, u32),
+    /// Number of the current chunk, and its bytes read so far.
+    position: (usize, u32),
     buffer: Vec<u8>,
     used: usize,
 }
@@ -70,41 +70,41 @@ impl<'a> Cursor<'a> {
         Self {
             origin,
             block,
-            at: (0, 0),
+            position: (0, 0),
             buffer: Vec::new(),
             used: 0,
         }
     }
 
-    /// The next leaf if its place has these upper eight bits (x and y).
-    fn next_at(
+    /// The next leaf, if the upper eight bits (x and y) of its slot equal `column`.
+    fn next_in(
         &mut self,
         store: &LeafStore,
-        place: u16,
+        column: u16,
         ahead: usize,
     ) -> Result<Option<StoredLeaf>, LeafFileError> {
-        let whole = |bytes: &[u8]| leaf_length(bytes).is_some_and(|n| n <= bytes.len());
-        while !whole(&self.buffer[self.used..]) {
-            let Some(chunk) = self.block.chunks.get(self.at.0) else {
+        let is_whole = |bytes: &[u8]| leaf_length(bytes).is_some_and(|n| n <= bytes.len());
+        while !is_whole(&self.buffer[self.used..]) {
+            let Some(chunk) = self.block.chunks.get(self.position.0) else {
                 return Ok(None);
             };
-            let left = chunk.bytes - self.at.1;
+            let left = chunk.bytes - self.position.1;
             if left == 0 {
-                self.at = (self.at.0 + 1, 0);
+                self.position = (self.position.0 + 1, 0);
                 continue;
             }
             self.buffer.drain(..self.used);
             self.used = 0;
-            let failed = |e| store.failed(self.block.file, e);
+            let failed = |e| store.io_error(self.block.file, e);
             let mut file = File::open(&store.files[self.block.file]).map_err(failed)?;
             let more = (left as usize).min(ahead);
-            let start = chunk.start + u64::from(self.at.1);
+            let start = chunk.start + u64::from(self.position.1);
             let bytes = read_range(&mut file, start, more).map_err(failed)?;
             self.buffer.extend(bytes);
-            self.at.1 += more as u32;
+            self.position.1 += more as u32;
         }
         let bytes = &self.buffer[self.used..];
-        if u16::from_le_bytes([bytes[0], bytes[1]]) >> 4 != place {
+        if u16::from_le_bytes([bytes[0], bytes[1]]) >> 4 != column {
             return Ok(None);
         }
         let found = leaf_at(bytes);

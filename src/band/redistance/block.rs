@@ -1,37 +1,37 @@
 //! Distances of 2^3 voxels from their nearest points.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+// Inlined so that the code is compiled for its caller's target features; closures with SIMD arithmetic would
+// not be.
 #![allow(clippy::inline_always)]
 
 use super::candidates::{Cube, List, Middle, Reach};
 use super::surface_points::{NO_WEDGE, Point};
 use super::wedge::Wedge;
-use crate::simd::{Lanes, Work};
+use crate::simd::{Lanes, SimdKernel};
 
-/// Least that 1 + h k is taken for: beyond the centre of curvature other points are nearer.
-pub(super) const LEAST_SPREAD: f32 = 0.3;
-/// Most that curvature may take off the distance to the tangent plane, voxels.
-pub(super) const MOST_BEND: f32 = 0.25;
-/// On a smooth surface the nearest point lies no further across than this, voxels: points are less than
-/// that apart. Twice as far away it lies on an edge, which has no tangent plane.
-pub(super) const ACROSS: f32 = 1.0;
+/// Lower bound of 1 + h k: beyond the centre of curvature other points are nearer.
+pub(super) const MIN_SPREAD: f32 = 0.3;
+/// Greatest reduction of the distance to the tangent plane by curvature, voxels.
+pub(super) const MAX_CURVATURE_REDUCTION: f32 = 0.25;
+/// Greatest tangential distance of the nearest point on a smooth surface, voxels: points are closer to each
+/// other than this. At twice this distance the point lies on an edge, which has no tangent plane.
+pub(super) const MAX_TANGENTIAL: f32 = 1.0;
 
-/// Lengths of a move.
+/// Lengths of an offset.
 #[derive(Clone, Copy)]
 pub(super) struct Move {
-    /// How far outwards the surface goes, voxels.
+    /// Offset outwards, voxels.
     pub by: f32,
-    /// Of the band, voxels.
+    /// Half width of the band, voxels.
     pub half_width: f32,
-    /// World units.
+    /// Voxel size, world units.
     pub voxel_size: f32,
-    /// World units.
+    /// Background, world units.
     pub background: f32,
 }
 
 impl Move {
-    /// How far away from voxels, some of which lie inside, points can matter, voxels; not positive if they
-    /// cannot. `inside` of those voxels, all of which are `all`.
+    /// Greatest distance, voxels, of a relevant point from a group of voxels; not positive if there is none.
+    /// `inside` holds the inside voxels of the group, whose voxels are the bits of `all`.
     pub fn most<const N: usize>(&self, inside: [u64; N], all: u64) -> f32 {
         let outside = self.half_width + self.by;
         let within = self.half_width - self.by;
@@ -45,16 +45,16 @@ impl Move {
     }
 }
 
-/// Values of 2^3 voxels, and a bit for each that is within the band, from what of a list may be nearest to
-/// one of them; none if nothing may.
+/// Computes the values of 2^3 voxels, and a bit for each within the band, from the points of a list that may be
+/// nearest to one of them; none if there are none.
 pub(super) struct Block<'a> {
-    /// Filled up to whole eights.
+    /// Padded to a multiple of eight.
     pub list: &'a List,
     pub points: &'a [Point],
     pub wedges: &'a [Wedge],
     /// The least voxel.
     pub first: [usize; 3],
-    /// Farthest that a point can matter, voxels.
+    /// Greatest distance of a relevant point, voxels.
     pub most: f32,
     /// A bit for each voxel inside.
     pub inside: u8,
@@ -62,7 +62,7 @@ pub(super) struct Block<'a> {
 }
 
 impl Block<'_> {
-    /// The nearest point to each voxel: squares of distances, and places in the list.
+    /// The nearest point to each voxel: squared distances, and indices in the list.
     #[inline(always)]
     fn nearest<L: Lanes>(&self, l: L, [x, y, z]: [L::F; 3]) -> (L::F, L::F) {
         let cube = Cube::new(self.first, 2);
@@ -95,7 +95,7 @@ impl Block<'_> {
     }
 }
 
-impl Work for Block<'_> {
+impl SimdKernel for Block<'_> {
     type Output = Option<([f32; 8], u8)>;
 
     #[inline(always)]
@@ -173,8 +173,7 @@ impl Work for Block<'_> {
     }
 }
 
-/// The signed distances, voxels, of voxels that lie so far away from their nearest points; their signs are
-/// given.
+/// The signed distances, voxels, of voxels from their displacements to their nearest points and their signs.
 #[inline(always)]
 fn distances<L: Lanes>(
     l: L,
@@ -200,14 +199,14 @@ fn distances<L: Lanes>(
     let bent_z = l.fused(zz, tz, l.mul(two, l.mul(zx, tx)));
     let bent = l.fused(tx, bent_x, l.fused(ty, bent_y, l.mul(tz, bent_z)));
     let curvature = l.select_below(l.splat(1e-12), across, l.div(bent, across), zero);
-    let spread = l.max(l.fused(height, curvature, one), l.splat(LEAST_SPREAD));
+    let spread = l.max(l.fused(height, curvature, one), l.splat(MIN_SPREAD));
     let more = l.mul(l.splat(0.5), l.div(bent, spread));
-    let more = l.min(l.max(more, l.splat(-MOST_BEND)), one);
-    // On the other side of the surface than its value says a voxel lies on it.
+    let more = l.min(l.max(more, l.splat(-MAX_CURVATURE_REDUCTION)), one);
+    // A voxel on the other side of the surface than its sign is set to distance zero.
     let size = l.max(l.mul(l.add(height, more), sign), zero);
     let straight = l.sqrt(square);
     let size = l.min(size, straight);
-    let edge = l.sub(l.mul(l.sqrt(across), l.splat(1.0 / ACROSS)), one);
+    let edge = l.sub(l.mul(l.sqrt(across), l.splat(1.0 / MAX_TANGENTIAL)), one);
     let edge = l.min(l.max(edge, zero), one);
     l.mul(sign, l.fused(edge, l.sub(straight, size), size))
 }

@@ -4,26 +4,26 @@ use crate::frame::Coord;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// A thing that is made by the first who asks for it.
-pub(super) type Made<T> = Arc<OnceLock<T>>;
+/// A value that the first request computes.
+pub(super) type SharedValue<T> = Arc<OnceLock<T>>;
 
 /// A cache of values by position. The least recently used ones are dropped when all take too much memory.
-pub(super) struct Kept<T> {
+pub(super) struct PositionCache<T> {
     state: Mutex<State<T>>,
-    /// How many are kept for each thread, whatever memory they take.
+    /// Values kept per thread, whatever their memory.
     per_thread: usize,
-    /// Memory that more than those may take, bytes.
+    /// Memory limit beyond those, bytes.
     most: usize,
     bytes: fn(&T) -> usize,
 }
 
 struct State<T> {
-    /// With the number of the last request.
-    things: HashMap<Coord, (u64, Made<T>)>,
+    /// Values by position, with the number of their last request.
+    things: HashMap<Coord, (u64, SharedValue<T>)>,
     requests: u64,
 }
 
-impl<T> Kept<T> {
+impl<T> PositionCache<T> {
     pub fn new(per_thread: usize, most: usize, bytes: fn(&T) -> usize) -> Self {
         let state = State {
             things: HashMap::new(),
@@ -37,15 +37,15 @@ impl<T> Kept<T> {
         }
     }
 
-    /// What belongs to a place. `make` must wait for no other thread than by asking for something kept: no
-    /// parallel iterators, else a thread that waits here could be the one that makes it.
-    pub fn get(&self, place: Coord, make: impl FnOnce() -> T) -> Made<T> {
+    /// The value at a position. `make` must not wait for other threads except through this cache, hence use no
+    /// parallel iterators: a thread that waits here could be the one that computes the value.
+    pub fn get(&self, place: Coord, make: impl FnOnce() -> T) -> SharedValue<T> {
         let made = self.entry(place);
         made.get_or_init(make);
         made
     }
 
-    fn entry(&self, place: Coord) -> Made<T> {
+    fn entry(&self, place: Coord) -> SharedValue<T> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         state.requests += 1;
         if !state.things.contains_key(&place) {
@@ -64,7 +64,7 @@ impl<T> Kept<T> {
         Arc::clone(&entry.1)
     }
 
-    /// Memory of what is made.
+    /// Memory of the computed values.
     fn sum(&self, state: &State<T>) -> usize {
         let made = state.things.values();
         let made = made.filter_map(|(_, thing)| thing.get());

@@ -1,21 +1,22 @@
-//! Lists of points, and which of them may be nearest to a voxel of a cube.
+//! Candidates for the nearest point to any voxel of a cube.
 //!
-//! With q the point nearest to the cube's middle, seen from there, p is nearer than q to a voxel v only if
+//! Relative to the centre of the cube, with q the nearest point to the centre, a point p is nearer than q to a
+//! voxel v only if
 //!
-//! `|p|^2 - |q|^2 < 2 v (p - q)`,
+//! `|p|^2 - |q|^2 < 2 v (p - q)`.
 //!
-//! of which the right side is at most twice half the cube's edge times the sum of |p - q| along the axes.
-//! On a smooth surface that leaves points about q, however far away the cube is.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+//! The right side is at most the cube's edge times the sum of |p - q| over the axes. On a smooth surface only
+//! points near q satisfy this, however far away the cube is.
+// Inlined so that the code is compiled for its caller's target features; closures with SIMD arithmetic would
+// not be.
 #![allow(clippy::inline_always)]
 
-use crate::simd::{Lanes, Work, run};
+use crate::simd::{Lanes, SimdKernel, run};
 
-/// Room for rounding, voxels and their squares.
-const SLACK: f32 = 1e-3;
-/// Places of eight points.
-const EACH: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+/// Tolerance for rounding, voxels and squared voxels.
+const TOLERANCE: f32 = 1e-3;
+/// Indices of the eight SIMD lanes.
+const LANE_INDICES: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
 /// Coordinates of points.
 pub(super) type Places<'a> = [&'a [f32]; 3];
@@ -23,14 +24,14 @@ pub(super) type Places<'a> = [&'a [f32]; 3];
 /// A cube of voxels.
 #[derive(Clone, Copy)]
 pub(super) struct Cube {
-    /// Its middle.
+    /// Centre of the cube.
     pub centre: [f32; 3],
-    /// From there to its outermost voxels along an axis.
+    /// Distance from the centre to the outermost voxels along an axis.
     pub half: f32,
 }
 
 impl Cube {
-    /// Of so many voxels along its edge, from the least one.
+    /// The cube of `edge` voxels from its least voxel.
     pub fn new(first: [usize; 3], edge: usize) -> Self {
         let half = (edge - 1) as f32 / 2.0;
         Self {
@@ -40,7 +41,7 @@ impl Cube {
     }
 
     /// The same as seen from somewhere else.
-    pub fn seen_from(self, [x, y, z]: [f32; 3]) -> Self {
+    pub fn relative_to(self, [x, y, z]: [f32; 3]) -> Self {
         let [a, b, c] = self.centre;
         Self {
             centre: [a - x, b - y, c - z],
@@ -57,13 +58,13 @@ pub(super) struct Middle {
 }
 
 impl Middle {
-    pub const NONE: Self = Self {
+    pub const NO_POINT: Self = Self {
         at: [0.0; 3],
         square: f32::INFINITY,
     };
 
     /// The same as seen from somewhere else.
-    pub fn seen_from(self, [x, y, z]: [f32; 3]) -> Self {
+    pub fn relative_to(self, [x, y, z]: [f32; 3]) -> Self {
         let [a, b, c] = self.at;
         Self {
             at: [a - x, b - y, c - z],
@@ -71,14 +72,14 @@ impl Middle {
         }
     }
 
-    /// That of some points.
+    /// The nearest of some points.
     #[inline(always)]
     pub fn of<L: Lanes>(l: L, at: Places, cube: Cube) -> Self {
         let [a, b, c] = cube.centre;
         let centre = [l.splat(a), l.splat(b), l.splat(c)];
         let [(xs, x), (ys, y), (zs, z)] = at.map(|at| at.as_chunks::<8>());
         let (mut least, mut place) = (l.splat(f32::INFINITY), l.splat(0.0));
-        let (mut here, eight) = (l.load(&EACH), l.splat(8.0));
+        let (mut here, eight) = (l.load(&LANE_INDICES), l.splat(8.0));
         for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
             let square = squares(l, [x, y, z], centre);
             place = l.select_below(square, least, here, place);
@@ -101,7 +102,7 @@ impl Middle {
             }
         }
         if least == f32::INFINITY {
-            return Self::NONE;
+            return Self::NO_POINT;
         }
         Self {
             at: [at[0][place], at[1][place], at[2][place]],
@@ -110,24 +111,24 @@ impl Middle {
     }
 }
 
-/// What may be nearest to a voxel of a cube, and no further away than points matter.
+/// The condition on candidates for the nearest point to a voxel of a cube.
 #[derive(Clone, Copy)]
 pub(super) struct Reach {
     pub cube: Cube,
     pub middle: Middle,
-    /// Farthest that a point can matter to a voxel.
+    /// Greatest distance of a relevant point from a voxel.
     pub most: f32,
 }
 
 impl Reach {
-    /// The square of how far from the middle a point can matter.
+    /// The squared greatest distance of a relevant point from the centre.
     #[inline(always)]
     fn far(&self) -> f32 {
-        let far = self.most + 1.7321 * self.cube.half + SLACK;
+        let far = self.most + 1.7321 * self.cube.half + TOLERANCE;
         far * far
     }
 
-    /// A bit for each of eight points that may be.
+    /// Bits of the candidates among eight points.
     #[inline(always)]
     pub fn holds<L: Lanes>(&self, l: L, [x, y, z]: [&[f32; 8]; 3]) -> u8 {
         let ([a, b, c], [p, q, r]) = (self.cube.centre, self.middle.at);
@@ -137,26 +138,26 @@ impl Reach {
         let z = l.magnitude(l.sub(l.load(z), l.splat(r)));
         let along = l.add(l.add(x, y), z);
         let edge = l.splat(2.0 * self.cube.half);
-        let limit = l.fused(edge, along, l.splat(self.middle.square + SLACK));
+        let limit = l.fused(edge, along, l.splat(self.middle.square + TOLERANCE));
         l.below(square, l.min(limit, l.splat(self.far())))
     }
 
-    /// Whether one point may be.
+    /// Whether one point is a candidate.
     #[inline(always)]
     fn holds_one(&self, [x, y, z]: [f32; 3]) -> bool {
         let [p, q, r] = self.middle.at;
         let along = (x - p).abs() + (y - q).abs() + (z - r).abs();
-        let limit = self.middle.square + SLACK + 2.0 * self.cube.half * along;
+        let limit = self.middle.square + TOLERANCE + 2.0 * self.cube.half * along;
         square([x, y, z], self.cube.centre) < limit.min(self.far())
     }
 }
 
-/// Points, by coordinates from a leaf's least voxel on, with their numbers.
+/// Coordinates of points, relative to a leaf's least voxel, and their numbers.
 #[derive(Default)]
 pub(super) struct List {
     pub at: [Vec<f32>; 3],
     pub of: Vec<u32>,
-    /// Which points of another list are taken.
+    /// Indices of the selected points of another list.
     taken: Vec<u32>,
 }
 
@@ -173,8 +174,7 @@ impl List {
         [x, y, z]
     }
 
-    /// Adds those of points that a reach holds, which are so far away from where they say, and whose first
-    /// has this number.
+    /// Adds the candidates among some points, displaced by `away`; the first point has number `first`.
     pub fn add(&mut self, at: Places, reach: Reach, away: [f32; 3], first: u32) {
         let count = self.take(at, reach);
         let taken = &self.taken[..count];
@@ -184,8 +184,8 @@ impl List {
         self.of.extend(taken.iter().map(|n| first + n));
     }
 
-    /// Takes over what of a list may be nearest to a voxel of a cube, and at most `most` from it; filled up
-    /// to whole eights with points that are nearest to nothing.
+    /// Replaces the list by the candidates of another list for a cube, at most `most` away, padded to a multiple
+    /// of eight with points at infinity.
     pub fn narrow(&mut self, wide: &Self, cube: Cube, most: f32) {
         let at = wide.places();
         let middle = run(Nearest { at, cube });
@@ -201,7 +201,7 @@ impl List {
         self.of.resize(count.next_multiple_of(8), 0);
     }
 
-    /// Notes which points a reach holds; how many they are.
+    /// Selects the candidates of some points; returns their number.
     fn take(&mut self, at: Places, reach: Reach) -> usize {
         if self.taken.len() < at[0].len() {
             self.taken.resize(at[0].len(), 0);
@@ -211,7 +211,7 @@ impl List {
     }
 }
 
-/// Squares of the distances of eight points from a centre.
+/// Squared distances of eight points from a centre.
 #[inline(always)]
 fn squares<L: Lanes>(l: L, [x, y, z]: [&[f32; 8]; 3], centre: [L::F; 3]) -> L::F {
     let x = l.sub(l.load(x), centre[0]);
@@ -220,7 +220,7 @@ fn squares<L: Lanes>(l: L, [x, y, z]: [&[f32; 8]; 3], centre: [L::F; 3]) -> L::F
     l.fused(x, x, l.fused(y, y, l.mul(z, z)))
 }
 
-/// The same of one point.
+/// Squared distance of a point from a centre.
 #[inline(always)]
 fn square([x, y, z]: [f32; 3], centre: [f32; 3]) -> f32 {
     let [x, y, z] = [x - centre[0], y - centre[1], z - centre[2]];
@@ -233,7 +233,7 @@ pub(super) struct Nearest<'a> {
     pub cube: Cube,
 }
 
-impl Work for Nearest<'_> {
+impl SimdKernel for Nearest<'_> {
     type Output = Middle;
 
     #[inline(always)]
@@ -242,15 +242,15 @@ impl Work for Nearest<'_> {
     }
 }
 
-/// The points that a reach holds.
+/// Selects the candidates of some points.
 struct Held<'a> {
     at: Places<'a>,
     reach: Reach,
     taken: &'a mut [u32],
 }
 
-impl Work for Held<'_> {
-    /// How many they are.
+impl SimdKernel for Held<'_> {
+    /// Number of candidates.
     type Output = usize;
 
     #[inline(always)]

@@ -9,11 +9,11 @@
 //! phi < 0 where the source is negative. Lengths are in world units.
 
 use super::super::cull::Culler;
-use super::super::evaluate::group_values;
+use super::super::evaluate::batch_values;
 use super::super::leaf::{LEAF, VOXELS};
 use super::super::smooth::LeafRef;
 use super::super::{Band, Region};
-use super::cache::{Kept, Made};
+use super::cache::{PositionCache, SharedValue};
 use super::{LeafPoints, SurfacePoints};
 use crate::field::{Field, Interval, LeafBits, SampleLattice, WorldField};
 use crate::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
@@ -28,25 +28,25 @@ const BAND_HALF_WIDTH: f64 = 3.0;
 const LEAVES_AT_ONCE: usize = 32;
 /// Leaves along the edge of a block.
 const LEAVES_PER_EDGE: i32 = BLOCK_EDGE / LEAF;
-/// Blocks of each kind that are kept for each thread, whatever memory they take: those around one.
+/// Blocks of each kind kept per thread, whatever their memory: a block and its neighbours.
 const KEPT_PER_THREAD: usize = 27;
-/// Memory of each kind beyond that.
-const MOST_BYTES: usize = 64 << 20;
+/// Memory limit of each kind beyond that, bytes.
+const MAX_CACHE_BYTES: usize = 64 << 20;
 
 /// The distance to the zero set of a field, clamped to a reach.
 pub struct ClosestPointField<'a> {
     source: Box<WorldField<'a>>,
     bounds: Box<WorldField<'a>>,
-    /// Where distances are wanted.
+    /// The solid within which distances are requested.
     room: Option<Box<WorldField<'a>>>,
     transform: Transform,
     reach: f64,
-    samples: Kept<Option<Samples>>,
-    points: Kept<Option<Vec<LeafPoints>>>,
-    blocks: Kept<Option<Block>>,
+    samples: PositionCache<Option<Samples>>,
+    points: PositionCache<Option<Vec<LeafPoints>>>,
+    blocks: PositionCache<Option<Block>>,
 }
 
-/// The source's values in a block: of the leaves that its zero set may pass.
+/// The source's values in the leaves of a block that its zero set may cross.
 #[derive(Default)]
 struct Samples {
     leaves: Vec<SampledLeaf>,
@@ -56,16 +56,16 @@ struct Samples {
 /// A leaf with the signs of the source's values in it.
 struct SampledLeaf {
     origin: Coord,
-    /// Which voxels lie inside.
+    /// Inside voxels.
     inside: [u64; 8],
-    /// Which voxels lie in the band, and the number of the values; none for a leaf without such voxels.
+    /// Voxels within the band, and the number of the values; none for a leaf without such voxels.
     band: Option<([u64; 8], usize)>,
 }
 
 /// Points of the surface around a block, and the signs of its leaves.
 struct Block {
     surface: SurfacePoints,
-    /// Which voxels lie inside, of the leaves that were evaluated.
+    /// Inside voxels of the evaluated leaves.
     inside: HashMap<Coord, [u64; 8]>,
     /// Distances of the block's own leaves, made on demand; z fastest.
     leaves: Vec<OnceLock<Box<[f32; VOXELS]>>>,
@@ -91,7 +91,7 @@ impl Samples {
 
 impl<'a> ClosestPointField<'a> {
     /// Memory that kept blocks take, bytes: those of three kinds, and what is being made.
-    pub const BYTES_KEPT: usize = 4 * MOST_BYTES;
+    pub const BYTES_KEPT: usize = 4 * MAX_CACHE_BYTES;
 
     /// The distance to the zero set of `source`, which needs distances of three voxels only. `bounds` is
     /// a field with the same zero set whose bounds hold as far as `reach`.
@@ -107,21 +107,21 @@ impl<'a> ClosestPointField<'a> {
             room: None,
             transform,
             reach,
-            samples: Kept::new(KEPT_PER_THREAD, MOST_BYTES, |samples| {
+            samples: PositionCache::new(KEPT_PER_THREAD, MAX_CACHE_BYTES, |samples| {
                 samples.as_ref().map_or(0, Samples::bytes)
             }),
-            points: Kept::new(KEPT_PER_THREAD, MOST_BYTES, |points| {
+            points: PositionCache::new(KEPT_PER_THREAD, MAX_CACHE_BYTES, |points| {
                 let leaves = points.iter().flatten();
                 leaves.map(LeafPoints::bytes).sum()
             }),
-            blocks: Kept::new(KEPT_PER_THREAD, MOST_BYTES, |block| {
+            blocks: PositionCache::new(KEPT_PER_THREAD, MAX_CACHE_BYTES, |block| {
                 block.as_ref().map_or(0, Block::bytes)
             }),
         }
     }
 
-    /// Wants distances within a solid only, and a band's reach around it: points of the surface farther
-    /// outside than the reach are left out.
+    /// Requests distances only within a solid and the reach around it: points of the surface farther outside
+    /// are omitted.
     #[must_use]
     pub fn near(self, room: Box<WorldField<'a>>) -> Self {
         Self {
@@ -130,15 +130,15 @@ impl<'a> ClosestPointField<'a> {
         }
     }
 
-    /// Whether voxels of a cube are within reach of where distances are wanted.
-    fn is_wanted(&self, cube: Region) -> bool {
+    /// Whether a cube may be within reach of the solid in which distances are requested.
+    fn is_requested(&self, cube: Region) -> bool {
         let corners = [cube.min, cube.max].map(|c| self.transform.world(c).0);
         let far = |room: &WorldField<'a>| room.bound(&Aabb::of(corners)).lo > self.reach;
         !self.room.as_deref().is_some_and(far)
     }
 
     /// The block of points at an origin; without any where the source has a value that is not finite.
-    fn block(&self, origin: Coord) -> Made<Option<Block>> {
+    fn block(&self, origin: Coord) -> SharedValue<Option<Block>> {
         self.blocks.get(origin, || self.make_block(origin))
     }
 
@@ -146,7 +146,7 @@ impl<'a> ClosestPointField<'a> {
     fn sample(&self, origin: Coord) -> Option<Samples> {
         let region = Region::cube(origin, BLOCK_EDGE);
         let mut samples = Samples::default();
-        if !self.is_wanted(region) {
+        if !self.is_requested(region) {
             return Some(samples);
         }
         let band = Band {
@@ -160,13 +160,13 @@ impl<'a> ClosestPointField<'a> {
         for block in culler.blocks().unknown {
             leaves.extend(culler.leaves(block).unknown);
         }
-        leaves.retain(|&leaf| self.is_wanted(Region::cube(leaf, LEAF)));
+        leaves.retain(|&leaf| self.is_requested(Region::cube(leaf, LEAF)));
         let mut room = vec![[0.0; VOXELS]; LEAVES_AT_ONCE];
         for group in leaves.chunks(LEAVES_AT_ONCE) {
             let mut bits = [LeafBits::default(); LEAVES_AT_ONCE];
             let (room, bits) = (&mut room[..group.len()], &mut bits[..group.len()]);
-            group_values(&culler, group, room, bits).ok()?;
-            // Values stand one after the other, without those of leaves that are out.
+            batch_values(&culler, group, room, bits).ok()?;
+            // Values are contiguous; leaves out of the band have none.
             let mut own = room.iter();
             for (&origin, bits) in group.iter().zip(bits) {
                 let leaf = if bits.is_out() {
@@ -190,7 +190,7 @@ impl<'a> ClosestPointField<'a> {
     }
 
     /// The blocks of samples that a region meets.
-    fn samples_in(&self, region: Region) -> Vec<Made<Option<Samples>>> {
+    fn samples_in(&self, region: Region) -> Vec<SharedValue<Option<Samples>>> {
         let blocks = region.cubes(BLOCK_EDGE);
         let made = blocks.map(|o| self.samples.get(o, || self.sample(o)));
         made.collect()
@@ -356,7 +356,7 @@ impl Field for ClosestPointField<'_> {
     }
 }
 
-/// What a bound of the other field says of distances clamped to a reach: only that they are beyond it.
+/// The bound of a distance clamped to a reach, from a bound of the other field.
 fn clamped(bound: Interval, reach: f64) -> Interval {
     if bound.lo >= reach {
         Interval::new(reach, reach)

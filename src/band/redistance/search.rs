@@ -1,4 +1,4 @@
-//! The nearest points of the voxels of a leaf, by halving the leaf and the list of points.
+//! The nearest points to the voxels of a leaf, by recursive halving of the leaf and its list of candidates.
 
 use super::super::leaf::LEAF;
 use super::MovedLeaf;
@@ -11,7 +11,7 @@ use std::cell::Cell;
 
 /// Steps to the leaves that hold a sample less than `reach` voxels away from one of a leaf: ascending.
 pub(super) fn around(reach: f32) -> Vec<[i32; 3]> {
-    // A point lies in the leaf whose voxel it follows, up to one voxel on.
+    // A point belongs to the leaf of the voxel before it, and lies up to one voxel beyond.
     let gap = |s: i32| match s.signum() {
         0 => 0.0,
         1 => (LEAF * s) as f32 - 7.0,
@@ -21,7 +21,7 @@ pub(super) fn around(reach: f32) -> Vec<[i32; 3]> {
     let all = || -most..=most;
     let steps = all().flat_map(|x| all().flat_map(move |y| all().map(move |z| [x, y, z])));
     let near = |s: &[i32; 3]| {
-        // Both ways: the leaf may be the one that looks, or the one that is looked for.
+        // Both directions: the leaf may contain the voxel or the point.
         let [near, far] = [s.map(gap), s.map(|c| gap(-c))];
         let square = |g: [f32; 3]| g.iter().map(|c| c * c).sum::<f32>();
         square(near).min(square(far)) <= reach * reach
@@ -29,7 +29,7 @@ pub(super) fn around(reach: f32) -> Vec<[i32; 3]> {
     steps.filter(near).collect()
 }
 
-/// The lists of a search, whose memory serves the next one.
+/// The lists of a search, reused to save allocations.
 #[derive(Default)]
 struct Lists {
     own: List,
@@ -40,12 +40,11 @@ thread_local! {
     static LISTS: Cell<Option<Box<Lists>>> = Cell::default();
 }
 
-/// A leaf that looks for points.
+/// The search of the nearest points for a leaf.
 pub(super) struct Search<'a> {
     inside: &'a [u64; 8],
     lengths: Move,
-    /// Points of leaves about this one: where they lie in their leaf, the first one's number, and how far
-    /// away the leaf is.
+    /// Points of nearby leaves: coordinates in their leaf, number of the first, and displacement of the leaf.
     parts: Vec<(Places<'a>, u32, [f32; 3])>,
 }
 
@@ -58,39 +57,39 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// How far away from the leaf's voxels points can matter, voxels; not positive if they cannot.
+    /// Greatest distance of a relevant point from the leaf's voxels; not positive if there is none.
     pub fn most(&self) -> f32 {
         self.lengths.most(*self.inside, u64::MAX)
     }
 
-    /// Enters the points of a leaf that is so many voxels away.
+    /// Adds the points of a leaf at a displacement in voxels.
     pub fn enter(&mut self, at: Places<'a>, first: u32, away: [i32; 3]) {
         self.parts.push((at, first, away.map(|c| c as f32)));
     }
 
-    /// What may be nearest to a voxel of the leaf.
+    /// Collects the candidates for the voxels of the leaf.
     fn near(&self, most: f32, list: &mut List) {
         let cube = Cube::new([0; 3], LEAF as usize);
-        let mut middle = Middle::NONE;
+        let mut middle = Middle::NO_POINT;
         for (at, _, away) in &self.parts {
-            let cube = cube.seen_from(*away);
+            let cube = cube.relative_to(*away);
             let own = run(Nearest { at: *at, cube });
             if own.square < middle.square {
-                middle = own.seen_from(away.map(|c| -c));
+                middle = own.relative_to(away.map(|c| -c));
             }
         }
         list.clear();
         for (at, first, away) in &self.parts {
             let reach = Reach {
-                cube: cube.seen_from(*away),
-                middle: middle.seen_from(*away),
+                cube: cube.relative_to(*away),
+                middle: middle.relative_to(*away),
                 most,
             };
             list.add(*at, reach, *away, *first);
         }
     }
 
-    /// The leaf's values and mask.
+    /// Computes the values and mask of the leaf.
     pub fn leaf(&self, points: &[Point], wedges: &[Wedge]) -> MovedLeaf {
         let background = self.lengths.background;
         let mut leaf = MovedLeaf {
@@ -118,14 +117,14 @@ impl<'a> Search<'a> {
         leaf
     }
 
-    /// [`Search::most`] of N^3 voxels, whose bits in a word are those of `all` when they are the first ones.
+    /// [`Search::most`] for N^3 voxels at a corner; `all` holds their bits in a word for corner (0, 0, 0).
     fn most_of<const N: usize>(&self, [x, y, z]: [usize; 3], all: u64) -> f32 {
         let all = all << (8 * y + z);
         let inside: [u64; N] = std::array::from_fn(|n| self.inside[x + n] & all);
         self.lengths.most(inside, all)
     }
 
-    /// The values of 4^3 voxels.
+    /// Computes the values of 4^3 voxels.
     fn part(
         &self,
         list: &List,

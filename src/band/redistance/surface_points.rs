@@ -1,18 +1,18 @@
 //! Points of the surface on the edges of the voxel lattice.
-// Must be compiled for the processor that its caller is for.
+// Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 
 use super::super::smooth::LeafRef;
-use super::block::{ACROSS, LEAST_SPREAD, MOST_BEND};
+use super::block::{MAX_CURVATURE_REDUCTION, MAX_TANGENTIAL, MIN_SPREAD};
 use crate::frame::{Coord, Mat3, Vec3};
-use crate::simd::{Lanes, Work, run};
+use crate::simd::{Lanes, SimdKernel, run};
 use std::ops::Range;
 
-/// A leaf with one layer of voxels before it and two behind it.
+/// Voxels along the edge of a leaf with one layer before it and two after it.
 const EDGE: usize = 11;
 /// Strides along x, y, z.
 const STRIDES: [usize; 3] = [EDGE * EDGE, EDGE, 1];
-/// Second differences from which values are taken for those about a kink, voxels.
+/// Second difference from which values count as next to a kink, voxels.
 const KINK: f32 = 0.5;
 /// Steps of the secant method along an edge.
 const STEPS: usize = 3;
@@ -20,7 +20,7 @@ const STEPS: usize = 3;
 /// Steps to the leaves along an axis, in voxels, and which voxels are taken from there.
 const PARTS: [(i32, Range<i32>); 3] = [(-8, -1..0), (0, 0..8), (8, 8..10)];
 
-/// Where a leaf keeps a voxel.
+/// Offset of a voxel in a leaf.
 fn offset([x, y, z]: [i32; 3]) -> usize {
     (x << 6 | y << 3 | z) as usize
 }
@@ -28,19 +28,19 @@ fn offset([x, y, z]: [i32; 3]) -> usize {
 /// A point of the surface; lengths in voxels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
-    /// From its leaf's least voxel on.
+    /// Position relative to the leaf's least voxel.
     pub at: [f32; 3],
-    /// Outwards.
+    /// Outward unit normal.
     pub normal: [f32; 3],
     /// Second derivatives of the distance: x x, y y, z z, x y, y z, z x.
     pub bend: [f32; 6],
-    /// The number of the wedge that it lies on, or [`NO_WEDGE`].
+    /// Number of the point's wedge, or [`NO_WEDGE`].
     pub wedge: u32,
 }
 
 impl Point {
-    /// The unsigned distance, in voxels, of a place that lies `away` from this point, the nearest one, and
-    /// the unit vector away from the surface. The same rule as for the voxels of a leaf.
+    /// The unsigned distance, voxels, of the position at displacement `away` from this nearest point, and the
+    /// unit vector away from the surface; by the same formula as for the voxels of a leaf.
     pub fn distance(&self, away: Vec3) -> (f64, Vec3) {
         let normal = Vec3::from(self.normal.map(f64::from));
         let [xx, yy, zz, xy, yz, zx] = self.bend.map(f64::from);
@@ -50,11 +50,11 @@ impl Point {
         let across = tangential.norm_squared();
         let bent = tangential.dot(&(hessian * tangential));
         let curvature = if across > 1e-12 { bent / across } else { 0.0 };
-        let spread = (1.0 + height * curvature).max(f64::from(LEAST_SPREAD));
-        let more = (0.5 * bent / spread).clamp(-f64::from(MOST_BEND), 1.0);
+        let spread = (1.0 + height * curvature).max(f64::from(MIN_SPREAD));
+        let more = (0.5 * bent / spread).clamp(-f64::from(MAX_CURVATURE_REDUCTION), 1.0);
         let straight = away.norm();
         let size = (height + more).abs().min(straight);
-        let edge = (across.sqrt() / f64::from(ACROSS) - 1.0).clamp(0.0, 1.0);
+        let edge = (across.sqrt() / f64::from(MAX_TANGENTIAL) - 1.0).clamp(0.0, 1.0);
         let side = 1f64.copysign(height + more);
         let smooth = (normal + hessian * tangential / spread)
             .try_normalize(1e-9)
@@ -66,13 +66,13 @@ impl Point {
     }
 }
 
-/// A point that lies on no sharp edge.
+/// The wedge number of a point that is not at a sharp edge.
 pub(super) const NO_WEDGE: u32 = u32::MAX;
 
-/// The voxels of a leaf and those about it.
+/// The values of a leaf and of the voxels around it.
 pub(super) struct Stencils {
     values: Box<[f32; EDGE * EDGE * EDGE]>,
-    /// From here on values say no more than that they are far.
+    /// Magnitude from which values are clipped.
     far: f32,
 }
 
@@ -85,10 +85,10 @@ impl Default for Stencils {
     }
 }
 
-/// A bit for each negative value of the nine along z from a leaf's first on, `[x][y]`.
+/// Bits of the negative values among the nine voxels along z from a leaf's first, `[x][y]`.
 struct Negative<'a>(&'a [f32; EDGE * EDGE * EDGE]);
 
-impl Work for Negative<'_> {
+impl SimdKernel for Negative<'_> {
     type Output = [[u16; 9]; 9];
 
     #[inline(always)]
@@ -109,8 +109,8 @@ impl Work for Negative<'_> {
 }
 
 impl Stencils {
-    /// Takes the voxels of a leaf and of those about it. What is beyond the leaves has the sign of the
-    /// leaf's voxel nearest to it.
+    /// Loads the voxels of a leaf and around it. Voxels without a leaf get the background with the sign of the
+    /// nearest voxel of this leaf.
     pub fn gather<'a>(
         &mut self,
         leaf: &LeafRef<'a>,
@@ -210,8 +210,8 @@ impl Stencils {
         point
     }
 
-    /// How far along an edge the surface crosses it: where the cubic through four values vanishes, or on a
-    /// straight line where those are not all known, or on either side of a kink.
+    /// Position of the crossing along an edge: the zero of the cubic through four values, or of the linear
+    /// interpolant if some are clipped or there is a kink.
     fn crossing(&self, at: usize, stride: usize) -> f32 {
         let v = &self.values;
         let [before, first, last, behind] =
@@ -222,7 +222,7 @@ impl Stencils {
         if !known || bends[0].abs().max(bends[1].abs()) > KINK {
             return straight;
         }
-        // Newton's form: the straight line, and what bends it.
+        // Newton's form: the linear interpolant plus higher terms.
         let [p, q] = [bends[0] / 2.0, (bends[1] - bends[0]) / 6.0];
         let mut share = straight;
         for _ in 0..STEPS {

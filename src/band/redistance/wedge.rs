@@ -1,19 +1,18 @@
-//! Sharp edges and corners: points of the surface that know the planes which meet there.
+//! Sharp edges and corners of the surface: points with the planes that meet there.
 //!
-//! The nearest point on an edge of the voxel lattice lies up to a voxel beside a sharp edge of the surface, and
-//! differences of values across the edge say nothing of its sides. So such a point takes its planes from points
-//! up to [`WINDOW`] voxels away whose differences do not reach across the edge. Two or three planes, all convex
-//! or all concave, have a distance in closed form. Where the points around show anything else (a round edge, a
-//! thin wall, a saddle), the point stays as it is.
+//! A crossing of a lattice edge lies up to a voxel beside a sharp edge of the surface, and differences of values
+//! across the edge do not determine its planes. Such a point takes its planes from voxels up to [`WINDOW`]
+//! voxels away whose differences do not cross the edge. Two or three planes, all convex or all concave, have a
+//! distance in closed form. In all other cases (a round edge, a thin wall, a saddle) the point has no wedge.
 
 use super::super::smooth::LeafRef;
 use super::surface_points::Point;
 use crate::frame::{Coord, Vec3};
 
-/// Farthest that planes are looked for, voxels along each axis.
+/// Greatest distance at which planes are searched, voxels along each axis.
 const WINDOW: f32 = 3.0;
 /// Voxels that are read beyond each face of a leaf: the window, and one for differences.
-const PAD: i32 = 4;
+const PADDING: i32 = 4;
 const EDGE: usize = 17;
 const STRIDES: [usize; 3] = [EDGE * EDGE, EDGE, 1];
 /// Second differences of a point on or beside an edge are at least this, voxels.
@@ -26,14 +25,14 @@ const MAX_DISTANCE: f32 = 1.2;
 /// Farthest that such points lie from their plane, voxels.
 const MAX_RESIDUAL: f32 = 0.05;
 /// Cosine between normals of one plane, at least.
-const SAME_PLANE: f32 = 0.96;
+const MIN_SAME_PLANE_COSINE: f32 = 0.96;
 /// Cosine between normals of two planes, at most: 32 degrees; and at least, since opposite walls have no edge.
-const OTHER_PLANE: [f32; 2] = [-0.93, 0.85];
+const OTHER_PLANE_COSINES: [f32; 2] = [-0.93, 0.85];
 /// Farthest that a point lies from the surface of its wedge, voxels: where it crosses an edge of the lattice is
 /// found from distances to another plane.
-const MAX_OFF: f32 = 0.5;
-/// Voxels about a point whose values are compared with those of its wedge, and how far these may be off, voxels.
-const CHECKED: f32 = 1.5;
+const MAX_SURFACE_DISTANCE: f32 = 0.5;
+/// Distance along each axis, voxels, within which values are compared with those of a wedge; and the tolerance.
+const CHECK_RADIUS: f32 = 1.5;
 const MAX_ERROR: f32 = 0.1;
 /// Farthest that a point lies from the edge or corner, voxels.
 const MAX_OFFSET: f32 = 12.0;
@@ -45,16 +44,16 @@ type Vector = [f32; 3];
 pub(super) struct Wedge {
     /// Normals; those of a concave wedge point inwards.
     normals: [Vector; 3],
-    /// What has product 1 with one normal and 0 with the others; of a corner.
+    /// Dual basis of the normals; only for a corner.
     dual: Option<[Vector; 3]>,
-    /// 1 where the solid is convex, else -1.
+    /// 1 if the solid is convex, else -1.
     sign: f32,
-    /// From the edge's nearest point, or the corner, to the surface point that owns this.
+    /// Vector from the nearest point of the edge, or from the corner, to the surface point of this wedge.
     offset: Vector,
 }
 
 impl Wedge {
-    /// Signed distance, voxels, of a place that is so far away from the point.
+    /// Signed distance, voxels, of the position at displacement `away` from the point.
     pub fn distance(&self, away: Vector) -> f32 {
         let y = sum(away, self.offset);
         let heights = self.normals.map(|n| dot(n, y));
@@ -82,8 +81,8 @@ impl Wedge {
 }
 
 impl Wedge {
-    /// The unsigned distance, voxels, of a place that is so far away from the point, and the unit vector away
-    /// from the surface.
+    /// The unsigned distance, voxels, of the position at displacement `away` from the point, and the unit vector
+    /// away from the surface.
     pub fn distance_and_direction(&self, away: Vec3) -> (f64, Vec3) {
         const STEP: f64 = 1e-2;
         let at = |p: Vec3| f64::from(self.distance(p.map(|c| c as f32).into()));
@@ -100,13 +99,13 @@ impl Wedge {
     /// also the larger or lesser of two distances is that of the planes. A round edge has others.
     fn agrees(&self, p: Vector, v: &[f32]) -> bool {
         let range = |c: f32| {
-            let first = (c - CHECKED).ceil() as i32;
-            first..=(c + CHECKED).floor() as i32
+            let first = (c - CHECK_RADIUS).ceil() as i32;
+            first..=(c + CHECK_RADIUS).floor() as i32
         };
         for x in range(p[0]) {
             for y in range(p[1]) {
                 for z in range(p[2]) {
-                    let [i, j, k] = [x, y, z].map(|c| (c + PAD) as usize);
+                    let [i, j, k] = [x, y, z].map(|c| (c + PADDING) as usize);
                     let value = v[i * STRIDES[0] + j * STRIDES[1] + k];
                     if value * self.sign > 0.0 || value.abs() > MAX_DISTANCE {
                         continue;
@@ -136,7 +135,7 @@ struct Plane {
     normal: Vector,
 }
 
-/// Gives the points of a leaf that lie at sharp edges their wedges, numbered from the end of `wedges`.
+/// Assigns wedges to the points of a leaf at sharp edges, numbered from the end of `wedges`.
 pub(super) fn find<'a>(
     points: &mut [Point],
     wedges: &mut Vec<Wedge>,
@@ -152,7 +151,7 @@ pub(super) fn find<'a>(
     let mut ends = [[EDGE, 0]; 3];
     for point in points.iter().filter(|p| is_bent(p)) {
         for (end, c) in ends.iter_mut().zip(point.at) {
-            let at = c + PAD as f32;
+            let at = c + PADDING as f32;
             let reach = WINDOW + MAX_DISTANCE;
             end[0] = end[0].min((at - reach).max(1.0) as usize);
             end[1] = end[1].max(((at + reach) as usize + 1).min(EDGE - 1));
@@ -180,7 +179,7 @@ fn gather<'a>(
     background: f32,
 ) -> Vec<f32> {
     let mut all = vec![0.0; EDGE * EDGE * EDGE];
-    let parts = [(-8, -PAD..0), (0, 0..8), (8, 8..EDGE as i32 - PAD)];
+    let parts = [(-8, -PADDING..0), (0, 0..8), (8, 8..EDGE as i32 - PADDING)];
     let offset = |[x, y, z]: [i32; 3]| (x << 6 | y << 3 | z) as usize;
     for (dx, xs) in &parts {
         for (dy, ys) in &parts {
@@ -199,7 +198,7 @@ fn gather<'a>(
                                 },
                                 |other| other[offset([x - dx, y - dy, z - dz])],
                             );
-                            let to = [x, y, z].map(|c| (c + PAD) as usize);
+                            let to = [x, y, z].map(|c| (c + PADDING) as usize);
                             all[to[0] * STRIDES[0] + to[1] * STRIDES[1] + to[2]] =
                                 value * per_voxel;
                         }
@@ -228,7 +227,7 @@ fn samples(v: &[f32], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Sample> {
                 let Some(normal) = unit(STRIDES.map(|s| 0.5 * (v[at + s] - v[at - s]))) else {
                     continue;
                 };
-                let place = [x, y, z].map(|c| (c as i32 - PAD) as f32);
+                let place = [x, y, z].map(|c| (c as i32 - PADDING) as f32);
                 found.push(Sample {
                     at: difference(place, normal.map(|n| n * distance)),
                     normal,
@@ -261,7 +260,7 @@ fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
     };
     let one = farthest(near.first()?.normal)?;
     let two = farthest(one)?;
-    let is_other = |c: f32| (OTHER_PLANE[0]..=OTHER_PLANE[1]).contains(&c);
+    let is_other = |c: f32| (OTHER_PLANE_COSINES[0]..=OTHER_PLANE_COSINES[1]).contains(&c);
     if !is_other(dot(one, two)) {
         return None;
     }
@@ -269,11 +268,11 @@ fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
     let all = near.iter();
     let three = all
         .min_by(|a, b| nearness(a).total_cmp(&nearness(b)))
-        .filter(|s| nearness(s) < OTHER_PLANE[1])
+        .filter(|s| nearness(s) < OTHER_PLANE_COSINES[1])
         .map(|s| s.normal);
     let (a, count_a) = plane_of(one, &near)?;
     let (b, count_b) = plane_of(two, &near)?;
-    // Of a corner that is far off there may be too few points.
+    // A distant corner may have too few points for its third plane.
     let third = three.and_then(|about| plane_of(about, &near));
     let (c, count_c) = third.map_or((None, 0), |(plane, count)| (Some(plane), count));
     if 5 * (count_a + count_b + count_c) < 4 * near.len() {
@@ -322,14 +321,17 @@ fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
         sign,
         offset,
     };
-    let is_on =
-        wedge.distance([0.0; 3]).abs() < MAX_OFF && dot(offset, offset) < MAX_OFFSET.powi(2);
+    let is_on = wedge.distance([0.0; 3]).abs() < MAX_SURFACE_DISTANCE
+        && dot(offset, offset) < MAX_OFFSET.powi(2);
     is_on.then_some(wedge)
 }
 
 /// The plane of the points whose normals are about the same, and how many they are; none if they bend.
 fn plane_of(about: Vector, near: &[Sample]) -> Option<(Plane, usize)> {
-    let own = || near.iter().filter(|s| dot(s.normal, about) > SAME_PLANE);
+    let own = || {
+        near.iter()
+            .filter(|s| dot(s.normal, about) > MIN_SAME_PLANE_COSINE)
+    };
     let count = own().count();
     if count < 3 {
         return None;
@@ -345,7 +347,7 @@ fn plane_of(about: Vector, near: &[Sample]) -> Option<(Plane, usize)> {
     own().all(is_flat).then_some((Plane { at, normal }, count))
 }
 
-/// Vectors that have product 1 with one of three and 0 with the others; none if they are nearly in a plane.
+/// The dual basis of three vectors; none if they are nearly coplanar.
 fn dual([a, b, c]: [Vector; 3]) -> Option<[Vector; 3]> {
     let volume = dot(a, cross(b, c));
     (volume.abs() > 0.05)

@@ -1,19 +1,19 @@
-//! What is done to one leaf, in rows of eight voxels along z or in slabs of eight rows along y.
+//! Kernels on one leaf, in rows of eight voxels along z or slabs of eight rows along y.
 //!
-//! Plain arithmetic without fused operations, so that every processor gives the same values; it is
-//! compiled twice, for any processor and for those with AVX2.
-// Small functions of one hot path: they must be compiled for their caller's processor.
+//! Arithmetic without fused operations, so that every processor computes the same values. The code is
+//! compiled twice: for any processor and for AVX2.
+// Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 
 use super::pool::{Pool, Row, Values};
 
-/// The voxels of a leaf with one x: as many as make loops worth turning into wide instructions.
+/// The 64 voxels of a leaf with one x, enough for the compiler to vectorise loops over them.
 type Slab = [f32; 64];
 
-/// A slab and its neighbours: before and after it along x, y, z.
-pub(super) struct Surrounded {
-    own: Slab,
-    sides: [[Slab; 2]; 3],
+/// A slab and its six neighbours: before and after it along x, y, z.
+pub(super) struct Stencil {
+    centre: Slab,
+    neighbours: [[Slab; 2]; 3],
 }
 
 /// The mask of a row.
@@ -22,9 +22,9 @@ fn row_mask(mask: &[u64; 8], row: usize) -> u8 {
     (mask[row >> 3] >> (8 * (row & 7))) as u8
 }
 
-/// Takes `new` where a voxel is active.
+/// Writes `new` to active voxels and `old` to the others.
 #[inline(always)]
-fn put(out: &mut Row, active: u8, new: &Row, old: &Row) {
+fn select(out: &mut Row, active: u8, new: &Row, old: &Row) {
     for z in 0..8 {
         let is_active = active >> z & 1 == 1;
         out[z] = if is_active { new[z] } else { old[z] };
@@ -41,48 +41,47 @@ fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// A slab's Euler step of `phi_t = S(phi) (1 - |grad phi|)`; `dt` in world units, `per_voxel` the inverse
-/// of the voxel size.
+/// An Euler step of `phi_t = S(phi) (1 - |grad phi|)` on a slab; `dt` in world units, `per_voxel` is the
+/// inverse of the voxel size.
 #[inline(always)]
-pub(super) fn euler_step(of: &Surrounded, dt: f32, per_voxel: f32, new: &mut Slab) {
-    let [[xm, xp], [ym, yp], [zm, zp]] = &of.sides;
+pub(super) fn euler_step(of: &Stencil, dt: f32, per_voxel: f32, new: &mut Slab) {
+    let [[xm, xp], [ym, yp], [zm, zp]] = &of.neighbours;
     for n in 0..64 {
-        let c = of.own[n];
-        // Inside, the differences exchange their signs, and nothing else changes.
+        let c = of.centre[n];
+        // Godunov's scheme: inside, all differences change their signs.
         let sign = if c > 0.0 { 1.0 } else { -1.0 };
-        let along = |before: f32, after: f32| {
+        let godunov = |before: f32, after: f32| {
             let back = larger(sign * (c - before), 0.0);
             let ahead = smaller(sign * (after - c), 0.0);
             larger(back * back, ahead * ahead)
         };
-        let slope = along(xm[n], xp[n]) + along(ym[n], yp[n]) + along(zm[n], zp[n]);
-        let speed = c / ((c * c + slope).sqrt() + 1e-8);
-        new[n] = c - dt * speed * (slope.sqrt() * per_voxel - 1.0);
+        let square = godunov(xm[n], xp[n]) + godunov(ym[n], yp[n]) + godunov(zm[n], zp[n]);
+        let speed = c / ((c * c + square).sqrt() + 1e-8);
+        new[n] = c - dt * speed * (square.sqrt() * per_voxel - 1.0);
     }
 }
 
-/// A slab's step of h^2 / 6 along the Laplacian.
+/// A step of h^2 / 6 along the Laplacian on a slab.
 #[inline(always)]
-pub(super) fn laplacian_step(of: &Surrounded, new: &mut Slab) {
-    let [[xm, xp], [ym, yp], [zm, zp]] = &of.sides;
+pub(super) fn laplacian_step(of: &Stencil, new: &mut Slab) {
+    let [[xm, xp], [ym, yp], [zm, zp]] = &of.neighbours;
     for n in 0..64 {
         let sum = xm[n] + xp[n] + ym[n] + yp[n] + zm[n] + zp[n];
-        new[n] = of.own[n] + (sum - 6.0 * of.own[n]) / 6.0;
+        new[n] = of.centre[n] + (sum - 6.0 * of.centre[n]) / 6.0;
     }
 }
 
-/// Changes the active voxels of some leaves, the first of which is number `first`, by a function of
-/// themselves and their six neighbours.
+/// Applies `step` to the active voxels of consecutive leaves that begin at number `first`.
 #[inline(always)]
 pub(super) fn stencil(
     pool: &Pool,
     first: usize,
     out: &mut [Values],
-    step: impl Fn(&Surrounded, &mut Slab),
+    step: impl Fn(&Stencil, &mut Slab),
 ) {
-    let mut slab = Surrounded {
-        own: [0.0; 64],
-        sides: [[[0.0; 64]; 2]; 3],
+    let mut slab = Stencil {
+        centre: [0.0; 64],
+        neighbours: [[[0.0; 64]; 2]; 3],
     };
     let mut new = [0.0; 64];
     for (n, out) in (first..).zip(out) {
@@ -98,28 +97,28 @@ pub(super) fn stencil(
                 out[rows.clone()].copy_from_slice(&own[rows]);
                 continue;
             }
-            slab.take(own, around, x);
+            slab.load(own, around, x);
             step(&slab, &mut new);
             let out = out[rows].as_flattened_mut();
             for z in 0..64 {
                 let is_active = mask[x] >> z & 1 == 1;
-                out[z] = if is_active { new[z] } else { slab.own[z] };
+                out[z] = if is_active { new[z] } else { slab.centre[z] };
             }
         }
     }
 }
 
-impl Surrounded {
-    /// Takes slab `x` of a leaf with six neighbours.
+impl Stencil {
+    /// Loads slab `x` of a leaf from the leaf and its six neighbours.
     #[inline(always)]
-    fn take(&mut self, own: &Values, around: [&Values; 6], x: usize) {
+    fn load(&mut self, own: &Values, around: [&Values; 6], x: usize) {
         let [xm, xp, ym, yp, zm, zp] = around;
         let slab = |of: &Values, x: usize, to: &mut Slab| {
             to.copy_from_slice(of[8 * x..8 * x + 8].as_flattened());
         };
-        slab(own, x, &mut self.own);
-        let c = &self.own;
-        let [along_x, along_y, along_z] = &mut self.sides;
+        slab(own, x, &mut self.centre);
+        let c = &self.centre;
+        let [along_x, along_y, along_z] = &mut self.neighbours;
         match x {
             0 => slab(xm, 7, &mut along_x[0]),
             _ => slab(own, x - 1, &mut along_x[0]),
@@ -141,11 +140,12 @@ impl Surrounded {
     }
 }
 
-/// One axis of a box mean over `2 width + 1` voxels, for some leaves.
+/// The box mean over `2 width + 1` voxels along one axis, for consecutive leaves that begin at number
+/// `first`.
 #[inline(always)]
 pub(super) fn box_mean(pool: &Pool, axis: usize, width: usize, first: usize, out: &mut [Values]) {
     let reach = width.div_ceil(8);
-    let share = 1.0 / (2 * width + 1) as f32;
+    let weight = 1.0 / (2 * width + 1) as f32;
     let mut line: Vec<&Values> = Vec::with_capacity(2 * reach + 1);
     let mut samples = vec![
         0f32;
@@ -161,21 +161,21 @@ pub(super) fn box_mean(pool: &Pool, axis: usize, width: usize, first: usize, out
         }
         pool.line(n, axis, reach, &mut line);
         if axis == 2 {
-            along_rows(&line, width, share, &pool.masks[n], &mut samples, out);
+            along_rows(&line, width, weight, &pool.masks[n], &mut samples, out);
         } else {
-            across_rows(&line, [8, 1][axis], width, share, &pool.masks[n], out);
+            across_rows(&line, [8, 1][axis], width, weight, &pool.masks[n], out);
         }
     }
 }
 
-/// The mean along x or y: of rows that are `stride` apart. `line` holds the leaves along the axis, the
-/// one to change in the middle.
+/// The mean along x or y, of rows `stride` apart. `line` holds the leaves along the axis, the one to change
+/// in the middle.
 #[inline(always)]
 fn across_rows(
     line: &[&Values],
     stride: usize,
     width: usize,
-    share: f32,
+    weight: f32,
     mask: &[u64; 8],
     out: &mut Values,
 ) {
@@ -187,35 +187,35 @@ fn across_rows(
             out[row] = *here;
             continue;
         }
-        let place = (row / stride) & 7;
-        let other = row - place * stride;
+        let index = (row / stride) & 7;
+        let first_row = row - index * stride;
         let mut sum = [0f32; 8];
-        for at in middle + place - width..=middle + place + width {
-            let term = &line[at >> 3][other + (at & 7) * stride];
+        for at in middle + index - width..=middle + index + width {
+            let term = &line[at >> 3][first_row + (at & 7) * stride];
             for z in 0..8 {
                 sum[z] += term[z];
             }
         }
         for s in &mut sum {
-            *s *= share;
+            *s *= weight;
         }
-        put(&mut out[row], active, &sum, here);
+        select(&mut out[row], active, &sum, here);
     }
 }
 
-/// The mean along z, within rows; `samples` is room for 64 rows as long as the line.
+/// The mean along z, within rows; `samples` is a buffer for 64 rows of the line's length.
 #[inline(always)]
 fn along_rows(
     line: &[&Values],
     width: usize,
-    share: f32,
+    weight: f32,
     mask: &[u64; 8],
     samples: &mut [f32],
     out: &mut Values,
 ) {
     let length = 8 * line.len();
     let middle = 8 * (line.len() / 2);
-    // All rows are written before any is read, at other offsets.
+    // All rows are written before any is read: reads at unaligned offsets just after a write would stall.
     for (row, samples) in samples.chunks_exact_mut(length).enumerate() {
         for (leaf, samples) in line.iter().zip(samples.chunks_exact_mut(8)) {
             samples.copy_from_slice(&leaf[row]);
@@ -236,14 +236,14 @@ fn along_rows(
             }
         }
         for s in &mut sum {
-            *s *= share;
+            *s *= weight;
         }
-        put(&mut out[row], active, &sum, here);
+        select(&mut out[row], active, &sum, here);
     }
 }
 
-/// Active voxels at or beyond the background leave the band; a leaf without any takes the sign of its
-/// first voxel.
+/// Makes active voxels at or beyond the background inactive; a leaf without active voxels takes the sign
+/// of its first voxel.
 #[inline(always)]
 pub(super) fn trim(values: &mut Values, mask: &mut [u64; 8], background: f32) {
     if *mask == [0; 8] {
@@ -258,11 +258,11 @@ pub(super) fn trim(values: &mut Values, mask: &mut [u64; 8], background: f32) {
         for z in 0..8 {
             let v = &mut values[row][z];
             stays |= u8::from(v.abs() < background) << z;
-            let inside = smaller(*v, background);
-            *v = larger(inside, -background);
+            let below = smaller(*v, background);
+            *v = larger(below, -background);
         }
-        let gone = active & !stays;
-        mask[row >> 3] &= !(u64::from(gone) << (8 * (row & 7)));
+        let removed = active & !stays;
+        mask[row >> 3] &= !(u64::from(removed) << (8 * (row & 7)));
     }
     if *mask == [0; 8] {
         let inside = values[0][0] < 0.0;

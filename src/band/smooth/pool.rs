@@ -1,6 +1,6 @@
-//! Leaves with their neighbours, in two buffers.
+//! All leaves of a band with the numbers of their neighbours, in two buffers.
 
-use super::super::index::Index;
+use super::super::index::LeafIndex;
 use super::super::leaf::LEAF;
 use super::LeafRef;
 use crate::frame::Coord;
@@ -11,12 +11,12 @@ pub(super) type Row = [f32; 8];
 /// The voxels of a leaf: row `8 x + y`.
 pub(super) type Values = [Row; 64];
 
-/// In place of a neighbour that is not there: all of it is outside, or inside.
-const OUTSIDE: u32 = u32::MAX;
-const INSIDE: u32 = u32::MAX - 1;
+/// Numbers in place of absent neighbours that lie outside, or inside.
+const OUTSIDE_LEAF: u32 = u32::MAX;
+const INSIDE_LEAF: u32 = u32::MAX - 1;
 
 /// Steps to the six neighbours: before and after along x, y, z.
-const STEPS: [[i32; 3]; 6] = [
+const NEIGHBOUR_STEPS: [[i32; 3]; 6] = [
     [-LEAF, 0, 0],
     [LEAF, 0, 0],
     [0, -LEAF, 0],
@@ -24,23 +24,23 @@ const STEPS: [[i32; 3]; 6] = [
     [0, 0, -LEAF],
     [0, 0, LEAF],
 ];
-/// Of a word of the mask: voxels with z = 0, and with z = 7.
-const FIRST_Z: u64 = 0x0101_0101_0101_0101;
-const LAST_Z: u64 = FIRST_Z << 7;
+/// Bits of a mask word at z = 0, and at z = 7.
+const Z_MIN_BITS: u64 = 0x0101_0101_0101_0101;
+const Z_MAX_BITS: u64 = Z_MIN_BITS << 7;
 
-/// All leaves of a band. A leaf without active voxels is the same in both buffers.
+/// All leaves of a band. A leaf without active voxels has the same values in both buffers.
 pub(super) struct Pool {
     pub origins: Vec<Coord>,
     pub masks: Vec<[u64; 8]>,
     pub values: Vec<Values>,
-    /// The buffer that the next pass writes.
+    /// The output buffer of the next pass.
     pub spare: Vec<Values>,
     neighbours: Vec<[u32; 6]>,
-    index: Index,
-    /// What a leaf without a surface holds: outside, inside.
-    flat: [Values; 2],
-    /// Leaves that were there from the start.
-    came: usize,
+    index: LeafIndex,
+    /// The values of absent leaves: outside, inside.
+    constant_leaves: [Values; 2],
+    /// Number of leaves at the start.
+    original: usize,
 }
 
 impl Pool {
@@ -51,11 +51,11 @@ impl Pool {
     ) -> Self {
         let origin_of = |n: usize| leaf(n).origin;
         let mut order: Vec<(Coord, usize)> = (0..count).map(|n| (origin_of(n), n)).collect();
-        // Neighbours near each other in memory: cubes of 4^3 leaves one after the other.
+        // Ordered by cubes of 4^3 leaves, so that neighbours are close in memory.
         order.par_sort_unstable_by_key(|&(origin, _)| (origin.aligned(4 * LEAF), origin));
-        let mut index = Index::default();
+        let mut index = LeafIndex::default();
         for (place, &(origin, _)) in order.iter().enumerate() {
-            index.enter(origin, place);
+            index.insert(origin, place);
         }
         let origins: Vec<Coord> = order.iter().map(|o| o.0).collect();
         let values: Vec<Values> = order
@@ -71,15 +71,23 @@ impl Pool {
             .zip(&values)
             .map(|(&origin, values)| {
                 std::array::from_fn(|d| {
-                    let found = index.get(origin.offset(STEPS[d][0], STEPS[d][1], STEPS[d][2]));
-                    // A voxel of the face.
+                    let found = index.get(origin.offset(
+                        NEIGHBOUR_STEPS[d][0],
+                        NEIGHBOUR_STEPS[d][1],
+                        NEIGHBOUR_STEPS[d][2],
+                    ));
+                    // A voxel of the face towards the neighbour.
                     let nearest = match d {
                         1 => values[56][0],
                         3 => values[7][0],
                         5 => values[0][7],
                         _ => values[0][0],
                     };
-                    found.unwrap_or(if nearest < 0.0 { INSIDE } else { OUTSIDE })
+                    found.unwrap_or(if nearest < 0.0 {
+                        INSIDE_LEAF
+                    } else {
+                        OUTSIDE_LEAF
+                    })
                 })
             })
             .collect();
@@ -90,8 +98,8 @@ impl Pool {
             values,
             neighbours,
             index,
-            flat: [background, -background].map(|v| [[v; 8]; 64]),
-            came: count,
+            constant_leaves: [background, -background].map(|v| [[v; 8]; 64]),
+            original: count,
         }
     }
 
@@ -99,16 +107,16 @@ impl Pool {
         self.origins.len()
     }
 
-    /// Whether a leaf was there from the start.
-    pub fn came(&self, leaf: usize) -> bool {
-        leaf < self.came
+    /// Whether a leaf existed at the start.
+    pub fn is_original(&self, leaf: usize) -> bool {
+        leaf < self.original
     }
 
-    /// The values of a leaf or of what is in its place.
+    /// The values of a leaf, present or absent.
     fn at(&self, leaf: u32) -> &Values {
         match leaf {
-            OUTSIDE => &self.flat[0],
-            INSIDE => &self.flat[1],
+            OUTSIDE_LEAF => &self.constant_leaves[0],
+            INSIDE_LEAF => &self.constant_leaves[1],
             leaf => &self.values[leaf as usize],
         }
     }
@@ -118,7 +126,7 @@ impl Pool {
         self.neighbours[leaf].map(|n| self.at(n))
     }
 
-    /// A leaf and `reach` neighbours on either side along an axis, in order.
+    /// Fills `line` with a leaf and its `reach` neighbours on either side along an axis, in order.
     pub fn line<'a>(&'a self, leaf: usize, axis: usize, reach: usize, line: &mut Vec<&'a Values>) {
         line.clear();
         line.resize(2 * reach + 1, &self.values[leaf]);
@@ -132,26 +140,26 @@ impl Pool {
                 };
                 line[place] = self.at(next);
                 if step < reach {
-                    next = self.beyond(leaf, direction, step, next);
+                    next = self.next_along(leaf, direction, step, next);
                 }
             }
         }
     }
 
-    /// The leaf `step + 1` steps from a leaf, of which `here` is `step` steps away. Two neighbours that
-    /// are not there have the same sign: else the surface would lie between them.
-    fn beyond(&self, leaf: usize, direction: usize, step: usize, here: u32) -> u32 {
-        if here < INSIDE {
+    /// The leaf `step + 1` steps from a leaf; `here` is the one `step` steps away. Two absent neighbours
+    /// have the same sign: otherwise the surface would lie between them.
+    fn next_along(&self, leaf: usize, direction: usize, step: usize, here: u32) -> u32 {
+        if here < INSIDE_LEAF {
             return self.neighbours[here as usize][direction];
         }
-        let [x, y, z] = STEPS[direction].map(|s| s * (step as i32 + 1));
+        let [x, y, z] = NEIGHBOUR_STEPS[direction].map(|s| s * (step as i32 + 1));
         let found = self.index.get(self.origins[leaf].offset(x, y, z));
         found.unwrap_or(here)
     }
 
-    /// Activates the face neighbours of all active voxels, in new leaves where there are none.
+    /// Activates the face neighbours of all active voxels; adds leaves where needed.
     pub fn dilate(&mut self) {
-        self.grow();
+        self.add_neighbours();
         let (masks, neighbours) = (&self.masks, &self.neighbours);
         let of = |leaf: u32| masks.get(leaf as usize).copied().unwrap_or([0; 8]);
         let grown: Vec<[u64; 8]> = masks
@@ -170,19 +178,19 @@ impl Pool {
                         | w >> 8
                         | ym[x] >> 56
                         | yp[x] << 56
-                        | w << 1 & !FIRST_Z
-                        | w >> 1 & !LAST_Z
-                        | zm[x] >> 7 & FIRST_Z
-                        | zp[x] << 7 & LAST_Z
+                        | w << 1 & !Z_MIN_BITS
+                        | w >> 1 & !Z_MAX_BITS
+                        | zm[x] >> 7 & Z_MIN_BITS
+                        | zp[x] << 7 & Z_MAX_BITS
                 })
             })
             .collect();
         self.masks = grown;
     }
 
-    /// Makes the leaves that active voxels on a face have as neighbours.
-    fn grow(&mut self) {
-        let mut wanted: Vec<(Coord, bool)> = (0..self.len())
+    /// Adds the absent neighbours of leaves with active voxels on the face towards them.
+    fn add_neighbours(&mut self) {
+        let mut absent: Vec<(Coord, bool)> = (0..self.len())
             .into_par_iter()
             .with_min_len(256)
             .flat_map_iter(|n| {
@@ -193,21 +201,21 @@ impl Pool {
                     1 => mask[7] != 0,
                     2 => any(0xff),
                     3 => any(0xff << 56),
-                    4 => any(FIRST_Z),
-                    _ => any(LAST_Z),
+                    4 => any(Z_MIN_BITS),
+                    _ => any(Z_MAX_BITS),
                 };
                 let origin = self.origins[n];
                 (0..6)
-                    .filter(move |&d| around[d] >= INSIDE && on_face(d))
+                    .filter(move |&d| around[d] >= INSIDE_LEAF && on_face(d))
                     .map(move |d| {
-                        let [x, y, z] = STEPS[d];
-                        (origin.offset(x, y, z), around[d] == INSIDE)
+                        let [x, y, z] = NEIGHBOUR_STEPS[d];
+                        (origin.offset(x, y, z), around[d] == INSIDE_LEAF)
                     })
             })
             .collect();
-        wanted.sort_unstable();
-        wanted.dedup_by_key(|w| w.0);
-        for (origin, inside) in wanted {
+        absent.sort_unstable();
+        absent.dedup_by_key(|a| a.0);
+        for (origin, inside) in absent {
             self.add(origin, inside);
         }
     }
@@ -215,21 +223,21 @@ impl Pool {
     /// Adds a leaf without active voxels.
     fn add(&mut self, origin: Coord, inside: bool) {
         let leaf = self.len();
-        self.index.enter(origin, leaf);
+        self.index.insert(origin, leaf);
         let neighbours = std::array::from_fn(|d| {
-            let [x, y, z] = STEPS[d];
+            let [x, y, z] = NEIGHBOUR_STEPS[d];
             let found = self.index.get(origin.offset(x, y, z));
             if let Some(found) = found {
-                // Its neighbour the other way round.
+                // The new leaf is its neighbour in the opposite direction.
                 self.neighbours[found as usize][d ^ 1] = leaf as u32;
             }
-            found.unwrap_or(if inside { INSIDE } else { OUTSIDE })
+            found.unwrap_or(if inside { INSIDE_LEAF } else { OUTSIDE_LEAF })
         });
-        let flat = self.flat[usize::from(inside)];
+        let values = self.constant_leaves[usize::from(inside)];
         self.origins.push(origin);
         self.masks.push([0; 8]);
-        self.values.push(flat);
-        self.spare.push(flat);
+        self.values.push(values);
+        self.spare.push(values);
         self.neighbours.push(neighbours);
     }
 }

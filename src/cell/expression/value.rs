@@ -1,79 +1,83 @@
-//! What a form makes of the values of its series: values, gradients, intervals.
+//! Evaluation of an expression from its leaves: values, gradients, intervals and error bounds.
 //!
-//! Each function asks for the leaves one by one, in the order of `Form::leaves`, so that exact
-//! series and tables of them share the rules.
+//! Each function calls back for the leaves one by one, in the order of `Expression::leaves`, so that exact
+//! series and their tables share one implementation.
 
-use super::{Form, Node};
+use super::{Expression, Node};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Vec3};
 
-/// The rounded minimum of two values and its derivatives by them.
-fn rounded_least(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
+/// The rounded minimum of two values and its derivatives with respect to them.
+fn rounded_minimum(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
     let share = if radius > 0.0 {
         (radius - (a - b).abs()).max(0.0) / radius
     } else {
         0.0
     };
     let value = a.min(b) - share * share * radius / 4.0;
-    let far = share / 2.0;
+    let weaker = share / 2.0;
     let slopes = if a <= b {
-        [1.0 - far, far]
+        [1.0 - weaker, weaker]
     } else {
-        [far, 1.0 - far]
+        [weaker, 1.0 - weaker]
     };
     (value, slopes)
 }
 
-/// A value with its gradient.
-type Slope = (f64, Vec3);
+/// A value and its gradient.
+type ValueAndGradient = (f64, Vec3);
 
-fn negative((v, g): Slope) -> Slope {
+fn negative((v, g): ValueAndGradient) -> ValueAndGradient {
     (-v, -g)
 }
 
-impl Form {
-    /// The value where the leaves have the values that `leaf` gives.
-    pub(in crate::cell) fn value_by(&self, leaf: &mut dyn FnMut(&Node) -> f64) -> f64 {
+impl Expression {
+    /// The value, where `leaf` gives the values of the leaves.
+    pub(in crate::cell) fn value_with(&self, leaf: &mut dyn FnMut(&Node) -> f64) -> f64 {
         let mut least = |parts: &[Self], radius: f64, sign: f64| {
             parts
                 .iter()
-                .map(|f| sign * f.value_by(leaf))
-                .reduce(|a, b| rounded_least(a, b, radius).0)
+                .map(|f| sign * f.value_with(leaf))
+                .reduce(|a, b| rounded_minimum(a, b, radius).0)
                 .unwrap_or(f64::INFINITY)
         };
         match self.node() {
             Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => leaf(self.node()),
-            Node::Sum(parts) => parts.iter().map(|(w, f)| w * f.value_by(leaf)).sum(),
+            Node::Sum(parts) => parts.iter().map(|(w, f)| w * f.value_with(leaf)).sum(),
             Node::Least(parts, radius) => least(parts, *radius, 1.0),
             Node::Greatest(parts, radius) => -least(parts, *radius, -1.0),
-            Node::Magnitude(f) => f.value_by(leaf).abs(),
-            Node::Shift(f, by) => f.value_by(leaf) - by,
-            Node::Negation(f) => -f.value_by(leaf),
+            Node::Magnitude(f) => f.value_with(leaf).abs(),
+            Node::Shift(f, by) => f.value_with(leaf) - by,
+            Node::Negation(f) => -f.value_with(leaf),
         }
     }
 
-    /// Value and gradient where the leaves have those that `leaf` gives.
-    pub(in crate::cell) fn slope_by(&self, leaf: &mut dyn FnMut(&Node) -> Slope) -> Slope {
-        let mut least = |parts: &[Self], radius: f64, turn: fn(Slope) -> Slope| {
-            parts
-                .iter()
-                .map(|f| turn(f.slope_by(leaf)))
-                .reduce(|(a, ga), (b, gb)| {
-                    let (v, [sa, sb]) = rounded_least(a, b, radius);
-                    (v, ga * sa + gb * sb)
-                })
-                .unwrap_or((f64::INFINITY, Vec3::zeros()))
-        };
+    /// Value and gradient, where `leaf` gives those of the leaves.
+    pub(in crate::cell) fn gradient_with(
+        &self,
+        leaf: &mut dyn FnMut(&Node) -> ValueAndGradient,
+    ) -> ValueAndGradient {
+        let mut least =
+            |parts: &[Self], radius: f64, transform: fn(ValueAndGradient) -> ValueAndGradient| {
+                parts
+                    .iter()
+                    .map(|f| transform(f.gradient_with(leaf)))
+                    .reduce(|(a, ga), (b, gb)| {
+                        let (v, [sa, sb]) = rounded_minimum(a, b, radius);
+                        (v, ga * sa + gb * sb)
+                    })
+                    .unwrap_or((f64::INFINITY, Vec3::zeros()))
+            };
         match self.node() {
             Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => leaf(self.node()),
             Node::Sum(parts) => parts.iter().fold((0.0, Vec3::zeros()), |(s, g), (w, f)| {
-                let (v, d) = f.slope_by(leaf);
+                let (v, d) = f.gradient_with(leaf);
                 (s + w * v, g + d * *w)
             }),
             Node::Least(parts, radius) => least(parts, *radius, |s| s),
             Node::Greatest(parts, radius) => negative(least(parts, *radius, negative)),
             Node::Magnitude(f) => {
-                let slope = f.slope_by(leaf);
+                let slope = f.gradient_with(leaf);
                 if slope.0 < 0.0 {
                     negative(slope)
                 } else {
@@ -81,29 +85,29 @@ impl Form {
                 }
             }
             Node::Shift(f, by) => {
-                let (v, g) = f.slope_by(leaf);
+                let (v, g) = f.gradient_with(leaf);
                 (v - by, g)
             }
-            Node::Negation(f) => negative(f.slope_by(leaf)),
+            Node::Negation(f) => negative(f.gradient_with(leaf)),
         }
     }
 
-    /// The interval of values, and a bound of the gradient's length, where the leaves have those
-    /// that `leaf` gives. Every node but the magnitude is monotone in each part; parts that cannot
-    /// be the extreme one anywhere do not count for the gradient.
-    pub(in crate::cell) fn range_by(
+    /// The interval of values and a bound of the gradient's length, where `leaf` gives those of the leaves.
+    /// Every node but the magnitude is monotone in each operand. Operands that are nowhere the minimum do
+    /// not contribute to the gradient.
+    pub(in crate::cell) fn bound_with(
         &self,
         leaf: &mut dyn FnMut(&Node) -> (Interval, f64),
     ) -> (Interval, f64) {
-        let mut least = |parts: &[Self], radius: f64, turn: fn(Interval) -> Interval| {
+        let mut least = |parts: &[Self], radius: f64, transform: fn(Interval) -> Interval| {
             let ranges: Vec<(Interval, f64)> = parts
                 .iter()
                 .map(|f| {
-                    let (i, slope) = f.range_by(leaf);
-                    (turn(i), slope)
+                    let (i, slope) = f.bound_with(leaf);
+                    (transform(i), slope)
                 })
                 .collect();
-            // A fold of rounded minima lies below the plain one, by a quarter of the radius a step.
+            // Each rounded minimum lies at most radius / 4 below the sharp one.
             let depth = radius * (1.0 + parts.len() as f64 / 4.0);
             let lowest = ranges.iter().fold(f64::INFINITY, |m, r| m.min(r.0.hi));
             let steepest = ranges
@@ -115,11 +119,11 @@ impl Form {
                 .map(|r| r.0)
                 .reduce(|a, b| {
                     Interval::new(
-                        rounded_least(a.lo, b.lo, radius).0,
-                        rounded_least(a.hi, b.hi, radius).0,
+                        rounded_minimum(a.lo, b.lo, radius).0,
+                        rounded_minimum(a.hi, b.hi, radius).0,
                     )
                 })
-                .unwrap_or(Interval::ALL);
+                .unwrap_or(Interval::REAL_LINE);
             (interval, steepest)
         };
         match self.node() {
@@ -128,7 +132,7 @@ impl Form {
                 parts
                     .iter()
                     .fold((Interval::new(0.0, 0.0), 0.0), |(sum, steepest), (w, f)| {
-                        let (i, slope) = f.range_by(leaf);
+                        let (i, slope) = f.bound_with(leaf);
                         let (a, b) = (w * i.lo, w * i.hi);
                         let sum = Interval::new(sum.lo + a.min(b), sum.hi + a.max(b));
                         (sum, steepest + w.abs() * slope)
@@ -140,36 +144,39 @@ impl Form {
                 (i.negated(), slope)
             }
             Node::Magnitude(f) => {
-                let (i, slope) = f.range_by(leaf);
+                let (i, slope) = f.bound_with(leaf);
                 (i.magnitude(), slope)
             }
             Node::Shift(f, by) => {
-                let (i, slope) = f.range_by(leaf);
+                let (i, slope) = f.bound_with(leaf);
                 (Interval::new(i.lo - by, i.hi - by), slope)
             }
             Node::Negation(f) => {
-                let (i, slope) = f.range_by(leaf);
+                let (i, slope) = f.bound_with(leaf);
                 (i.negated(), slope)
             }
         }
     }
 
-    /// Bounds of the errors of value and gradient where `leaf` gives those of each leaf, and a
-    /// bound of its gradient. Where two parts change places the gradient jumps, and an error of
-    /// their values moves that place: there the bound of the gradient's error does not hold.
-    pub(in crate::cell) fn error_by(&self, leaf: &mut dyn FnMut(&Node) -> [f64; 3]) -> [f64; 3] {
+    /// Bounds of the errors of value and gradient, where `leaf` gives those of each leaf and a bound of its
+    /// gradient. Where the minimum switches between two operands, the gradient jumps, and an error of the
+    /// values moves the switch. There the bound of the gradient's error does not hold.
+    pub(in crate::cell) fn error_bound_with(
+        &self,
+        leaf: &mut dyn FnMut(&Node) -> [f64; 3],
+    ) -> [f64; 3] {
         match self.node() {
             Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => leaf(self.node()),
             Node::Sum(parts) => parts.iter().fold([0.0; 3], |sum, (w, f)| {
-                let e = f.error_by(leaf);
+                let e = f.error_bound_with(leaf);
                 std::array::from_fn(|i| sum[i] + w.abs() * e[i])
             }),
             Node::Least(parts, radius) | Node::Greatest(parts, radius) => {
                 let [value, gradient, slope] = parts.iter().fold([0.0; 3], |most, f| {
-                    let e = f.error_by(leaf);
+                    let e = f.error_bound_with(leaf);
                     std::array::from_fn(|i| f64::max(most[i], e[i]))
                 });
-                // The weights of two gradients change by an error of the values over the radius.
+                // The weights of two gradients change by at most the error of the values over the radius.
                 let steps = (parts.len() - 1) as f64;
                 let moved = if *radius > 0.0 {
                     steps * 2.0 * slope * value / radius
@@ -178,16 +185,16 @@ impl Form {
                 };
                 [value, gradient + moved, slope]
             }
-            Node::Magnitude(f) | Node::Shift(f, _) | Node::Negation(f) => f.error_by(leaf),
+            Node::Magnitude(f) | Node::Shift(f, _) | Node::Negation(f) => f.error_bound_with(leaf),
         }
     }
 }
 
-impl Field for Form {
+impl Field for Expression {
     type Point = CellPoint<3>;
 
     fn value(&self, p: CellPoint<3>) -> f64 {
-        self.value_by(&mut |leaf| match leaf {
+        self.value_with(&mut |leaf| match leaf {
             Node::Planar(s) => s.value(CellPoint(p.0.xy())),
             Node::Series(s) => s.value(p),
             Node::Icosahedral(s) => s.value(p),
@@ -196,7 +203,7 @@ impl Field for Form {
     }
 
     fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
-        self.slope_by(&mut |leaf| match leaf {
+        self.gradient_with(&mut |leaf| match leaf {
             Node::Planar(s) => {
                 let (v, g) = s.value_and_gradient(CellPoint(p.0.xy()));
                 (v, g.push(0.0))
@@ -212,11 +219,11 @@ impl Field for Form {
             min: region.min.xy(),
             max: region.max.xy(),
         };
-        self.range_by(&mut |leaf| match leaf {
+        self.bound_with(&mut |leaf| match leaf {
             Node::Planar(s) => (s.bound(&planar), 0.0),
             Node::Series(s) => (s.bound(region), 0.0),
             Node::Icosahedral(s) => (s.bound(region), 0.0),
-            _ => (Interval::ALL, f64::INFINITY),
+            _ => (Interval::REAL_LINE, f64::INFINITY),
         })
         .0
     }

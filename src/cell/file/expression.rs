@@ -1,13 +1,13 @@
-//! The function of a `.cell` file: a series, or a tree of nodes over several.
+//! The function of a `.cell` file: a series, or an expression of several.
 
 use super::super::compatibility::{rank, symmetry_of};
-use super::super::{CellError, Form, Series, lattices};
+use super::super::{CellError, Expression, Series, lattices};
 use super::CellTextError;
 use crate::frame::Element;
 use crate::symmetry::{Frequency, Lattice, Operator, PointGroup, SymmetryError};
 use serde::Deserialize;
 
-/// A coefficient.
+/// A coefficient `c` of the orbit of the index `k`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Entry {
@@ -15,7 +15,7 @@ pub(super) struct Entry {
     pub c: [f64; 2],
 }
 
-/// One series, as it stands in a file.
+/// A series in a file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SeriesEntry {
@@ -29,27 +29,27 @@ pub(super) struct SeriesEntry {
 /// A node of an expression.
 #[derive(Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
-pub(super) enum Expression {
+pub(super) enum ExpressionEntry {
     Series(SeriesEntry),
     Sum(Vec<Weighted>),
     Least(Parts),
     Greatest(Parts),
-    Magnitude(Box<Expression>),
+    Magnitude(Box<ExpressionEntry>),
     Shift(Shifted),
-    Negation(Box<Expression>),
+    Negation(Box<ExpressionEntry>),
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Weighted {
     weight: f64,
-    part: Expression,
+    part: ExpressionEntry,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Parts {
-    parts: Vec<Expression>,
+    parts: Vec<ExpressionEntry>,
     #[serde(default)]
     radius: f64,
 }
@@ -57,29 +57,29 @@ pub(super) struct Parts {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Shifted {
-    part: Box<Expression>,
+    part: Box<ExpressionEntry>,
     by: f64,
 }
 
-/// The text with what has been read of it, for errors that name a line: series have the same keys,
-/// so that the n-th series' key is the n-th of its name.
+/// The text and the number of series and coefficients that are already read, which locate errors: each
+/// series has the same keys, so the key of the n-th series is the n-th occurrence.
 pub(super) struct Reader<'a> {
     pub text: &'a str,
     pub element: Element,
-    /// Series and coefficients that have been read.
+    /// Series and coefficients that are already read.
     pub series: usize,
     pub coefficients: usize,
 }
 
 impl Reader<'_> {
-    /// The line of the n-th time that a key stands in the text.
+    /// The line of the n-th occurrence of a key in the text.
     pub fn line(&self, key: &str, n: usize) -> Option<usize> {
         let quoted = format!("{key:?}");
         let (at, _) = self.text.match_indices(&quoted).nth(n)?;
         Some(self.text[..at].matches('\n').count() + 1)
     }
 
-    /// An error at a key of the series that is being read.
+    /// An error at a key of the current series.
     fn on(&self, key: &str, reason: String) -> CellTextError {
         CellTextError {
             line: self.line(key, self.series),
@@ -87,7 +87,7 @@ impl Reader<'_> {
         }
     }
 
-    /// An error at the key of what is wrong, if it has one.
+    /// An error at the key that causes it, if it has one.
     pub fn fault(&self, e: &CellError) -> CellTextError {
         let line = match e {
             CellError::Coefficient { place, .. } => {
@@ -110,44 +110,44 @@ impl Reader<'_> {
         }
     }
 
-    /// The function that an expression describes.
-    pub fn form(&mut self, expression: &Expression) -> Result<Form, CellTextError> {
-        let mut all = |parts: &[Expression]| -> Result<Vec<Form>, CellTextError> {
-            parts.iter().map(|e| self.form(e)).collect()
+    /// The function of an expression.
+    pub fn function(&mut self, expression: &ExpressionEntry) -> Result<Expression, CellTextError> {
+        let mut all = |parts: &[ExpressionEntry]| -> Result<Vec<Expression>, CellTextError> {
+            parts.iter().map(|e| self.function(e)).collect()
         };
         let made = match expression {
-            Expression::Series(entry) => return self.leaf(entry),
-            Expression::Sum(parts) => {
-                let mut forms = Vec::with_capacity(parts.len());
+            ExpressionEntry::Series(entry) => return self.leaf(entry),
+            ExpressionEntry::Sum(parts) => {
+                let mut functions = Vec::with_capacity(parts.len());
                 for p in parts {
-                    forms.push((p.weight, self.form(&p.part)?));
+                    functions.push((p.weight, self.function(&p.part)?));
                 }
-                Form::sum(forms)
+                Expression::sum(functions)
             }
-            Expression::Least(p) => Form::least(all(&p.parts)?, p.radius),
-            Expression::Greatest(p) => Form::greatest(all(&p.parts)?, p.radius),
-            Expression::Magnitude(part) => Ok(self.form(part)?.magnitude()),
-            Expression::Shift(s) if !s.by.is_finite() => Err(CellError::Expression(format!(
+            ExpressionEntry::Least(p) => Expression::least(all(&p.parts)?, p.radius),
+            ExpressionEntry::Greatest(p) => Expression::greatest(all(&p.parts)?, p.radius),
+            ExpressionEntry::Magnitude(part) => Ok(self.function(part)?.magnitude()),
+            ExpressionEntry::Shift(s) if !s.by.is_finite() => Err(CellError::Expression(format!(
                 "shift by {}; expected a finite number",
                 s.by
             ))),
-            Expression::Shift(s) => Ok(self.form(&s.part)?.shifted(s.by)),
-            Expression::Negation(part) => Ok(self.form(part)?.negated()),
+            ExpressionEntry::Shift(s) => Ok(self.function(&s.part)?.shifted(s.by)),
+            ExpressionEntry::Negation(part) => Ok(self.function(part)?.negated()),
         };
         made.map_err(|e| self.fault(&e))
     }
 
-    fn leaf(&mut self, entry: &SeriesEntry) -> Result<Form, CellTextError> {
-        let form: Form = match rank(self.element) {
+    fn leaf(&mut self, entry: &SeriesEntry) -> Result<Expression, CellTextError> {
+        let function: Expression = match rank(self.element) {
             2 => self.series_of::<2>(entry)?.into(),
             3 => self.series_of::<3>(entry)?.into(),
             _ => self.series_of::<6>(entry)?.into(),
         };
-        // Each part alone, so that what does not fit is found on its line.
-        symmetry_of(self.element, &form).map_err(|e| self.fault(&e))?;
+        // Each series is checked separately, so that an error names its line.
+        symmetry_of(self.element, &function).map_err(|e| self.fault(&e))?;
         self.series += 1;
         self.coefficients += entry.coefficients.len();
-        Ok(form)
+        Ok(function)
     }
 
     fn series_of<const D: usize>(&self, entry: &SeriesEntry) -> Result<Series<D>, CellTextError> {
@@ -165,7 +165,7 @@ impl Reader<'_> {
         })?;
         let of_lattice = |e: SymmetryError| self.on("lattice", e.to_string());
         let lattice = Lattice::new(vectors).map_err(of_lattice)?;
-        // A named lattice is exact whatever the file's digits.
+        // A named lattice is exact, independent of the file's digits.
         let lattice: Lattice<D> = match lattice.name() {
             Some(name) => Lattice::named(name).map_err(of_lattice)?,
             None => {

@@ -1,7 +1,7 @@
-//! The accuracy of a fit: differences, distances of the two surfaces, pieces.
+//! The accuracy of a fit: differences, distances of the surfaces, components.
 
 use super::super::domain::{Domain, Flag, SimplexGrid};
-use super::sampling::{Place, Target, places};
+use super::sampling::{QuadraturePoint, Target, quadrature_points};
 use super::{FitError, FitOptions, FitReport, Hausdorff, SourceReport, components};
 use crate::cell::Cell;
 use crate::field::Field;
@@ -9,20 +9,20 @@ use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
-/// What is known about a source beside its distance.
+/// Additional information about a source.
 #[derive(Default)]
-pub(super) struct Extra<'a> {
-    /// Points of its surface inside the element.
+pub(super) struct SourceInfo<'a> {
+    /// Known points of the surface inside the element.
     pub points: Vec<Vec3>,
     pub source: Option<SourceReport>,
-    /// Samples over the whole period, and how many along an axis.
+    /// Samples over the whole period, and their number along an axis.
     pub period: Option<(&'a [f64], usize)>,
-    /// Whether its values are no distances, but only have the sign of one.
+    /// Whether values have the sign of a distance, but not its magnitude.
     pub inexact: bool,
 }
 
-impl Extra<'_> {
-    /// Where the source stands, for an error about its absence.
+impl SourceInfo<'_> {
+    /// The position of the source, for an error about its absence.
     pub fn hint(&self, element: Element) -> String {
         let own = element.cell_box();
         self.source.map_or_else(String::new, |s| {
@@ -38,32 +38,32 @@ impl Extra<'_> {
     }
 }
 
-/// Points of the source's own list that are measured at most.
-const MOST_POINTS: usize = 4000;
+/// Maximal number of the source's own points that are measured.
+const MAX_SOURCE_POINTS: usize = 4000;
 
-/// Exponentials that one measure evaluates at most, about two seconds of work: cells of very many waves
-/// are measured at fewer points.
-const MOST_EVALUATED: f64 = 2e9;
+/// Maximal number of exponentials that a measurement evaluates, about two seconds of work. Cells of many
+/// waves are measured at fewer points.
+const MAX_EVALUATIONS: f64 = 2e9;
 
-/// How many points of `wanted` a measure of a cell takes, at least `least` of them.
-fn affordable(cell: &Cell, wanted: usize, least: usize) -> usize {
-    let most = MOST_EVALUATED / cell.form().exponentials().max(1) as f64;
-    wanted.min((most as usize).max(least))
+/// The affordable number of measured points of a cell: at most `target`, at least `least`.
+fn point_count(cell: &Cell, target: usize, least: usize) -> usize {
+    let most = MAX_EVALUATIONS / cell.expression().exponentials().max(1) as f64;
+    target.min((most as usize).max(least))
 }
 
-/// The same for edges of flags: an edge cut into n parts has about n^3/6 points.
-fn affordable_parts(cell: &Cell, domain: &Domain, wanted: usize, least: usize) -> usize {
-    let most = affordable(cell, usize::MAX, 1) as f64 / domain.flags.len() as f64;
-    wanted.min((libm::cbrt(6.0 * most) as usize).max(least))
+/// The affordable number of parts per edge of a flag. A flag of n parts per edge has about n^3/6 points.
+fn part_count(cell: &Cell, domain: &Domain, target: usize, least: usize) -> usize {
+    let most = point_count(cell, usize::MAX, 1) as f64 / domain.flags.len() as f64;
+    target.min((libm::cbrt(6.0 * most) as usize).max(least))
 }
 
-/// Measures everything but what the sampling already knows.
+/// Measures the accuracy of a cell, except for the quantities that the sampling gives.
 pub(super) fn measure(
     cell: &Cell,
     target: &Target,
     (domain, parts): (&Domain, usize),
     options: &FitOptions,
-    extra: &Extra,
+    info: &SourceInfo,
     progress: &dyn Progress,
 ) -> Result<FitReport, FitError> {
     let stop = || {
@@ -73,21 +73,25 @@ pub(super) fn measure(
         Ok(())
     };
     let element = cell.element();
-    let difference = |places: &[Place]| -> (f64, f64) {
-        let all: Vec<f64> = places
+    let difference = |quadrature_points: &[QuadraturePoint]| -> (f64, f64) {
+        let all: Vec<f64> = quadrature_points
             .par_iter()
             .map(|&(p, _)| cell.value(p) - target.value(p))
             .collect();
-        let total: f64 = places.iter().map(|(_, w)| w).sum();
-        let square: f64 = all.iter().zip(places).map(|(d, (_, w))| w * d * d).sum();
+        let total: f64 = quadrature_points.iter().map(|(_, w)| w).sum();
+        let square: f64 = all
+            .iter()
+            .zip(quadrature_points)
+            .map(|(d, (_, w))| w * d * d)
+            .sum();
         let largest = all.iter().fold(0.0f64, |m, d| m.max(d.abs()));
         ((square / total).sqrt(), largest)
     };
-    // Other points than those of the fit.
+    // The points differ from those of the fit.
     let stratum = |which: usize| {
         let mut weights = [0.0; 3];
         weights[which] = 1.0;
-        let (mut all, _) = places(element, domain, parts + 3, weights);
+        let (mut all, _) = quadrature_points(element, domain, parts + 3, weights);
         all.retain(|(_, w)| *w > 0.0);
         all
     };
@@ -97,25 +101,25 @@ pub(super) fn measure(
     let (_, edge_max) = difference(&stratum(2));
     stop()?;
     let mut report = FitReport {
-        lattice: cell.form().lattice_name().unwrap_or("").to_owned(),
+        lattice: cell.expression().lattice_name().unwrap_or("").to_owned(),
         band_limit: options.band_limit,
         regularisation: options.lambda(),
         rms,
         face_max,
         edge_max,
-        source: extra.source,
+        source: info.source,
         ..FitReport::default()
     };
     (report.gradient_inside, report.gradient_outside) = gradients(cell, domain);
     if options.measure {
         stop()?;
-        report.hausdorff = hausdorff(cell, target, domain, extra, options.band_limit);
+        report.hausdorff = hausdorff(cell, target, domain, info, options.band_limit);
         stop()?;
         let c = components::components(cell, target, domain);
         if (c.source_solid, c.source_void) != (c.cell_solid, c.cell_void) {
             report.warnings.push(format!(
-                "the cell has {} pieces of solid and {} of void in an element, the source {} and {}: \
-                 thin parts appeared or vanished, a larger band limit keeps them",
+                "the cell has {} components of solid and {} of void in an element, the source {} and {}: \
+                 thin parts appeared or vanished; a larger band limit keeps them",
                 c.cell_solid, c.cell_void, c.source_solid, c.source_void
             ));
         }
@@ -124,18 +128,18 @@ pub(super) fn measure(
     Ok(report)
 }
 
-/// Points of the period at which its gradient is sampled.
+/// Points of the period at which the gradient is sampled.
 const PERIOD_POINTS: usize = 6000;
 
-/// Greatest sampled gradient inside the element and over the whole period.
+/// Largest sampled gradient inside the element and over the whole period.
 fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
     let largest = |points: Vec<CellPoint<3>>| {
         points
             .into_par_iter()
-            .map(|p| cell.form().value_and_gradient(p).1.norm())
+            .map(|p| cell.expression().value_and_gradient(p).1.norm())
             .reduce(|| 0.0, f64::max)
     };
-    let grid = SimplexGrid::new(affordable_parts(cell, domain, 20, 12)).coordinates();
+    let grid = SimplexGrid::new(part_count(cell, domain, 20, 12)).coordinates();
     let inside = domain
         .flags
         .iter()
@@ -149,8 +153,8 @@ fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
         }
         _ => Vec::new(),
     };
-    // Multiples of the roots of x^4 = x + 1 fill the period evenly.
-    let outside = (1..=affordable(cell, PERIOD_POINTS, 500))
+    // A low-discrepancy sequence: multiples of powers of 1/x modulo 1, where x^4 = x + 1.
+    let outside = (1..=point_count(cell, PERIOD_POINTS, 500))
         .map(|n| {
             let steps = [0.819_172_513_4, 0.671_043_606_7, 0.549_700_477_9];
             let at = vectors.iter().zip(steps);
@@ -161,8 +165,7 @@ fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
     (inside, largest(outside).max(inside))
 }
 
-/// Points where a function changes sign along the edges of simplex grids in the flags, refined along
-/// the edge.
+/// Points where a function changes sign along the edges of the simplex grids of all flags.
 fn crossings(
     domain: &Domain,
     parts: usize,
@@ -204,7 +207,7 @@ fn flag_crossings(
         .map(|&[i, j]| {
             let (mut a, mut b) = ((points[i], values[i]), (points[j], values[j]));
             for _ in 0..4 {
-                // Between a secant and a bisection, so that neither end stays for ever.
+                // A safeguarded secant step: it stays away from both ends, so that both ends move.
                 let t = (a.1 / (a.1 - b.1)).clamp(0.05, 0.95);
                 let p = a.0 + (b.0 - a.0) * t;
                 let v = value(CellPoint(p));
@@ -220,8 +223,8 @@ fn flag_crossings(
         .collect()
 }
 
-/// The distance of a point to the surface of a function: Newton's steps, then steps along the
-/// surface towards the foot point.
+/// The distance of a point to the surface of a function, by Newton steps combined with steps along the
+/// surface towards the foot point. `None` if the steps do not converge.
 fn distance_to_surface(function: &impl Fn(Vec3) -> (f64, Vec3), q: Vec3) -> Option<f64> {
     let mut x = q;
     let mut last = (0.0, Vec3::zeros());
@@ -243,13 +246,13 @@ fn distance_to_surface(function: &impl Fn(Vec3) -> (f64, Vec3), q: Vec3) -> Opti
             break;
         }
     }
-    // One more look, where the steps ended.
+    // The last step is not evaluated yet.
     let (v, _) = function(x);
     (v.abs() < 1e-6 * last.1.norm().max(1.0)).then(|| (x - q).norm())
 }
 
-/// The distance of a point to a surface by Newton's steps, or to the nearest of known points of it and
-/// their images where the steps may have gone to a farther sheet.
+/// The distance of a point to a surface by Newton steps. A large result may belong to a farther sheet;
+/// then the distance to known points of the surface and their images also counts.
 fn distance_or_nearest(
     function: &impl Fn(Vec3) -> (f64, Vec3),
     q: Vec3,
@@ -257,7 +260,7 @@ fn distance_or_nearest(
     operators: &[Mat3],
 ) -> f64 {
     let nearest = || {
-        // The images of the point stand for those of the surface.
+        // The images of the point replace those of the surface points.
         let images = operators.iter().map(|m| m * q);
         images
             .flat_map(|q| known.iter().map(move |p| (p - q).norm_squared()))
@@ -270,54 +273,60 @@ fn distance_or_nearest(
     }
 }
 
-/// Value and gradient of the target by differences.
-fn slope_of(target: &Target, x: Vec3) -> (f64, Vec3) {
-    const STEP: f64 = 1e-5;
+/// Value and gradient of the target by central differences.
+fn numerical_gradient(target: &Target, x: Vec3) -> (f64, Vec3) {
+    const DIFFERENCE_STEP: f64 = 1e-5;
     let at = |x: Vec3| target.value(CellPoint(x));
     let gradient = Vec3::from_fn(|a, _| {
-        let step = Vec3::ith(a, STEP);
-        (at(x + step) - at(x - step)) / (2.0 * STEP)
+        let step = Vec3::ith(a, DIFFERENCE_STEP);
+        (at(x + step) - at(x - step)) / (2.0 * DIFFERENCE_STEP)
     });
     (at(x), gradient)
 }
 
-/// Sampled one-sided distances; `None` if either has no surface.
+/// Sampled one-sided distances; `None` if either function has no surface.
 fn hausdorff(
     cell: &Cell,
     target: &Target,
     domain: &Domain,
-    extra: &Extra,
+    info: &SourceInfo,
     band_limit: f64,
 ) -> Option<Hausdorff> {
-    // A quarter of the shortest wave; a flag is at most 0.87 long. Many flags are small or few unlike.
+    // A step of a quarter of the shortest wave, where a flag is at most 0.87 long; flags of a small group
+    // are many, so their grids are coarser.
     let flags = (domain.flags.len() as f64).cbrt();
     let parts = ((0.9 * 4.0 * band_limit / flags).ceil() as usize).clamp(20, 56);
-    let parts = affordable_parts(cell, domain, parts, 20);
-    let own = crossings(domain, parts, &|p| cell.value(p));
-    let theirs = crossings(domain, parts, &|p| target.value(p));
-    if own.is_empty() || theirs.is_empty() {
+    let parts = part_count(cell, domain, parts, 20);
+    let cell_points = crossings(domain, parts, &|p| cell.value(p));
+    let source_points = crossings(domain, parts, &|p| target.value(p));
+    if cell_points.is_empty() || source_points.is_empty() {
         return None;
     }
-    let cell_to_source = own
+    let cell_to_source = cell_points
         .par_iter()
         .map(|p| {
-            if extra.inexact {
-                distance_or_nearest(&|x| slope_of(target, x), *p, &theirs, cell.operators())
+            if info.inexact {
+                distance_or_nearest(
+                    &|x| numerical_gradient(target, x),
+                    *p,
+                    &source_points,
+                    cell.operators(),
+                )
             } else {
                 target.value(CellPoint(*p)).abs()
             }
         })
         .reduce(|| 0.0, f64::max);
-    let stride = extra.points.len().div_ceil(MOST_POINTS).max(1);
-    let mut points = theirs;
-    // An image of an unsymmetric source is not its average: only a symmetric one has these points.
+    let stride = info.points.len().div_ceil(MAX_SOURCE_POINTS).max(1);
+    let mut points = source_points;
+    // For an asymmetric source the target is the average of its images, which does not contain these points.
     if target.symmetric {
-        points.extend(extra.points.iter().step_by(stride));
+        points.extend(info.points.iter().step_by(stride));
     }
     let function = |x: Vec3| cell.value_and_gradient(CellPoint(x));
     let source_to_cell = points
         .par_iter()
-        .map(|&q| distance_or_nearest(&function, q, &own, cell.operators()))
+        .map(|&q| distance_or_nearest(&function, q, &cell_points, cell.operators()))
         .reduce(|| 0.0, f64::max);
     Some(Hausdorff {
         cell_to_source,

@@ -1,8 +1,8 @@
-//! Pieces of the solid and of the void in one element, by the flags that make it up.
+//! Connected components of solid and void in one element.
 //!
-//! The element is filled by flags, each an image of one of its domain. Within a flag, points of one
-//! sign that a small tetrahedron joins form a piece; two flags that differ in one corner share the
-//! points of the facet between them, which have the same coordinates in both.
+//! The element is filled by flags, each an image of a flag of the domain. Within a flag, grid points of one
+//! phase that share a tetrahedron are connected. Two flags that differ in one corner share the grid points
+//! of the facet between them, which have the same coordinates in both.
 
 use super::super::domain::{Domain, SimplexGrid, all_flags};
 use super::Components;
@@ -10,42 +10,42 @@ use super::sampling::Target;
 use crate::cell::Cell;
 use crate::field::Field;
 use crate::frame::Vec3;
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 use rayon::prelude::*;
 
-/// Parts per edge of the simplex: features thinner than a fortieth of the element are not seen.
-const PARTS: usize = 40;
+/// Parts per edge of the simplex grid; features thinner than a fortieth of the element are not resolved.
+const GRID_PARTS: usize = 40;
 
-/// A flag of the element: the one of the domain that it is an image of, and its neighbours across
-/// the facets that leave out one corner.
-struct Member {
+/// A flag of the element: its representative in the domain, and its neighbours across the facets that omit
+/// one corner.
+struct FlagImage {
     origin: usize,
     neighbours: [Option<usize>; 4],
 }
 
-/// All flags of a cell's element.
-fn members(cell: &Cell, domain: &Domain) -> Vec<Member> {
+/// All flags of the element.
+fn flag_images(cell: &Cell, domain: &Domain) -> Vec<FlagImage> {
     let flags = all_flags(cell.element());
     let planar = cell.element().dimension() == 2;
-    let near = |a: &Vec3, b: &Vec3| (a - b).norm_squared() < 1e-16;
+    let equal = |a: &Vec3, b: &Vec3| (a - b).norm_squared() < 1e-16;
     flags
         .iter()
         .map(|own| {
             let is_image = |f: &[Vec3; 4]| {
                 cell.operators()
                     .iter()
-                    .any(|q| (0..4).all(|c| near(&(q * f[c]), &own[c])))
+                    .any(|q| (0..4).all(|c| equal(&(q * f[c]), &own[c])))
             };
             let origin = domain.flags.iter().position(|f| is_image(&f.corners));
             let across = |left_out: usize| {
-                // The last corner of a planar flag repeats the one before.
+                // The last corner of a planar flag equals the previous one.
                 let differs = |c: usize| c == left_out || planar && left_out == 2 && c == 3;
                 flags
                     .iter()
-                    .position(|other| (0..4).all(|c| near(&other[c], &own[c]) != differs(c)))
+                    .position(|other| (0..4).all(|c| equal(&other[c], &own[c]) != differs(c)))
             };
-            Member {
-                // Every flag is the image of one; the first would only be a wrong count.
+            FlagImage {
+                // Every flag is an image of a flag of the domain, so the default is never used.
                 origin: origin.unwrap_or(0),
                 neighbours: [None, across(1), across(2), across(3)],
             }
@@ -53,28 +53,28 @@ fn members(cell: &Cell, domain: &Domain) -> Vec<Member> {
         .collect()
 }
 
-/// Number of pieces of the points where `inside` holds, given for each flag of the domain.
-fn count(inside: &[Vec<bool>], members: &[Member], planar: bool) -> usize {
-    let grid = SimplexGrid::new(PARTS);
-    // The pieces of each flag of the domain.
+/// Number of components of the points where `inside` holds, given for each flag of the domain.
+fn count_components(inside: &[Vec<bool>], flag_images: &[FlagImage], planar: bool) -> usize {
+    let grid = SimplexGrid::new(GRID_PARTS);
+    // The components within each flag of the domain.
     let local: Vec<(Vec<u32>, usize)> = inside
         .iter()
         .map(|inside| {
-            let mut sets = Sets::new(inside.len());
+            let mut sets = UnionFind::new(inside.len());
             grid.tetrahedra(|tet| {
                 let n = tet.map(SimplexGrid::index);
                 for i in 0..4 {
                     for j in 0..i {
                         if inside[n[i]] && inside[n[j]] {
-                            sets.join(n[i], n[j]);
+                            sets.union(n[i], n[j]);
                         }
                     }
                 }
             });
-            sets.numbered((0..inside.len()).filter(|&i| inside[i]))
+            sets.labels((0..inside.len()).filter(|&i| inside[i]))
         })
         .collect();
-    let first: Vec<usize> = members
+    let first: Vec<usize> = flag_images
         .iter()
         .scan(0, |next, m| {
             let own = *next;
@@ -82,34 +82,34 @@ fn count(inside: &[Vec<bool>], members: &[Member], planar: bool) -> usize {
             Some(own)
         })
         .collect();
-    let total = members.iter().map(|m| local[m.origin].1).sum();
-    let mut whole = Sets::new(total);
-    for i in 0..=PARTS {
+    let total = flag_images.iter().map(|m| local[m.origin].1).sum();
+    let mut sets = UnionFind::new(total);
+    for i in 0..=GRID_PARTS {
         for j in 0..=i {
             for k in 0..=j {
                 let n = SimplexGrid::index([i, j, k]);
                 let second = if planar { j == 0 } else { j == k };
                 let on = [false, i == j, second, k == 0 && !planar];
-                for (own, m) in members.iter().enumerate() {
+                for (own, m) in flag_images.iter().enumerate() {
                     for (facet, other) in m.neighbours.iter().enumerate() {
                         let Some(other) = other.filter(|_| on[facet]) else {
                             continue;
                         };
-                        let (a, b) = (local[m.origin].0[n], local[members[other].origin].0[n]);
+                        let (a, b) = (local[m.origin].0[n], local[flag_images[other].origin].0[n]);
                         if a != u32::MAX && b != u32::MAX {
-                            whole.join(first[own] + a as usize, first[other] + b as usize);
+                            sets.union(first[own] + a as usize, first[other] + b as usize);
                         }
                     }
                 }
             }
         }
     }
-    whole.numbered(0..total).1
+    sets.labels(0..total).1
 }
 
-/// Counts the pieces of source and cell.
+/// Counts the components of source and cell.
 pub(super) fn components(cell: &Cell, target: &Target, domain: &Domain) -> Components {
-    let grid = SimplexGrid::new(PARTS).coordinates();
+    let grid = SimplexGrid::new(GRID_PARTS).coordinates();
     let signs: Vec<Vec<(bool, bool)>> = domain
         .flags
         .iter()
@@ -122,19 +122,19 @@ pub(super) fn components(cell: &Cell, target: &Target, domain: &Domain) -> Compo
                 .collect()
         })
         .collect();
-    let members = members(cell, domain);
+    let flag_images = flag_images(cell, domain);
     let planar = cell.element().dimension() == 2;
-    let pieces = |pick: &dyn Fn(&(bool, bool)) -> bool| {
+    let component_count = |pick: &dyn Fn(&(bool, bool)) -> bool| {
         let inside: Vec<Vec<bool>> = signs
             .iter()
             .map(|flag| flag.iter().map(pick).collect())
             .collect();
-        count(&inside, &members, planar)
+        count_components(&inside, &flag_images, planar)
     };
     Components {
-        source_solid: pieces(&|s| s.0),
-        cell_solid: pieces(&|s| s.1),
-        source_void: pieces(&|s| !s.0),
-        cell_void: pieces(&|s| !s.1),
+        source_solid: component_count(&|s| s.0),
+        cell_solid: component_count(&|s| s.1),
+        source_void: component_count(&|s| !s.0),
+        cell_void: component_count(&|s| !s.1),
     }
 }

@@ -1,4 +1,4 @@
-//! Why geometry cannot be fitted.
+//! Errors of fits.
 
 use crate::cell::{CellError, SkeletonError, VoxelError};
 use crate::progress::Cancelled;
@@ -6,13 +6,13 @@ use crate::progress::Cancelled;
 /// Why geometry cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
-    /// The cell itself is wrong.
+    /// An error of the cell itself.
     #[error(transparent)]
     Cell(#[from] CellError),
-    /// The user asked to stop.
+    /// The fit was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// The source gives something that is no distance.
+    /// A value of the source that is not finite.
     #[error("the source's distance at ({x}, {y}, {z}) in the {element} is {value}")]
     NotFinite {
         /// Reference coordinates.
@@ -23,7 +23,7 @@ pub enum FitError {
         z: f64,
         /// The element.
         element: &'static str,
-        /// What the source gave.
+        /// The value.
         value: f64,
     },
     /// No solid, or no void, in the element.
@@ -36,14 +36,14 @@ pub enum FitError {
         missing: &'static str,
         /// The element.
         element: &'static str,
-        /// Least distance sampled.
+        /// Smallest sampled distance.
         least: f64,
-        /// Greatest distance sampled.
+        /// Largest sampled distance.
         greatest: f64,
-        /// Where the source stands, if that is known.
+        /// The position of the source, if it is known.
         hint: String,
     },
-    /// Nothing of the surface is symmetric.
+    /// A source without a symmetric part.
     #[error(
         "the source has no part with the symmetry {group}: {kept:e} of its energy survives the \
          average over its images; choose another origin or placement"
@@ -51,57 +51,57 @@ pub enum FitError {
     NoSymmetricPart {
         /// The group.
         group: String,
-        /// Share of the mean square that is left.
+        /// Share of the mean square that the symmetric part has.
         kept: f64,
     },
-    /// More unknowns than the dense solver takes.
+    /// More unknowns than the solver supports.
     #[error(
         "band limit {band_limit} has {unknowns} unknowns; expected at most {limit}, that is a band \
          limit below {largest:.1}"
     )]
     TooLarge {
-        /// R.
+        /// The band limit R.
         band_limit: f64,
         /// Degrees of freedom.
         unknowns: usize,
-        /// Greatest number of them.
+        /// Maximal number of unknowns.
         limit: usize,
-        /// A band limit that is possible.
+        /// A possible band limit.
         largest: f64,
     },
-    /// The normal equations cannot be solved.
+    /// Singular normal equations.
     #[error(
         "the least squares with {unknowns} unknowns are singular; expected a regularisation above {least:e}, found {found:e}"
     )]
     Singular {
         /// Degrees of freedom.
         unknowns: usize,
-        /// What would do.
+        /// A sufficient regularisation.
         least: f64,
-        /// What was given.
+        /// The regularisation of the options.
         found: f64,
     },
-    /// A mesh that bounds no solid.
+    /// A mesh that does not bound a solid.
     #[error("mesh: {0}")]
     Mesh(String),
-    /// Struts or plates that cannot be.
+    /// Invalid struts or plates.
     #[error(transparent)]
     Skeleton(#[from] SkeletonError),
-    /// Voxels that cannot be.
+    /// Invalid voxels.
     #[error(transparent)]
     Voxels(#[from] VoxelError),
-    /// The conjugate gradients did not arrive.
+    /// Conjugate gradients that do not converge.
     #[error(
         "the iterative least squares left a residual of {residual:e} after {steps} steps; expected \
          1e-8: raise the regularisation or choose the dense solver"
     )]
     NotConverged {
-        /// Steps taken.
+        /// Number of steps.
         steps: usize,
-        /// Share of the right-hand side that is left.
+        /// Residual relative to the right-hand side.
         residual: f64,
     },
-    /// A transform of fewer samples than the band asks for.
+    /// Fewer samples than the band limit requires.
     #[error(
         "{samples} samples per period do not carry band limit {band_limit}; expected at least \
          {needed} samples, a band limit of at most {largest:.2}, or none, which keeps all that lies below \
@@ -110,14 +110,14 @@ pub enum FitError {
     TooFewSamples {
         /// Samples per axis.
         samples: usize,
-        /// R.
+        /// The band limit R.
         band_limit: f64,
-        /// Samples per axis that would do.
+        /// Sufficient number of samples per axis.
         needed: usize,
-        /// Band limit that would do.
+        /// Largest band limit of these samples.
         largest: f64,
     },
-    /// An element whose source cannot be continued over the period.
+    /// An element whose source has no continuation over the period.
     #[error(
         "method {method} has no way to continue the source of a {element} over the period of \
          lattice {lattice}; use method lsq"
@@ -130,15 +130,15 @@ pub enum FitError {
         /// The method.
         method: &'static str,
     },
-    /// Two cells that do not fill the same element.
-    #[error("a {first} cell and a {second} cell cannot be put together; expected one element")]
+    /// Cells of two different elements.
+    #[error("a {first} cell and a {second} cell cannot be combined; expected one element")]
     Elements {
         /// Element of the first.
         first: &'static str,
         /// Element of the second.
         second: &'static str,
     },
-    /// A sum that fills everything, a difference that leaves nothing.
+    /// A Minkowski sum without void, or a difference without solid.
     #[error("the Minkowski {operation} has no {missing}; expected a smaller second cell")]
     NothingLeft {
         /// "sum" or "difference".
@@ -146,7 +146,7 @@ pub enum FitError {
         /// "solid" or "void".
         missing: &'static str,
     },
-    /// A placement that is no map.
+    /// An invalid placement.
     #[error("placement: {0}")]
     Placement(String),
 }

@@ -1,6 +1,6 @@
-//! Sources continued from an element over the whole period, for fits by Fourier transform.
+//! Continuation of a source from its element over the whole period, for fits by Fourier transform.
 //!
-//! | element | lattice | continued by | |
+//! | element | lattice | continued by | result |
 //! |---|---|---|---|
 //! | quad, hex | square, cubic | nothing: the element is the period | |
 //! | tri, wedge | hex2, hexprism | reflection in the sides | continuous |
@@ -11,21 +11,21 @@
 use super::FitError;
 use crate::frame::{Element, Vec3};
 
-/// Where the source is read for a point of the period.
+/// The map from points of the period to points at which the source is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::cell) enum Extension {
-    /// At the point itself.
+    /// The identity.
     Natural,
-    /// In the triangle, reflected; the third coordinate stays.
+    /// Reflection into the triangle; the third coordinate stays unchanged.
     Triangle,
-    /// In the tet, reflected in its faces from the corners of the unit cube.
+    /// Reflection of the corners of the unit cube in the faces of the tet, into the tet.
     Mirror,
-    /// In the tet, from anywhere, with period 2.
+    /// Reflection of all of space into the tet, with period 2.
     Fold,
 }
 
 impl Extension {
-    /// What continues an element's source over the period of a lattice.
+    /// The extension of an element's source over the period of a lattice.
     pub fn of(element: Element, lattice: &str, paper: bool) -> Result<Self, FitError> {
         match (element, lattice) {
             (Element::Tet, "cubic") if paper => Ok(Self::Mirror),
@@ -40,8 +40,7 @@ impl Extension {
         }
     }
 
-    /// An orthogonal box about the origin over which an element's cell repeats itself, and how it is
-    /// continued there.
+    /// An orthogonal periodic box of an element's cell about the origin, and the extension over it.
     pub fn box_of(element: Element) -> Result<(Vec3, Self), FitError> {
         Ok(match element {
             Element::Hex => (Vec3::new(1.0, 1.0, 1.0), Self::Natural),
@@ -57,7 +56,7 @@ impl Extension {
         })
     }
 
-    /// The point at which the source is read.
+    /// The point at which the source is evaluated.
     pub fn inner(self, x: Vec3) -> Vec3 {
         match self {
             Self::Natural => x,
@@ -79,7 +78,7 @@ fn mirror(mut x: Vec3) -> Vec3 {
     x
 }
 
-/// Reflects space in the faces of the unit cubes into the one at the origin, then into the tet.
+/// Reflects space in the faces of the unit cubes into the cube at the origin, then into the tet.
 fn fold(x: Vec3) -> Vec3 {
     mirror(x.map(|c| {
         let y = (c + 0.5).rem_euclid(2.0);
@@ -87,7 +86,7 @@ fn fold(x: Vec3) -> Vec3 {
     }))
 }
 
-/// Reflects the plane in the sides of the triangles of edge 1 into the one at the origin.
+/// Reflects the plane in the sides of the triangles of edge 1 into the triangle at the origin.
 fn fold_triangle(x: Vec3) -> Vec3 {
     let corners = Element::Tri.vertices();
     let height = 3f64.sqrt() / 2.0;
@@ -114,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn extensions_are_those_of_the_reference() {
+    fn extensions_agree_with_the_reference() {
         let data: Value =
             serde_json::from_str(include_str!("../../../tests/data/tet_fit.json")).unwrap();
         let case = &data["cases"][0];
@@ -142,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn folding_ends_inside_and_leaves_the_inside_alone() {
+    fn folded_points_are_inside_and_inside_points_stay_fixed() {
         for n in 0..500u32 {
             let t = f64::from(n);
             let x = Vec3::new((t * 0.618).sin(), (t * 0.414).cos(), (t * 0.732).sin()) * 3.0;

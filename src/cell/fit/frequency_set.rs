@@ -1,26 +1,26 @@
-//! The frequencies that a fit keeps: a ball, or all that samples of the period tell apart.
+//! The frequencies of a fit: a ball, or all that samples of the period can represent.
 //!
-//! N samples along every lattice vector tell the indices `|k_i| < N/2` apart. An orbit below Nyquist is
-//! one all of whose members lie in that box. On skew lattices the group moves the box, so that a
-//! frequency in the box is dropped when one of its images is not; on square and cubic lattices the box
-//! is its own image. A band limit R keeps the ball |f| <= R instead, which must lie in the box.
+//! N samples along every lattice vector represent the indices `|k_i| < N/2`. An orbit is below Nyquist if all
+//! its members lie in that box. On skew lattices the group does not map the box onto itself, so a frequency
+//! in the box is dropped if an image is outside. On square and cubic lattices the box is invariant. A band
+//! limit R keeps the ball |f| <= R, which must lie in the box.
 
-use super::accuracy::Extra;
+use super::accuracy::SourceInfo;
 use super::{FitError, FitOptions};
 use crate::frame::Element;
 use crate::symmetry::{Basis, Lattice, PointGroup};
 
-/// Share of the greatest number of unknowns that a ball is cut to, whose size is only estimated.
+/// Share of the maximal number of unknowns to which a ball of estimated size is reduced.
 const ESTIMATED_SHARE: f64 = 0.8;
 
-/// Largest band limit whose waves N samples per period tell apart.
+/// Largest band limit that N samples per period can represent.
 pub fn largest_band<const D: usize>(lattice: &Lattice<D>, n: usize) -> f64 {
     let longest = (0..D).map(|a| lattice.columns().column(a).norm());
-    f64::from(greatest_index(n)) / longest.fold(0.0, f64::max)
+    f64::from(max_index(n)) / longest.fold(0.0, f64::max)
 }
 
-/// Greatest index below Nyquist of `n` samples.
-fn greatest_index(n: usize) -> i32 {
+/// Largest index below the Nyquist index of `n` samples.
+fn max_index(n: usize) -> i32 {
     (n.max(1) as i32 - 1) / 2
 }
 
@@ -34,31 +34,31 @@ fn unit_ball(dimension: usize) -> f64 {
     }
 }
 
-/// Number of samples per period that a band needs: more than twice its largest index.
+/// Number of samples per period that a band limit needs: more than twice its largest index.
 pub(super) fn needed_samples<const D: usize>(lattice: &Lattice<D>, band_limit: f64) -> usize {
     let reach = |a| (band_limit * lattice.columns().column(a).norm() + 1e-9).floor() as usize;
     2 * (0..D).map(reach).max().unwrap_or(0) + 1
 }
 
-/// The basis that the options keep. With an infinite band limit, which only samples over a period may
-/// have, it holds every orbit below their Nyquist index, or where these are more than any fit takes, the
-/// largest ball of them, and a warning.
+/// The basis for the options. An infinite band limit, allowed only for samples over a period, selects every
+/// orbit below the Nyquist index. If these are more than a fit supports, the basis is the largest supported
+/// ball, with a warning.
 ///
 /// # Errors
 /// [`FitError::TooLarge`] if the band limit has too many unknowns, [`FitError::TooFewSamples`] if the
-/// samples do not carry it.
+/// samples cannot represent it.
 pub(super) fn basis<const D: usize>(
     element: Element,
     (group, lattice): (PointGroup<D>, Lattice<D>),
     options: &FitOptions,
-    extra: &Extra,
+    info: &SourceInfo,
 ) -> Result<(Basis<D>, Option<String>), FitError> {
-    let limit = options.most_unknowns(element);
-    // The number of orbits in a ball of radius 1, about that of unknowns, without listing them.
+    let limit = options.max_unknowns(element);
+    // The number of orbits in a ball of radius 1 approximates the number of unknowns.
     let density = unit_ball(D) * lattice.volume() / group.order() as f64;
     let mut band_limit = options.band_limit;
     let mut warning = None;
-    if let Some((_, n)) = extra.period {
+    if let Some((_, n)) = info.period {
         let needed = if band_limit.is_finite() {
             needed_samples(&lattice, band_limit)
         } else {
@@ -73,7 +73,7 @@ pub(super) fn basis<const D: usize>(
             });
         }
         if !band_limit.is_finite() {
-            let h = greatest_index(n);
+            let h = max_index(n);
             let estimate = f64::from(2 * h + 1).powi(D as i32) / group.order() as f64;
             if estimate <= limit as f64 {
                 return Ok((Basis::below(group, lattice, h), None));
@@ -81,8 +81,8 @@ pub(super) fn basis<const D: usize>(
             let ball = (limit as f64 * ESTIMATED_SHARE / density).powf(1.0 / D as f64);
             band_limit = ball.min(largest_band(&lattice, n));
             warning = Some(format!(
-                "{n} samples per period tell about {estimate:.0} unknowns apart, more than the {limit} \
-                 that a fit takes: it keeps |f| <= {band_limit:.2}; band_limit sets another"
+                "{n} samples per period resolve about {estimate:.0} unknowns, more than the limit of {limit} of \
+                 a fit: the fit keeps |f| <= {band_limit:.2}; set band_limit to choose another limit"
             ));
         }
     }

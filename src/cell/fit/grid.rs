@@ -1,8 +1,8 @@
-//! Samples on a grid of the period that lie in the element, one for each orbit under the group.
+//! Samples in the element on a grid of the period, one per orbit of the group.
 //!
-//! The interior's mean gives every point its share: 1 inside, 1/2 on a face, the dihedral angle over
-//! 2 pi on an edge; to these are added the means over the points on the faces and on the edges. With
-//! N a multiple of 12 the faces and edges of the elements run through points of the grid.
+//! In the mean over the interior, a point has weight 1 inside, 1/2 on a face, and the dihedral angle over
+//! 2 pi on an edge. The means over the points on faces and on edges are added. With N a multiple of 12, the
+//! faces and edges of the elements contain grid points.
 
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::symmetry::{Lattice, PointGroup};
@@ -10,17 +10,17 @@ use nalgebra::SVector;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// How near to a face a point lies on it.
-const ON_FACE: f64 = 1e-9;
+/// Distance from a face below which a point lies on it.
+const FACE_TOLERANCE: f64 = 1e-9;
 
-/// Weights, and weights times values, of the samples at the places of a grid of `n` points an axis.
+/// Weights, and weights times values, at all points of a grid of `n` points per axis.
 pub(super) fn weighted<const D: usize>(n: usize, samples: &[GridSample<D>]) -> [Vec<f64>; 2] {
     let mut weights = vec![0.0; n.pow(D as u32)];
     let mut values = vec![0.0; weights.len()];
     for s in samples {
-        for &place in &s.places {
-            weights[place] += s.weight;
-            values[place] += s.weight * s.value;
+        for &index in &s.indices {
+            weights[index] += s.weight;
+            values[index] += s.weight * s.value;
         }
     }
     [weights, values]
@@ -31,18 +31,18 @@ pub(super) fn weighted<const D: usize>(n: usize, samples: &[GridSample<D>]) -> [
 pub(super) struct GridSample<const D: usize> {
     /// One of the images, in the reference frame.
     pub point: CellPoint<D>,
-    /// Places of the images in the grid of the period, last axis fastest.
-    pub places: Vec<usize>,
-    /// The value wanted there.
+    /// Indices of the images in the grid of the period, last axis fastest.
+    pub indices: Vec<usize>,
+    /// The target value.
     pub value: f64,
     /// The weight of each image.
     pub weight: f64,
 }
 
-/// The images of a point, their share of the interior each, and on how many faces they are.
+/// The images of a point, the interior share of each, and the number of faces that contain the point.
 type Orbit<const D: usize> = (Vec<[i32; D]>, f64, usize);
 
-/// The least grid for a band: a product of 12 and small primes, at least `least`.
+/// The smallest grid size from `least` on: a multiple of 12 with no prime factors but 2, 3 and 5.
 pub(in crate::cell) fn grid_size(least: usize) -> usize {
     let mut n = least.next_multiple_of(12);
     loop {
@@ -59,24 +59,24 @@ pub(in crate::cell) fn grid_size(least: usize) -> usize {
     }
 }
 
-/// Share of a small ball around a point that lies in the element, and on how many faces it is.
+/// Share of a small ball around a point that lies in the element, and the number of faces that contain it.
 fn share(normals: &[(Vec3, f64)], p: Vec3) -> (f64, usize) {
     let on: Vec<Vec3> = normals
         .iter()
-        .filter(|(n, offset)| (n.dot(&p) - offset).abs() < ON_FACE)
+        .filter(|(n, offset)| (n.dot(&p) - offset).abs() < FACE_TOLERANCE)
         .map(|(n, _)| *n)
         .collect();
     match on.as_slice() {
         [] => (1.0, 0),
         [_] => (0.5, 1),
         [a, b] => (0.5 - a.dot(b).clamp(-1.0, 1.0).acos() / TAU, 2),
-        // A few points only: an octant, as at a cube's corner.
+        // An approximation for the few vertices: an octant, as at a cube's corner.
         _ => (0.125, on.len()),
     }
 }
 
-/// The points of a grid of n^D samples per period that lie in the element, values still zero; the
-/// weights of interior, faces and edges are given.
+/// The points in the element of a grid of n^D samples per period, with value zero. `weights` are those of
+/// interior, faces and edges.
 pub(super) fn grid_samples<const D: usize>(
     element: Element,
     group: &PointGroup<D>,
@@ -84,16 +84,16 @@ pub(super) fn grid_samples<const D: usize>(
     n: usize,
     weights: [f64; 3],
 ) -> Vec<GridSample<D>> {
-    let normals: Vec<(Vec3, f64)> = super::super::face_normal::walls::<D>(element)
+    let normals: Vec<(Vec3, f64)> = super::super::face_normal::bounding_planes::<D>(element)
         .into_iter()
         .map(|w| (embed(&w.normal), w.offset))
         .collect();
     let outside = |p: &Vec3| {
         normals
             .iter()
-            .any(|(normal, offset)| normal.dot(p) - offset > ON_FACE)
+            .any(|(normal, offset)| normal.dot(p) - offset > FACE_TOLERANCE)
     };
-    // The element's box in lattice coordinates.
+    // The element's bounding box in lattice coordinates.
     let mut reach = [[i32::MAX, i32::MIN]; D];
     for v in element.vertices() {
         let u = lattice.inverse() * SVector::<f64, D>::from_fn(|a, _| v[a]);
@@ -103,7 +103,7 @@ pub(super) fn grid_samples<const D: usize>(
             reach[a][1] = reach[a][1].max((j + 1e-6).floor() as i32);
         }
     }
-    // Orbits by their greatest member, so that each is met once.
+    // Each orbit is stored once, by its largest member.
     let mut found: BTreeMap<[i32; D], Orbit<D>> = BTreeMap::new();
     let mut j: [i32; D] = std::array::from_fn(|a| reach[a][0]);
     'all: loop {
@@ -145,7 +145,7 @@ pub(super) fn grid_samples<const D: usize>(
             .sum()
     };
     let on_face = |_, faces| if faces >= 1 { 1.0 } else { 0.0 };
-    // In the plane a point on two edges is a vertex.
+    // In the plane, a point on two edges is a vertex.
     let on_edge = |_, faces| if D == 3 && faces >= 2 { 1.0 } else { 0.0 };
     let (inside, face, edge) = (
         total(&|s, _| s),
@@ -156,13 +156,13 @@ pub(super) fn grid_samples<const D: usize>(
         .into_iter()
         .map(|(j, (images, share, faces))| {
             let u = SVector::<f64, D>::from_fn(|a, _| f64::from(j[a]) / n as f64);
-            let place = |i: &[i32; D]| {
+            let index = |i: &[i32; D]| {
                 i.iter()
-                    .fold(0, |place, c| place * n + c.rem_euclid(n as i32) as usize)
+                    .fold(0, |index, c| index * n + c.rem_euclid(n as i32) as usize)
             };
             GridSample {
                 point: CellPoint(lattice.columns() * u),
-                places: images.iter().map(place).collect(),
+                indices: images.iter().map(index).collect(),
                 value: 0.0,
                 weight: weights[0] * share / inside
                     + weights[1] * on_face(share, faces) / face
@@ -190,7 +190,7 @@ mod tests {
             let mean = |f: &dyn Fn(&Vec3) -> f64| {
                 samples
                     .iter()
-                    .map(|s| s.weight * s.places.len() as f64 * f(&s.point.0))
+                    .map(|s| s.weight * s.indices.len() as f64 * f(&s.point.0))
                     .sum::<f64>()
             };
             let all = 1.4;

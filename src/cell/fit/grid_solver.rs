@@ -1,14 +1,15 @@
-//! Least squares over samples on a grid of the period, for many unknowns.
+//! Least squares with samples on a grid of the period, for many unknowns.
 //!
-//! Sums over the grid of products of two waves are values of the transform of the weights: the normal
-//! matrix of n unknowns takes n^2 look-ups for each member of an orbit, instead of n^2 for each sample.
+//! The sum over the grid of the product of two waves is a value of the Fourier transform of the weights. The
+//! normal matrix of n unknowns takes n^2 look-ups per member of an orbit instead of n^2 operations per
+//! sample.
 
 use super::FitError;
 use super::frequency_set::needed_samples;
 use super::grid::{GridSample, grid_samples, grid_size, weighted};
 use super::iterative::conjugate_gradients;
-use super::run::{Found, Job, SAMPLES_PER_WAVE, in_space, largest};
-use super::sampling::{Place, Target};
+use super::run::{Job, SAMPLES_PER_WAVE, Solution, in_space, largest_coefficients};
+use super::sampling::{QuadraturePoint, Target};
 use super::solve::NormalEquations;
 use super::transform::{Spectrum, Transform};
 use crate::cell::Constraint;
@@ -21,30 +22,30 @@ use rustfft::num_complex::Complex64;
 use std::f64::consts::SQRT_2;
 
 impl Job<'_> {
-    /// Least squares over a grid of the period: with a matrix where memory allows, else without.
+    /// Least squares over a grid of the period: with a dense matrix if it is small enough, else iterative.
     pub(super) fn on_grid<const D: usize>(
         &self,
         basis: &Basis<D>,
         target: &mut Target,
         constraint: Option<&Constraint>,
-    ) -> Result<Found, FitError> {
+    ) -> Result<Solution, FitError> {
         let options = self.options;
         let lattice = basis.lattice();
-        // As dense in the element as the wanted samples, and six samples an unknown.
-        let wanted = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
+        // The grid has the requested density in the element, and at least six samples per unknown.
+        let by_density = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
         let share = self.element.measure() / lattice.volume() / basis.group().order() as f64;
         let by_unknowns = (6.0 * basis.len() as f64 / share).powf(1.0 / D as f64);
         let by_band = SAMPLES_PER_WAVE / 2.0 * needed_samples(lattice, options.band_limit) as f64;
-        let n = grid_size(wanted.max(by_unknowns).max(by_band).ceil() as usize);
+        let n = grid_size(by_density.max(by_unknowns).max(by_band).ceil() as usize);
         let mut samples = grid_samples(self.element, basis.group(), lattice, n, options.weights());
-        let places: Vec<Place> = samples
+        let points: Vec<QuadraturePoint> = samples
             .iter()
             .map(|s| {
                 let point = CellPoint(in_space(&s.point.0));
-                (point, s.weight * s.places.len() as f64)
+                (point, s.weight * s.indices.len() as f64)
             })
             .collect();
-        let (values, quality) = self.values(basis, target, &places, places.len())?;
+        let (values, quality) = self.values(basis, target, &points, points.len())?;
         for (s, value) in samples.iter_mut().zip(values) {
             s.value = value;
         }
@@ -52,7 +53,7 @@ impl Job<'_> {
         if !options.iterative(basis.len()) {
             let equations =
                 NormalEquations::on_grid(basis, n, &samples, options.lambda(), self.progress)?;
-            return Ok(Found {
+            return Ok(Solution {
                 real: self.solved(basis, &equations, constraint)?,
                 quality,
                 solver: "dense, on a grid".to_owned(),
@@ -70,11 +71,11 @@ impl Job<'_> {
             )
         };
         let (mut real, mut steps) = solve(constraint, &[])?;
-        if let Some(kept) = largest(basis, &real, options.keep) {
+        if let Some(kept) = largest_coefficients(basis, &real, options.keep) {
             let constraint = constraint.map(|c| c.masked(&kept));
             (real, steps) = solve(constraint.as_ref(), &kept)?;
         }
-        Ok(Found {
+        Ok(Solution {
             real,
             quality,
             solver: format!("iterative, {steps} steps"),
@@ -83,8 +84,8 @@ impl Job<'_> {
 }
 
 impl NormalEquations {
-    /// Those of samples on a grid of `n` points along each lattice vector, u = j/N: the same quadratic form
-    /// as the conjugate gradients have.
+    /// The normal equations for samples on a grid of `n` points along each lattice vector, u = j/N. The
+    /// quadratic form is that of the conjugate gradients.
     pub(super) fn on_grid<const D: usize>(
         basis: &Basis<D>,
         n: usize,
@@ -94,14 +95,14 @@ impl NormalEquations {
     ) -> Result<Self, FitError> {
         let [weights, values] = weighted(n, samples);
         let transform = Transform::new(n);
-        let right = products(basis, &transform.forward(&values));
-        let weights = Wrapped {
+        let right = inner_products(basis, &transform.forward(&values));
+        let weights = WeightSpectrum {
             spectrum: transform.forward(&weights),
             n: n as i32,
         };
         let size = basis.len();
         let mut matrix = DMatrix::<f64>::zeros(size, size);
-        // The columns of each function, or pair of functions.
+        // The columns of each basis function, or pair of functions.
         let mut rest = matrix.as_mut_slice();
         let mut columns = Vec::new();
         let mut first = 0;
@@ -133,35 +134,39 @@ impl NormalEquations {
         for (i, f) in basis.frequencies().into_iter().enumerate() {
             matrix[(i, i)] += regularisation * (1.0 + f * f);
         }
-        Ok(Self::of(matrix, DVector::from_vec(right), regularisation))
+        Ok(Self::from_parts(
+            matrix,
+            DVector::from_vec(right),
+            regularisation,
+        ))
     }
 }
 
-/// The sums over the grid of values, given by their transform, times each basis function.
-pub(super) fn products<const D: usize>(basis: &Basis<D>, spectrum: &Spectrum<D>) -> Vec<f64> {
-    let mut products = Vec::with_capacity(basis.len());
+/// The sums over the grid of values times each basis function, from the transform of the values.
+pub(super) fn inner_products<const D: usize>(basis: &Basis<D>, spectrum: &Spectrum<D>) -> Vec<f64> {
+    let mut inner_products = Vec::with_capacity(basis.len());
     for h in basis.harmonics() {
-        let sum: Complex64 = h.orbit.members.iter().map(|&k| spectrum.plain(k)).sum();
+        let sum: Complex64 = h.orbit.members.iter().map(|&k| spectrum.at(k)).sum();
         if h.self_paired {
-            products.push(sum.re * h.scale);
+            inner_products.push(sum.re * h.scale);
         } else {
-            products.push(SQRT_2 * sum.re * h.scale);
-            products.push(-SQRT_2 * sum.im * h.scale);
+            inner_products.push(SQRT_2 * sum.re * h.scale);
+            inner_products.push(-SQRT_2 * sum.im * h.scale);
         }
     }
-    products
+    inner_products
 }
 
-/// The transform of weights that the group keeps, at any index.
-struct Wrapped<const D: usize> {
+/// The transform of weights that are invariant under the group, at any index.
+struct WeightSpectrum<const D: usize> {
     spectrum: Spectrum<D>,
     n: i32,
 }
 
-impl<const D: usize> Wrapped<D> {
+impl<const D: usize> WeightSpectrum<D> {
     fn at(&self, k: Frequency<D>) -> Complex64 {
         let half = self.n / 2;
-        self.spectrum.plain(k.map(|c| {
+        self.spectrum.at(k.map(|c| {
             let c = c.rem_euclid(self.n);
             if c > half { c - self.n } else { c }
         }))
@@ -169,9 +174,9 @@ impl<const D: usize> Wrapped<D> {
 
     /// Weighted sums of the products of the functions of `left` (rows) and `right` (columns).
     ///
-    /// With x and y the complex functions of the two orbits, sum w x conj y and sum w x y are both
-    /// sums of the weights' transform over the members of the left orbit for one member of the right,
-    /// times their number, since the group keeps the weights; real and imaginary parts follow.
+    /// Let x and y be the complex functions of the two orbits. The group leaves the weights w invariant, so
+    /// sum w x conj y and sum w x y are sums of the transform of w over the members of the left orbit for one
+    /// member of the right orbit, times the size of the right orbit. Real and imaginary parts follow.
     fn block(&self, left: &Harmonic<D>, right: &Harmonic<D>) -> [[f64; 2]; 2] {
         let own = right.orbit.representative();
         let scale = left.scale * right.scale * right.orbit.members.len() as f64;
@@ -203,9 +208,9 @@ mod tests {
     use crate::frame::Element;
     use crate::progress::Silent;
 
-    /// The matrix from look-ups is that of the sums over the samples.
+    /// The dense and the iterative solver agree.
     #[test]
-    fn both_solvers_of_the_grid_have_one_solution() {
+    fn dense_and_iterative_solutions_agree() {
         for (element, group) in [
             (Element::Tet, "Td"),
             (Element::Tet, "C3v"),

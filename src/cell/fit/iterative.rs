@@ -1,49 +1,48 @@
-//! Matrix-free least squares: conjugate gradients, each step one inverse and one forward transform.
+//! Matrix-free least squares: conjugate gradients with one inverse and one forward transform per step.
 //!
-//! The samples stand on a grid u = j/N of the period, so that the values of a function there are an
-//! inverse transform of its coefficients, and the products with all basis functions a forward
-//! one. The quadratic form is that of the dense solver for the same samples, hence so is the answer;
-//! memory grows with the grid, not with the square of the unknowns. The constraint of face-normal cells
-//! is kept by projecting every residual.
+//! The samples lie on a grid u = j/N of the period. The values of a function there are an inverse transform
+//! of its coefficients, and the inner products with all basis functions a forward transform. The quadratic
+//! form, and therefore the solution, is that of the dense solver for the same samples. Memory grows with the
+//! grid, not with the square of the unknowns. The constraint of face-normal cells is imposed by projection of
+//! every residual.
 
 use super::super::Constraint;
 use super::FitError;
 use super::grid::{GridSample, weighted};
-use super::grid_solver::products;
+use super::grid_solver::inner_products;
 use super::transform::{Spectrum, Transform};
 
 use crate::progress::{Cancelled, Progress};
 use crate::symmetry::Basis;
 use rustfft::num_complex::Complex64;
 
-/// Residual, as a share of the right-hand side, at which the iteration ends: far below what the fit is
-/// off by.
-const CONVERGED: f64 = 1e-8;
-/// Steps after which it is given up; about 2,500 are taken with 1,300 unknowns.
-const MOST_STEPS: usize = 8000;
+/// Relative residual at which the iteration ends. It is far below the error of a fit.
+const RESIDUAL_TOLERANCE: f64 = 1e-8;
+/// Maximal number of steps; 1,300 unknowns take about 2,500.
+const MAX_STEPS: usize = 8000;
 
 /// The operator of the normal equations.
-struct Form<'a, const D: usize> {
+struct NormalOperator<'a, const D: usize> {
     basis: &'a Basis<D>,
     transform: Transform<D>,
     n: usize,
     /// Weight of every grid point.
     weights: Vec<f64>,
-    /// regularisation (1 + |f|^2) of every unknown.
+    /// The penalty of every unknown: regularisation (1 + |f|^2).
     penalty: Vec<f64>,
     constraint: Option<&'a Constraint>,
-    /// Unknowns that may differ from zero; empty if all may.
+    /// Whether each unknown may differ from zero; empty if all may.
     kept: &'a [bool],
 }
 
-impl<const D: usize> Form<'_, D> {
-    /// The products of grid values with all basis functions.
-    fn gather(&self, values: &[f64]) -> Vec<f64> {
-        products(self.basis, &self.transform.forward(values))
+impl<const D: usize> NormalOperator<'_, D> {
+    /// The inner products of grid values with all basis functions.
+    fn inner_products_with_basis(&self, values: &[f64]) -> Vec<f64> {
+        inner_products(self.basis, &self.transform.forward(values))
     }
 
     /// The values on the grid of the function with these coefficients.
-    fn scatter(&self, real: &[f64]) -> Vec<f64> {
+    fn grid_values(&self, real: &[f64]) -> Vec<f64> {
         let mut spectrum = Spectrum::zero(self.n);
         let mut rest = real;
         for h in self.basis.harmonics() {
@@ -57,8 +56,8 @@ impl<const D: usize> Form<'_, D> {
         self.transform.inverse(spectrum)
     }
 
-    /// Removes what the constraint and the choice of unknowns forbid.
-    fn confine(&self, real: &mut [f64]) {
+    /// Projects onto the constraint and sets excluded unknowns to zero.
+    fn project(&self, real: &mut [f64]) {
         for (value, kept) in real.iter_mut().zip(self.kept) {
             if !kept {
                 *value = 0.0;
@@ -70,15 +69,15 @@ impl<const D: usize> Form<'_, D> {
     }
 
     fn apply(&self, real: &[f64]) -> Vec<f64> {
-        let mut values = self.scatter(real);
+        let mut values = self.grid_values(real);
         for (v, w) in values.iter_mut().zip(&self.weights) {
             *v *= w;
         }
-        let mut product = self.gather(&values);
+        let mut product = self.inner_products_with_basis(&values);
         for ((p, a), penalty) in product.iter_mut().zip(real).zip(&self.penalty) {
             *p += a * penalty;
         }
-        self.confine(&mut product);
+        self.project(&mut product);
         product
     }
 }
@@ -87,9 +86,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-/// The same minimum as [`super::least_squares`] for samples on a grid of `n`^D points; where `kept` is
-/// not empty, unknowns that are not kept stay zero, and the constraint must be one on the others. Also
-/// the number of steps.
+/// The minimum of [`super::least_squares`] for samples on a grid of `n`^D points, and the number of steps. If
+/// `kept` is not empty, the other unknowns stay zero, and the constraint must apply to the kept ones alone.
 pub(super) fn conjugate_gradients<const D: usize>(
     basis: &Basis<D>,
     n: usize,
@@ -105,7 +103,7 @@ pub(super) fn conjugate_gradients<const D: usize>(
         .into_iter()
         .map(|f| regularisation * (1.0 + f * f))
         .collect();
-    let form = Form {
+    let operator = NormalOperator {
         basis,
         transform: Transform::new(n),
         n,
@@ -114,50 +112,50 @@ pub(super) fn conjugate_gradients<const D: usize>(
         constraint,
         kept,
     };
-    let mut residual = form.gather(&values);
-    form.confine(&mut residual);
+    let mut residual = operator.inner_products_with_basis(&values);
+    operator.project(&mut residual);
     let mut real = vec![0.0; basis.len()];
-    // Residuals are divided by the mean weight plus the penalty of each wave: its own diagonal, nearly.
-    let mean = form.weights.iter().sum::<f64>() / basis.lattice().volume();
-    let condition = |residual: &[f64]| -> Vec<f64> {
+    // The preconditioner divides by the mean weight plus the penalty, an approximation of the diagonal.
+    let mean = operator.weights.iter().sum::<f64>() / basis.lattice().volume();
+    let preconditioned = |residual: &[f64]| -> Vec<f64> {
         let mut z: Vec<f64> = residual
             .iter()
-            .zip(&form.penalty)
+            .zip(&operator.penalty)
             .map(|(r, p)| r / (mean + p))
             .collect();
-        form.confine(&mut z);
+        operator.project(&mut z);
         z
     };
-    let goal = CONVERGED * dot(&residual, &residual).sqrt();
-    let mut z = condition(&residual);
+    let tolerance = RESIDUAL_TOLERANCE * dot(&residual, &residual).sqrt();
+    let mut z = preconditioned(&residual);
     let mut direction = z.clone();
-    let mut along = dot(&residual, &z);
-    for step in 0..MOST_STEPS {
-        if dot(&residual, &residual).sqrt() <= goal {
+    let mut rho = dot(&residual, &z);
+    for step in 0..MAX_STEPS {
+        if dot(&residual, &residual).sqrt() <= tolerance {
             return Ok((real, step));
         }
         if progress.cancelled() {
             return Err(FitError::Cancelled(Cancelled));
         }
-        let product = form.apply(&direction);
-        let length = along / dot(&direction, &product);
+        let product = operator.apply(&direction);
+        let alpha = rho / dot(&direction, &product);
         for i in 0..real.len() {
-            real[i] += length * direction[i];
-            residual[i] -= length * product[i];
+            real[i] += alpha * direction[i];
+            residual[i] -= alpha * product[i];
         }
-        z = condition(&residual);
+        z = preconditioned(&residual);
         let next = dot(&residual, &z);
-        let turn = next / along;
-        along = next;
+        let beta = next / rho;
+        rho = next;
         for (d, z) in direction.iter_mut().zip(&z) {
-            *d = z + turn * *d;
+            *d = z + beta * *d;
         }
-        if !along.is_finite() {
+        if !rho.is_finite() {
             break;
         }
     }
     Err(FitError::NotConverged {
-        steps: MOST_STEPS,
-        residual: dot(&residual, &residual).sqrt() / goal * CONVERGED,
+        steps: MAX_STEPS,
+        residual: dot(&residual, &residual).sqrt() / tolerance * RESIDUAL_TOLERANCE,
     })
 }

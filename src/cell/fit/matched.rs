@@ -1,14 +1,14 @@
 //! Cells of several elements that agree on the faces that the elements share.
 //!
-//! A cell for each element of a mixed mesh is fitted to the cell that the element would have by
-//! itself, all together: the sum of the mean squares of the differences, in edge lengths, is
-//! least among the functions whose traces on triangles and squares are equal and have the face's
-//! whole symmetry (see [`super::super::face_trace`]). Wedges and pyramids need that even among themselves,
-//! since their own symmetries do not make a side the same whichever way neighbours are turned.
+//! For each element of a mixed mesh, a cell is fitted to the given cell of that element. All are fitted
+//! jointly: the sum of the mean squares of the differences, in edge lengths, is minimal among the functions
+//! whose traces on triangles and squares are equal and have the full symmetry of the face (see
+//! [`super::super::face_trace`]). Wedges and pyramids need this even among themselves, since their own
+//! symmetries do not make a side independent of the orientation of the neighbour.
 
 use super::super::domain::Domain;
 use super::super::{Constraint, compatibility, face_normal, face_trace, symmetry};
-use super::sampling::{parts, places};
+use super::sampling::{parts_per_edge, quadrature_points};
 use super::solve::{NormalEquations, Sample};
 use super::{FitError, FitOptions, FitReport};
 use crate::cell::{Cell, CellError, Series};
@@ -17,22 +17,22 @@ use crate::frame::{CellPoint, Element};
 use crate::progress::Progress;
 use crate::symmetry::Basis;
 
-/// Greatest number of unknowns of all elements together.
-const MOST_UNKNOWNS: usize = 4000;
+/// Maximal total number of unknowns of all elements.
+const MAX_UNKNOWNS: usize = 4000;
 
-/// Cells that agree on shared faces, each as near to the given cell of its element as that allows. Their
-/// fields are in edge lengths; `options.band_limit` is in cycles per edge. The report's `rms` is the
-/// difference to the given cells.
+/// Cells that agree on shared faces, each as close as possible to the given cell of its element. Their
+/// fields are in edge lengths; `options.band_limit` is in cycles per edge. `rms` in the report is the
+/// difference from the given cell.
 ///
 /// # Errors
-/// [`FitError::Cell`] for planar cells and for cells that are solid on different sides,
+/// [`FitError::Cell`] for planar cells and for cells whose solids are on different sides of the level,
 /// [`FitError::TooLarge`], [`FitError::Singular`], [`FitError::Cancelled`].
 pub fn fit_matched(
     cells: &[Cell],
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Vec<Cell>, FitError> {
-    let refused = |what: &str| {
+    let fail = |what: &str| {
         let text = format!("cells of a mixed mesh are matched {what}");
         Err(FitError::Cell(CellError::Expression(text)))
     };
@@ -40,27 +40,27 @@ pub fn fit_matched(
         return Ok(Vec::new());
     };
     if cells.iter().any(|c| c.element().dimension() != 3) {
-        return refused("in space, not in the plane");
+        return fail("in space, not in the plane");
     }
     if cells.iter().any(|c| c.solid() != first.solid()) {
-        return refused("if all are solid on the same side");
+        return fail("if all are solid on the same side");
     }
     let mut bases = Vec::new();
     for cell in cells {
         let element = cell.element();
-        // Waves of odd order reach an edge from a triangle's inside with a little more.
+        // A larger ball lets waves of odd order inside a triangle extend to its edges.
         let on_square = element == Element::Hex;
         let least = if on_square { 0.0 } else { 1.0 / 3.0 };
         let radius = (options.band_limit.powi(2) + least).sqrt() / element.edge();
         let (group, lattice) = symmetry::<3>(element, None, None)?;
         let ball = std::f64::consts::PI * 4.0 / 3.0 * radius.powi(3) * lattice.volume();
-        if ball / group.order() as f64 > 2.0 * MOST_UNKNOWNS as f64 {
+        if ball / group.order() as f64 > 2.0 * MAX_UNKNOWNS as f64 {
             return Err(too_large(options.band_limit, ball as usize / group.order()));
         }
         bases.push((element, Basis::new(group, lattice, radius)));
     }
     let unknowns = bases.iter().map(|(_, b)| b.len()).sum();
-    if unknowns > MOST_UNKNOWNS {
+    if unknowns > MAX_UNKNOWNS {
         return Err(too_large(options.band_limit, unknowns));
     }
     progress.stage("fit: cells that agree on faces", None);
@@ -75,7 +75,7 @@ pub fn fit_matched(
     let mut constraint = face_trace::equations(&bases);
     if options.face_normal {
         let own = bases.iter().map(|(e, b)| face_normal::equations(b, *e));
-        constraint = constraint.and(&Constraint::side_by_side(&own.collect::<Vec<_>>()));
+        constraint = constraint.and(&Constraint::block_diagonal(&own.collect::<Vec<_>>()));
     }
     let real = NormalEquations::joined(equations).solve(Some(&constraint))?;
     let half = cells
@@ -123,8 +123,8 @@ fn too_large(band_limit: f64, unknowns: usize) -> FitError {
     FitError::TooLarge {
         band_limit,
         unknowns,
-        limit: MOST_UNKNOWNS,
-        largest: band_limit * (MOST_UNKNOWNS as f64 * 0.8 / unknowns as f64).cbrt(),
+        limit: MAX_UNKNOWNS,
+        largest: band_limit * (MAX_UNKNOWNS as f64 * 0.8 / unknowns as f64).cbrt(),
     }
 }
 
@@ -133,8 +133,8 @@ fn edges_per_unit(cell: &Cell) -> f64 {
     cell.gamma() * cell.element().edge()
 }
 
-/// Samples of a cell's function in edge lengths, negative inside (of a sheet the function that it is
-/// thickened from), and how many of them average over the element.
+/// Samples of a cell's function in edge lengths, negative inside (of a sheet, its middle function), and the
+/// number of samples of the interior.
 fn targets(
     cell: &Cell,
     element: Element,
@@ -145,17 +145,18 @@ fn targets(
         element,
         &compatibility::embedded(basis.group(), basis.lattice()),
     );
-    let parts = parts(element, &domain, basis.len(), options.samples);
-    let (places, interior) = places(element, &domain, parts, options.weights());
+    let parts_per_edge = parts_per_edge(element, &domain, basis.len(), options.samples);
+    let (quadrature_points, interior) =
+        quadrature_points(element, &domain, parts_per_edge, options.weights());
     let scale = edges_per_unit(cell).recip();
     let value = |p: CellPoint<3>| {
         if cell.solid().is_symmetric() {
-            cell.form().value(p)
+            cell.expression().value(p)
         } else {
             Field::value(cell, p)
         }
     };
-    let samples = places.into_iter().map(|(point, weight)| Sample {
+    let samples = quadrature_points.into_iter().map(|(point, weight)| Sample {
         point,
         value: value(point) * scale,
         weight,

@@ -1,25 +1,25 @@
-//! How a cell is fitted.
+//! Options of a fit.
 
 use crate::cell::CellError;
 use crate::frame::Element;
 
-/// By what rule the coefficients are found.
+/// The method that determines the coefficients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// Weighted least squares over the element only.
     #[default]
     Lsq,
-    /// Fourier transform of samples over the whole period: of the source itself where the element is
-    /// the period or the lattice is that of the cube around a tet, else of its continuous
+    /// Fourier transform of samples over the whole period. The samples are those of the source itself if the
+    /// element is the period or the lattice is that of the cube around a tet, else those of its continuous
     /// extension by reflection.
     Fft,
-    /// The paper's: as `Fft`, but for the tet by the reflection of its corners into the unit
-    /// cube, which jumps across the cube's faces. For comparison only.
+    /// The paper's method, for comparison: `Fft`, but a tet is extended by reflection of the cube's corners in
+    /// its faces, which is discontinuous across the cube's faces.
     Paper,
 }
 
 impl Method {
-    /// Its name in recipes and reports.
+    /// The name in recipes and reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Lsq => "lsq",
@@ -29,19 +29,19 @@ impl Method {
     }
 }
 
-/// What the images of a source that lacks the symmetry make together.
+/// The combination of the images of a source without the symmetry.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Symmetrise {
     /// Their mean: the orthogonal projection.
     #[default]
     Average,
-    /// Their union: the least of the distances.
+    /// Their union: the minimum of the distances.
     Union,
-    /// Their intersection: the greatest of the distances.
+    /// Their intersection: the maximum of the distances.
     Intersection,
 }
 
-/// How the least squares are solved.
+/// The solver of the least squares.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Solver {
     /// Dense up to 3000 unknowns; then over a grid of the period, dense up to 8000 (1 GiB), then
@@ -50,54 +50,54 @@ pub enum Solver {
     Auto,
     /// Normal equations and Cholesky.
     Dense,
-    /// Matrix-free: conjugate gradients with two Fourier transforms a step.
+    /// Matrix-free: conjugate gradients with two Fourier transforms per step.
     Iterative,
 }
 
-/// What is done to the spectrum of samples: it calms the waves beside steep places, of voxels that are
-/// solid or void above all, and rounds edges.
+/// Filter of the spectrum of samples. It damps ripples beside steep slopes, above all of binary voxels, and
+/// rounds edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Filter {
-    /// Nothing: best for distances.
+    /// No filter; best for distances.
     #[default]
     None,
-    /// Lanczos' factors sinc(k/(h + 1)) for every index k, h the greatest that the samples tell; of
-    /// lattices that are not square or cubic those of the length of the frequency.
+    /// Lanczos' factors sinc(k/(h + 1)) for every index k, with h the largest index below Nyquist. On lattices
+    /// that are not square or cubic, the factor depends on the length of the frequency.
     Lanczos,
 }
 
-/// How a cell is fitted.
+/// Options of a fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitOptions {
-    /// By what rule the coefficients are found.
+    /// The method that determines the coefficients.
     pub method: Method,
-    /// R: keeps |f| <= R, in cycles per unit of reference length. With a tolerance the greatest R
-    /// that is tried. Of samples over a period, infinity keeps all that lies below Nyquist on each axis.
+    /// The band limit R: the fit keeps |f| <= R, in cycles per unit of reference length. With a tolerance it
+    /// is the largest band limit. For samples over a period, infinity keeps all frequencies below Nyquist.
     pub band_limit: f64,
-    /// Name of the group; `None` for the element's whole one.
+    /// Name of the group; `None` for the element's full group.
     pub group: Option<String>,
     /// Name of the lattice; `None` for the element's default.
     pub lattice: Option<String>,
-    /// Weight lambda of the penalty (1 + |f|^2) a^2 of the least squares; 1e-5 if left out, and 3e-6
-    /// for face-normal cells. Smaller ones gain a little inside and let the gradient outside grow.
+    /// Weight lambda of the penalty (1 + |f|^2) a^2 of the least squares. The default is 1e-5, and 3e-6
+    /// for face-normal cells. A smaller weight fits the interior slightly better, but the gradient
+    /// outside grows.
     pub regularisation: Option<f64>,
-    /// Least number of samples along an edge of the element's cube; more are taken where the
-    /// unknowns ask for them.
+    /// Minimal number of samples along an edge of the element's cube. Many unknowns increase it.
     pub samples: usize,
-    /// What is done to the spectrum of a transform; least squares do not regard it.
+    /// Filter of the spectrum of a transform; least squares ignore it.
     pub filter: Filter,
-    /// How the least squares are solved.
+    /// The solver of the least squares.
     pub solver: Solver,
-    /// How many real coefficients are kept, the largest ones; least squares are solved again for them.
+    /// Number of largest real coefficients that are kept; the least squares are then solved for these alone.
     pub keep: Option<usize>,
-    /// Whether the surface is to meet the element's faces at a right angle.
+    /// Whether the surface must meet the element's faces at a right angle.
     pub face_normal: bool,
-    /// Greatest distance allowed between the two surfaces: the band limit is raised from 4 by
-    /// factors of 1.5 until it is met.
+    /// Largest distance between the two surfaces. The band limit increases from 4 by factors of 1.5 until the
+    /// distance is within the tolerance.
     pub tolerance: Option<f64>,
-    /// What the images of a source that lacks the symmetry make together.
+    /// The combination of the images of a source without the symmetry.
     pub symmetrise: Symmetrise,
-    /// Whether to measure the Hausdorff distance and the number of pieces; a tolerance always does.
+    /// Whether to measure the Hausdorff distance and the number of components; a tolerance always does.
     pub measure: bool,
 }
 
@@ -121,17 +121,17 @@ impl Default for FitOptions {
     }
 }
 
-/// Greatest number of unknowns of the dense solver, of any, and up to which the dense one is taken
-/// without being asked for.
-const MOST_DENSE: usize = 4000;
-const MOST_UNKNOWNS: usize = 40_000;
-const DENSE_BY_ITSELF: usize = 3000;
-/// Greatest number of unknowns whose matrix and its factor, 16 bytes for each of its entries, are held when
-/// neither is given: 1 GiB.
-const DENSE_ON_GRID: usize = 8000;
+/// Maximal number of unknowns of the dense solver and of any solver, and the number up to which `Auto`
+/// selects the dense one.
+const MAX_DENSE_UNKNOWNS: usize = 4000;
+const MAX_UNKNOWNS: usize = 40_000;
+const MAX_AUTO_DENSE_UNKNOWNS: usize = 3000;
+/// Maximal number of unknowns for a dense matrix over a grid, unless the solver is given. Matrix and factor
+/// take 16 bytes per entry: 1 GiB.
+const MAX_GRID_DENSE_UNKNOWNS: usize = 8000;
 
 impl FitOptions {
-    /// Checks every number by itself.
+    /// Checks the range of every option.
     pub(super) fn check(&self, of_samples: bool) -> Result<(), CellError> {
         let out_of_range = |what, found: f64, expected: &str| CellError::OutOfRange {
             what,
@@ -182,8 +182,8 @@ impl FitOptions {
             .unwrap_or(if self.face_normal { 3e-6 } else { 1e-5 })
     }
 
-    /// Weights of the means over interior, faces and edges in the sum of squares. A right angle at
-    /// the faces is bought with their values: to ask for these as well would spoil the interior.
+    /// Weights of the means over interior, faces and edges in the sum of squares. A right angle at the faces
+    /// conflicts with the values there, so face-normal cells weigh the faces less.
     pub(super) fn weights(&self) -> [f64; 3] {
         if self.face_normal {
             [1.0, 0.03, 0.01]
@@ -192,17 +192,17 @@ impl FitOptions {
         }
     }
 
-    /// Greatest number of unknowns that the chosen method takes.
-    pub(super) fn most_unknowns(&self, element: Element) -> usize {
+    /// Maximal number of unknowns of the chosen method.
+    pub(super) fn max_unknowns(&self, element: Element) -> usize {
         let dense = self.method == Method::Lsq && self.solver == Solver::Dense;
         if dense || element == Element::Ball {
-            MOST_DENSE
+            MAX_DENSE_UNKNOWNS
         } else {
-            MOST_UNKNOWNS
+            MAX_UNKNOWNS
         }
     }
 
-    /// That nothing is asked of the ball that needs faces or a period.
+    /// Checks that the options for a ball need neither faces nor a period.
     pub(super) fn check_ball(&self) -> Result<(), CellError> {
         let fail = |what, found: &str, expected: &str| {
             Err(CellError::Unfitting {
@@ -228,14 +228,14 @@ impl FitOptions {
     pub(super) fn on_grid(&self, element: Element, unknowns: usize) -> bool {
         match self.solver {
             _ if element == Element::Ball => false,
-            Solver::Auto => unknowns > DENSE_BY_ITSELF,
+            Solver::Auto => unknowns > MAX_AUTO_DENSE_UNKNOWNS,
             Solver::Dense => false,
             Solver::Iterative => true,
         }
     }
 
-    /// Whether they are solved without a matrix there.
+    /// Whether the least squares over a grid are solved without a matrix.
     pub(super) fn iterative(&self, unknowns: usize) -> bool {
-        self.solver == Solver::Iterative || unknowns > DENSE_ON_GRID
+        self.solver == Solver::Iterative || unknowns > MAX_GRID_DENSE_UNKNOWNS
     }
 }

@@ -1,25 +1,25 @@
-//! Where a source stands: from its own coordinates to the reference frame of its element.
+//! Placement of a source: the map from its own coordinates to the reference frame of its element.
 
 use super::FitError;
 use crate::frame::{Aabb, Element, Mat3, Vec3};
 use crate::mesh::TriMesh;
 
-/// How source coordinates become reference coordinates.
+/// The map from source coordinates to reference coordinates.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Placement {
-    /// They are the same.
+    /// The identity.
     #[default]
     Reference,
-    /// The source's bounding box onto the element's (the unit cube for tet and hex): centre onto
-    /// centre, longest edge onto longest edge, uniformly.
+    /// Uniform scaling of the source's bounding box onto the element's (the unit cube for tet and hex):
+    /// centre onto centre, longest edge onto longest edge.
     Fit,
     /// x -> R (scale x) + translate.
     Similarity {
-        /// Factor, applied first.
+        /// The scale factor, applied first.
         scale: f64,
         /// Rotations about x, then y, then z, in degrees.
         rotate: [f64; 3],
-        /// Applied last, in reference units.
+        /// The translation, applied last, in reference units.
         translate: Vec3,
     },
     /// The element's vertices in source coordinates, in VTK order.
@@ -39,7 +39,7 @@ impl Affine {
         self.linear * p + self.offset
     }
 
-    /// The box around the image of a box; empty for an empty one.
+    /// The bounding box of the image of a box; empty for an empty one.
     pub fn bounds(&self, b: Aabb) -> Aabb {
         if b.is_empty() {
             return b;
@@ -49,7 +49,7 @@ impl Affine {
         Aabb::of((0..8).map(|i| self.point(pick(i))))
     }
 
-    /// The inverse map; no placement is singular.
+    /// The inverse map; placements are never singular.
     pub fn inverse(&self) -> Self {
         let linear = self.linear.try_inverse().unwrap_or_else(Mat3::identity);
         Self {
@@ -58,18 +58,18 @@ impl Affine {
         }
     }
 
-    /// By how much lengths grow: exactly for a similarity, else in the mean.
+    /// The factor of lengths: exact for a similarity, else the geometric mean.
     pub fn factor(&self) -> f64 {
         self.linear.determinant().abs().cbrt()
     }
 
-    /// Whether distances only change by the factor.
+    /// Whether all distances change by the same factor.
     pub fn is_similarity(&self) -> bool {
         let f2 = self.factor().powi(2);
         (self.linear.tr_mul(&self.linear) - Mat3::from_diagonal_element(f2)).norm() < 1e-9 * f2
     }
 
-    /// The mesh moved; triangles are turned where the map mirrors.
+    /// The mapped mesh. The orientation of triangles is reversed if the map mirrors.
     pub fn mesh(&self, mesh: &TriMesh) -> TriMesh {
         let moved = mesh.mapped(|p| self.linear * p + self.offset);
         if self.linear.determinant() < 0.0 {
@@ -146,7 +146,7 @@ fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError
             own.len()
         ));
     }
-    // Vertex 0 and the ends of three edges that leave it.
+    // The edges from vertex 0 span the space.
     let edges: [usize; 3] = match element {
         Element::Hex | Element::Pyramid => [1, 3, 4],
         _ => [1, 2, 3],
@@ -185,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn vertices_undo_a_map() {
+    fn placement_by_vertices_inverts_a_map() {
         for element in [Element::Tet, Element::Hex] {
             let m = Mat3::new(2.0, 0.3, 0.0, -0.1, -1.5, 0.2, 0.4, 0.0, 3.0);
             let t = Vec3::new(5.0, -6.0, 7.0);
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_placements_are_refused() {
+    fn singular_placements_are_errors() {
         let bounds = Aabb::of([Vec3::zeros(), Vec3::repeat(1.0)]);
         let flat = Element::Tet
             .vertices()

@@ -1,9 +1,9 @@
-//! The orthogonal projection of a spectrum onto the symmetric functions (Eq. 8, corrected).
+//! Orthogonal projection of a spectrum onto the symmetric functions (Eq. 8, corrected).
 //!
-//! C of an orbit is the mean of g^ over the orbit, where g^ is the coefficient of exp(2 pi i k.u) in
-//! the samples' interpolant; the conjugate in c = int g conj(phi) is what makes it so. The result is
-//! the transform of the samples averaged over their images, hence exact for symmetric samples of
-//! a band below half the number of samples. Orbits that reach the Nyquist index are dropped.
+//! C of an orbit is the mean of g^ over the orbit, where g^ is the coefficient of exp(2 pi i k.u) in the
+//! samples' interpolant. This follows from the conjugate in c = int g conj(phi). The result is the transform
+//! of the samples averaged over their images, hence exact for symmetric samples with a band limit below half
+//! the number of samples. Orbits that reach the Nyquist index are dropped.
 
 use super::transform::{Spectrum, Transform};
 use crate::symmetry::{Frequency, Lattice, PointGroup};
@@ -11,17 +11,17 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::PI;
 
-/// Representatives and coefficients of every orbit pair with |f| <= `radius` (all, without one).
+/// Representatives and coefficients of every orbit pair with |f| <= `radius`, or of all orbit pairs.
 fn project<const D: usize>(
     group: &PointGroup<D>,
     lattice: &Lattice<D>,
     spectrum: &Spectrum<D>,
     radius: Option<f64>,
 ) -> Vec<(Frequency<D>, [f64; 2])> {
-    let h = spectrum.greatest_index();
+    let h = spectrum.max_index();
     let scale = (spectrum.samples() as f64).powi(D as i32).recip();
     let operators = group.operators();
-    // The mean over the operators, or nothing unless k is the greatest of its orbit pair.
+    // The mean over the operators, if k is the largest member of its orbit pair.
     let coefficient = |k: Frequency<D>| -> Option<[f64; 2]> {
         let opposite = k.map(|c| -c);
         let mut paired = false;
@@ -35,18 +35,18 @@ fn project<const D: usize>(
         if radius.is_some_and(|r| lattice.frequency_norm(k) > r + 1e-9) {
             return None;
         }
-        // Only now is the spectrum read, whose values lie far apart.
+        // The spectrum is read last, since its values are far apart in memory.
         let mut sum = Complex64::default();
         for op in operators {
             let image = op.apply_to_frequency(k);
             let odd = image.iter().sum::<i32>().rem_euclid(2) == 1;
-            let value = spectrum.plain(image);
+            let value = spectrum.at(image);
             sum += if odd { -value } else { value };
         }
         let mean = sum * (scale / operators.len() as f64);
         Some([mean.re, if paired { 0.0 } else { mean.im }])
     };
-    // The greatest of a pair begins with an index that is not negative.
+    // The first index of the largest member of a pair is not negative.
     let slabs: Vec<Vec<_>> = (0..=h)
         .into_par_iter()
         .map(|first| {
@@ -70,8 +70,8 @@ fn project<const D: usize>(
     slabs.concat()
 }
 
-/// Multiplies coefficients by Lanczos' sigma factors for `n` samples an axis (see [`Filter::Lanczos`]),
-/// which are the same for all of an orbit.
+/// Multiplies coefficients by Lanczos' sigma factors for `n` samples per axis (see [`Filter::Lanczos`]),
+/// which are equal within an orbit.
 ///
 /// [`Filter::Lanczos`]: crate::cell::Filter::Lanczos
 pub fn lanczos<const D: usize>(
@@ -88,11 +88,11 @@ pub fn lanczos<const D: usize>(
     };
     let end = (n.max(1) - 1) as f64 / 2.0;
     let end = end.floor() + 1.0;
-    let plain = matches!(lattice.name(), Some("square" | "cubic"));
+    let is_orthogonal = matches!(lattice.name(), Some("square" | "cubic"));
     let longest = (0..D).map(|a| lattice.columns().column(a).norm());
     let longest = longest.fold(0.0, f64::max);
     for (k, c) in terms {
-        let factor: f64 = if plain {
+        let factor: f64 = if is_orthogonal {
             k.iter().map(|k| sinc(f64::from(*k) / end)).product()
         } else {
             sinc((lattice.frequency_norm(*k) * longest / end).min(1.0))
@@ -101,11 +101,11 @@ pub fn lanczos<const D: usize>(
     }
 }
 
-/// Coefficients C of the symmetric part of samples over the period cell: the plain FFT fit.
+/// Coefficients C of the symmetric part of samples over the period cell, by Fourier transform.
 ///
-/// Samples stand at u = j/N - 1/2 with the last axis fastest. Each orbit pair within |f| <= `radius`
-/// (every one below the Nyquist index, without a radius) is listed once, by its lexicographically
-/// greatest member, as [`crate::cell::Series::new`] takes them.
+/// Samples lie at u = j/N - 1/2 with the last axis fastest. Each orbit pair within |f| <= `radius` (each one
+/// below the Nyquist index, without a radius) is listed once, by its lexicographically largest member, as
+/// [`crate::cell::Series::new`] requires.
 ///
 /// # Panics
 /// If there are not `n`^D samples.

@@ -1,17 +1,17 @@
-//! What a fit says about itself.
+//! The report of a fit.
 
 use crate::cell::SourceKind;
 use serde::{Deserialize, Serialize};
 
-/// How well a cell meets the geometry it was fitted to; lengths in reference units.
+/// The accuracy of a cell relative to the geometry of its fit. Lengths are in reference units.
 ///
-/// Distances are those of the source averaged over its images where it lacks the symmetry.
+/// Distances refer to the source averaged over its images, if the source lacks the symmetry.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FitReport {
     /// "lsq": weighted least squares over the element; "fft": transform over the period; "paper".
     pub method: String,
-    /// How it was solved: dense, iterative with its number of steps, or by a transform.
+    /// The solver: dense, iterative with its number of steps, or a transform.
     pub solver: String,
     /// Name of the lattice.
     pub lattice: String,
@@ -23,9 +23,9 @@ pub struct FitReport {
     pub degrees_of_freedom: usize,
     /// Root mean square of cell minus source over the element's interior.
     pub rms: f64,
-    /// Greatest difference on the element's faces.
+    /// Largest difference on the element's faces.
     pub face_max: f64,
-    /// Greatest difference on the element's edges.
+    /// Largest difference on the element's edges.
     pub edge_max: f64,
     /// Distances of the two surfaces.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -34,19 +34,19 @@ pub struct FitReport {
     pub kept_energy: f64,
     /// Root mean square of the source minus its symmetric part.
     pub symmetry_residual: f64,
-    /// Greatest |n . grad Phi| on the element's faces; 0 to rounding for face-normal cells.
+    /// Largest |n . grad Phi| on the element's faces; 0 up to rounding for face-normal cells.
     pub face_normal_residual: f64,
-    /// Greatest gradient sampled inside the element (1 for a distance).
+    /// Largest sampled gradient inside the element (1 for a distance).
     pub gradient_inside: f64,
-    /// Greatest gradient sampled over the whole period.
+    /// Largest sampled gradient over the whole period.
     pub gradient_outside: f64,
-    /// Pieces of the solid in one element.
+    /// Connected components in one element.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub components: Option<Components>,
-    /// What the source is, if it is more than a function.
+    /// The source, if it is more than a function.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source: Option<SourceReport>,
-    /// What the user should look at.
+    /// Warnings for the user.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
@@ -54,9 +54,9 @@ pub struct FitReport {
 /// One-sided distances of two surfaces inside the element, sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Hausdorff {
-    /// Greatest distance of a point of the cell's surface to the source's.
+    /// Largest distance of a point of the cell's surface from the source's.
     pub cell_to_source: f64,
-    /// Greatest distance of a point of the source's surface to the cell's.
+    /// Largest distance of a point of the source's surface from the cell's.
     pub source_to_cell: f64,
 }
 
@@ -67,24 +67,24 @@ impl Hausdorff {
     }
 }
 
-/// Connected pieces of the solid and of the void in one element, its faces open.
+/// Connected components of solid and void in one element, without connections through its faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Components {
-    /// Pieces of solid in the source.
+    /// Components of solid in the source.
     pub source_solid: usize,
-    /// Pieces of solid in the cell.
+    /// Components of solid in the cell.
     pub cell_solid: usize,
-    /// Pieces of void in the source.
+    /// Components of void in the source.
     pub source_void: usize,
-    /// Pieces of void in the cell.
+    /// Components of void in the cell.
     pub cell_void: usize,
 }
 
-/// What a cell was fitted to, in reference coordinates after placement.
+/// The source of a fit, in reference coordinates after placement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SourceReport {
-    /// What it was.
+    /// The kind of source.
     pub kind: SourceKind,
     /// Triangles of a mesh.
     pub triangles: usize,
@@ -92,10 +92,11 @@ pub struct SourceReport {
     pub caps: usize,
     /// Points of a cloud, or samples of a grid.
     pub points: usize,
-    /// Least corner of its box.
+    /// Lower corner of the bounding box.
     pub box_min: [f64; 3],
-    /// Greatest corner of its box.
+    /// Upper corner of the bounding box.
     pub box_max: [f64; 3],
-    /// Share inside the element: of a mesh's area (caps left out), of the points, else of the box.
+    /// Share inside the element: of the area of a mesh (without caps), of the points, else of the bounding
+    /// box.
     pub share_inside: f64,
 }

@@ -1,4 +1,4 @@
-//! One fit at one band limit: samples, coefficients, report.
+//! One fit with one band limit: samples, coefficients, report.
 
 use super::super::compatibility;
 use super::super::domain::Domain;
@@ -6,12 +6,14 @@ use super::super::{Constraint, face_normal};
 use super::extension::Extension;
 use super::frequency_set::{self, needed_samples};
 use super::grid::grid_size;
-use super::sampling::{Images, Place, Quality, Target, parts, places, sample};
+use super::sampling::{
+    Images, QuadraturePoint, Quality, Target, parts_per_edge, quadrature_points, sample,
+};
 use super::solve::{NormalEquations, Sample};
 use super::{
-    Distance, Extra, Filter, FitError, FitOptions, Method, Symmetrise, accuracy, projection,
+    Distance, Filter, FitError, FitOptions, Method, SourceInfo, Symmetrise, accuracy, projection,
 };
-use crate::cell::{Cell, CellError, Form, Series, symmetry};
+use crate::cell::{Cell, CellError, Expression, Series, symmetry};
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::progress::{Cancelled, Progress};
 use crate::symmetry::{Basis, Frequency, Lattice};
@@ -20,41 +22,40 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::SQRT_2;
 
-/// Share of the mean square below which nothing of the source is symmetric, and below which it is
-/// worth a warning.
+/// Shares of the mean square: a smaller symmetric part is an error, or gives a warning.
 const NO_SYMMETRIC_PART: f64 = 1e-6;
-const LITTLE_SYMMETRIC_PART: f64 = 0.9;
-/// Below this share of its root mean square a source's asymmetry is rounding.
-const SYMMETRIC: f64 = 1e-6;
-/// Samples per shortest wave of a transform, at least; of the iterative solver's grid.
+const MIN_SYMMETRIC_PART: f64 = 0.9;
+/// Relative asymmetry of a source below which it is rounding.
+const ASYMMETRY_TOLERANCE: f64 = 1e-6;
+/// Minimal number of samples per shortest wave, for a transform and for the grid of the iterative solver.
 pub(super) const SAMPLES_PER_WAVE: f64 = 4.0;
 
-/// Unknowns by which the accuracy of samples over a period is measured, whose fit needs no more.
-const MOST_MEASURED: usize = 1000;
-const LEAST_MEASURED: usize = 150;
-/// Unknowns by which it is measured times waves of the fit.
-const MOST_WORK: usize = 100_000_000;
-/// Coefficients of samples over a period below this share of the greatest are rounding.
+/// Maximal and minimal number of unknowns for which the accuracy of samples over a period is measured.
+const MAX_MEASURED_UNKNOWNS: usize = 1000;
+const MIN_MEASURED_UNKNOWNS: usize = 150;
+/// Maximal number of measured unknowns times waves.
+const MAX_MEASUREMENT_WORK: usize = 100_000_000;
+/// Coefficients of samples over a period below this share of the largest are rounding errors.
 const ROUNDING: f64 = 1e-15;
 
-/// What every method works with.
+/// The inputs of a fit, common to all methods.
 pub(super) struct Job<'a> {
     pub element: Element,
     pub source: &'a Distance<'a>,
-    pub extra: &'a Extra<'a>,
+    pub info: &'a SourceInfo<'a>,
     pub options: &'a FitOptions,
     pub progress: &'a dyn Progress,
 }
 
-/// The coefficients of a fit in the real orthonormal basis.
-pub(super) struct Found {
+/// The coefficients of a fit in the real orthonormal basis, with information for the report.
+pub(super) struct Solution {
     pub real: Vec<f64>,
     pub quality: Quality,
     pub solver: String,
 }
 
 impl Job<'_> {
-    /// Fits, and measures if the options say so.
+    /// Fits, and measures if the options request it.
     pub fn run(&self, name: &str) -> Result<Cell, FitError> {
         match compatibility::rank(self.element) {
             2 => self.run_in::<2>(name),
@@ -65,7 +66,7 @@ impl Job<'_> {
 
     fn run_in<const D: usize>(&self, name: &str) -> Result<Cell, FitError>
     where
-        Form: From<Series<D>>,
+        Expression: From<Series<D>>,
     {
         let options = self.options;
         let lattice_name = match (options.method, &options.lattice) {
@@ -76,9 +77,9 @@ impl Job<'_> {
         if self.element == Element::Ball {
             options.check_ball()?;
         }
-        let (basis, cut) =
-            frequency_set::basis(self.element, (group, lattice), options, self.extra)?;
-        let over_period = self.extra.period.is_some();
+        let (basis, truncation) =
+            frequency_set::basis(self.element, (group, lattice), options, self.info)?;
+        let over_period = self.info.period.is_some();
         let constraint = options
             .face_normal
             .then(|| face_normal::equations(&basis, self.element));
@@ -93,7 +94,7 @@ impl Job<'_> {
             symmetric: false,
         };
         let found = match options.method {
-            // Over the whole period the waves are orthogonal: the transform is the least squares.
+            // Over the whole period the waves are orthogonal: the transform gives the least squares.
             Method::Lsq if !over_period => {
                 self.least_squares(&basis, &domain, &mut target, constraint.as_ref())?
             }
@@ -113,34 +114,34 @@ impl Job<'_> {
         cell.check_surface()?;
         self.progress.stage("fit: accuracy", None);
         let unknowns = if over_period {
-            // Points, hence time, grow with the unknowns and their waves.
+            // The number of points, and the time, grow with the unknowns and their waves.
             let waves = basis.len() * basis.group().order();
             basis
                 .len()
-                .min(MOST_MEASURED)
-                .min((MOST_WORK / waves.max(1)).max(LEAST_MEASURED))
+                .min(MAX_MEASURED_UNKNOWNS)
+                .min((MAX_MEASUREMENT_WORK / waves.max(1)).max(MIN_MEASURED_UNKNOWNS))
         } else {
             basis.len()
         };
-        let parts = parts(self.element, &domain, unknowns, options.samples);
-        let sampling = (&domain, parts);
+        let parts_per_edge = parts_per_edge(self.element, &domain, unknowns, options.samples);
+        let sampling = (&domain, parts_per_edge);
         let own = FitOptions {
             band_limit: basis.radius(),
             ..options.clone()
         };
         let mut report =
-            accuracy::measure(&cell, &target, sampling, &own, self.extra, self.progress)?;
+            accuracy::measure(&cell, &target, sampling, &own, self.info, self.progress)?;
         if over_period {
             report.regularisation = options.regularisation.unwrap_or(0.0);
         }
-        report.warnings.extend(cut);
+        report.warnings.extend(truncation);
         options.method.name().clone_into(&mut report.method);
         report.solver = found.solver;
         report.degrees_of_freedom = found.real.iter().filter(|a| **a != 0.0).count();
         report.kept_energy = found.quality.kept_energy;
         report.symmetry_residual = found.quality.residual;
         report.face_normal_residual = residual;
-        if found.quality.kept_energy < LITTLE_SYMMETRIC_PART {
+        if found.quality.kept_energy < MIN_SYMMETRIC_PART {
             report.warnings.push(format!(
                 "only {:.3} of the source's energy has the symmetry {}: the cell differs from it \
                  by rms {:.4}",
@@ -152,21 +153,24 @@ impl Job<'_> {
         Ok(cell.with_report(report))
     }
 
-    /// Values of the target at some places, refused if nothing of the source is symmetric.
+    /// Values of the target at quadrature points.
+    ///
+    /// # Errors
+    /// [`FitError::NoSymmetricPart`] if no part of the source is symmetric.
     pub(super) fn values<const D: usize>(
         &self,
         basis: &Basis<D>,
         target: &mut Target,
-        places: &[Place],
+        quadrature_points: &[QuadraturePoint],
         interior: usize,
     ) -> Result<(Vec<f64>, Quality), FitError> {
         self.progress.stage("fit: samples", None);
         let (values, quality) = sample(
             self.element,
             target,
-            places,
+            quadrature_points,
             interior,
-            self.extra,
+            self.info,
             self.progress,
         )?;
         let average = self.options.symmetrise == Symmetrise::Average;
@@ -176,21 +180,23 @@ impl Job<'_> {
                 kept: quality.kept_energy,
             });
         }
-        target.symmetric = quality.residual <= SYMMETRIC * quality.rms;
+        target.symmetric = quality.residual <= ASYMMETRY_TOLERANCE * quality.rms;
         Ok((values, quality))
     }
 
-    /// The places of the flags' parts with their weights, and the target there.
+    /// The quadrature points of the flags with their weights, and the target there.
     fn sampled<const D: usize>(
         &self,
         basis: &Basis<D>,
         domain: &Domain,
         target: &mut Target,
-    ) -> Result<(Vec<Place>, Vec<f64>, Quality), FitError> {
-        let parts = parts(self.element, domain, basis.len(), self.options.samples);
-        let (places, interior) = places(self.element, domain, parts, self.options.weights());
-        let (values, quality) = self.values(basis, target, &places, interior)?;
-        Ok((places, values, quality))
+    ) -> Result<(Vec<QuadraturePoint>, Vec<f64>, Quality), FitError> {
+        let parts_per_edge =
+            parts_per_edge(self.element, domain, basis.len(), self.options.samples);
+        let (quadrature_points, interior) =
+            quadrature_points(self.element, domain, parts_per_edge, self.options.weights());
+        let (values, quality) = self.values(basis, target, &quadrature_points, interior)?;
+        Ok((quadrature_points, values, quality))
     }
 
     fn least_squares<const D: usize>(
@@ -199,7 +205,7 @@ impl Job<'_> {
         domain: &Domain,
         target: &mut Target,
         constraint: Option<&Constraint>,
-    ) -> Result<Found, FitError> {
+    ) -> Result<Solution, FitError> {
         let options = self.options;
         if options.filter != Filter::None {
             return Err(FitError::Cell(CellError::Unfitting {
@@ -212,8 +218,8 @@ impl Job<'_> {
         if options.on_grid(self.element, basis.len()) {
             return self.on_grid(basis, target, constraint);
         }
-        let (places, values, quality) = self.sampled(basis, domain, target)?;
-        let samples: Vec<Sample<D>> = places
+        let (quadrature_points, values, quality) = self.sampled(basis, domain, target)?;
+        let samples: Vec<Sample<D>> = quadrature_points
             .iter()
             .zip(values)
             .map(|(&(point, weight), value)| Sample {
@@ -227,14 +233,15 @@ impl Job<'_> {
         self.progress.stage("fit: least squares", None);
         let equations =
             NormalEquations::assemble(basis, &samples, options.lambda(), self.progress)?;
-        Ok(Found {
+        Ok(Solution {
             real: self.solved(basis, &equations, constraint)?,
             quality,
             solver: "dense".to_owned(),
         })
     }
 
-    /// The solution of normal equations, for the largest coefficients alone if so many are kept.
+    /// The solution of normal equations, restricted to the largest coefficients if the options limit their
+    /// number.
     pub(super) fn solved<const D: usize>(
         &self,
         basis: &Basis<D>,
@@ -242,7 +249,7 @@ impl Job<'_> {
         constraint: Option<&Constraint>,
     ) -> Result<Vec<f64>, FitError> {
         let mut real = equations.solve(constraint)?;
-        if let Some(kept) = largest(basis, &real, self.options.keep) {
+        if let Some(kept) = largest_coefficients(basis, &real, self.options.keep) {
             let indices: Vec<usize> = (0..real.len()).filter(|&i| kept[i]).collect();
             let constraint = constraint.map(|c| c.restricted(&indices));
             let own = equations.restricted(&indices).solve(constraint.as_ref())?;
@@ -260,12 +267,12 @@ impl Job<'_> {
         domain: &Domain,
         target: &mut Target,
         constraint: Option<&Constraint>,
-    ) -> Result<Found, FitError> {
+    ) -> Result<Solution, FitError> {
         let options = self.options;
         let lattice = basis.lattice();
         let (_, _, quality) = self.sampled(basis, domain, target)?;
         let radius = Some(options.band_limit).filter(|r| r.is_finite());
-        let (mut coefficients, n) = if let Some((samples, n)) = self.extra.period {
+        let (mut coefficients, n) = if let Some((samples, n)) = self.info.period {
             self.progress.stage("fit: transform", None);
             let found =
                 projection::fourier_coefficients(basis.group(), lattice, samples, n, radius);
@@ -277,9 +284,9 @@ impl Job<'_> {
                 options.method == Method::Paper,
             )?;
             let needed = needed_samples(lattice, options.band_limit);
-            let wanted = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
+            let by_density = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
             let by_band = SAMPLES_PER_WAVE / 2.0 * needed as f64;
-            let n = grid_size(wanted.max(by_band).ceil() as usize);
+            let n = grid_size(by_density.max(by_band).ceil() as usize);
             let samples = self.period(target, extension, lattice, n)?;
             self.progress.stage("fit: transform", None);
             let found =
@@ -290,11 +297,11 @@ impl Job<'_> {
             projection::lanczos(lattice, n, &mut coefficients);
         }
         let mut real = real_coefficients(basis, coefficients);
-        if self.extra.period.is_some() {
+        if self.info.period.is_some() {
             self.penalised(basis, &mut real);
         }
         let mut constraint = constraint.cloned();
-        if let Some(kept) = largest(basis, &real, options.keep) {
+        if let Some(kept) = largest_coefficients(basis, &real, options.keep) {
             for (value, kept) in real.iter_mut().zip(&kept) {
                 if !kept {
                     *value = 0.0;
@@ -305,24 +312,24 @@ impl Job<'_> {
         if let Some(constraint) = &constraint {
             constraint.project(&mut real);
         }
-        Ok(Found {
+        Ok(Solution {
             real,
             quality,
             solver: "transform".to_owned(),
         })
     }
 
-    /// The least squares of samples over the whole period, from their transform: the waves are
-    /// orthogonal, so that a penalty acts on each by itself, and only if one is asked for. What
-    /// is rounding becomes zero.
+    /// The least squares of samples over the whole period, from their transform. The waves are orthogonal,
+    /// so that a penalty acts on each separately. Without a regularisation in the options there is no
+    /// penalty. Coefficients that are rounding errors become zero.
     fn penalised<const D: usize>(&self, basis: &Basis<D>, real: &mut [f64]) {
         let lambda = match self.options.method {
             Method::Lsq => self.options.regularisation.unwrap_or(0.0),
             _ => 0.0,
         };
-        let greatest = real.iter().fold(0.0f64, |m, a| m.max(a.abs()));
+        let largest = real.iter().fold(0.0f64, |m, a| m.max(a.abs()));
         for (a, f) in real.iter_mut().zip(basis.frequencies()) {
-            if a.abs() <= ROUNDING * greatest {
+            if a.abs() <= ROUNDING * largest {
                 *a = 0.0;
             }
             *a /= 1.0 + lambda * basis.lattice().volume() * (1.0 + f * f);
@@ -337,8 +344,9 @@ impl Job<'_> {
         lattice: &Lattice<D>,
         n: usize,
     ) -> Result<Vec<f64>, FitError> {
-        // The projection averages, unless the period takes the extension's own symmetry.
-        let plain = self.options.symmetrise == Symmetrise::Average && extension != Extension::Fold;
+        // The projection averages over the images, unless the period has the symmetry of the extension.
+        let is_projected =
+            self.options.symmetrise == Symmetrise::Average && extension != Extension::Fold;
         (0..n.pow(D as u32))
             .into_par_iter()
             .map(|place| {
@@ -350,7 +358,7 @@ impl Job<'_> {
                     j as f64 / n as f64 - 0.5
                 });
                 let p = CellPoint(extension.inner(in_space(&(lattice.columns() * u))));
-                let value = if plain {
+                let value = if is_projected {
                     (self.source)(p)
                 } else {
                     target.value(p)
@@ -370,9 +378,9 @@ impl Job<'_> {
     }
 }
 
-/// The `keep` largest coefficients of an orthonormal basis, both of a pair or none; `None` if that
-/// is all of them.
-pub(super) fn largest<const D: usize>(
+/// The `keep` largest coefficients of an orthonormal basis, where both members of a pair are kept or none;
+/// `None` if all are kept.
+pub(super) fn largest_coefficients<const D: usize>(
     basis: &Basis<D>,
     real: &[f64],
     keep: Option<usize>,
@@ -386,7 +394,7 @@ pub(super) fn largest<const D: usize>(
         column = own.end;
         sizes.push((size, own));
     }
-    // Stable, so that of equal ones the lower frequency stays.
+    // The sort is stable, so that of equal coefficients the lower frequency is kept.
     sizes.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut kept = vec![false; real.len()];
     let mut count = 0;
@@ -399,7 +407,7 @@ pub(super) fn largest<const D: usize>(
     Some(kept)
 }
 
-/// The real coefficients of a series given by its complex ones.
+/// The real coefficients of a series with these complex coefficients.
 fn real_coefficients<const D: usize>(
     basis: &Basis<D>,
     terms: Vec<(Frequency<D>, [f64; 2])>,
@@ -419,14 +427,14 @@ fn real_coefficients<const D: usize>(
     real
 }
 
-/// Without the terms that a truncation has set to zero.
+/// Removes the terms that a truncation has set to zero.
 fn nonzero<const D: usize>(terms: Vec<(Frequency<D>, [f64; 2])>) -> Vec<(Frequency<D>, [f64; 2])> {
     let mut terms = terms;
     terms.retain(|(k, c)| *k == [0; D] || *c != [0.0; 2]);
     terms
 }
 
-/// A planar point in space; of one with internal coordinates the part in space.
+/// A planar point in space, or the part in space of a point with internal coordinates.
 pub(super) fn in_space<const D: usize>(v: &SVector<f64, D>) -> Vec3 {
     Vec3::from_fn(|a, _| if a < D { v[a] } else { 0.0 })
 }

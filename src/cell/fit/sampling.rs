@@ -1,29 +1,29 @@
-//! Samples of the source: where they are taken, and how symmetric they are.
+//! Samples of the source: quadrature points, target values and the symmetry of the source.
 
 use super::super::domain::{Domain, Flag, SimplexGrid, all_flags};
-use super::accuracy::Extra;
+use super::accuracy::SourceInfo;
 use super::{Distance, FitError, Symmetrise};
 use crate::frame::{CellPoint, Element, Mat3};
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
-/// Least number of samples per unknown.
+/// Minimal number of samples per unknown.
 const SAMPLES_PER_UNKNOWN: usize = 12;
 
-/// What the values of the source at the images of a point are made of.
+/// The source and the operators that give its images.
 pub(super) struct Images<'a> {
     pub source: &'a Distance<'a>,
     pub operators: Vec<Mat3>,
     pub symmetrise: Symmetrise,
 }
 
-/// The source at the images of a point.
+/// Statistics of the source over the images of a point.
 struct Moments {
-    /// What the fit is to meet.
+    /// The target value of the fit.
     value: f64,
     mean: f64,
     mean_square: f64,
-    /// Mean square distance from the value.
+    /// Mean square deviation from the target value.
     spread: f64,
 }
 
@@ -50,7 +50,7 @@ impl Images<'_> {
     }
 }
 
-/// The source as the fit sees it: itself if it is symmetric, else what its images make together.
+/// The target of the fit: the source itself if it is symmetric, else the combination of its images.
 pub(super) struct Target<'a> {
     pub images: Images<'a>,
     pub symmetric: bool,
@@ -66,8 +66,8 @@ impl Target<'_> {
     }
 }
 
-/// Midpoints of a simplex of dimension 1 to 3 cut into n, n^2 or n^3 equal parts, as ordered
-/// coordinates in the flag; every part weighs the same.
+/// Midpoints of a simplex of dimension 1 to 3 divided into n, n^2 or n^3 equal parts, as ordered coordinates
+/// in the flag. All parts have equal weight.
 pub(super) fn midpoints(dimension: usize, n: usize) -> Vec<[f64; 3]> {
     let step = 1.0 / n as f64;
     match dimension {
@@ -99,8 +99,8 @@ pub(super) fn midpoints(dimension: usize, n: usize) -> Vec<[f64; 3]> {
     }
 }
 
-/// Ordered coordinates of the midpoints of equal parts of what a flag has in an element of some
-/// dimension: its interior (0), its face (1), its edge (2); `None` for the edge of a planar element.
+/// Ordered coordinates of the midpoints of equal parts of a flag's share of the interior (0), the face (1) or
+/// the edge (2) of an element; `None` for the edge of a planar element.
 pub(super) fn stratum(dimension: usize, which: usize, n: usize) -> Option<Vec<[f64; 3]>> {
     match (dimension, which) {
         (3, _) => Some(midpoints(3 - which, n)),
@@ -116,7 +116,8 @@ pub(super) fn stratum(dimension: usize, which: usize, n: usize) -> Option<Vec<[f
     }
 }
 
-/// Area or length of what a flag has of a face or an edge, up to a factor; of the interior the share.
+/// Size of a flag's share of a face or edge, up to a factor; for the interior, the flag's share of the
+/// volume.
 fn extent(flag: &Flag, dimension: usize, which: usize) -> f64 {
     let [_, vertex, edge, face] = flag.corners;
     match (dimension, which) {
@@ -126,8 +127,13 @@ fn extent(flag: &Flag, dimension: usize, which: usize) -> f64 {
     }
 }
 
-/// Parts per edge of a flag: enough for the unknowns and for the wanted density.
-pub(super) fn parts(element: Element, domain: &Domain, unknowns: usize, per_edge: usize) -> usize {
+/// Parts per edge of a flag, enough for the unknowns and for the requested density.
+pub(super) fn parts_per_edge(
+    element: Element,
+    domain: &Domain,
+    unknowns: usize,
+    per_edge: usize,
+) -> usize {
     let dimension = element.dimension();
     let root = |v: f64| v.powf(1.0 / dimension as f64);
     let flags = all_flags(element).len() as f64;
@@ -136,29 +142,29 @@ pub(super) fn parts(element: Element, domain: &Domain, unknowns: usize, per_edge
     by_density.max(by_unknowns).ceil().max(6.0) as usize
 }
 
-/// How symmetric the source is, over the element's interior.
+/// The symmetry of the source over the element's interior.
 pub(super) struct Quality {
     pub kept_energy: f64,
     pub residual: f64,
     pub rms: f64,
 }
 
-/// A place in the element with its weight in the mean over interior, faces and edges.
-pub(super) type Place = (CellPoint<3>, f64);
+/// A point of the element with its weight in the mean over interior, faces and edges.
+pub(super) type QuadraturePoint = (CellPoint<3>, f64);
 
-/// Midpoints of the parts of all flags, the interior's first, and how many those are; the weights of
-/// interior, faces and edges are given.
-pub(super) fn places(
+/// Midpoints of the parts of all flags, those of the interior first, and the number of the latter. `weights`
+/// are those of interior, faces and edges.
+pub(super) fn quadrature_points(
     element: Element,
     domain: &Domain,
-    parts: usize,
+    parts_per_edge: usize,
     weights: [f64; 3],
-) -> (Vec<Place>, usize) {
+) -> (Vec<QuadraturePoint>, usize) {
     let dimension = element.dimension();
-    let mut places = Vec::new();
+    let mut quadrature_points = Vec::new();
     let mut interior = 0;
     for (which, weight) in weights.into_iter().enumerate() {
-        let Some(midpoints) = stratum(dimension, which, parts << which) else {
+        let Some(midpoints) = stratum(dimension, which, parts_per_edge << which) else {
             continue;
         };
         // The sphere has no edges.
@@ -168,27 +174,27 @@ pub(super) fn places(
         let sizes = domain.flags.iter().map(|f| extent(f, dimension, which));
         let total: f64 = sizes.clone().sum();
         for (flag, size) in domain.flags.iter().zip(sizes) {
-            let each = weight * size / total / midpoints.len() as f64;
-            places.extend(midpoints.iter().map(|&c| (flag.point(c), each)));
+            let point_weight = weight * size / total / midpoints.len() as f64;
+            quadrature_points.extend(midpoints.iter().map(|&c| (flag.point(c), point_weight)));
         }
         if which == 0 {
-            interior = places.len();
+            interior = quadrature_points.len();
         }
     }
-    (places, interior)
+    (quadrature_points, interior)
 }
 
-/// The target at some places, the first `interior` of which average over the element's interior,
-/// and how symmetric the source is.
+/// The target at quadrature points, where the first `interior` belong to the interior, and the symmetry of
+/// the source.
 pub(super) fn sample(
     element: Element,
     target: &Target,
-    places: &[Place],
+    quadrature_points: &[QuadraturePoint],
     interior: usize,
-    extra: &Extra,
+    info: &SourceInfo,
     progress: &dyn Progress,
 ) -> Result<(Vec<f64>, Quality), FitError> {
-    let moments: Vec<Moments> = places
+    let moments: Vec<Moments> = quadrature_points
         .par_iter()
         .map(|(p, _)| {
             if progress.cancelled() {
@@ -207,9 +213,9 @@ pub(super) fn sample(
             })
         })
         .collect::<Result<_, _>>()?;
-    let total: f64 = places[..interior].iter().map(|(_, w)| w).sum();
+    let total: f64 = quadrature_points[..interior].iter().map(|(_, w)| w).sum();
     let mean = |f: &dyn Fn(&Moments) -> f64| {
-        let terms = moments[..interior].iter().zip(places);
+        let terms = moments[..interior].iter().zip(quadrature_points);
         terms.map(|(m, (_, w))| w * f(m)).sum::<f64>() / total
     };
     let square = mean(&|m| m.mean_square);
@@ -228,7 +234,7 @@ pub(super) fn sample(
             element: element.name(),
             least,
             greatest,
-            hint: extra.hint(element),
+            hint: info.hint(element),
         });
     }
     Ok((values, quality))

@@ -1,4 +1,4 @@
-//! Dense least squares in the real symmetric basis: normal equations in panels, then Cholesky.
+//! Dense least squares in the real symmetric basis: normal equations by panels, then Cholesky.
 
 use super::super::Constraint;
 use super::super::trig_sum::Phasors;
@@ -10,33 +10,32 @@ use nalgebra::{Cholesky, DMatrix, DMatrixViewMut, DVector, Dyn};
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
-/// A value to be met at a point.
+/// A target value at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample<const D: usize = 3> {
-    /// Where, in the reference frame.
+    /// The point, in the reference frame.
     pub point: CellPoint<D>,
-    /// The value wanted there.
+    /// The target value.
     pub value: f64,
     /// Its weight in the sum of squares.
     pub weight: f64,
 }
 
-/// Samples per panel: the design matrix is never held as a whole.
-const PANEL: usize = 512;
-/// Columns of the normal matrix that one task updates.
-const BLOCK: usize = 64;
+/// Samples per panel. The design matrix is never stored as a whole.
+const SAMPLES_PER_PANEL: usize = 512;
+/// Columns of the normal matrix per task.
+const COLUMNS_PER_BLOCK: usize = 64;
 
-/// The waves of a basis in the order in which their phasors are cheap: along the last axis side by
-/// side.
-struct Design<const D: usize> {
-    /// Index of a wave, the column of its function, and whether there is one more beside it.
+/// The waves of a basis in lexicographic order, in which neighbours along the last axis share phasors.
+struct DesignMatrix<const D: usize> {
+    /// Index of a wave, the column of its function, and whether a second column follows.
     waves: Vec<(Frequency<D>, usize, bool)>,
     bounds: [i32; D],
-    /// Factor of each column.
+    /// The factor of each column.
     factors: Vec<f64>,
 }
 
-impl<const D: usize> Design<D> {
+impl<const D: usize> DesignMatrix<D> {
     fn new(basis: &Basis<D>) -> Self {
         let mut waves = Vec::new();
         let mut factors = Vec::with_capacity(basis.len());
@@ -60,7 +59,7 @@ impl<const D: usize> Design<D> {
         }
     }
 
-    /// The values of every basis function at a point with lattice coordinates `u`.
+    /// The values of all basis functions at a point with lattice coordinates `u`.
     fn row(&self, u: [f64; D], row: &mut [f64]) {
         let tables: [Phasors; D] = std::array::from_fn(|a| Phasors::new(u[a], self.bounds[a]));
         let product = |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
@@ -96,8 +95,12 @@ pub(super) struct NormalEquations {
 }
 
 impl NormalEquations {
-    /// Those of a matrix, of which only the lower triangle counts, and a right-hand side.
-    pub(super) fn of(matrix: DMatrix<f64>, right: DVector<f64>, regularisation: f64) -> Self {
+    /// From the lower triangle of a matrix and a right-hand side.
+    pub(super) fn from_parts(
+        matrix: DMatrix<f64>,
+        right: DVector<f64>,
+        regularisation: f64,
+    ) -> Self {
         Self {
             matrix,
             right,
@@ -105,8 +108,8 @@ impl NormalEquations {
         }
     }
 
-    /// The result does not depend on the number of threads: panels are added in order, and each
-    /// block of the matrix by one task.
+    /// Assembles the equations. The result does not depend on the number of threads: panels are added in
+    /// order, and each block of the matrix by one task.
     pub fn assemble<const D: usize>(
         basis: &Basis<D>,
         samples: &[Sample<D>],
@@ -114,14 +117,19 @@ impl NormalEquations {
         progress: &dyn Progress,
     ) -> Result<Self, FitError> {
         let n = basis.len();
-        let waves = Design::new(basis);
-        // Column blocks of the lower triangle: columns from..to, rows from..n.
+        let waves = DesignMatrix::new(basis);
+        // Column blocks of the lower triangle: columns from..from + width, rows from..n.
         let mut blocks: Vec<(usize, DMatrix<f64>)> = (0..n)
-            .step_by(BLOCK)
-            .map(|from| (from, DMatrix::zeros(n - from, BLOCK.min(n - from))))
+            .step_by(COLUMNS_PER_BLOCK)
+            .map(|from| {
+                (
+                    from,
+                    DMatrix::zeros(n - from, COLUMNS_PER_BLOCK.min(n - from)),
+                )
+            })
             .collect();
         let mut right = DVector::<f64>::zeros(n);
-        for panel in samples.chunks(PANEL) {
+        for panel in samples.chunks(SAMPLES_PER_PANEL) {
             if progress.cancelled() {
                 return Err(FitError::Cancelled(Cancelled));
             }
@@ -167,7 +175,7 @@ impl NormalEquations {
         })
     }
 
-    /// The equations of several fits whose unknowns follow each other.
+    /// The block-diagonal equations of several fits with concatenated unknowns.
     pub fn joined(parts: Vec<Self>) -> Self {
         let n = parts.iter().map(|p| p.right.len()).sum();
         let mut joined = Self {
@@ -189,7 +197,7 @@ impl NormalEquations {
         joined
     }
 
-    /// The same for some of the unknowns, in ascending order, the others being zero.
+    /// The equations for some unknowns in ascending order; the other unknowns are zero.
     pub fn restricted(&self, kept: &[usize]) -> Self {
         let m = kept.len();
         Self {
@@ -201,7 +209,7 @@ impl NormalEquations {
         }
     }
 
-    /// The least square solution, within the null space of the constraint if there is one.
+    /// The least-squares solution, within the null space of the constraint if there is one.
     pub fn solve(&self, constraint: Option<&Constraint>) -> Result<Vec<f64>, FitError> {
         let n = self.right.len();
         let largest = self.matrix.diagonal().max();
@@ -210,10 +218,10 @@ impl NormalEquations {
             let mut matrix = self.matrix.clone();
             matrix.fill_upper_triangle_with_lower_triangle();
             let mut right = self.right.clone();
-            confine(&mut matrix, &mut right, span, largest);
-            factorised(matrix).map(|c| c.solve(&right))
+            restrict(&mut matrix, &mut right, span, largest);
+            cholesky(matrix).map(|c| c.solve(&right))
         } else {
-            factorised(self.matrix.clone()).map(|c| c.solve(&self.right))
+            cholesky(self.matrix.clone()).map(|c| c.solve(&self.right))
         };
         match solution {
             Some(a) if a.iter().all(|v| v.is_finite()) => {
@@ -232,13 +240,13 @@ impl NormalEquations {
     }
 }
 
-/// The Cholesky factor of a matrix of which only the lower triangle is read, by blocks of columns: a
-/// block's own factor, the rows below it, and then what they take from the columns that follow, which
-/// is nearly all of the work and goes by products of matrices on all threads.
-fn factorised(mut matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+/// The Cholesky factor of the lower triangle of a matrix, by blocks of columns: the factor of the diagonal
+/// block, the rows below it, and the update of the following columns. The update is nearly all of the work;
+/// it consists of matrix products on all threads.
+fn cholesky(mut matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
     let n = matrix.nrows();
-    for from in (0..n).step_by(BLOCK) {
-        let width = BLOCK.min(n - from);
+    for from in (0..n).step_by(COLUMNS_PER_BLOCK) {
+        let width = COLUMNS_PER_BLOCK.min(n - from);
         let below = from + width;
         let own = Cholesky::new(matrix.view((from, from), (width, width)).into_owned())?.unpack();
         matrix
@@ -257,10 +265,10 @@ fn factorised(mut matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
             .view_mut((below, from), (n - below, width))
             .copy_from(&panel);
         let (_, rest) = matrix.as_mut_slice().split_at_mut(below * n);
-        rest.par_chunks_mut(n * BLOCK)
+        rest.par_chunks_mut(n * COLUMNS_PER_BLOCK)
             .enumerate()
             .for_each(|(number, columns)| {
-                let first = number * BLOCK;
+                let first = number * COLUMNS_PER_BLOCK;
                 let count = columns.len() / n;
                 let mut target = DMatrixViewMut::from_slice(columns, n, count);
                 let mut target = target.view_mut((below + first, 0), (n - below - first, count));
@@ -269,13 +277,13 @@ fn factorised(mut matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
                 target.gemm(-1.0, &left, &right, 1.0);
             });
     }
-    // The factor is taken as it is; above its diagonal nothing is read.
+    // The factor is used without a copy; its upper triangle is never read.
     Some(Cholesky::pack_dirty(matrix))
 }
 
-/// Confines a quadratic form H, b to the complement of V's columns: P H P + s V V^T and P b with
-/// P = I - V V^T, whose solution is the least one among the a with V^T a = 0.
-fn confine(matrix: &mut DMatrix<f64>, right: &mut DVector<f64>, span: &DMatrix<f64>, size: f64) {
+/// Restricts a quadratic form H, b to the complement of V's columns: P H P + s V V^T and P b with
+/// P = I - V V^T, whose minimum satisfies V^T a = 0.
+fn restrict(matrix: &mut DMatrix<f64>, right: &mut DVector<f64>, span: &DMatrix<f64>, size: f64) {
     let share = span.tr_mul(right);
     right.gemv(-1.0, span, &share, 1.0);
     // P H P = H - V X^T - X V^T with X = H V - V (V^T H V + s I)/2.
@@ -290,9 +298,8 @@ fn confine(matrix: &mut DMatrix<f64>, right: &mut DVector<f64>, span: &DMatrix<f
     *matrix -= outer.transpose();
 }
 
-/// The real orthonormal coefficients a that minimise
-/// sum weight (Phi - value)^2 + regularisation sum (1 + |f|^2) a^2,
-/// among those that meet the faces at a right angle if a constraint is given.
+/// The real orthonormal coefficients a that minimise sum weight (Phi - value)^2 + regularisation sum (1 +
+/// |f|^2) a^2, subject to the constraint, if there is one.
 ///
 /// The result does not depend on the number of threads.
 ///

@@ -1,6 +1,6 @@
-//! Fitting to a source: a mesh, points, voxels, struts, plates or a formula.
+//! Fits to a source: a mesh, points, voxels, struts, plates or a formula.
 
-use super::accuracy::Extra;
+use super::accuracy::SourceInfo;
 use super::{FitError, FitOptions, Placement, fit_with};
 use crate::cell::{Caps, Cell, Source};
 use crate::frame::Element;
@@ -9,7 +9,7 @@ use crate::progress::Progress;
 
 /// Fits a cell to a source.
 ///
-/// The report names the source's box after placement and its share inside the element; what lies
+/// The report contains the source's bounding box after placement and its share inside the element. The part
 /// outside is not used.
 ///
 /// # Errors
@@ -21,11 +21,11 @@ pub fn fit_source(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    // A tolerance begins low, and ends at the latest where the source is known no better.
+    // A search for a tolerance starts with a low band limit and checks the resolution by itself.
     if options.tolerance.is_none() {
-        source.resolves(options.band_limit)?;
+        source.check_resolution(options.band_limit)?;
     }
-    let extra = Extra {
+    let info = SourceInfo {
         points: source.surface_points().to_vec(),
         source: Some(source.report()),
         period: None,
@@ -35,7 +35,7 @@ pub fn fit_source(
         name,
         element,
         &|p| source.value(p),
-        &extra,
+        &info,
         options,
         progress,
     )

@@ -1,10 +1,9 @@
 //! Fourier transforms of real samples over one period.
 //!
-//! Samples stand at u = j/N - 1/2, j = 0..N-1 on each of D axes, the last axis fastest. The
-//! coefficient of exp(2 pi i k.u) is (-1)^(sum k) G\[k mod N\] / N^D, where G is the plain transform:
-//! the sign is the half cell by which the grid begins before the origin. Only half of G is stored, by
-//! its last index, since the samples are real; the stored order is the reverse of that of the samples
-//! (first axis fastest), which saves one transposition.
+//! Samples lie at u = j/N - 1/2, j = 0..N-1 on each of D axes, the last axis fastest. The coefficient of
+//! exp(2 pi i k.u) is (-1)^(sum k) G\[k mod N\] / N^D, where G is the discrete transform; the sign accounts
+//! for the first sample at -1/2. The samples are real, so only half of G is stored, by its last index. The
+//! storage order is reversed (first axis fastest), which saves one transposition.
 
 use crate::symmetry::Frequency;
 use rayon::prelude::*;
@@ -12,8 +11,8 @@ use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use rustfft::{Fft, FftPlanner, num_complex::Complex64};
 use std::sync::Arc;
 
-/// Columns that one task transposes at a time.
-const BLOCK: usize = 16;
+/// Columns per task of a transposition.
+const COLUMNS_PER_TASK: usize = 16;
 
 /// Plans for transforms of N^D real samples.
 pub struct Transform<const D: usize> {
@@ -24,14 +23,14 @@ pub struct Transform<const D: usize> {
     inverse: Arc<dyn Fft<f64>>,
 }
 
-/// The half spectrum of real samples; see the head of the module for its order.
+/// The half spectrum of real samples; see the module's head for its order.
 pub struct Spectrum<const D: usize> {
     n: usize,
     values: Vec<Complex64>,
 }
 
 impl<const D: usize> Spectrum<D> {
-    /// The spectrum of nothing.
+    /// The zero spectrum.
     pub fn zero(n: usize) -> Self {
         Self {
             n,
@@ -44,30 +43,30 @@ impl<const D: usize> Spectrum<D> {
         self.n
     }
 
-    /// Greatest index whose wave the samples tell from every other: the Nyquist wave is left out.
-    pub fn greatest_index(&self) -> i32 {
+    /// Largest index below the Nyquist index.
+    pub fn max_index(&self) -> i32 {
         (self.n as i32 - 1) / 2
     }
 
-    /// Place of an index whose last component is not negative, all within half the samples.
-    fn place(&self, k: Frequency<D>) -> usize {
-        (0..D).rev().fold(0, |place, a| {
+    /// Position of an index whose last component is not negative.
+    fn position(&self, k: Frequency<D>) -> usize {
+        (0..D).rev().fold(0, |position, a| {
             let i = if k[a] < 0 { k[a] + self.n as i32 } else { k[a] };
-            place * self.n + i as usize
+            position * self.n + i as usize
         })
     }
 
-    /// The plain transform at an index.
-    pub fn plain(&self, k: Frequency<D>) -> Complex64 {
+    /// The discrete transform G at an index.
+    pub fn at(&self, k: Frequency<D>) -> Complex64 {
         if k[D - 1] < 0 {
-            self.values[self.place(k.map(|c| -c))].conj()
+            self.values[self.position(k.map(|c| -c))].conj()
         } else {
-            self.values[self.place(k)]
+            self.values[self.position(k)]
         }
     }
 
-    /// Multiplies every value by what `factor` makes of another spectrum's value and its index, whose
-    /// components run from 0 to N-1.
+    /// Multiplies every value by `factor` of another spectrum's value and of its index, whose components run
+    /// from 0 to N-1.
     pub fn multiply(
         &mut self,
         other: &Self,
@@ -78,8 +77,8 @@ impl<const D: usize> Spectrum<D> {
             .par_iter_mut()
             .zip(&other.values)
             .enumerate()
-            .for_each(|(place, (own, other))| {
-                let mut rest = place;
+            .for_each(|(position, (own, other))| {
+                let mut rest = position;
                 let mut k = [0; D];
                 for c in &mut k {
                     *c = (rest % n) as i32;
@@ -89,15 +88,15 @@ impl<const D: usize> Spectrum<D> {
             });
     }
 
-    /// Sets the plain transform at k and its conjugate at -k.
+    /// Sets G at k, and its conjugate at -k.
     pub fn set(&mut self, k: Frequency<D>, value: Complex64) {
         if k[D - 1] >= 0 {
-            let place = self.place(k);
-            self.values[place] = value;
+            let position = self.position(k);
+            self.values[position] = value;
         }
         if k[D - 1] <= 0 {
-            let place = self.place(k.map(|c| -c));
-            self.values[place] = value.conj();
+            let position = self.position(k.map(|c| -c));
+            self.values[position] = value.conj();
         }
     }
 }
@@ -106,10 +105,10 @@ impl<const D: usize> Spectrum<D> {
 fn transpose(from: &[Complex64], rows: usize) -> Vec<Complex64> {
     let columns = from.len() / rows;
     let mut to = vec![Complex64::default(); from.len()];
-    to.par_chunks_mut(BLOCK * rows)
+    to.par_chunks_mut(COLUMNS_PER_TASK * rows)
         .enumerate()
         .for_each(|(block, out)| {
-            let first = block * BLOCK;
+            let first = block * COLUMNS_PER_TASK;
             let width = out.len() / rows;
             for r in 0..rows {
                 let row = &from[r * columns + first..][..width];
@@ -123,10 +122,12 @@ fn transpose(from: &[Complex64], rows: usize) -> Vec<Complex64> {
 
 /// Transforms consecutive lines in place.
 fn lines(values: &mut [Complex64], fft: &dyn Fft<f64>) {
-    values.par_chunks_mut(BLOCK * fft.len()).for_each_init(
-        || vec![Complex64::default(); fft.get_inplace_scratch_len()],
-        |scratch, chunk| fft.process_with_scratch(chunk, scratch),
-    );
+    values
+        .par_chunks_mut(COLUMNS_PER_TASK * fft.len())
+        .for_each_init(
+            || vec![Complex64::default(); fft.get_inplace_scratch_len()],
+            |scratch, chunk| fft.process_with_scratch(chunk, scratch),
+        );
 }
 
 impl<const D: usize> Transform<D> {
@@ -143,7 +144,7 @@ impl<const D: usize> Transform<D> {
         }
     }
 
-    /// Rows of a plane across the first axis.
+    /// Rows of a plane perpendicular to the first axis.
     fn rows(&self) -> usize {
         self.n.pow(D as u32 - 2)
     }
@@ -160,7 +161,7 @@ impl<const D: usize> Transform<D> {
                 |(row, line), (plane, samples)| {
                     for (j, source) in samples.chunks(n).enumerate() {
                         row.copy_from_slice(source);
-                        // Cannot fail: the lengths are the plan's own.
+                        // The lengths are those of the plan, so the transform cannot fail.
                         let _ = self.real.process(row, line);
                         for (k, value) in line.iter().enumerate() {
                             plane[k * rows + j] = *value;
@@ -176,8 +177,7 @@ impl<const D: usize> Transform<D> {
         Spectrum { n, values }
     }
 
-    /// The samples sum over k of G exp(2 pi i k.j/N): [`Transform::forward`] undone up to the
-    /// factor N^D.
+    /// The samples sum over k of G exp(2 pi i k.j/N), the inverse of [`Transform::forward`] times N^D.
     pub fn inverse(&self, mut spectrum: Spectrum<D>) -> Vec<f64> {
         let (n, half, rows) = (self.n, self.n / 2 + 1, self.rows());
         lines(&mut spectrum.values, self.inverse.as_ref());
@@ -196,7 +196,8 @@ impl<const D: usize> Transform<D> {
                         for (k, value) in line.iter_mut().enumerate() {
                             *value = plane[k * rows + j];
                         }
-                        // Real samples have real constant and Nyquist terms; rounding is dropped.
+                        // The constant and Nyquist terms of real samples are real; rounding errors are
+                        // removed.
                         line[0].im = 0.0;
                         if n % 2 == 0 {
                             line[half - 1].im = 0.0;
@@ -214,7 +215,7 @@ mod tests {
     use super::*;
     use std::f64::consts::TAU;
 
-    /// Numbers between -1 and 1 without a pattern.
+    /// Pseudo-random numbers between -1 and 1.
     fn noise(n: usize) -> Vec<f64> {
         let mut state = 1u64;
         (0..n)
@@ -229,8 +230,8 @@ mod tests {
         samples
             .iter()
             .enumerate()
-            .map(|(place, v)| {
-                let (mut rest, mut phase) = (place, 0);
+            .map(|(position, v)| {
+                let (mut rest, mut phase) = (position, 0);
                 for a in (0..D).rev() {
                     phase += (rest % n) as i32 * k[a];
                     rest /= n;
@@ -241,13 +242,13 @@ mod tests {
     }
 
     #[test]
-    fn the_transform_is_the_sum_that_defines_it_and_is_undone() {
+    fn forward_transform_is_the_defining_sum_and_inverse_restores_the_samples() {
         for n in [5, 6] {
             let samples = noise(n * n * n);
             let transform = Transform::<3>::new(n);
             let spectrum = transform.forward(&samples);
             for k in [[0, 0, 0], [1, -2, 2], [-2, 1, -1], [2, 0, -2]] {
-                assert!((spectrum.plain(k) - sum(&samples, n, k)).norm() < 1e-12);
+                assert!((spectrum.at(k) - sum(&samples, n, k)).norm() < 1e-12);
             }
             let back = transform.inverse(spectrum);
             let count = (n * n * n) as f64;
@@ -260,7 +261,7 @@ mod tests {
             let transform = Transform::<2>::new(n);
             let spectrum = transform.forward(&plane);
             for k in [[0, 0], [1, -2], [-2, -1]] {
-                assert!((spectrum.plain(k) - sum(&plane, n, k)).norm() < 1e-12);
+                assert!((spectrum.at(k) - sum(&plane, n, k)).norm() < 1e-12);
             }
             let back = transform.inverse(spectrum);
             assert!(
@@ -272,15 +273,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_set_is_read_and_summed() {
+    fn set_values_are_read_back_and_summed() {
         let mut spectrum = Spectrum::<3>::zero(6);
         let c = Complex64::new(0.25, -0.5);
         spectrum.set([1, -2, -1], c);
         spectrum.set([1, 2, 0], c);
-        assert_eq!(spectrum.plain([1, -2, -1]), c);
-        assert_eq!(spectrum.plain([-1, -2, 0]), c.conj());
+        assert_eq!(spectrum.at([1, -2, -1]), c);
+        assert_eq!(spectrum.at([-1, -2, 0]), c.conj());
         let samples = Transform::new(6).inverse(spectrum);
-        // At the origin of the plain transform: C + conj C for each pair.
+        // At the origin of the discrete transform: C + conj C for each pair.
         assert!((samples[0] - 1.0).abs() < 1e-14);
     }
 }

@@ -1,10 +1,11 @@
-//! What the volume below a level gains where the function bends between the points of the grid.
+//! Curvature correction of the volume below a level.
 //!
-//! On a small tetrahedron the volume below `t` is that below a plane. With the function moved from its
-//! linear interpolant to itself, the volume changes by minus the integral of (value - t) / slope over
-//! that plane section, up to the square of how far the surface moves: the error falls with the
-//! fourth power of the grid's step instead of the second. The integral over a section is the derivative of
-//! the volume by the level times the mean of value - t there, a mean that is exact for quadratics.
+//! On a small tetrahedron the volume below `t` is taken as that of a linear function, whose level set is
+//! a plane section. The volume of the true function differs by minus the integral of (value - t) / slope
+//! over that section, up to the square of the displacement of the surface. With this correction the error
+//! falls with the fourth power of the grid step instead of the second. The integral over a section is the
+//! derivative of the volume with respect to the level times the mean of value - t there, a mean that is
+//! exact for quadratics.
 
 use super::super::domain::{Flag, SimplexGrid};
 use super::layer::fraction_below;
@@ -13,8 +14,8 @@ use crate::frame::CellPoint;
 /// A point of a flag, in ordered coordinates.
 type Point = [f64; 3];
 
-/// The sum over the tetrahedra of layer `i` of a grid of `parts` parts of what their shares below `t`
-/// gain; `values` are those at the grid's points, `weight` is that of the cubes.
+/// The correction summed over the tetrahedra of layer `i` of a grid of `parts` parts; `values` are the
+/// function's values at the grid points, `weight` gives the weight of each cube.
 pub(super) fn layer(
     i: usize,
     t: f64,
@@ -32,14 +33,14 @@ pub(super) fn layer(
         let (share, rate) = fraction_below(v, t);
         let points = corners.map(|c| c.map(|x| x as f64 / parts as f64));
         let bend = mean(&section(&points, &v, t), |p| value(flag.point(p)) - t);
-        // What is in a tetrahedron cannot be less than nothing or more than all of it.
-        // The first corner is the least of the cube.
+        // The corrected share of a tetrahedron stays between 0 and 1. The first corner is the lowest of the
+        // cube.
         sum += (-rate * bend).clamp(-share, 1.0 - share) * weight(corners[0]);
     });
     sum
 }
 
-/// The corners, in order around it, of the section of a tetrahedron where a linear function is `t`.
+/// The corners, in cyclic order, of the section of a tetrahedron where a linear function equals `t`.
 fn section(points: &[Point; 4], v: &[f64; 4], t: f64) -> Vec<Point> {
     let (below, above): (Vec<usize>, Vec<usize>) = (0..4).partition(|&c| v[c] < t);
     let cut = |a: usize, b: usize| -> Point {
@@ -53,7 +54,7 @@ fn section(points: &[Point; 4], v: &[f64; 4], t: f64) -> Vec<Point> {
     }
 }
 
-/// The mean of a function over a polygon in a plane, by the midpoints of the edges of its triangles.
+/// The mean of a function over a planar polygon, from the edge midpoints of a triangle fan.
 fn mean(polygon: &[Point], f: impl Fn(Point) -> f64) -> f64 {
     let [first, rest @ ..] = polygon else {
         return 0.0;

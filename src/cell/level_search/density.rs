@@ -1,30 +1,30 @@
-//! A density over the element: how much volume in space a part of the element stands for.
+//! A density over the element: the volume in space that each point of the element represents.
 
 use super::super::Cell;
 use super::super::domain::{Domain, Flag, SimplexGrid};
 use crate::frame::{CellPoint, Mat3, Vec3};
 use rayon::prelude::*;
 
-/// Parts per edge of a flag on which the density is quadratic: that of a curved element is a polynomial of
-/// low degree.
-const PARTS: usize = 3;
+/// Parts per edge of a flag. On each tetrahedron of that grid the density is quadratic, which suffices
+/// for curved elements, where it is a polynomial of low degree.
+const DENSITY_PARTS: usize = 3;
 
-/// A positive density over a cell's element, the mean over its images under the cell's group, which is all
-/// that the volume of a symmetric solid asks for. Made by [`Cell::density`].
+/// A positive density over a cell's element, averaged over the cell's group. The average suffices for the
+/// volume of a symmetric solid. Made by [`Cell::density`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Density {
-    /// Flag by flag, in the order of [`SimplexGrid::index`] of a grid of twice as many parts: at corners
-    /// and middles of edges.
+    /// Per flag, values at the corners and edge midpoints of the tetrahedra, in the order of
+    /// [`SimplexGrid::index`] of a grid of twice as many parts.
     values: Vec<Vec<f64>>,
 }
 
 impl Density {
     /// The density in a flag at ordered coordinates 1 >= a >= b >= c >= 0.
     pub(super) fn at(&self, flag: usize, coordinates: [f64; 3]) -> f64 {
-        let scaled = coordinates.map(|c| c * PARTS as f64);
-        let low = scaled.map(|c| (c.floor() as usize).min(PARTS - 1));
+        let scaled = coordinates.map(|c| c * DENSITY_PARTS as f64);
+        let low = scaled.map(|c| (c.floor() as usize).min(DENSITY_PARTS - 1));
         let rest: [f64; 3] = std::array::from_fn(|a| scaled[a] - low[a] as f64);
-        // The tetrahedron along the path that takes the axes by falling remainders: it stays in the simplex.
+        // The tetrahedron that takes the axes in order of decreasing remainder stays in the simplex.
         let mut order = [0, 1, 2];
         order.sort_by(|&a, &b| rest[b].total_cmp(&rest[a]));
         let [a, b, c] = order.map(|axis| rest[axis]);
@@ -51,8 +51,8 @@ impl Density {
 }
 
 impl Cell {
-    /// A density over the cell's element, or over the prism of height 1 on a planar one, as its volumes
-    /// count it: the volume in space of many elements by that of the reference element, for example.
+    /// A density over the cell's element, or over the prism of height 1 on a planar element: for example
+    /// the volume in space of many elements divided by that of the reference element.
     pub fn density(&self, value: &(dyn Fn(CellPoint<3>) -> f64 + Sync)) -> Density {
         let domain = Domain::solid(self.element, &self.operators);
         let mut images: Vec<Mat3> = self.operators.to_vec();
@@ -60,7 +60,7 @@ impl Cell {
             let flip = Mat3::from_diagonal(&Vec3::new(1.0, 1.0, -1.0));
             images.extend(self.operators.iter().map(|q| q * flip));
         }
-        let points = SimplexGrid::new(2 * PARTS).coordinates();
+        let points = SimplexGrid::new(2 * DENSITY_PARTS).coordinates();
         let mean = |p: CellPoint<3>| {
             let sum: f64 = images.iter().map(|q| value(CellPoint(q * p.0))).sum();
             sum / images.len() as f64

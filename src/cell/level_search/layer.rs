@@ -1,9 +1,9 @@
-//! Shares of tetrahedra below a level, of a function that is linear on each.
+//! Volume shares of tetrahedra below a level, for a function that is linear on each.
 
 use super::super::domain::SimplexGrid;
 
-/// Fraction of a tetrahedron where a linear function with these corner values is below `t`, and its
-/// derivative with respect to `t`.
+/// Fraction of a tetrahedron where the linear function with these corner values is below `t`, and the
+/// derivative of that fraction with respect to `t`.
 pub(super) fn fraction_below(mut v: [f64; 4], t: f64) -> (f64, f64) {
     v.sort_unstable_by(f64::total_cmp);
     let [a, b, c, d] = v;
@@ -27,8 +27,8 @@ pub(super) fn fraction_below(mut v: [f64; 4], t: f64) -> (f64, f64) {
     }
 }
 
-/// The sum over the tetrahedra of one layer of the shares below `t`, and its derivative, with every `skip`-th
-/// point per edge of the lattice that has the values; `weight` is that of the cubes.
+/// The sum of the shares below `t` over the tetrahedra of one layer, and its derivative. The grid uses
+/// every `skip`-th point per edge of `values`; `weight` gives the weight of each cube.
 pub(super) fn layer_below(
     i: usize,
     t: f64,
@@ -40,7 +40,7 @@ pub(super) fn layer_below(
     let mut sum = (0.0, 0.0);
     for j in 0..=i {
         for k in 0..=j {
-            // Most cubes lie on one side altogether.
+            // Most cubes lie on one side of the level.
             if i > j && j > k {
                 let mut range = (f64::INFINITY, f64::NEG_INFINITY);
                 for (i, j) in [(i, j), (i, j + 1), (i + 1, j), (i + 1, j + 1)] {
@@ -71,9 +71,9 @@ pub(super) fn layer_below(
 mod tests {
     use super::*;
 
-    /// Cubes that are told at a glance add what their six tetrahedra do.
+    /// The shortcut for cubes on one side of the level agrees with the sum over tetrahedra.
     #[test]
-    fn layers_add_up_their_tetrahedra() {
+    fn layers_equal_the_sum_of_their_tetrahedra() {
         const PARTS: usize = 12;
         let wave = |c: &[f64; 3]| libm::sin(5.0 * c[0]) + libm::cos(4.0 * c[1]) * c[2];
         let values: Vec<f64> = SimplexGrid::new(PARTS)
@@ -82,7 +82,7 @@ mod tests {
             .map(wave)
             .collect();
         for (t, skip) in [(0.1, 1), (0.7, 2), (-0.4, 1), (9.0, 2), (-9.0, 1)] {
-            let (mut sum, mut told) = ((0.0, 0.0), (0.0, 0.0));
+            let (mut sum, mut by_layer) = ((0.0, 0.0), (0.0, 0.0));
             let coarse = SimplexGrid::new(PARTS / skip);
             coarse.tetrahedra(|tet| {
                 let v = tet.map(|c| values[SimplexGrid::index(c.map(|x| x * skip))]);
@@ -91,12 +91,12 @@ mod tests {
             });
             for i in 0..coarse.parts() {
                 let (f, df) = layer_below(i, t, skip, &values, &|_| 1.0);
-                told = (told.0 + f, told.1 + df);
+                by_layer = (by_layer.0 + f, by_layer.1 + df);
             }
             let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs();
             assert!(
-                near(told.0, sum.0) && near(told.1, sum.1),
-                "{t} {told:?} {sum:?}"
+                near(by_layer.0, sum.0) && near(by_layer.1, sum.1),
+                "{t} {by_layer:?} {sum:?}"
             );
         }
     }

@@ -5,26 +5,26 @@ use crate::cell::fit::{FitError, Placement, SourceReport};
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::mesh::{MeshSolid, TriMesh};
 
-/// What becomes of triangles that lie in a face plane of the element.
+/// Treatment of triangles that lie in a face plane of the element.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Caps {
-    /// They count for the inside test, not for the distance: struts cut at the faces join through
-    /// them.
+    /// They count for the inside test but not for the distance, so that struts cut at the faces join
+    /// across them.
     #[default]
     Exclude,
-    /// They are surface like any other.
+    /// They belong to the surface like any other triangle.
     Keep,
 }
 
 /// A triangle is a cap if its corners lie this close to a face plane, in reference units.
 const CAP_TOLERANCE: f64 = 1e-6;
-/// Samples are drawn towards the centroid by this share, so that none lies in a cap, where inside
-/// and outside meet.
-const PULL: f64 = 1e-5;
+/// Samples are moved towards the centroid by this share of their distance from it, so that none lies in
+/// a cap, where inside and outside meet.
+const CENTROID_PULL: f64 = 1e-5;
 
-/// Which triangles of a placed mesh lie in a face plane of the element.
+/// For each triangle of a placed mesh, whether it lies in a face plane of the element.
 fn find_caps(element: Element, mesh: &TriMesh) -> Vec<bool> {
-    // A ball has none: nothing joins there.
+    // The ball has no caps, since it has no neighbours.
     let faces = match element {
         Element::Ball => Vec::new(),
         other => other.faces(),
@@ -41,12 +41,12 @@ fn find_caps(element: Element, mesh: &TriMesh) -> Vec<bool> {
 }
 
 impl Source {
-    /// A triangle mesh. Inside is where the winding number exceeds 1/2, so that holes, loose
-    /// triangles and self-intersections leave a solid; triangles and shells that wind inward are turned,
-    /// and overlapping shells united. Every such repair is a warning.
+    /// A triangle mesh. A point is inside where the winding number exceeds 1/2, so that meshes with holes,
+    /// loose triangles and self-intersections still define a solid. Triangles and shells that wind inward
+    /// are reversed, and overlapping shells are united. Every repair adds a warning.
     ///
     /// # Errors
-    /// [`FitError::Placement`]; [`FitError::Mesh`] for one without triangles or that bounds no solid.
+    /// [`FitError::Placement`]; [`FitError::Mesh`] for a mesh without triangles or without an inside.
     pub fn mesh(
         element: Element,
         mesh: &TriMesh,
@@ -70,14 +70,14 @@ impl Source {
         let (mut inside, mut area) = (0.0, 0.0);
         let mut points = Vec::new();
         let mut surface: Vec<_> = solid.surface().collect();
-        // In the order of the mesh's triangles, not of the tree.
+        // The order of the mesh's triangles is independent of the search tree.
         surface.sort_by_key(|t| t.1);
         for (corners, _) in surface {
             let [a, b, c] = corners;
             let size = (b - a).cross(&(c - a)).norm() / 2.0;
             area += size;
             let within = |p: Vec3| element.face_distance(CellPoint(p)) <= CAP_TOLERANCE;
-            // Large triangles that cross a face count by their corners and centre.
+            // The corners and the centre sample how much of a triangle lies inside the element.
             let centre = (a + b + c) / 3.0;
             let hits = [a, b, c, centre].into_iter().filter(|p| within(*p)).count();
             inside += size * hits as f64 / 4.0;
@@ -93,7 +93,7 @@ impl Source {
             points: 0,
         };
         Ok(Self {
-            value: Box::new(move |p| solid.signed_distance(p * (1.0 - PULL))),
+            value: Box::new(move |p| solid.signed_distance(p * (1.0 - CENTROID_PULL))),
             points,
             exact: true,
             resolution: None,

@@ -1,37 +1,37 @@
-//! Struts and plates: segments and polygons with a radius, as exact distances.
+//! Struts and plates: segments and convex polygons with a radius, as exact distances.
 //!
-//! phi(x) = min over the parts of (distance to the part) - (its radius): exact outside, and within any
-//! one part; where parts overlap the depth is that of the deepest. Struts have round ends, so that they
-//! join whatever the angle; plates have round rims.
+//! phi(x) = min over the parts of (distance to the part) - (its radius). This is exact outside and within
+//! any single part; where parts overlap, the depth is that of the deepest part. Struts have round ends, so
+//! that they join at any angle; plates have round edges.
 //!
-//! Coordinates are those of the source, by default the element's reference coordinates. A part may reach
+//! Coordinates are those of the source, by default the element's reference coordinates. A part may extend
 //! beyond the element.
 
 use crate::frame::{Aabb, Vec3};
-use crate::mesh::Distances;
+use crate::mesh::TriangleDistances;
 
 mod library;
 pub use library::{graphs, plate_sets};
 
-/// Most distinct radii; parts of one radius are searched together.
-const MOST_RADII: usize = 256;
+/// Maximal number of distinct radii. Parts of equal radius share one search tree.
+const MAX_RADII: usize = 256;
 
-/// Why parts make no skeleton.
+/// Why parts do not form a skeleton.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SkeletonError {
-    /// A name that the library does not have for this element.
+    /// A name that the library does not contain for this element.
     #[error("no {kind} of a {element} is named {name:?}; expected one of {known}")]
     Unknown {
         /// "graph" or "plates".
         kind: &'static str,
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// The element.
         element: &'static str,
-        /// The names that it has.
+        /// The names of the library.
         known: String,
     },
-    /// A strut or plate whose radius is no positive number.
+    /// A strut or plate whose radius is not a positive number.
     #[error("{part} {number}: radius {radius}; expected a positive number of reference lengths")]
     Radius {
         /// "edge" or "face".
@@ -41,7 +41,7 @@ pub enum SkeletonError {
         /// What was given.
         radius: f64,
     },
-    /// A corner that is no place.
+    /// A corner with a coordinate that is not finite.
     #[error("{part} {number}: a corner is not finite")]
     NotFinite {
         /// "edge" or "face".
@@ -49,9 +49,9 @@ pub enum SkeletonError {
         /// Its number, from 0.
         number: usize,
     },
-    /// A plate that is not flat.
+    /// A plate that is not planar.
     #[error(
-        "face {number}: corner {corner} lies {off:.3e} beside the plane of the others; expected flat \
+        "face {number}: corner {corner} lies {off:.3e} off the plane of the others; expected flat \
          faces"
     )]
     Bent {
@@ -59,7 +59,7 @@ pub enum SkeletonError {
         number: usize,
         /// Number of the corner, from 0.
         corner: usize,
-        /// Distance from the plane through the face's centre.
+        /// Distance from the plane through the centre of the face.
         off: f64,
     },
     /// A polygon of fewer than three corners, or without area.
@@ -67,22 +67,22 @@ pub enum SkeletonError {
     NoPolygon {
         /// Number of the face, from 0.
         number: usize,
-        /// How many corners.
+        /// Number of corners.
         corners: usize,
     },
     /// A polygon that is not convex.
-    #[error("face {number} turns back at corner {corner}; expected a convex polygon")]
+    #[error("face {number} is not convex at corner {corner}; expected a convex polygon")]
     NotConvex {
         /// Number of the face, from 0.
         number: usize,
         /// Number of the corner, from 0.
         corner: usize,
     },
-    /// Nothing at all.
+    /// No parts.
     #[error("no struts and no plates; expected at least one")]
     Empty,
-    /// More radii than are searched apart.
-    #[error("{0} different radii; expected at most {MOST_RADII}")]
+    /// More distinct radii than the search supports.
+    #[error("{0} different radii; expected at most {MAX_RADII}")]
     TooManyRadii(usize),
 }
 
@@ -94,7 +94,7 @@ pub struct Skeleton {
 }
 
 impl Skeleton {
-    /// One without parts.
+    /// An empty skeleton.
     pub fn new() -> Self {
         Self::default()
     }
@@ -104,7 +104,7 @@ impl Skeleton {
     /// # Errors
     /// [`SkeletonError`] for corners that are not finite, or a radius that is not positive.
     pub fn strut(&mut self, ends: [Vec3; 2], radius: f64) -> Result<(), SkeletonError> {
-        check("edge", self.struts.len(), &ends, radius)?;
+        check_part("edge", self.struts.len(), &ends, radius)?;
         self.struts.push((ends, radius));
         Ok(())
     }
@@ -116,7 +116,7 @@ impl Skeleton {
     /// that is not positive.
     pub fn plate(&mut self, corners: Vec<Vec3>, radius: f64) -> Result<(), SkeletonError> {
         let number = self.plates.len();
-        check("face", number, &corners, radius)?;
+        check_part("face", number, &corners, radius)?;
         let n = corners.len();
         let none = SkeletonError::NoPolygon { number, corners: n };
         if n < 3 {
@@ -127,7 +127,7 @@ impl Skeleton {
             .iter()
             .map(|c| (c - centre).norm())
             .fold(0.0, f64::max);
-        let turn = |i: usize| {
+        let corner_normal = |i: usize| {
             let [a, b, c] = [corners[i], corners[(i + 1) % n], corners[(i + 2) % n]];
             (b - a).cross(&(c - b))
         };
@@ -146,7 +146,7 @@ impl Skeleton {
                     off,
                 });
             }
-            if turn(corner).dot(&normal) < -1e-9 * size * size {
+            if corner_normal(corner).dot(&normal) < -1e-9 * size * size {
                 return Err(SkeletonError::NotConvex {
                     number,
                     corner: (corner + 1) % n,
@@ -162,12 +162,12 @@ impl Skeleton {
         &self.struts
     }
 
-    /// Plates as their corners and radii (half their thickness).
+    /// Plates as their corners and radii (half their thicknesses).
     pub fn plates(&self) -> &[(Vec<Vec3>, f64)] {
         &self.plates
     }
 
-    /// The same under a map that scales by `factor`.
+    /// The skeleton under a map that scales lengths by `factor`.
     #[must_use]
     pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3, factor: f64) -> Self {
         let struts = self.struts.iter();
@@ -180,7 +180,7 @@ impl Skeleton {
         }
     }
 
-    /// Its box, radii included.
+    /// The bounding box, radii included.
     pub fn bounds(&self) -> Aabb {
         let struts = self.struts.iter().map(|(e, r)| (&e[..], *r));
         let plates = self.plates.iter().map(|(c, r)| (&c[..], *r));
@@ -189,10 +189,10 @@ impl Skeleton {
         })
     }
 
-    /// Its signed distance, ready to be asked.
+    /// The signed distance function, with its search trees.
     ///
     /// # Errors
-    /// [`SkeletonError`] when there is no part, or more than 256 different radii.
+    /// [`SkeletonError`] for a skeleton without parts or with more than 256 distinct radii.
     pub(super) fn distances(
         &self,
     ) -> Result<impl Fn(Vec3) -> f64 + Send + Sync + use<>, SkeletonError> {
@@ -206,17 +206,17 @@ impl Skeleton {
             parts.extend(fan);
         }
         parts.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let groups: Vec<(f64, Distances)> = parts
+        let groups: Vec<(f64, TriangleDistances)> = parts
             .chunk_by(|a, b| a.0 == b.0)
             .map(|same| {
                 let triangles: Vec<[Vec3; 3]> = same.iter().map(|p| p.1).collect();
-                (same[0].0, Distances::new(&triangles))
+                (same[0].0, TriangleDistances::new(&triangles))
             })
             .collect();
         if groups.is_empty() {
             return Err(SkeletonError::Empty);
         }
-        if groups.len() > MOST_RADII {
+        if groups.len() > MAX_RADII {
             return Err(SkeletonError::TooManyRadii(groups.len()));
         }
         Ok(move |p: Vec3| {
@@ -228,13 +228,13 @@ impl Skeleton {
     }
 }
 
-fn check(
+fn check_part(
     part: &'static str,
     number: usize,
     corners: &[Vec3],
     radius: f64,
 ) -> Result<(), SkeletonError> {
-    // Larger numbers would overflow when squared.
+    // The square of a larger number would overflow.
     if corners
         .iter()
         .flatten()

@@ -1,40 +1,40 @@
 //! Voxels as sources: samples on the period of the unit cube, scalar or binary.
 //!
-//! Sample (i, j, k) of N^3 stands at u = (i, j, k)/N - 1/2; axis 0 is x. Between samples the value is
-//! trilinear; in hexes and quads the grid repeats with period 1, elsewhere the last sample goes on.
-//! Solid and void samples become a signed distance to the surface half way between them.
+//! Sample (i, j, k) of N^3 lies at u = (i, j, k)/N - 1/2; axis 0 is x. Between samples the value is
+//! trilinear. In hexes and quads the grid repeats with period 1; in other elements the last sample is
+//! extended. Binary samples become a signed distance to the surface half way between solid and void.
 
 use crate::cell::edt;
 use crate::frame::Vec3;
 
-/// Fewest samples along an axis.
-const FEWEST: usize = 4;
-/// Most samples in all.
-const MOST: usize = 1 << 28;
-/// A mean slope this near to 1 is that of a distance.
-const DISTANCE: f64 = 0.15;
+/// Minimal number of samples along an axis.
+const MIN_SAMPLES_PER_AXIS: usize = 4;
+/// Maximal total number of samples.
+const MAX_SAMPLES: usize = 1 << 28;
+/// If the mean slope of scalar samples differs from 1 by less than this, the samples are distances.
+const UNIT_SLOPE_TOLERANCE: f64 = 0.15;
 
-/// Why an array makes no voxels.
+/// Why an array is not a voxel grid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VoxelError {
     /// Neither a cube nor a square of samples.
     #[error("an array of shape {0:?}; expected [N, N, N] or [N, N]")]
     Shape(Vec<usize>),
     /// Too few or too many samples.
-    #[error("{0} samples along an axis; expected {FEWEST} to 645")]
+    #[error("{0} samples along an axis; expected {MIN_SAMPLES_PER_AXIS} to 645")]
     Count(usize),
-    /// A value that is no number.
+    /// A value that is not finite.
     #[error("voxel {index:?} is {value}; expected finite numbers")]
     NotFinite {
-        /// Its place, counted from 0.
+        /// Its index, from 0.
         index: [usize; 3],
-        /// What stands there.
+        /// The value.
         value: f64,
     },
-    /// All voxels on one side.
+    /// All voxels in one phase.
     #[error("every voxel is {0}; expected solid (negative, or true) and void")]
     OneSided(&'static str),
-    /// More frequencies than samples.
+    /// Too few samples for the band limit.
     #[error(
         "{samples} samples per unit of length are too few for the band limit {band_limit}; expected \
          at least {needed}, or a band limit below {largest:.1}"
@@ -42,11 +42,11 @@ pub enum VoxelError {
     TooCoarse {
         /// Samples per unit of reference length.
         samples: usize,
-        /// R asked for.
+        /// The requested band limit R.
         band_limit: f64,
-        /// Samples that it needs.
+        /// Samples that R requires.
         needed: usize,
-        /// Largest R that these samples hold.
+        /// Largest R that these samples support.
         largest: f64,
     },
 }
@@ -60,8 +60,8 @@ pub struct Voxels {
 }
 
 impl Voxels {
-    /// Voxels from an array of shape [N, N, N] or [N, N], its last axis fastest; scalar values are
-    /// negative in the solid, binary ones not 0 there.
+    /// Voxels from an array of shape [N, N, N] or [N, N], its last axis fastest. Scalar values are negative
+    /// in the solid; binary values are nonzero there.
     ///
     /// # Errors
     /// [`VoxelError`].
@@ -72,7 +72,7 @@ impl Voxels {
         if !equal || total != Some(values.len()) {
             return Err(VoxelError::Shape(shape.to_vec()));
         }
-        if n < FEWEST || values.len() > MOST {
+        if n < MIN_SAMPLES_PER_AXIS || values.len() > MAX_SAMPLES {
             return Err(VoxelError::Count(n));
         }
         let counts = [n, n, if shape.len() == 3 { n } else { 1 }];
@@ -106,25 +106,25 @@ impl Voxels {
         &self.values
     }
 
-    /// Whether they only tell solid (not 0) from void.
+    /// Whether the values only distinguish solid (nonzero) from void (0).
     pub fn is_binary(&self) -> bool {
         self.binary
     }
 
-    /// Signed values at the samples, negative in the solid: themselves, or in units of the period the
-    /// distance to the surface between solid and void.
+    /// Signed values at the samples, negative in the solid: scalar values themselves, or the distance in
+    /// periods from binary samples to the surface between solid and void.
     pub fn signed(&self, periodic: bool) -> Vec<f64> {
         if !self.binary {
             return self.values.clone();
         }
         let solid: Vec<bool> = self.values.iter().map(|v| *v != 0.0).collect();
         let step = 1.0 / self.counts[0] as f64;
-        // A square has one sample along z, along which nothing changes.
+        // A square has one sample along z and is constant along it.
         let shape = &self.counts[..if self.counts[2] == 1 { 2 } else { 3 }];
         edt::signed_distance(&solid, shape, &vec![step; shape.len()], periodic)
     }
 
-    /// The function between the samples, and whether it is a distance.
+    /// The interpolated function, and whether it is a distance.
     pub(super) fn function(
         &self,
         periodic: bool,
@@ -134,12 +134,12 @@ impl Voxels {
             values: self.signed(periodic),
             periodic,
         };
-        let exact = self.binary || (grid.mean_slope() - 1.0).abs() < DISTANCE;
+        let exact = self.binary || (grid.mean_slope() - 1.0).abs() < UNIT_SLOPE_TOLERANCE;
         (move |p| grid.value(p), exact)
     }
 }
 
-/// Values to be interpolated.
+/// A grid with trilinear interpolation.
 struct Grid {
     counts: [usize; 3],
     values: Vec<f64>,
@@ -152,7 +152,7 @@ impl Grid {
     }
 
     fn value(&self, p: Vec3) -> f64 {
-        // The two samples around the point along each axis, and its place between them.
+        // Per axis: the two samples around the point, and the interpolation weight of the second.
         let around: [(usize, usize, f64); 3] = std::array::from_fn(|a| {
             let n = self.counts[a];
             if n == 1 {
@@ -176,7 +176,7 @@ impl Grid {
         along_y(x.0) * (1.0 - x.2) + along_y(x.1) * x.2
     }
 
-    /// Mean length of the gradient over the grid, by differences of neighbours, near the surface.
+    /// Mean length of the gradient near the surface, from differences of neighbours.
     fn mean_slope(&self) -> f64 {
         let [nx, ny, nz] = self.counts;
         let scale = nx as f64;
@@ -192,7 +192,7 @@ impl Grid {
                     } else {
                         self.at([i, j, k + 1]) - v
                     };
-                    // Where the surface passes: the slope elsewhere may be anything.
+                    // Only cells that the surface crosses count; elsewhere the slope is arbitrary.
                     let least = v.min(v + dx).min(v + dy).min(v + dz);
                     let greatest = v.max(v + dx).max(v + dy).max(v + dz);
                     if least < 0.0 && greatest >= 0.0 {

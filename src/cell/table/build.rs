@@ -1,11 +1,11 @@
-//! Coefficients of a table from the spectrum of a series, and the error it makes.
+//! Spline coefficients from the spectrum of a series, and bounds of the interpolation error.
 
 use super::super::compatibility::embedded;
 use super::super::expression::Node;
 use super::super::icosahedral::Products;
 use super::super::{CellError, Series};
-use super::grid::{Fold, Grid};
-use super::resolution::Dropped;
+use super::grid::{Grid, GridSymmetry};
+use super::resolution::OmittedWaves;
 use super::window;
 use crate::frame::Mat3;
 use crate::simd;
@@ -14,68 +14,68 @@ use rustfft::{FftPlanner, FftPlannerScalar, num_complex::Complex64};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// Indices beyond this on the period along an axis have no table.
-const GREATEST_INDEX: i32 = 127;
+/// Largest index on the period along an axis that a table supports.
+const MAX_INDEX: i32 = 127;
 
-/// A series on the box of its periods, whose edges are the Cartesian axes.
+/// The spectrum of a series on the box of its periods, with edges along the Cartesian axes.
 #[derive(Clone)]
 pub(super) struct Spectrum {
-    /// Indices per axis, with the coefficients; without the zero ones.
+    /// Indices per axis with their coefficients; zero coefficients are removed.
     pub terms: Vec<([i32; 3], [f64; 2])>,
     pub periods: [f64; 3],
     /// Largest index along each axis.
-    pub greatest: [i32; 3],
-    /// Axes that operators exchange have the least of their numbers: their grids must be alike.
-    class: [usize; 3],
-    /// The identity, and one operator of each coset of those that keep the grid: the mean over them
-    /// of the interpolant is as symmetric as the series.
-    pub turns: Vec<Mat3>,
-    /// Whether nothing changes along z.
+    pub max_index: [i32; 3],
+    /// Axes that operators exchange share a class, the smallest of their numbers. Their grids are equal.
+    axis_class: [usize; 3],
+    /// The identity, and one operator per coset of the operators that map the grid onto itself. The mean of
+    /// the interpolant over them has the symmetry of the series.
+    pub coset_operators: Vec<Mat3>,
+    /// Whether the function is constant along z.
     pub planar: bool,
-    /// Symmetries that keep the axes.
-    pub fold: Fold,
-    /// What was left out.
-    pub dropped: Dropped,
-    /// In the place of terms: a function without a period, sampled over a box.
+    /// Symmetries that permute or reverse the axes.
+    pub symmetry: GridSymmetry,
+    /// The omitted waves.
+    pub omitted: OmittedWaves,
+    /// In place of terms: a function without a period, sampled over a box.
     pub sampled: Option<Arc<Products>>,
 }
 
-/// Whether an operator only exchanges and turns around the axes; then which axis goes where.
-fn exchange(q: &Mat3) -> Option<[usize; 3]> {
-    let mut goes = [0; 3];
-    for (axis, to) in goes.iter_mut().enumerate() {
+/// The permutation of the axes by an operator that only permutes and reverses axes.
+fn axis_permutation(q: &Mat3) -> Option<[usize; 3]> {
+    let mut permutation = [0; 3];
+    for (axis, to) in permutation.iter_mut().enumerate() {
         *to = (0..3).find(|&i| (q[(i, axis)].abs() - 1.0).abs() < 1e-9)?;
     }
-    Some(goes)
+    Some(permutation)
 }
 
 impl Spectrum {
-    /// The spectrum of a leaf.
+    /// The spectrum of a leaf of an expression.
     pub fn new(leaf: &Node) -> Result<Self, CellError> {
         match leaf {
             Node::Planar(s) => Self::of(s),
             Node::Series(s) => Self::of(s),
             Node::Icosahedral(s) => Ok(Self::sampled(s.products())),
             _ => Err(CellError::NoTable {
-                reason: "it is no series".to_owned(),
+                reason: "it is not a series".to_owned(),
             }),
         }
     }
 
     fn sampled(products: &Arc<Products>) -> Self {
-        let index = (products.greatest() * window::EDGE).ceil() as i32;
+        let index = (products.max_frequency() * window::WINDOW_EDGE).ceil() as i32;
         Self {
             terms: Vec::new(),
-            periods: [window::EDGE; 3],
-            greatest: [index; 3],
-            class: [0; 3],
-            turns: vec![Mat3::identity()],
+            periods: [window::WINDOW_EDGE; 3],
+            max_index: [index; 3],
+            axis_class: [0; 3],
+            coset_operators: vec![Mat3::identity()],
             planar: false,
-            fold: Fold {
+            symmetry: GridSymmetry {
                 mirrored: [true; 3],
-                ..Fold::default()
+                ..GridSymmetry::default()
             },
-            dropped: Dropped::default(),
+            omitted: OmittedWaves::default(),
             sampled: Some(Arc::clone(products)),
         }
     }
@@ -89,7 +89,7 @@ impl Spectrum {
             ),
         })?;
         let periods = std::array::from_fn(|a| if a < D { own[a] } else { 1.0 });
-        let mut greatest = [0; 3];
+        let mut max_index = [0; 3];
         let mut terms = Vec::with_capacity(series.exponentials().len());
         for &(k, c) in series.exponentials() {
             if c == [0.0; 2] {
@@ -99,42 +99,42 @@ impl Spectrum {
             let mut h = [0; 3];
             for a in 0..D {
                 h[a] = (f[a] * own[a]).round() as i32;
-                greatest[a] = greatest[a].max(h[a].abs());
+                max_index[a] = max_index[a].max(h[a].abs());
             }
             terms.push((h, c));
         }
-        if let Some(&index) = greatest.iter().find(|&&g| g > GREATEST_INDEX) {
+        if let Some(&index) = max_index.iter().find(|&&g| g > MAX_INDEX) {
             return Err(CellError::TableTooLarge {
                 index,
-                limit: 2 * GREATEST_INDEX as usize + 2,
+                limit: 2 * MAX_INDEX as usize + 2,
             });
         }
         let operators = embedded(series.group(), lattice);
-        let mut class = [0, 1, 2];
-        for goes in operators.iter().filter_map(exchange) {
-            for (axis, to) in goes.into_iter().enumerate() {
-                let least = class[axis].min(class[to]);
-                let (a, b) = (class[axis], class[to]);
-                for c in &mut class {
+        let mut axis_class = [0, 1, 2];
+        for permutation in operators.iter().filter_map(axis_permutation) {
+            for (axis, to) in permutation.into_iter().enumerate() {
+                let least = axis_class[axis].min(axis_class[to]);
+                let (a, b) = (axis_class[axis], axis_class[to]);
+                for c in &mut axis_class {
                     if *c == a || *c == b {
                         *c = least;
                     }
                 }
             }
         }
-        let mut turns = vec![Mat3::identity()];
+        let mut coset_operators = vec![Mat3::identity()];
         for q in &operators {
-            if turns
+            if coset_operators
                 .iter()
-                .all(|t| exchange(&(q * t.transpose())).is_none())
+                .all(|t| axis_permutation(&(q * t.transpose())).is_none())
             {
-                turns.push(*q);
+                coset_operators.push(*q);
             }
         }
-        let has = |wanted: Mat3| operators.iter().any(|q| (q - wanted).amax() < 1e-9);
+        let has = |samples_for: Mat3| operators.iter().any(|q| (q - samples_for).amax() < 1e-9);
         let keeps = |signs: [f64; 3]| has(Mat3::from_diagonal(&signs.into()));
         let even = |h: &[i32; 3], a: usize, b: usize| (h[a] + h[b]) % 2 == 0;
-        let fold = Fold {
+        let symmetry = GridSymmetry {
             mirrored: [
                 keeps([-1.0, 1.0, 1.0]),
                 keeps([1.0, -1.0, 1.0]),
@@ -150,27 +150,28 @@ impl Spectrum {
         Ok(Self {
             terms,
             periods,
-            greatest,
-            class,
-            turns,
+            max_index,
+            axis_class,
+            coset_operators,
             planar: D == 2,
-            fold,
-            dropped: Dropped::default(),
+            symmetry,
+            omitted: OmittedWaves::default(),
             sampled: None,
         })
     }
 
-    /// The grid with at least `wanted` samples, given the largest index, along every axis; axes that
-    /// operators exchange get equal numbers.
-    pub fn grid(&self, wanted: impl Fn(i32) -> usize) -> Grid {
-        self.grid_by(|axis| good_size(wanted(self.greatest[axis])))
+    /// The grid whose axes have at least the number of samples that `samples_for` gives for the largest
+    /// index. Axes that operators exchange get equal numbers.
+    pub fn grid(&self, samples_for: impl Fn(i32) -> usize) -> Grid {
+        self.grid_with(|axis| fft_size(samples_for(self.max_index[axis])))
     }
 
-    /// The grid of such numbers of samples, on axes that operators exchange the greatest of theirs.
-    pub fn grid_by(&self, size: impl Fn(usize) -> usize) -> Grid {
+    /// The grid with the given number of samples per axis. Axes that operators exchange get the maximum of
+    /// theirs.
+    pub fn grid_with(&self, size: impl Fn(usize) -> usize) -> Grid {
         let largest = |axis: usize| {
-            let alike = (0..3).filter(|&a| self.class[a] == self.class[axis]);
-            alike.map(&size).max().unwrap_or(1)
+            let same_class = (0..3).filter(|&a| self.axis_class[a] == self.axis_class[axis]);
+            same_class.map(&size).max().unwrap_or(1)
         };
         let samples = std::array::from_fn(|a| if self.planar && a == 2 { 1 } else { largest(a) });
         Grid {
@@ -179,14 +180,14 @@ impl Spectrum {
         }
     }
 
-    /// Largest index along any axis.
-    pub fn greatest(&self) -> i32 {
-        self.greatest.into_iter().max().unwrap_or(0)
+    /// Largest index over all axes.
+    pub fn max_index(&self) -> i32 {
+        self.max_index.into_iter().max().unwrap_or(0)
     }
 
-    /// That the grid can hold every wave.
+    /// Checks that the grid can represent every wave.
     pub fn check(&self, grid: &Grid) -> Result<(), CellError> {
-        for (index, limit) in self.greatest.into_iter().zip(grid.samples) {
+        for (index, limit) in self.max_index.into_iter().zip(grid.samples) {
             if limit <= 2 * index as usize {
                 return Err(CellError::TableTooLarge { index, limit });
             }
@@ -196,22 +197,22 @@ impl Spectrum {
 
     /// Bounds of the interpolation error of the value and of each component of the gradient.
     ///
-    /// Along an axis the interpolant of the wave h is a sum of waves h + m N of sizes a(m) >= 0 that
-    /// add up to 1, where a(0) is `kept` and a(m) = a(0) (h / (h + m N))^4. So the value's error is
-    /// at most 2 (1 - prod a), and that of the derivative along axis i at most 2 pi |h| / P times
-    /// what the wave loses, 1 - prod a, what aliases across the axis add, a (1 - the product of the
-    /// others), and those along it, a times the sum over m of |h / (h + m N)|^3.
+    /// Along an axis the interpolant of the wave h is a sum of waves h + m N with amplitudes a(m) >= 0 that
+    /// add up to 1. Here a(0) is [`interpolant_gain`] and a(m) = a(0) (h / (h + m N))^4. The error of the
+    /// value is therefore at most 2 (1 - prod a). The error of the derivative along axis i is at most 2 pi
+    /// |h| / P times the sum of the loss of the wave itself, 1 - prod a; the aliases across the axis, a
+    /// minus prod a; and the aliases along it, a times the sum over m of |h / (h + m N)|^3.
     pub fn error_bounds(&self, grid: &Grid) -> (f64, f64) {
         let tables: [Vec<(f64, f64)>; 3] = std::array::from_fn(|a| {
             let n = grid.samples[a] as f64;
-            (0..=self.greatest[a])
-                .map(|h| (kept(f64::from(h), n), aliases(f64::from(h), n)))
+            (0..=self.max_index[a])
+                .map(|h| (interpolant_gain(f64::from(h), n), aliases(f64::from(h), n)))
                 .collect()
         });
         if let Some(products) = &self.sampled {
             return window::error_bounds(products, grid);
         }
-        let (mut value, mut slope) = (self.dropped.value, [self.dropped.slope; 3]);
+        let (mut value, mut slope) = (self.omitted.value, [self.omitted.slope; 3]);
         for &(h, [re, im]) in &self.terms {
             let size = libm::hypot(re, im);
             let of = |axis: usize| tables[axis][h[axis].unsigned_abs() as usize];
@@ -223,16 +224,16 @@ impl Spectrum {
                 slope[axis] += size * TAU * f64::from(h[axis].abs()) / self.periods[axis] * lost;
             }
         }
-        let worst = if self.turns.len() == 1 {
+        let max_slope = if self.coset_operators.len() == 1 {
             slope.into_iter().fold(0.0, f64::max)
         } else {
-            // A turned component is a sum of several.
+            // A component of a rotated gradient combines several components.
             slope.iter().map(|s| s * s).sum::<f64>().sqrt()
         };
-        (value, worst)
+        (value, max_slope)
     }
 
-    /// Coefficients of one period.
+    /// Unpadded coefficients of one period, in double precision.
     fn transformed(&self, grid: &Grid) -> Vec<Complex64> {
         let [nx, ny, nz] = grid.samples;
         let mut values = vec![Complex64::default(); nx * ny * nz];
@@ -272,8 +273,8 @@ impl Spectrum {
     }
 }
 
-/// The least even size >= `n` whose only prime factors are 2, 3 and 5.
-pub(super) fn good_size(n: usize) -> usize {
+/// The smallest even size >= `n` with no prime factors but 2, 3 and 5.
+pub(super) fn fft_size(n: usize) -> usize {
     let smooth = |mut m: usize| {
         for p in [2, 3, 5] {
             while m.is_multiple_of(p) {
@@ -294,8 +295,8 @@ pub(super) fn attenuation(h: f64, n: f64) -> f64 {
     (2.0 + libm::cos(TAU * h / n)) / 3.0
 }
 
-/// sinc^4 / attenuation: how much of a wave its interpolant keeps.
-pub(super) fn kept(h: f64, n: f64) -> f64 {
+/// sinc^4 / attenuation: the amplitude of a wave in its interpolant.
+pub(super) fn interpolant_gain(h: f64, n: f64) -> f64 {
     let x = PI * h / n;
     let sinc = if h == 0.0 { 1.0 } else { libm::sin(x) / x };
     sinc.powi(4) / attenuation(h, n)
@@ -305,16 +306,16 @@ pub(super) fn kept(h: f64, n: f64) -> f64 {
 pub(super) fn aliases(h: f64, n: f64) -> f64 {
     const TERMS: i32 = 20;
     let ratio = h / n;
-    let near: f64 = (1..=TERMS)
+    let partial: f64 = (1..=TERMS)
         .flat_map(|m| [f64::from(m), -f64::from(m)])
         .map(|m| (ratio / (ratio + m)).abs().powi(3))
         .sum();
-    // The rest is below the integral of 2 (ratio / (m - 1/2))^3 from m = TERMS on.
-    near + (ratio / (f64::from(TERMS) - 0.5)).powi(2) * ratio
+    // The remainder is below the integral of 2 (ratio / (m - 1/2))^3 from m = TERMS on.
+    partial + (ratio / (f64::from(TERMS) - 0.5)).powi(2) * ratio
 }
 
-/// Unnormalised inverse transform of a box, one axis after the other; the axes rotate so that each
-/// in turn is the contiguous one.
+/// Unnormalised inverse transform of a box, one axis after the other. The axes are rotated so that each in
+/// turn is contiguous.
 pub(super) fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]) {
     let mut planner = FftPlanner::new();
     let mut portable = FftPlannerScalar::new();
@@ -332,8 +333,8 @@ pub(super) fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]
             }
         });
         // (x, y, z) -> (z, x, y)
-        let mut turned = vec![Complex64::default(); grid.len()];
-        turned
+        let mut rotated = vec![Complex64::default(); grid.len()];
+        rotated
             .par_chunks_mut(nx * ny)
             .enumerate()
             .for_each(|(z, plane)| {
@@ -341,7 +342,7 @@ pub(super) fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]
                     *v = grid[xy * nz + z];
                 }
             });
-        *grid = turned;
+        *grid = rotated;
         sizes = [nz, nx, ny];
     }
 }

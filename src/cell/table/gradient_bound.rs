@@ -1,30 +1,30 @@
-//! The greatest length of a spline's gradient over an element: all of it, and what of it is near the surface.
+//! Bounds of the length of a spline's gradient over an element, globally and near the surface.
 //!
-//! Fits of distances are steepest far from the surface, where the distance has its kinks; what can happen
-//! within the band is bounded better by the slopes there.
+//! Fits of distances are steepest far from the surface, at the kinks of the distance. Within the band a bound
+//! over the points near the surface is tighter.
 //!
-//! The Bernstein form bounds it in each spline cell, on coarse grids by a tenth too high; the cells whose
-//! bounds are greatest are halved until they are as good as a length that the gradient has somewhere.
+//! The Bernstein form bounds the gradient in each spline cell, on coarse grids about 10 % too high. The cells
+//! with the largest bounds are subdivided until the bound is close to a length that the gradient attains.
 
 use super::grid::Grid;
-use super::hull::{TOGETHER, hulls};
+use super::hull::{CELLS_PER_BATCH, cell_ranges};
 use super::pyramid::Range;
 use crate::frame::{Element, Face, Vec3};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// Cells with bounds below this share of the greatest one are not halved.
-const WORTH: f32 = 0.8;
-/// How far above a length of the gradient the bound may stay, relative.
-const EXCESS: f64 = 1e-3;
-/// Most boxes that are halved.
-const BOXES: usize = 4096;
+/// Cells with bounds below this share of the largest bound are not subdivided.
+const SUBDIVISION_RATIO: f32 = 0.8;
+/// Accepted relative excess of the bound over an attained length of the gradient.
+const MAX_EXCESS: f64 = 1e-3;
+/// Maximal number of subdivided boxes.
+const MAX_BOXES: usize = 4096;
 /// Coefficients of a cell along an axis.
-const COUNT: usize = 4;
+const COEFFICIENTS_PER_AXIS: usize = 4;
 
-/// Shares of the largest coefficient: values up to them are near the surface, ascending; and all values.
-const LEVELS: [f32; 7] = [
+/// Distances from the surface's values, as ascending shares of the largest coefficient; the last is infinite.
+const DISTANCE_SHARES: [f32; 7] = [
     1.0 / 64.0,
     1.0 / 32.0,
     1.0 / 16.0,
@@ -36,69 +36,69 @@ const LEVELS: [f32; 7] = [
 
 /// Bounds of the gradient's length over an element.
 #[derive(Clone, Debug)]
-pub(super) struct Slopes {
-    /// Distances of values from the surface's, ascending, the last one infinite; and bounds over where the
-    /// function is at most so far from it.
-    near: [(f64, f64); LEVELS.len()],
+pub(super) struct GradientBounds {
+    /// Ascending distances from the surface's values, the last one infinite, each with a bound of the
+    /// gradient's length over the points whose values are within that distance.
+    bounds: [(f64, f64); DISTANCE_SHARES.len()],
 }
 
-impl Slopes {
-    /// Over all of the element.
-    pub fn everywhere(&self) -> f64 {
-        self.near[LEVELS.len() - 1].1
+impl GradientBounds {
+    /// The bound over the whole element.
+    pub fn over_element(&self) -> f64 {
+        self.bounds[DISTANCE_SHARES.len() - 1].1
     }
 
-    /// Over the points of the element with values at most this bound times `reach` from the surface's.
-    pub fn within(&self, reach: f64) -> f64 {
+    /// A bound L over the points of the element whose values are within L `reach` of the surface's values.
+    pub fn near_surface(&self, reach: f64) -> f64 {
         let holds = |&&(level, slope): &&(f64, f64)| slope * reach <= level;
-        let found = self.near.iter().find(holds);
-        found.map_or(self.everywhere(), |n| n.1)
+        let found = self.bounds.iter().find(holds);
+        found.map_or(self.over_element(), |n| n.1)
     }
 
-    /// The same of a function whose values differ by `value` at most, and whose slopes by `slope`.
+    /// Bounds for a function whose values differ by at most `value` and whose gradients by at most `slope`.
     #[must_use]
-    pub fn of_another(&self, value: f64, slope: f64) -> Self {
+    pub fn widened(&self, value: f64, slope: f64) -> Self {
         Self {
-            near: self.near.map(|(level, s)| (level - value, s + slope)),
+            bounds: self.bounds.map(|(level, s)| (level - value, s + slope)),
         }
     }
 }
 
-/// Values of the surface: `half` and - `half`.
+/// The values of the surface: `half` and -`half`.
 #[derive(Clone, Copy)]
-pub(super) struct Zero {
+pub(super) struct SurfaceValues {
     pub half: f32,
 }
 
-impl Zero {
-    /// How far from the surface's a value between two is at least.
-    fn away(self, least: f32, greatest: f32) -> f32 {
+impl SurfaceValues {
+    /// Smallest distance of the values between `least` and `greatest` from the values of the surface.
+    fn distance(self, least: f32, greatest: f32) -> f32 {
         let (low, high) = (least.max(-greatest).max(0.0), greatest.max(-least));
         (low - self.half).max(self.half - high).max(0.0)
     }
 }
 
-/// A spline cell and a bound of the gradient's length in it.
+/// A spline cell with a bound of the gradient's length in it.
 #[derive(Clone, Copy)]
-struct Bounded {
-    most: f32,
+struct BoundedCell {
+    bound: f32,
     cell: [usize; 3],
 }
 
-/// Bounds of the gradient's length over the spline cells that meet the element, from padded coefficients, the
-/// largest of which is `largest`: the element's symmetries, which the turns of a series are among, keep the
-/// element. `whole_group` if the cell is the same in all its numberings.
-pub(super) fn steepest_over(
+/// Bounds of the gradient's length over the spline cells that meet the element. Arguments are the padded
+/// coefficients with their largest magnitude, and whether the cell is independent of the numbering of the
+/// nodes. The element's symmetries, including the rotations of a series, map the element onto itself.
+pub(super) fn gradient_bounds_over(
     (coefficients, largest): (&[f32], f32),
     grid: &Grid,
     (element, whole_group): (Element, bool),
-    zero: Zero,
-) -> Slopes {
-    let levels = LEVELS.map(|share| share * largest.max(f32::MIN_POSITIVE));
+    surface: SurfaceValues,
+) -> GradientBounds {
+    let levels = DISTANCE_SHARES.map(|share| share * largest.max(f32::MIN_POSITIVE));
     let scale = grid.per_unit();
     let step = Vec3::from(scale.map(f64::recip));
     let around = element.cell_box();
-    // The ball's are those of the icosahedron in it.
+    // The faces of the ball are those of its icosahedron; use the cube around it.
     let faces = match element {
         Element::Ball => Element::Hex.faces(),
         other => other.faces(),
@@ -109,138 +109,154 @@ pub(super) fn steepest_over(
         lo..hi
     };
     let [xs, ys, zs] = [cells(0), cells(1), cells(2)];
-    // The whole group maps the part of a tet or a hex with x >= |y|, |z| onto the rest.
+    // The full group maps the part of a tet or a hex with x >= |y|, |z| onto the rest.
     let wedge = whole_group && matches!(element, Element::Tet | Element::Hex);
-    let near = |i: i64, c: i64| !wedge || (i >= -1 && c.abs() <= i + 2);
+    let in_wedge = |i: i64, c: i64| !wedge || (i >= -1 && c.abs() <= i + 2);
     let in_slab = |i: i64| {
-        let (mut steepest, mut found) = (
-            [0f32; LEVELS.len()],
-            [(); LEVELS.len()].map(|()| Vec::new()),
+        let (mut max_slope, mut found) = (
+            [0f32; DISTANCE_SHARES.len()],
+            [(); DISTANCE_SHARES.len()].map(|()| Vec::new()),
         );
-        for j in ys.clone().filter(|&j| near(i, j)) {
-            // Of the row's cells that were bounded last.
-            let (mut last, mut ranges) = (usize::MAX, [Range::NOTHING; TOGETHER]);
-            for k in zs.clone().filter(|&k| near(i, k)) {
+        for j in ys.clone().filter(|&j| in_wedge(i, j)) {
+            // The ranges of the last bounded batch of cells in this row.
+            let (mut last, mut ranges) = (usize::MAX, [Range::JOIN_IDENTITY; CELLS_PER_BATCH]);
+            for k in zs.clone().filter(|&k| in_wedge(i, k)) {
                 let at = [i, j, k];
                 let lo = Vec3::from_fn(|a, _| at[a] as f64).component_mul(&step);
                 if faces.iter().all(|f| meets(f, lo, step)) {
                     let cell = [0, 1, 2].map(|a| at[a].rem_euclid(grid.samples[a] as i64));
                     let cell = cell.map(|c| c as usize);
                     let [x, y, z] = cell;
-                    if z / TOGETHER != last {
-                        last = z / TOGETHER;
-                        ranges = hulls(coefficients, grid, [x, y, last * TOGETHER]);
+                    if z / CELLS_PER_BATCH != last {
+                        last = z / CELLS_PER_BATCH;
+                        ranges = cell_ranges(coefficients, grid, [x, y, last * CELLS_PER_BATCH]);
                     }
-                    let range = ranges[z % TOGETHER];
-                    let (most, away) = (range.steepest, zero.away(range.least, range.greatest));
-                    for (n, _) in levels.iter().enumerate().filter(|l| *l.1 >= away) {
-                        steepest[n] = steepest[n].max(most);
-                        if most > WORTH * steepest[n] {
-                            found[n].push(Bounded { most, cell });
+                    let range = ranges[z % CELLS_PER_BATCH];
+                    let (bound, distance) = (
+                        range.max_slope,
+                        surface.distance(range.least, range.greatest),
+                    );
+                    for (n, _) in levels.iter().enumerate().filter(|l| *l.1 >= distance) {
+                        max_slope[n] = max_slope[n].max(bound);
+                        if bound > SUBDIVISION_RATIO * max_slope[n] {
+                            found[n].push(BoundedCell { bound, cell });
                         }
                     }
                 }
             }
         }
-        for (found, steepest) in found.iter_mut().zip(steepest) {
-            found.retain(|c: &Bounded| c.most > WORTH * steepest);
+        for (found, max_slope) in found.iter_mut().zip(max_slope) {
+            found.retain(|c: &BoundedCell| c.bound > SUBDIVISION_RATIO * max_slope);
         }
-        (steepest, found)
+        (max_slope, found)
     };
     let slabs: Vec<_> = xs.into_par_iter().map(in_slab).collect();
     let bound = |n: usize| {
-        let most = slabs.iter().fold(0f32, |m, s| m.max(s.0[n]));
-        let worth = slabs.iter().flat_map(|s| &s.1[n]);
-        let worth = worth.filter(|c| c.most > WORTH * most);
-        let near = (zero, f64::from(levels[n]));
-        let boxes = worth.map(|&c| Part::whole(coefficients, grid, c, near));
-        refined(boxes.collect(), near).max(f64::from(WORTH * most))
+        let bound = slabs.iter().fold(0f32, |m, s| m.max(s.0[n]));
+        let candidates = slabs.iter().flat_map(|s| &s.1[n]);
+        let candidates = candidates.filter(|c| c.bound > SUBDIVISION_RATIO * bound);
+        let distance = (surface, f64::from(levels[n]));
+        let boxes = candidates.map(|&c| SubBox::of_cell(coefficients, grid, c, distance));
+        refined_bound(boxes.collect(), distance).max(f64::from(SUBDIVISION_RATIO * bound))
     };
-    let bounds: Vec<_> = (0..LEVELS.len()).into_par_iter().map(bound).collect();
-    let mut steepest = 0.0;
-    let near = std::array::from_fn(|n| {
-        // Bounds are as good as a thousandth.
-        steepest = bounds[n].max(steepest);
-        (f64::from(levels[n]), steepest)
+    let bounds: Vec<_> = (0..DISTANCE_SHARES.len())
+        .into_par_iter()
+        .map(bound)
+        .collect();
+    let mut max_slope = 0.0;
+    let bounds = std::array::from_fn(|n| {
+        // Refinement leaves an excess; make the bounds monotone.
+        max_slope = bounds[n].max(max_slope);
+        (f64::from(levels[n]), max_slope)
     });
-    Slopes { near }
+    GradientBounds { bounds }
 }
 
-/// Where values are at most so far from the surface's.
-type Near = (Zero, f64);
+/// The values of the surface, and a distance from them.
+type SurfaceDistance = (SurfaceValues, f64);
 
-/// A bound of the gradient's length over what of some boxes is near the surface, close to the greatest that it
-/// has there at one of their corners.
-fn refined(mut boxes: BinaryHeap<Part>, near: Near) -> f64 {
-    let mut known = boxes.iter().fold(0.0, |k: f64, b| k.max(b.known));
-    for _ in 0..BOXES {
+/// A bound of the gradient's length over the parts of the boxes near the surface. It exceeds the length at
+/// one of their corners near the surface by at most [`MAX_EXCESS`], unless [`MAX_BOXES`] is reached.
+fn refined_bound(mut boxes: BinaryHeap<SubBox>, distance: SurfaceDistance) -> f64 {
+    let mut attained = boxes.iter().fold(0.0, |k: f64, b| k.max(b.attained));
+    for _ in 0..MAX_BOXES {
         match boxes.peek() {
-            Some(first) if first.most > known * (1.0 + EXCESS) => {}
+            Some(first) if first.bound > attained * (1.0 + MAX_EXCESS) => {}
             _ => break,
         }
         let Some(first) = boxes.pop() else { break };
-        for part in first.parts(near) {
-            known = known.max(part.known);
-            if part.most > known {
+        for part in first.octants(distance) {
+            attained = attained.max(part.attained);
+            if part.bound > attained {
                 boxes.push(part);
             }
         }
     }
-    boxes.peek().map_or(known, |b| b.most.max(known))
+    boxes.peek().map_or(attained, |b| b.bound.max(attained))
 }
 
-/// Whether a box reaches to the inner side of a face's plane.
+/// Whether a box reaches the inner side of a face's plane.
 fn meets(face: &Face, lo: Vec3, size: Vec3) -> bool {
     let corner = lo + size.zip_map(&face.normal, |s, n| if n > 0.0 { 0.0 } else { s });
     face.normal.dot(&corner) <= face.offset + 1e-9
 }
 
 /// Coefficients of a cubic in three variables, the last one fastest.
-type Cubic = [f64; COUNT * COUNT * COUNT];
-/// How far apart coefficients are that follow one another along an axis.
-const STRIDES: [usize; 3] = [COUNT * COUNT, COUNT, 1];
+type Cubic = [f64; COEFFICIENTS_PER_AXIS * COEFFICIENTS_PER_AXIS * COEFFICIENTS_PER_AXIS];
+/// Strides of the coefficients along each axis.
+const STRIDES: [usize; 3] = [
+    COEFFICIENTS_PER_AXIS * COEFFICIENTS_PER_AXIS,
+    COEFFICIENTS_PER_AXIS,
+    1,
+];
 
-/// Part of a spline cell: the gradient's bound near the surface there, and a length that it has at a corner.
-struct Part {
-    /// 0 if no part of it is near.
-    most: f64,
-    known: f64,
-    /// Of the Bernstein form.
-    form: Box<Cubic>,
-    /// How many of it would stand along a unit of reference length.
+/// A part of a spline cell: a bound of the gradient's length near the surface, and the largest length at a
+/// corner near the surface.
+struct SubBox {
+    /// 0 if no value in the box is near the surface.
+    bound: f64,
+    attained: f64,
+    /// Bernstein coefficients.
+    coefficients: Box<Cubic>,
+    /// Number of such boxes per unit of reference length, by axis.
     per_unit: [f64; 3],
 }
 
-/// What `f` makes of the four coefficients of each line along an axis.
-fn along(form: &Cubic, stride: usize, f: impl Fn([f64; COUNT]) -> [f64; COUNT]) -> Cubic {
-    let mut all = *form;
-    for line in 0..COUNT * COUNT {
-        let first = line / stride * COUNT * stride + line % stride;
+/// Applies `f` to the four coefficients of each line along an axis.
+fn map_lines(
+    coefficients: &Cubic,
+    stride: usize,
+    f: impl Fn([f64; COEFFICIENTS_PER_AXIS]) -> [f64; COEFFICIENTS_PER_AXIS],
+) -> Cubic {
+    let mut all = *coefficients;
+    for line in 0..COEFFICIENTS_PER_AXIS * COEFFICIENTS_PER_AXIS {
+        let first = line / stride * COEFFICIENTS_PER_AXIS * stride + line % stride;
         let places = [0, 1, 2, 3].map(|n| first + n * stride);
-        for (place, v) in places.into_iter().zip(f(places.map(|p| form[p]))) {
+        for (place, v) in places.into_iter().zip(f(places.map(|p| coefficients[p]))) {
             all[place] = v;
         }
     }
     all
 }
 
-impl Part {
-    /// All of a spline cell.
-    fn whole(
+impl SubBox {
+    /// The box of a whole spline cell.
+    fn of_cell(
         coefficients: &[f32],
         grid: &Grid,
-        Bounded { most, cell }: Bounded,
-        near: Near,
+        BoundedCell { bound, cell }: BoundedCell,
+        distance: SurfaceDistance,
     ) -> Self {
         let [_, sy, sz] = grid.padded();
         let [x, y, z] = cell;
-        let mut form = [0.0; COUNT * COUNT * COUNT];
-        for (n, to) in form.iter_mut().enumerate() {
-            let [i, j, k] = STRIDES.map(|s| n / s % COUNT);
+        let mut bernstein =
+            [0.0; COEFFICIENTS_PER_AXIS * COEFFICIENTS_PER_AXIS * COEFFICIENTS_PER_AXIS];
+        for (n, to) in bernstein.iter_mut().enumerate() {
+            let [i, j, k] = STRIDES.map(|s| n / s % COEFFICIENTS_PER_AXIS);
             *to = f64::from(coefficients[((x + i) * sy + y + j) * sz + z + k]);
         }
         for stride in STRIDES {
-            form = along(&form, stride, |[p, q, r, s]| {
+            bernstein = map_lines(&bernstein, stride, |[p, q, r, s]| {
                 [
                     (p + 4.0 * q + r) / 6.0,
                     (2.0 * q + r) / 3.0,
@@ -249,30 +265,35 @@ impl Part {
                 ]
             });
         }
-        let all = Self::new(Box::new(form), grid.per_unit(), near);
+        let all = Self::new(Box::new(bernstein), grid.per_unit(), distance);
         Self {
-            most: all.most.min(f64::from(most)),
+            bound: all.bound.min(f64::from(bound)),
             ..all
         }
     }
 
-    fn new(form: Box<Cubic>, per_unit: [f64; 3], (zero, level): Near) -> Self {
-        let is_near = |least: f64, greatest: f64| {
-            f64::from(zero.away(least as f32, greatest as f32)) <= level
+    fn new(
+        coefficients: Box<Cubic>,
+        per_unit: [f64; 3],
+        (surface, level): SurfaceDistance,
+    ) -> Self {
+        let is_near_surface = |least: f64, greatest: f64| {
+            f64::from(surface.distance(least as f32, greatest as f32)) <= level
         };
-        let extreme = |least, pick: fn(f64, f64) -> f64| form.iter().copied().fold(least, pick);
+        let extreme =
+            |least, pick: fn(f64, f64) -> f64| coefficients.iter().copied().fold(least, pick);
         let least = extreme(f64::INFINITY, f64::min);
-        if !is_near(least, extreme(f64::NEG_INFINITY, f64::max)) {
+        if !is_near_surface(least, extreme(f64::NEG_INFINITY, f64::max)) {
             return Self {
-                most: 0.0,
-                known: 0.0,
-                form,
+                bound: 0.0,
+                attained: 0.0,
+                coefficients,
                 per_unit,
             };
         }
         // Derivatives, raised to the third degree.
         let [x, y, z] = [0, 1, 2].map(|axis| {
-            along(&form, STRIDES[axis], |[a, b, c, d]| {
+            map_lines(&coefficients, STRIDES[axis], |[a, b, c, d]| {
                 let by = per_unit[axis];
                 let [first, middle, last] = [b - a, c - b, d - c];
                 [
@@ -287,26 +308,26 @@ impl Part {
         let at_corner = |n: &usize| {
             STRIDES
                 .iter()
-                .all(|s| [0, COUNT - 1].contains(&(n / s % COUNT)))
-                && is_near(form[*n], form[*n])
+                .all(|s| [0, COEFFICIENTS_PER_AXIS - 1].contains(&(n / s % COEFFICIENTS_PER_AXIS)))
+                && is_near_surface(coefficients[*n], coefficients[*n])
         };
         let lengths = |from: &mut dyn Iterator<Item = usize>| from.map(length).fold(0.0, f64::max);
         Self {
-            most: lengths(&mut (0..form.len())),
-            known: lengths(&mut (0..form.len()).filter(at_corner)),
-            form,
+            bound: lengths(&mut (0..coefficients.len())),
+            attained: lengths(&mut (0..coefficients.len()).filter(at_corner)),
+            coefficients,
             per_unit,
         }
     }
 
-    /// Its eight halves by axis.
-    fn parts(&self, near: Near) -> impl Iterator<Item = Self> {
+    /// Its eight octants.
+    fn octants(&self, distance: SurfaceDistance) -> impl Iterator<Item = Self> {
         (0..8).map(move |n| {
-            let mut form = self.form.clone();
+            let mut coefficients = self.coefficients.clone();
             for (axis, stride) in STRIDES.into_iter().enumerate() {
                 let is_far = n >> axis & 1 != 0;
-                *form = along(&form, stride, |[a, b, c, d]| {
-                    // De Casteljau's means.
+                *coefficients = map_lines(&coefficients, stride, |[a, b, c, d]| {
+                    // De Casteljau's subdivision.
                     let mid = f64::midpoint;
                     let (ab, bc, cd) = (mid(a, b), mid(b, c), mid(c, d));
                     let (abc, bcd) = (mid(ab, bc), mid(bc, cd));
@@ -318,27 +339,27 @@ impl Part {
                     }
                 });
             }
-            Self::new(form, self.per_unit.map(|p| 2.0 * p), near)
+            Self::new(coefficients, self.per_unit.map(|p| 2.0 * p), distance)
         })
     }
 }
 
-impl PartialEq for Part {
+impl PartialEq for SubBox {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other).is_eq()
     }
 }
 
-impl Eq for Part {}
+impl Eq for SubBox {}
 
-impl PartialOrd for Part {
+impl PartialOrd for SubBox {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl Ord for Part {
+impl Ord for SubBox {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.most.total_cmp(&other.most)
+        self.bound.total_cmp(&other.bound)
     }
 }

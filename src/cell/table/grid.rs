@@ -1,9 +1,9 @@
-//! The grid of a spline and the symmetries of what lies on it.
+//! The grid of a spline and the symmetries of its coefficients.
 
 /// The grid of a spline: samples and period per axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grid {
-    /// Samples per period; even, but for the one of an axis along which nothing changes.
+    /// Samples per period; even, except 1 along an axis on which the function is constant.
     pub samples: [usize; 3],
     /// Periods in reference units.
     pub periods: [f64; 3],
@@ -15,22 +15,22 @@ impl Grid {
         std::array::from_fn(|a| self.samples[a] as f64 / self.periods[a])
     }
 
-    /// Sizes of the coefficients with three repeated layers per axis.
+    /// Sizes of the padded coefficients, which repeat three layers per axis.
     pub fn padded(&self) -> [usize; 3] {
         self.samples.map(|n| n + 3)
     }
 }
 
-/// Symmetries of the coefficients that keep the axes.
+/// Symmetries of the coefficients under operators that permute or reverse the axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Fold {
-    /// Axes whose reversal changes nothing.
+pub(super) struct GridSymmetry {
+    /// Axes whose reversal is a symmetry.
     pub mirrored: [bool; 3],
-    /// Nothing changes when x and y, or any other two axes, are reversed together. Only of use where
-    /// no axis is mirrored by itself.
+    /// Whether the joint reversal of any two axes is a symmetry. Used only if no single axis is mirrored.
     pub twofold: bool,
-    /// Nothing changes when half a period is added along any two axes.
+    /// Whether a shift by half a period along any two axes is a symmetry.
     pub centred: bool,
-    /// Nothing changes when x and y are exchanged; when y and z are. Of use where both are folded alike.
+    /// Whether the exchange of x and y is a symmetry, and that of y and z. Used only where both axes are
+    /// folded equally.
     pub exchanged: [bool; 2],
 }

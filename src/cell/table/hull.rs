@@ -1,46 +1,50 @@
-//! Extremes over single spline cells, from the spline's Bernstein form.
+//! Ranges of value and gradient over single spline cells, from the Bernstein form of the spline.
 //!
-//! In a cell a B-spline is a polynomial; its Bernstein coefficients are means of the B-spline's, and
-//! value and gradient are convex combinations of them, so that the extremes of coefficients bound what
-//! lies between: to the second order of the cell's size, where those of the B-spline's own coefficients
-//! reach as far as the neighbouring cells'. With the three derivatives raised to one degree the gradients
-//! themselves are combined, whose length is convex.
-// Small functions of a hot path, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+//! In a spline cell a B-spline is a polynomial. Value and gradient are convex combinations of its Bernstein
+//! coefficients, so that the extremes of these coefficients are bounds. The bounds are of second order in
+//! the cell size, while the B-spline's own coefficients extend into the neighbouring cells. With the
+//! three derivatives raised to one degree, the gradient vectors themselves are combined, whose length is a
+//! convex function.
+// Small functions of a hot path, inlined so that they are compiled for the target features of the caller.
+// The compiler does not propagate target features into closures, so this file has none.
 #![allow(clippy::inline_always)]
 
 use super::grid::Grid;
 use super::pyramid::Range;
-use crate::simd::{self, Lanes, Work};
+use crate::simd::{self, Lanes, SimdKernel};
 
-/// Cells that are bounded together.
-pub(super) const TOGETHER: usize = 8;
-/// Coefficients of a cell, and their distances by axis.
-const COUNT: usize = 64;
+/// Spline cells per batch.
+pub(super) const CELLS_PER_BATCH: usize = 8;
+/// Bernstein coefficients of a cell, and their strides by axis.
+const COEFFICIENTS_PER_CELL: usize = 64;
 const STRIDES: [usize; 3] = [16, 4, 1];
 
-/// Extremes over the eight spline cells from one on, along z; from the padded coefficients. Those beyond
-/// the grid repeat its last coefficients.
-pub(super) fn hulls(coefficients: &[f32], grid: &Grid, first: [usize; 3]) -> [Range; TOGETHER] {
-    simd::run(Hulls {
+/// Ranges over the eight spline cells from `first` on along z, from the padded coefficients. Beyond the
+/// grid, the last coefficients are repeated.
+pub(super) fn cell_ranges(
+    coefficients: &[f32],
+    grid: &Grid,
+    first: [usize; 3],
+) -> [Range; CELLS_PER_BATCH] {
+    simd::run(CellRanges {
         coefficients,
         grid,
         first,
     })
 }
 
-struct Hulls<'a> {
+struct CellRanges<'a> {
     coefficients: &'a [f32],
     grid: &'a Grid,
     first: [usize; 3],
 }
 
-/// Of coefficients of eight cells, those of the Bernstein form along an axis in place of the B-spline's.
+/// Replaces the B-spline coefficients of eight cells by Bernstein coefficients along one axis.
 #[inline(always)]
-fn to_bernstein<L: Lanes>(lanes: L, c: &mut [L::F; COUNT], stride: usize) {
+fn to_bernstein<L: Lanes>(lanes: L, c: &mut [L::F; COEFFICIENTS_PER_CELL], stride: usize) {
     let (sixth, third) = (lanes.splat(1.0 / 6.0), lanes.splat(1.0 / 3.0));
     let four = lanes.splat(4.0);
-    for line in 0..COUNT / 4 {
+    for line in 0..COEFFICIENTS_PER_CELL / 4 {
         let n = line / stride * 4 * stride + line % stride;
         let [p, q, r, s] = [c[n], c[n + stride], c[n + 2 * stride], c[n + 3 * stride]];
         c[n] = lanes.mul(lanes.fused(q, four, lanes.add(p, r)), sixth);
@@ -50,33 +54,38 @@ fn to_bernstein<L: Lanes>(lanes: L, c: &mut [L::F; COUNT], stride: usize) {
     }
 }
 
-/// Coefficient `n` of the derivative along an axis, raised to the third degree.
+/// Coefficient `n` of the derivative along an axis, raised to degree three.
 #[inline(always)]
-fn derivative<L: Lanes>(lanes: L, b: &[L::F; COUNT], n: usize, stride: usize) -> L::F {
+fn derivative<L: Lanes>(
+    lanes: L,
+    b: &[L::F; COEFFICIENTS_PER_CELL],
+    n: usize,
+    stride: usize,
+) -> L::F {
     let three = lanes.splat(3.0);
     match n / stride % 4 {
         0 => lanes.mul(lanes.sub(b[n + stride], b[n]), three),
         1 => {
-            let ahead = lanes.sub(b[n + stride], b[n]);
-            lanes.add(ahead, lanes.sub(b[n + stride], b[n - stride]))
+            let next = lanes.sub(b[n + stride], b[n]);
+            lanes.add(next, lanes.sub(b[n + stride], b[n - stride]))
         }
         2 => {
-            let back = lanes.sub(b[n], b[n - stride]);
-            lanes.add(back, lanes.sub(b[n + stride], b[n - stride]))
+            let previous = lanes.sub(b[n], b[n - stride]);
+            lanes.add(previous, lanes.sub(b[n + stride], b[n - stride]))
         }
         _ => lanes.mul(lanes.sub(b[n], b[n - stride]), three),
     }
 }
 
-impl Work for Hulls<'_> {
-    type Output = [Range; TOGETHER];
+impl SimdKernel for CellRanges<'_> {
+    type Output = [Range; CELLS_PER_BATCH];
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> [Range; TOGETHER] {
+    fn run<L: Lanes>(self, lanes: L) -> [Range; CELLS_PER_BATCH] {
         let [_, sy, sz] = self.grid.padded();
         let [x, y, z] = self.first;
         let zero = lanes.splat(0.0);
-        let mut b = [zero; COUNT];
+        let mut b = [zero; COEFFICIENTS_PER_CELL];
         for i in 0..4 {
             for j in 0..4 {
                 let start = ((x + i) * sy + y + j) * sz;
@@ -86,7 +95,7 @@ impl Work for Hulls<'_> {
                     *c = if let Some(eight) = row.get(z + k..).and_then(|r| r.first_chunk()) {
                         lanes.load(eight)
                     } else {
-                        let mut eight = [0.0; TOGETHER];
+                        let mut eight = [0.0; CELLS_PER_BATCH];
                         for (l, v) in eight.iter_mut().enumerate() {
                             *v = row[(z + k + l).min(sz - 1)];
                         }
@@ -105,7 +114,7 @@ impl Work for Hulls<'_> {
             lanes.splat(scale[2] as f32),
         ];
         let (mut least, mut greatest, mut square) = (b[0], b[0], zero);
-        for n in 0..COUNT {
+        for n in 0..COEFFICIENTS_PER_CELL {
             least = lanes.min(least, b[n]);
             greatest = lanes.max(greatest, b[n]);
             let mut own = zero;
@@ -115,16 +124,16 @@ impl Work for Hulls<'_> {
             }
             square = lanes.max(square, own);
         }
-        let (mut low, mut high, mut steep) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+        let (mut low, mut high, mut slope) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         lanes.store(least, &mut low);
         lanes.store(greatest, &mut high);
-        lanes.store(lanes.sqrt(square), &mut steep);
-        let mut all = [Range::NOTHING; TOGETHER];
+        lanes.store(lanes.sqrt(square), &mut slope);
+        let mut all = [Range::JOIN_IDENTITY; CELLS_PER_BATCH];
         for (l, range) in all.iter_mut().enumerate() {
             *range = Range {
                 least: low[l],
                 greatest: high[l],
-                steepest: steep[l],
+                max_slope: slope[l],
             };
         }
         all

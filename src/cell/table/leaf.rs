@@ -1,111 +1,111 @@
-//! One series of a table: its spline, its bounds, and the turns that make it symmetric.
+//! One series of a table: its spline, its bounds and the rotations that complete its symmetry.
 
 use super::build::Spectrum;
-use super::gradient_bound::{Slopes, Zero, steepest_over};
+use super::gradient_bound::{GradientBounds, SurfaceValues, gradient_bounds_over};
 use super::grid::Grid;
 use super::pyramid::Pyramid;
-use super::spline::{PLACING, Spline};
+use super::spline::{POSITION_ERROR, Spline};
 use crate::field::Interval;
 use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 
-/// Single precision: what rounded sums add to an interval, relative to the largest coefficient. Rounded
-/// places add to it by the slope.
+/// Bound of the rounding error of a value, relative to the largest coefficient. Rounding of the position
+/// adds [`POSITION_ERROR`] times the slope.
 const ROUNDING: f64 = 3e-6;
-/// The same of a gradient, relative to the largest coefficient over the distance of samples; places, by
-/// twice the slope over the same, the greatest curvature of such a spline.
+/// Bound of the rounding error of a gradient, relative to the largest coefficient over the sample distance.
+/// Rounding of the position adds twice the slope over that distance, the largest curvature of the spline.
 const SLOPE_ROUNDING: f64 = 1e-5;
 
-/// A series as a spline. Where operators of its group do not keep the grid (those of order 3 about z,
-/// on a grid along x and y), the value is the mean over the turned points.
+/// A series as a spline. If operators of its group do not map the grid onto itself (those of order 3 about
+/// z on a grid along x and y), the value is the mean over the rotated points.
 pub(super) struct Leaf {
     pub spline: Spline,
     pyramid: Pyramid,
     /// Bounds of the gradient's length over the element.
-    slopes: Slopes,
-    /// What single precision adds to an interval and to a gradient.
+    gradient_bounds: GradientBounds,
+    /// Bounds of the rounding error of a value and of a gradient component.
     rounding: [f64; 2],
-    turns: Vec<Mat3>,
+    rotations: Vec<Mat3>,
     planar: bool,
-    /// |f| of the shortest wave; `None` if it is no sum of waves.
+    /// |f| of the shortest wave; `None` for a function that is not a sum of waves.
     frequency: Option<f64>,
     error: (f64, f64),
 }
 
 impl Leaf {
-    /// The leaf on a grid that holds its waves, for an element; `whole_group` if the cell is the same
-    /// in all its numberings. The surface is where values are those of `zero`.
+    /// The leaf on a grid that represents its waves, for an element. `whole_group` states that the cell is
+    /// independent of the numbering of the nodes. The surface is where the function has the values `surface`.
     pub fn new(
         spectrum: Spectrum,
         grid: Grid,
         (element, whole_group): (Element, bool),
-        zero: Zero,
+        surface: SurfaceValues,
     ) -> Self {
         let coefficients = spectrum.coefficients(&grid);
         let pyramid = Pyramid::new(&coefficients, &grid);
         let all = (&*coefficients, pyramid.largest());
-        let steepest = steepest_over(all, &grid, (element, whole_group), zero);
+        let max_slope = gradient_bounds_over(all, &grid, (element, whole_group), surface);
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
         let largest = f64::from(pyramid.largest());
-        let slope = f64::from(pyramid.query([0; 3], grid.samples).steepest);
-        let placing = PLACING * grid.periods.into_iter().fold(0.0, f64::max);
-        let slope_rounding = (SLOPE_ROUNDING * largest + 2.0 * placing * slope) * scale;
-        let rounding = ROUNDING * largest + placing * slope;
+        let slope = f64::from(pyramid.query([0; 3], grid.samples).max_slope);
+        let position_error = POSITION_ERROR * grid.periods.into_iter().fold(0.0, f64::max);
+        let gradient_rounding = (SLOPE_ROUNDING * largest + 2.0 * position_error * slope) * scale;
+        let rounding = ROUNDING * largest + position_error * slope;
         Self {
-            slopes: steepest.of_another(rounding, 1e-6 * slope + slope_rounding),
-            rounding: [rounding, slope_rounding],
+            gradient_bounds: max_slope.widened(rounding, 1e-6 * slope + gradient_rounding),
+            rounding: [rounding, gradient_rounding],
             pyramid,
-            spline: Spline::new(&coefficients, grid, spectrum.fold),
+            spline: Spline::new(&coefficients, grid, spectrum.symmetry),
             error: spectrum.error_bounds(&grid),
-            frequency: spectrum.greatest_frequency(),
-            turns: spectrum.turns,
+            frequency: spectrum.max_frequency(),
+            rotations: spectrum.coset_operators,
             planar: spectrum.planar,
         }
     }
 
-    /// Whether the spline alone is the leaf.
-    pub fn is_plain(&self) -> bool {
-        self.turns.len() == 1 && !self.planar
+    /// Whether the value is that of the spline at a single point.
+    pub fn is_single_spline(&self) -> bool {
+        self.rotations.len() == 1 && !self.planar
     }
 
     pub fn bytes(&self) -> usize {
         self.spline.bytes() + self.pyramid.bytes()
     }
 
-    /// Single precision's part of the error of a value.
+    /// Bound of the rounding error of a value.
     pub fn rounding(&self) -> f64 {
         self.rounding[0]
     }
 
-    /// The same of a component of the gradient.
-    pub fn slope_rounding(&self) -> f64 {
+    /// Bound of the rounding error of a gradient component.
+    pub fn gradient_rounding(&self) -> f64 {
         self.rounding[1]
     }
 
-    /// Bounds of the errors of a value and of a gradient's component, and of the gradient.
+    /// Bounds of the error of a value, of the error of a gradient component, and of the gradient's length.
     pub fn errors(&self) -> [f64; 3] {
-        let everywhere = self.pyramid.query([0; 3], self.spline.grid().samples);
+        let whole_period = self.pyramid.query([0; 3], self.spline.grid().samples);
         [
             self.error.0 + self.rounding(),
-            self.error.1 + self.slope_rounding(),
-            f64::from(everywhere.steepest) * (1.0 + 1e-6) + self.slope_rounding(),
+            self.error.1 + self.gradient_rounding(),
+            f64::from(whole_period.max_slope) * (1.0 + 1e-6) + self.gradient_rounding(),
         ]
     }
 
     pub fn value(&self, p: Vec3) -> f64 {
-        if self.turns.len() == 1 {
+        if self.rotations.len() == 1 {
             return f64::from(self.spline.value(CellPoint(p)));
         }
         let sum: f64 = self
-            .turns
+            .rotations
             .iter()
             .map(|q| f64::from(self.spline.value(CellPoint(q * p))))
             .sum();
-        sum / self.turns.len() as f64
+        sum / self.rotations.len() as f64
     }
 
     pub fn slope(&self, p: Vec3) -> (f64, Vec3) {
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
-        for q in &self.turns {
+        for q in &self.rotations {
             let (v, g) = self.spline.value_and_gradient(CellPoint(q * p));
             value += f64::from(v);
             gradient += q.tr_mul(&Vec3::from(g.map(f64::from)));
@@ -113,7 +113,7 @@ impl Leaf {
         if self.planar {
             gradient.z = 0.0;
         }
-        let n = self.turns.len() as f64;
+        let n = self.rotations.len() as f64;
         (value / n, gradient / n)
     }
 
@@ -123,9 +123,9 @@ impl Leaf {
             (region.min + region.max) / 2.0,
             (region.max - region.min) / 2.0,
         );
-        let (mut lo, mut hi, mut steepest) = (0.0, 0.0, 0.0);
-        for (n, q) in self.turns.iter().enumerate() {
-            let turned = if n == 0 {
+        let (mut lo, mut hi, mut max_slope) = (0.0, 0.0, 0.0);
+        for (n, q) in self.rotations.iter().enumerate() {
+            let image = if n == 0 {
                 *region
             } else {
                 let (c, h) = (q * centre, q.abs() * half);
@@ -134,27 +134,27 @@ impl Leaf {
                     max: c + h,
                 }
             };
-            let (from, count) = self.spline_cells(&turned);
+            let (from, count) = self.spline_cells(&image);
             let range = self.pyramid.query(from, count);
             lo += f64::from(range.least);
             hi += f64::from(range.greatest);
-            steepest += f64::from(range.steepest);
+            max_slope += f64::from(range.max_slope);
         }
-        let n = self.turns.len() as f64;
+        let n = self.rotations.len() as f64;
         (
             Interval::new(lo / n - self.rounding(), hi / n + self.rounding()),
-            steepest / n * (1.0 + 1e-6) + self.slope_rounding(),
+            max_slope / n * (1.0 + 1e-6) + self.gradient_rounding(),
         )
     }
 
-    /// First spline cell and number of spline cells per axis that a box meets; at most one period.
+    /// First spline cell and number of spline cells per axis that a box meets, at most one period.
     fn spline_cells(&self, region: &CellBox<3>) -> ([usize; 3], [usize; 3]) {
         let grid = self.spline.grid();
         let scale = grid.per_unit();
         let (mut from, mut count) = ([0; 3], [0; 3]);
         for a in 0..3 {
             let n = grid.samples[a] as i64;
-            // A hair wider, so that a point that rounds into the next cell is still covered.
+            // The margin covers points that round into the next cell.
             let lo = (region.min[a] * scale[a] - 1e-6).floor();
             let hi = (region.max[a] * scale[a] + 1e-6).floor();
             if hi - lo >= n as f64 - 1.0 || !(hi - lo).is_finite() {
@@ -168,16 +168,17 @@ impl Leaf {
     }
 
     /// Bounds of the gradient's length over the element.
-    pub fn slopes(&self) -> &Slopes {
-        &self.slopes
+    pub fn gradient_bounds(&self) -> &GradientBounds {
+        &self.gradient_bounds
     }
 
-    /// Of its shortest wave, cycles per unit of reference length; `None` if it is no sum of waves.
-    pub fn greatest_frequency(&self) -> Option<f64> {
+    /// |f| of the shortest wave, in cycles per unit of reference length; `None` for a function that is not
+    /// a sum of waves.
+    pub fn max_frequency(&self) -> Option<f64> {
         self.frequency
     }
 
-    /// Samples along the axis that has most.
+    /// The largest number of samples over the axes.
     pub fn samples(&self) -> usize {
         self.spline.grid().samples.into_iter().max().unwrap_or(1)
     }

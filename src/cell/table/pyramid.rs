@@ -1,42 +1,42 @@
-//! Extremes of a spline over ranges of spline cells: overlapping windows of many sizes.
+//! Range queries on a spline: a pyramid of overlapping windows with the ranges of spline cells.
 
 use super::grid::Grid;
-use super::hull::{TOGETHER, hulls};
+use super::hull::{CELLS_PER_BATCH, cell_ranges};
 
-/// Extremes over a range of spline cells.
+/// Range of a spline over a set of spline cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Range {
-    /// Bound of the values from below.
+    /// Lower bound of the values.
     pub least: f32,
-    /// Bound of the values from above.
+    /// Upper bound of the values.
     pub greatest: f32,
     /// Bound of the gradient's length, per unit of reference length.
-    pub steepest: f32,
+    pub max_slope: f32,
 }
 
 impl Range {
-    pub(super) const NOTHING: Self = Self {
+    pub(super) const JOIN_IDENTITY: Self = Self {
         least: f32::INFINITY,
         greatest: f32::NEG_INFINITY,
-        steepest: 0.0,
+        max_slope: 0.0,
     };
 
     fn join(&mut self, other: &Self) {
         self.least = self.least.min(other.least);
         self.greatest = self.greatest.max(other.greatest);
-        self.steepest = self.steepest.max(other.steepest);
+        self.max_slope = self.max_slope.max(other.max_slope);
     }
 }
 
-/// Steps from 0 to the greatest number that windows hold.
-const STEPS: f32 = 32_000.0;
+/// Quantization steps from 0 to the largest stored number.
+const QUANTIZATION_STEPS: f32 = 32_000.0;
 
-/// A range in steps, rounded outwards: - least, greatest, steepest.
+/// A range in quantization steps, rounded outwards: - least, greatest, `max_slope`.
 #[derive(Clone, Copy)]
 struct Window([i16; 4]);
 
 impl Window {
-    const NOTHING: Self = Self([i16::MIN, i16::MIN, 0, 0]);
+    const JOIN_IDENTITY: Self = Self([i16::MIN, i16::MIN, 0, 0]);
 
     #[inline]
     fn join(&mut self, other: Self) {
@@ -46,7 +46,7 @@ impl Window {
     }
 }
 
-/// What a step is worth: of coefficients, and of the gradient's length.
+/// The size of a quantization step, for values and for the gradient's length.
 #[derive(Clone, Copy)]
 struct Units {
     value: f32,
@@ -54,12 +54,18 @@ struct Units {
 }
 
 impl Units {
-    /// For numbers up to these.
-    fn new(largest: f32, steepest: f32) -> Self {
-        let unit = |most: f32| if most > 0.0 { most / STEPS } else { 1.0 };
+    /// Units for numbers up to these.
+    fn new(largest: f32, max_slope: f32) -> Self {
+        let unit = |most: f32| {
+            if most > 0.0 {
+                most / QUANTIZATION_STEPS
+            } else {
+                1.0
+            }
+        };
         Self {
             value: unit(largest),
-            slope: unit(steepest),
+            slope: unit(max_slope),
         }
     }
 
@@ -68,22 +74,22 @@ impl Units {
         Window([
             steps(-range.least, self.value),
             steps(range.greatest, self.value),
-            steps(range.steepest, self.slope),
+            steps(range.max_slope, self.slope),
             0,
         ])
     }
 
-    fn range(self, Window([least, greatest, steepest, _]): Window) -> Range {
+    fn range(self, Window([least, greatest, max_slope, _]): Window) -> Range {
         Range {
             least: -f32::from(least) * self.value,
             greatest: f32::from(greatest) * self.value,
-            steepest: f32::from(steepest) * self.slope,
+            max_slope: f32::from(max_slope) * self.slope,
         }
     }
 }
 
-/// Windows of `width` spline cells per axis, one at every multiple of the axis' stride, wrapping
-/// around.
+/// Windows of `width` spline cells per axis, one at every multiple of the stride of the axis, with periodic
+/// wrap-around.
 struct Level {
     width: usize,
     stride: [usize; 3],
@@ -97,20 +103,20 @@ impl Level {
     }
 }
 
-/// Windows that answer any box with a few look-ups, at most one stride too wide on each side.
+/// Windows of all sizes. A few of them cover any box, at most one stride too wide on each side.
 pub(super) struct Pyramid {
     samples: [usize; 3],
     largest: f32,
     units: Units,
-    /// In ascending order of width; the last one holds everything.
+    /// In ascending order of width; a window of the last level covers the whole period.
     levels: Vec<Level>,
 }
 
-/// Look-ups that a query may cost before it takes wider windows.
-const LOOK_UPS: usize = 64;
+/// Maximal number of window look-ups per query, beyond which wider windows are used.
+const MAX_LOOK_UPS: usize = 64;
 
 impl Pyramid {
-    /// From the padded coefficients of a grid.
+    /// The pyramid of the padded coefficients of a grid.
     pub fn new(coefficients: &[f32], grid: &Grid) -> Self {
         let largest = coefficients.iter().fold(0f32, |m, c| m.max(c.abs()));
         let (units, base) = base(coefficients, grid, largest);
@@ -129,7 +135,7 @@ impl Pyramid {
         }
     }
 
-    /// Greatest magnitude of a coefficient.
+    /// Largest magnitude of a coefficient.
     pub fn largest(&self) -> f32 {
         self.largest
     }
@@ -141,10 +147,10 @@ impl Pyramid {
             .sum()
     }
 
-    /// Extremes over `count` spline cells per axis from `from` on, wrapping around.
+    /// Range over `count` spline cells per axis from `from` on, with periodic wrap-around.
     pub fn query(&self, from: [usize; 3], count: [usize; 3]) -> Range {
-        // Widths and strides are powers of 2, whose shifts take less time than divisions.
-        // Per axis: windows from the last one that starts at or before the range.
+        // Widths and strides are powers of 2, so that shifts replace divisions. Per axis: the last window
+        // that starts at or before the range, and the number of windows from there.
         let cover = |l: &Level, a: usize| {
             let by = l.width.trailing_zeros();
             if count[a] >= self.samples[a] {
@@ -161,31 +167,31 @@ impl Pyramid {
         let first = self.levels.iter().rposition(fits).unwrap_or(0);
         let Some(level) = self.levels[first..]
             .iter()
-            .find(|l| cover(l, 0).1 * cover(l, 1).1 * cover(l, 2).1 <= LOOK_UPS)
+            .find(|l| cover(l, 0).1 * cover(l, 1).1 * cover(l, 2).1 <= MAX_LOOK_UPS)
             .or(self.levels.last())
         else {
-            return Range::NOTHING;
+            return Range::JOIN_IDENTITY;
         };
         let [(i0, ni), (j0, nj), (k0, nk)] = [cover(level, 0), cover(level, 1), cover(level, 2)];
-        // The last window of an axis may start earlier, so as to end with the range.
+        // The last window of an axis may start earlier, so that it ends with the range.
         let start = |a: usize, first: usize, n: usize, w: usize| {
             let stride = level.stride[a].trailing_zeros();
-            let plain = (first << stride) + w * level.width;
+            let unshifted = (first << stride) + w * level.width;
             let end = from[a] + count[a];
             let at = if w + 1 == n && w > 0 && count[a] < self.samples[a] {
                 let up = level.stride[a] - 1;
-                plain.min((end.saturating_sub(level.width) + up) & !up)
+                unshifted.min((end.saturating_sub(level.width) + up) & !up)
             } else {
-                plain
+                unshifted
             } >> stride;
-            // At most one period further.
+            // The start is at most one period beyond the first window.
             if at < level.count[a] {
                 at
             } else {
                 at - level.count[a]
             }
         };
-        let mut window = Window::NOTHING;
+        let mut window = Window::JOIN_IDENTITY;
         for i in 0..ni {
             let i = start(0, i0, ni, i);
             for j in 0..nj {
@@ -199,28 +205,30 @@ impl Pyramid {
     }
 }
 
-/// Windows of two spline cells, side by side, and what their steps are worth.
+/// The adjacent windows of two spline cells, and their units.
 fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     use rayon::prelude::*;
     let count = grid.samples.map(|n| n.div_ceil(2));
     let plane_size = count[1] * count[2];
-    let mut ranges = vec![Range::NOTHING; count[0] * plane_size];
+    let mut ranges = vec![Range::JOIN_IDENTITY; count[0] * plane_size];
     ranges
         .par_chunks_mut(plane_size)
         .enumerate()
         .for_each(|(i, plane)| {
             let [nx, ny, nz] = grid.samples;
             for x in (2 * i..2 * i + 2).filter(|&x| x < nx) {
-                for (y, z) in (0..ny).flat_map(|y| (0..nz).step_by(TOGETHER).map(move |z| (y, z))) {
-                    let all = hulls(coefficients, grid, [x, y, z]);
+                for (y, z) in
+                    (0..ny).flat_map(|y| (0..nz).step_by(CELLS_PER_BATCH).map(move |z| (y, z)))
+                {
+                    let all = cell_ranges(coefficients, grid, [x, y, z]);
                     for (z, own) in (z..nz).zip(&all) {
                         plane[y / 2 * count[2] + z / 2].join(own);
                     }
                 }
             }
         });
-    let steepest = ranges.iter().fold(0f32, |m, r| m.max(r.steepest));
-    let units = Units::new(largest, steepest);
+    let max_slope = ranges.iter().fold(0f32, |m, r| m.max(r.max_slope));
+    let units = Units::new(largest, max_slope);
     let level = Level {
         width: 2,
         stride: [2; 3],
@@ -230,7 +238,7 @@ fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     (units, level)
 }
 
-/// Windows twice as wide; an axis' stride doubles once they overlap by three quarters.
+/// Windows of twice the width. The stride of an axis doubles once windows overlap by three quarters.
 fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     let width = 2 * last.width;
     if samples.into_iter().all(|n| last.width >= n) {
@@ -246,7 +254,7 @@ fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     for i in 0..count[0] {
         for j in 0..count[1] {
             for k in 0..count[2] {
-                let mut window = Window::NOTHING;
+                let mut window = Window::JOIN_IDENTITY;
                 for d in 0..8 {
                     let at = |c: usize, a: usize| {
                         (c * step[a] + (d >> (2 - a) & 1) * half[a]) % last.count[a]

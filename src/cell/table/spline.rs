@@ -1,50 +1,49 @@
-//! The tricubic B-spline itself: where a point lies, the value and the gradient there.
+//! The tricubic B-spline: storage of its coefficients, and evaluation of value and gradient.
 //!
-//! **Folding.** Of a period only that part is kept from which the symmetries that keep the axes make
-//! the rest: see [`Fold`]. A point is moved there first, its gradient back. Where axes may be exchanged its
-//! coordinates are put in order, too: all is kept, but of a cube only a sixth is ever read, which stays in
-//! the cache.
+//! **Folding.** Only the part of a period is stored from which the symmetries that permute or reverse the
+//! axes generate the rest: see [`GridSymmetry`]. A point is mapped into that part, and its gradient is mapped
+//! back. If axes are exchangeable, the coordinates are also sorted. The whole cube is stored then, but only a
+//! sixth of it is read, which stays in the cache.
 //!
-//! **Layout.** Of the 4 x 4 coefficients (y, z) around a point in each of its four planes along x, those
-//! of two neighbours along y are eight that follow each other: entry (i, j, k) holds those of j and
-//! j + 1, entries follow along z. A coefficient is there twice: once would take twice the loads, four
-//! times twice the memory, which is what look-ups wait for.
+//! **Layout.** A point has 4 x 4 coefficients (y, z) in each of four planes along x. Entry (i, j, k) of the
+//! table holds the coefficients of the neighbours j and j + 1, and entries are contiguous along z, so that
+//! eight coefficients of two neighbours along y are contiguous. Each coefficient is stored twice: once would
+//! take twice the loads, four times would take twice the memory, on which look-ups wait.
 //!
-//! Points are placed eight at a time; the sums over rows of eight coefficients are in single precision.
-//! Written once and compiled for each kind of processor, see [`crate::simd`]. A point gives the same bits
-//! alone and among others.
+//! Eight points are located at a time; the sums are in single precision. The code is compiled for each
+//! instruction set ([`crate::simd`]). The value at a point is bit-identical alone and in a batch.
 
 mod place;
 mod sums;
 mod weights;
 
-use super::grid::{Fold, Grid};
+use super::grid::{Grid, GridSymmetry};
 use crate::frame::CellPoint;
-use crate::simd::{self, Plain, Work};
-pub(super) use place::{PLACING, group};
-use sums::{Samples, Values};
+use crate::simd::{self, PortableLanes, SimdKernel};
+pub(super) use place::{POSITION_ERROR, group};
+use sums::{SampleBatch, ValueBatch};
 
 /// Points that are evaluated together.
-pub(super) const GROUP: usize = 8;
-/// Coefficients around a point in half a plane.
-const HALF: usize = 8;
-/// Neighbours along y that an entry holds.
-const PAIR: usize = 2;
+pub(super) const GROUP_SIZE: usize = 8;
+/// Coefficients around a point in half a plane (two neighbours along y, four along z).
+const HALF_PLANE_LEN: usize = 8;
+/// Neighbours along y in an entry.
+const NEIGHBOURS_PER_ENTRY: usize = 2;
 
-/// How an axis is folded: turns of its fold's period, spline cells.
+/// The folding of an axis. Coordinates are in fold periods.
 #[derive(Clone, Copy, PartialEq)]
 struct Axis {
-    /// 1 / (period of the fold).
+    /// 1 / (length of the fold period).
     rate: f64,
-    /// Whether the fold's period is centred about 0 and reversed to its upper half.
+    /// Whether the fold period is centred about 0 and only its upper half is stored.
     is_halved: bool,
-    /// What is added before whole turns are counted.
-    ahead: f64,
+    /// Offset that is added before the integer part is taken.
+    offset: f64,
     /// Samples per period of the fold.
     samples: f32,
     /// The last spline cell.
     last: f32,
-    /// Spline cells that are kept.
+    /// Number of stored spline cells.
     cells: usize,
 }
 
@@ -53,36 +52,36 @@ pub(super) struct Spline {
     grid: Grid,
     table: Vec<f32>,
     axes: [Axis; 3],
-    /// Whether the reversal of x or of y reverses z.
+    /// Whether the reversal of x or of y also reverses z.
     is_twofold: bool,
-    /// Whether x and y are put in order, the greater first; whether y and z are.
-    is_ordered: [bool; 2],
-    /// Turns along z for a turn along x or y.
-    carry: f64,
+    /// Whether x and y are sorted in descending order, and whether y and z are.
+    is_sorted: [bool; 2],
+    /// Fold periods along z that one fold period along x or y adds (1/2 for a centred lattice).
+    centring_shift: f64,
     per_unit: [f32; 3],
-    /// Distance in the table of neighbours along y and along z.
+    /// Strides in the table of neighbours along y and along z.
     strides: [f32; 2],
-    /// From one plane of coefficients along x to the next.
-    plane: usize,
-    /// From one half of a point's coefficients in a plane to the other.
-    half: usize,
+    /// Stride of the planes of coefficients along x.
+    plane_stride: usize,
+    /// Stride of the two halves of a point's coefficients in a plane.
+    half_stride: usize,
     is_portable: bool,
 }
 
 impl Spline {
-    /// From the padded coefficients of one period, which have the symmetries of the fold.
-    pub fn new(padded: &[f32], grid: Grid, fold: Fold) -> Self {
-        let twofold = fold.twofold && fold.mirrored == [false; 3];
+    /// The spline with these padded coefficients of one period, which have the given symmetry.
+    pub fn new(padded: &[f32], grid: Grid, symmetry: GridSymmetry) -> Self {
+        let twofold = symmetry.twofold && symmetry.mirrored == [false; 3];
         let axes: [Axis; 3] = std::array::from_fn(|a| {
-            // Turns along x and y are carried to z.
-            let parts = if fold.centred && a < 2 { 2 } else { 1 };
+            // A centred lattice has half a period along x and y, with a shift along z.
+            let parts = if symmetry.centred && a < 2 { 2 } else { 1 };
             let samples = grid.samples[a] / parts;
-            let is_halved = fold.mirrored[a] || (twofold && a < 2);
+            let is_halved = symmetry.mirrored[a] || (twofold && a < 2);
             let cells = if is_halved { samples / 2 + 1 } else { samples };
             Axis {
                 rate: parts as f64 / grid.periods[a],
                 is_halved,
-                ahead: if is_halved { 0.5 } else { 0.0 },
+                offset: if is_halved { 0.5 } else { 0.0 },
                 samples: samples as f32,
                 last: (cells - 1) as f32,
                 cells,
@@ -90,27 +89,29 @@ impl Spline {
         });
         let [nx, ny, nz] = [axes[0].cells + 3, axes[1].cells + 2, axes[2].cells + 3];
         let [_, sy, sz] = grid.padded();
-        let mut table = Vec::with_capacity(nx * ny * nz * PAIR);
+        let mut table = Vec::with_capacity(nx * ny * nz * NEIGHBOURS_PER_ENTRY);
         for i in 0..nx {
             for j in 0..ny {
                 for k in 0..nz {
-                    table.extend((j..j + PAIR).map(|y| padded[(i * sy + y) * sz + k]));
+                    table.extend(
+                        (j..j + NEIGHBOURS_PER_ENTRY).map(|y| padded[(i * sy + y) * sz + k]),
+                    );
                 }
             }
         }
-        let row = nz * PAIR;
-        let plane = ny * row;
+        let row = nz * NEIGHBOURS_PER_ENTRY;
+        let plane_stride = ny * row;
         Self {
             grid,
             table,
             axes,
             is_twofold: twofold,
-            is_ordered: [0, 1].map(|a| fold.exchanged[a] && axes[a] == axes[a + 1]),
-            carry: if fold.centred { 0.5 } else { 0.0 },
+            is_sorted: [0, 1].map(|a| symmetry.exchanged[a] && axes[a] == axes[a + 1]),
+            centring_shift: if symmetry.centred { 0.5 } else { 0.0 },
             per_unit: grid.per_unit().map(|c| c as f32),
-            strides: [row, PAIR].map(|s| s as f32),
-            plane,
-            half: PAIR * row,
+            strides: [row, NEIGHBOURS_PER_ENTRY].map(|s| s as f32),
+            plane_stride,
+            half_stride: NEIGHBOURS_PER_ENTRY * row,
             is_portable: false,
         }
     }
@@ -119,7 +120,7 @@ impl Spline {
         &self.grid
     }
 
-    /// Does without the instructions that only some processors have.
+    /// Restricts evaluation to baseline instructions.
     pub fn be_portable(&mut self) {
         self.is_portable = true;
     }
@@ -128,10 +129,10 @@ impl Spline {
         size_of_val(self.table.as_slice())
     }
 
-    /// Does a work on the lanes that the spline is for.
-    pub fn run(&self, work: impl Work<Output = ()>) {
+    /// Runs a computation on the lanes that are selected for the spline.
+    pub fn run(&self, work: impl SimdKernel<Output = ()>) {
         if self.is_portable {
-            work.run(Plain);
+            work.run(PortableLanes);
         } else {
             simd::run(work);
         }
@@ -139,12 +140,12 @@ impl Spline {
 
     /// Values at points, into `out` of the same length.
     pub fn values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
-        self.run(Values(self, points, out));
+        self.run(ValueBatch(self, points, out));
     }
 
     /// Values and gradients (per unit of reference length) at points, into `out` of the same length.
     pub fn samples(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
-        self.run(Samples(self, points, out));
+        self.run(SampleBatch(self, points, out));
     }
 
     /// The value at a point.
@@ -167,11 +168,11 @@ impl Spline {
 mod tests {
     use super::*;
     use crate::frame::Vec3;
-    use crate::simd::Code;
+    use crate::simd::InstructionSet;
 
     type Wave<'a> = &'a dyn Fn([i64; 3]) -> f32;
 
-    /// Padded coefficients of a function of the indices.
+    /// Padded coefficients from a function of the indices.
     fn padded(grid: Grid, f: impl Fn([i64; 3]) -> f32) -> Vec<f32> {
         let n = grid.samples.map(|n| n as i64);
         let [sx, sy, sz] = grid.padded();
@@ -205,18 +206,21 @@ mod tests {
     };
 
     #[test]
-    fn both_ways_of_computing_agree_to_rounding_and_one_by_one() {
+    fn scalar_and_simd_values_agree_in_batches_and_one_by_one() {
         let noise = |[i, j, k]: [i64; 3]| ((i * 31 + j * 17 + k * k) as f32 * 0.618).sin();
-        let spline = Spline::new(&padded(GRID, noise), GRID, Fold::default());
+        let spline = Spline::new(&padded(GRID, noise), GRID, GridSymmetry::default());
         let all = points();
         let (mut plain, mut wide) = (vec![[0.0; 4]; all.len()], vec![[0.0; 4]; all.len()]);
-        spline.samples_by(Plain, &all, &mut plain);
+        spline.samples_on(PortableLanes, &all, &mut plain);
         spline.samples(&all, &mut wide);
         let mut narrow = vec![[0.0; 4]; all.len()];
-        simd::run_by(Code::Avx2, Samples(&spline, &all, &mut narrow));
+        simd::run_with(
+            InstructionSet::Avx2,
+            SampleBatch(&spline, &all, &mut narrow),
+        );
         assert_eq!(narrow, wide);
         let (mut low, mut values) = (vec![0.0; all.len()], vec![0.0; all.len()]);
-        spline.values_by(Plain, &all, &mut low);
+        spline.values_on(PortableLanes, &all, &mut low);
         spline.values(&all, &mut values);
         for (n, &p) in all.iter().enumerate() {
             assert!((low[n] - values[n]).abs() < 1e-5);
@@ -231,8 +235,8 @@ mod tests {
     }
 
     #[test]
-    fn a_folded_table_is_the_whole_one() {
-        // Waves with the symmetries of each fold; along x and y the periods of 12 and 8 samples.
+    fn folded_and_full_tables_agree() {
+        // Functions with the symmetries of each fold; the fold periods along x and y are 12 and 8 samples.
         let grid = Grid {
             samples: [12, 8, 20],
             periods: [2.0, 2.0, 2.0],
@@ -247,76 +251,76 @@ mod tests {
             x.sin() * y.sin() * z.sin() + 0.5 * x.cos() * y.cos() * z.cos() + 0.1 * (2.0 * z).cos()
         };
         let mixed = |v: [i64; 3]| even(v) + turn(v[1], 1).sin();
-        let folds: [(Fold, Wave); 4] = [
+        let symmetries: [(GridSymmetry, Wave); 4] = [
             (
-                Fold {
+                GridSymmetry {
                     mirrored: [true; 3],
-                    ..Fold::default()
+                    ..GridSymmetry::default()
                 },
                 &even,
             ),
             (
-                Fold {
+                GridSymmetry {
                     mirrored: [true, false, true],
-                    ..Fold::default()
+                    ..GridSymmetry::default()
                 },
                 &mixed,
             ),
             (
-                Fold {
+                GridSymmetry {
                     twofold: true,
-                    ..Fold::default()
+                    ..GridSymmetry::default()
                 },
                 &odd,
             ),
             (
-                Fold {
+                GridSymmetry {
                     twofold: true,
                     centred: true,
-                    ..Fold::default()
+                    ..GridSymmetry::default()
                 },
                 &odd,
             ),
         ];
         let all = points();
-        for (fold, f) in folds {
+        for (symmetry, f) in symmetries {
             let coefficients = padded(grid, f);
-            let whole = Spline::new(&coefficients, grid, Fold::default());
-            let folded = Spline::new(&coefficients, grid, fold);
+            let whole = Spline::new(&coefficients, grid, GridSymmetry::default());
+            let folded = Spline::new(&coefficients, grid, symmetry);
             assert!(folded.bytes() < whole.bytes());
             let (mut a, mut b) = (vec![[0.0; 4]; all.len()], vec![[0.0; 4]; all.len()]);
             whole.samples(&all, &mut a);
             folded.samples(&all, &mut b);
             for (n, (a, b)) in a.iter().zip(&b).enumerate() {
                 for l in 0..4 {
-                    assert!((a[l] - b[l]).abs() < 2e-5, "{fold:?} {n}: {a:?} {b:?}");
+                    assert!((a[l] - b[l]).abs() < 2e-5, "{symmetry:?} {n}: {a:?} {b:?}");
                 }
             }
         }
     }
 
     #[test]
-    fn values_are_the_same_bits_whichever_way_axes_that_may_be_exchanged_stand() {
-        let fold = |exchanged| Fold {
+    fn exchanged_axes_give_identical_values() {
+        let symmetry = |exchanged| GridSymmetry {
             mirrored: [true; 3],
             exchanged,
-            ..Fold::default()
+            ..GridSymmetry::default()
         };
-        let turned = Fold {
+        let turned = GridSymmetry {
             twofold: true,
             centred: true,
             exchanged: [true, false],
-            ..Fold::default()
+            ..GridSymmetry::default()
         };
-        // Samples, the fold, and a wave's height along each axis, the same along those that change places.
+        // Samples, symmetry, and an amplitude along each axis, equal along exchangeable axes.
         let cases = [
-            ([12, 12, 12], fold([true; 2]), [0.3, 0.3, 0.3]),
-            ([12, 12, 20], fold([true, false]), [0.3, 0.3, 0.7]),
-            ([8, 12, 12], fold([false, true]), [0.4, 0.3, 0.3]),
+            ([12, 12, 12], symmetry([true; 2]), [0.3, 0.3, 0.3]),
+            ([12, 12, 20], symmetry([true, false]), [0.3, 0.3, 0.7]),
+            ([8, 12, 12], symmetry([false, true]), [0.4, 0.3, 0.3]),
             ([12, 12, 20], turned, [0.3, 0.3, 0.7]),
-            ([8, 12, 20], fold([true, false]), [0.3, 0.4, 0.7]),
+            ([8, 12, 20], symmetry([true, false]), [0.3, 0.4, 0.7]),
         ];
-        for (samples, fold, heights) in cases {
+        for (samples, symmetry, heights) in cases {
             let exchanged = [0, 1].map(|a| heights[a] == heights[a + 1]);
             let grid = Grid {
                 samples,
@@ -329,26 +333,30 @@ mod tests {
                 let even: f32 = (0..3).map(|a| heights[a] * (2.0 * turns[a]).cos()).sum();
                 turns.iter().map(|t| t.cos()).product::<f32>()
                     + even
-                    + if fold.twofold { odd } else { 0.0 }
+                    + if symmetry.twofold { odd } else { 0.0 }
             };
             let coefficients = padded(grid, wave);
-            let whole = Spline::new(&coefficients, grid, Fold::default());
-            let folded = Spline::new(&coefficients, grid, fold);
+            let whole = Spline::new(&coefficients, grid, GridSymmetry::default());
+            let folded = Spline::new(&coefficients, grid, symmetry);
             let mut points = points();
             points.extend(
                 [[0.3, 0.3, 0.3], [0.3, 0.3, -0.1], [0.0, 1.7, 0.3]].map(|p| CellPoint(p.into())),
             );
-            for code in [Code::Portable, Code::Avx2, Code::Best] {
+            for code in [
+                InstructionSet::Portable,
+                InstructionSet::Avx2,
+                InstructionSet::Best,
+            ] {
                 let look_up = |spline: &Spline, points: &[CellPoint<3>]| {
                     let mut out = vec![[0.0; 4]; points.len()];
-                    simd::run_by(code, Samples(spline, points, &mut out));
+                    simd::run_with(code, SampleBatch(spline, points, &mut out));
                     out
                 };
                 let found = look_up(&folded, &points);
                 for (a, b) in found.iter().zip(look_up(&whole, &points)) {
                     assert!(
                         (0..4).all(|l| (a[l] - b[l]).abs() < 2e-5),
-                        "{fold:?}: {a:?} {b:?}"
+                        "{symmetry:?}: {a:?} {b:?}"
                     );
                 }
                 for axis in [0, 1].into_iter().filter(|&a| exchanged[a]) {
@@ -359,10 +367,10 @@ mod tests {
                     };
                     let others: Vec<_> = points.iter().map(swapped).collect();
                     for (mut a, b) in look_up(&folded, &others).into_iter().zip(&found) {
-                        // The two slopes across a mirror plane are alike on it, but for rounding.
+                        // On a mirror plane the two slopes across it are equal up to rounding.
                         a.swap(axis + 1, axis + 2);
                         let is_near = (1..4).all(|l| (a[l] - b[l]).abs() < 1e-5);
-                        assert!(a[0] == b[0] && is_near, "{fold:?}: {a:?} {b:?}");
+                        assert!(a[0] == b[0] && is_near, "{symmetry:?}: {a:?} {b:?}");
                     }
                 }
             }
@@ -370,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn points_anywhere_are_looked_up_in_the_table() {
+    fn extreme_points_stay_within_the_table() {
         let grid = Grid {
             samples: [12, 8, 20],
             periods: [2.0, 2.0, 2.0],
@@ -378,7 +386,7 @@ mod tests {
         let noise = |[i, j, k]: [i64; 3]| ((i * 31 + j * 17 + k * k) as f32 * 0.618).sin();
         let coefficients = padded(grid, noise);
         let bound = coefficients.iter().fold(0f32, |m, c| m.max(c.abs()));
-        // Ends of periods and what rounds to them, both zeros, and what no cell has.
+        // Ends of periods and values that round to them, both zeros, huge and non-finite coordinates.
         let below = |v: f64| f64::from_bits(v.to_bits() - 1);
         let finite = [0.0, 1.0, 2.0, below(1.0), below(2.0), 1e-300, 1e9, 1e300];
         let none = [f64::NAN, f64::INFINITY];
@@ -393,30 +401,40 @@ mod tests {
                 all.extend(along.iter().map(|&z| CellPoint(Vec3::new(x, y, z))));
             }
         }
-        let folds = [
-            Fold::default(),
-            Fold {
+        let symmetries = [
+            GridSymmetry::default(),
+            GridSymmetry {
                 mirrored: [true; 3],
-                ..Fold::default()
+                ..GridSymmetry::default()
             },
-            Fold {
+            GridSymmetry {
                 twofold: true,
                 centred: true,
-                ..Fold::default()
+                ..GridSymmetry::default()
             },
         ];
-        for fold in folds {
-            let spline = Spline::new(&coefficients, grid, fold);
-            for code in [Code::Portable, Code::Avx2, Code::Best] {
+        for symmetry in symmetries {
+            let spline = Spline::new(&coefficients, grid, symmetry);
+            for code in [
+                InstructionSet::Portable,
+                InstructionSet::Avx2,
+                InstructionSet::Best,
+            ] {
                 let mut values = vec![0.0; all.len()];
-                simd::run_by(code, Values(&spline, &all, &mut values));
+                simd::run_with(code, ValueBatch(&spline, &all, &mut values));
                 let mut samples = vec![[0.0; 4]; all.len()];
-                simd::run_by(code, Samples(&spline, &all, &mut samples));
+                simd::run_with(code, SampleBatch(&spline, &all, &mut samples));
                 for ((p, v), s) in all.iter().zip(values).zip(samples) {
-                    // A point that is none has no value, or one of the table's.
-                    assert!(v.is_nan() || v.abs() <= 1.001 * bound, "{fold:?} {p:?} {v}");
+                    // A point that is not finite has the value NaN or a value in the table's range.
+                    assert!(
+                        v.is_nan() || v.abs() <= 1.001 * bound,
+                        "{symmetry:?} {p:?} {v}"
+                    );
                     if p.0.iter().all(|x| x.is_finite()) {
-                        assert!((v - s[0]).abs() <= 1e-5 * bound, "{fold:?} {p:?} {v} {s:?}");
+                        assert!(
+                            (v - s[0]).abs() <= 1e-5 * bound,
+                            "{symmetry:?} {p:?} {v} {s:?}"
+                        );
                     }
                 }
             }

@@ -1,35 +1,37 @@
-//! Tables of functions without a period: sampled over a box about the ball.
+//! Tables of functions without a period, sampled over a box around the ball.
 //!
-//! A sum of products of cosines is even along every axis; so is its spline, whose period is a little
-//! longer than the ball. Where the box ends the function is continued by reflection: there it has a
-//! kink, which the interpolation carries inwards by the factor 0.268 (the root of z^2 + 4 z + 1) for
-//! each sample.
+//! A sum of products of cosines is even along every axis, and so is its spline, whose period is slightly
+//! longer than the ball's diameter. At the faces of the box the function is continued by reflection and has
+//! a kink. Interpolation propagates the kink inwards with the factor 0.268 per sample (the root of
+//! z^2 + 4 z + 1).
 
 use super::super::icosahedral::Products;
-use super::build::{aliases, attenuation, inverse_transform, kept};
+use super::build::{aliases, attenuation, interpolant_gain, inverse_transform};
 use super::grid::Grid;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 
-/// Edge of the box about the ball of diameter 1.
-pub(super) const EDGE: f64 = 1.25;
-/// How much of a disturbance is left one sample farther.
-const DECAY: f64 = 0.268;
+/// Edge of the box around the ball of diameter 1.
+pub(super) const WINDOW_EDGE: f64 = 1.25;
+/// Decay of a disturbance of the interpolant per sample.
+const KINK_DECAY: f64 = 0.268;
 
-/// Spectrum of the samples' spline: what the periodic case knows from its series.
+/// Coefficients of the spline that interpolates the samples.
 pub(super) fn coefficients(products: &Products, grid: &Grid) -> Vec<Complex64> {
     let n = grid.samples[0];
     let half = n / 2 + 1;
-    let places: Vec<f64> = (0..half).map(|i| i as f64 * EDGE / n as f64).collect();
-    let part = products.on_grid(&places);
-    let fold = |i: usize| i.min(n - i);
+    let coordinates: Vec<f64> = (0..half)
+        .map(|i| i as f64 * WINDOW_EDGE / n as f64)
+        .collect();
+    let part = products.on_grid(&coordinates);
+    let mirrored = |i: usize| i.min(n - i);
     let mut values: Vec<Complex64> = (0..n * n * n)
         .map(|at| {
-            let [i, j, k] = [at / (n * n), at / n % n, at % n].map(fold);
+            let [i, j, k] = [at / (n * n), at / n % n, at % n].map(mirrored);
             Complex64::new(part[(i * half + j) * half + k], 0.0)
         })
         .collect();
-    // Of even samples the inverse transform is the transform.
+    // For even samples, forward and inverse transforms are equal.
     inverse_transform(&mut values, grid.samples);
     let gains: Vec<f64> = (0..n)
         .map(|h| n as f64 * attenuation(h as f64, n as f64))
@@ -41,13 +43,18 @@ pub(super) fn coefficients(products: &Products, grid: &Grid) -> Vec<Complex64> {
     values
 }
 
-/// Bounds of the error of the value and of each component of the gradient inside the ball.
+/// Bounds of the error of the value and of each gradient component inside the ball.
 pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
     let n = grid.samples[0] as f64;
     let (mut value, mut slope) = (0.0, 0.0);
     let mut steepest = 0.0;
-    for (f, weight) in products.all() {
-        let of = f.map(|f| (kept(f * EDGE, n), aliases(f * EDGE, n)));
+    for (f, weight) in products.terms_with_frequencies() {
+        let of = f.map(|f| {
+            (
+                interpolant_gain(f * WINDOW_EDGE, n),
+                aliases(f * WINDOW_EDGE, n),
+            )
+        });
         let product: f64 = of.iter().map(|o| o.0).product();
         value += weight.abs() * 2.0 * (1.0 - product);
         for (axis, f) in f.into_iter().enumerate() {
@@ -57,8 +64,8 @@ pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
             steepest += weight.abs() * TAU * f;
         }
     }
-    // The kink is twice the slope; half a sample of it reaches the value.
-    let margin = (EDGE - 1.0) / 2.0 * n / EDGE;
-    let kink = 2.0 * steepest * libm::pow(DECAY, margin.floor());
-    (value + kink * EDGE / n, slope + kink)
+    // The kink is twice the slope. Over half a sample it changes the value.
+    let margin = (WINDOW_EDGE - 1.0) / 2.0 * n / WINDOW_EDGE;
+    let kink = 2.0 * steepest * libm::pow(KINK_DECAY, margin.floor());
+    (value + kink * WINDOW_EDGE / n, slope + kink)
 }

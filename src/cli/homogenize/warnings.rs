@@ -28,7 +28,7 @@ pub(super) fn warn_of(
                 source.name,
                 (THIN_BEAM / diameter.max(1e-9)).ceil().min(1e6) as usize / 2 * 2 + 2
             );
-            session.warn_of(Warning::THIN, message)?;
+            session.warn_of(Warning::THIN_WALLS, message)?;
         }
     }
     Ok(())

@@ -1,11 +1,11 @@
-//! Gradient noise: a smooth function of space without pattern, the same in every run.
+//! Gradient noise: a smooth, deterministic pseudo-random function of space.
 //!
-//! Every point of the integer lattice has a slope, drawn from a hash of its coordinates; between the
-//! eight points around, the planes with these slopes are mixed by t^3 (6 t^2 - 15 t + 10), which makes
-//! the noise twice differentiable (Perlin, *Improving Noise*, 2002). It vanishes at the lattice's
+//! Every point of the integer lattice has a gradient from a hash of its coordinates. Between the eight
+//! surrounding points, the linear functions with these gradients are blended with t^3 (6 t^2 - 15 t + 10),
+//! which makes the noise twice differentiable (Perlin, *Improving Noise*, 2002). It vanishes at the lattice
 //! points and lies between -1 and 1.
 
-/// Mixes the bits of a number so that near ones have nothing in common.
+/// A hash of a number; close numbers have unrelated hashes.
 fn hash(mut v: u64) -> u64 {
     v ^= v >> 30;
     v = v.wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -14,7 +14,8 @@ fn hash(mut v: u64) -> u64 {
     v ^ v >> 31
 }
 
-/// The product of a lattice point's slope, one of the 12 to the middles of a cube's edges, and a step.
+/// The product of a lattice point's gradient, one of the 12 directions to a cube's edge midpoints, and
+/// `step`.
 fn plane(point: [i64; 3], step: [f64; 3]) -> f64 {
     let own = point
         .into_iter()
@@ -24,7 +25,7 @@ fn plane(point: [i64; 3], step: [f64; 3]) -> f64 {
     sign(40) * step[(along + 1) % 3] + sign(41) * step[(along + 2) % 3]
 }
 
-/// Noise at a point, features one unit apart; NaN where a coordinate is not finite.
+/// Noise at a point, with features of size one; NaN if a coordinate is not finite.
 pub(super) fn noise(x: f64, y: f64, z: f64) -> f64 {
     let at = [x, y, z];
     let low = at.map(f64::floor);

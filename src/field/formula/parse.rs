@@ -1,58 +1,58 @@
-//! From the text of a formula to its program: precedence climbing over one character at a time.
+//! Parser of formulas: precedence climbing over single characters.
 
 use super::noise::noise;
-use super::{DEEPEST, FormulaError, LONGEST, STACK, Step};
+use super::{FormulaError, MAX_DEPTH, MAX_LENGTH, STACK_SIZE, Step};
 
-/// Functions by name.
+/// A function by number of arguments.
 #[derive(Clone, Copy)]
 enum Function {
-    One(fn(f64) -> f64),
-    Two(fn(f64, f64) -> f64),
-    Three(fn(f64, f64, f64) -> f64),
-    /// Two or more arguments, from the left.
-    Many(fn(f64, f64) -> f64),
+    Unary(fn(f64) -> f64),
+    Binary(fn(f64, f64) -> f64),
+    Ternary(fn(f64, f64, f64) -> f64),
+    /// Two or more arguments, folded from the left.
+    Fold(fn(f64, f64) -> f64),
 }
 
 const FUNCTIONS: [(&str, Function); 30] = [
-    ("sin", Function::One(libm::sin)),
-    ("cos", Function::One(libm::cos)),
-    ("tan", Function::One(libm::tan)),
-    ("asin", Function::One(libm::asin)),
-    ("acos", Function::One(libm::acos)),
-    ("atan", Function::One(libm::atan)),
-    ("sinh", Function::One(libm::sinh)),
-    ("cosh", Function::One(libm::cosh)),
-    ("tanh", Function::One(libm::tanh)),
-    ("exp", Function::One(libm::exp)),
-    ("ln", Function::One(libm::log)),
-    ("sqrt", Function::One(f64::sqrt)),
-    ("cbrt", Function::One(libm::cbrt)),
-    ("abs", Function::One(f64::abs)),
+    ("sin", Function::Unary(libm::sin)),
+    ("cos", Function::Unary(libm::cos)),
+    ("tan", Function::Unary(libm::tan)),
+    ("asin", Function::Unary(libm::asin)),
+    ("acos", Function::Unary(libm::acos)),
+    ("atan", Function::Unary(libm::atan)),
+    ("sinh", Function::Unary(libm::sinh)),
+    ("cosh", Function::Unary(libm::cosh)),
+    ("tanh", Function::Unary(libm::tanh)),
+    ("exp", Function::Unary(libm::exp)),
+    ("ln", Function::Unary(libm::log)),
+    ("sqrt", Function::Unary(f64::sqrt)),
+    ("cbrt", Function::Unary(libm::cbrt)),
+    ("abs", Function::Unary(f64::abs)),
     (
         "sign",
-        Function::One(|x| if x == 0.0 { 0.0 } else { x.signum() }),
+        Function::Unary(|x| if x == 0.0 { 0.0 } else { x.signum() }),
     ),
-    ("floor", Function::One(f64::floor)),
-    ("ceil", Function::One(f64::ceil)),
-    ("round", Function::One(f64::round)),
-    ("pow", Function::Two(libm::pow)),
-    ("atan2", Function::Two(libm::atan2)),
-    ("mod", Function::Two(|x, m| x - m * (x / m).floor())),
+    ("floor", Function::Unary(f64::floor)),
+    ("ceil", Function::Unary(f64::ceil)),
+    ("round", Function::Unary(f64::round)),
+    ("pow", Function::Binary(libm::pow)),
+    ("atan2", Function::Binary(libm::atan2)),
+    ("mod", Function::Binary(|x, m| x - m * (x / m).floor())),
     (
         "step",
-        Function::Two(|edge, x| f64::from(u8::from(x >= edge))),
+        Function::Binary(|edge, x| f64::from(u8::from(x >= edge))),
     ),
-    ("smoothstep", Function::Three(smoothstep)),
+    ("smoothstep", Function::Ternary(smoothstep)),
     (
         "ramp",
-        Function::Three(|from, to, x| ((x - from) / (to - from)).clamp(0.0, 1.0)),
+        Function::Ternary(|from, to, x| ((x - from) / (to - from)).clamp(0.0, 1.0)),
     ),
-    ("noise", Function::Three(noise)),
-    ("mix", Function::Three(|a, b, t| a + (b - a) * t)),
-    ("clamp", Function::Three(|x, lo, hi| x.max(lo).min(hi))),
-    ("min", Function::Many(f64::min)),
-    ("max", Function::Many(f64::max)),
-    ("hypot", Function::Many(f64::hypot)),
+    ("noise", Function::Ternary(noise)),
+    ("mix", Function::Ternary(|a, b, t| a + (b - a) * t)),
+    ("clamp", Function::Ternary(|x, lo, hi| x.max(lo).min(hi))),
+    ("min", Function::Fold(f64::min)),
+    ("max", Function::Fold(f64::max)),
+    ("hypot", Function::Fold(f64::hypot)),
 ];
 
 const CONSTANTS: [(&str, f64); 3] = [
@@ -71,17 +71,17 @@ struct Parser<'a> {
     at: usize,
     variables: &'a [&'a str],
     steps: Vec<Step>,
-    /// Values on the stack after the steps so far.
+    /// Height of the stack after the steps so far.
     height: usize,
     depth: usize,
 }
 
 pub(super) fn steps(text: &str, variables: &[&str]) -> Result<Vec<Step>, FormulaError> {
-    if text.len() > LONGEST {
+    if text.len() > MAX_LENGTH {
         return Err(FormulaError {
             column: 1,
             found: format!("{} bytes", text.len()),
-            expected: format!("at most {LONGEST}"),
+            expected: format!("at most {MAX_LENGTH}"),
         });
     }
     let characters: Vec<char> = text.chars().collect();
@@ -94,33 +94,33 @@ pub(super) fn steps(text: &str, variables: &[&str]) -> Result<Vec<Step>, Formula
         depth: 0,
     };
     parser.sum()?;
-    parser.blank();
+    parser.skip_white_space();
     if parser.at < parser.text.len() {
-        return Err(parser.bad("an operator (+ - * / ^) or the end"));
+        return Err(parser.error("an operator (+ - * / ^) or the end"));
     }
     Ok(parser.steps)
 }
 
 impl Parser<'_> {
-    fn blank(&mut self) {
+    fn skip_white_space(&mut self) {
         while self.text.get(self.at).is_some_and(|c| c.is_whitespace()) {
             self.at += 1;
         }
     }
 
-    /// The next character that is not blank.
+    /// The next character that is not white space.
     fn peek(&mut self) -> Option<char> {
-        self.blank();
+        self.skip_white_space();
         self.text.get(self.at).copied()
     }
 
-    fn take(&mut self, c: char) -> bool {
+    fn accept(&mut self, c: char) -> bool {
         let found = self.peek() == Some(c);
         self.at += usize::from(found);
         found
     }
 
-    fn bad(&self, expected: impl Into<String>) -> FormulaError {
+    fn error(&self, expected: impl Into<String>) -> FormulaError {
         let rest = &self.text[self.at.min(self.text.len())..];
         let found = match rest.first() {
             None => "the end".to_owned(),
@@ -140,23 +140,23 @@ impl Parser<'_> {
             Step::Binary(_) => self.height - 1,
             Step::Ternary(_) => self.height - 2,
         };
-        if self.height > STACK {
-            return Err(self.bad(format!("at most {STACK} values at once")));
+        if self.height > STACK_SIZE {
+            return Err(self.error(format!("at most {STACK_SIZE} values at once")));
         }
         self.steps.push(step);
         Ok(())
     }
 
-    fn deeper(&mut self) -> Result<(), FormulaError> {
+    fn enter(&mut self) -> Result<(), FormulaError> {
         self.depth += 1;
-        if self.depth > DEEPEST {
-            return Err(self.bad(format!("nesting of at most {DEEPEST} levels")));
+        if self.depth > MAX_DEPTH {
+            return Err(self.error(format!("nesting of at most {MAX_DEPTH} levels")));
         }
         Ok(())
     }
 
     fn sum(&mut self) -> Result<(), FormulaError> {
-        self.deeper()?;
+        self.enter()?;
         self.product()?;
         loop {
             let step: fn(f64, f64) -> f64 = match self.peek() {
@@ -187,11 +187,11 @@ impl Parser<'_> {
     }
 
     fn signed(&mut self) -> Result<(), FormulaError> {
-        self.deeper()?;
-        if self.take('-') || self.take('\u{2212}') {
+        self.enter()?;
+        if self.accept('-') || self.accept('\u{2212}') {
             self.signed()?;
             self.push(Step::Negate)?;
-        } else if self.take('+') {
+        } else if self.accept('+') {
             self.signed()?;
         } else {
             self.power()?;
@@ -202,11 +202,11 @@ impl Parser<'_> {
 
     fn power(&mut self) -> Result<(), FormulaError> {
         self.atom()?;
-        self.blank();
+        self.skip_white_space();
         let double = self.text[self.at..].starts_with(&['*', '*']);
         if double || self.peek() == Some('^') {
             self.at += 1 + usize::from(double);
-            // x^2 is by far the most frequent.
+            // The square is by far the most frequent power.
             self.signed()?;
             self.push(Step::Binary(
                 |a, b| if b == 2.0 { a * a } else { libm::pow(a, b) },
@@ -224,15 +224,15 @@ impl Parser<'_> {
             }
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_alphabetic() || c == '_' => self.name(),
-            _ => Err(self.bad("a number, a name or \"(\"")),
+            _ => Err(self.error("a number, a name or \"(\"")),
         }
     }
 
     fn close(&mut self) -> Result<(), FormulaError> {
-        if self.take(')') {
+        if self.accept(')') {
             return Ok(());
         }
-        Err(self.bad("an operator, \",\" or \")\""))
+        Err(self.error("an operator, \",\" or \")\""))
     }
 
     fn number(&mut self) -> Result<(), FormulaError> {
@@ -258,7 +258,7 @@ impl Parser<'_> {
         let word: String = self.text[start..self.at].iter().collect();
         let Ok(value) = word.parse() else {
             self.at = start;
-            return Err(self.bad("a number such as 0.25 or 1e-3"));
+            return Err(self.error("a number such as 0.25 or 1e-3"));
         };
         self.push(Step::Number(value))
     }
@@ -277,7 +277,7 @@ impl Parser<'_> {
             let Some((_, function)) = FUNCTIONS.iter().find(|f| f.0 == word) else {
                 self.at = start;
                 let known: Vec<&str> = FUNCTIONS.iter().map(|f| f.0).collect();
-                return Err(self.bad(format!("a function: {}", known.join(", "))));
+                return Err(self.error(format!("a function: {}", known.join(", "))));
             };
             return self.call(&word, *function, start);
         }
@@ -289,7 +289,7 @@ impl Parser<'_> {
         }
         self.at = start;
         let constants = CONSTANTS.map(|c| c.0).join(", ");
-        Err(self.bad(format!(
+        Err(self.error(format!(
             "one of the variables {}, or the constants {constants}",
             self.variables.join(", ")
         )))
@@ -301,28 +301,28 @@ impl Parser<'_> {
         loop {
             self.sum()?;
             count += 1;
-            if let (Function::Many(f), 2..) = (function, count) {
+            if let (Function::Fold(f), 2..) = (function, count) {
                 self.push(Step::Binary(f))?;
             }
-            if !self.take(',') {
+            if !self.accept(',') {
                 break;
             }
         }
         self.close()?;
-        let wanted = match function {
-            Function::One(_) => "1 argument",
-            Function::Two(_) => "2 arguments",
-            Function::Three(_) => "3 arguments",
-            Function::Many(_) => "2 or more arguments",
+        let expected = match function {
+            Function::Unary(_) => "1 argument",
+            Function::Binary(_) => "2 arguments",
+            Function::Ternary(_) => "3 arguments",
+            Function::Fold(_) => "2 or more arguments",
         };
         match (function, count) {
-            (Function::One(f), 1) => self.push(Step::Unary(f)),
-            (Function::Two(f), 2) => self.push(Step::Binary(f)),
-            (Function::Three(f), 3) => self.push(Step::Ternary(f)),
-            (Function::Many(_), 2..) => Ok(()),
+            (Function::Unary(f), 1) => self.push(Step::Unary(f)),
+            (Function::Binary(f), 2) => self.push(Step::Binary(f)),
+            (Function::Ternary(f), 3) => self.push(Step::Ternary(f)),
+            (Function::Fold(_), 2..) => Ok(()),
             _ => {
                 self.at = start;
-                Err(self.bad(format!("{name} with {wanted}, not {count}")))
+                Err(self.error(format!("{name} with {expected}, not {count}")))
             }
         }
     }

@@ -1,9 +1,9 @@
-//! Elements that a file gives more than once.
+//! Duplicate elements of a file.
 //!
-//! Two elements are twins if their corners are at the same places, whatever the order and whether by
-//! the same nodes or by others with exactly the same coordinates. Twins whose other nodes agree too are one
-//! element. Twins of different kinds, or with other nodes elsewhere, fill the same space in two ways and are
-//! refused. Cost: a hash for each node and each element, then a sort of numbers.
+//! Two elements are duplicates if their corners coincide in any order, by the same nodes or by nodes with exactly
+//! equal coordinates, and if their other nodes coincide up to rounding. Elements of different kinds, or with
+//! different other nodes, over the same corners fill the same space in two ways and are refused. Cost: a hash
+//! for each node and each element, then a sort of numbers.
 
 use super::Collector;
 use crate::frame::Vec3;
@@ -12,10 +12,10 @@ use crate::scaffold::Connectivity;
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Relative distance of mid nodes that is taken for rounding.
-const ROUNDING: f64 = 1e-9;
-/// Elements that a note names.
-const NAMED: usize = 5;
+/// Greatest relative distance of coinciding mid nodes.
+const ROUNDING_TOLERANCE: f64 = 1e-9;
+/// Greatest number of elements that a note names.
+const MAX_NAMED_ELEMENTS: usize = 5;
 
 fn hash(key: impl Hash) -> u64 {
     let mut hasher = DefaultHasher::new();
@@ -23,18 +23,18 @@ fn hash(key: impl Hash) -> u64 {
     hasher.finish()
 }
 
-/// Places in the order of their keys' hashes; those of one hash stand together, ascending.
-fn by_hash(hashes: impl Iterator<Item = u64>) -> Vec<(u64, u32)> {
+/// Indices sorted by hash, then ascending.
+fn sorted_by_hash(hashes: impl Iterator<Item = u64>) -> Vec<(u64, u32)> {
     let mut all: Vec<(u64, u32)> = hashes.zip(0..).collect();
     all.sort_unstable();
     all
 }
 
-/// The same number for all nodes at one place: the first of them.
-fn by_place(nodes: &[Vec3]) -> Vec<u32> {
+/// For each node, the first node with the same coordinates.
+fn merged_node_indices(nodes: &[Vec3]) -> Vec<u32> {
     // Minus zero is zero.
     let key = |v: &Vec3| [v.x, v.y, v.z].map(|c| (c + 0.0).to_bits());
-    let hashes = by_hash(nodes.iter().map(|v| hash(key(v))));
+    let hashes = sorted_by_hash(nodes.iter().map(|v| hash(key(v))));
     let mut first: Vec<u32> = (0..nodes.len() as u32).collect();
     for group in hashes.chunk_by(|a, b| a.0 == b.0) {
         for &(_, n) in &group[1..] {
@@ -47,14 +47,14 @@ fn by_place(nodes: &[Vec3]) -> Vec<u32> {
 }
 
 impl Collector<'_> {
-    /// Elements that are given again, by their place, with the place of the first; adds the note.
-    pub(super) fn twins(
+    /// The duplicate elements by index, each with the index of the first one; adds a note.
+    pub(super) fn duplicates(
         &mut self,
         nodes: &[Vec3],
         elements: &Connectivity,
         kept: &[usize],
     ) -> Result<BTreeMap<u32, u32>, ReadError> {
-        let places = by_place(nodes);
+        let places = merged_node_indices(nodes);
         let corners = |e: usize| {
             let mut own = [u32::MAX; 8];
             let count = elements.kind(e).corner_count();
@@ -64,10 +64,10 @@ impl Collector<'_> {
             own.sort_unstable();
             own
         };
-        let hashes = by_hash((0..elements.len()).map(|e| hash(corners(e))));
-        let mut twins = BTreeMap::new();
+        let hashes = sorted_by_hash((0..elements.len()).map(|e| hash(corners(e))));
+        let mut duplicates = BTreeMap::new();
         for group in hashes.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() > 1) {
-            // Nearly always all of them are the same.
+            // Almost always all elements of one hash are equal.
             let mut firsts: Vec<u32> = Vec::new();
             for &(_, e) in group {
                 let own = corners(e as usize);
@@ -75,42 +75,54 @@ impl Collector<'_> {
                     None => firsts.push(e),
                     Some(&first) => {
                         let pair = [first, e];
-                        if !is_same(pair, nodes, elements) {
-                            return Err(self.two_ways(pair, elements, kept));
+                        if !has_same_nodes(pair, nodes, elements) {
+                            return Err(self.conflicting_elements(pair, elements, kept));
                         }
-                        twins.insert(e, first);
+                        duplicates.insert(e, first);
                     }
                 }
             }
         }
-        if !twins.is_empty() {
+        if !duplicates.is_empty() {
             let number = |e: u32| self.element_numbers[kept[e as usize]];
-            let named = twins.iter().take(NAMED).map(|(&e, &first)| {
-                let (own, of) = (number(e), number(first));
-                if own == of {
-                    own.to_string()
-                } else {
-                    format!("{own} (into {of})")
-                }
-            });
+            let named = duplicates
+                .iter()
+                .take(MAX_NAMED_ELEMENTS)
+                .map(|(&e, &first)| {
+                    let (own, of) = (number(e), number(first));
+                    if own == of {
+                        own.to_string()
+                    } else {
+                        format!("{own} (into {of})")
+                    }
+                });
             let named: Vec<String> = named.collect();
             self.notes.push(format!(
-                "{} elements are given again and were merged: elements {}{}",
-                twins.len(),
+                "{} duplicate elements were merged: elements {}{}",
+                duplicates.len(),
                 named.join(", "),
-                if twins.len() > NAMED { ", ..." } else { "" }
+                if duplicates.len() > MAX_NAMED_ELEMENTS {
+                    ", ..."
+                } else {
+                    ""
+                }
             ));
         }
-        Ok(twins)
+        Ok(duplicates)
     }
 
-    fn two_ways(&self, pair: [u32; 2], elements: &Connectivity, kept: &[usize]) -> ReadError {
+    fn conflicting_elements(
+        &self,
+        pair: [u32; 2],
+        elements: &Connectivity,
+        kept: &[usize],
+    ) -> ReadError {
         let [a, b] = pair.map(|e| self.element_numbers[kept[e as usize]]);
         let [k, l] = pair.map(|e| elements.kind(e as usize).name());
         ReadError::data(
             self.path,
             Place::Item("element", b),
-            format!("a {l} with the corners of element {a}, a {k}, but of another shape"),
+            format!("a {l} with the corners of element {a}, a {k}, but a different shape"),
             "every space filled once",
         )
         .with_hint("keep one of the two")
@@ -118,7 +130,7 @@ impl Collector<'_> {
 }
 
 /// Whether two elements with the same corners also have the same other nodes.
-fn is_same(pair: [u32; 2], nodes: &[Vec3], elements: &Connectivity) -> bool {
+fn has_same_nodes(pair: [u32; 2], nodes: &[Vec3], elements: &Connectivity) -> bool {
     let [a, b] = pair.map(|e| elements.nodes(e as usize));
     let [k, l] = pair.map(|e| elements.kind(e as usize));
     if k != l {
@@ -128,7 +140,7 @@ fn is_same(pair: [u32; 2], nodes: &[Vec3], elements: &Connectivity) -> bool {
     let size = (at(&a[0]) - at(&a[1])).norm() + (at(&a[1]) - at(&a[2])).norm();
     let rest = k.corner_count();
     a[rest..].iter().all(|n| {
-        let near = |m: &u32| m == n || (at(m) - at(n)).norm() <= ROUNDING * size;
+        let near = |m: &u32| m == n || (at(m) - at(n)).norm() <= ROUNDING_TOLERANCE * size;
         b[rest..].iter().any(near)
     })
 }

@@ -1,12 +1,12 @@
-//! Parts, their instances, and what becomes of all in one list of nodes and elements.
+//! Parts and instances, merged into one list of nodes and elements.
 //!
-//! **Names of groups.** A set's name stays as it is, and sets of one name in several instances of a
-//! part are one group. Where parts of different kinds have sets of one name, or the assembly has a
-//! set of that name too, each instance's set is also a group of its own, `INSTANCE.SET`. Where there are several
-//! instances, each is a group of its name.
+//! **Names of groups.** A set becomes a group of its name; sets of one name in several instances of a
+//! part form one group. Where different parts, or the assembly, have sets of one name, each instance's
+//! set also becomes the group `INSTANCE.SET`. If there are several instances, each becomes a group of its
+//! name.
 //!
-//! **Numbers of elements** are those of the deck. Where instances have the same numbers, those of the
-//! second and later ones are raised by multiples of a power of ten, and a note says so.
+//! **Numbers of elements** are those of the deck. Where numbers of instances overlap, those of the
+//! second and later instances are shifted by multiples of a power of ten, with a note.
 
 use super::model::{Model, Set, Sets};
 use super::system::Motion;
@@ -16,10 +16,10 @@ use crate::io::{Place, ReadError, quote};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Most nodes and elements of second and later instances of a part.
-const COPIES_LIMIT: usize = 1 << 24;
-/// Things that a message names one by one.
-const NAMED: usize = 5;
+/// Greatest number of nodes and elements in second and later instances of parts.
+const MAX_COPIED_ITEMS: usize = 1 << 24;
+/// Greatest number of names listed in a message.
+const MAX_LISTED: usize = 5;
 
 pub(super) struct Part {
     pub name: String,
@@ -30,67 +30,67 @@ pub(super) struct Instance {
     pub name: String,
     /// The part's name in capitals; empty without a part.
     pub part: String,
-    /// What the instance holds beside or instead of its part.
-    pub own: Option<Model>,
+    /// A modified copy of the part's model, or the model of an instance without part.
+    pub own_model: Option<Model>,
     pub motion: Motion,
 }
 
-/// A set of the assembly: members by the instance that they are in.
+/// A set of the assembly: its members by instance.
 #[derive(Default)]
-struct Scoped {
+struct AssemblySet {
     name: String,
     sets: Vec<(Option<usize>, Set)>,
 }
 
-/// Everything of a deck.
+/// The content of a deck.
 #[derive(Default)]
 pub(super) struct Assembly {
-    /// What stands outside parts and assembly.
+    /// Nodes and elements outside parts and assembly.
     pub root: Model,
     pub parts: BTreeMap<String, Part>,
     pub instances: Vec<Instance>,
     /// Nodes and elements of the assembly itself.
-    pub own: Model,
-    sets: BTreeMap<String, Scoped>,
+    pub model: Model,
+    sets: BTreeMap<String, AssemblySet>,
 }
 
-/// A model where it is used.
-struct Piece<'a> {
+/// A model at the place of its use.
+struct PlacedModel<'a> {
     model: &'a Model,
     motion: Motion,
     /// The instance's name, if it is one.
     name: Option<&'a str>,
     part: &'a str,
-    /// Place of its first element among all.
+    /// The index of its first element among all elements.
     first: u32,
 }
 
 impl Assembly {
-    /// The place of an instance.
+    /// The index of an instance.
     pub fn instance(&self, name: &str) -> Option<usize> {
-        let is = |i: &Instance| i.name.to_uppercase() == name.to_uppercase();
-        self.instances.iter().position(is)
+        let has_name = |i: &Instance| i.name.to_uppercase() == name.to_uppercase();
+        self.instances.iter().position(has_name)
     }
 
-    /// The nodes and elements that an instance has.
+    /// The nodes and elements of an instance.
     fn model_of<'a>(&'a self, instance: &'a Instance) -> Option<&'a Model> {
         let part = self.parts.get(&instance.part).map(|p| &p.model);
-        instance.own.as_ref().or(part)
+        instance.own_model.as_ref().or(part)
     }
 
-    /// The model of an instance, to be changed.
-    pub fn own_model(&mut self, instance: usize) -> &mut Model {
+    /// The model of an instance for modification; copies that of the part on first use.
+    pub fn model_mut(&mut self, instance: usize) -> &mut Model {
         let Self {
             instances, parts, ..
         } = self;
         let instance = &mut instances[instance];
         let part = parts.get(&instance.part);
         instance
-            .own
+            .own_model
             .get_or_insert_with(|| part.map(|p| p.model.clone()).unwrap_or_default())
     }
 
-    /// The assembly's set of this name, as far as it lies in an instance.
+    /// The part of an assembly's set that lies in one instance.
     pub fn set(&mut self, name: &str, instance: Option<usize>) -> &mut Set {
         let scoped = self.sets.entry(name.to_uppercase()).or_default();
         if scoped.name.is_empty() {
@@ -103,40 +103,44 @@ impl Assembly {
         &mut scoped.sets[last].1
     }
 
-    /// Hands everything over.
+    /// Passes all nodes, elements and groups to the collector.
     pub fn collect(mut self, path: &Path, collector: &mut Collector) -> Result<(), ReadError> {
         if self.instances.is_empty() {
             self.place_parts(collector);
         }
-        let pieces = self.pieces(path, collector)?;
-        let shifts = number_shifts(&pieces, collector);
-        let single = pieces.len() == 1;
+        let models = self.models(path, collector)?;
+        let shifts = number_shifts(&models, collector);
+        let is_single = models.len() == 1;
         let mut points = 0;
-        for (piece, shift) in pieces.iter().zip(&shifts) {
-            emit(piece, path, *shift, single, &mut points, collector)?;
+        for (placed, shift) in models.iter().zip(&shifts) {
+            add_to_collector(placed, path, *shift, is_single, &mut points, collector)?;
         }
-        left_out(&pieces, collector);
-        self.groups(path, &pieces, collector)
+        note_skipped(&models, collector);
+        self.groups(path, &models, collector)
     }
 
-    /// A deck of parts alone: each stands where it was made.
+    /// Creates an instance without motion for each part of a deck without instances.
     fn place_parts(&mut self, collector: &mut Collector) {
         for (key, part) in &self.parts {
             self.instances.push(Instance {
                 name: part.name.clone(),
                 part: key.clone(),
-                own: None,
+                own_model: None,
                 motion: Motion::default(),
             });
         }
         if self.parts.len() > 1 {
-            let found = "the deck has parts but no instances: each part stands where it was made";
+            let found = "the deck has parts but no instances: each part keeps its own coordinates";
             collector.warnings.push(found.into());
         }
     }
 
-    fn pieces(&self, path: &Path, collector: &mut Collector) -> Result<Vec<Piece<'_>>, ReadError> {
-        let mut pieces = Vec::new();
+    fn models(
+        &self,
+        path: &Path,
+        collector: &mut Collector,
+    ) -> Result<Vec<PlacedModel<'_>>, ReadError> {
+        let mut models = Vec::new();
         let mut used = BTreeSet::new();
         let mut copies = 0usize;
         for instance in &self.instances {
@@ -156,7 +160,7 @@ impl Assembly {
             if !used.insert(instance.part.as_str()) {
                 copies += model.nodes.len() + model.kinds.len();
             }
-            pieces.push(Piece {
+            models.push(PlacedModel {
                 model,
                 motion: instance.motion,
                 name: Some(&instance.name),
@@ -164,23 +168,23 @@ impl Assembly {
                 first: 0,
             });
         }
-        if copies > COPIES_LIMIT {
+        if copies > MAX_COPIED_ITEMS {
             let found = format!("{copies} nodes and elements in repeated instances");
-            let expected = format!("at most {COPIES_LIMIT}");
+            let expected = format!("at most {MAX_COPIED_ITEMS}");
             return Err(ReadError::data(path, Place::File, found, expected));
         }
         for (key, part) in &self.parts {
             if !used.contains(key.as_str()) && !part.model.is_empty() {
                 collector.warnings.push(format!(
-                    "part {} has no instance: its {} elements are left out",
+                    "part {} has no instance: its {} elements are skipped",
                     quote(&part.name),
                     part.model.kinds.len()
                 ));
             }
         }
-        for model in [&self.root, &self.own] {
+        for model in [&self.root, &self.model] {
             if !model.is_empty() || model.element_sets.iter().next().is_some() {
-                pieces.push(Piece {
+                models.push(PlacedModel {
                     model,
                     motion: Motion::default(),
                     name: None,
@@ -190,33 +194,33 @@ impl Assembly {
             }
         }
         let mut first = 0;
-        for piece in &mut pieces {
-            piece.first = first;
-            first += piece.model.kinds.len() as u32;
+        for placed in &mut models {
+            placed.first = first;
+            first += placed.model.kinds.len() as u32;
         }
-        Ok(pieces)
+        Ok(models)
     }
 
     fn groups(
         &self,
         path: &Path,
-        pieces: &[Piece],
+        models: &[PlacedModel],
         collector: &mut Collector,
     ) -> Result<(), ReadError> {
-        type Parts<'p> = Vec<(&'p Piece<'p>, Vec<u32>)>;
+        type Members<'p> = Vec<(&'p PlacedModel<'p>, Vec<u32>)>;
         let mut missing = Missing::default();
-        // By name in capitals: the name, and each piece's members.
-        let mut own: BTreeMap<String, (&str, Parts)> = BTreeMap::new();
-        for piece in pieces {
-            for set in piece.model.element_sets.iter() {
-                let numbers = members(piece, &set.name, path)?;
-                let places = missing.places(piece, &numbers, &set.name);
-                let entry = own.entry(set.name.to_uppercase());
+        // By name in capitals: the name, and the members in each model.
+        let mut groups: BTreeMap<String, (&str, Members)> = BTreeMap::new();
+        for placed in models {
+            for set in placed.model.element_sets.iter() {
+                let numbers = members(placed, &set.name, path)?;
+                let places = missing.places(placed, &numbers, &set.name);
+                let entry = groups.entry(set.name.to_uppercase());
                 let entry = entry.or_insert_with(|| (&set.name, Vec::new()));
-                entry.1.push((piece, places));
+                entry.1.push((placed, places));
             }
         }
-        for (key, (name, parts)) in &own {
+        for (key, (name, parts)) in &groups {
             let is_assembly = self.sets.contains_key(key);
             let kinds: BTreeSet<&str> = parts.iter().map(|p| p.0.part).collect();
             if !is_assembly {
@@ -224,26 +228,26 @@ impl Assembly {
                 collector.named_group(name, &all);
             }
             if is_assembly || kinds.len() > 1 {
-                for (piece, places) in parts {
-                    if let Some(instance) = piece.name {
+                for (placed, places) in parts {
+                    if let Some(instance) = placed.name {
                         collector.named_group(&format!("{instance}.{name}"), places);
                     }
                 }
             }
         }
         for scoped in self.sets.values() {
-            let places = self.scoped(scoped, path, pieces, &mut missing)?;
+            let places = self.scoped(scoped, path, models, &mut missing)?;
             collector.named_group(&scoped.name, &places);
         }
         if self.instances.len() > 1 {
-            for piece in pieces {
-                let Some(name) = piece.name else {
+            for placed in models {
+                let Some(name) = placed.name else {
                     continue;
                 };
                 let key = name.to_uppercase();
-                if !own.contains_key(&key) && !self.sets.contains_key(&key) {
-                    let count = piece.model.kinds.len() as u32;
-                    let all: Vec<u32> = (piece.first..piece.first + count).collect();
+                if !groups.contains_key(&key) && !self.sets.contains_key(&key) {
+                    let count = placed.model.kinds.len() as u32;
+                    let all: Vec<u32> = (placed.first..placed.first + count).collect();
                     collector.named_group(name, &all);
                 }
             }
@@ -255,50 +259,50 @@ impl Assembly {
     /// The elements of a set of the assembly.
     fn scoped(
         &self,
-        set: &Scoped,
+        set: &AssemblySet,
         path: &Path,
-        pieces: &[Piece],
+        models: &[PlacedModel],
         missing: &mut Missing,
     ) -> Result<Vec<u32>, ReadError> {
         let mut places = Vec::new();
-        let mut seen = BTreeSet::from([set.name.to_uppercase()]);
-        let mut open = vec![set];
-        while let Some(scoped) = open.pop() {
+        let mut visited = BTreeSet::from([set.name.to_uppercase()]);
+        let mut pending = vec![set];
+        while let Some(scoped) = pending.pop() {
             for (instance, set) in &scoped.sets {
-                // Without an instance numbers are of elements of the assembly, the last piece.
-                let piece = instance.map_or_else(
-                    || pieces.iter().rev().find(|p| p.name.is_none()),
-                    |i| pieces.get(i),
+                // Without an instance, numbers refer to elements of the assembly, the last model.
+                let placed = instance.map_or_else(
+                    || models.iter().rev().find(|p| p.name.is_none()),
+                    |i| models.get(i),
                 );
-                let mut own = Sets::default();
-                let plain = own.entry(&scoped.name);
-                *plain = set.clone();
-                plain.names.clear();
-                if let Some(piece) = piece {
-                    let known = &piece.model.element_places;
-                    let found = own.members(&scoped.name, known).unwrap_or_default();
-                    places.extend(missing.places(piece, &found, &scoped.name));
+                let mut sets = Sets::default();
+                let direct = sets.entry(&scoped.name);
+                *direct = set.clone();
+                direct.names.clear();
+                if let Some(placed) = placed {
+                    let known = &placed.model.element_places;
+                    let found = sets.members(&scoped.name, known).unwrap_or_default();
+                    places.extend(missing.places(placed, &found, &scoped.name));
                 } else {
                     missing.count(set.numbers.len(), &scoped.name);
                 }
                 for name in &set.names {
                     let qualified = name.split_once('.').and_then(|(i, rest)| {
-                        let piece = &pieces[self.instance(i)?];
-                        Some((piece, rest))
+                        let placed = &models[self.instance(i)?];
+                        Some((placed, rest))
                     });
                     let other = self.sets.get(&name.to_uppercase());
-                    if let Some((piece, rest)) = qualified {
+                    if let Some((placed, rest)) = qualified {
                         let found = match rest.parse() {
                             Ok(number) => vec![number],
-                            Err(_) => members(piece, rest, path)?,
+                            Err(_) => members(placed, rest, path)?,
                         };
-                        places.extend(missing.places(piece, &found, &scoped.name));
-                    } else if let (Some(piece), true) = (piece, instance.is_some()) {
-                        let found = members(piece, name, path)?;
-                        places.extend(missing.places(piece, &found, &scoped.name));
+                        places.extend(missing.places(placed, &found, &scoped.name));
+                    } else if let (Some(placed), true) = (placed, instance.is_some()) {
+                        let found = members(placed, name, path)?;
+                        places.extend(missing.places(placed, &found, &scoped.name));
                     } else if let Some(other) = other {
-                        if seen.insert(name.to_uppercase()) {
-                            open.push(other);
+                        if visited.insert(name.to_uppercase()) {
+                            pending.push(other);
                         }
                     } else {
                         return Err(no_set(name, &scoped.name, path));
@@ -310,9 +314,9 @@ impl Assembly {
     }
 }
 
-/// The numbers of the elements of a set of a piece.
-fn members(piece: &Piece, name: &str, path: &Path) -> Result<Vec<u64>, ReadError> {
-    let model = piece.model;
+/// The numbers of the elements of a set of a model.
+fn members(placed: &PlacedModel, name: &str, path: &Path) -> Result<Vec<u64>, ReadError> {
+    let model = placed.model;
     let known = &model.element_places;
     let found = model.element_sets.members(name, known);
     found.map_err(|inner| no_set(&inner, name, path))
@@ -323,7 +327,7 @@ fn no_set(inner: &str, name: &str, path: &Path) -> ReadError {
     ReadError::data(path, Place::File, found, "a set of the deck")
 }
 
-/// Members of sets that are no elements.
+/// Counts members of sets that do not exist as elements.
 #[derive(Default)]
 struct Missing {
     count: usize,
@@ -338,24 +342,29 @@ impl Missing {
         }
     }
 
-    /// Places of elements among all.
-    fn places(&mut self, piece: &Piece, numbers: &[u64], set: &str) -> Vec<u32> {
-        let known = &piece.model.element_places;
+    /// The indices of elements among all elements.
+    fn places(&mut self, placed: &PlacedModel, numbers: &[u64], set: &str) -> Vec<u32> {
+        let known = &placed.model.element_places;
         let places: Vec<u32> = numbers
             .iter()
             .filter_map(|n| known.get(n).copied())
             .collect();
         if places.len() < numbers.len() {
             let is_missing =
-                |n: &&u64| !known.contains_key(n) && !piece.model.left_out.contains_key(n);
+                |n: &&u64| !known.contains_key(n) && !placed.model.skipped.contains_key(n);
             self.count(numbers.iter().filter(is_missing).count(), set);
         }
-        places.into_iter().map(|p| p + piece.first).collect()
+        places.into_iter().map(|p| p + placed.first).collect()
     }
 
     fn warn(&self, collector: &mut Collector) {
         if self.count > 0 {
-            let names: Vec<String> = self.sets.iter().take(NAMED).map(|s| quote(s)).collect();
+            let names: Vec<String> = self
+                .sets
+                .iter()
+                .take(MAX_LISTED)
+                .map(|s| quote(s))
+                .collect();
             collector.warnings.push(format!(
                 "{} members of element sets are no elements of the deck: sets {}",
                 self.count,
@@ -365,92 +374,92 @@ impl Missing {
     }
 }
 
-/// What is added to the elements' numbers of each piece.
-fn number_shifts(pieces: &[Piece], collector: &mut Collector) -> Vec<u64> {
-    let range = |p: &Piece| {
+/// The shift of the element numbers of each model.
+fn number_shifts(models: &[PlacedModel], collector: &mut Collector) -> Vec<u64> {
+    let range = |p: &PlacedModel| {
         let numbers = &p.model.element_places;
         Some((*numbers.first_key_value()?.0, *numbers.last_key_value()?.0))
     };
-    let mut ranges: Vec<(u64, u64)> = pieces.iter().filter_map(range).collect();
+    let mut ranges: Vec<(u64, u64)> = models.iter().filter_map(range).collect();
     ranges.sort_unstable();
-    let mut shifts = vec![0; pieces.len()];
+    let mut shifts = vec![0; models.len()];
     if ranges.windows(2).all(|w| w[0].1 < w[1].0) {
         return shifts;
     }
     let largest = ranges.iter().map(|r| r.1).max().unwrap_or(0);
     let step = 10u64.pow(largest.checked_ilog10().unwrap_or(0) + 1);
     let mut names = Vec::new();
-    for (i, (piece, shift)) in pieces.iter().zip(&mut shifts).enumerate().skip(1) {
+    for (i, (placed, shift)) in models.iter().zip(&mut shifts).enumerate().skip(1) {
         *shift = i as u64 * step;
-        if names.len() < NAMED
-            && let Some(name) = piece.name
+        if names.len() < MAX_LISTED
+            && let Some(name) = placed.name
         {
             names.push(format!("{} by {}", quote(name), *shift));
         }
     }
     collector.notes.push(format!(
-        "elements of several instances have the same numbers; later ones are raised: {}",
+        "elements of several instances have the same numbers; later ones are shifted: {}",
         names.join(", ")
     ));
     shifts
 }
 
-/// Hands over nodes and elements. Those of a single piece keep their numbers.
-fn emit(
-    piece: &Piece,
+/// Passes nodes and elements to the collector. Those of a single model keep their numbers.
+fn add_to_collector(
+    placed: &PlacedModel,
     path: &Path,
     shift: u64,
-    single: bool,
+    is_single: bool,
     points: &mut u64,
     collector: &mut Collector,
 ) -> Result<(), ReadError> {
-    let model = piece.model;
-    let moves = piece.motion != Motion::default();
+    let model = placed.model;
+    let moves = placed.motion != Motion::default();
     for (at, &number) in model.nodes.iter().zip(&model.node_numbers) {
-        let at = if moves { piece.motion.apply(*at) } else { *at };
-        collector.point(if single { number } else { *points }, at.into());
+        let at = if moves { placed.motion.apply(*at) } else { *at };
+        collector.point(if is_single { number } else { *points }, at.into());
         *points += 1;
     }
     let first = *points - model.nodes.len() as u64;
     for (place, &kind) in model.kinds.iter().enumerate() {
-        let own = model.nodes_of(place as u32);
+        let element_nodes = model.nodes_of(place as u32);
         let number = model.element_numbers[place];
         let order = node_order(kind);
         let mut nodes = [0; 27];
-        for (to, i) in nodes.iter_mut().zip(0..own.len()) {
-            let node = own[order.map_or(i, |o| o[i] as usize)];
-            *to = if single {
+        for (to, i) in nodes.iter_mut().zip(0..element_nodes.len()) {
+            let node = element_nodes[order.map_or(i, |o| o[i] as usize)];
+            *to = if is_single {
                 node
             } else if let Some(place) = model.node_places.get(&node) {
                 first + u64::from(*place)
             } else {
                 let found = format!(
                     "node {node}, which is not in {}",
-                    piece.name.unwrap_or("the deck")
+                    placed.name.unwrap_or("the deck")
                 );
                 let expected = format!("one of its {} nodes", model.nodes.len());
                 let place = Place::Item("element", number);
                 return Err(ReadError::data(path, place, found, expected));
             };
         }
-        collector.element(number + shift, kind, &nodes[..own.len()], &[]);
+        collector.element(number + shift, kind, &nodes[..element_nodes.len()], &[]);
     }
     Ok(())
 }
 
 /// Notes the number of elements without volume or surface, by type.
-fn left_out(pieces: &[Piece], collector: &mut Collector) {
+fn note_skipped(models: &[PlacedModel], collector: &mut Collector) {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    for kind in pieces.iter().flat_map(|p| p.model.left_out.values()) {
+    for kind in models.iter().flat_map(|p| p.model.skipped.values()) {
         *counts.entry(kind).or_default() += 1;
     }
     let total: usize = counts.values().sum();
     if total > 0 {
-        let each: Vec<String> = counts.iter().map(|(k, n)| format!("{n} {k}")).collect();
+        let by_type: Vec<String> = counts.iter().map(|(k, n)| format!("{n} {k}")).collect();
         collector.skipped += total;
         collector.notes.push(format!(
-            "{total} elements without volume or surface are left out: {}",
-            each.join(", ")
+            "{total} elements without volume or surface are skipped: {}",
+            by_type.join(", ")
         ));
     }
 }

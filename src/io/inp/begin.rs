@@ -1,11 +1,11 @@
-//! What each keyword begins.
+//! The start of a section: what each keyword does.
 
 use super::assembly::{Instance, Part};
 use super::copy::{Ncopy, elcopy};
 use super::generate::Rule;
 use super::keyword::Keyword;
 use super::model::Model;
-use super::names::{self, Other};
+use super::names::{self, UnreadKeyword};
 use super::system::{Coordinates, Motion};
 use super::types::{self, Meaning};
 use super::{Deck, Scope, Section};
@@ -13,7 +13,7 @@ use crate::io::scaffold::KINDS_READ;
 use crate::io::{ReadError, Source, quote};
 
 impl Deck<'_> {
-    /// The section that a keyword begins; some keywords act at once.
+    /// The section that a keyword begins; some keywords take effect at once.
     pub(super) fn begin(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         let owned = |key: &str| k.get(key).map(str::to_owned);
         let has_system = self.system.is_some();
@@ -32,7 +32,7 @@ impl Deck<'_> {
                 let upper = kind.to_ascii_uppercase();
                 match types::meaning(&upper) {
                     Some(Meaning::Shape(kinds)) => Ok(Section::Elements(kinds, owned("ELSET"))),
-                    Some(Meaning::LeftOut) => Ok(Section::LeftOut(upper, owned("ELSET"))),
+                    Some(Meaning::NonVolume) => Ok(Section::NonVolume(upper, owned("ELSET"))),
                     None => {
                         let found = format!("elements of type {}", quote(kind));
                         let hint = match upper.as_str() {
@@ -59,7 +59,7 @@ impl Deck<'_> {
                 let generate = k.has("GENERATE");
                 let name = name.to_owned();
                 match assembly {
-                    Some(instance) => self.all.set(&name, instance),
+                    Some(instance) => self.assembly.set(&name, instance),
                     None => self.model().element_sets.entry(&name),
                 };
                 Ok(Section::Elset {
@@ -74,21 +74,21 @@ impl Deck<'_> {
             }
             "NCOPY" => Ok(Section::Copy(Ncopy::of(k, has_system, source)?)),
             "ELCOPY" => {
-                let mut made = std::mem::take(&mut self.made);
-                elcopy(k, self.model(), &mut made, source)?;
-                self.made = made;
-                Ok(Section::Passed)
+                let mut generated = std::mem::take(&mut self.generated);
+                elcopy(k, self.model(), &mut generated, source)?;
+                self.generated = generated;
+                Ok(Section::Ignored)
             }
             "PART" | "ENDPART" | "ASSEMBLY" | "ENDASSEMBLY" | "INSTANCE" | "ENDINSTANCE" => {
                 self.begin_scope(k, source)
             }
-            "INCLUDE" => Ok(Section::Passed),
+            "INCLUDE" => Ok(Section::Ignored),
             name => self.begin_other(name, source),
         }
     }
 
     fn instance(&self, name: &str, source: &Source) -> Result<usize, ReadError> {
-        let place = self.all.instance(name);
+        let place = self.assembly.instance(name);
         place.ok_or_else(|| {
             let found = format!("the instance {}", quote(name));
             source.bad(found, "an instance that was given before")
@@ -96,9 +96,9 @@ impl Deck<'_> {
     }
 
     fn begin_nset(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
-        // Sets of nodes serve the generating keywords alone, which stand in parts.
+        // Only generating keywords use node sets, and they occur in parts.
         if k.has("INSTANCE") {
-            return Ok(Section::Passed);
+            return Ok(Section::Ignored);
         }
         let name = match k.get("NAME") {
             Some(name) => name,
@@ -117,12 +117,12 @@ impl Deck<'_> {
 
     fn begin_scope(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         self.system = None;
-        let mut section = Section::Passed;
+        let mut section = Section::Ignored;
         self.scope = match k.name.as_str() {
             "PART" => {
                 let name = k.needed("NAME", "the name of the part", source)?;
                 let key = name.to_uppercase();
-                if self.all.parts.contains_key(&key) {
+                if self.assembly.parts.contains_key(&key) {
                     let found = format!("a second part {}", quote(name));
                     return Err(source.bad(found, "every name once"));
                 }
@@ -130,25 +130,25 @@ impl Deck<'_> {
                     name: name.to_owned(),
                     model: Model::default(),
                 };
-                self.all.parts.insert(key.clone(), part);
+                self.assembly.parts.insert(key.clone(), part);
                 Scope::Part(key)
             }
             "INSTANCE" => {
                 k.only(&["NAME", "PART"], source)?;
                 let name = k.needed("NAME", "the name of the instance", source)?;
                 let part = k.get("PART").unwrap_or("").to_uppercase();
-                if self.all.instance(name).is_some() {
+                if self.assembly.instance(name).is_some() {
                     let found = format!("a second instance {}", quote(name));
                     return Err(source.bad(found, "every name once"));
                 }
-                if !part.is_empty() && !self.all.parts.contains_key(&part) {
+                if !part.is_empty() && !self.assembly.parts.contains_key(&part) {
                     let found = format!("the part {}", quote(&part));
                     return Err(source.bad(found, "a part that was given before"));
                 }
-                self.all.instances.push(Instance {
+                self.assembly.instances.push(Instance {
                     name: name.to_owned(),
-                    // Parts of no name are of different kinds.
-                    own: part.is_empty().then(Model::default),
+                    // Every instance without part counts as a part of its own.
+                    own_model: part.is_empty().then(Model::default),
                     part: if part.is_empty() {
                         format!(" {name}")
                     } else {
@@ -156,7 +156,7 @@ impl Deck<'_> {
                     },
                     motion: Motion::default(),
                 });
-                let place = self.all.instances.len() - 1;
+                let place = self.assembly.instances.len() - 1;
                 section = Section::Instance(place);
                 Scope::Instance(place)
             }
@@ -166,27 +166,27 @@ impl Deck<'_> {
         Ok(section)
     }
 
-    /// A keyword that is not read.
+    /// Handles a keyword that is not read.
     fn begin_other(&mut self, name: &str, source: &Source) -> Result<Section, ReadError> {
         let written = format!("the keyword {}", quote(&format!("*{name}")));
-        match names::other(name) {
-            Other::Harmless => {}
-            Other::Refused => {
+        match names::classify(name) {
+            UnreadKeyword::NoGeometry => {}
+            UnreadKeyword::Refused => {
                 let expected = "keywords whose nodes and elements are known here";
                 return Err(source.bad(written, expected).with_hint(
                     "write the deck with all nodes and elements given by their numbers",
                 ));
             }
-            Other::LooksLike(known) => {
+            UnreadKeyword::Misspelled(known) => {
                 return Err(source
                     .bad(written, "a keyword of Abaqus or CalculiX")
                     .with_hint(format!("did you mean *{known}?")));
             }
-            Other::Unknown => {
+            UnreadKeyword::Unknown => {
                 let name: String = name.escape_debug().take(40).collect();
-                *self.unknown.entry(name).or_default() += 1;
+                *self.unknown_keywords.entry(name).or_default() += 1;
             }
         }
-        Ok(Section::Passed)
+        Ok(Section::Ignored)
     }
 }

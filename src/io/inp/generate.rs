@@ -1,53 +1,53 @@
-//! Keywords that make nodes and elements between or beside others: *NGEN, *NFILL, *ELGEN.
+//! Keywords that generate nodes and elements from others: *NGEN, *NFILL, *ELGEN.
 
 use super::copy::copy_element;
-use super::keyword::{Keyword, LARGEST_NUMBER, real, signed, whole};
+use super::keyword::{Keyword, MAX_NUMBER, real, signed, whole};
 use super::model::Model;
 use super::system::{Coordinates, sin_cos_degrees};
 use crate::frame::Vec3;
 use crate::io::{ReadError, Source, quote};
 
-/// Most nodes and elements that these keywords may make of one deck: a few bytes can claim any number.
-const MADE_LIMIT: u64 = 1 << 21;
-/// Radii of an arc's ends may differ by this share.
+/// Greatest number of generated nodes and elements of a deck: a few bytes can claim any number.
+const MAX_GENERATED: u64 = 1 << 21;
+/// Greatest relative difference of the radii at an arc's ends.
 const RADIUS_TOLERANCE: f64 = 1e-3;
 
-/// How many nodes and elements have been made.
+/// The number of generated nodes and elements.
 #[derive(Default)]
-pub(super) struct Made(u64);
+pub(super) struct Generated(u64);
 
-impl Made {
-    pub fn take(&mut self, count: u64, source: &Source) -> Result<(), ReadError> {
+impl Generated {
+    pub fn add(&mut self, count: u64, source: &Source) -> Result<(), ReadError> {
         self.0 = self.0.saturating_add(count);
-        if self.0 <= MADE_LIMIT {
+        if self.0 <= MAX_GENERATED {
             return Ok(());
         }
         let found = format!("{} generated nodes and elements", self.0);
-        let expected = format!("at most {MADE_LIMIT}");
+        let expected = format!("at most {MAX_GENERATED}");
         Err(source
             .bad(found, expected)
             .with_hint("write larger meshes out, node by node"))
     }
 }
 
-/// A keyword that makes something of each data line.
+/// A keyword that generates something from each data line.
 pub(super) enum Rule {
     Ngen(Ngen),
     Nfill { set: Option<String>, bias: f64 },
     Elgen { set: Option<String> },
 }
 
-/// How nodes lie between two.
+/// *NGEN: nodes on a curve between two nodes.
 pub(super) struct Ngen {
     set: Option<String>,
-    line: Line,
+    line: CurveKind,
     coordinates: Coordinates,
-    /// Whether a *SYSTEM is in force, in which points of the data lines would be given.
+    /// Whether a *SYSTEM is active, which would apply to points in the data lines.
     has_system: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Line {
+enum CurveKind {
     Straight,
     Parabola,
     Circle,
@@ -58,15 +58,15 @@ pub(super) fn owned(keyword: &Keyword, key: &str) -> Option<String> {
 }
 
 impl Rule {
-    /// The rule of a keyword, if it is one.
+    /// The rule of a keyword; `None` for keywords that generate nothing.
     pub fn of(k: &Keyword, has_system: bool, source: &Source) -> Result<Option<Self>, ReadError> {
         Ok(Some(match k.name.as_str() {
             "NGEN" => {
                 k.only(&["NSET", "LINE", "SYSTEM"], source)?;
                 let line = match k.get("LINE").map(str::to_ascii_uppercase).as_deref() {
-                    None => Line::Straight,
-                    Some("P") => Line::Parabola,
-                    Some("C") => Line::Circle,
+                    None => CurveKind::Straight,
+                    Some("P") => CurveKind::Parabola,
+                    Some("C") => CurveKind::Circle,
                     Some(other) => {
                         return Err(source.bad(format!("LINE={}", quote(other)), "P or C"));
                     }
@@ -98,18 +98,20 @@ impl Rule {
         }))
     }
 
-    /// Makes what a data line says.
+    /// Processes a data line.
     pub fn line(
         &self,
         words: &[&str],
         model: &mut Model,
-        made: &mut Made,
+        generated: &mut Generated,
         source: &Source,
     ) -> Result<(), ReadError> {
         match self {
-            Self::Ngen(rule) => rule.line(words, model, made, source),
-            Self::Nfill { set, bias } => fill(set.as_deref(), *bias, words, model, made, source),
-            Self::Elgen { set } => elgen(set.as_deref(), words, model, made, source),
+            Self::Ngen(rule) => rule.line(words, model, generated, source),
+            Self::Nfill { set, bias } => {
+                fill(set.as_deref(), *bias, words, model, generated, source)
+            }
+            Self::Elgen { set } => elgen(set.as_deref(), words, model, generated, source),
         }
     }
 }
@@ -122,7 +124,7 @@ fn field(words: &[&str], place: usize, default: i64, source: &Source) -> Result<
     }
 }
 
-/// Three numbers from a place on, if the first of them is there.
+/// Three numbers from a field on, unless all are empty.
 fn point(words: &[&str], place: usize, source: &Source) -> Result<Option<[f64; 3]>, ReadError> {
     let own = words.get(place..).unwrap_or(&[]);
     if own.iter().take(3).all(|w| w.is_empty()) {
@@ -135,13 +137,17 @@ fn point(words: &[&str], place: usize, source: &Source) -> Result<Option<[f64; 3
     Ok(Some(at))
 }
 
-/// A number moved by an increment.
-pub(super) fn plus(number: u64, increment: i64, source: &Source) -> Result<u64, ReadError> {
+/// A number shifted_number an increment.
+pub(super) fn shifted_number(
+    number: u64,
+    increment: i64,
+    source: &Source,
+) -> Result<u64, ReadError> {
     let sum = (number as i64).saturating_add(increment);
     let moved = u64::try_from(sum).ok();
-    let moved = moved.filter(|n| (1..=LARGEST_NUMBER).contains(n));
+    let moved = moved.filter(|n| (1..=MAX_NUMBER).contains(n));
     moved.ok_or_else(|| {
-        let expected = format!("a number from 1 to {LARGEST_NUMBER}");
+        let expected = format!("a number from 1 to {MAX_NUMBER}");
         source.bad(format!("the number {sum}"), expected)
     })
 }
@@ -159,7 +165,7 @@ impl Ngen {
         &self,
         words: &[&str],
         model: &mut Model,
-        made: &mut Made,
+        generated: &mut Generated,
         source: &Source,
     ) -> Result<(), ReadError> {
         let expected = "first and last node, increment";
@@ -172,9 +178,9 @@ impl Ngen {
             return Err(source.bad(found, "a step that divides the difference"));
         }
         let count = span / step;
-        made.take(count, source)?;
+        generated.add(count, source)?;
         let (a, b) = (node(model, first, source)?, node(model, last, source)?);
-        let extra = if self.line == Line::Straight {
+        let extra = if self.line == CurveKind::Straight {
             None
         } else {
             self.extra(words, model, source)?
@@ -197,7 +203,7 @@ impl Ngen {
         Ok(())
     }
 
-    /// The middle of a parabola or the centre of an arc: a node, or a point.
+    /// The middle of a parabola or the centre of an arc, given as a node or a point.
     fn extra(
         &self,
         words: &[&str],
@@ -221,7 +227,7 @@ impl Ngen {
         Ok(Some(self.coordinates.point(at)))
     }
 
-    /// The curve from 0 at the first node to 1 at the last.
+    /// The curve, parametrised from 0 at the first node to 1 at the last.
     fn curve(
         &self,
         [a, b]: [Vec3; 2],
@@ -229,7 +235,7 @@ impl Ngen {
         normal: Option<Vec3>,
         source: &Source,
     ) -> Result<Box<dyn Fn(f64) -> Vec3>, ReadError> {
-        if self.line == Line::Straight {
+        if self.line == CurveKind::Straight {
             return Ok(Box::new(move |t| a + (b - a) * t));
         }
         let Some(c) = extra else {
@@ -237,14 +243,14 @@ impl Ngen {
             let expected = "the middle of the parabola or the centre of the arc";
             return Err(source.bad(found, expected));
         };
-        if self.line == Line::Parabola {
+        if self.line == CurveKind::Parabola {
             return Ok(Box::new(move |t| {
-                let shares = [
+                let weights = [
                     (1.0 - t) * (1.0 - 2.0 * t),
                     t * (2.0 * t - 1.0),
                     4.0 * t * (1.0 - t),
                 ];
-                a * shares[0] + b * shares[1] + c * shares[2]
+                a * weights[0] + b * weights[1] + c * weights[2]
             }));
         }
         let (from, to) = (a - c, b - c);
@@ -253,7 +259,7 @@ impl Ngen {
             let found = format!("ends at {r} and {s} from the centre");
             return Err(source.bad(found, "two nodes on a circle"));
         }
-        // Right-handed about the normal; without one the shorter way.
+        // Right-handed about the normal; without a normal the shorter arc.
         let axis = normal.unwrap_or_else(|| from.cross(&to));
         let axis = axis.try_normalize(1e-12 * if normal.is_some() { 1.0 } else { r * s });
         let Some(axis) = axis else {
@@ -275,20 +281,20 @@ impl Ngen {
     }
 }
 
-/// Nodes between two sets: first set, second set, number of intervals, increment.
+/// *NFILL: nodes between two sets. Fields: first set, second set, number of intervals, increment.
 fn fill(
     set: Option<&str>,
     bias: f64,
     words: &[&str],
     model: &mut Model,
-    made: &mut Made,
+    generated: &mut Generated,
     source: &Source,
 ) -> Result<(), ReadError> {
     let [first, second, ..] = words else {
         let found = quote(&words.join(", "));
         return Err(source.bad(found, "two node sets, intervals, increment"));
     };
-    // A number alone is one node.
+    // A number denotes a single node.
     let members = |word: &str| match word.parse() {
         Ok(number) => Ok(vec![number]),
         Err(_) => model.node_set(word, source),
@@ -304,11 +310,11 @@ fn fill(
         let found = format!("{intervals} intervals, increment {increment}");
         return Err(source.bad(found, "1 or more intervals, an increment that is not 0"));
     }
-    made.take(
+    generated.add(
         (intervals as u64).saturating_mul(from.len().max(1) as u64),
         source,
     )?;
-    // Lengths of intervals: each is the bias times the next one.
+    // The length of each interval is the bias times that of the next one.
     let mut ends = vec![0.0];
     let mut length = 1.0;
     for _ in 0..intervals {
@@ -320,7 +326,7 @@ fn fill(
     for (&a, &b) in from.iter().zip(&to) {
         let (start, end) = (node(model, a, source)?, node(model, b, source)?);
         for i in 1..intervals {
-            let number = plus(a, i * increment, source)?;
+            let number = shifted_number(a, i * increment, source)?;
             let at = start + (end - start) * (ends[i as usize] / whole);
             model.add_node(number, at, source)?;
             numbers.push(number);
@@ -332,34 +338,39 @@ fn fill(
     Ok(())
 }
 
-/// Rows and layers of elements: master, then three times count, increment of nodes, of elements.
+/// *ELGEN: rows and layers of elements. Fields: master element, then for each of three directions the count and
+/// the increments of node and element numbers.
 fn elgen(
     set: Option<&str>,
     words: &[&str],
     model: &mut Model,
-    made: &mut Made,
+    generated: &mut Generated,
     source: &Source,
 ) -> Result<(), ReadError> {
     let expected = "a master element, then counts and increments";
     let master = whole(words.first().unwrap_or(&""), expected, source)?;
-    let mut ways = [[1; 3]; 3];
-    for (i, way) in ways.iter_mut().enumerate() {
-        for (k, number) in way.iter_mut().enumerate() {
+    let mut directions = [[1; 3]; 3];
+    for (i, direction) in directions.iter_mut().enumerate() {
+        for (k, number) in direction.iter_mut().enumerate() {
             *number = field(words, 1 + 3 * i + k, 1, source)?;
         }
-        let [count, nodes, elements] = *way;
+        let [count, nodes, elements] = *direction;
         if count < 1 || (count > 1 && (nodes == 0 || elements == 0)) {
             let found = format!("{count} elements with increments {nodes} and {elements}");
             return Err(source.bad(found, "1 or more elements, increments that are not 0"));
         }
     }
-    let total = ways.iter().fold(1u64, |n, w| n.saturating_mul(w[0] as u64));
-    made.take(total, source)?;
+    let total = directions
+        .iter()
+        .fold(1u64, |n, w| n.saturating_mul(w[0] as u64));
+    generated.add(total, source)?;
     let mut numbers = Vec::new();
-    for k in 0..ways[2][0] {
-        for j in 0..ways[1][0] {
-            for i in 0..ways[0][0] {
-                let shift = |what: usize| i * ways[0][what] + j * ways[1][what] + k * ways[2][what];
+    for k in 0..directions[2][0] {
+        for j in 0..directions[1][0] {
+            for i in 0..directions[0][0] {
+                let shift = |what: usize| {
+                    i * directions[0][what] + j * directions[1][what] + k * directions[2][what]
+                };
                 numbers.push(copy_element(model, master, [shift(2), shift(1)], source)?);
             }
         }

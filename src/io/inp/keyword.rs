@@ -3,8 +3,8 @@
 use crate::io::{ReadError, Source, quote};
 use std::collections::BTreeMap;
 
-/// Largest number of a node or an element.
-pub(super) const LARGEST_NUMBER: u64 = 9_999_999_999;
+/// Greatest number of a node or an element.
+pub(super) const MAX_NUMBER: u64 = 9_999_999_999;
 
 /// A keyword line: `*NAME, KEY=VALUE, KEY`.
 pub(super) struct Keyword {
@@ -15,15 +15,15 @@ pub(super) struct Keyword {
     parameters: BTreeMap<String, String>,
 }
 
-/// Capitals without spaces.
-fn plain(text: &str) -> String {
+/// Text in capitals without white space.
+fn normalized(text: &str) -> String {
     text.chars()
         .filter(|c| !c.is_whitespace())
         .map(|c| c.to_ascii_uppercase())
         .collect()
 }
 
-/// The fields between commas outside quotation marks, without the marks and the spaces around them.
+/// The fields between commas outside quotation marks, trimmed and unquoted.
 pub(super) fn fields(line: &str) -> Vec<&str> {
     let mut quoted = false;
     line.split(|c| {
@@ -41,12 +41,12 @@ impl Keyword {
             quoted ^= c == '"';
             c == ',' && !quoted
         });
-        let name = plain(parts.next().unwrap_or("").trim_start_matches('*')).replace('-', "");
+        let name = normalized(parts.next().unwrap_or("").trim_start_matches('*')).replace('-', "");
         let mut parameters = BTreeMap::new();
         for part in parts.map(str::trim).filter(|p| !p.is_empty()) {
             let (key, value) = part.split_once('=').unwrap_or((part, ""));
             let value = value.trim().trim_matches('"');
-            parameters.insert(plain(key), value.to_owned());
+            parameters.insert(normalized(key), value.to_owned());
         }
         Self {
             name,
@@ -59,7 +59,7 @@ impl Keyword {
         self.parameters.contains_key(key)
     }
 
-    /// A parameter's value, if there is one.
+    /// A parameter's value, unless missing or empty.
     pub fn get(&self, key: &str) -> Option<&str> {
         let value = self.parameters.get(key).map(String::as_str);
         value.filter(|v| !v.is_empty())
@@ -72,7 +72,7 @@ impl Keyword {
         })
     }
 
-    /// A parameter that is a whole number.
+    /// The value of an integer parameter.
     pub fn whole(&self, key: &str, default: i64, source: &Source) -> Result<i64, ReadError> {
         self.get(key).map_or(Ok(default), |v| {
             signed(v, "a whole number", source).map_err(|_| {
@@ -82,7 +82,7 @@ impl Keyword {
         })
     }
 
-    /// Refuses parameters beside these: what they do to the geometry is not known.
+    /// Refuses all other parameters: they may affect the geometry.
     pub fn only(&self, known: &[&str], source: &Source) -> Result<(), ReadError> {
         match self
             .parameters
@@ -102,18 +102,18 @@ impl Keyword {
 
 /// The number of a node or an element.
 pub(super) fn whole(word: &str, what: &str, source: &Source) -> Result<u64, ReadError> {
-    let number = word.parse().ok().filter(|n| *n <= LARGEST_NUMBER);
+    let number = word.parse().ok().filter(|n| *n <= MAX_NUMBER);
     number.ok_or_else(|| bad_word(word, what, source))
 }
 
-/// A whole number of either sign; of the size of the numbers of nodes.
+/// A signed integer within the range of node numbers.
 pub(super) fn signed(word: &str, what: &str, source: &Source) -> Result<i64, ReadError> {
     let number: Option<i64> = word.parse().ok();
-    let number = number.filter(|n| n.unsigned_abs() <= LARGEST_NUMBER);
+    let number = number.filter(|n| n.unsigned_abs() <= MAX_NUMBER);
     number.ok_or_else(|| bad_word(word, what, source))
 }
 
-/// A number with fraction; an empty field is 0, `1.D0` is Fortran's way to write 1.
+/// A real number, also with a Fortran exponent such as `1.D0`; an empty field is 0.
 pub(super) fn real(word: &str, what: &str, source: &Source) -> Result<f64, ReadError> {
     if word.is_empty() {
         return Ok(0.0);

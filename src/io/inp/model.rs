@@ -1,4 +1,4 @@
-//! Nodes, elements and sets of one space of numbers: a deck without parts, a part, an instance.
+//! Nodes, elements and sets with common numbering: of a deck without parts, a part or an instance.
 
 use super::keyword::{fields, whole};
 use crate::frame::Vec3;
@@ -6,7 +6,7 @@ use crate::io::{Place, ReadError, Source};
 use crate::scaffold::Kind;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A set as it is given: numbers, first-last-step and names of other sets.
+/// A set as defined in the deck: numbers, ranges and names of other sets.
 #[derive(Clone, Default)]
 pub(super) struct Set {
     /// The name as first written.
@@ -14,12 +14,12 @@ pub(super) struct Set {
     pub numbers: Vec<u64>,
     ranges: Vec<[u64; 3]>,
     pub names: Vec<String>,
-    /// Whether the order of the members counts.
+    /// Whether the order of the members is significant.
     pub unsorted: bool,
 }
 
 impl Set {
-    /// Takes a data line.
+    /// Reads a data line.
     pub fn data(&mut self, line: &str, generate: bool, source: &Source) -> Result<(), ReadError> {
         let words = fields(line).into_iter().filter(|w| !w.is_empty());
         if !generate {
@@ -53,7 +53,7 @@ impl Set {
 pub(super) struct Sets(BTreeMap<String, Set>);
 
 impl Sets {
-    /// The set of this name, made if there is none.
+    /// The set of this name, created if missing.
     pub fn entry(&mut self, name: &str) -> &mut Set {
         let set = self.0.entry(name.to_uppercase()).or_default();
         if set.name.is_empty() {
@@ -70,16 +70,16 @@ impl Sets {
         self.0.values()
     }
 
-    /// The members' numbers, sets within sets included; of ranges those that are `known`.
+    /// The members' numbers, nested sets included; ranges contribute the `known` numbers only.
     ///
     /// # Errors
-    /// The name of a set that there is not.
+    /// The name of a missing set.
     pub fn members(&self, name: &str, known: &BTreeMap<u64, u32>) -> Result<Vec<u64>, String> {
         let mut found = Vec::new();
-        let mut seen = BTreeSet::from([name.to_uppercase()]);
-        let mut open = vec![name.to_owned()];
+        let mut visited = BTreeSet::from([name.to_uppercase()]);
+        let mut pending = vec![name.to_owned()];
         let mut unsorted = false;
-        while let Some(name) = open.pop() {
+        while let Some(name) = pending.pop() {
             let set = self.get(&name).ok_or(name)?;
             unsorted |= set.unsorted;
             found.extend(&set.numbers);
@@ -88,8 +88,8 @@ impl Sets {
                 found.extend(own.filter(|n| (n - first) % step == 0));
             }
             for inner in &set.names {
-                if seen.insert(inner.to_uppercase()) {
-                    open.push(inner.clone());
+                if visited.insert(inner.to_uppercase()) {
+                    pending.push(inner.clone());
                 }
             }
         }
@@ -101,27 +101,27 @@ impl Sets {
     }
 }
 
-/// Nodes, elements and sets that share their numbers.
+/// Nodes, elements and sets with common numbering.
 #[derive(Clone, Default)]
 pub(super) struct Model {
     pub node_places: BTreeMap<u64, u32>,
     pub node_numbers: Vec<u64>,
     pub nodes: Vec<Vec3>,
-    /// Places of elements by number; of an element given twice the first.
+    /// Indices of elements by number; of a duplicate element the first.
     pub element_places: BTreeMap<u64, u32>,
     pub element_numbers: Vec<u64>,
     pub kinds: Vec<Kind>,
     ends: Vec<usize>,
     connectivity: Vec<u64>,
     /// Elements without volume or surface, by number, with their types.
-    pub left_out: BTreeMap<u64, String>,
+    pub skipped: BTreeMap<u64, String>,
     pub node_sets: Sets,
     pub element_sets: Sets,
 }
 
 impl Model {
     pub fn is_empty(&self) -> bool {
-        self.nodes.is_empty() && self.kinds.is_empty() && self.left_out.is_empty()
+        self.nodes.is_empty() && self.kinds.is_empty() && self.skipped.is_empty()
     }
 
     pub fn node(&self, number: u64) -> Option<Vec3> {
@@ -129,7 +129,7 @@ impl Model {
         Some(self.nodes[*place as usize])
     }
 
-    /// A node of the deck. The same node at the same place may be given again.
+    /// Adds a node. It may be repeated with the same coordinates.
     pub fn add_node(&mut self, number: u64, at: Vec3, source: &Source) -> Result<(), ReadError> {
         if let Some(known) = self.node(number) {
             if known == at {
@@ -157,7 +157,7 @@ impl Model {
         &self.connectivity[start..self.ends[place]]
     }
 
-    /// An element of the deck. The same may be given again: the reader of all formats merges it.
+    /// Adds an element. It may be repeated: the collector merges duplicates.
     pub fn add_element(
         &mut self,
         number: u64,
@@ -173,7 +173,7 @@ impl Model {
             if corners[0] != corners[1] || self.kinds[known as usize] != kind {
                 return Err(second_element(number, source));
             }
-        } else if self.left_out.contains_key(&number) {
+        } else if self.skipped.contains_key(&number) {
             return Err(second_element(number, source));
         }
         let place = self.kinds.len() as u32;
@@ -185,28 +185,33 @@ impl Model {
         Ok(())
     }
 
-    /// An element without volume or surface.
-    pub fn leave_out(&mut self, number: u64, kind: &str, source: &Source) -> Result<(), ReadError> {
+    /// Records an element without volume or surface.
+    pub fn skip_element(
+        &mut self,
+        number: u64,
+        kind: &str,
+        source: &Source,
+    ) -> Result<(), ReadError> {
         if self.element_places.contains_key(&number) {
             return Err(second_element(number, source));
         }
-        self.left_out.insert(number, kind.to_owned());
+        self.skipped.insert(number, kind.to_owned());
         Ok(())
     }
 
-    /// The members of a set of nodes that a keyword needs.
+    /// The members of a node set that a keyword refers to.
     pub fn node_set(&self, name: &str, source: &Source) -> Result<Vec<u64>, ReadError> {
         let members = self.node_sets.members(name, &self.node_places);
         members.map_err(|inner| no_set("node", &inner, source))
     }
 
-    /// The same of elements.
+    /// As [`Self::node_set`], for elements.
     pub fn element_set(&self, name: &str, source: &Source) -> Result<Vec<u64>, ReadError> {
         let members = self.element_sets.members(name, &self.element_places);
         members.map_err(|inner| no_set("element", &inner, source))
     }
 
-    /// Puts the nodes of a set of elements into a set of nodes.
+    /// Adds the nodes of an element set to a node set.
     pub fn nodes_of_elements(
         &mut self,
         set: &str,

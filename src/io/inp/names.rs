@@ -1,5 +1,4 @@
-//! Keywords, as tables: those that say nothing of geometry, and those that make it in ways that are
-//! not ours.
+//! Tables of keywords: those without effect on geometry, and those whose geometry is not supported.
 
 /// Keywords of Abaqus and `CalculiX` that neither make nor move nodes or elements, in capitals and
 /// without spaces and hyphens: materials, sections, constraints, steps, loads, outputs.
@@ -77,8 +76,8 @@ USERDEFINEDFIELD USERELEMENT USERMATERIAL USEROUTPUTVARIABLES USERSECTION USERSU
 VARIABLEMASSSCALING VIEWFACTOR VIEWFACTOROUTPUT VISCO VISCOELASTIC VISCOUS VISCOSITY VOIDNUCLEATION VOLUMETRICTESTDATA \
 WAVE WIND XYDATA";
 
-/// Keywords that make or move nodes or elements in ways that are not read here.
-const REFUSED: &[&str] = &[
+/// Keywords that make or move nodes or elements in unsupported ways.
+const REFUSED_KEYWORDS: &[&str] = &[
     "NMAP",
     "IMPERFECTION",
     "IMPORT",
@@ -90,7 +89,7 @@ const REFUSED: &[&str] = &[
 ];
 
 /// Keywords whose data are read.
-const READ: &[&str] = &[
+const READ_KEYWORDS: &[&str] = &[
     "NODE",
     "ELEMENT",
     "NSET",
@@ -109,39 +108,39 @@ const READ: &[&str] = &[
     "INCLUDE",
 ];
 
-/// What a keyword is that is not read.
-pub(super) enum Other {
-    /// Nothing of the geometry.
-    Harmless,
-    /// Geometry that is not made.
+/// The class of a keyword that is not read.
+pub(super) enum UnreadKeyword {
+    /// Without effect on geometry.
+    NoGeometry,
+    /// Unsupported geometry.
     Refused,
-    /// In no table, and one letter away from this keyword that is read.
-    LooksLike(&'static str),
+    /// In no table, and one edit away from this supported keyword.
+    Misspelled(&'static str),
     /// In no table.
     Unknown,
 }
 
-/// Judges a keyword that is not read.
-pub(super) fn other(name: &str) -> Other {
-    if REFUSED.contains(&name) {
-        return Other::Refused;
+/// Classifies a keyword that is not read.
+pub(super) fn classify(name: &str) -> UnreadKeyword {
+    if REFUSED_KEYWORDS.contains(&name) {
+        return UnreadKeyword::Refused;
     }
     let mut known = NO_GEOMETRY.split_ascii_whitespace();
     if known.clone().any(|k| k == name) {
-        return Other::Harmless;
+        return UnreadKeyword::NoGeometry;
     }
-    if let Some(near) = READ.iter().find(|k| is_near(k, name)) {
-        return Other::LooksLike(near);
+    if let Some(near) = READ_KEYWORDS.iter().find(|k| differs_by_one_edit(k, name)) {
+        return UnreadKeyword::Misspelled(near);
     }
-    // Both programs also take the first letters of a long name.
+    // Both programs also accept a prefix of a long name.
     if name.len() >= 6 && known.any(|k| k.starts_with(name)) {
-        return Other::Harmless;
+        return UnreadKeyword::NoGeometry;
     }
-    Other::Unknown
+    UnreadKeyword::Unknown
 }
 
-/// Whether one letter changed, missing, added or swapped with the next makes one word the other.
-fn is_near(a: &str, b: &str) -> bool {
+/// Whether the words differ by one substituted, missing, added or transposed letter.
+fn differs_by_one_edit(a: &str, b: &str) -> bool {
     let (a, b) = (a.as_bytes(), b.as_bytes());
     let start = a.iter().zip(b).take_while(|(x, y)| x == y).count();
     let (a, b) = (&a[start..], &b[start..]);
@@ -160,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keywords_are_told_apart() {
+    fn keywords_are_classified() {
         for name in [
             "SOLIDSECTION",
             "STEP",
@@ -169,10 +168,13 @@ mod tests {
             "SOLIDSECT",
             "EQUATION",
         ] {
-            assert!(matches!(other(name), Other::Harmless), "{name}");
+            assert!(
+                matches!(classify(name), UnreadKeyword::NoGeometry),
+                "{name}"
+            );
         }
         for name in ["NMAP", "IMPERFECTION"] {
-            assert!(matches!(other(name), Other::Refused), "{name}");
+            assert!(matches!(classify(name), UnreadKeyword::Refused), "{name}");
         }
         for name in [
             "NODES",
@@ -183,8 +185,11 @@ mod tests {
             "NOD",
             "INSTANCES",
         ] {
-            assert!(matches!(other(name), Other::LooksLike(_)), "{name}");
+            assert!(
+                matches!(classify(name), UnreadKeyword::Misspelled(_)),
+                "{name}"
+            );
         }
-        assert!(matches!(other("BANANA"), Other::Unknown));
+        assert!(matches!(classify("BANANA"), UnreadKeyword::Unknown));
     }
 }

@@ -15,7 +15,7 @@ pub(super) fn sin_cos_degrees(angle: f64) -> (f64, f64) {
     }
 }
 
-/// How three numbers give a point.
+/// The kind of coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Coordinates {
     /// x, y, z.
@@ -28,7 +28,7 @@ pub(super) enum Coordinates {
 }
 
 impl Coordinates {
-    /// As `SYSTEM=` names them.
+    /// The coordinates that `SYSTEM=` names.
     pub fn named(word: Option<&str>, source: &Source) -> Result<Self, ReadError> {
         match word.map(str::to_ascii_uppercase).as_deref() {
             None | Some("R" | "RC") => Ok(Self::Rectangular),
@@ -51,7 +51,7 @@ impl Coordinates {
     }
 }
 
-/// x -> linear x + shift.
+/// The affine map x -> linear x + shift.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Motion {
     linear: Mat3,
@@ -72,7 +72,7 @@ impl Motion {
         }
     }
 
-    /// A linear map about a point that stays where it is.
+    /// A linear map about a fixed point.
     fn about(linear: Mat3, point: Vec3) -> Self {
         Self {
             linear,
@@ -80,7 +80,7 @@ impl Motion {
         }
     }
 
-    /// The rotation about the axis from `a` to `b`, right-handed; `None` if they are one point.
+    /// The right-handed rotation about the axis from `a` to `b`; `None` if they coincide.
     pub fn rotation(a: Vec3, b: Vec3, degrees: f64) -> Option<Self> {
         let axis = (b - a).try_normalize(1e-300)?;
         let (sin, cos) = sin_cos_degrees(degrees);
@@ -94,22 +94,22 @@ impl Motion {
         Self::about(-Mat3::identity(), a)
     }
 
-    /// Twice as far from a point, which stays.
+    /// The scaling by 2 about a fixed point.
     pub fn away_from(pole: Vec3) -> Self {
         Self::about(Mat3::identity() * 2.0, pole)
     }
 
-    /// The reflection in the plane of three points; `None` if they are on a line.
+    /// The reflection in the plane of three points; `None` if they are collinear.
     pub fn mirror(a: Vec3, b: Vec3, c: Vec3) -> Option<Self> {
         let normal = (b - a).cross(&(c - a)).try_normalize(1e-300)?;
         let linear = Mat3::identity() - normal * normal.transpose() * 2.0;
         Some(Self::about(linear, a))
     }
 
-    /// What a system of these numbers does to local coordinates: an origin, a point on the local x
-    /// axis, a point on the side of the local y axis.
+    /// The map from local coordinates of a system given by an origin, a point on the local x axis and a point
+    /// on the side of the local y axis.
     ///
-    /// With two points z stays, so the second must lie at the height of the first.
+    /// With two points the z axis is unchanged, so both must have the same z coordinate.
     pub fn system(numbers: &[f64]) -> Result<Self, &'static str> {
         let point = |i: usize| {
             let own = numbers.get(3 * i..)?;
@@ -117,27 +117,27 @@ impl Motion {
             (!own.is_empty()).then(|| Vec3::new(at(0), at(1), at(2)))
         };
         let origin = point(0).unwrap_or_default();
-        let Some(along) = point(1) else {
+        let Some(x_point) = point(1) else {
             return Ok(Self::translation(origin));
         };
-        let x = along - origin;
+        let x = x_point - origin;
         let side = match point(2) {
             Some(c) => c - origin,
             None if x.z.abs() <= 1e-9 * x.norm() => Vec3::z().cross(&x),
-            None => return Err("two points of different height, which leave the y axis open"),
+            None => return Err("two points of different height, which do not define the y axis"),
         };
         let axes = x.try_normalize(1e-300).and_then(|x| {
             let z = x.cross(&side.try_normalize(1e-300)?).try_normalize(1e-9)?;
             Some(Mat3::from_columns(&[x, z.cross(&x), z]))
         });
-        let linear = axes.ok_or("points on a line, which give no axes")?;
+        let linear = axes.ok_or("points on a line, which define no axes")?;
         Ok(Self {
             linear,
             shift: origin,
         })
     }
 
-    /// This motion, then another.
+    /// The composition of this motion and a later one.
     pub fn then(self, next: Self) -> Self {
         Self {
             linear: next.linear * self.linear,
@@ -149,10 +149,10 @@ impl Motion {
         self.linear * x + self.shift
     }
 
-    /// Data lines as *INSTANCE and *NCOPY, SHIFT have them: a translation of up to three numbers, a
-    /// rotation of up to seven, by an angle in degrees about the axis through two points. The
-    /// translation comes first. `None` if the points are one.
-    pub fn moved(lines: &[Vec<f64>]) -> Option<Self> {
+    /// The motion of data lines of *INSTANCE and *NCOPY, SHIFT: a translation of up to three numbers, then a
+    /// rotation of up to seven, by an angle in degrees about the axis through two points. `None` if the points
+    /// coincide.
+    pub fn of_data_lines(lines: &[Vec<f64>]) -> Option<Self> {
         let line = |has: fn(usize) -> bool| {
             let own = lines.iter().find(|l| has(l.len()));
             move |k: usize| own.and_then(|l| l.get(k)).copied().unwrap_or(0.0)
@@ -203,9 +203,12 @@ mod tests {
             Motion::system(&[]).unwrap().apply(x),
             [1.0, 2.0, 3.0]
         ));
-        let m = Motion::moved(&[vec![10.0], vec![10.0, 0.0, 0.0, 10.0, 0.0, 1.0, -90.0]]).unwrap();
+        let m = Motion::of_data_lines(&[vec![10.0], vec![10.0, 0.0, 0.0, 10.0, 0.0, 1.0, -90.0]])
+            .unwrap();
         assert!(close(m.apply(x), [12.0, -1.0, 3.0]));
-        assert!(Motion::moved(&[vec![1.0], vec![0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0]]).is_none());
+        assert!(
+            Motion::of_data_lines(&[vec![1.0], vec![0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0]]).is_none()
+        );
         let plane = Motion::mirror(Vec3::x(), Vec3::x() + Vec3::y(), Vec3::x() + Vec3::z());
         assert!(close(plane.unwrap().apply(x), [1.0, 2.0, 3.0]));
         assert!(close(

@@ -1,18 +1,18 @@
 //! Element types of Abaqus and `CalculiX`, as tables.
 //!
-//! A type is a stem, the number of nodes and letters that tell integration and material, such as
-//! C3D 20 R. Solids and faces are made; lines, points, springs, masses, connectors, rigid lines and
-//! the generators of axisymmetric shells are counted and left out; every other type is refused.
+//! A type consists of a stem, the number of nodes and letters for integration and material, such as
+//! C3D 20 R. Solids and faces are read; lines, points, springs, masses, connectors, rigid lines and
+//! the generators of axisymmetric shells are counted and skipped; every other type is refused.
 
 use crate::scaffold::Kind;
 
-/// What the elements of a type are.
+/// The meaning of an element type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Meaning {
     /// One of these kinds, by the number of nodes, ascending.
     Shape(&'static [Kind]),
-    /// Nothing with a volume or a surface.
-    LeftOut,
+    /// Elements without volume or surface.
+    NonVolume,
 }
 
 type Sizes = &'static [(u32, &'static [Kind])];
@@ -29,7 +29,7 @@ const SOLIDS: Sizes = &[
     (20, &[Kind::Hex20]),
     (27, &[Kind::Hex27]),
 ];
-/// Shells with a thickness of their own.
+/// Continuum shells, whose nodes define the thickness.
 const CONTINUUM_SHELLS: Sizes = &[(6, &[Kind::Wedge6]), (8, &[Kind::Hex8])];
 /// Faces by their number of nodes.
 const FACES: Sizes = &[
@@ -40,7 +40,7 @@ const FACES: Sizes = &[
     (9, &[Kind::Quad9]),
 ];
 
-/// Stems and what their numbers of nodes mean.
+/// Stems, and kinds by number of nodes.
 const FAMILIES: &[(&[&str], Sizes)] = &[
     (
         &[
@@ -48,7 +48,7 @@ const FAMILIES: &[(&[&str], Sizes)] = &[
         ],
         SOLIDS,
     ),
-    // With 4 nodes a tetrahedron in CalculiX, a face of a cavity in Abaqus: refused.
+    // F3D4 is a tetrahedron in CalculiX, but a face of a cavity in Abaqus: refused.
     (&["F3D"], CONTINUUM_SHELLS),
     (&["SC", "CSS"], CONTINUUM_SHELLS),
     (
@@ -60,8 +60,8 @@ const FAMILIES: &[(&[&str], Sizes)] = &[
     ),
 ];
 
-/// Names that are put together in another way.
-const IRREGULAR: &[(&str, &[Kind])] = &[
+/// Names that do not follow the scheme.
+const IRREGULAR_NAMES: &[(&str, &[Kind])] = &[
     ("STRI3", &[Kind::Tri3]),
     ("STRI65", &[Kind::Tri6]),
     ("S4R5", &[Kind::Quad4]),
@@ -72,25 +72,25 @@ const IRREGULAR: &[(&str, &[Kind])] = &[
 ];
 
 /// Types without volume or surface.
-const LEFT_OUT: &[&str] = &[
+const NON_VOLUME_TYPES: &[&str] = &[
     "D", "MASS", "ROTARYI", "HEATCAP", "SPRINGA", "DASHPOTA", "GAPUNI", "GAPUNIT", "GAPCYL",
     "GAPSPHER", "DGAP", "DCOUP2D", "DCOUP3D", "DRAG2D", "DRAG3D", "JOINTC", "JOINT2D", "JOINT3D",
     "FLINK", "R2D2", "RAX2", "RB2D2", "RB3D2", "PC3D", "PD3D", "LS6", "LS3S", "DCCAX2", "DCCAX2D",
 ];
-/// Stems of the same kind, followed by digits.
-const LEFT_OUT_STEMS: &[&str] = &[
+/// Stems of such types, followed by digits.
+const NON_VOLUME_STEMS: &[&str] = &[
     "B", "PIPE", "ELBOW", "FRAME", "T2D", "T3D", "CONN2D", "CONN3D", "SPRING", "DASHPOT", "DC1D",
     "DCC1D", "AC1D", "SAX", "SAXA", "DSAX", "MAX", "MGAX", "SFMAX", "SFMGAX", "ASI", "PSI", "ITT",
     "ITS", "ISL", "IRS", "ISP", "FP2D", "FP3D", "FPC2D", "FPC3D",
 ];
 
-/// The meaning of a type, in capitals; `None` if it is not known.
+/// The meaning of a type in capitals; `None` if unknown.
 pub(super) fn meaning(name: &str) -> Option<Meaning> {
-    if let Some((_, kinds)) = IRREGULAR.iter().find(|row| row.0 == name) {
+    if let Some((_, kinds)) = IRREGULAR_NAMES.iter().find(|row| row.0 == name) {
         return Some(Meaning::Shape(kinds));
     }
-    if LEFT_OUT.contains(&name) {
-        return Some(Meaning::LeftOut);
+    if NON_VOLUME_TYPES.contains(&name) {
+        return Some(Meaning::NonVolume);
     }
     let front = name.trim_end_matches(|c: char| c.is_ascii_uppercase());
     let stem = front.trim_end_matches(|c: char| c.is_ascii_digit());
@@ -103,14 +103,14 @@ pub(super) fn meaning(name: &str) -> Option<Meaning> {
         }
     }
     let digit_follows = |rest: &str| rest.starts_with(|c: char| c.is_ascii_digit());
-    let left_out = LEFT_OUT_STEMS
+    let is_non_volume = NON_VOLUME_STEMS
         .iter()
         .any(|s| name.strip_prefix(s).is_some_and(digit_follows));
-    left_out.then_some(Meaning::LeftOut)
+    is_non_volume.then_some(Meaning::NonVolume)
 }
 
-/// Which of Abaqus' nodes stands at each place of our order, where they differ: of C3D27 the centre
-/// comes before the faces, and these in the order bottom, top, front, right, back, left.
+/// The permutation from Abaqus' node order to VTK order, where they differ: in C3D27 the centre precedes the
+/// faces, which follow in the order bottom, top, front, right, back, left.
 pub(super) fn node_order(kind: Kind) -> Option<&'static [u8]> {
     const HEX27: [u8; 27] = [
         0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 26, 24, 23, 25, 21,
@@ -119,7 +119,7 @@ pub(super) fn node_order(kind: Kind) -> Option<&'static [u8]> {
     (kind == Kind::Hex27).then_some(&HEX27)
 }
 
-/// Types that the message of a refusal proposes.
+/// Examples of supported types for error messages.
 pub(super) const KNOWN_TYPES: &str =
     "types such as C3D4, C3D10, C3D8, C3D20, C3D6, C3D15, SC8R, S3, S4, S8";
 
@@ -165,7 +165,7 @@ mod tests {
         for name in [
             "B31", "B32OS", "T3D2", "SPRINGA", "MASS", "D", "CONN3D2", "SAX1", "DASHPOT1",
         ] {
-            assert_eq!(meaning(name), Some(Meaning::LeftOut), "{name}");
+            assert_eq!(meaning(name), Some(Meaning::NonVolume), "{name}");
         }
         for name in [
             "COH3D8", "CIN3D8", "F3D4", "U1", "Z1", "GK3D8", "BANANA", "C3D", "S", "",

@@ -1,4 +1,4 @@
-//! Keywords and numbers of a Medit file, from words of text or from binary records.
+//! Keywords and numbers of a Medit file, from text or binary.
 
 use super::super::{Place, ReadError, Source, number, quote};
 use super::table::TABLE;
@@ -9,7 +9,7 @@ pub(super) enum Input {
     Binary(Binary),
 }
 
-/// Words of text; a `#` begins a comment.
+/// The words of a text file; a `#` begins a comment.
 pub(super) struct Text {
     source: Source,
     line: String,
@@ -18,15 +18,15 @@ pub(super) struct Text {
 
 pub(super) struct Binary {
     source: Source,
-    big: bool,
-    /// 1: 32-bit numbers, 2: 64-bit fractions, 3: 64-bit places in the file, 4: 64-bit numbers.
+    is_big_endian: bool,
+    /// 1: 32-bit numbers, 2: 64-bit reals, 3: 64-bit file positions, 4: 64-bit integers.
     version: u32,
-    /// Where the next keyword stands.
+    /// The position of the next keyword.
     next: u64,
 }
 
-const HEAD: &str = "MeshVersionFormatted and 1 to 4, the first words of a Medit mesh";
-const NOT_MEDIT: &str =
+const EXPECTED_HEAD: &str = "MeshVersionFormatted and 1 to 4, the first words of a Medit mesh";
+const NOT_MEDIT_HINT: &str =
     "is this a Medit mesh (Mmg, Gmsh, FreeFEM)? Other programs use the extension too";
 
 impl Input {
@@ -35,8 +35,8 @@ impl Input {
         let mut source = Source::open(path)?;
         let head = source.peek(4)?;
         let one = head.get(..4).map(|h| [h[0], h[1], h[2], h[3]]);
-        let big = one == Some([0, 0, 0, 1]);
-        if !big && one != Some([1, 0, 0, 0]) {
+        let is_big_endian = one == Some([0, 0, 0, 1]);
+        if !is_big_endian && one != Some([1, 0, 0, 0]) {
             let mut text = Text {
                 source,
                 line: String::new(),
@@ -47,7 +47,7 @@ impl Input {
         }
         let mut binary = Binary {
             source,
-            big,
+            is_big_endian,
             version: 2,
             next: 8,
         };
@@ -56,7 +56,10 @@ impl Input {
             version @ 1..=4 => binary.version = version as u32,
             other => {
                 let found = format!("version {other}");
-                return Err(binary.source.bad_byte(found, "1 to 4").with_hint(NOT_MEDIT));
+                return Err(binary
+                    .source
+                    .bad_byte(found, "1 to 4")
+                    .with_hint(NOT_MEDIT_HINT));
             }
         }
         Ok(Self::Binary(binary))
@@ -77,7 +80,7 @@ impl Input {
         }
     }
 
-    /// A whole number.
+    /// An integer.
     pub fn int(&mut self, what: &str) -> Result<i64, ReadError> {
         match self {
             Self::Text(t) => t.parse(what, |w| w.parse().ok()),
@@ -85,7 +88,7 @@ impl Input {
         }
     }
 
-    /// The dimension, which has 32 bits in binary files whatever the others have.
+    /// The dimension, which always has 32 bits in binary files.
     pub fn dimension(&mut self) -> Result<i64, ReadError> {
         match self {
             Self::Text(_) => self.int("the dimension"),
@@ -93,7 +96,7 @@ impl Input {
         }
     }
 
-    /// A number with a fraction.
+    /// A real number.
     pub fn real(&mut self, what: &str) -> Result<f64, ReadError> {
         match self {
             Self::Text(t) => t.parse(what, |w| number::real(w.as_bytes())),
@@ -101,7 +104,7 @@ impl Input {
         }
     }
 
-    /// The number of entries of a section, each of so many numbers, which the file must have room for.
+    /// The number of entries of a section, `words` numbers each; checked against the size of the file.
     pub fn count(&mut self, words: u64, what: &str) -> Result<usize, ReadError> {
         let claimed = self.int(&format!("the number of {what}"))?;
         let Ok(claimed) = u64::try_from(claimed) else {
@@ -109,8 +112,8 @@ impl Input {
         };
         match self {
             Self::Text(t) => {
-                let in_hand = (t.line.len() - t.at) as u64;
-                let rest = claimed.saturating_sub(in_hand);
+                let line_rest = (t.line.len() - t.at) as u64;
+                let rest = claimed.saturating_sub(line_rest);
                 t.source.count(rest, (2 * words).max(2) - 1, what)?;
                 Ok(claimed as usize)
             }
@@ -118,23 +121,23 @@ impl Input {
         }
     }
 
-    /// Passes over the rest of a line of text, or the text of a binary file.
-    pub fn pass_line(&mut self) -> Result<(), ReadError> {
+    /// Skips the rest of a line of text, or the text of a binary file.
+    pub fn skip_line(&mut self) -> Result<(), ReadError> {
         match self {
             Self::Text(t) => {
                 t.next()?;
                 t.at = t.line.len();
                 Ok(())
             }
-            Self::Binary(b) => b.pass(),
+            Self::Binary(b) => b.skip(),
         }
     }
 
-    /// Passes over a section: to the next word that is no number, or to the next keyword's place.
-    pub fn pass_section(&mut self) -> Result<(), ReadError> {
+    /// Skips a section: up to the next word that is no number, or to the position of the next keyword.
+    pub fn skip_section(&mut self) -> Result<(), ReadError> {
         match self {
-            Self::Text(t) => t.pass(),
-            Self::Binary(b) => b.pass(),
+            Self::Text(t) => t.skip(),
+            Self::Binary(b) => b.skip(),
         }
     }
 
@@ -142,7 +145,7 @@ impl Input {
         matches!(self, Self::Binary(_))
     }
 
-    /// An error about what was read last.
+    /// An error at the current position.
     pub fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         match self {
             Self::Text(t) => t.source.bad(found, expected),
@@ -156,14 +159,19 @@ impl Text {
         let first = self.next()?.unwrap_or("the end of the file").to_owned();
         let lower = first.to_ascii_lowercase();
         let version = match lower.strip_prefix("meshversionformatted") {
-            // Some write the number without a blank.
+            // Some programs write the number without a blank.
             Some("") => self.next()?.unwrap_or("the end of the file").to_owned(),
             Some(rest) => rest.to_owned(),
-            None => return Err(self.source.bad(quote(&first), HEAD).with_hint(NOT_MEDIT)),
+            None => {
+                return Err(self
+                    .source
+                    .bad(quote(&first), EXPECTED_HEAD)
+                    .with_hint(NOT_MEDIT_HINT));
+            }
         };
         match version.as_str() {
             "1" | "2" | "3" | "4" => Ok(()),
-            _ => Err(self.source.bad(quote(&version), HEAD)),
+            _ => Err(self.source.bad(quote(&version), EXPECTED_HEAD)),
         }
     }
 
@@ -189,7 +197,7 @@ impl Text {
         }
     }
 
-    fn pass(&mut self) -> Result<(), ReadError> {
+    fn skip(&mut self) -> Result<(), ReadError> {
         while let Some(word) = self.next()? {
             if word.starts_with(|c: char| c.is_ascii_alphabetic()) {
                 let length = word.len();
@@ -222,7 +230,7 @@ impl Binary {
 
     fn bytes<const N: usize>(&mut self, what: &str) -> Result<[u8; N], ReadError> {
         let mut bytes = self.source.array::<N>(what)?;
-        if self.big {
+        if self.is_big_endian {
             bytes.reverse();
         }
         Ok(bytes)
@@ -242,10 +250,10 @@ impl Binary {
         })
     }
 
-    /// A keyword's name, or its code as text; what is left of the section before it is passed over.
+    /// The next keyword's name, or its code as text; skips the rest of the current section.
     fn keyword(&mut self) -> Result<String, ReadError> {
         if self.source.byte() != self.next {
-            self.pass()?;
+            self.skip()?;
         }
         let code = self.int(4, "a keyword")?;
         let size = if self.version >= 3 { 8 } else { 4 };
@@ -262,8 +270,8 @@ impl Binary {
         Ok(name)
     }
 
-    /// Reads on to the next keyword.
-    fn pass(&mut self) -> Result<(), ReadError> {
+    /// Skips to the next keyword.
+    fn skip(&mut self) -> Result<(), ReadError> {
         let mut left = self.next.checked_sub(self.source.byte()).ok_or_else(|| {
             let place = Place::Byte(self.source.byte());
             let found = format!("a section that ends at byte {}", self.next);
@@ -271,13 +279,13 @@ impl Binary {
                 self.source.path(),
                 place,
                 found,
-                "one as long as its count says",
+                "an end that matches the number of entries",
             )
         })?;
-        let mut waste = [0; 4096];
+        let mut buffer = [0; 4096];
         while left > 0 {
-            let part = (waste.len() as u64).min(left) as usize;
-            self.source.exact(&mut waste[..part], "the next keyword")?;
+            let part = (buffer.len() as u64).min(left) as usize;
+            self.source.exact(&mut buffer[..part], "the next keyword")?;
             left -= part as u64;
         }
         Ok(())

@@ -1,8 +1,8 @@
-//! Medit's keywords: code in binary files and what becomes of them.
+//! Medit's keywords: codes in binary files and meanings.
 
 use crate::scaffold::Kind;
 
-/// What a keyword means to us.
+/// The meaning of a keyword.
 #[derive(Clone, Copy)]
 pub(super) enum Meaning {
     Dimension,
@@ -11,21 +11,21 @@ pub(super) enum Meaning {
     Element(Kind),
     /// Lines, which are counted as skipped.
     Lines,
-    /// Numbers that say nothing about the shape.
-    Passed,
-    /// Values that are not used; a note counts them.
+    /// Numbers without effect on the shape.
+    Ignored,
+    /// Values that are ignored with a note.
     Values,
-    /// Elements of kinds that we do not have.
+    /// Elements of unsupported kinds.
     Refused,
     /// A line of text.
     Text,
     End,
 }
 
-/// A keyword: its code in binary files, 0 where there is none; its name; its meaning.
+/// A keyword: its code in binary files (0 if none), its name, its meaning.
 pub(super) type Row = (u32, &'static str, Meaning);
 
-use Meaning::{Dimension, Element, End, Lines, Passed, Refused, Text, Values, Vertices};
+use Meaning::{Dimension, Element, End, Ignored, Lines, Refused, Text, Values, Vertices};
 
 pub(super) const TABLE: &[Row] = &[
     (3, "Dimension", Dimension),
@@ -64,53 +64,53 @@ pub(super) const TABLE: &[Row] = &[
     (133, "TetrahedraP2Ordering", Refused),
     (46, "Polyhedra", Refused),
     (47, "Polygons", Refused),
-    (13, "Corners", Passed),
-    (14, "Ridges", Passed),
-    (15, "RequiredVertices", Passed),
-    (16, "RequiredEdges", Passed),
-    (17, "RequiredTriangles", Passed),
-    (18, "RequiredQuadrilaterals", Passed),
-    (0, "RequiredTetrahedra", Passed),
-    (0, "RequiredHexahedra", Passed),
-    (0, "RequiredPrisms", Passed),
-    (0, "RequiredPyramids", Passed),
-    (0, "ParallelVertices", Passed),
-    (0, "ParallelEdges", Passed),
-    (0, "ParallelTriangles", Passed),
-    (0, "ParallelQuadrilaterals", Passed),
-    (19, "TangentAtEdgeVertices", Passed),
-    (0, "TangentAtEdges", Passed),
-    (20, "NormalAtVertices", Passed),
-    (21, "NormalAtTriangleVertices", Passed),
-    (22, "NormalAtQuadrilateralVertices", Passed),
-    (61, "TangentAtVertices", Passed),
-    (59, "Tangents", Passed),
-    (60, "Normals", Passed),
-    (23, "AngleOfCornerBound", Passed),
-    (50, "BoundingBox", Passed),
-    (77, "Iterations", Passed),
-    (78, "Time", Passed),
-    (40, "VertexOnGeometricVertex", Passed),
-    (41, "VertexOnGeometricEdge", Passed),
-    (42, "VertexOnGeometricTriangle", Passed),
-    (43, "VertexOnGeometricQuadrilateral", Passed),
-    (44, "EdgeOnGeometricEdge", Passed),
-    (0, "VerticesOnGeometricVertices", Passed),
-    (0, "VerticesOnGeometricEdges", Passed),
-    (0, "VerticesOnGeometricTriangles", Passed),
-    (0, "VerticesOnGeometricQuadrilaterals", Passed),
-    (0, "EdgesOnGeometricEdges", Passed),
-    (55, "TrianglesOnGeometricTriangles", Passed),
-    (56, "TrianglesOnGeometricQuadrilaterals", Passed),
-    (57, "QuadrilateralsOnGeometricTriangles", Passed),
-    (58, "QuadrilateralsOnGeometricQuadrilaterals", Passed),
-    (0, "SubDomain", Passed),
-    (29, "SubDomainFromGeom", Passed),
-    (0, "SubDomainFromMesh", Passed),
-    (82, "PeriodicVertices", Passed),
-    (83, "PeriodicEdges", Passed),
-    (84, "PeriodicTriangles", Passed),
-    (85, "PeriodicQuadrilaterals", Passed),
+    (13, "Corners", Ignored),
+    (14, "Ridges", Ignored),
+    (15, "RequiredVertices", Ignored),
+    (16, "RequiredEdges", Ignored),
+    (17, "RequiredTriangles", Ignored),
+    (18, "RequiredQuadrilaterals", Ignored),
+    (0, "RequiredTetrahedra", Ignored),
+    (0, "RequiredHexahedra", Ignored),
+    (0, "RequiredPrisms", Ignored),
+    (0, "RequiredPyramids", Ignored),
+    (0, "ParallelVertices", Ignored),
+    (0, "ParallelEdges", Ignored),
+    (0, "ParallelTriangles", Ignored),
+    (0, "ParallelQuadrilaterals", Ignored),
+    (19, "TangentAtEdgeVertices", Ignored),
+    (0, "TangentAtEdges", Ignored),
+    (20, "NormalAtVertices", Ignored),
+    (21, "NormalAtTriangleVertices", Ignored),
+    (22, "NormalAtQuadrilateralVertices", Ignored),
+    (61, "TangentAtVertices", Ignored),
+    (59, "Tangents", Ignored),
+    (60, "Normals", Ignored),
+    (23, "AngleOfCornerBound", Ignored),
+    (50, "BoundingBox", Ignored),
+    (77, "Iterations", Ignored),
+    (78, "Time", Ignored),
+    (40, "VertexOnGeometricVertex", Ignored),
+    (41, "VertexOnGeometricEdge", Ignored),
+    (42, "VertexOnGeometricTriangle", Ignored),
+    (43, "VertexOnGeometricQuadrilateral", Ignored),
+    (44, "EdgeOnGeometricEdge", Ignored),
+    (0, "VerticesOnGeometricVertices", Ignored),
+    (0, "VerticesOnGeometricEdges", Ignored),
+    (0, "VerticesOnGeometricTriangles", Ignored),
+    (0, "VerticesOnGeometricQuadrilaterals", Ignored),
+    (0, "EdgesOnGeometricEdges", Ignored),
+    (55, "TrianglesOnGeometricTriangles", Ignored),
+    (56, "TrianglesOnGeometricQuadrilaterals", Ignored),
+    (57, "QuadrilateralsOnGeometricTriangles", Ignored),
+    (58, "QuadrilateralsOnGeometricQuadrilaterals", Ignored),
+    (0, "SubDomain", Ignored),
+    (29, "SubDomainFromGeom", Ignored),
+    (0, "SubDomainFromMesh", Ignored),
+    (82, "PeriodicVertices", Ignored),
+    (83, "PeriodicEdges", Ignored),
+    (84, "PeriodicTriangles", Ignored),
+    (85, "PeriodicQuadrilaterals", Ignored),
     (62, "SolAtVertices", Values),
     (64, "SolAtTriangles", Values),
     (65, "SolAtQuadrilaterals", Values),

@@ -1,14 +1,14 @@
-//! Data at nodes and elements: `$NodeData` and `$ElementData`, alike in versions 2 and 4.
+//! Data at nodes and elements: `$NodeData` and `$ElementData`, equal in versions 2 and 4.
 //!
-//! Of several time steps the last is taken. Where a field gives no value to a node or an element it is
-//! NaN there. `$ElementNodeData` is passed over. Notes say all this.
+//! The last of several time steps is used. Missing values are NaN. `$ElementNodeData` is ignored. Notes
+//! report each case.
 
 use super::File;
 use crate::io::scaffold::{DataField, ElementFile, FieldAt};
 use crate::io::{ReadError, collector::Collector, quote};
 use std::collections::HashMap;
 
-/// Fields as the file has given them so far.
+/// The fields read so far.
 #[derive(Default)]
 pub(super) struct Sections {
     fields: Vec<Field>,
@@ -21,14 +21,14 @@ struct Field {
     components: usize,
     time: f64,
     step: i64,
-    /// Time steps seen.
+    /// The number of time steps read.
     steps: usize,
-    /// Where each number's values begin in `values`.
+    /// The start in `values` for each node or element number.
     places: HashMap<u64, usize>,
     values: Vec<f64>,
 }
 
-/// Numbers of a section after its name.
+/// The head of a section.
 struct Head {
     name: String,
     time: f64,
@@ -37,10 +37,10 @@ struct Head {
     count: u64,
 }
 
-/// The least share of nodes or elements that a field must have: one in so many.
-const THINNEST: usize = 64;
-/// Most numbers of one node or element: a tensor has nine.
-const COMPONENTS: i64 = 64;
+/// A field must have values for at least one in this many nodes or elements.
+const MAX_SPARSITY: usize = 64;
+/// Greatest number of components of a value: a tensor has nine.
+const MAX_COMPONENTS: i64 = 64;
 
 pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
     let head = head(file)?;
@@ -62,7 +62,7 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
             }
             file.lines();
             file.data.notes.push(format!(
-                "field {} has values at the nodes of each element and is passed over",
+                "field {} has values at the nodes of each element and is ignored",
                 quote(&head.name)
             ));
             return Ok(());
@@ -86,7 +86,7 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
 fn head(file: &mut File) -> Result<Head, ReadError> {
     let mut tags: [Vec<String>; 3] = Default::default();
     let kinds = ["string tags", "real tags", "integer tags"];
-    for (own, what) in tags.iter_mut().zip(kinds) {
+    for (tag_list, what) in tags.iter_mut().zip(kinds) {
         let what = format!("the number of {what}");
         let line = file.tokens.needed_line(&what)?;
         let Ok(count @ 0..=64) = line.parse::<u64>() else {
@@ -94,19 +94,19 @@ fn head(file: &mut File) -> Result<Head, ReadError> {
             return Err(file.text_error(found, what + ", at most 64"));
         };
         for _ in 0..count {
-            own.push(file.tokens.needed_line("a tag")?.to_owned());
+            tag_list.push(file.tokens.needed_line("a tag")?.to_owned());
         }
     }
-    let [names, times, whole] = tags;
+    let [names, times, integers] = tags;
     let bad = |text: &str, what: &str| file.tokens.source.bad(quote(text), what);
     let time = match times.first() {
         None => 0.0,
         Some(t) => t.parse().map_err(|_| bad(t, "a time"))?,
     };
     let parse = |t: &String| t.parse::<i64>().map_err(|_| bad(t, "a whole number"));
-    let numbers: Vec<i64> = whole.iter().map(parse).collect::<Result<_, _>>()?;
+    let numbers: Vec<i64> = integers.iter().map(parse).collect::<Result<_, _>>()?;
     let counts = match numbers[..] {
-        [_, components @ 1..=COMPONENTS, count, ..] => {
+        [_, components @ 1..=MAX_COMPONENTS, count, ..] => {
             u64::try_from(count).ok().map(|n| (components, n))
         }
         _ => None,
@@ -127,10 +127,10 @@ fn head(file: &mut File) -> Result<Head, ReadError> {
 }
 
 impl Sections {
-    /// The field that a section adds to: a new one, the same of another part, or of a later time.
+    /// The index of the field for a section: a new field, a continued one, or one replaced by a later step.
     fn begin(&mut self, head: &Head, at: FieldAt) -> usize {
         let same = |f: &Field| f.name == head.name && f.at == at;
-        let fresh = |steps| Field {
+        let new_field = |steps| Field {
             name: head.name.clone(),
             at,
             components: head.components,
@@ -141,30 +141,30 @@ impl Sections {
             values: Vec::new(),
         };
         let Some(place) = self.fields.iter().position(same) else {
-            self.fields.push(fresh(1));
+            self.fields.push(new_field(1));
             return self.fields.len() - 1;
         };
         let field = &mut self.fields[place];
-        let part = field.components == head.components && field.step == head.step;
-        if !part {
-            *field = fresh(field.steps + 1);
+        let is_same_step = field.components == head.components && field.step == head.step;
+        if !is_same_step {
+            *field = new_field(field.steps + 1);
         }
         place
     }
 
-    /// Gives the fields at nodes to the collector.
+    /// Passes the fields at nodes to the collector.
     pub fn at_points(&mut self, numbers: &[u64], collector: &mut Collector) {
         for field in &mut self.fields {
-            if field.at == FieldAt::Points && field.is_too_thin(numbers.len()) {
-                self.notes.push(field.too_thin());
+            if field.at == FieldAt::Points && field.is_too_sparse(numbers.len()) {
+                self.notes.push(field.sparse_note());
             } else if field.at == FieldAt::Points {
                 let (values, missing) = field.values_of(numbers);
                 collector.field(&field.name, field.at, field.components, values);
-                self.notes.extend(field.gaps(missing, numbers.len()));
+                self.notes.extend(field.gap_note(missing, numbers.len()));
             }
             if field.steps > 1 {
                 self.notes.push(format!(
-                    "field {} has {} time steps; the last one, at {}, is taken",
+                    "field {} has {} time steps; the last one, at {}, is used",
                     quote(&field.name),
                     field.steps,
                     field.time
@@ -176,7 +176,7 @@ impl Sections {
         }
     }
 
-    /// Adds the fields at elements to what was read, whose elements have the file's numbers.
+    /// Adds the fields at elements to the result, whose elements have the file's numbers.
     pub fn at_elements(&self, read: &mut ElementFile) {
         let (fields, notes, numbers): (_, _, Vec<u64>) = match read {
             ElementFile::Solids(f) => {
@@ -189,16 +189,16 @@ impl Sections {
             }
         };
         for field in self.fields.iter().filter(|f| f.at == FieldAt::Cells) {
-            // Data of elements that are not kept, say of the surface of a solid.
+            // Data of skipped elements, for example of the surface of a solid.
             if !numbers.iter().any(|n| field.places.contains_key(n)) {
                 continue;
             }
-            if field.is_too_thin(numbers.len()) {
-                notes.push(field.too_thin());
+            if field.is_too_sparse(numbers.len()) {
+                notes.push(field.sparse_note());
                 continue;
             }
             let (values, missing) = field.values_of(&numbers);
-            notes.extend(field.gaps(missing, numbers.len()));
+            notes.extend(field.gap_note(missing, numbers.len()));
             fields.push(DataField {
                 name: field.name.clone(),
                 at: FieldAt::Cells,
@@ -210,21 +210,20 @@ impl Sections {
 }
 
 impl Field {
-    /// Whether a list of all would be far longer than what the file holds.
-    fn is_too_thin(&self, count: usize) -> bool {
-        count / THINNEST > self.places.len()
+    /// Whether a full array would be far longer than the values in the file.
+    fn is_too_sparse(&self, count: usize) -> bool {
+        count / MAX_SPARSITY > self.places.len()
     }
 
-    fn too_thin(&self) -> String {
+    fn sparse_note(&self) -> String {
         format!(
-            "field {} has only {} values and is passed over",
+            "field {} has only {} values and is ignored",
             quote(&self.name),
             self.places.len()
         )
     }
 
-    /// The values of these numbers, one after the other, NaN where there are none; and how many those
-    /// are.
+    /// The values for these node or element numbers, NaN where missing, and the number of missing ones.
     fn values_of(&self, numbers: &[u64]) -> (Vec<f64>, usize) {
         let mut values = Vec::with_capacity(numbers.len() * self.components);
         let mut missing = 0;
@@ -239,7 +238,7 @@ impl Field {
         (values, missing)
     }
 
-    fn gaps(&self, missing: usize, of: usize) -> Option<String> {
+    fn gap_note(&self, missing: usize, of: usize) -> Option<String> {
         let what = match self.at {
             FieldAt::Points => "nodes",
             FieldAt::Cells => "elements",

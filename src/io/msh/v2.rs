@@ -1,10 +1,10 @@
-//! Sections of versions 1 and 2.
+//! Sections of `.msh` versions 1 and 2.
 
 use super::{File, Type};
 use crate::io::ReadError;
 use crate::io::tokens::Encoding;
 
-/// Nodes; parametric ones have the entity that they lie on, and their parameters there.
+/// Reads nodes; parametric ones also have an entity and their parameters on it.
 pub(super) fn nodes(file: &mut File, parametric: bool) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of nodes")?;
     file.numbers();
@@ -35,7 +35,7 @@ pub(super) fn nodes(file: &mut File, parametric: bool) -> Result<(), ReadError> 
     Ok(())
 }
 
-/// Elements of version 1: number, type, group, entity, number of nodes, nodes.
+/// Reads elements of version 1: number, type, group, entity, number of nodes, nodes.
 pub(super) fn elements_of_version_1(file: &mut File) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of elements")?;
     let count = file.tokens.count(claimed, 6, 24, "elements")?;
@@ -48,7 +48,7 @@ pub(super) fn elements_of_version_1(file: &mut File) -> Result<(), ReadError> {
         let nodes = t.number("a number of nodes")?;
         let kind = file.element_type(code, number)?;
         let expected = match kind {
-            Type::Flat(count) => count,
+            Type::Skipped(count) => count,
             Type::Known(kind) => kind.node_count(),
         };
         if nodes != expected as u64 {
@@ -66,7 +66,7 @@ pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     let count = file.tokens.count(claimed, 4, 8, "elements")?;
     let mut left = count;
     while left > 0 {
-        // Text repeats type and tag count for every element; binary gives them for a run of them.
+        // Text repeats type and tag count for every element; binary gives them once per run.
         let (mut head, mut run, mut tags) = ([0; 2], 1, 0);
         let binary = file.tokens.encoding != Encoding::Text;
         if binary {
@@ -109,13 +109,13 @@ fn tagged(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), Re
     element(file, number, kind, group)
 }
 
-/// The nodes of an element in this group, 0 for none.
+/// Reads the nodes of an element in a group (0 for none).
 fn element(file: &mut File, number: u64, kind: Type, group: i64) -> Result<(), ReadError> {
     let t = &mut file.tokens;
     let groups: &[i64] = if group == 0 { &[] } else { &[group] };
     let mut nodes = [0; 27];
     match kind {
-        Type::Flat(count) => {
+        Type::Skipped(count) => {
             for _ in 0..count {
                 t.number("a node number")?;
             }
@@ -126,8 +126,8 @@ fn element(file: &mut File, number: u64, kind: Type, group: i64) -> Result<(), R
             for n in own.iter_mut() {
                 *n = t.number("a node number")?;
             }
-            // An element of several groups is listed once for each; the collector merges them.
-            file.take(number, kind, own, groups);
+            // An element of several groups is listed once per group; the collector merges them.
+            file.add_element(number, kind, own, groups);
         }
     }
     Ok(())

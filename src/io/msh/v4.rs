@@ -1,7 +1,7 @@
-//! Sections of versions 4.0 and 4.1.
+//! Sections of `.msh` versions 4.0 and 4.1.
 //!
-//! In 4.0 an entity's number stands before its dimension, points have a box, every node follows its
-//! own number, and numbers of nodes and elements have 32 bits.
+//! In 4.0 an entity's number precedes its dimension, points have a bounding box, every node follows its
+//! number, and numbers of nodes and elements have 32 bits.
 
 use super::{File, Type, Version};
 use crate::io::ReadError;
@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 /// Physical groups of surfaces and volumes, by dimension and number.
 pub(super) type Entities = BTreeMap<(i64, i64), Vec<i64>>;
 
-/// Most physical groups of one entity.
-const MOST_GROUPS: usize = 256;
+/// Greatest number of physical groups of one entity.
+const MAX_GROUPS_PER_ENTITY: usize = 256;
 
 pub(super) fn entities(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
@@ -57,16 +57,18 @@ fn entity_counts(file: &mut File) -> Result<[usize; 4], ReadError> {
     Ok(counts)
 }
 
-/// What follows an entity's number: its box (a point has a place), physical groups, boundary.
+/// Reads the data of an entity: its bounding box (the position of a point), physical groups, boundary.
 fn entity(file: &mut File, dimension: usize, tag: i64) -> Result<(), ReadError> {
-    let place = dimension == 0 && file.version != Version::Four0;
-    for _ in 0..if place { 3 } else { 6 } {
+    let is_position = dimension == 0 && file.version != Version::Four0;
+    for _ in 0..if is_position { 3 } else { 6 } {
         file.tokens.double("a coordinate")?;
     }
     let groups = ints(file, "physical groups")?;
-    if groups.len() > MOST_GROUPS {
+    if groups.len() > MAX_GROUPS_PER_ENTITY {
         let found = format!("{} physical groups of an entity", groups.len());
-        return Err(file.tokens.bad(found, format!("at most {MOST_GROUPS}")));
+        return Err(file
+            .tokens
+            .bad(found, format!("at most {MAX_GROUPS_PER_ENTITY}")));
     }
     if dimension > 0 {
         ints(file, "bounding entities")?;
@@ -101,15 +103,15 @@ fn entity_of_block(file: &mut File) -> Result<(i64, i64), ReadError> {
 }
 
 /// The number of a node or an element.
-fn own_number(file: &mut File, what: &str) -> Result<u64, ReadError> {
+fn item_number(file: &mut File, what: &str) -> Result<u64, ReadError> {
     match file.version {
         Version::Four0 => file.tokens.number(what),
         _ => file.tokens.size(what),
     }
 }
 
-/// How many of the `left` things stand in a block.
-fn in_block(file: &mut File, left: &mut u64, what: &str) -> Result<u64, ReadError> {
+/// The number of items in a block; subtracted from `left`.
+fn block_count(file: &mut File, left: &mut u64, what: &str) -> Result<u64, ReadError> {
     let t = &mut file.tokens;
     let count = t.size(what)?;
     if count > *left {
@@ -120,7 +122,7 @@ fn in_block(file: &mut File, left: &mut u64, what: &str) -> Result<u64, ReadErro
     Ok(count)
 }
 
-/// The number of blocks, and of things in them together; 4.1 says their least and greatest number.
+/// The number of blocks and the total number of items; 4.1 adds the least and the greatest item number.
 fn block_counts(file: &mut File, what: &str, words: u64) -> Result<(usize, u64), ReadError> {
     let bytes = 4 * words;
     let t = &mut file.tokens;
@@ -134,7 +136,7 @@ fn block_counts(file: &mut File, what: &str, words: u64) -> Result<(usize, u64),
     Ok((t.count(blocks, 4, 20, "blocks")?, claimed))
 }
 
-fn all_there(file: &File, left: u64, claimed: u64, what: &str) -> Result<(), ReadError> {
+fn check_complete(file: &File, left: u64, claimed: u64, what: &str) -> Result<(), ReadError> {
     if left == 0 {
         return Ok(());
     }
@@ -150,7 +152,7 @@ pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
     for _ in 0..blocks {
         let (dimension, _) = entity_of_block(file)?;
         let parametric = file.tokens.int("0 or 1 for parametric nodes")?;
-        let count = in_block(file, &mut left, "nodes")?;
+        let count = block_count(file, &mut left, "nodes")?;
         let parameters = if parametric == 0 { 0 } else { dimension };
         let listed = file.version == Version::Four1;
         numbers.clear();
@@ -172,7 +174,7 @@ pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
             file.point(number, at);
         }
     }
-    all_there(file, left, claimed, "nodes")?;
+    check_complete(file, left, claimed, "nodes")?;
     file.lines();
     Ok(())
 }
@@ -184,22 +186,22 @@ pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     for _ in 0..blocks {
         let entity = entity_of_block(file)?;
         let code = file.tokens.number("an element type")?;
-        let count = in_block(file, &mut left, "elements")?;
+        let count = block_count(file, &mut left, "elements")?;
         let groups = file.entities.get(&entity).cloned().unwrap_or_default();
-        block(file, code, count, &groups)?;
+        block_elements(file, code, count, &groups)?;
     }
-    all_there(file, left, claimed, "elements")?;
+    check_complete(file, left, claimed, "elements")?;
     file.lines();
     Ok(())
 }
 
-fn block(file: &mut File, code: u64, count: u64, groups: &[i64]) -> Result<(), ReadError> {
+fn block_elements(file: &mut File, code: u64, count: u64, groups: &[i64]) -> Result<(), ReadError> {
     for _ in 0..count {
-        let number = own_number(file, "an element number")?;
+        let number = item_number(file, "an element number")?;
         match file.element_type(code, number)? {
-            Type::Flat(nodes) => {
+            Type::Skipped(nodes) => {
                 for _ in 0..nodes {
-                    own_number(file, "a node number")?;
+                    item_number(file, "a node number")?;
                 }
                 file.collector.skipped += 1;
             }
@@ -207,9 +209,9 @@ fn block(file: &mut File, code: u64, count: u64, groups: &[i64]) -> Result<(), R
                 let mut nodes = [0; 27];
                 let own = &mut nodes[..kind.node_count()];
                 for n in own.iter_mut() {
-                    *n = own_number(file, "a node number")?;
+                    *n = item_number(file, "a node number")?;
                 }
-                file.take(number, kind, own, groups);
+                file.add_element(number, kind, own, groups);
             }
         }
     }

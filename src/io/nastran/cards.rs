@@ -1,9 +1,9 @@
 //! Cards of bulk data: physical lines in small, large or free field, joined by continuations.
 //!
-//! A line with a comma is in free field; a `*` after the name, or in the place of the `+` of a
+//! A line with a comma is in free field; a `*` after the name, or instead of the `+` of a
 //! continuation, makes fields 16 columns wide. A continuation has a `+`, a `*` or nothing in its first
-//! field. Where both the tenth field of a line and the first of the next have a name, they must be the
-//! same: decks whose continuations stand elsewhere are refused.
+//! field. If both the tenth field of a line and the first field of the next have a name, they must be equal:
+//! decks with continuations out of order are refused.
 
 use super::super::{Place, ReadError, Source, quote};
 use std::path::{Path, PathBuf};
@@ -13,45 +13,45 @@ use std::path::{Path, PathBuf};
 pub(super) struct Card {
     pub name: String,
     text: String,
-    /// Where each field ends in the text.
+    /// The end of each field in the text.
     ends: Vec<usize>,
     pub path: PathBuf,
     /// The line of its name.
     pub line: u64,
-    /// What is wrong with its lines, of interest only if the card is.
-    fault: Option<(u64, String)>,
+    /// An error in its lines, reported only if the card is read.
+    error: Option<(u64, String)>,
 }
 
 /// A reader of cards.
 pub(super) struct Cards {
     source: Source,
-    /// A line that belongs to the next card.
-    held: Option<String>,
+    /// The first line of the next card.
+    next_line: Option<String>,
 }
 
 /// A physical line in parts.
-struct Parts<'a> {
+struct LineParts<'a> {
     head: &'a str,
     fields: Vec<&'a str>,
     /// The name of the continuation.
     tail: &'a str,
-    fault: Option<String>,
+    error: Option<String>,
 }
 
-/// Lines that a file name may go on.
-const LONGEST_NAME: usize = 16;
+/// Greatest number of lines of a file name.
+const MAX_NAME_LINES: usize = 16;
 
 impl Cards {
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         Ok(Self {
             source: Source::open(path)?,
-            held: None,
+            next_line: None,
         })
     }
 
-    /// The next line that says something: no comment, tabs as blanks, ASCII.
+    /// The next line with content: without comments, tabs expanded, non-ASCII characters replaced.
     fn line(&mut self) -> Result<Option<String>, ReadError> {
-        if let Some(line) = self.held.take() {
+        if let Some(line) = self.next_line.take() {
             return Ok(Some(line));
         }
         while let Some(line) = self.source.line()? {
@@ -59,20 +59,20 @@ impl Cards {
             if line.trim().is_empty() {
                 continue;
             }
-            let mut clean = String::with_capacity(line.len());
+            let mut ascii = String::with_capacity(line.len());
             for c in line.chars() {
                 match c {
                     '\t' => {
-                        clean.push(' ');
-                        while !clean.len().is_multiple_of(8) {
-                            clean.push(' ');
+                        ascii.push(' ');
+                        while !ascii.len().is_multiple_of(8) {
+                            ascii.push(' ');
                         }
                     }
-                    c if c.is_ascii() && !c.is_ascii_control() => clean.push(c),
-                    _ => clean.push('?'),
+                    c if c.is_ascii() && !c.is_ascii_control() => ascii.push(c),
+                    _ => ascii.push('?'),
                 }
             }
-            return Ok(Some(clean));
+            return Ok(Some(ascii));
         }
         Ok(None)
     }
@@ -101,7 +101,7 @@ impl Cards {
         }
         let parts = split(&first);
         if is_continuation(parts.head) {
-            card.fault = Some((card.line, "a continuation of no card".into()));
+            card.error = Some((card.line, "a continuation of no card".into()));
             card.name.push('+');
         } else {
             card.name.push_str(parts.head.trim_end_matches('*'));
@@ -112,14 +112,22 @@ impl Cards {
         while let Some(line) = self.line()? {
             let parts = split(&line);
             if !is_continuation(parts.head) {
-                self.held = Some(line);
+                self.next_line = Some(line);
                 break;
             }
             let mark = |m: &str| m.trim_start_matches(['+', '*']).trim().to_ascii_uppercase();
-            let (before, own) = (mark(&tail), mark(parts.head));
-            if !before.is_empty() && !own.is_empty() && before != own && card.fault.is_none() {
-                let text = format!("the continuation {} after {}", quote(&own), quote(&before));
-                card.fault = Some((self.source.line_number(), text));
+            let (previous, current) = (mark(&tail), mark(parts.head));
+            if !previous.is_empty()
+                && !current.is_empty()
+                && previous != current
+                && card.error.is_none()
+            {
+                let text = format!(
+                    "the continuation {} after {}",
+                    quote(&current),
+                    quote(&previous)
+                );
+                card.error = Some((self.source.line_number(), text));
             }
             card.take(&parts);
             parts.tail.clone_into(&mut tail);
@@ -127,14 +135,14 @@ impl Cards {
         Ok(true)
     }
 
-    /// The name of a file, in quotes or not; one in quotes may go on over lines.
+    /// The name of a file, with or without quotes; a quoted name may extend over lines.
     fn file_name(&mut self, first: &str) -> Result<String, ReadError> {
         let quoted = first.chars().next().filter(|c| matches!(c, '\'' | '"'));
         let Some(mark) = quoted else {
             return Ok(first.to_owned());
         };
         let mut name = first[1..].to_owned();
-        for _ in 0..LONGEST_NAME {
+        for _ in 0..MAX_NAME_LINES {
             if let Some(end) = name.find(mark) {
                 name.truncate(end);
                 return Ok(name);
@@ -154,7 +162,7 @@ fn is_continuation(head: &str) -> bool {
 }
 
 /// The fields of a line.
-fn split(line: &str) -> Parts<'_> {
+fn split(line: &str) -> LineParts<'_> {
     if line.contains(',') {
         return split_free(line);
     }
@@ -165,46 +173,46 @@ fn split(line: &str) -> Parts<'_> {
     let head = columns(0, 8);
     let width = if head.contains('*') { 16 } else { 8 };
     let fields = (8..72).step_by(width);
-    Parts {
+    LineParts {
         head,
         fields: fields.map(|from| columns(from, from + width)).collect(),
         tail: columns(72, 80),
-        fault: None,
+        error: None,
     }
 }
 
-fn split_free(line: &str) -> Parts<'_> {
+fn split_free(line: &str) -> LineParts<'_> {
     let mut words = line.split(',').map(str::trim);
     let head = words.next().unwrap_or("");
-    let most = if head.contains('*') { 4 } else { 8 };
+    let max_fields = if head.contains('*') { 4 } else { 8 };
     let mut fields: Vec<&str> = words.collect();
     while fields.last().is_some_and(|w| w.is_empty()) {
         fields.pop();
     }
     let mut tail = "";
-    let mut fault = None;
+    let mut error = None;
     let mark = |w: &str| w.starts_with(['+', '*']) && real(w).is_none();
-    if fields.len() > most {
-        tail = fields[most];
-        if fields.len() > most + 1 {
-            fault = Some(format!("{} fields in a line", fields.len()));
+    if fields.len() > max_fields {
+        tail = fields[max_fields];
+        if fields.len() > max_fields + 1 {
+            error = Some(format!("{} fields in a line", fields.len()));
         } else if !mark(tail) {
-            fault = Some(format!("{} in the tenth field", quote(tail)));
+            error = Some(format!("{} in the tenth field", quote(tail)));
         }
-        fields.truncate(most);
+        fields.truncate(max_fields);
     } else if fields.last().is_some_and(|w| mark(w)) {
         tail = fields.pop().unwrap_or("");
     }
-    fields.resize(most, "");
-    Parts {
+    fields.resize(max_fields, "");
+    LineParts {
         head,
         fields,
         tail,
-        fault,
+        error,
     }
 }
 
-/// Nastran's way to write a number: the E of an exponent may be a D or left out.
+/// A real number in Nastran's notation: the E of an exponent may be a D or missing.
 pub(super) fn real(text: &str) -> Option<f64> {
     let known = |c: char| matches!(c, '0'..='9' | '+' | '-' | '.' | 'e' | 'E' | 'd' | 'D');
     if !text.starts_with(|c: char| matches!(c, '0'..='9' | '+' | '-' | '.'))
@@ -230,7 +238,7 @@ impl Card {
             path.clone_into(&mut self.path);
         }
         self.line = line;
-        self.fault = None;
+        self.error = None;
     }
 
     fn push(&mut self, field: &str) {
@@ -238,20 +246,20 @@ impl Card {
         self.ends.push(self.text.len());
     }
 
-    /// Appends the fields of a line; wide ones come in pairs of lines.
-    fn take(&mut self, parts: &Parts) {
+    /// Appends the fields of a line; lines of wide fields come in pairs.
+    fn take(&mut self, parts: &LineParts) {
         while parts.fields.len() == 8 && !self.ends.len().is_multiple_of(8) {
             self.push("");
         }
         for field in &parts.fields {
             self.push(field);
         }
-        if let (Some(text), None) = (&parts.fault, &self.fault) {
-            self.fault = Some((self.line, text.clone()));
+        if let (Some(text), None) = (&parts.error, &self.error) {
+            self.error = Some((self.line, text.clone()));
         }
     }
 
-    /// A field from 0, which is the second of the card; empty where the card has none.
+    /// Field `i`, counted from the second field of the card; empty if missing.
     pub fn field(&self, i: usize) -> &str {
         let start = if i == 0 {
             Some(&0)
@@ -264,9 +272,9 @@ impl Card {
         }
     }
 
-    /// Whether its lines belong together.
+    /// Checks that its lines are valid and continue each other.
     pub fn check(&self) -> Result<(), ReadError> {
-        let Some((line, text)) = &self.fault else {
+        let Some((line, text)) = &self.error else {
             return Ok(());
         };
         let expected = "ten fields in a line, each line after the one that it continues";
@@ -283,7 +291,7 @@ impl Card {
         ReadError::data(&self.path, Place::Line(self.line), found, expected)
     }
 
-    /// A whole number from 0; `None` where the field is empty.
+    /// A non-negative integer; `None` if the field is empty.
     pub fn number(&self, i: usize) -> Result<Option<u64>, ReadError> {
         let text = self.field(i);
         if text.is_empty() {
@@ -291,29 +299,29 @@ impl Card {
         }
         match text.strip_prefix('+').unwrap_or(text).parse::<u32>() {
             Ok(n) => Ok(Some(u64::from(n))),
-            Err(_) => Err(self.wrong(i, "a whole number")),
+            Err(_) => Err(self.bad_field(i, "a whole number")),
         }
     }
 
-    /// A whole number from 1.
+    /// A positive integer.
     pub fn needed(&self, i: usize, what: &str) -> Result<u64, ReadError> {
         match self.number(i)? {
             Some(n @ 1..) => Ok(n),
-            _ => Err(self.wrong(i, what)),
+            _ => Err(self.bad_field(i, what)),
         }
     }
 
-    /// A number with a fraction; `None` where the field is empty.
+    /// A real number; `None` if the field is empty.
     pub fn real(&self, i: usize) -> Result<Option<f64>, ReadError> {
         match self.field(i) {
             "" => Ok(None),
             text => real(text)
                 .map(Some)
-                .ok_or_else(|| self.wrong(i, "a number")),
+                .ok_or_else(|| self.bad_field(i, "a number")),
         }
     }
 
-    fn wrong(&self, i: usize, what: &str) -> ReadError {
+    fn bad_field(&self, i: usize, what: &str) -> ReadError {
         let found = format!(
             "{} in field {} of {}",
             quote(self.field(i)),
@@ -363,6 +371,6 @@ mod tests {
         let parts = split("chexa, 1,2,3 ,,5,6,7,8,+x");
         assert_eq!(parts.fields, ["1", "2", "3", "", "5", "6", "7", "8"]);
         assert_eq!((parts.head, parts.tail), ("chexa", "+x"));
-        assert!(split("A,1,2,3,4,5,6,7,8,9").fault.is_some());
+        assert!(split("A,1,2,3,4,5,6,7,8,9").error.is_some());
     }
 }

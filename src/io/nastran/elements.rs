@@ -1,4 +1,4 @@
-//! Element cards: solids and shells with their nodes in Nastran's order.
+//! Element cards: solids and shells with nodes in Nastran order.
 
 use super::super::scaffold::KINDS_READ;
 use super::super::{Place, ReadError};
@@ -8,7 +8,7 @@ use crate::frame::Vec3;
 use crate::scaffold::Kind;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// A card's kinds, by how many of its nodes are given: from few to many.
+/// A card and its kinds in ascending order of their number of nodes.
 type Row = (&'static str, &'static [Kind]);
 
 const ELEMENTS: &[Row] = &[
@@ -17,7 +17,7 @@ const ELEMENTS: &[Row] = &[
     ("CPENTA", &[Kind::Wedge6, Kind::Wedge15]),
     ("CPYRAM", &[Kind::Pyramid5, Kind::Pyramid13]),
     ("CPYRA", &[Kind::Pyramid5, Kind::Pyramid13]),
-    // As meshio names those of second order.
+    // The names of second-order elements in meshio.
     ("CTETRA_", &[Kind::Tet10]),
     ("CHEXA_", &[Kind::Hex20]),
     ("CPENTA_", &[Kind::Wedge15]),
@@ -33,17 +33,17 @@ const ELEMENTS: &[Row] = &[
     ("CQUAD9", &[Kind::Quad4, Kind::Quad8, Kind::Quad9]),
 ];
 
-/// Which of the card's nodes stands at each place of VTK's order, where the two differ: Nastran has
-/// the mid nodes of upright edges before those of the upper side.
+/// The permutation from Nastran's node order to VTK order, where they differ: Nastran lists the mid nodes of
+/// vertical edges before those of the top face.
 const HEX20: [u8; 20] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15,
 ];
 const WEDGE15: [u8; 15] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 9, 10, 11];
 
-/// Numbers of the nodes that we put on edges; a deck's own have eight digits.
-const ADDED: u64 = 1 << 40;
-/// Fields of a card before its nodes.
-const FIRST_NODE: usize = 2;
+/// First number of added mid nodes; numbers in a deck have eight digits.
+const FIRST_ADDED_NODE: u64 = 1 << 40;
+/// Number of fields before the nodes.
+const FIRST_NODE_FIELD: usize = 2;
 
 pub(super) fn is_element(name: &str) -> bool {
     ELEMENTS.iter().any(|row| row.0 == name)
@@ -56,31 +56,31 @@ impl Deck<'_> {
         let kinds = row.map_or(&[][..], |row| row.1);
         let number = card.needed(0, "an element's number")?;
         let property = card.number(1)?;
-        let wrong = |found: String, expected: &str| {
+        let error = |found: String, expected: &str| {
             let place = Place::ItemOnLine("element", number, card.line);
             ReadError::data(&card.path, place, found, expected)
         };
-        let most = kinds.last().map_or(0, |k| k.node_count());
+        let max_nodes = kinds.last().map_or(0, |k| k.node_count());
         let mut file_nodes = [None; 27];
         let mut given = 0;
-        for (i, node) in file_nodes.iter_mut().take(most).enumerate() {
-            // Some write 0 for a mid node that is left out.
-            *node = card.number(FIRST_NODE + i)?.filter(|n| *n > 0);
+        for (i, node) in file_nodes.iter_mut().take(max_nodes).enumerate() {
+            // Some programs write 0 for a missing mid node.
+            *node = card.number(FIRST_NODE_FIELD + i)?.filter(|n| *n > 0);
             if node.is_some() {
                 given = i + 1;
             }
         }
         let solid = !kinds[0].is_planar();
-        if solid && !matches!(card.field(FIRST_NODE + most), "" | "CORDM") {
-            let found = format!("more than {most} nodes in a {}", card.name);
-            return Err(wrong(found, KINDS_READ));
+        if solid && !matches!(card.field(FIRST_NODE_FIELD + max_nodes), "" | "CORDM") {
+            let found = format!("more than {max_nodes} nodes in a {}", card.name);
+            return Err(error(found, KINDS_READ));
         }
         let kind = kinds.iter().find(|k| k.node_count() >= given);
         let kind = *kind.unwrap_or(&kinds[0]);
         let corners = kind.corner_count();
         if let Some(missing) = file_nodes[..corners].iter().position(Option::is_none) {
             let found = format!("no node at corner {} of a {}", missing + 1, card.name);
-            return Err(wrong(found, "a node at every corner"));
+            return Err(error(found, "a node at every corner"));
         }
         let order: &[u8] = match kind {
             Kind::Hex20 => &HEX20,
@@ -88,27 +88,27 @@ impl Deck<'_> {
             _ => &[],
         };
         let mut nodes = [0; 27];
-        let own = &mut nodes[..kind.node_count()];
-        for (i, to) in own.iter_mut().enumerate() {
+        let element_nodes = &mut nodes[..kind.node_count()];
+        for (i, to) in element_nodes.iter_mut().enumerate() {
             let from = order.get(i).map_or(i, |&o| usize::from(o));
             if let Some(node) = file_nodes[from] {
                 *to = node;
             }
         }
-        for i in corners..own.len() {
-            if own[i] != 0 {
+        for i in corners..element_nodes.len() {
+            if element_nodes[i] != 0 {
                 continue;
             }
             let Some(&[a, b]) = kind.edges().get(i - corners) else {
-                return Err(wrong("no node in the middle".into(), "a node there"));
+                return Err(error("no node in the middle".into(), "a node there"));
             };
-            let mut ends = [own[usize::from(a)], own[usize::from(b)]];
+            let mut ends = [element_nodes[usize::from(a)], element_nodes[usize::from(b)]];
             ends.sort_unstable();
-            let next = ADDED + self.straight.len() as u64;
-            own[i] = *self.straight.entry(ends).or_insert(next);
+            let next = FIRST_ADDED_NODE + self.missing_mid_nodes.len() as u64;
+            element_nodes[i] = *self.missing_mid_nodes.entry(ends).or_insert(next);
         }
         let mut hasher = DefaultHasher::new();
-        (kind, property, &*own).hash(&mut hasher);
+        (kind, property, &*element_nodes).hash(&mut hasher);
         let digest = hasher.finish();
         match self.elements.insert(number, digest) {
             None => {}
@@ -118,17 +118,22 @@ impl Deck<'_> {
             }
             Some(_) => {
                 let found = "a second element of this number".to_owned();
-                return Err(wrong(found, "every number once"));
+                return Err(error(found, "every number once"));
             }
         }
         let group = property.filter(|p| *p > 0).map(|p| p as i64);
-        self.collector.element(number, kind, own, group.as_slice());
+        self.collector
+            .element(number, kind, element_nodes, group.as_slice());
         Ok(())
     }
 
-    /// Puts nodes in the middle of the edges that have none in the deck.
-    pub(super) fn straighten(&mut self) -> Result<(), ReadError> {
-        let mut edges: Vec<(u64, [u64; 2])> = self.straight.iter().map(|(e, n)| (*n, *e)).collect();
+    /// Adds mid nodes in the middle of the edges that have none in the deck.
+    pub(super) fn add_mid_nodes(&mut self) -> Result<(), ReadError> {
+        let mut edges: Vec<(u64, [u64; 2])> = self
+            .missing_mid_nodes
+            .iter()
+            .map(|(e, n)| (*n, *e))
+            .collect();
         edges.sort_unstable();
         for &(number, ends) in &edges {
             let mut sum = Vec3::zeros();
@@ -139,7 +144,7 @@ impl Deck<'_> {
                     return Err(ReadError::data(self.path, Place::File, found, expected));
                 };
                 let grid = &self.grids[place as usize].1;
-                sum += self.basic(grid, node)?;
+                sum += self.to_basic(grid, node)?;
             }
             self.collector.point(number, (sum / 2.0).into());
         }

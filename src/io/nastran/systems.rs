@@ -12,22 +12,22 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 #[derive(Clone, Copy, PartialEq)]
-enum Form {
+enum CoordinateKind {
     Rectangular,
     Cylindrical,
     Spherical,
 }
 
 #[derive(Clone, PartialEq)]
-enum Given {
+enum SystemPoints {
     Grids([u64; 3]),
     /// Points of a system.
     Points(u64, [[f64; 3]; 3]),
 }
 
 struct Definition {
-    form: Form,
-    given: Given,
+    kind: CoordinateKind,
+    given: SystemPoints,
     line: u64,
 }
 
@@ -42,7 +42,7 @@ pub(super) struct Systems {
     frames: HashMap<u64, Frame>,
 }
 
-impl Form {
+impl CoordinateKind {
     fn cartesian(self, [a, b, c]: [f64; 3]) -> Vec3 {
         match self {
             Self::Rectangular => Vec3::new(a, b, c),
@@ -60,17 +60,17 @@ impl Form {
 }
 
 impl Systems {
-    /// Takes a card whose name begins with CORD.
+    /// Adds the systems of a card whose name begins with CORD.
     pub fn add(&mut self, card: &Card) -> Result<(), ReadError> {
         card.check()?;
-        let form = match card.name.get(5..) {
-            Some("R") => Form::Rectangular,
-            Some("C") => Form::Cylindrical,
-            Some("S") => Form::Spherical,
-            _ => return Err(refused(card)),
+        let kind = match card.name.get(5..) {
+            Some("R") => CoordinateKind::Rectangular,
+            Some("C") => CoordinateKind::Cylindrical,
+            Some("S") => CoordinateKind::Spherical,
+            _ => return Err(unsupported_card(card)),
         };
         match card.name.as_bytes()[4] {
-            // Two systems may stand on one card.
+            // A card may define two systems.
             b'1' => {
                 for first in [0, 4] {
                     if first > 0 && card.field(first).is_empty() {
@@ -81,7 +81,7 @@ impl Systems {
                     for (i, g) in grids.iter_mut().enumerate() {
                         *g = card.needed(first + 1 + i, "a grid point's number")?;
                     }
-                    self.define(card, number, form, Given::Grids(grids))?;
+                    self.define(card, number, kind, SystemPoints::Grids(grids))?;
                 }
                 Ok(())
             }
@@ -92,9 +92,9 @@ impl Systems {
                 for (i, c) in points.iter_mut().flatten().enumerate() {
                     *c = card.real(2 + i)?.unwrap_or(0.0);
                 }
-                self.define(card, number, form, Given::Points(within, points))
+                self.define(card, number, kind, SystemPoints::Points(within, points))
             }
-            _ => Err(refused(card)),
+            _ => Err(unsupported_card(card)),
         }
     }
 
@@ -102,11 +102,11 @@ impl Systems {
         &mut self,
         card: &Card,
         number: u64,
-        form: Form,
-        given: Given,
+        kind: CoordinateKind,
+        given: SystemPoints,
     ) -> Result<(), ReadError> {
         if let Some(earlier) = self.definitions.get(&number)
-            && (earlier.form != form || earlier.given != given)
+            && (earlier.kind != kind || earlier.given != given)
         {
             let found = format!(
                 "coordinate system {number} again, which is another on line {}",
@@ -115,13 +115,13 @@ impl Systems {
             return Err(card.bad(found, "every number once"));
         }
         let line = card.line;
-        let definition = Definition { form, given, line };
+        let definition = Definition { kind, given, line };
         self.definitions.insert(number, definition);
         Ok(())
     }
 
-    /// Finds the frames of all systems in the basic one. `grid` gives a grid point's system, if its
-    /// card names one, and coordinates.
+    /// Computes the frames of all systems in the basic system. `grid` returns the system of a grid point (if
+    /// its card has one) and its coordinates.
     pub fn resolve(
         &mut self,
         path: &Path,
@@ -131,18 +131,18 @@ impl Systems {
         let mut all: Vec<u64> = self.definitions.keys().copied().collect();
         all.sort_unstable();
         for first in all {
-            // Systems that wait for another, the last one for none that is known to be open.
-            let mut open = vec![first];
-            let mut waiting: HashSet<u64> = HashSet::from([first]);
-            while let Some(&number) = open.last() {
+            // A stack of systems, each defined in the one above it.
+            let mut pending = vec![first];
+            let mut visited: HashSet<u64> = HashSet::from([first]);
+            while let Some(&number) = pending.last() {
                 let definition = &self.definitions[&number];
                 let fail = |found: String, expected: &str| {
                     let place = Place::ItemOnLine("coordinate system", number, definition.line);
                     ReadError::data(path, place, found, expected)
                 };
                 let points = match &definition.given {
-                    Given::Points(within, points) => points.map(|p| (*within, p)),
-                    Given::Grids(numbers) => {
+                    SystemPoints::Points(within, points) => points.map(|p| (*within, p)),
+                    SystemPoints::Grids(numbers) => {
                         let mut points = [(0, [0.0; 3]); 3];
                         for (to, &node) in points.iter_mut().zip(numbers) {
                             let Some((system, at)) = grid(node) else {
@@ -156,7 +156,7 @@ impl Systems {
                 };
                 let known = |n: u64| n == 0 || self.frames.contains_key(&n);
                 if known(number) {
-                    open.pop();
+                    pending.pop();
                     continue;
                 }
                 if let Some(&(next, _)) = points.iter().find(|(n, _)| !known(*n)) {
@@ -164,11 +164,11 @@ impl Systems {
                         let found = format!("coordinate system {next}, which is not in the deck");
                         return Err(fail(found, "one of its CORD cards"));
                     }
-                    if !waiting.insert(next) {
-                        let found = "a system that is given by itself, over others".to_owned();
-                        return Err(fail(found, "systems that lead to the basic one"));
+                    if !visited.insert(next) {
+                        let found = "a system that is defined in itself, through others".to_owned();
+                        return Err(fail(found, "systems defined in the basic one"));
                     }
-                    open.push(next);
+                    pending.push(next);
                     continue;
                 }
                 let mut basic = [Vec3::zeros(); 3];
@@ -182,28 +182,28 @@ impl Systems {
                     ));
                 };
                 self.frames.insert(number, frame);
-                open.pop();
+                pending.pop();
             }
         }
         Ok(())
     }
 
-    /// Coordinates of a system in the basic one; `None` if the system is not known.
+    /// Converts coordinates to the basic system; `None` if the system is unknown.
     pub fn to_basic(&self, system: u64, at: [f64; 3]) -> Option<Vec3> {
         if system == 0 {
             return Some(at.into());
         }
-        let form = self.definitions.get(&system)?.form;
+        let kind = self.definitions.get(&system)?.kind;
         let frame = self.frames.get(&system)?;
-        Some(frame.origin + frame.axes * form.cartesian(at))
+        Some(frame.origin + frame.axes * kind.cartesian(at))
     }
 }
 
 impl Frame {
-    fn through([origin, on_z, beside]: [Vec3; 3]) -> Option<Self> {
+    fn through([origin, on_z, in_xz_plane]: [Vec3; 3]) -> Option<Self> {
         let z = (on_z - origin).try_normalize(0.0)?;
-        let y = z.cross(&(beside - origin).try_normalize(0.0)?);
-        // A point within 1e-9 of the axis gives no direction.
+        let y = z.cross(&(in_xz_plane - origin).try_normalize(0.0)?);
+        // A point within 1e-9 of the axis defines no direction.
         let y = y.try_normalize(1e-9)?;
         let axes = Mat3::from_columns(&[y.cross(&z), y, z]);
         let finite = axes.iter().chain(origin.iter()).all(|c| c.is_finite());
@@ -211,7 +211,7 @@ impl Frame {
     }
 }
 
-fn refused(card: &Card) -> ReadError {
+fn unsupported_card(card: &Card) -> ReadError {
     let found = format!("the card {}", quote(&card.name));
     card.bad(found, "CORD1R, CORD1C, CORD1S, CORD2R, CORD2C or CORD2S")
 }

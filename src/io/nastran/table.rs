@@ -1,7 +1,7 @@
-//! Cards by what they mean to a mesh.
+//! Tables of cards that are skipped, refused or ignored.
 
 /// Bars, springs, masses, rigid links, heat and fluid boundaries: no volume and no surface.
-pub(super) const SKIPPED: &[&str] = &[
+pub(super) const SKIPPED_CARDS: &[&str] = &[
     "CAABSF", "CACINF3", "CACINF4", "CBAR", "CBEAM", "CBEAM3", "CBEND", "CBUSH", "CBUSH1D",
     "CBUSH2D", "CDAMP1", "CDAMP1D", "CDAMP2", "CDAMP2D", "CDAMP3", "CDAMP4", "CDAMP5", "CELAS1",
     "CELAS1D", "CELAS2", "CELAS2D", "CELAS3", "CELAS4", "CFAST", "CFLUID2", "CFLUID3", "CFLUID4",
@@ -12,8 +12,8 @@ pub(super) const SKIPPED: &[&str] = &[
     "RSSCON", "RTRPLT", "RTRPLT1",
 ];
 
-/// Cards that make or move points and elements in ways that are not read.
-pub(super) const REFUSED: &[&str] = &[
+/// Cards that make or move points and elements in unsupported ways.
+pub(super) const REFUSED_CARDS: &[&str] = &[
     "CGEN", "CSUPER", "CSUPEXT", "DELETE", "EGRID", "EQUIV", "FEEDGE", "FEFACE", "GMBNDC",
     "GMBNDS", "GMCURV", "GMSURF", "GRIDB", "GRIDD", "GRIDF", "GRIDG", "GRIDMOD", "GRIDS", "GRIDU",
     "GMCORD", "RINGAX", "RINGFL", "SECTAX", "SEBULK", "SELOC", "SEMPLN", "MGRID", "MLINE", "MAREA",
@@ -21,7 +21,7 @@ pub(super) const REFUSED: &[&str] = &[
 ];
 
 /// Cards that begin with C and make no elements; a `*` stands for the rest of a name.
-pub(super) const NO_ELEMENTS: &[&str] = &[
+pub(super) const NON_ELEMENT_CARDS: &[&str] = &[
     "CAERO*", "CAMPBLL", "CASECC", "CBARAO", "CCRSFIL", "CDDATA", "CEND", "CFAILURE", "CHKFAIL",
     "CLAMP*", "CLOAD", "CLOADEX", "CLUSTER", "CMREBAI", "CNTNODE", "CNTRGRP", "COHESIV", "COHFRIC",
     "COMBWLD", "CONCTL", "CONTACT", "CONTOUR", "CONTRLT", "CONV", "CONV3", "CONVM", "COUP*",

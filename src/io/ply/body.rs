@@ -1,7 +1,7 @@
-//! What stands below the header of PLY.
+//! The body of a PLY file.
 //!
-//! In text an element is a line; one that is too short goes on in the next. What else stands on the line is
-//! passed over, unless the lines are too few for all elements: then it is the next of them.
+//! In text each element takes a line, or several if a line is too short. Further numbers on its line are
+//! ignored, unless the file has fewer lines than elements: then they belong to the next element.
 
 use super::header::{Format, Header, Layer, Role, Scalar};
 use crate::frame::Vec3;
@@ -10,13 +10,13 @@ use crate::io::polygons::Soup;
 use crate::io::{Place, ReadError, Source, quote};
 use crate::polymesh::Faces;
 
-/// What stands below a header.
+/// The content of the body.
 pub(super) struct Content {
     pub points: Vec<Vec3>,
     pub normals: Vec<Vec3>,
     pub faces: Faces,
     /// Bytes after the last element.
-    pub left: u64,
+    pub trailing_bytes: u64,
 }
 
 pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, ReadError> {
@@ -27,9 +27,9 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
     let mut list = Vec::new();
     let (mut line, mut at) = (Vec::new(), 0);
     let counts = header.layers.iter().map(|l| l.count);
-    let (mut to_come, mut dense) = (counts.fold(0, u64::saturating_add), None);
+    let (mut remaining, mut dense) = (counts.fold(0, u64::saturating_add), None);
     for layer in header.layers.iter().filter(|l| !l.properties.is_empty()) {
-        let least: usize = match format {
+        let min_bytes: usize = match format {
             // A digit and a separator each; the last line may lack its end.
             Format::Text => 2 * layer.properties.len() - 1,
             _ => layer
@@ -38,9 +38,13 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
                 .map(|p| p.length.unwrap_or(p.kind).size())
                 .sum(),
         };
-        // What is left of the line at hand is in the file too.
+        // The rest of the current line counts too.
         let room = (line.len() - at) as u64;
-        source.count(layer.count.saturating_sub(room), least as u64, &layer.name)?;
+        source.count(
+            layer.count.saturating_sub(room),
+            min_bytes as u64,
+            &layer.name,
+        )?;
         let is_vertex = layer.name == "vertex";
         let mut rows = Rows {
             source,
@@ -71,7 +75,7 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
                         }
                         if is_strip {
                             for strip in list.split(|&v| v == u32::MAX) {
-                                Soup::strip(&mut faces, strip);
+                                Soup::push_strip(&mut faces, strip);
                             }
                         } else if role == Role::Corners {
                             faces.push(list.iter().copied());
@@ -79,8 +83,8 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
                     }
                 }
             }
-            to_come -= 1;
-            rows.end(&mut dense, to_come)?;
+            remaining -= 1;
+            rows.end(&mut dense, remaining)?;
             if is_vertex {
                 points.push(point);
                 if has_normals {
@@ -96,19 +100,19 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
         points,
         normals,
         faces,
-        left: if known { source.remaining() } else { 0 },
+        trailing_bytes: if known { source.remaining() } else { 0 },
     })
 }
 
-/// Elements being read: numbers of a line of text, or the file itself.
+/// A reader of elements from lines of text or binary data.
 struct Rows<'a> {
     source: &'a mut Source,
     format: Format,
     layer: &'a Layer,
-    /// The numbers of the line at hand, and which of them is next.
+    /// The numbers of the current line, and the index of the next one.
     line: Vec<f64>,
     at: usize,
-    /// The element being read, from 1.
+    /// The current element, from 1.
     number: u64,
 }
 
@@ -121,7 +125,7 @@ impl Rows<'_> {
         Ok(())
     }
 
-    /// The numbers of the next line that has any.
+    /// Reads the numbers of the next line that has any.
     fn fill(&mut self) -> Result<(), ReadError> {
         self.line.clear();
         self.at = 0;
@@ -139,8 +143,8 @@ impl Rows<'_> {
                     .with_hint("the file looks truncated"));
             }
             for word in words(self.source.current()) {
-                // A word that is no number is an error only where it is needed.
-                self.line.push(number::real(word).unwrap_or(NO_NUMBER));
+                // A word that is no number is an error only if it is used.
+                self.line.push(number::real(word).unwrap_or(NOT_A_NUMBER));
             }
         }
         Ok(())
@@ -153,12 +157,12 @@ impl Rows<'_> {
             }
             let x = self.line[self.at];
             self.at += 1;
-            if x.to_bits() == NO_NUMBER.to_bits() {
+            if x.to_bits() == NOT_A_NUMBER.to_bits() {
                 let word = words(self.source.current()).nth(self.at - 1);
                 let word = String::from_utf8_lossy(word.unwrap_or_default()).into_owned();
                 let error = self.bad(quote(&word), "a number");
                 return Err(if word.contains(',') {
-                    error.with_hint(number::COMMA)
+                    error.with_hint(number::COMMA_HINT)
                 } else {
                     error
                 });
@@ -182,7 +186,7 @@ impl Rows<'_> {
     }
 
     fn bad(&self, found: impl Into<String>, expected: &str) -> ReadError {
-        // Elements are vertices, faces or what we pass over.
+        // Elements are vertices, faces or ignored ones.
         let what = match self.layer.name.as_str() {
             "vertex" => "vertex",
             "face" => "face",
@@ -220,7 +224,7 @@ impl Rows<'_> {
         }
     }
 
-    /// The number of a vertex; -1 in a strip, which begins anew there, is `u32::MAX`.
+    /// The index of a vertex; -1, which starts a new strip, becomes `u32::MAX`.
     fn index(&mut self, kind: Scalar, strip: bool) -> Result<u32, ReadError> {
         let x = self.number(kind)?;
         if x >= 0.0 && x.fract() == 0.0 && x <= f64::from(u32::MAX) {
@@ -232,15 +236,15 @@ impl Rows<'_> {
         }
     }
 
-    /// The element is complete: what is left of its line is more elements if lines are too few for all that
-    /// are to come, else nothing.
-    fn end(&mut self, dense: &mut Option<bool>, to_come: u64) -> Result<(), ReadError> {
+    /// Ends an element. The rest of its line is the next element if the file has fewer lines than remaining
+    /// elements, otherwise it is ignored.
+    fn end(&mut self, dense: &mut Option<bool>, remaining: u64) -> Result<(), ReadError> {
         if self.at == self.line.len() {
             return Ok(());
         }
         let is_dense = match *dense {
             Some(is_dense) => is_dense,
-            None => self.source.lines_left()? < to_come,
+            None => self.source.lines_left()? < remaining,
         };
         *dense = Some(is_dense);
         if !is_dense {
@@ -250,5 +254,5 @@ impl Rows<'_> {
     }
 }
 
-/// In the place of a word that is no number; no text gives these bits.
-const NO_NUMBER: f64 = f64::from_bits(0x7ff8_dead_0000_0001);
+/// A placeholder for a word that is no number; no text parses to these bits.
+const NOT_A_NUMBER: f64 = f64::from_bits(0x7ff8_dead_0000_0001);

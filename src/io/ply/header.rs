@@ -71,7 +71,7 @@ pub(super) enum Format {
     Big,
 }
 
-/// A property: a list if it has a type for its length, and what it means to us.
+/// A property: a list if it has a type for its length, otherwise a scalar.
 pub(super) struct Property {
     pub length: Option<Scalar>,
     pub kind: Scalar,
@@ -88,6 +88,7 @@ pub(super) enum Role {
     None,
 }
 
+/// An element declaration, such as "element vertex 8", with its properties.
 pub(super) struct Layer {
     pub name: String,
     pub count: u64,
@@ -95,7 +96,7 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    /// Gives the list of corners its role.
+    /// Finds the list of corners and sets its role.
     fn find_list(&mut self) {
         let role = match self.name.as_str() {
             "face" | "faces" => Role::Corners,
@@ -224,7 +225,7 @@ impl Header {
         self.layers.iter().any(own)
     }
 
-    /// Whether any face or strip follows.
+    /// Whether the body contains any face or strip.
     pub fn has_faces(&self) -> bool {
         let lists = |l: &Layer| {
             let list = |p: &Property| matches!(p.role, Role::Corners | Role::Strips);

@@ -1,4 +1,4 @@
-//! Writing PLY, binary and little-endian.
+//! The writer of PLY: binary, little-endian.
 
 use crate::frame::LengthUnit;
 use crate::io::mesh_view::Rows;
@@ -7,7 +7,7 @@ use std::io::{self, Write};
 
 fn head(rows: &dyn Rows, unit: LengthUnit) -> String {
     let [vertices, faces] = rows.counts();
-    // Most readers take `int`; only giants need the other half of the range.
+    // Most readers expect `int`; only huge meshes need `uint`.
     let index = if i32::try_from(vertices).is_ok() {
         "int"
     } else {
@@ -39,7 +39,7 @@ pub(in crate::io) fn size(mesh: &MeshView, unit: LengthUnit) -> u64 {
         + 4 * corners as u64
 }
 
-/// Writes binary PLY, little-endian; coordinates as `float`, or as `double` where the rows ask for it.
+/// Writes binary little-endian PLY; coordinates are `float`, or `double` if the rows request it.
 pub(in crate::io) fn write(
     out: &mut dyn Write,
     rows: &mut dyn Rows,
@@ -47,8 +47,8 @@ pub(in crate::io) fn write(
 ) -> io::Result<()> {
     out.write_all(head(rows, unit).as_bytes())?;
     let mut batch = Vec::with_capacity(2 * BATCH_BYTES);
-    let mut flush = |batch: &mut Vec<u8>, least: usize| match batch.len() {
-        bytes if bytes < least => Ok(()),
+    let mut flush = |batch: &mut Vec<u8>, min_bytes: usize| match batch.len() {
+        bytes if bytes < min_bytes => Ok(()),
         _ => out.write_all(batch).map(|()| batch.clear()),
     };
     let is_double = rows.is_double();
@@ -56,8 +56,8 @@ pub(in crate::io) fn write(
         if is_double {
             batch.extend([v.x, v.y, v.z].into_iter().flat_map(f64::to_le_bytes));
         } else {
-            let place = [v.x, v.y, v.z].map(|c| (c as f32).to_le_bytes());
-            batch.extend_from_slice(place.as_flattened());
+            let bytes = [v.x, v.y, v.z].map(|c| (c as f32).to_le_bytes());
+            batch.extend_from_slice(bytes.as_flattened());
         }
         batch.extend(numbers.iter().flat_map(|c| c.to_le_bytes()));
         flush(&mut batch, BATCH_BYTES)
@@ -76,5 +76,5 @@ pub(in crate::io) fn write(
     flush(&mut batch, 0)
 }
 
-/// Bytes that are written at once.
+/// Number of bytes written at once.
 const BATCH_BYTES: usize = 1 << 17;

@@ -1,8 +1,8 @@
 //! Text STL, word by word.
 //!
-//! Read are `vertex` and what ends a loop or a facet, in either case, written in one word or two, in as many or
-//! few lines as one likes. Names after `solid`, colours and comments (`#`, `;`, `//`, `!`) end with their line;
-//! lines of other words are passed over and counted.
+//! The reader uses `vertex` and the ends of loops and facets, in upper or lower case, as one word or two, with
+//! any line breaks. Names after `solid`, colours and comments (`#`, `;`, `//`, `!`) end with their line;
+//! lines of other words are counted and ignored.
 
 use super::{Builder, stated_unit};
 use crate::frame::Vec3;
@@ -10,9 +10,9 @@ use crate::io::mesh_file::MeshFile;
 use crate::io::number::{self, words};
 use crate::io::{ReadError, Source};
 
-/// What a statement does.
+/// The meaning of a word.
 #[derive(Clone, Copy, PartialEq)]
-enum Word {
+enum Keyword {
     Solid,
     Facet,
     Normal,
@@ -31,7 +31,7 @@ enum Word {
     Other,
 }
 
-impl Word {
+impl Keyword {
     fn of(word: &[u8]) -> Self {
         if let [b'0'..=b'9' | b'+' | b'-' | b'.', ..] = word {
             return Self::Number;
@@ -69,29 +69,30 @@ pub(super) fn is_text(head: &[u8]) -> bool {
         head.windows(what.len())
             .any(|w| w.eq_ignore_ascii_case(what))
     };
-    // UTF-16 has zeros too; the reader of lines says what it is.
-    let wide = matches!(
+    // UTF-16 contains zeros; the line reader reports it.
+    let is_utf16 = matches!(
         head,
         [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [b's' | b'S', 0, b'o' | b'O', 0, ..]
     );
-    // Some programs fill the last block with zeros.
+    // Some programs pad the last block with zeros.
     let zeros = head.iter().rev().take_while(|&&b| b == 0).count();
     let head = &head[..head.len() - zeros];
-    wide || !head.contains(&0) && (has(b"facet") || has(b"vertex") || has(b"solid"))
+    is_utf16 || !head.contains(&0) && (has(b"facet") || has(b"vertex") || has(b"solid"))
 }
 
 fn unknown(source: &Source) -> ReadError {
-    number::fault(
+    number::line_error(
         source,
         "facet, outer loop, vertex, endloop, endfacet or endsolid",
     )
 }
 
-/// Passes over a name, which ends where a facet begins; whether one does on the same line.
-fn name_ends<'a>(rest: &mut (impl Iterator<Item = &'a [u8]> + Clone)) -> bool {
+/// Skips a name, which ends at the beginning of a facet; returns whether a facet begins on the same line.
+fn skip_name<'a>(rest: &mut (impl Iterator<Item = &'a [u8]> + Clone)) -> bool {
     let next = rest.clone().skip(1);
     let facet = |(a, b): (&[u8], &[u8])| {
-        Word::of(a) == Word::Facet && matches!(Word::of(b), Word::Normal | Word::Outer)
+        Keyword::of(a) == Keyword::Facet
+            && matches!(Keyword::of(b), Keyword::Normal | Keyword::Outer)
     };
     let Some(at) = rest.clone().zip(next).position(facet) else {
         return false;
@@ -102,13 +103,13 @@ fn name_ends<'a>(rest: &mut (impl Iterator<Item = &'a [u8]> + Clone)) -> bool {
     true
 }
 
-/// A facet being read.
+/// The state of reading a facet.
 #[derive(Default)]
 struct Facet {
     corners: Vec<Vec3>,
-    /// Numbers of the vertex being read.
+    /// The numbers of the current vertex so far.
     vertex: Option<Vec<f64>>,
-    /// Whether numbers are those of the normal, which may be none.
+    /// Whether the next numbers belong to the normal, which may be invalid.
     normal: bool,
     /// Whether the last word was `end`.
     end: bool,
@@ -120,7 +121,10 @@ impl Facet {
             return Ok(());
         };
         let Some(x) = number::finite(word) else {
-            return Err(number::fault(source, "\"vertex\" and three finite numbers"));
+            return Err(number::line_error(
+                source,
+                "\"vertex\" and three finite numbers",
+            ));
         };
         numbers.push(x);
         if let [x, y, z] = numbers[..] {
@@ -133,15 +137,15 @@ impl Facet {
         Ok(())
     }
 
-    /// What a word is after `end`.
-    fn ended(&mut self, word: Word) -> Option<Word> {
+    /// The meaning of a word, combined with a preceding `end`.
+    fn ended(&mut self, word: Keyword) -> Option<Keyword> {
         if !std::mem::take(&mut self.end) {
             return Some(word);
         }
         match word {
-            Word::Loop => Some(Word::EndLoop),
-            Word::Facet => Some(Word::EndFacet),
-            Word::Solid => Some(Word::EndSolid),
+            Keyword::Loop => Some(Keyword::EndLoop),
+            Keyword::Facet => Some(Keyword::EndFacet),
+            Keyword::Solid => Some(Keyword::EndSolid),
             _ => None,
         }
     }
@@ -150,56 +154,56 @@ impl Facet {
 pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
     let mut builder = Builder::default();
     let mut facet = Facet::default();
-    let (mut unit, mut ended, mut passed) = (None, false, 0u64);
+    let (mut unit, mut ended, mut ignored_lines) = (None, false, 0u64);
     while source.advance()? {
         let line = source.current();
         let mut rest = words(line);
-        let mut begins = true;
+        let mut is_line_start = true;
         while let Some(word) = rest.next() {
             if facet.vertex.is_some() {
                 facet.number(&source, word)?;
                 continue;
             }
-            let first = std::mem::take(&mut begins);
-            let Some(kind) = facet.ended(Word::of(word)) else {
+            let first = std::mem::take(&mut is_line_start);
+            let Some(kind) = facet.ended(Keyword::of(word)) else {
                 return Err(unknown(&source));
             };
             let normal = std::mem::take(&mut facet.normal);
             match kind {
-                Word::Vertex => facet.vertex = Some(Vec::with_capacity(3)),
-                Word::EndLoop | Word::EndFacet => {
+                Keyword::Vertex => facet.vertex = Some(Vec::with_capacity(3)),
+                Keyword::EndLoop | Keyword::EndFacet => {
                     if let [a, b, c] = facet.corners[..] {
                         builder.add([a, b, c]);
                         facet.corners.clear();
-                    } else if !facet.corners.is_empty() || kind == Word::EndLoop {
+                    } else if !facet.corners.is_empty() || kind == Keyword::EndLoop {
                         let found = format!("{} vertices in a facet", facet.corners.len());
                         return Err(source.bad(found, "three"));
                     }
                 }
-                Word::Solid => {
+                Keyword::Solid => {
                     unit = unit.or_else(|| stated_unit(&String::from_utf8_lossy(line)));
                     ended = false;
-                    if !name_ends(&mut rest) {
+                    if !skip_name(&mut rest) {
                         break;
                     }
                 }
-                Word::EndSolid => {
+                Keyword::EndSolid => {
                     ended = true;
-                    if !name_ends(&mut rest) {
+                    if !skip_name(&mut rest) {
                         break;
                     }
                 }
-                Word::End => facet.end = true,
-                Word::Remark => break,
-                Word::Normal => facet.normal = true,
-                Word::Facet | Word::Outer | Word::Loop => {}
-                // A normal that is none is of no account.
-                Word::Number | Word::Other if normal => facet.normal = true,
-                Word::Other if first => {
-                    passed += 1;
+                Keyword::End => facet.end = true,
+                Keyword::Remark => break,
+                Keyword::Normal => facet.normal = true,
+                Keyword::Facet | Keyword::Outer | Keyword::Loop => {}
+                // Invalid normals are ignored.
+                Keyword::Number | Keyword::Other if normal => facet.normal = true,
+                Keyword::Other if first => {
+                    ignored_lines += 1;
                     break;
                 }
-                Word::Number | Word::Other => return Err(unknown(&source)),
+                Keyword::Number | Keyword::Other => return Err(unknown(&source)),
             }
         }
         if std::mem::take(&mut facet.end) {
@@ -218,8 +222,8 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
     if !ended {
         warnings.push("no \"endsolid\": the file may be truncated".to_owned());
     }
-    if passed > 0 {
-        warnings.push(format!("{passed} lines that are no STL; passed over"));
+    if ignored_lines > 0 {
+        warnings.push(format!("{ignored_lines} lines that are no STL; ignored"));
     }
     builder.finish(&source, unit, warnings)
 }

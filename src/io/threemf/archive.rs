@@ -1,4 +1,4 @@
-//! The archive: its parts by name, and the models among them.
+//! The archive of a 3MF file: parts by name, and models.
 
 use super::model::Model;
 use super::parser::Parser;
@@ -15,16 +15,16 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use zip::ZipArchive;
 
-/// Most bytes of a list of relations.
-const RELATIONS: u64 = 1 << 20;
+/// Greatest size of the list of relationships.
+const MAX_RELATIONS_BYTES: u64 = 1 << 20;
 
-/// An archive whose models are read one after the other.
+/// An open archive.
 pub(super) struct Archive {
     pub path: PathBuf,
     zip: ZipArchive<BufReader<File>>,
     /// Names of the parts.
     names: Vec<String>,
-    /// What the parts may unpack to.
+    /// The remaining limit of unpacked bytes.
     allowance: Allowance,
 }
 
@@ -33,7 +33,7 @@ impl Archive {
         let file = File::open(path).map_err(|e| ReadError::io(path, e))?;
         let packed = file.metadata().map_err(|e| ReadError::io(path, e))?.len();
         let zip = ZipArchive::new(BufReader::new(file))
-            .map_err(|e| broken(path, &e, "a readable archive"))?;
+            .map_err(|e| archive_error(path, &e, "a readable archive"))?;
         let names = zip.file_names().flatten();
         Ok(Self {
             path: path.to_owned(),
@@ -45,19 +45,19 @@ impl Archive {
 
     /// The text of a part.
     fn part(&mut self, name: &str) -> Result<Box<dyn BufRead + '_>, ReadError> {
-        let expected = format!("the part {}", super::short(name));
+        let expected = format!("the part {}", super::display_name(name));
         let part = self
             .zip
             .by_name(name)
-            .map_err(|e| broken(&self.path, &e, &expected))?;
+            .map_err(|e| archive_error(&self.path, &e, &expected))?;
         let size = part.size();
         let part = self.allowance.part(name, size, part)?;
-        text::decoded(part).map_err(|e| broken(&self.path, &e, &expected))
+        text::decode(part).map_err(|e| archive_error(&self.path, &e, &expected))
     }
 
-    /// The archive's own spelling of a part's name: parts are found in any case, with or without the
-    /// first slash, percent signs decoded.
-    fn spelling(&self, name: &str) -> Option<String> {
+    /// The name of a part as the archive spells it: the search ignores case and the first slash, and decodes
+    /// percent signs.
+    fn find_name(&self, name: &str) -> Option<String> {
         let plain = name.trim().replace('\\', "/");
         let plain = plain.trim_start_matches('/');
         let decoded = percent_decoded(plain);
@@ -71,34 +71,37 @@ impl Archive {
         exact.or_else(|| self.names.iter().find(same)).cloned()
     }
 
-    /// The name of the model that the archive begins with: what its relations say, else the usual place,
-    /// else the only model there is.
+    /// The name of the root model: from the relationships, else the usual name, else the only model.
     pub fn root(&mut self) -> String {
-        let usual = "3D/3dmodel.model";
-        let related = self.related().and_then(|name| self.spelling(&name));
-        let found = related.or_else(|| self.spelling(usual)).or_else(|| {
-            let extension = |n: &str| {
-                Path::new(n)
-                    .extension()
-                    .map(std::ffi::OsStr::to_ascii_lowercase)
-            };
-            let is_model = |n: &&String| extension(n).is_some_and(|e| e == "model");
-            let mut models = self.names.iter().filter(is_model);
-            let first = models.next()?;
-            models.next().is_none().then(|| first.clone())
-        });
-        found.unwrap_or_else(|| usual.to_owned())
+        let default_name = "3D/3dmodel.model";
+        let root_from_relations = self
+            .root_from_relations()
+            .and_then(|name| self.find_name(&name));
+        let found = root_from_relations
+            .or_else(|| self.find_name(default_name))
+            .or_else(|| {
+                let extension = |n: &str| {
+                    Path::new(n)
+                        .extension()
+                        .map(std::ffi::OsStr::to_ascii_lowercase)
+                };
+                let is_model = |n: &&String| extension(n).is_some_and(|e| e == "model");
+                let mut models = self.names.iter().filter(is_model);
+                let first = models.next()?;
+                models.next().is_none().then(|| first.clone())
+            });
+        found.unwrap_or_else(|| default_name.to_owned())
     }
 
-    /// What the relations of the package say the model is.
-    fn related(&mut self) -> Option<String> {
-        let name = self.spelling("_rels/.rels")?;
+    /// The target of the relationship of type 3dmodel.
+    fn root_from_relations(&mut self) -> Option<String> {
+        let name = self.find_name("_rels/.rels")?;
         let mut list = String::new();
-        // Garbage just gives the usual name.
+        // Invalid relationships are ignored: the usual name applies.
         let _ = self
             .part(&name)
             .ok()?
-            .take(RELATIONS)
+            .take(MAX_RELATIONS_BYTES)
             .read_to_string(&mut list);
         let mut reader = Reader::from_str(&list);
         while let Ok(event) = reader.read_event() {
@@ -120,20 +123,20 @@ impl Archive {
         None
     }
 
-    /// The spelling of a part that a model refers to.
-    pub fn referred(&self, name: &str) -> Result<String, ReadError> {
-        self.spelling(name).ok_or_else(|| {
+    /// The name of a part that a model refers to.
+    pub fn resolve_reference(&self, name: &str) -> Result<String, ReadError> {
+        self.find_name(name).ok_or_else(|| {
             let found = format!("a reference to the part {}", quote(name));
             let expected = "a part of the archive";
             ReadError::data(&self.path, Place::File, found, expected)
         })
     }
 
-    /// What a slicer's list says is no solid part of the objects of the first model.
-    pub fn volumes(&mut self) -> BTreeMap<u32, Vec<Volume>> {
-        let name = self.spelling(slicer::NAME);
+    /// The non-solid volumes of the objects of the root model, from a slicer's list.
+    pub fn non_solid_volumes(&mut self) -> BTreeMap<u32, Vec<Volume>> {
+        let name = self.find_name(slicer::LIST_NAME);
         let list = name.and_then(|name| self.part(&name).ok());
-        list.map_or_else(BTreeMap::new, slicer::volumes)
+        list.map_or_else(BTreeMap::new, slicer::non_solid_volumes)
     }
 
     /// The unit at the head of a part's model.
@@ -151,7 +154,7 @@ impl Archive {
     }
 }
 
-fn broken(path: &Path, error: &dyn std::fmt::Display, expected: &str) -> ReadError {
+fn archive_error(path: &Path, error: &dyn std::fmt::Display, expected: &str) -> ReadError {
     let found = format!("a zip archive that fails ({error})");
     ReadError::data(path, Place::File, found, expected)
         .with_hint("the file is damaged or truncated")

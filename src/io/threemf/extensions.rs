@@ -1,6 +1,6 @@
-//! Namespaces of 3MF and its extensions: what is read, what does not change a shape, what is refused.
+//! Namespaces of 3MF and its extensions: supported ones, those without effect on shapes, and unsupported ones.
 
-/// What a namespace stands for.
+/// The meaning of a namespace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Space {
     /// The format itself.
@@ -13,14 +13,14 @@ pub(super) enum Space {
     Beams,
     /// Layers instead of a mesh.
     Slices,
-    /// Nothing that is read: colours, groups, or a shape that is unknown.
+    /// Ignored or unsupported content: colours, groups, unknown shapes.
     Other,
 }
 
 const CORE: &str = "http://schemas.microsoft.com/3dmanufacturing/core/";
 
-/// Namespaces that are read, or that leave the shape as it is.
-const KNOWN: [(&str, Space); 8] = [
+/// Namespaces that are supported or do not affect the shape.
+const KNOWN_NAMESPACES: [(&str, Space); 8] = [
     (
         "http://schemas.microsoft.com/3dmanufacturing/production/2015/06",
         Space::Production,
@@ -52,8 +52,8 @@ const KNOWN: [(&str, Space); 8] = [
     ("http://www.w3.org/XML/1998/namespace", Space::Other),
 ];
 
-/// Words for families of extensions that are not read, by what their namespaces contain.
-const REFUSED: [(&str, &str); 7] = [
+/// Names of families of unsupported extensions, by a part of their namespaces.
+const UNSUPPORTED_FAMILIES: [(&str, &str); 7] = [
     ("/securecontent/", "secure content (encrypted parts)"),
     ("/booleanoperations/", "boolean operations"),
     ("/displacement/", "displacement"),
@@ -63,7 +63,7 @@ const REFUSED: [(&str, &str); 7] = [
     ("/slice/", "slices of another version"),
 ];
 
-/// What a namespace stands for; elements without one are taken for the format's own.
+/// The meaning of a namespace; elements without namespace belong to the core format.
 pub(super) fn space(namespace: Option<&[u8]>) -> Space {
     let Some(namespace) = namespace else {
         return Space::Core;
@@ -71,27 +71,31 @@ pub(super) fn space(namespace: Option<&[u8]>) -> Space {
     if namespace.starts_with(CORE.as_bytes()) {
         return Space::Core;
     }
-    let known = KNOWN.iter().find(|k| k.0.as_bytes() == namespace);
+    let known = KNOWN_NAMESPACES
+        .iter()
+        .find(|k| k.0.as_bytes() == namespace);
     known.map_or(Space::Other, |k| k.1)
 }
 
-/// Why a model that requires this namespace is not read: the extension in words; `None` if it is read.
-pub(super) fn refusal(namespace: &str) -> Option<String> {
-    if namespace.starts_with(CORE) || KNOWN.iter().any(|k| k.0 == namespace) {
+/// The name of a required extension that is not supported; `None` if it is supported.
+pub(super) fn unsupported_extension(namespace: &str) -> Option<String> {
+    if namespace.starts_with(CORE) || KNOWN_NAMESPACES.iter().any(|k| k.0 == namespace) {
         return None;
     }
-    Some(named(namespace))
+    Some(extension_name(namespace))
 }
 
-/// An extension that is not read, in words.
-pub(super) fn named(namespace: &str) -> String {
-    let family = REFUSED.iter().find(|r| namespace.contains(r.0));
+/// The name of an unsupported extension.
+pub(super) fn extension_name(namespace: &str) -> String {
+    let family = UNSUPPORTED_FAMILIES
+        .iter()
+        .find(|r| namespace.contains(r.0));
     let words = family.map_or("an unknown extension", |r| r.1);
-    format!("{words} ({})", super::short(namespace))
+    format!("{words} ({})", super::display_name(namespace))
 }
 
-/// The extensions that are read, for a message.
-pub(super) const READ: &str = "the extensions that are read: production, alternatives, beam lattice \
+/// The supported extensions, for a message.
+pub(super) const SUPPORTED_EXTENSIONS: &str = "the supported extensions: production, alternatives, beam lattice \
                                with balls, materials, triangle sets, slices beside a mesh";
 
 #[cfg(test)]
@@ -99,17 +103,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn extensions_are_told_by_namespace_not_by_prefix() {
+    fn extensions_are_recognised_by_namespace() {
         assert_eq!(space(None), Space::Core);
         let core = b"http://schemas.microsoft.com/3dmanufacturing/core/2015/02";
         assert_eq!(space(Some(core)), Space::Core);
-        for (namespace, expected) in KNOWN {
+        for (namespace, expected) in KNOWN_NAMESPACES {
             assert_eq!(space(Some(namespace.as_bytes())), expected);
-            assert_eq!(refusal(namespace), None);
+            assert_eq!(unsupported_extension(namespace), None);
         }
         let later = "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2031/01";
         assert_eq!(space(Some(later.as_bytes())), Space::Other);
-        assert!(refusal(later).unwrap().contains("another version"));
+        assert!(
+            unsupported_extension(later)
+                .unwrap()
+                .contains("another version")
+        );
         for (family, words) in [
             (
                 "http://schemas.3mf.io/3dmanufacturing/booleanoperations/2023/07",
@@ -129,7 +137,10 @@ mod tests {
             ),
             ("http://example.com/q", "http://example.com/q"),
         ] {
-            assert!(refusal(family).unwrap().contains(words), "{family}");
+            assert!(
+                unsupported_extension(family).unwrap().contains(words),
+                "{family}"
+            );
         }
     }
 }

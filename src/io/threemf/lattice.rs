@@ -1,22 +1,22 @@
-//! A beam lattice of an object: what its attributes mean, and the beams where they are placed.
+//! The beam lattice of an object, and its placement.
 
-use super::{Placement, placed};
+use super::{Placement, transform_point};
 use crate::frame::Vec3;
 use crate::io::beams::{BeamCap, FileBeam};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Which vertices have balls.
+/// The vertices that have balls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum BallMode {
     #[default]
     None,
-    /// Those that are listed.
+    /// The listed vertices.
     Mixed,
-    /// All ends of beams.
+    /// All end points of beams.
     All,
 }
 
-/// What a lattice is clipped by.
+/// The side of the clipping mesh on which the lattice remains.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum ClipMode {
     #[default]
@@ -28,53 +28,53 @@ pub(super) enum ClipMode {
 /// Beams and balls over the vertices of an object.
 #[derive(Default)]
 pub(super) struct Lattice {
-    /// Shorter beams do not count.
-    pub least: f64,
+    /// The least length of a beam; shorter ones are left out.
+    pub min_length: f64,
     pub radius: f64,
     pub cap: BeamCap,
     pub clip: ClipMode,
     pub clip_mesh: Option<u32>,
-    /// An object that shows the lattice and is no part of it.
-    pub shown_by: Option<u32>,
+    /// An object that represents the lattice for display only.
+    pub representation_mesh: Option<u32>,
     pub ball_mode: BallMode,
     pub ball_radius: Option<f64>,
     pub beams: Vec<Strut>,
-    /// Vertices and radii.
+    /// The vertices and radii of balls.
     pub balls: Vec<(u32, Option<f64>)>,
 }
 
-/// A beam as it is written.
+/// A beam in the file.
 pub(super) struct Strut {
     pub ends: [u32; 2],
     pub radii: [f64; 2],
     pub caps: [BeamCap; 2],
 }
 
-/// Beams and balls in place.
+/// Placed beams and balls.
 #[derive(Default)]
-pub(super) struct Placed {
+pub(super) struct PlacedLattice {
     pub beams: Vec<FileBeam>,
     pub balls: Vec<(Vec3, f64)>,
-    /// How many beams were too short to count.
+    /// The number of beams that are too short.
     pub short: usize,
 }
 
-/// The factor of a placement that turns, mirrors, scales and moves; `None` of one that shears.
-fn factor(at: &Placement) -> Option<f64> {
+/// The scale of a similarity transform; `None` for other placements.
+fn uniform_scale(at: &Placement) -> Option<f64> {
     let [x, y, z, _] = at;
     let scale = x.norm();
-    let slack = 1e-5 * scale * scale;
-    let is_alike = [y, z]
+    let tolerance = 1e-5 * scale * scale;
+    let has_equal_lengths = [y, z]
         .iter()
-        .all(|v| (v.norm_squared() - scale * scale).abs() <= 2.0 * slack);
-    let is_square = [x.dot(y), y.dot(z), z.dot(x)]
+        .all(|v| (v.norm_squared() - scale * scale).abs() <= 2.0 * tolerance);
+    let is_orthogonal = [x.dot(y), y.dot(z), z.dot(x)]
         .iter()
-        .all(|d| d.abs() <= slack);
-    (is_alike && is_square).then_some(scale)
+        .all(|d| d.abs() <= tolerance);
+    (has_equal_lengths && is_orthogonal).then_some(scale)
 }
 
 impl Lattice {
-    /// Beams and balls that are written.
+    /// The number of beams and balls in the file.
     pub fn len(&self) -> usize {
         self.beams.len() + self.balls.len()
     }
@@ -82,11 +82,15 @@ impl Lattice {
     /// The beams and balls under a placement.
     ///
     /// # Errors
-    /// What was found and what was expected.
-    pub fn placed(&self, vertices: &[Vec3], at: &Placement) -> Result<Placed, (String, String)> {
-        let factor = factor(at).ok_or_else(|| {
+    /// The found and the expected content, as text.
+    pub fn placed(
+        &self,
+        vertices: &[Vec3],
+        at: &Placement,
+    ) -> Result<PlacedLattice, (String, String)> {
+        let uniform_scale = uniform_scale(at).ok_or_else(|| {
             let found = "a beam lattice under a transform that shears or stretches it";
-            let expected = "one that turns, mirrors, scales alike and moves";
+            let expected = "a rotation, reflection, uniform scaling and translation";
             (found.to_owned(), expected.to_owned())
         })?;
         let vertex = |what: &str, n: usize, v: u32| {
@@ -95,21 +99,21 @@ impl Lattice {
                 (format!("{what} {} with vertex {v}", n + 1), expected)
             })
         };
-        let mut out = Placed::default();
+        let mut out = PlacedLattice::default();
         let mut ends = BTreeSet::new();
         for (n, beam) in self.beams.iter().enumerate() {
             let [a, b] = [
                 vertex("beam", n, beam.ends[0])?,
                 vertex("beam", n, beam.ends[1])?,
             ];
-            if (b - a).norm() < self.least || a == b {
+            if (b - a).norm() < self.min_length || a == b {
                 out.short += 1;
                 continue;
             }
             ends.extend(beam.ends);
             out.beams.push(FileBeam {
-                ends: [placed(at, &a), placed(at, &b)],
-                radii: beam.radii.map(|r| r * factor),
+                ends: [transform_point(at, &a), transform_point(at, &b)],
+                radii: beam.radii.map(|r| r * uniform_scale),
                 caps: beam.caps,
             });
         }
@@ -135,9 +139,12 @@ impl Lattice {
             let found = "ballmode=\"all\" without ballradius";
             return Err((found.to_owned(), "the attribute ballradius".to_owned()));
         }
-        let balls = radii
-            .iter()
-            .map(|(&v, r)| (placed(at, &vertices[v as usize]), r * factor));
+        let balls = radii.iter().map(|(&v, r)| {
+            (
+                transform_point(at, &vertices[v as usize]),
+                r * uniform_scale,
+            )
+        });
         out.balls = balls.collect();
         Ok(out)
     }

@@ -1,4 +1,4 @@
-//! Writing 3MF: a zip archive of one model, in triangles or in beams.
+//! The writer of 3MF: a zip archive with one model of triangles or beams.
 
 use crate::frame::{LengthUnit, Vec3};
 use crate::io::BeamLattice;
@@ -15,11 +15,11 @@ const RELATIONS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 "#;
 
 /// Attributes of a model with beams.
-const BEAMS: &str = " xmlns:b=\"http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02\" \
+const BEAM_EXTENSION_ATTRIBUTES: &str = " xmlns:b=\"http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02\" \
                      requiredextensions=\"b\"";
 
-/// The archive around one object's mesh: `extensions` are attributes of the model, `bytes` how long the
-/// text may become (plain zip entries end at 4 GiB).
+/// Writes the archive around one object's mesh. `extensions` are attributes of the model, `bytes` is an upper
+/// bound of the text's size (plain zip entries are limited to 4 GiB).
 fn package<W: Write + Seek>(
     out: W,
     (unit, extensions, bytes): (LengthUnit, &str, u64),
@@ -66,19 +66,18 @@ fn vertex(xml: &mut dyn Write, v: Vec3, is_double: bool) -> io::Result<()> {
             v.x, v.y, v.z
         );
     }
-    // As many digits as f32 needs, with an exponent where that is shorter: xs:double.
+    // The shortest digits that read back as the same f32, with an exponent if shorter (xs:double).
     let [x, y, z] = [v.x, v.y, v.z].map(|c| c as f32);
     writeln!(xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")
 }
 
-/// Writes one object of triangles; those that name a vertex twice, which the format forbids, are left
-/// out.
+/// Writes one object of triangles, without those that repeat a vertex, which the format forbids.
 pub(in crate::io) fn write(
     out: &mut (impl Write + Seek),
     rows: &mut dyn Rows,
     unit: LengthUnit,
 ) -> io::Result<()> {
-    // At most about 64 bytes a vertex and twice that a triangle.
+    // At most about 64 bytes per vertex and twice as many per triangle.
     let [vertices, triangles] = rows.counts();
     let bytes = 64 * (vertices + 2 * triangles);
     package(out, (unit, "", bytes), |xml| {
@@ -104,7 +103,7 @@ pub(in crate::io) fn write_beams(
 ) -> io::Result<()> {
     let bytes = 64 * lattice.nodes.len() as u64 + 128 * lattice.beams.len() as u64;
     let radius = lattice.beams.first().map_or(1.0, |b| b.radii[0] * factor);
-    package(out, (unit, BEAMS, bytes), |xml| {
+    package(out, (unit, BEAM_EXTENSION_ATTRIBUTES, bytes), |xml| {
         writeln!(xml, "<vertices>")?;
         for node in &lattice.nodes {
             vertex(xml, node * factor, false)?;

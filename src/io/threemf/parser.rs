@@ -1,8 +1,8 @@
-//! The XML of a model, event by event. Elements and attributes are known by their namespaces.
+//! The XML parser of a model, event by event. Namespaces identify elements and attributes.
 
 use super::extensions::{self, Space};
 use super::model::{Model, Object, Reference};
-use super::{IDENTITY, Placement, short};
+use super::{IDENTITY_PLACEMENT, Placement, display_name};
 use crate::frame::{LengthUnit, Vec3};
 use crate::io::{Place, ReadError, quote};
 use quick_xml::NsReader;
@@ -14,8 +14,9 @@ use std::path::Path;
 
 mod beams;
 
-/// Least volume that the rows of a transform span, the longest taken as 1: with less it flattens what it places.
-const FLAT: f64 = 1e-9;
+/// Least volume spanned by the rows of a transform, relative to the cube of the longest: below it the transform
+/// is singular.
+const MIN_RELATIVE_VOLUME: f64 = 1e-9;
 
 /// Reads one model.
 pub(super) struct Parser<'a, R: BufRead> {
@@ -24,11 +25,11 @@ pub(super) struct Parser<'a, R: BufRead> {
     reader: NsReader<R>,
     model: Model,
     object: Option<(u32, Object)>,
-    /// Names of the elements that are open.
-    open: Vec<Vec<u8>>,
-    /// Elements that are open within one that is not read.
-    skipped: usize,
-    ended: bool,
+    /// The names of the open elements.
+    open_elements: Vec<Vec<u8>>,
+    /// The depth of nesting within a skipped element.
+    skipped_depth: usize,
+    has_ended: bool,
 }
 
 /// The space of an element or attribute, and its namespace.
@@ -48,15 +49,18 @@ impl<'a, R: BufRead> Parser<'a, R> {
             reader: NsReader::from_reader(input),
             model: Model::default(),
             object: None,
-            open: Vec::new(),
-            skipped: 0,
-            ended: false,
+            open_elements: Vec::new(),
+            skipped_depth: 0,
+            has_ended: false,
         }
     }
 
     fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         let place = Place::Byte(self.reader.buffer_position());
-        let hint = format!("the place is in the unzipped part {}", short(self.part));
+        let hint = format!(
+            "the place is in the unzipped part {}",
+            display_name(self.part)
+        );
         ReadError::data(self.path, place, found, expected).with_hint(hint)
     }
 
@@ -64,7 +68,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         self.read(false)
     }
 
-    /// The unit at the model's head; nothing after it is read.
+    /// The unit at the head of the model; the rest is not read.
     pub fn unit(self) -> Result<LengthUnit, ReadError> {
         Ok(self.read(true)?.unit)
     }
@@ -76,24 +80,26 @@ impl<'a, R: BufRead> Parser<'a, R> {
             match self.reader.read_event_into(&mut buffer) {
                 Ok(Event::Decl(decl)) => self.declared(&decl)?,
                 Ok(Event::Start(e)) => {
-                    if self.skipped > 0 || !self.start(&e)? {
-                        self.skipped += 1;
+                    if self.skipped_depth > 0 || !self.start(&e)? {
+                        self.skipped_depth += 1;
                     } else if is_head {
                         return Ok(self.model);
                     } else {
-                        self.open.push(e.local_name().as_ref().to_vec());
+                        self.open_elements.push(e.local_name().as_ref().to_vec());
                     }
                 }
                 Ok(Event::Empty(e)) => {
-                    if self.skipped == 0 && self.start(&e)? && e.local_name().as_ref() == b"object"
+                    if self.skipped_depth == 0
+                        && self.start(&e)?
+                        && e.local_name().as_ref() == b"object"
                     {
                         self.close_object()?;
                     }
                 }
-                Ok(Event::End(_)) if self.skipped > 0 => self.skipped -= 1,
+                Ok(Event::End(_)) if self.skipped_depth > 0 => self.skipped_depth -= 1,
                 Ok(Event::End(_)) => {
-                    let name = self.open.pop().unwrap_or_default();
-                    self.ended |= self.open.is_empty();
+                    let name = self.open_elements.pop().unwrap_or_default();
+                    self.has_ended |= self.open_elements.is_empty();
                     if name == b"object" {
                         self.close_object()?;
                     }
@@ -102,19 +108,19 @@ impl<'a, R: BufRead> Parser<'a, R> {
                 Ok(_) => {}
                 Err(e) => {
                     return Err(self.bad(
-                        format!("XML that fails ({})", short(&e.to_string())),
+                        format!("XML that fails ({})", display_name(&e.to_string())),
                         "well-formed XML",
                     ));
                 }
             }
         }
-        if !self.ended {
+        if !self.has_ended {
             return Err(self.bad("the end of the model", "\"</model>\""));
         }
         Ok(self.model)
     }
 
-    /// UTF-16 has become UTF-8 before.
+    /// Checks the declared encoding; UTF-16 has been converted to UTF-8 already.
     fn declared(&self, decl: &BytesDecl) -> Result<(), ReadError> {
         let Some(Ok(encoding)) = decl.encoding() else {
             return Ok(());
@@ -143,7 +149,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(())
     }
 
-    /// The text of an attribute of the format itself.
+    /// The text of an attribute of the core format.
     fn attribute<'e>(
         &self,
         e: &'e BytesStart,
@@ -169,20 +175,20 @@ impl<'a, R: BufRead> Parser<'a, R> {
     fn attribute_where<'e>(
         &self,
         e: &'e BytesStart,
-        is_meant: impl Fn(QName) -> bool,
+        matches: impl Fn(QName) -> bool,
     ) -> Result<Option<Cow<'e, str>>, ReadError> {
         for attribute in e.attributes() {
             let attribute = attribute.map_err(|e| {
                 self.bad(
-                    format!("attributes that fail ({})", short(&e.to_string())),
+                    format!("attributes that fail ({})", display_name(&e.to_string())),
                     "well-formed XML",
                 )
             })?;
-            if is_meant(attribute.key) {
+            if matches(attribute.key) {
                 let value = attribute.unescape_value();
                 return value.map(Some).map_err(|e| {
                     self.bad(
-                        format!("an attribute that fails ({})", short(&e.to_string())),
+                        format!("an attribute that fails ({})", display_name(&e.to_string())),
                         "well-formed XML",
                     )
                 });
@@ -196,7 +202,10 @@ impl<'a, R: BufRead> Parser<'a, R> {
         found.ok_or_else(|| {
             let element = String::from_utf8_lossy(e.name().as_ref()).into_owned();
             let expected = format!("the attribute {name} with a number");
-            self.bad(format!("<{}> without {name}", short(&element)), expected)
+            self.bad(
+                format!("<{}> without {name}", display_name(&element)),
+                expected,
+            )
         })
     }
 
@@ -215,7 +224,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         })
     }
 
-    /// A length, if it is there.
+    /// An optional length.
     fn length(&self, e: &BytesStart, name: &str) -> Result<Option<f64>, ReadError> {
         let found: Option<f64> = self.optional(e, name)?;
         if let Some(value) = found.filter(|v| !(v.is_finite() && *v >= 0.0)) {
@@ -227,8 +236,8 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(found)
     }
 
-    /// One of some words, if the attribute is there.
-    fn word<T: Copy>(
+    /// An optional attribute with one of some keywords.
+    fn keyword<T: Copy>(
         &self,
         e: &BytesStart,
         name: &str,
@@ -246,7 +255,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
 
     fn placement(&self, e: &BytesStart) -> Result<Placement, ReadError> {
         let Some(text) = self.attribute(e, "transform")? else {
-            return Ok(IDENTITY);
+            return Ok(IDENTITY_PLACEMENT);
         };
         let n: Result<Vec<f64>, _> = text.split_ascii_whitespace().map(str::parse).collect();
         let n = n.unwrap_or_default();
@@ -262,7 +271,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         let longest = rows.iter().map(Vec3::norm).fold(0.0, f64::max);
         let unit = rows.map(|r| r / longest);
         let volume = unit[0].dot(&unit[1].cross(&unit[2])).abs();
-        if !(longest > 0.0 && volume > FLAT) {
+        if !(longest > 0.0 && volume > MIN_RELATIVE_VOLUME) {
             let found = format!("transform={}, which is singular", quote(&text));
             return Err(self.bad(found, "a transform that keeps a volume"));
         }
@@ -282,7 +291,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         })
     }
 
-    /// Refuses a path whose prefix stands for no namespace: it may lead to another part.
+    /// Refuses a path whose prefix has no namespace: it may refer to another part.
     fn check_path(&self, e: &BytesStart) -> Result<(), ReadError> {
         let is_unbound = |key: QName| {
             let (result, local) = self.reader.resolve_attribute(key);
@@ -298,15 +307,15 @@ impl<'a, R: BufRead> Parser<'a, R> {
     }
 
     fn parent(&self) -> &[u8] {
-        self.open.last().map_or(b"", Vec::as_slice)
+        self.open_elements.last().map_or(b"", Vec::as_slice)
     }
 
-    /// The object that is open.
+    /// The current object.
     fn object(&mut self, e: &BytesStart) -> Result<&mut Object, ReadError> {
         if self.object.is_none() {
             let element = String::from_utf8_lossy(e.name().as_ref()).into_owned();
             return Err(self.bad(
-                format!("<{}> outside an object", short(&element)),
+                format!("<{}> outside an object", display_name(&element)),
                 "an object around it",
             ));
         }
@@ -314,11 +323,11 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(object)
     }
 
-    /// Takes an element in; whether what is in it is read.
+    /// Processes the start of an element; returns whether its content is read.
     fn start(&mut self, e: &BytesStart) -> Result<bool, ReadError> {
         let (result, local) = self.reader.resolve_element(e.name());
         let space = space_of(&result);
-        // Of most elements it is known.
+        // Most elements are of known namespaces and need no text.
         let is_known = matches!(space, Space::Core | Space::Beams);
         let namespace = match &result {
             ResolveResult::Bound(n) if !is_known => {
@@ -327,7 +336,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
             _ => String::new(),
         };
         let local = local.as_ref();
-        if self.open.is_empty() && self.model.objects.is_empty() && !self.ended {
+        if self.open_elements.is_empty() && self.model.objects.is_empty() && !self.has_ended {
             if space != Space::Core || local != b"model" {
                 let name = String::from_utf8_lossy(local).into_owned();
                 let found = format!("the element {} of {}", quote(&name), quote(&namespace));
@@ -343,8 +352,8 @@ impl<'a, R: BufRead> Parser<'a, R> {
                 if self.parent() == b"object" && space != Space::Alternatives {
                     let words = format!(
                         "<{}> of {}",
-                        short(&String::from_utf8_lossy(local)),
-                        extensions::named(&namespace)
+                        display_name(&String::from_utf8_lossy(local)),
+                        extensions::extension_name(&namespace)
                     );
                     self.object(e)?.foreign.get_or_insert(words);
                 }
@@ -365,7 +374,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         }
         let required = self.attribute(e, "requiredextensions")?.unwrap_or_default();
         for prefix in required.split_whitespace() {
-            // An element of this prefix would be in the namespace.
+            // A dummy element resolves the prefix to its namespace.
             let name = format!("{prefix}:x");
             let (result, _) = self.reader.resolve_element(QName(name.as_bytes()));
             let ResolveResult::Bound(namespace) = result else {
@@ -373,12 +382,12 @@ impl<'a, R: BufRead> Parser<'a, R> {
                     "the required extension {} without a namespace",
                     quote(prefix)
                 );
-                return Err(self.bad(found, format!("xmlns:{} in <model>", short(prefix))));
+                return Err(self.bad(found, format!("xmlns:{} in <model>", display_name(prefix))));
             };
             let namespace = String::from_utf8_lossy(namespace.as_ref()).into_owned();
-            if let Some(extension) = extensions::refusal(&namespace) {
+            if let Some(extension) = extensions::unsupported_extension(&namespace) {
                 let found = format!("a model that requires {extension}");
-                return Err(self.bad(found, extensions::READ).with_hint(
+                return Err(self.bad(found, extensions::SUPPORTED_EXTENSIONS).with_hint(
                     "export the part as a plain 3MF of triangles, without this extension",
                 ));
             }
@@ -393,8 +402,9 @@ impl<'a, R: BufRead> Parser<'a, R> {
                 let kind = self.attribute(e, "type")?;
                 let kind = kind.map(|k| k.trim().to_owned()).filter(|k| k != "model");
                 let resolution = self.attribute_in(e, Space::Slices, "meshresolution")?;
-                let coarse = resolution.filter(|r| r.trim() == "lowres");
-                let coarse = coarse.map(|_| "is coarse, and its slices are not read".to_owned());
+                let low_resolution = resolution.filter(|r| r.trim() == "lowres");
+                let low_resolution =
+                    low_resolution.map(|_| "is coarse, and its slices are not read".to_owned());
                 let resolution = self.attribute_in(e, Space::Alternatives, "modelresolution")?;
                 let other = resolution.filter(|r| r.trim() != "fullres");
                 let other = other.map(|r| format!("is one of modelresolution={}", quote(&r)));
@@ -403,7 +413,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
                     has_slices: self
                         .attribute_in(e, Space::Slices, "slicestackid")?
                         .is_some(),
-                    stands_in: coarse.or(other),
+                    substitute_reason: low_resolution.or(other),
                     ..Object::default()
                 };
                 self.object = Some((self.number(e, "id")?, object));

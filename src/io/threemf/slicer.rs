@@ -1,32 +1,32 @@
-//! What a slicer says of the triangles of an object: which of them are no part of the solid.
+//! A slicer's list of triangles that are not part of the solid.
 //!
-//! `PrusaSlicer` writes parts, modifiers and negative volumes of an object as one mesh, and beside it a list
-//! that says which triangles belong to which.
+//! `PrusaSlicer` writes parts, modifiers and negative volumes of an object as one mesh, with a separate list
+//! of their triangles.
 
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use std::collections::BTreeMap;
 use std::io::BufRead;
 
-/// Where the list is.
-pub(super) const NAME: &str = "Metadata/Slic3r_PE_model.config";
+/// The name of the list in the archive.
+pub(super) const LIST_NAME: &str = "Metadata/Slic3r_PE_model.config";
 
-/// Triangles of an object that are something else than solid.
+/// Triangles of an object that are not solid.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Volume {
     /// The first and the last of the triangles.
     pub triangles: [usize; 2],
-    /// What they are: `NegativeVolume`, `ParameterModifier` and the like.
+    /// Their type: `NegativeVolume`, `ParameterModifier` and others.
     pub kind: String,
 }
 
-fn value(e: &BytesStart, name: &str) -> Option<String> {
+fn attribute(e: &BytesStart, name: &str) -> Option<String> {
     let own = e.try_get_attribute(name).ok()??;
     Some(own.unescape_value().ok()?.into_owned())
 }
 
-/// The volumes of each object that are no solid part. A list that is no XML says nothing.
-pub(super) fn volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>> {
+/// The non-solid volumes of each object. Reading stops at invalid XML.
+pub(super) fn non_solid_volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>> {
     let mut found: BTreeMap<u32, Vec<Volume>> = BTreeMap::new();
     let mut reader = Reader::from_reader(list);
     let mut buffer = Vec::new();
@@ -38,9 +38,9 @@ pub(super) fn volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>> {
         };
         match event {
             Event::Start(e) | Event::Empty(e) => match e.local_name().as_ref() {
-                b"object" => object = value(&e, "id").and_then(|v| v.parse().ok()),
+                b"object" => object = attribute(&e, "id").and_then(|v| v.parse().ok()),
                 b"volume" => {
-                    let end = |name| value(&e, name).and_then(|v| v.parse().ok());
+                    let end = |name| attribute(&e, name).and_then(|v| v.parse().ok());
                     volume = end("firstid")
                         .zip(end("lastid"))
                         .map(|(first, last)| Volume {
@@ -49,12 +49,12 @@ pub(super) fn volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>> {
                         });
                 }
                 b"metadata" => {
-                    let key = value(&e, "key").unwrap_or_default();
-                    let said = value(&e, "value").unwrap_or_default();
+                    let key = attribute(&e, "key").unwrap_or_default();
+                    let text = attribute(&e, "value").unwrap_or_default();
                     if let Some(volume) = &mut volume {
                         match key.as_str() {
-                            "volume_type" if said != "ModelPart" => volume.kind = said,
-                            "modifier" if said == "1" && volume.kind.is_empty() => {
+                            "volume_type" if text != "ModelPart" => volume.kind = text,
+                            "modifier" if text == "1" && volume.kind.is_empty() => {
                                 "ParameterModifier".clone_into(&mut volume.kind);
                             }
                             _ => {}
@@ -81,14 +81,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn modifiers_and_negative_volumes_are_told_from_parts() {
+    fn modifiers_and_negative_volumes_are_distinguished_from_parts() {
         let list = "<config><object id=\"3\"><metadata type=\"object\" key=\"name\" value=\"a\"/>\
             <volume firstid=\"0\" lastid=\"11\"><metadata type=\"volume\" key=\"volume_type\" value=\"ModelPart\"/></volume>\
             <volume firstid=\"12\" lastid=\"23\"><metadata type=\"volume\" key=\"modifier\" value=\"1\"/>\
             <metadata type=\"volume\" key=\"volume_type\" value=\"NegativeVolume\"/></volume>\
             <volume firstid=\"24\" lastid=\"35\"><metadata type=\"volume\" key=\"modifier\" value=\"1\"/></volume>\
             </object></config>";
-        let found = volumes(list.as_bytes());
+        let found = non_solid_volumes(list.as_bytes());
         let kinds: Vec<(&str, [usize; 2])> = found[&3]
             .iter()
             .map(|v| (v.kind.as_str(), v.triangles))
@@ -100,6 +100,6 @@ mod tests {
                 ("ParameterModifier", [24, 35])
             ]
         );
-        assert!(volumes(&b"not xml <"[..]).is_empty());
+        assert!(non_solid_volumes(&b"not xml <"[..]).is_empty());
     }
 }

@@ -1,21 +1,21 @@
-//! The text of a part: UTF-8 or UTF-16, with or without a byte order mark, as UTF-8.
+//! Decoding of a part's text to UTF-8: from UTF-8 or UTF-16, with or without a byte order mark.
 
 use std::io::{self, BufRead, BufReader, Read};
 
-/// Bytes that are decoded at a time.
-const CHUNK: usize = 1 << 15;
+/// Number of bytes decoded at a time.
+const CHUNK_BYTES: usize = 1 << 15;
 
-/// How characters are stored.
+/// The encoding of characters.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Encoding {
     Utf8,
-    /// Sixteen bits, the low byte first.
+    /// UTF-16, little-endian.
     Little,
-    /// Sixteen bits, the high byte first.
+    /// UTF-16, big-endian.
     Big,
 }
 
-/// What the first bytes say, and how many of them are a mark.
+/// The encoding by the first bytes, and the length of the byte order mark.
 fn encoding(head: &[u8]) -> (Encoding, usize) {
     match head {
         [0xef, 0xbb, 0xbf, ..] => (Encoding::Utf8, 3),
@@ -28,8 +28,8 @@ fn encoding(head: &[u8]) -> (Encoding, usize) {
     }
 }
 
-/// A part's text as UTF-8, whatever it is stored in.
-pub(super) fn decoded<'a>(mut part: impl Read + 'a) -> io::Result<Box<dyn BufRead + 'a>> {
+/// A part's text as UTF-8.
+pub(super) fn decode<'a>(mut part: impl Read + 'a) -> io::Result<Box<dyn BufRead + 'a>> {
     let mut head = [0; 3];
     let mut held = 0;
     while held < 3 {
@@ -43,35 +43,35 @@ pub(super) fn decoded<'a>(mut part: impl Read + 'a) -> io::Result<Box<dyn BufRea
     let start = io::Cursor::new(head[mark..held].to_vec());
     let whole = start.chain(part);
     Ok(match encoding {
-        Encoding::Utf8 => Box::new(BufReader::with_capacity(2 * CHUNK, whole)),
-        _ => Box::new(Wide {
+        Encoding::Utf8 => Box::new(BufReader::with_capacity(2 * CHUNK_BYTES, whole)),
+        _ => Box::new(Utf16Reader {
             part: whole,
             is_big: encoding == Encoding::Big,
-            left: Vec::new(),
+            pending_bytes: Vec::new(),
             text: Vec::new(),
             at: 0,
         }),
     })
 }
 
-/// UTF-16 that is read as UTF-8.
-struct Wide<R> {
+/// A reader that converts UTF-16 to UTF-8.
+struct Utf16Reader<R> {
     part: R,
     is_big: bool,
-    /// Bytes of a unit, or of the first half of a pair, whose rest is still to come.
-    left: Vec<u8>,
+    /// The bytes of an incomplete unit or surrogate pair.
+    pending_bytes: Vec<u8>,
     text: Vec<u8>,
     at: usize,
 }
 
-impl<R: Read> Wide<R> {
+impl<R: Read> Utf16Reader<R> {
     fn refill(&mut self) -> io::Result<()> {
         self.text.clear();
         self.at = 0;
         while self.text.is_empty() {
-            let held = self.left.len();
-            let mut bytes = std::mem::take(&mut self.left);
-            bytes.resize(held + CHUNK, 0);
+            let held = self.pending_bytes.len();
+            let mut bytes = std::mem::take(&mut self.pending_bytes);
+            bytes.resize(held + CHUNK_BYTES, 0);
             let read = self.part.read(&mut bytes[held..])?;
             bytes.truncate(held + read);
             if bytes.is_empty() {
@@ -102,13 +102,13 @@ impl<R: Read> Wide<R> {
                 }
                 return Ok(());
             }
-            self.left = bytes[whole..].to_vec();
+            self.pending_bytes = bytes[whole..].to_vec();
         }
         Ok(())
     }
 }
 
-impl<R: Read> BufRead for Wide<R> {
+impl<R: Read> BufRead for Utf16Reader<R> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.at == self.text.len() {
             self.refill()?;
@@ -121,7 +121,7 @@ impl<R: Read> BufRead for Wide<R> {
     }
 }
 
-impl<R: Read> Read for Wide<R> {
+impl<R: Read> Read for Utf16Reader<R> {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
         let text = self.fill_buf()?;
         let n = text.len().min(out.len());
@@ -135,7 +135,7 @@ impl<R: Read> Read for Wide<R> {
 mod tests {
     use super::*;
 
-    /// Gives one byte at a time, so that every character is cut somewhere.
+    /// Returns one byte at a time, so that every character is split.
     struct Slow<'a>(&'a [u8]);
 
     impl Read for Slow<'_> {
@@ -163,15 +163,15 @@ mod tests {
         for (mark, body) in cases {
             let bytes = [mark, body].concat();
             let mut found = String::new();
-            let mut part = decoded(Slow(&bytes)).unwrap();
+            let mut part = decode(Slow(&bytes)).unwrap();
             part.read_to_string(&mut found).unwrap();
             assert_eq!(found, text);
             let mut cut = String::new();
-            let mut part = decoded(&bytes[..bytes.len() - 1]).unwrap();
-            // The last character is whole in no case but that of the text without its end.
+            let mut part = decode(&bytes[..bytes.len() - 1]).unwrap();
+            // The text without its last byte is decoded up to an incomplete character.
             let _ = part.read_to_string(&mut cut);
             assert!(text.starts_with(cut.trim_end_matches('\u{fffd}')));
         }
-        assert_eq!(decoded(&b""[..]).unwrap().read(&mut [0; 4]).unwrap(), 0);
+        assert_eq!(decode(&b""[..]).unwrap().read(&mut [0; 4]).unwrap(), 0);
     }
 }

@@ -1,9 +1,9 @@
-//! From the models of an archive to one mesh and its beams: what is built, where it is placed.
+//! Assembly of one mesh and its beams from the models of an archive.
 
 use super::archive::Archive;
 use super::lattice::ClipMode;
 use super::model::{Model, Object, Reference};
-use super::{IDENTITY, Placement, after, placed, short};
+use super::{IDENTITY_PLACEMENT, Placement, compose, display_name, transform_point};
 use crate::frame::{LengthUnit, Vec3};
 use crate::io::beams::{BeamClip, BeamPart, SolidFile};
 use crate::io::mesh_file::MeshFile;
@@ -12,41 +12,41 @@ use crate::mesh::TriMesh;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
 
-/// How deep components may nest.
-const DEPTH: usize = 16;
-/// Triangles that a file of components may unfold to, beyond 64 times what it holds.
-const UNFOLDED: usize = 2_000_000;
-/// References that are followed.
-const VISITS: usize = 1_000_000;
+/// Greatest nesting depth of components.
+const MAX_DEPTH: usize = 16;
+/// Greatest number of unfolded triangles, in addition to 64 times the content of the file.
+const MAX_UNFOLDED_TRIANGLES: usize = 2_000_000;
+/// Greatest number of followed references.
+const MAX_VISITS: usize = 1_000_000;
 
-/// What is gathered.
+/// The state of the assembly.
 struct Build {
     archive: Archive,
-    /// Models that have been read, by the name of their part.
+    /// The models read so far, by the name of their part.
     models: HashMap<String, Rc<Model>>,
     unit: LengthUnit,
-    /// Vertices, triangles and beams that the models hold.
-    held: usize,
+    /// The number of vertices, triangles and beams in the models read so far.
+    file_size: usize,
     visits: usize,
     vertices: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     beams: Vec<BeamPart>,
-    /// What was left out, by reason: the objects.
+    /// The objects left out, by reason.
     left_out: BTreeMap<String, Vec<u32>>,
     notes: BTreeSet<String>,
     short_beams: usize,
-    /// Objects that are being placed, outermost first.
+    /// The chain of objects being placed, outermost first.
     path: Vec<(String, u32)>,
 }
 
-/// The build's items as one mesh and their beams.
+/// Assembles the build items as one mesh and its beams.
 pub(super) fn unfold(mut archive: Archive) -> Result<SolidFile, ReadError> {
     let root = archive.root();
     let mut model = archive.model(&root)?;
-    let notes = without_modifiers(&mut archive, &mut model)?;
+    let notes = remove_non_solid_volumes(&mut archive, &mut model)?;
     let model = Rc::new(model);
     let mut build = Build {
-        held: model.len(),
+        file_size: model.len(),
         unit: model.unit,
         models: HashMap::from([(root.clone(), Rc::clone(&model))]),
         archive,
@@ -64,7 +64,7 @@ pub(super) fn unfold(mut archive: Archive) -> Result<SolidFile, ReadError> {
     }
     for item in &model.items {
         if item.is_printable {
-            build.reference(&root, &model, item, &IDENTITY)?;
+            build.reference(&root, &model, item, &IDENTITY_PLACEMENT)?;
         } else {
             let reason = "item that is not printable".to_owned();
             build.left_out.entry(reason).or_default().push(item.object);
@@ -73,20 +73,20 @@ pub(super) fn unfold(mut archive: Archive) -> Result<SolidFile, ReadError> {
     build.finish()
 }
 
-/// Takes out of the objects what the slicer that wrote them counts as no solid, and says what.
-fn without_modifiers(
+/// Removes triangles that the slicer's list marks as non-solid; returns notes.
+fn remove_non_solid_volumes(
     archive: &mut Archive,
     model: &mut Model,
 ) -> Result<BTreeSet<String>, ReadError> {
     let mut notes = BTreeSet::new();
-    for (id, volumes) in archive.volumes() {
+    for (id, volumes) in archive.non_solid_volumes() {
         let Some(object) = model.objects.get_mut(&id) else {
             continue;
         };
         let mut is_part = vec![true; object.triangles.len()];
         for volume in volumes {
             let [first, last] = volume.triangles;
-            let kind = short(&volume.kind);
+            let kind = display_name(&volume.kind);
             if first > last || last >= is_part.len() {
                 let found =
                     format!("triangles {first} to {last} of object {id} in the slicer's list");
@@ -108,14 +108,14 @@ fn without_modifiers(
             ));
         }
         let mut kept = is_part.iter();
-        object.is_cut = is_part.contains(&false);
+        object.has_removed_triangles = is_part.contains(&false);
         object.triangles.retain(|_| kept.next() == Some(&true));
     }
     Ok(notes)
 }
 
-/// Objects of some numbers: "object 3", "objects 3, 4, 5 and 17 more".
-fn objects(numbers: &[u32]) -> String {
+/// A list of objects for messages: "object 3", "objects 3, 4, 5 and 17 more".
+fn object_list(numbers: &[u32]) -> String {
     let shown: Vec<String> = numbers.iter().take(8).map(u32::to_string).collect();
     let more = match numbers.len() - shown.len() {
         0 => String::new(),
@@ -130,7 +130,7 @@ impl Build {
         ReadError::data(&self.archive.path, Place::File, found, expected)
     }
 
-    /// Every object that is no part of another one: of a model without items.
+    /// Places every object that is not part of another one, for a model without items.
     fn every_object(&mut self, root: &str, model: &Rc<Model>) -> Result<(), ReadError> {
         let note = "no item to build; every object is taken";
         self.notes.insert(note.to_owned());
@@ -139,18 +139,18 @@ impl Build {
             let own = object.components.iter().filter(|c| c.part.is_none());
             used.extend(own.map(|c| c.object));
             let lattice = object.lattice.iter();
-            used.extend(lattice.flat_map(|l| l.clip_mesh.into_iter().chain(l.shown_by)));
+            used.extend(lattice.flat_map(|l| l.clip_mesh.into_iter().chain(l.representation_mesh)));
         }
-        let is_circle = model.objects.keys().all(|id| used.contains(id));
+        let is_cyclic = model.objects.keys().all(|id| used.contains(id));
         for &id in model.objects.keys() {
-            if is_circle || !used.contains(&id) {
-                self.place(root, model, id, &IDENTITY)?;
+            if is_cyclic || !used.contains(&id) {
+                self.place(root, model, id, &IDENTITY_PLACEMENT)?;
             }
         }
         Ok(())
     }
 
-    /// Places what a model refers to.
+    /// Places a referenced object.
     fn reference(
         &mut self,
         name: &str,
@@ -158,16 +158,16 @@ impl Build {
         reference: &Reference,
         outer: &Placement,
     ) -> Result<(), ReadError> {
-        let at = after(&reference.at, outer);
+        let at = compose(&reference.at, outer);
         let Some(part) = &reference.part else {
             return self.place(name, model, reference.object, &at);
         };
-        let part = self.archive.referred(part)?;
+        let part = self.archive.resolve_reference(part)?;
         let other = if let Some(known) = self.models.get(&part) {
             Rc::clone(known)
         } else {
             let read = Rc::new(self.archive.model(&part)?);
-            self.held += read.len();
+            self.file_size += read.len();
             self.models.insert(part.clone(), Rc::clone(&read));
             read
         };
@@ -179,7 +179,7 @@ impl Build {
             }
             let note = format!(
                 "the part {} is in {} and was scaled to {}",
-                short(&part),
+                display_name(&part),
                 other.unit.name_3mf(),
                 self.unit.name_3mf()
             );
@@ -198,10 +198,10 @@ impl Build {
     ) -> Result<(), ReadError> {
         let Some(object) = model.objects.get(&id) else {
             let found = format!("a reference to object {id}");
-            return Err(self.bad(found, format!("an object of {}", short(name))));
+            return Err(self.bad(found, format!("an object of {}", display_name(name))));
         };
         if let Some(kind) = &object.kind {
-            let reason = format!("object of type {}", short(kind));
+            let reason = format!("object of type {}", display_name(kind));
             self.left_out.entry(reason).or_default().push(id);
             return Ok(());
         }
@@ -209,7 +209,7 @@ impl Build {
         if self.path.contains(&step) {
             let found = format!(
                 "object {id} of {}, which is a component of itself",
-                short(name)
+                display_name(name)
             );
             return Err(self.bad(found, "components without a cycle"));
         }
@@ -219,9 +219,12 @@ impl Build {
             + self.triangles.len()
             + object.triangles.len()
             + self.beams.iter().map(BeamPart::len).sum::<usize>();
-        let limit = self.held.saturating_mul(64).saturating_add(UNFOLDED);
+        let limit = self
+            .file_size
+            .saturating_mul(64)
+            .saturating_add(MAX_UNFOLDED_TRIANGLES);
         let limit = limit.min(u32::MAX as usize);
-        if self.path.len() >= DEPTH || total > limit || self.visits > VISITS {
+        if self.path.len() >= MAX_DEPTH || total > limit || self.visits > MAX_VISITS {
             let found = format!("components that unfold without end at object {id}");
             return Err(self.bad(found, "at most 16 levels and 64 copies of each triangle"));
         }
@@ -232,7 +235,7 @@ impl Build {
                 return Err(self.bad(found, "a mesh, a beam lattice or components"));
             }
         }
-        if let Some(why) = &object.stands_in {
+        if let Some(why) = &object.substitute_reason {
             let note = format!("the mesh of object {id} {why}");
             self.notes.insert(note);
         }
@@ -250,9 +253,9 @@ impl Build {
     fn mesh(&mut self, id: u32, object: &Object, at: &Placement) -> Result<(), ReadError> {
         self.check_triangles(id, object)?;
         let shift = self.vertices.len() as u32;
-        // Nodes of beams alone, and vertices of what was taken out, are no part of the mesh.
+        // Vertices that only beams or removed triangles use are not part of the mesh.
         let mut numbers: Vec<u32> = (0..object.vertices.len() as u32).collect();
-        if object.lattice.is_some() || object.is_cut {
+        if object.lattice.is_some() || object.has_removed_triangles {
             let mut is_used = vec![false; numbers.len()];
             for &v in object.triangles.iter().flatten() {
                 is_used[v as usize] = true;
@@ -263,13 +266,13 @@ impl Build {
                 next += u32::from(used);
             }
             let kept = object.vertices.iter().zip(&is_used).filter(|v| *v.1);
-            self.vertices.extend(kept.map(|v| placed(at, v.0)));
+            self.vertices.extend(kept.map(|v| transform_point(at, v.0)));
         } else {
             self.vertices
-                .extend(object.vertices.iter().map(|v| placed(at, v)));
+                .extend(object.vertices.iter().map(|v| transform_point(at, v)));
         }
         self.triangles
-            .extend(turned(object, at).map(|t| t.map(|v| numbers[v as usize] + shift)));
+            .extend(oriented_triangles(object, at).map(|t| t.map(|v| numbers[v as usize] + shift)));
         Ok(())
     }
 
@@ -308,7 +311,7 @@ impl Build {
                     .ok_or_else(|| {
                         let found = format!(
                             "object {id} of {}, clipped by a mesh that is not there",
-                            short(name)
+                            display_name(name)
                         );
                         self.bad(
                             found,
@@ -316,8 +319,12 @@ impl Build {
                         )
                     })?;
                 self.check_triangles(lattice.clip_mesh.unwrap_or_default(), clipping)?;
-                let vertices = clipping.vertices.iter().map(|v| placed(at, v)).collect();
-                let mesh = TriMesh::new(vertices, turned(clipping, at).collect());
+                let vertices = clipping
+                    .vertices
+                    .iter()
+                    .map(|v| transform_point(at, v))
+                    .collect();
+                let mesh = TriMesh::new(vertices, oriented_triangles(clipping, at).collect());
                 Some(BeamClip {
                     keeps_inside: mode == ClipMode::Inside,
                     mesh: mesh.map_err(|e| self.bad(e.to_string(), "a mesh"))?,
@@ -340,7 +347,7 @@ impl Build {
             let (n, s) = (numbers.len(), if numbers.len() == 1 { "" } else { "s" });
             let (what, rest) = reason.split_once(' ').unwrap_or((reason, ""));
             let verb = if n == 1 { "is" } else { "are" };
-            let list = objects(numbers);
+            let list = object_list(numbers);
             let note = match rest {
                 "that is not printable" => format!("{n} item{s} not printable, left out: {list}"),
                 _ => format!("{n} {what}{s} {rest} {verb} left out: {list}"),
@@ -360,7 +367,7 @@ impl Build {
             let reasons: Vec<String> = self
                 .left_out
                 .iter()
-                .map(|(reason, numbers)| format!("{reason} ({})", objects(numbers)))
+                .map(|(reason, numbers)| format!("{reason} ({})", object_list(numbers)))
                 .collect();
             let found = format!("nothing to print, only: {}", reasons.join("; "));
             return Err(self.bad(found, "a printable object of type \"model\""));
@@ -381,8 +388,11 @@ impl Build {
     }
 }
 
-/// An object's triangles under a placement: one that mirrors turns the winding, which is turned back.
-fn turned<'a>(object: &'a Object, at: &Placement) -> impl Iterator<Item = [u32; 3]> + 'a {
+/// An object's triangles under a placement; a reflection reverses them, to keep the orientation outward.
+fn oriented_triangles<'a>(
+    object: &'a Object,
+    at: &Placement,
+) -> impl Iterator<Item = [u32; 3]> + 'a {
     let mirrors = at[0].dot(&at[1].cross(&at[2])) < 0.0;
     object
         .triangles

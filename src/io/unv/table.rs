@@ -1,9 +1,8 @@
-//! Element types of universal files and the order of their nodes.
+//! Element types of universal files and their node orders.
 
 use crate::scaffold::Kind;
 
-/// A row: types, kind, and which of the file's nodes stands at each place of VTK's order; empty where
-/// the two are the same.
+/// A row: types, kind, and the permutation from the file's node order to VTK order (empty for the identity).
 type Row = (&'static [i64], Kind, &'static [u8]);
 
 const TRI6: &[u8] = &[0, 2, 4, 1, 3, 5];
@@ -16,7 +15,7 @@ const HEX20: &[u8] = &[
 
 /// Plane stress, plane strain, plates, membranes, bodies of revolution, thin shells; thick shells,
 /// solids.
-pub(super) const ELEMENTS: &[Row] = &[
+pub(super) const ELEMENT_TYPES: &[Row] = &[
     (&[41, 51, 61, 74, 81, 91], Kind::Tri3, &[]),
     (&[42, 52, 62, 72, 82, 92], Kind::Tri6, TRI6),
     (&[44, 54, 64, 71, 84, 94], Kind::Quad4, &[]),
@@ -29,9 +28,9 @@ pub(super) const ELEMENTS: &[Row] = &[
     (&[118], Kind::Tet10, TET10),
 ];
 
-/// Types with a line for the orientation.
-pub(super) const BEAMS: &[i64] = &[11, 21, 22, 23, 24];
+/// Types with an additional line for the orientation.
+pub(super) const BEAM_TYPES: &[i64] = &[11, 21, 22, 23, 24];
 
 /// Rods and beams; rigid elements, springs, dampers, gaps, masses; constraints and flow of plastics.
-pub(super) const LINES: &[std::ops::RangeInclusive<i64>] =
+pub(super) const LINE_TYPES: &[std::ops::RangeInclusive<i64>] =
     &[11..=11, 21..=24, 121..=161, 171..=181, 191..=222];

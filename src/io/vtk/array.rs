@@ -1,4 +1,4 @@
-//! Numbers of the types that VTK names, from text and from bytes.
+//! The number types of VTK and their decoding.
 
 /// A number type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +16,7 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
-    /// By its name in an XML file.
+    /// The type of a name in an XML file.
     pub fn from_xml(name: &str) -> Option<Self> {
         Some(match name {
             "Int8" => Self::I8,
@@ -33,7 +33,7 @@ impl Scalar {
         })
     }
 
-    /// By its name in a legacy file.
+    /// The type of a name in a legacy file.
     pub fn from_legacy(name: &str) -> Option<Self> {
         Some(match name.to_ascii_lowercase().as_str() {
             "char" | "signed_char" => Self::I8,
@@ -50,7 +50,7 @@ impl Scalar {
         })
     }
 
-    /// Bytes of one number.
+    /// The size of a number in bytes.
     pub fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -60,7 +60,7 @@ impl Scalar {
         }
     }
 
-    /// Whether it has a fraction.
+    /// Whether it is a floating-point type.
     pub fn is_float(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
     }
@@ -74,7 +74,7 @@ impl Scalar {
         }
     }
 
-    /// A whole number from `size` bytes; what exceeds 63 bits becomes -1, which counts nothing.
+    /// An integer from `size` bytes; values beyond 63 bits become -1, which is invalid as a count.
     pub fn whole(self, bytes: &[u8], big_endian: bool) -> i64 {
         let bits = self.bits(bytes, big_endian);
         match self {

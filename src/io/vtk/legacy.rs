@@ -12,7 +12,7 @@ use std::path::Path;
 /// Reads a legacy `.vtk` file.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, is another kind of dataset, or holds solids of other kinds.
+/// When the file cannot be read, is damaged, or contains another kind of dataset or unsupported kinds of solids.
 pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     let mut file = File {
         tokens: Tokens::new(Source::open(path)?),
@@ -54,7 +54,7 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
         ends: &ends,
         nodes: &nodes,
         points: &points.unwrap_or_default(),
-        old: version < (5, 1),
+        has_old_numbering: version < (5, 1),
     };
     cells.collect(path, 0, 0, &mut collector)?;
     file.data(None, &mut collector)?;
@@ -71,7 +71,7 @@ impl File {
         self.tokens.source.bad(quote(found), expected)
     }
 
-    /// The four lines at the top; gives the version, and whether polygons follow.
+    /// Reads the first four lines; returns the version and whether polygons follow.
     fn header(&mut self) -> Result<((u32, u32), bool), ReadError> {
         let expected = "# vtk DataFile Version, the first line of a legacy VTK file";
         let first = self.tokens.needed_line(expected)?;
@@ -101,7 +101,7 @@ impl File {
         }
     }
 
-    /// A dataset of polygons and strips.
+    /// Reads a dataset of polygons and strips.
     fn polygons(
         mut self,
         path: &Path,
@@ -143,7 +143,7 @@ impl File {
         Ok(VtkFile::Polygons(soup))
     }
 
-    /// Where each cell's nodes end, and the nodes.
+    /// Reads cells: the end of each cell's node list, and the nodes.
     fn cells(
         &mut self,
         version: (u32, u32),
@@ -207,7 +207,7 @@ impl File {
         Ok(numbers)
     }
 
-    /// Cells up to version 4: each one's length, then its nodes.
+    /// Cells up to version 4: the number of nodes of each cell, then its nodes.
     fn cells_by_length(
         &mut self,
         cells: &str,
@@ -235,7 +235,7 @@ impl File {
         Ok((ends, nodes))
     }
 
-    /// Cells of version 5: where each one's nodes start, then all nodes.
+    /// Cells of version 5: the start of each cell's nodes, then all nodes.
     fn cells_by_offset(
         &mut self,
         offsets: &str,
@@ -263,8 +263,8 @@ impl File {
         Ok((ends, nodes))
     }
 
-    /// Point and cell data up to the end of the file, or to what is no numbers.
-    /// `at` is what they belong to, if their first line is read.
+    /// Reads point and cell data up to the end of the file or an unknown section. `at` is their location, if
+    /// its line has been read already.
     fn data(
         &mut self,
         mut at: Option<FieldAt>,
@@ -295,7 +295,8 @@ impl File {
                     self.field(arrays, &mut fields)?;
                     if let Some(at) = at {
                         for (name, components, values) in fields {
-                            if values.len() == components.saturating_mul(belonging(collector, at)) {
+                            if values.len() == components.saturating_mul(value_count(collector, at))
+                            {
                                 collector.field(&name, at, components, values);
                             }
                         }
@@ -315,7 +316,7 @@ impl File {
                     return Err(self.bad(&table, "LOOKUP_TABLE"));
                 }
             }
-            let total = belonging(collector, at)
+            let total = value_count(collector, at)
                 .saturating_mul(components)
                 .to_string();
             let total = self.count(&total, number.size() as u64, "numbers")?;
@@ -325,7 +326,7 @@ impl File {
         Ok(())
     }
 
-    /// Passes over lines up to a blank one.
+    /// Skips lines up to a blank one.
     fn metadata(&mut self) -> Result<(), ReadError> {
         while let Some(line) = self.tokens.source.line()? {
             if line.trim().is_empty() {
@@ -335,7 +336,7 @@ impl File {
         Ok(())
     }
 
-    /// Arrays with names and components of their own.
+    /// Reads named arrays.
     fn field(
         &mut self,
         arrays: &str,
@@ -368,8 +369,8 @@ impl File {
     }
 }
 
-/// How many nodes or elements a field has values for.
-fn belonging(collector: &Collector, at: FieldAt) -> usize {
+/// The number of nodes or elements, the length of a field.
+fn value_count(collector: &Collector, at: FieldAt) -> usize {
     match at {
         FieldAt::Points => collector.point_count(),
         FieldAt::Cells => collector.cells as usize,

@@ -1,4 +1,4 @@
-//! Polygonal data of both formats: points, lines, polygons and triangle strips, in this order.
+//! Polygonal data of both formats: points, lines, polygons, triangle strips.
 
 use crate::frame::Vec3;
 use crate::io::polygons::Soup;
@@ -7,7 +7,7 @@ use crate::io::{Place, ReadError, quote};
 use crate::polymesh::Faces;
 use std::path::Path;
 
-/// The sections of a piece and the counts that go with them in XML.
+/// The sections of a piece in their order, with the attributes of their counts in XML.
 pub(super) const SECTIONS: [(&str, &str); 4] = [
     ("Verts", "NumberOfVerts"),
     ("Lines", "NumberOfLines"),
@@ -15,7 +15,7 @@ pub(super) const SECTIONS: [(&str, &str); 4] = [
     ("Strips", "NumberOfStrips"),
 ];
 
-/// Where each cell's nodes end, and the nodes.
+/// A section: the end of each cell's node list, and the nodes.
 #[derive(Default)]
 pub(super) struct Section {
     pub count: u64,
@@ -23,18 +23,19 @@ pub(super) struct Section {
     pub nodes: Vec<i64>,
 }
 
-/// Polygons so far.
+/// The polygons read so far.
 #[derive(Default)]
 pub(super) struct Polygons {
     faces: Faces,
-    /// The cell that each face is, or is cut from.
+    /// The cell of each face.
     cells: Vec<u32>,
-    /// Points and lines.
+    /// The number of skipped points and lines.
     skipped: usize,
 }
 
 impl Polygons {
-    /// Adds the cells of a piece; points count from `first_point`, cells from `first_cell`. How many cells they are.
+    /// Adds the cells of a piece; points are numbered from `first_point`, cells from `first_cell`. Returns the
+    /// number of cells.
     pub fn add(
         &mut self,
         path: &Path,
@@ -75,7 +76,7 @@ impl Polygons {
                     own.push(point);
                 }
                 let faces = if name == "Strips" {
-                    Soup::strip(&mut self.faces, &own)
+                    Soup::push_strip(&mut self.faces, &own)
                 } else {
                     self.faces.push(own.iter().copied());
                     1
@@ -87,7 +88,7 @@ impl Polygons {
         Ok(cell - first_cell)
     }
 
-    /// All polygons over the points; of `fields`, those of cells go over to the faces.
+    /// The polygons over the points; `fields` at cells are transferred to the faces.
     pub fn soup(
         self,
         path: &Path,

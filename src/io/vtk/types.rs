@@ -1,17 +1,17 @@
-//! What VTK's cell types are to us.
+//! VTK's cell types and the corresponding element kinds.
 //!
-//! Lagrange cells (69 to 74) of order 1 and 2 have the nodes of the kinds with as many of them, in the
-//! same order. Only the quadratic hexahedron once differed: before version 2.1 of `.vtu` and 5.1 of
-//! `.vtk` its nodes 18 and 19 changed places, as VTK itself reads such files.
+//! Lagrange cells (69 to 74) of order 1 and 2 have the node order of the kinds with the same number of nodes.
+//! The quadratic hexahedron differs in old files: before version 2.1 of `.vtu` and 5.1 of `.vtk` its nodes 18
+//! and 19 are exchanged, as in VTK's own reader.
 //!
-//! Of the triquadratic pyramid's 19 nodes the first 14 are those of Pyramid14. Its triangles have a node in
-//! the middle, which must stand where the other six put it: else the faces of neighbours would not
-//! meet. Its innermost node moves no face and is left out.
+//! The first 14 of the triquadratic pyramid's 19 nodes are those of Pyramid14. Its triangles have a middle
+//! node, which must lie on the quadratic face of the other six nodes: otherwise the faces of neighbours do not
+//! match. Its innermost node does not affect the faces and is ignored.
 
 use crate::scaffold::Kind;
 
-/// A Lagrange cell: its number of nodes decides.
-const LAGRANGE: [(u8, usize, Kind); 12] = [
+/// The supported Lagrange cells: type, number of nodes and kind.
+const LAGRANGE_CELLS: [(u8, usize, Kind); 12] = [
     (69, 3, Kind::Tri3),
     (69, 6, Kind::Tri6),
     (70, 4, Kind::Quad4),
@@ -25,8 +25,8 @@ const LAGRANGE: [(u8, usize, Kind); 12] = [
     (74, 5, Kind::Pyramid5),
     (74, 14, Kind::Pyramid14),
 ];
-/// Names of the cell types that are not read, or not always.
-const NAMES: [(u8, &str); 26] = [
+/// Names of the cell types that are unsupported, at least in part.
+const CELL_TYPE_NAMES: [(u8, &str); 26] = [
     (15, "pentagonal prism"),
     (16, "hexagonal prism"),
     (31, "quadratic linear wedge"),
@@ -54,68 +54,78 @@ const NAMES: [(u8, &str); 26] = [
     (80, "Bezier wedge"),
     (81, "Bezier pyramid"),
 ];
-/// Cell types of points and lines, and of surfaces that bound solids: counted and passed over.
-const FLAT: [u8; 13] = [0, 1, 2, 3, 4, 21, 30, 34, 35, 36, 60, 68, 75];
-/// A pixel's and a voxel's nodes in the order of a quad and a hexahedron.
-const PIXEL: [u8; 4] = [0, 1, 3, 2];
-const VOXEL: [u8; 8] = [0, 1, 3, 2, 4, 5, 7, 6];
-/// Nodes in the order of the file.
-const IN_ORDER: [u8; 27] = [
+/// Cell types that are counted and skipped: points, lines, and surfaces that bound solids.
+const SKIPPED_CELL_TYPES: [u8; 13] = [0, 1, 2, 3, 4, 21, 30, 34, 35, 36, 60, 68, 75];
+/// The nodes of a pixel and of a voxel in the order of a quad and a hexahedron.
+const PIXEL_ORDER: [u8; 4] = [0, 1, 3, 2];
+const VOXEL_ORDER: [u8; 8] = [0, 1, 3, 2, 4, 5, 7, 6];
+/// Nodes in file order.
+const IDENTITY_ORDER: [u8; 27] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25,
     26,
 ];
-/// A quadratic Lagrange hexahedron's nodes in files of old versions.
-const OLD_HEX27: [u8; 27] = [
+/// The nodes of a quadratic Lagrange hexahedron in old files.
+const OLD_HEX27_ORDER: [u8; 27] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 18, 20, 21, 22, 23, 24, 25,
     26,
 ];
-/// Nodes of a triquadratic pyramid.
-pub(super) const PYRAMID19: usize = 19;
+/// Number of nodes of a triquadratic pyramid.
+pub(super) const PYRAMID19_NODE_COUNT: usize = 19;
 
-/// A cell as an element of ours.
+/// The meaning of a cell.
 pub(super) enum Cell {
-    /// Its kind, the nodes that a cell of the type has, and which of them stands at each place.
+    /// The kind, the number of nodes of the cell, and the order of its nodes.
     Element(Kind, usize, &'static [u8]),
-    /// Passed over.
-    Flat,
-    /// What it is, and whether it is a Lagrange cell of another order.
+    /// Counted and skipped.
+    Skipped,
+    /// Unsupported: a description, and whether it is a Lagrange cell of another order.
     Refused(String, bool),
 }
 
-/// Whether it is a Lagrange cell with an order of its own.
+/// Whether it is a Lagrange cell, of any order.
 pub(super) fn is_lagrange(cell_type: u8) -> bool {
     (69..=74).contains(&cell_type)
 }
 
-/// The degree along every axis of a Lagrange cell that is read.
+/// The degree along every axis of a supported Lagrange cell.
 pub(super) fn lagrange_degree(cell_type: u8, nodes: usize) -> Option<usize> {
-    let found = LAGRANGE.iter().find(|l| (l.0, l.1) == (cell_type, nodes))?;
+    let found = LAGRANGE_CELLS
+        .iter()
+        .find(|l| (l.0, l.1) == (cell_type, nodes))?;
     Some(found.2.degree())
 }
 
-/// What a cell of this type and number of nodes is; `old` in files before the change of numbering.
-pub(super) fn cell(cell_type: u8, nodes: usize, old: bool) -> Cell {
+/// The meaning of a cell of this type and number of nodes; `has_old_numbering` marks files of old versions.
+pub(super) fn cell(cell_type: u8, nodes: usize, has_old_numbering: bool) -> Cell {
     if is_lagrange(cell_type) {
-        let mut of_type = LAGRANGE.iter().filter(|l| l.0 == cell_type);
+        let mut of_type = LAGRANGE_CELLS.iter().filter(|l| l.0 == cell_type);
         return match of_type.find(|l| l.1 == nodes) {
-            Some((_, _, Kind::Hex27)) if old => Cell::Element(Kind::Hex27, nodes, &OLD_HEX27),
-            Some(&(_, _, kind)) => Cell::Element(kind, nodes, &IN_ORDER[..nodes]),
+            Some((_, _, Kind::Hex27)) if has_old_numbering => {
+                Cell::Element(Kind::Hex27, nodes, &OLD_HEX27_ORDER)
+            }
+            Some(&(_, _, kind)) => Cell::Element(kind, nodes, &IDENTITY_ORDER[..nodes]),
             None => Cell::Refused(format!("{} of {nodes} nodes", name(cell_type)), true),
         };
     }
     match (cell_type, Kind::from_vtk(cell_type)) {
-        (8, _) => Cell::Element(Kind::Quad4, 4, &PIXEL),
-        (11, _) => Cell::Element(Kind::Hex8, 8, &VOXEL),
-        (_, Some(Kind::Pyramid14)) => Cell::Element(Kind::Pyramid14, PYRAMID19, &IN_ORDER[..14]),
-        (_, Some(kind)) => Cell::Element(kind, kind.node_count(), &IN_ORDER[..kind.node_count()]),
-        _ if FLAT.contains(&cell_type) => Cell::Flat,
+        (8, _) => Cell::Element(Kind::Quad4, 4, &PIXEL_ORDER),
+        (11, _) => Cell::Element(Kind::Hex8, 8, &VOXEL_ORDER),
+        (_, Some(Kind::Pyramid14)) => {
+            Cell::Element(Kind::Pyramid14, PYRAMID19_NODE_COUNT, &IDENTITY_ORDER[..14])
+        }
+        (_, Some(kind)) => Cell::Element(
+            kind,
+            kind.node_count(),
+            &IDENTITY_ORDER[..kind.node_count()],
+        ),
+        _ if SKIPPED_CELL_TYPES.contains(&cell_type) => Cell::Skipped,
         _ => Cell::Refused(name(cell_type), false),
     }
 }
 
-/// A type's name with its number.
+/// The name of a type with its number.
 pub(super) fn name(cell_type: u8) -> String {
-    match NAMES.iter().find(|n| n.0 == cell_type) {
+    match CELL_TYPE_NAMES.iter().find(|n| n.0 == cell_type) {
         Some((_, name)) => format!("a {name} (cell type {cell_type})"),
         None => format!("the cell type {cell_type}"),
     }

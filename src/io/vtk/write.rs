@@ -1,5 +1,6 @@
-//! Scaffolds written as `.vtu` for a look in ParaView or pyvista: appended raw data, no compression.
-//! A pyramid of 14 nodes becomes VTK's of 19, the added ones where its map has them.
+//! The writer of scaffolds as `.vtu` for ParaView or pyvista: appended raw data without compression.
+//!
+//! A pyramid of 14 nodes becomes VTK's pyramid of 19; the element's map gives the positions of the added nodes.
 
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::io::WriteError;
@@ -9,8 +10,8 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
-/// Writes a scaffold with fields of one number per element; gives the bytes written. Coordinates are
-/// as they are: the format carries no unit.
+/// Writes a scaffold with fields of one number per element; returns the file's size in bytes. Coordinates are
+/// not converted, since the format has no unit.
 ///
 /// # Errors
 /// When the file cannot be written, or a field's length is not the number of elements.
@@ -75,8 +76,7 @@ pub fn write_vtu(
     }
 }
 
-/// What VTK's triquadratic pyramid has beyond our 14 nodes: the middles of its triangles, and a point on
-/// its axis.
+/// The additional nodes of VTK's triquadratic pyramid: the middles of its triangles and a point on its axis.
 fn inner_points() -> impl Iterator<Item = CellPoint<3>> {
     let corners = Element::Pyramid.vertices();
     let triangles = Kind::Pyramid14.faces()[1..].iter();

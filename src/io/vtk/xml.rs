@@ -18,7 +18,7 @@ use std::path::Path;
 /// Reads a `.vtu` or `.vtp` file.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, is another type of grid, or holds solids of other kinds.
+/// When the file cannot be read, is damaged, or contains another type of grid or unsupported kinds of solids.
 pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     let mut source = Source::open(path)?;
     if source.size() == u64::MAX {
@@ -39,11 +39,11 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
         collector: Collector::new(path),
         points: 0,
         cells: 0,
-        old: true,
+        has_old_numbering: true,
         allowance: Allowance::new(path, bytes.len() as u64),
         polygons: None,
     };
-    document.walk()?;
+    document.parse()?;
     if let Some(polygons) = document.polygons {
         let (points, fields) = document.collector.into_points();
         let soup = polygons.soup(path, points, fields, document.cells)?;
@@ -52,24 +52,24 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     document.collector.finish(|_| None).map(VtkFile::Elements)
 }
 
-/// A `DataArray`: what its tag says, and the text inside.
+/// A `DataArray`: the attributes of its tag, and its text.
 struct Array<'a> {
     name: String,
     scalar: Scalar,
     components: u64,
-    form: Form,
+    encoding: ArrayEncoding,
     text: Vec<&'a [u8]>,
     byte: u64,
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Form {
+enum ArrayEncoding {
     Text,
     Inline,
     Appended(u64),
 }
 
-/// A piece of the grid as far as it has been read.
+/// A piece of the grid, as far as read.
 #[derive(Default)]
 struct Piece {
     points: u64,
@@ -91,18 +91,18 @@ struct Document<'a> {
     appended: Option<Appended<'a>>,
     format: Format,
     collector: Collector<'a>,
-    /// Points and cells of the pieces before.
+    /// The numbers of points and cells of preceding pieces.
     points: u64,
     cells: u64,
-    /// Whether the version is below 2.1, which numbered Lagrange hexahedra otherwise.
-    old: bool,
+    /// Whether the version is below 2.1, with the old numbering of Lagrange hexahedra.
+    has_old_numbering: bool,
     allowance: Allowance,
-    /// Of a file of polygons: those so far.
+    /// The polygons read so far, in a file of polygons.
     polygons: Option<Polygons>,
 }
 
 impl<'a> Document<'a> {
-    fn walk(&mut self) -> Result<(), ReadError> {
+    fn parse(&mut self) -> Result<(), ReadError> {
         let mut reader = Reader::from_reader(self.text);
         reader.config_mut().check_end_names = true;
         let mut open: Vec<String> = Vec::new();
@@ -129,7 +129,7 @@ impl<'a> Document<'a> {
                     self.end(&name, &open, &mut piece, &mut array)?;
                 }
                 Event::End(_) => {
-                    // The reader has checked that it matches.
+                    // The XML reader checks that the names match.
                     let name = open.pop().unwrap_or_default();
                     self.end(&name, &open, &mut piece, &mut array)?;
                 }
@@ -145,7 +145,7 @@ impl<'a> Document<'a> {
                 _ => {}
             }
         }
-        // Appended data were cut off inside the root element.
+        // If appended data were split off, the root element is still open.
         let depth = usize::from(self.appended.is_some());
         if !self.format.known {
             return Err(self.bad(0, "no VTKFile element".into(), "a VTK XML file"));
@@ -181,7 +181,7 @@ impl<'a> Document<'a> {
                 }
                 let version = attribute(tag, "version");
                 let version = version.and_then(|v| super::types::version(&v));
-                self.old = version.is_none_or(|v| v < (2, 1));
+                self.has_old_numbering = version.is_none_or(|v| v < (2, 1));
                 self.format = Format::of(
                     attribute(tag, "byte_order").as_deref(),
                     attribute(tag, "header_type").as_deref(),
@@ -218,7 +218,7 @@ impl<'a> Document<'a> {
                     piece.degrees = attribute(tag, "HigherOrderDegrees");
                 }
             }
-            // Data of types that are no numbers, such as strings, are passed over.
+            // Data that are not numeric, such as strings, are ignored.
             ("PointData" | "CellData", "DataArray") => *array = self.array(tag, byte).ok(),
             _ => {}
         }
@@ -259,10 +259,10 @@ impl<'a> Document<'a> {
                 "one such as Float64",
             )
         })?;
-        let form = match attribute(tag, "format").as_deref() {
-            Some("ascii") | None => Form::Text,
-            Some("binary") => Form::Inline,
-            Some("appended") => Form::Appended(self.number(tag, "offset", byte)?),
+        let encoding = match attribute(tag, "format").as_deref() {
+            Some("ascii") | None => ArrayEncoding::Text,
+            Some("binary") => ArrayEncoding::Inline,
+            Some("appended") => ArrayEncoding::Appended(self.number(tag, "offset", byte)?),
             Some(other) => {
                 let found = format!("the format {}", quote(other));
                 return Err(self.bad(byte, found, "ascii, binary or appended"));
@@ -276,7 +276,7 @@ impl<'a> Document<'a> {
             name,
             scalar,
             components,
-            form,
+            encoding,
             text: Vec::new(),
             byte,
         })
@@ -341,8 +341,8 @@ impl<'a> Document<'a> {
         value: impl Fn(Scalar, &[u8], bool) -> T,
     ) -> Result<Vec<T>, ReadError> {
         let what = quote(&array.name);
-        let bytes = match array.form {
-            Form::Text => {
+        let bytes = match array.encoding {
+            ArrayEncoding::Text => {
                 let mut numbers = Vec::new();
                 for word in array
                     .text
@@ -363,15 +363,15 @@ impl<'a> Document<'a> {
                 }
                 return Ok(numbers);
             }
-            Form::Inline => self.format.inline(&array.text.concat(), &self.allowance),
-            Form::Appended(offset) => match &self.appended {
+            ArrayEncoding::Inline => self.format.inline(&array.text.concat(), &self.allowance),
+            ArrayEncoding::Appended(offset) => match &self.appended {
                 Some(a) => self.format.appended(a, offset, &self.allowance),
                 None => Err("an offset without appended data".into()),
             },
         };
         let bytes = bytes.map_err(|found| {
             let expected = if found.contains("unpacks to") {
-                Allowance::EXPECTED
+                Allowance::EXPECTED_SIZE
             } else {
                 "undamaged data"
             };
@@ -433,7 +433,7 @@ impl<'a> Document<'a> {
                 ends: &ends,
                 nodes: &nodes,
                 points: &coordinates,
-                old: self.old,
+                has_old_numbering: self.has_old_numbering,
             };
             if let Some((.., degrees)) = piece.fields.iter().find(|(name, at, components, _)| {
                 (piece.degrees.as_ref(), *at, *components) == (Some(name), FieldAt::Cells, 3)

@@ -1,19 +1,19 @@
-//! Building: binned surface-area splits, four children at a time, in parallel for large ranges.
+//! Construction of the hierarchy: binned surface-area splits into four children, parallel for large ranges.
 
 use super::Node;
 
-/// Primitives in a leaf at most.
-const LEAF: usize = 2;
-/// Bins per axis when a split is sought.
-const BINS: usize = 16;
-/// Depth from which ranges are halved instead of split by cost.
-const COST_DEPTH: usize = 48;
-/// Ranges of at most this many primitives are halved: bins cost more there than they save.
-const HALVED: usize = 16;
+/// Greatest number of primitives in a leaf.
+const MAX_LEAF_PRIMITIVES: usize = 2;
+/// Number of bins per axis in the search for a split.
+const BIN_COUNT: usize = 16;
+/// Depth from which ranges are split at the median instead of by cost.
+const MAX_COST_SPLIT_DEPTH: usize = 48;
+/// Ranges of at most this many primitives are split at the median: bins cost more there than they save.
+const MAX_MEDIAN_SPLIT_PRIMITIVES: usize = 16;
 /// Ranges of at least this many primitives are built in parallel.
-const PARALLEL: usize = 1 << 13;
+const MIN_PARALLEL_PRIMITIVES: usize = 1 << 13;
 
-/// A primitive while the tree is built.
+/// A primitive during construction.
 #[derive(Clone, Copy)]
 pub(super) struct Primitive {
     pub(super) lo: [f32; 3],
@@ -22,12 +22,13 @@ pub(super) struct Primitive {
 }
 
 impl Primitive {
-    fn centre(&self, axis: usize) -> f32 {
+    /// Twice the centre.
+    fn double_centre(&self, axis: usize) -> f32 {
         self.lo[axis] + self.hi[axis]
     }
 }
 
-/// A box while the tree is built.
+/// A box during construction.
 #[derive(Clone, Copy)]
 struct Extent {
     lo: [f32; 3],
@@ -35,7 +36,7 @@ struct Extent {
 }
 
 impl Extent {
-    const EMPTY: Self = Self {
+    const EMPTY_BOX: Self = Self {
         lo: [f32::INFINITY; 3],
         hi: [f32::NEG_INFINITY; 3],
     };
@@ -48,7 +49,7 @@ impl Extent {
     }
 
     fn of(primitives: &[Primitive]) -> Self {
-        let mut e = Self::EMPTY;
+        let mut e = Self::EMPTY_BOX;
         for p in primitives {
             e.grow(p.lo, p.hi);
         }
@@ -56,7 +57,7 @@ impl Extent {
     }
 
     /// Half the surface area; 0 for an empty box.
-    fn area(&self) -> f32 {
+    fn half_area(&self) -> f32 {
         let [x, y, z] = [0, 1, 2].map(|a| (self.hi[a] - self.lo[a]).max(0.0));
         x * y + y * z + z * x
     }
@@ -64,9 +65,9 @@ impl Extent {
 
 /// Builds the node over a range of primitives whose first slot is `base`, after the nodes in `out`.
 pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: &mut Vec<Node>) {
-    let here = out.len();
+    let node_index = out.len();
     out.push(Node::empty());
-    let parts = quarter(primitives, depth);
+    let parts = split_in_four(primitives, depth);
     let mut node = Node::empty();
     let mut inner: Vec<(usize, u32, &mut [Primitive])> = Vec::new();
     let mut rest = primitives;
@@ -79,7 +80,7 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
             node.lo[a][l] = e.lo[a];
             node.hi[a][l] = e.hi[a];
         }
-        if length <= LEAF {
+        if length <= MAX_LEAF_PRIMITIVES {
             node.first[l] = start;
             node.count[l] = length as u32;
         } else {
@@ -88,7 +89,7 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
         }
         start += length as u32;
     }
-    if rest.is_empty() && start - base >= PARALLEL as u32 {
+    if rest.is_empty() && start - base >= MIN_PARALLEL_PRIMITIVES as u32 {
         use rayon::prelude::*;
         let built: Vec<(usize, Vec<Node>)> = inner
             .into_par_iter()
@@ -116,24 +117,24 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
             build(part, start, depth + 2, out);
         }
     }
-    out[here] = node;
+    out[node_index] = node;
 }
 
-/// Orders a range so that up to four consecutive parts make good children; gives their lengths.
-fn quarter(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
+/// Sorts a range into up to four consecutive parts, the children of a node; returns their lengths.
+fn split_in_four(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
     let mut parts = vec![primitives.len()];
     while parts.len() < 4 {
         let mut start = 0;
         let mut widest = (-1f32, 0, 0);
         for (i, &n) in parts.iter().enumerate() {
-            let area = Extent::of(&primitives[start..start + n]).area();
-            if n > LEAF && area > widest.0 {
-                widest = (area, i, start);
+            let half_area = Extent::of(&primitives[start..start + n]).half_area();
+            if n > MAX_LEAF_PRIMITIVES && half_area > widest.0 {
+                widest = (half_area, i, start);
             }
             start += n;
         }
-        let (area, i, start) = widest;
-        if area < 0.0 {
+        let (half_area, i, start) = widest;
+        if half_area < 0.0 {
             break;
         }
         let n = parts[i];
@@ -144,41 +145,41 @@ fn quarter(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
     parts
 }
 
-/// Partitions a range in two by the least surface-area cost over bins; gives the first part's length.
+/// Partitions a range in two by the least surface-area cost over bins; returns the first part's length.
 fn split(primitives: &mut [Primitive], depth: usize) -> usize {
     let n = primitives.len();
-    let mut centres = Extent::EMPTY;
+    let mut centres = Extent::EMPTY_BOX;
     for p in primitives.iter() {
-        let c = [0, 1, 2].map(|a| p.centre(a));
+        let c = [0, 1, 2].map(|a| p.double_centre(a));
         centres.grow(c, c);
     }
     let width = [0, 1, 2].map(|a| centres.hi[a] - centres.lo[a]);
     let longest = (1..3).fold(0, |m, a| if width[a] > width[m] { a } else { m });
     let bin = |p: &Primitive, axis: usize| {
-        let t = (p.centre(axis) - centres.lo[axis]) / width[axis] * BINS as f32;
-        (t as usize).min(BINS - 1)
+        let t = (p.double_centre(axis) - centres.lo[axis]) / width[axis] * BIN_COUNT as f32;
+        (t as usize).min(BIN_COUNT - 1)
     };
     let mut best = (f32::INFINITY, 0, 0);
-    if depth < COST_DEPTH && n > HALVED {
+    if depth < MAX_COST_SPLIT_DEPTH && n > MAX_MEDIAN_SPLIT_PRIMITIVES {
         for axis in (0..3).filter(|&a| width[a] > 0.0) {
-            let mut bins = [(Extent::EMPTY, 0usize); BINS];
+            let mut bins = [(Extent::EMPTY_BOX, 0usize); BIN_COUNT];
             for p in primitives.iter() {
                 let b = &mut bins[bin(p, axis)];
                 b.0.grow(p.lo, p.hi);
                 b.1 += 1;
             }
-            let mut after = [0f32; BINS];
-            let mut e = (Extent::EMPTY, 0);
-            for i in (1..BINS).rev() {
+            let mut after = [0f32; BIN_COUNT];
+            let mut e = (Extent::EMPTY_BOX, 0);
+            for i in (1..BIN_COUNT).rev() {
                 e.0.grow(bins[i].0.lo, bins[i].0.hi);
                 e.1 += bins[i].1;
-                after[i] = e.0.area() * e.1 as f32;
+                after[i] = e.0.half_area() * e.1 as f32;
             }
-            let mut e = (Extent::EMPTY, 0);
-            for i in 0..BINS - 1 {
+            let mut e = (Extent::EMPTY_BOX, 0);
+            for i in 0..BIN_COUNT - 1 {
                 e.0.grow(bins[i].0.lo, bins[i].0.hi);
                 e.1 += bins[i].1;
-                let cost = e.0.area() * e.1 as f32 + after[i + 1];
+                let cost = e.0.half_area() * e.1 as f32 + after[i + 1];
                 if e.1 > 0 && e.1 < n && cost < best.0 {
                     best = (cost, axis, i);
                 }
@@ -196,10 +197,10 @@ fn split(primitives: &mut [Primitive], depth: usize) -> usize {
         }
         return mid;
     }
-    // Few, all in one place, or too deep: halve along the longest axis.
+    // Too few, all in one place, or too deep: split at the median of the longest axis.
     primitives.select_nth_unstable_by(n / 2, |p, q| {
-        p.centre(longest)
-            .total_cmp(&q.centre(longest))
+        p.double_centre(longest)
+            .total_cmp(&q.double_centre(longest))
             .then(p.index.cmp(&q.index))
     });
     n / 2

@@ -1,48 +1,49 @@
-//! From bricks that are made to the solid on disk: passes over all of it, and the way back into memory
-//! of one part.
+//! The finished solid on disk: the passes after the first, and parts of the solid in memory.
 
-use super::super::Clock;
+use super::super::StageTimer;
 use super::super::error::RunError;
-use super::super::level_set_ops::Bench;
+use super::super::level_set_ops::StageContext;
 use super::super::report::SolidReport;
-use super::halo::{Does, Pass, before_resampling};
+use super::halo::{Pass, PassKind, before_resampling};
 use super::solid::{Bricks, StoredSolid};
-use super::{Quiet, Yard, crop, operate_on};
+use super::{BrickRun, CancelOnly, crop, operate_on};
 use crate::band::{
     LeafFileError, LeafFileHead, LeafSink, LeafStore, Region, SinkError, StoreError,
 };
 use crate::frame::Coord;
 use crate::progress::Progress;
-use crate::vdb::{FileError, LevelSet, LevelSetBuilder, StoredRemoval, Unwanted, VdbError};
+use crate::vdb::{
+    ComponentSelection, FileError, LevelSet, LevelSetBuilder, StoredRemoval, VdbError,
+};
 use std::path::{Path, PathBuf};
 
 /// The leaf file of each brick.
 pub(super) type Files = Vec<(PathBuf, LeafFileHead)>;
 
-impl Yard<'_> {
-    /// Opens the bricks of the first pass and makes all others: the solid. `plan` is the plan's file,
-    /// where the bricks were made one by one.
-    pub fn finished(
+impl BrickRun<'_> {
+    /// Opens the bricks of the first pass and makes all later passes. `plan` is the plan's file if
+    /// bricks were made one by one.
+    pub fn assemble(
         &self,
         plan: Option<&Path>,
         report: &mut SolidReport,
-        clock: &mut Clock,
+        timer: &mut StageTimer,
     ) -> Result<StoredSolid, RunError> {
-        let ops = &self.stock.recipe.sections().op;
+        let ops = &self.inputs.recipe.sections().op;
         let mut files = self.files(0, &self.first);
         let mut solid = StoredSolid {
             store: self.open(plan, &files, self.passes[0].ops.end)?,
             bricks: self.first.clone(),
         };
-        clock.lap("check")?;
+        timer.end_stage("check")?;
         for (number, pass) in self.passes.iter().enumerate().skip(1) {
-            let changed = match &pass.does {
-                Does::Operations => self.operate(number, &solid)?,
-                Does::Removal(unwanted) => self.remove(number, *unwanted, &solid, report)?,
-                Does::Resampling(way) => {
+            let changed = match &pass.kind {
+                PassKind::Operations => self.operate(number, &solid)?,
+                PassKind::Removal(unwanted) => self.remove(number, *unwanted, &solid, report)?,
+                PassKind::Resampling(step) => {
                     let after = &self.passes[number + 1..];
-                    let bricks = self.bricks_after(way, before_resampling(after), &solid)?;
-                    self.resample(number, way, &solid, &bricks)?;
+                    let bricks = self.bricks_after(step, before_resampling(after), &solid)?;
+                    self.resample(number, step, &solid, &bricks)?;
                     files = self.files(number, &bricks);
                     solid.bricks = bricks;
                     (0..files.len()).collect()
@@ -55,9 +56,9 @@ impl Yard<'_> {
                 solid.store = self.open(plan, &files, pass.ops.end)?;
             }
             let last = pass.ops.end - 1;
-            let goes_on = |next: &Pass| next.ops == pass.ops;
-            if !self.passes.get(number + 1).is_some_and(goes_on) {
-                clock.lap(&format!("op.{last}.{}", ops[last].name()))?;
+            let continues = |next: &Pass| next.ops == pass.ops;
+            if !self.passes.get(number + 1).is_some_and(continues) {
+                timer.end_stage(&format!("op.{last}.{}", ops[last].name()))?;
             }
         }
         Ok(solid)
@@ -70,7 +71,7 @@ impl Yard<'_> {
             .collect()
     }
 
-    /// Opens leaf files that hold the solid after so many operations.
+    /// Opens the leaf files of the solid after `ops` operations.
     fn open(&self, plan: Option<&Path>, files: &Files, ops: usize) -> Result<LeafStore, RunError> {
         let store = self.store(plan, files, self.progress)?;
         if store.leaves() == 0 {
@@ -91,50 +92,52 @@ impl Yard<'_> {
     ) -> Result<LeafStore, RunError> {
         let store = LeafStore::open(files.clone(), self.threads, progress);
         store.map_err(|e| match e {
-            StoreError::Unfit(faults) => unfit(self, plan, &faults),
+            StoreError::Invalid(faults) => missing_bricks(self, plan, &faults),
             e => RunError::File(FileError::from(e)),
         })
     }
 
-    /// Removes pieces of the whole from all bricks that have some near; says which.
+    /// Removes components of the whole solid from all bricks near them. Returns these bricks.
     fn remove(
         &self,
         number: usize,
-        unwanted: Unwanted,
+        unwanted: ComponentSelection,
         solid: &StoredSolid,
         report: &mut SolidReport,
     ) -> Result<Vec<usize>, RunError> {
         let bricks = &solid.bricks;
-        let bench = bricks.bench(self, self.progress);
-        let (voxel_size, session) = (bench.scale.voxel_size, bench.session());
+        let context = bricks.context(self, self.progress);
+        let (voxel_size, session) = (context.scale.voxel_size, context.session());
         let removal = StoredRemoval::choose(&solid.store, unwanted, voxel_size, session)?;
-        report.add(unwanted, removal.dropped());
+        report.add(unwanted, removal.removed());
         let halo = self.passes[number].halo;
-        let near = |&n: &usize| removal.meets(bricks.region(n).grown(halo));
-        let chosen: Vec<usize> = (0..bricks.len()).filter(near).collect();
-        self.pass(number, &chosen, solid, |bench, _, part, first| {
-            let failed = RunError::level_set("removing pieces");
-            removal.apply(part, first, bench.session()).map_err(failed)
+        let is_near = |&n: &usize| removal.meets(bricks.region(n).grown(halo));
+        let chosen: Vec<usize> = (0..bricks.len()).filter(is_near).collect();
+        self.write_pass(number, &chosen, solid, |context, _, part, first| {
+            let failed = RunError::level_set("removing components");
+            removal
+                .apply(part, first, context.session())
+                .map_err(failed)
         })?;
         Ok(chosen)
     }
 
-    /// Does operations to all bricks.
+    /// Applies operations to all bricks. Returns all of them.
     fn operate(&self, number: usize, solid: &StoredSolid) -> Result<Vec<usize>, RunError> {
         let all: Vec<usize> = (0..solid.bricks.len()).collect();
-        self.pass(number, &all, solid, |bench, pass, part, _| {
-            operate_on(bench, self.stock, pass, part)
+        self.write_pass(number, &all, solid, |context, pass, part, _| {
+            operate_on(context, self.inputs, pass, part)
         })?;
         Ok(all)
     }
 
-    /// Makes the files of a pass from the solid before it.
-    fn pass(
+    /// Writes the files of a pass from the solid before it.
+    fn write_pass(
         &self,
         number: usize,
         chosen: &[usize],
         StoredSolid { bricks, store }: &StoredSolid,
-        change: impl Fn(&mut Bench, &Pass, &mut LevelSet, Coord) -> Result<(), RunError>,
+        change: impl Fn(&mut StageContext, &Pass, &mut LevelSet, Coord) -> Result<(), RunError>,
     ) -> Result<(), RunError> {
         let pass = &self.passes[number];
         self.progress.stage("bricks", Some(chosen.len() as u64));
@@ -142,11 +145,11 @@ impl Yard<'_> {
             self.make_file((number, bricks), brick, |writer| {
                 let region = bricks.region(brick);
                 let grown = region.grown(pass.halo);
-                let quiet = Quiet(self.progress);
-                let mut bench = bricks.bench(self, &quiet);
-                bench.region = Some(grown);
-                let mut part = part(bench, store, grown, grown.min)?;
-                change(&mut bench, pass, &mut part, grown.min)?;
+                let quiet = CancelOnly(self.progress);
+                let mut context = bricks.context(self, &quiet);
+                context.region = Some(grown);
+                let mut part = part(context, store, grown, grown.min)?;
+                change(&mut context, pass, &mut part, grown.min)?;
                 crop(&part, grown.min, region, writer)
             })?;
             self.progress.advance(1);
@@ -155,17 +158,17 @@ impl Yard<'_> {
     }
 }
 
-/// What of the solid lies in a region, as a level set whose voxel (0, 0, 0) is `first` of the whole.
+/// The part of the solid in a region, as a level set whose voxel (0, 0, 0) is `first` of the whole.
 pub(super) fn part(
-    bench: Bench,
+    context: StageContext,
     store: &LeafStore,
     region: Region,
     first: Coord,
 ) -> Result<LevelSet, RunError> {
     let failed = RunError::level_set("bricks");
-    let builder = LevelSetBuilder::of_part(bench.transform()?, bench.half_width, first);
+    let builder = LevelSetBuilder::of_part(context.transform()?, context.half_width, first);
     let builder = builder.map_err(&failed)?;
-    for block in store.blocks_of(region) {
+    for block in store.blocks_in(region) {
         let leaves = store.read(block, region);
         let leaves = leaves.map_err(|e| FileError::from(StoreError::from(e)))?;
         let refused = |e: SinkError| match e.into_inner().downcast::<VdbError>() {
@@ -174,22 +177,22 @@ pub(super) fn part(
         };
         builder.block(block, &leaves).map_err(refused)?;
     }
-    builder.inside(&store.inside(region));
-    builder.finish(bench.session()).map_err(&failed)
+    builder.inside(&store.inside_cubes(region));
+    builder.finish(context.session()).map_err(&failed)
 }
 
-/// Bricks that are missing or damaged, with what makes them again.
-pub(super) fn unfit(
-    yard: &Yard,
+/// The error for missing or damaged bricks, with the command that makes them.
+pub(super) fn missing_bricks(
+    brick_run: &BrickRun,
     plan: Option<&Path>,
     faults: &[(usize, LeafFileError)],
 ) -> RunError {
     let missing = |e: &LeafFileError| match e {
         LeafFileError::Io { source, .. } => source.kind() == std::io::ErrorKind::NotFound,
-        LeafFileError::Unfit { .. } => false,
+        LeafFileError::Invalid { .. } => false,
     };
-    let list = |wanted: bool| {
-        let numbers = faults.iter().filter(|f| missing(&f.1) == wanted);
+    let list = |is_missing: bool| {
+        let numbers = faults.iter().filter(|f| missing(&f.1) == is_missing);
         let words: Vec<String> = numbers.map(|f| f.0.to_string()).collect();
         (!words.is_empty()).then(|| words.join(", "))
     };
@@ -202,10 +205,10 @@ pub(super) fn unfit(
             let runs: Vec<String> = runs.collect();
             format!("druse run {} {}", plan.display(), runs.join(" "))
         }
-        None => "the same command again".into(),
+        None => "repeat the same command".into(),
     };
     RunError::Bricks {
-        directory: yard.directory.clone(),
+        directory: brick_run.directory.clone(),
         faults: parts.join("; "),
         advice,
     }

@@ -1,13 +1,12 @@
-//! Numbers to shade a solid in bricks by: a file for each word and brick, made once and read for every
-//! output.
+//! Attributes of a solid in bricks: one file per word and brick, made once and read for every output.
 
 use super::super::attributes::Attributes;
 use super::super::error::RunError;
 use super::super::thickness::Thickness;
-use super::assemble::unfit;
+use super::assemble::missing_bricks;
 use super::solid::StoredSolid;
-use super::{Quiet, Yard, unwritten};
-use crate::band::{LeafBatch, NumberFileWriter, NumberStore, Region, StoreError};
+use super::{BrickRun, CancelOnly, write_error};
+use crate::band::{AttributeFileWriter, AttributeStore, LeafBatch, Region, StoreError};
 use crate::frame::{Coord, Transform};
 use crate::io::atomic::AtomicFile;
 use crate::progress::Cancelled;
@@ -16,34 +15,39 @@ use crate::vdb::FileError;
 use rayon::prelude::*;
 use std::path::PathBuf;
 
-/// Leaves whose numbers are in memory together.
-const TOGETHER: usize = 256;
+/// Leaves whose values are in memory at once.
+const LEAVES_PER_BATCH: usize = 256;
 
-impl Yard<'_> {
-    /// The number file of a word and a brick, and what it is of.
-    fn number_file(&self, word: &GridWord, brick: usize) -> (PathBuf, [u8; 32]) {
+impl BrickRun<'_> {
+    /// Path and identity of the attribute file of a word and a brick.
+    fn attribute_file(&self, word: &GridWord, brick: usize) -> (PathBuf, [u8; 32]) {
         let word = blake3::hash(word.to_string().as_bytes());
         let number = (brick as u64).to_le_bytes();
-        let of = [&self.digest[..], &number, word.as_bytes()].concat();
+        let identity = [&self.digest[..], &number, word.as_bytes()].concat();
         let name = format!("brick-{brick:06}.{}.numbers", &word.to_hex()[..16]);
         let path = self.directory.join(name);
-        (path, *blake3::hash(&of).as_bytes())
+        (path, *blake3::hash(&identity).as_bytes())
     }
 
-    /// Opens the numbers of a word.
-    pub fn numbers(&self, word: &GridWord, solid: &StoredSolid) -> Result<NumberStore, RunError> {
+    /// Opens the attribute files of a word.
+    pub fn attribute_store(
+        &self,
+        word: &GridWord,
+        solid: &StoredSolid,
+    ) -> Result<AttributeStore, RunError> {
         let bricks = 0..solid.bricks.len();
-        let files = bricks.map(|n| self.number_file(word, n)).collect();
+        let files = bricks.map(|n| self.attribute_file(word, n)).collect();
         let width = word.components();
-        let found = NumberStore::open(files, width, &solid.store, self.threads, self.progress);
+        let found = AttributeStore::open(files, width, &solid.store, self.threads, self.progress);
         found.map_err(|e| match e {
-            StoreError::Unfit(faults) => unfit(self, None, &faults),
+            StoreError::Invalid(faults) => missing_bricks(self, None, &faults),
             e => RunError::File(FileError::from(e)),
         })
     }
 
-    /// Makes the numbers of some words at all active voxels, but for bricks whose numbers are there.
-    pub fn make_numbers(
+    /// Makes the attribute files of some words at all active voxels; bricks with valid files are
+    /// skipped.
+    pub fn make_attributes(
         &self,
         words: &[GridWord],
         solid: &StoredSolid,
@@ -52,65 +56,74 @@ impl Yard<'_> {
         if words.is_empty() {
             return Ok(());
         }
-        let quiet = Quiet(self.progress);
-        let bench = solid.bricks.bench(self, &quiet);
-        let attributes = Attributes::new(bench, self.stock, words, thickness, 1.0)?;
+        let quiet = CancelOnly(self.progress);
+        let context = solid.bricks.context(self, &quiet);
+        let attributes = Attributes::new(context, self.inputs, words, thickness, 1.0)?;
         let count = solid.bricks.len();
         self.progress.stage("grids", Some(count as u64));
         for brick in 0..count {
-            self.numbers_of_brick(brick, &attributes, solid)?;
+            self.make_brick_attributes(brick, &attributes, solid)?;
             self.progress.advance(1);
         }
         Ok(())
     }
 
-    fn numbers_of_brick(
+    fn make_brick_attributes(
         &self,
         brick: usize,
         attributes: &Attributes,
         StoredSolid { bricks, store }: &StoredSolid,
     ) -> Result<(), RunError> {
         let words = attributes.words();
-        let files: Vec<_> = words.iter().map(|w| self.number_file(w, brick)).collect();
-        let blocks: Vec<Coord> = store.blocks_of(bricks.region(brick)).collect();
-        let active = blocks.iter().filter_map(|b| store.place_of(*b));
+        let files: Vec<_> = words
+            .iter()
+            .map(|w| self.attribute_file(w, brick))
+            .collect();
+        let blocks: Vec<Coord> = store.blocks_in(bricks.region(brick)).collect();
+        let active = blocks.iter().filter_map(|b| store.file_of(*b));
         let active: u64 = active.map(|(_, active)| active).sum();
-        let is_there = |(word, (path, of)): (&GridWord, &(PathBuf, [u8; 32]))| {
-            NumberStore::check(path, of, word.components(), active).is_ok()
+        let is_there = |(word, (path, identity)): (&GridWord, &(PathBuf, [u8; 32]))| {
+            AttributeStore::check(path, identity, word.components(), active).is_ok()
         };
         if words.iter().zip(&files).all(is_there) {
             return Ok(());
         }
-        let begin = |(path, of): &(PathBuf, [u8; 32])| {
-            let writer = NumberFileWriter::new(AtomicFile::create(path)?, of);
-            Ok(writer.map_err(|e| unwritten(path, e))?)
+        let begin = |(path, identity): &(PathBuf, [u8; 32])| {
+            let writer = AttributeFileWriter::new(AtomicFile::create(path)?, identity);
+            Ok(writer.map_err(|e| write_error(path, e))?)
         };
-        let transform = bricks.bench(self, self.progress).transform()?;
+        let transform = bricks.context(self, self.progress).transform()?;
         let writers: Result<Vec<_>, RunError> = files.iter().map(begin).collect();
         let mut writers = writers?;
         for block in blocks {
             let leaves = store.read(block, Region::EVERYWHERE);
             let leaves = leaves.map_err(|e| FileError::from(StoreError::from(e)))?;
-            for first in (0..leaves.len()).step_by(TOGETHER) {
-                let last = leaves.len().min(first + TOGETHER);
+            for first in (0..leaves.len()).step_by(LEAVES_PER_BATCH) {
+                let last = leaves.len().min(first + LEAVES_PER_BATCH);
                 let rows = self.rows(attributes, transform, &leaves, first..last)?;
                 let mut start = 0;
                 for ((word, writer), (path, _)) in words.iter().zip(&mut writers).zip(&files) {
-                    let own = start..start + word.components();
-                    start = own.end;
-                    let whole = rows.iter().flat_map(|r| r.chunks_exact(attributes.row()));
-                    let numbers = whole.flat_map(|row| row[own.clone()].iter().copied());
-                    writer.put(numbers).map_err(|e| unwritten(path, e))?;
+                    let columns = start..start + word.components();
+                    start = columns.end;
+                    let rows_of_points = rows
+                        .iter()
+                        .flat_map(|r| r.chunks_exact(attributes.values_per_point()));
+                    let values =
+                        rows_of_points.flat_map(|row| row[columns.clone()].iter().copied());
+                    writer.put(values).map_err(|e| write_error(path, e))?;
                 }
             }
         }
         for (writer, (path, _)) in writers.into_iter().zip(&files) {
-            writer.finish().map_err(|e| unwritten(path, e))?.commit()?;
+            writer
+                .finish()
+                .map_err(|e| write_error(path, e))?
+                .commit()?;
         }
         Ok(())
     }
 
-    /// All numbers at the active voxels of some leaves, leaf by leaf.
+    /// All values at the active voxels of some leaves, leaf by leaf.
     fn rows(
         &self,
         attributes: &Attributes,
@@ -129,7 +142,7 @@ impl Yard<'_> {
                 let voxel = origin.offset(n >> 6, n >> 3 & 7, n & 7);
                 transform.world(voxel).0
             });
-            Ok(attributes.numbers(points))
+            Ok(attributes.values(points))
         };
         let all = || range.into_par_iter().map(of_leaf).collect::<Result<_, _>>();
         Ok(self.threads.install(all)?)

@@ -1,15 +1,16 @@
-//! What bricks cost: memory, and room on the disk.
+//! Memory and disk space of a run in bricks.
 
 use super::super::error::RunError;
 use super::super::estimate::{
-    self, Counts, LEAF_BYTES, PER_FEWER, PER_MOVED, copies, numbers_at_vertices,
+    self, Counts, DECIMATION_BYTES_PER_POINT, LEAF_BYTES, PROJECTION_BYTES_PER_POINT,
+    attribute_values_per_vertex, copies,
 };
-use super::super::inputs::Stock;
+use super::super::inputs::Inputs;
 use super::super::memory;
-use super::super::thickness::{HALO, LAST};
+use super::super::thickness::{FIRST_LEVEL_HALO, MAX_LEVEL};
 use super::super::voxels::Voxels;
-use super::halo::{coarser_copies, passes, removal_halo, resamplings, wants_segments, widest};
-use super::meshes::UNTANGLED;
+use super::halo::{coarser_copies, max_halo, needs_segments, passes, removal_halo, resamplings};
+use super::meshes::UNTANGLING_HALO;
 use super::volumes::attribute_words;
 use crate::band::{BLOCK, LEAF};
 use crate::progress::Threads;
@@ -17,182 +18,188 @@ use crate::recipe::{GridWord, Output};
 use crate::vdb::LevelSet;
 use std::path::Path;
 
-/// Largest edge of a brick that is chosen, blocks.
-const LARGEST: u32 = 8;
-/// Memory beside the bricks: reading ahead, buffers of files, what the allocator keeps.
-const ASIDE: f64 = (32u64 << 20) as f64;
-/// Memory of a thread: while pieces are labelled the leaves of a full block, 8.4 MB, and what goes with
-/// them (12 MiB were found); two stretches of leaves while it samples are less.
-const PER_THREAD: f64 = (14u64 << 20) as f64;
-/// Memory of a point while a brick is meshed; 73 to 79 bytes were found.
-const PER_POINT: f64 = 90.0;
-/// Memory of a point of the surface while thickness is measured: the point itself as a place and in the tree,
-/// and what waits for wider balls.
-const PER_PLACE: f64 = 110.0;
-/// Memory of the places where thickness was measured, at most.
-const PLACES: f64 = (24u64 << 20) as f64;
-/// Trees that OpenVDB's mesher has beside the one it meshes: a copy, signs and places of cells.
-const QUAD_TREES: f64 = 2.5;
-/// Memory of a point of its mesh, with the patch that is made of it.
-const PER_QUAD_POINT: f64 = 150.0;
-/// Memory that a block on disk keeps.
-const PER_BLOCK: f64 = 1300.0;
-/// Memory of a leaf on disk: batches hold few of a crowded block, and each has its place.
-const PER_LEAF: f64 = 2.0;
-/// Memory of a block's place in the file of one word.
-const PER_NUMBERS: f64 = 80.0;
-/// Memory of a number of each voxel in the leaves that are together while numbers are made.
-const ROW: f64 = (2u64 << 20) as f64;
-/// Memory of a leaf while pieces are chosen.
-const PER_LABEL: f64 = 12.0;
-/// A brick may hold so much more than the mean.
-const CROWDED: f64 = 2.0;
-/// All leaves may be so many more than were foretold.
-const MORE: f64 = 1.2;
+/// Greatest edge of a brick that Druse chooses, blocks.
+const MAX_BRICK_EDGE: u32 = 8;
+/// Memory beside the bricks: read-ahead, file buffers, allocator overhead.
+const FIXED_BYTES: f64 = (32u64 << 20) as f64;
+/// Memory per thread: the leaves of a full block, 8.4 MB, while components are labelled, with their
+/// indices (12 MiB measured). Sampling needs less.
+const BYTES_PER_THREAD: f64 = (14u64 << 20) as f64;
+/// Memory per point while a brick is meshed; 73 to 79 bytes measured.
+const MESH_BYTES_PER_POINT: f64 = 90.0;
+/// Memory per surface point while thickness is measured: the point, its place in the search structure
+/// and the queue for wider balls.
+const THICKNESS_BYTES_PER_POINT: f64 = 110.0;
+/// Greatest memory of all points at which thickness was measured.
+const MAX_THICKNESS_BYTES: f64 = (24u64 << 20) as f64;
+/// Trees of OpenVDB's mesher beside the one that it meshes: a copy, signs and cell indices.
+const QUAD_MESHER_TREES: f64 = 2.5;
+/// Memory per point of OpenVDB's mesh, with the patch made of it.
+const QUAD_BYTES_PER_POINT: f64 = 150.0;
+/// Memory per block on disk.
+const BYTES_PER_BLOCK: f64 = 1300.0;
+/// Memory per leaf on disk: its place and its share of the batches.
+const BYTES_PER_LEAF: f64 = 2.0;
+/// Memory per block and attribute file: its place in the file.
+const ATTRIBUTE_BYTES_PER_BLOCK: f64 = 80.0;
+/// Memory per attribute value of each voxel, for the leaves that are processed at once.
+const ATTRIBUTE_BATCH_BYTES: f64 = (2u64 << 20) as f64;
+/// Memory per leaf while components are selected.
+const LABEL_BYTES_PER_LEAF: f64 = 12.0;
+/// Factor by which a brick may exceed the mean density of leaves.
+const DENSITY_MARGIN: f64 = 2.0;
+/// Factor by which the number of leaves may exceed the prediction.
+const LEAF_COUNT_MARGIN: f64 = 1.2;
 /// Leaves of a full block.
-const FULL: f64 = 4096.0;
+const LEAVES_PER_BLOCK: f64 = 4096.0;
 
-/// Memory that a run in bricks of `edge` blocks takes, bytes.
-pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32) -> u64 {
-    let passes = passes(stock);
-    let halo = widest(&passes);
+/// Memory of a run in bricks of `edge` blocks, bytes.
+pub(crate) fn memory_bytes(inputs: &Inputs, threads: &Threads, counts: &Counts, edge: u32) -> u64 {
+    let passes = passes(inputs);
+    let halo = max_halo(&passes);
     let base = memory::resident() as f64
-        + ASIDE
-        + PER_THREAD * threads.count() as f64
-        + PER_BLOCK * counts.blocks
-        + PER_LEAF * counts.most;
-    // Blocks at the sides of a box may hold next to nothing.
-    let blocks = counts.blocks.min(counts.volume).max(1.0);
-    let density = (CROWDED * counts.most / blocks).min(FULL);
-    let most = MORE * counts.most;
-    let in_cube = |blocks: f64| (density * blocks.powi(3)).min(most);
+        + FIXED_BYTES
+        + BYTES_PER_THREAD * threads.count() as f64
+        + BYTES_PER_BLOCK * counts.blocks
+        + BYTES_PER_LEAF * counts.peak_leaves;
+    // Blocks at the sides of a box may be almost empty.
+    let blocks = counts.blocks.min(counts.extent_blocks).max(1.0);
+    let density = (DENSITY_MARGIN * counts.peak_leaves / blocks).min(LEAVES_PER_BLOCK);
+    let max_leaves = LEAF_COUNT_MARGIN * counts.peak_leaves;
+    let in_cube = |blocks: f64| (density * blocks.powi(3)).min(max_leaves);
     let leaves = |halo: f64| in_cube(f64::from(edge) + 2.0 * halo / 128.0);
     let operated = if halo > 0 {
-        leaves(f64::from(halo)) * LEAF_BYTES * (1.0 + copies(stock))
+        leaves(f64::from(halo)) * LEAF_BYTES * (1.0 + copies(inputs))
     } else {
         0.0
     };
-    // Resampling: what is resampled at once, and its wider band as leaves and in the tree.
-    let resampled = resamplings(stock, &passes).into_iter().map(|way| {
-        let from = in_cube(way.span(edge) / f64::from(BLOCK));
-        from * LEAF_BYTES * (1.0 + 2.0 * way.growth())
+    // Resampling: the part that is resampled at once, and its widened band as leaves and in the tree.
+    let resampled = resamplings(inputs, &passes).into_iter().map(|step| {
+        let from = in_cube(step.span(edge) / f64::from(BLOCK));
+        from * LEAF_BYTES * (1.0 + 2.0 * step.growth())
     });
     let resampled = resampled.fold(0.0, f64::max);
     // Meshing: the leaves with a layer around them, and their points.
     let points = 0.25 * counts.active / counts.leaves.max(1.0);
-    let numbers = 4.0 * most_at_vertices(stock) as f64;
-    let mut outputs = stock.recipe.sections().output.iter();
-    let fewer = if outputs.any(|o| o.decimate.is_some()) {
-        PER_FEWER
+    let attribute_bytes = 4.0 * max_values_per_vertex(inputs) as f64;
+    let mut outputs = inputs.recipe.sections().output.iter();
+    let decimation = if outputs.any(|o| o.decimate.is_some()) {
+        DECIMATION_BYTES_PER_POINT
     } else {
         0.0
     };
-    let theirs = of_open_vdb(stock);
-    let (around, trees, point) = theirs.map_or((LEAF, 0.0, PER_POINT), |halo| {
-        (halo, QUAD_TREES, PER_QUAD_POINT)
+    let quad_halo = quad_mesher_halo(inputs);
+    let (around, trees, point) = quad_halo.map_or((LEAF, 0.0, MESH_BYTES_PER_POINT), |halo| {
+        (halo, QUAD_MESHER_TREES, QUAD_BYTES_PER_POINT)
     });
-    let leaf = LEAF_BYTES * (1.0 + trees) + (point + fewer + numbers) * points;
+    let leaf = LEAF_BYTES * (1.0 + trees) + (point + decimation + attribute_bytes) * points;
     let meshed = leaves(f64::from(around)) * leaf;
-    let mut outputs = stock.recipe.sections().output.iter();
-    let moves = outputs.clone().any(Output::moves_open_vdb);
-    let by_blocks = |o: &Output| o.is_meshed_by_openvdb() && o.decimate.is_some();
-    let moved = if moves || outputs.any(by_blocks) {
-        let point = if moves { PER_MOVED } else { PER_QUAD_POINT };
-        let leaf = LEAF_BYTES * (1.0 + QUAD_TREES) + (point + fewer + numbers) * points;
-        let of_block = f64::from(LevelSet::quad_halo(0.0) + UNTANGLED);
+    let mut outputs = inputs.recipe.sections().output.iter();
+    let any_projected = outputs.clone().any(Output::moves_open_vdb);
+    let decimated_quads = |o: &Output| o.is_meshed_by_openvdb() && o.decimate.is_some();
+    let by_block = if any_projected || outputs.any(decimated_quads) {
+        let point = if any_projected {
+            PROJECTION_BYTES_PER_POINT
+        } else {
+            QUAD_BYTES_PER_POINT
+        };
+        let leaf = LEAF_BYTES * (1.0 + QUAD_MESHER_TREES)
+            + (point + decimation + attribute_bytes) * points;
+        let of_block = f64::from(LevelSet::quad_halo(0.0) + UNTANGLING_HALO);
         let block = in_cube(1.0 + 2.0 * of_block / 128.0) * leaf;
         leaves(f64::from(around)) * LEAF_BYTES + block
     } else {
         0.0
     };
-    let mut outputs = stock.recipe.sections().output.iter();
-    let (walls, places) = if outputs.any(Output::holds_thickness) {
-        let leaf = LEAF_BYTES + (PER_POINT + PER_PLACE) * points;
-        let first = leaves(f64::from(HALO + 2 * LEAF)) * leaf;
-        // Of levels of wider balls a quarter of the points each, of cubes of twice the edge.
-        let block =
-            in_cube(1.0 + 4.0 * f64::from(LEAF) / 128.0) * (LEAF_BYTES + PER_POINT * points);
-        let wider = (1..LAST).map(|level| {
-            let blocks = f64::from(1 << level) * (1.0 + 2.0 * f64::from(HALO) / 128.0);
-            block + in_cube(blocks) * points * PER_PLACE / 4f64.powi(level as i32)
+    let mut outputs = inputs.recipe.sections().output.iter();
+    let (thickness, thickness_sites) = if outputs.any(Output::holds_thickness) {
+        let leaf = LEAF_BYTES + (MESH_BYTES_PER_POINT + THICKNESS_BYTES_PER_POINT) * points;
+        let first = leaves(f64::from(FIRST_LEVEL_HALO + 2 * LEAF)) * leaf;
+        // Each level of wider balls has a quarter of the points, in cubes of twice the edge.
+        let block = in_cube(1.0 + 4.0 * f64::from(LEAF) / 128.0)
+            * (LEAF_BYTES + MESH_BYTES_PER_POINT * points);
+        let wider = (1..MAX_LEVEL).map(|level| {
+            let blocks = f64::from(1 << level) * (1.0 + 2.0 * f64::from(FIRST_LEVEL_HALO) / 128.0);
+            block + in_cube(blocks) * points * THICKNESS_BYTES_PER_POINT / 4f64.powi(level as i32)
         });
-        (wider.fold(first, f64::max), PLACES)
+        (wider.fold(first, f64::max), MAX_THICKNESS_BYTES)
     } else {
         (0.0, 0.0)
     };
-    let divided = if wants_segments(stock.recipe) {
-        // Parts of others, and a place for each leaf.
-        let halo = f64::from(removal_halo(Voxels::first(stock).half_width));
-        leaves(halo) * LEAF_BYTES * 2.2 + 2.0 * PER_LABEL * counts.most
+    let segmented = if needs_segments(inputs.recipe) {
+        // Leaves of other components, and an index per leaf.
+        let halo = f64::from(removal_halo(Voxels::first(inputs).half_width));
+        leaves(halo) * LEAF_BYTES * 2.2 + 2.0 * LABEL_BYTES_PER_LEAF * counts.peak_leaves
     } else {
         0.0
     };
-    // Of the leaves while pieces are chosen; a part of the solid under the rays of a picture.
-    let chosen = if halo > 0 {
-        PER_LABEL * counts.most
+    // Labels while components are selected; a part of the solid under the rays of a picture.
+    let labels = if halo > 0 {
+        LABEL_BYTES_PER_LEAF * counts.peak_leaves
     } else {
         0.0
     };
-    let pixels = estimate::picture_bytes(stock);
-    let seen = if pixels > 0.0 {
+    let pixels = estimate::picture_bytes(inputs);
+    let rendered = if pixels > 0.0 {
         pixels + leaves(8.0) * LEAF_BYTES
     } else {
         0.0
     };
-    // A block's leaves twice, as numbers and as a node; while numbers are made the rows of some leaves.
-    let words = attribute_words(stock.recipe);
+    // The leaves of a block twice, as values and as a node; and the rows of some leaves while attributes
+    // are made.
+    let words = attribute_words(inputs.recipe);
     let components = words.iter().map(GridWord::components);
-    let widest = components.clone().max().unwrap_or(1);
-    let rows = ROW * components.sum::<usize>() as f64;
-    let written = density * LEAF_BYTES * 2.0 * widest as f64 + rows;
-    let placed = PER_NUMBERS * words.len() as f64 * counts.blocks;
-    let greatest = operated
+    let max_components = components.clone().max().unwrap_or(1);
+    let rows = ATTRIBUTE_BATCH_BYTES * components.sum::<usize>() as f64;
+    let written = density * LEAF_BYTES * 2.0 * max_components as f64 + rows;
+    let attribute_index = ATTRIBUTE_BYTES_PER_BLOCK * words.len() as f64 * counts.blocks;
+    let largest = operated
         .max(resampled)
-        .max(divided)
+        .max(segmented)
         .max(meshed)
-        .max(moved)
-        .max(walls)
-        .max(seen)
-        .max(written + placed);
-    (base + chosen + places + greatest) as u64
+        .max(by_block)
+        .max(thickness)
+        .max(rendered)
+        .max(written + attribute_index);
+    (base + labels + thickness_sites + largest) as u64
 }
 
-/// Voxels around a brick that OpenVDB's mesher looks at, if any output is its.
-fn of_open_vdb(stock: &Stock) -> Option<i32> {
-    let outputs = stock.recipe.sections().output.iter();
-    let theirs = outputs.filter(|o| o.is_meshed_by_openvdb());
-    let halos = theirs.map(|o| LevelSet::quad_halo(o.merging()));
+/// Halo of OpenVDB's mesher, voxels, if any output uses it.
+fn quad_mesher_halo(inputs: &Inputs) -> Option<i32> {
+    let outputs = inputs.recipe.sections().output.iter();
+    let by_openvdb = outputs.filter(|o| o.is_meshed_by_openvdb());
+    let halos = by_openvdb.map(|o| LevelSet::quad_halo(o.merging()));
     halos.max()
 }
 
-/// Numbers at each vertex of the mesh that has most.
-fn most_at_vertices(stock: &Stock) -> usize {
-    let outputs = stock.recipe.sections().output.iter();
+/// Greatest number of attribute values per vertex of any mesh.
+fn max_values_per_vertex(inputs: &Inputs) -> usize {
+    let outputs = inputs.recipe.sections().output.iter();
     let meshes = outputs.filter(|o| o.mesh.is_some());
-    meshes.map(numbers_at_vertices).max().unwrap_or(0)
+    meshes.map(attribute_values_per_vertex).max().unwrap_or(0)
 }
 
-/// The greatest edge of bricks, in blocks, that a budget has room for, or the one that is asked for.
+/// The greatest edge of bricks, in blocks, that a budget allows, or the requested one.
 ///
 /// # Errors
-/// The least memory that would do, and which bricks would fit if others were asked for.
+/// The memory that the smallest bricks need, or the bricks that would fit.
 pub(crate) fn edge_that_fits(
-    stock: &Stock,
+    inputs: &Inputs,
     threads: &Threads,
     counts: &Counts,
-    (budget, asked): (u64, Option<u32>),
+    (budget, requested): (u64, Option<u32>),
 ) -> Result<u32, RunError> {
-    let cost = |edge: u32| needs(stock, threads, counts, edge);
-    let fits = |most: u32| (1..=most).rev().find(|&edge| cost(edge) <= budget);
-    match asked {
+    let cost = |edge: u32| memory_bytes(inputs, threads, counts, edge);
+    let largest_fitting = |max_edge: u32| (1..=max_edge).rev().find(|&edge| cost(edge) <= budget);
+    match requested {
         Some(edge) if cost(edge) <= budget => Ok(edge),
         Some(edge) => Err(RunError::BrickSize {
             edge,
             needed: cost(edge),
             budget,
-            fitting: fits(edge.min(LARGEST)),
+            fitting: largest_fitting(edge.min(MAX_BRICK_EDGE)),
         }),
-        None => fits(LARGEST).ok_or_else(|| RunError::Budget {
+        None => largest_fitting(MAX_BRICK_EDGE).ok_or_else(|| RunError::Budget {
             least: cost(1),
             budget,
         }),
@@ -204,32 +211,32 @@ pub(crate) fn leaf_bytes(counts: &Counts) -> f64 {
     4.0 * counts.active + 66.0 * counts.leaves
 }
 
-/// Bytes of the files of all bricks: leaves after each pass, of coarser copies and of pieces, and the numbers that go
-/// with them.
-pub(crate) fn brick_bytes(stock: &Stock, leaf_bytes: u64) -> u64 {
-    let words = attribute_words(stock.recipe);
+/// Bytes of the files of all bricks: leaves after each pass, of coarser copies and of components, and
+/// attributes.
+pub(crate) fn brick_bytes(inputs: &Inputs, leaf_bytes: u64) -> u64 {
+    let words = attribute_words(inputs.recipe);
     let components: usize = words.iter().map(GridWord::components).sum();
-    // Of a leaf file all but a few bytes are its voxels'.
-    let copies = estimate::share_of_copies(coarser_copies(stock.recipe));
-    let pieces = usize::from(wants_segments(stock.recipe));
-    let whole = (passes(stock).len() + components + pieces) as f64;
+    // Almost all bytes of a leaf file are voxel values.
+    let copies = estimate::share_of_copies(coarser_copies(inputs.recipe));
+    let segments = usize::from(needs_segments(inputs.recipe));
+    let whole = (passes(inputs).len() + components + segments) as f64;
     (leaf_bytes as f64 * (whole + copies)) as u64
 }
 
-/// Refuses a merge for whose bricks or outputs their disks, or the one that has both, have no room.
+/// Checks that the disks of bricks and outputs, which may be the same, have space for a merge.
 pub(crate) fn check_disks(
-    (bricks, later): (&Path, u64),
-    (outputs, files): (&Path, u64),
+    (bricks, remaining): (&Path, u64),
+    (outputs, output_bytes): (&Path, u64),
 ) -> Result<(), RunError> {
-    let number = |directory: &Path| rustix::fs::statvfs(directory).map(|fs| fs.f_fsid);
-    if number(bricks) == number(outputs) {
-        return check_disk(outputs, later.saturating_add(files));
+    let file_system = |directory: &Path| rustix::fs::statvfs(directory).map(|fs| fs.f_fsid);
+    if file_system(bricks) == file_system(outputs) {
+        return check_disk(outputs, remaining.saturating_add(output_bytes));
     }
-    check_disk(bricks, later)?;
-    check_disk(outputs, files)
+    check_disk(bricks, remaining)?;
+    check_disk(outputs, output_bytes)
 }
 
-/// Refuses a run for whose bricks or outputs the disk has no room.
+/// Checks that a disk has `needed` bytes of space.
 pub(crate) fn check_disk(directory: &Path, needed: u64) -> Result<(), RunError> {
     let Ok(fs) = rustix::fs::statvfs(directory) else {
         return Ok(());

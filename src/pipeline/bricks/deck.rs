@@ -5,7 +5,7 @@ use super::super::error::RunError;
 use super::super::report::OutputFile;
 use super::assemble::part;
 use super::solid::StoredSolid;
-use super::{Quiet, Yard};
+use super::{BrickRun, CancelOnly};
 use crate::frame::{Coord, Vec3};
 use crate::recipe::Output;
 use std::path::Path;
@@ -15,24 +15,26 @@ const HALO: i32 = 8;
 
 /// Writes the deck of a solid in bricks. The cubes of all bricks are in memory together.
 pub(super) fn deck(
-    yard: &Yard,
+    brick_run: &BrickRun,
     solid: &StoredSolid,
     output: &Output,
     path: &Path,
 ) -> Result<OutputFile, RunError> {
     let StoredSolid { bricks, store } = solid;
-    yard.progress.stage("elements", Some(bricks.len() as u64));
-    let quiet = Quiet(yard.progress);
-    let bench = bricks.bench(yard, &quiet);
-    let recipe = yard.stock.recipe;
-    let mut cubes = deck::cubes(bench, recipe, output)?;
+    brick_run
+        .progress
+        .stage("elements", Some(bricks.len() as u64));
+    let quiet = CancelOnly(brick_run.progress);
+    let context = bricks.context(brick_run, &quiet);
+    let recipe = brick_run.inputs.recipe;
+    let mut cubes = deck::cubes(context, recipe, output)?;
     for brick in 0..bricks.len() {
         let region = bricks.region(brick);
-        let own = part(bench, store, region.grown(HALO), Coord([0; 3]))?;
+        let own = part(context, store, region.grown(HALO), Coord([0; 3]))?;
         cubes
-            .add(&own, Some(region), bench.session())
+            .add(&own, Some(region), context.session())
             .map_err(RunError::level_set("fe"))?;
-        yard.progress.advance(1);
+        brick_run.progress.advance(1);
     }
-    deck::write_cubes(bench, (recipe, Vec3::zeros()), &cubes, output, path)
+    deck::write_cubes(context, (recipe, Vec3::zeros()), &cubes, output, path)
 }

@@ -1,4 +1,4 @@
-//! The directory in which a run keeps its bricks.
+//! The directory of a run's bricks, and its lock.
 
 use super::super::error::RunError;
 use crate::io::WriteError;
@@ -7,10 +7,10 @@ use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-/// The file that a run locks.
-const LOCK: &str = "lock";
+/// File name of the lock.
+const LOCK_FILE: &str = "lock";
 
-/// Where the bricks of a run in bricks are kept: `.NAME.bricks` beside its first output.
+/// The brick directory of a run: `.NAME.bricks` beside its first output.
 pub(crate) fn directory_beside(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
     let outputs = &recipe.sections().output;
     let named = || outputs.iter().flat_map(|o| o.named());
@@ -21,14 +21,14 @@ pub(crate) fn directory_beside(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
     target.with_file_name(format!(".{name}.bricks"))
 }
 
-/// The directory, or of those it will lie in the nearest that is there.
-pub(super) fn existing(directory: &Path) -> &Path {
-    let mut above = directory.ancestors().filter(|d| d.is_dir());
-    // Of a relative path the last is empty: the working directory.
-    above.next().unwrap_or(Path::new("."))
+/// The directory or its nearest existing ancestor.
+pub(super) fn nearest_existing(directory: &Path) -> &Path {
+    let mut existing_ancestors = directory.ancestors().filter(|d| d.is_dir());
+    // The last ancestor of a relative path is empty and stands for the working directory.
+    existing_ancestors.next().unwrap_or(Path::new("."))
 }
 
-/// Makes the directory, if it is not there.
+/// Creates the directory if it does not exist.
 pub(super) fn make_directory(directory: &Path) -> Result<(), WriteError> {
     fs::create_dir_all(directory).map_err(|e| WriteError::Create {
         path: directory.to_owned(),
@@ -36,16 +36,17 @@ pub(super) fn make_directory(directory: &Path) -> Result<(), WriteError> {
     })
 }
 
-/// A run's own hold on its directory; the system lets go of it however the run ends.
+/// The lock of a run on its directory. The system releases it however the process ends.
 pub(super) struct Lock(#[expect(dead_code, reason = "held until dropped")] File);
 
 impl Lock {
-    /// Takes hold of a directory.
+    /// Locks a directory.
     ///
     /// # Errors
-    /// [`RunError::Busy`] when another run has it. File systems without locks are let be.
+    /// [`RunError::Busy`] when another run holds the lock. File systems without locks are used
+    /// unlocked.
     pub fn take(directory: &Path) -> Result<Self, RunError> {
-        let path = directory.join(LOCK);
+        let path = directory.join(LOCK_FILE);
         let file = File::create(&path).map_err(|e| WriteError::Create {
             path: path.clone(),
             reason: e.to_string(),
@@ -57,24 +58,24 @@ impl Lock {
     }
 }
 
-/// Removes the files whose names are not wanted, but for the lock.
-pub(super) fn clear(directory: &Path, unwanted: impl Fn(&str) -> bool) {
+/// Removes the files whose names `is_unwanted` admits, except for the lock.
+pub(super) fn clear(directory: &Path, is_unwanted: impl Fn(&str) -> bool) {
     for entry in fs::read_dir(directory).into_iter().flatten().flatten() {
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        if name != LOCK && unwanted(&name) {
+        if name != LOCK_FILE && is_unwanted(&name) {
             let _ = fs::remove_file(entry.path());
         }
     }
 }
 
-/// Whether a file was made of the first pass's bricks: of a later pass, or numbers.
+/// Whether a file derives from the bricks of the first pass: a later pass or attributes.
 pub(super) fn is_derived(name: &str) -> bool {
     // brick-000017.leaves, brick-000017.1.leaves, brick-000017.WORD.numbers
     name.starts_with("brick-") && name.split('.').count() > 2
 }
 
-/// Bytes of all files.
+/// Total size of the files in the directory, bytes.
 pub(super) fn size_of(directory: &Path) -> u64 {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     entries

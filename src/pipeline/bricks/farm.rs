@@ -1,27 +1,30 @@
-//! A run shared by several machines: a plan as a file, bricks one by one, a merge.
+//! Runs shared by several machines: a plan in a file, single bricks, and a merge.
 
 use super::super::error::RunError;
-use super::super::inputs::Stock;
+use super::super::inputs::Inputs;
 use super::super::report::Report;
-use super::super::{Clock, RunOptions, conclude, targets, threads};
+use super::super::{RunOptions, StageTimer, finish_report, output_targets, threads};
 use super::budget::{brick_bytes, check_disks};
-use super::directory::{clear, existing, is_derived, size_of};
-use super::{BrickPlan, Yard, check_disk, estimate, gather, lay_out, layout, make_directory};
+use super::directory::{clear, is_derived, nearest_existing, size_of};
+use super::{
+    BrickPlan, BrickRun, check_disk, choose_layout, estimate, make_directory, make_plan,
+    merge_and_write,
+};
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Memory of a brick's process when nothing is said, bytes.
-const MEMORY: u64 = 2 << 30;
-/// Largest plan that is read, bytes.
-const LARGEST: u64 = 256 << 20;
+/// Default memory of a process that makes bricks, bytes.
+const DEFAULT_MEMORY: u64 = 2 << 30;
+/// Greatest size of a plan's file, bytes.
+const MAX_PLAN_BYTES: u64 = 256 << 20;
 
 /// Plans a run in bricks and writes the plan to a file.
 ///
 /// # Errors
-/// As [`run`](super::super::run); [`RunError::Memory`] or [`RunError::Whole`] for a recipe that cannot go
-/// through bricks.
+/// As [`run`](super::super::run); [`RunError::Memory`] or [`RunError::BricksUnsupported`] for a
+/// recipe that cannot use bricks.
 pub fn brick_plan(
     recipe: &Recipe,
     path: &Path,
@@ -29,162 +32,184 @@ pub fn brick_plan(
     progress: &dyn Progress,
 ) -> Result<BrickPlan, RunError> {
     let threads = threads(options)?;
-    let stock = Stock::load(recipe, &threads, options, progress)?;
-    let counts = estimate::counts(&stock, &threads, progress)?;
-    let budget = options.memory.unwrap_or(MEMORY);
-    let found = lay_out(&stock, &threads, &counts, (budget, options.bricks))?;
-    let mut plan = layout(&stock, &found, &counts, &threads, progress)?;
-    let home = home(path);
+    let inputs = Inputs::load(recipe, &threads, options, progress)?;
+    let counts = estimate::counts(&inputs, &threads, progress)?;
+    let budget = options.memory.unwrap_or(DEFAULT_MEMORY);
+    let found = choose_layout(&inputs, &threads, &counts, (budget, options.bricks))?;
+    let mut plan = make_plan(&inputs, &found, &counts, &threads, progress)?;
+    let base = plan_directory(path);
     let file = recipe.source().path.clone().unwrap_or_default();
-    plan.recipe = relative(&file, home);
-    plan.out = options.out.as_deref().map(|out| relative(out, home));
-    let text = serde_json::to_string_pretty(&plan).map_err(|e| refused(path, e.to_string()))?;
+    plan.recipe = relative(&file, base);
+    plan.out = options.out.as_deref().map(|out| relative(out, base));
+    let text = serde_json::to_string_pretty(&plan).map_err(|e| plan_error(path, e.to_string()))?;
     crate::io::atomic::write_bytes(path, format!("{text}\n").as_bytes())?;
     Ok(plan)
 }
 
-/// Makes bricks of a plan, leaving those that are there and whole; gives how many were left.
+/// Makes bricks of a plan and skips complete ones. Returns the number skipped.
 ///
 /// # Errors
-/// As [`run`](super::super::run); [`RunError::Plan`] for a plan that is not what is here.
+/// As [`run`](super::super::run); [`RunError::Plan`] for a plan that does not match the recipe
+/// and its inputs.
 pub fn make_bricks(
     path: &Path,
     bricks: &[Range<usize>],
     options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<usize, RunError> {
-    let (plan, recipe) = read(path)?;
+    let (plan, recipe) = read_plan(path)?;
     for range in bricks {
         if range.end > plan.bricks.len() || range.is_empty() {
-            return Err(refused(
+            return Err(plan_error(
                 path,
                 format!(
-                    "it has bricks 0 to {}; asked for {} to {}",
-                    plan.bricks.len().saturating_sub(1),
+                    "found bricks {} to {} in the request; expected numbers from 0 to {}",
                     range.start,
-                    range.end.saturating_sub(1)
+                    range.end.saturating_sub(1),
+                    plan.bricks.len().saturating_sub(1)
                 ),
             ));
         }
     }
     let threads = threads(options)?;
-    let stock = Stock::load(&recipe, &threads, options, progress)?;
-    let yard = yard(path, plan, &stock, &threads, progress)?;
-    make_directory(&yard.directory)?;
-    let asked: usize = bricks.iter().map(ExactSizeIterator::len).sum();
-    let share = yard.plan.leaf_bytes / yard.plan.bricks.len().max(1) as u64;
-    check_disk(&yard.directory, share.saturating_mul(asked as u64))?;
-    let mut left = 0;
+    let inputs = Inputs::load(&recipe, &threads, options, progress)?;
+    let brick_run = open_run(path, plan, &inputs, &threads, progress)?;
+    make_directory(&brick_run.directory)?;
+    let requested: usize = bricks.iter().map(ExactSizeIterator::len).sum();
+    let share = brick_run.plan.leaf_bytes / brick_run.plan.bricks.len().max(1) as u64;
+    check_disk(&brick_run.directory, share.saturating_mul(requested as u64))?;
+    let mut skipped = 0;
     for range in bricks {
-        left += yard.make(range.clone()).map_err(|e| yard.stopped(e))?.1;
+        skipped += brick_run
+            .make_first_pass(range.clone())
+            .map_err(|e| brick_run.as_stopped(e))?
+            .1;
     }
-    Ok(left)
+    Ok(skipped)
 }
 
-/// Puts the bricks of a plan together and writes the recipe's outputs.
+/// Merges the bricks of a plan and writes the recipe's outputs.
 ///
 /// # Errors
-/// As [`make_bricks`]; [`RunError::Bricks`] names those that are missing or damaged.
+/// As [`make_bricks`]; [`RunError::Bricks`] lists missing or damaged bricks.
 pub fn merge_bricks(
     path: &Path,
     options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<Report, RunError> {
-    let (plan, recipe) = read(path)?;
-    let mut clock = Clock::new(progress);
+    let (plan, recipe) = read_plan(path)?;
+    let mut timer = StageTimer::new(progress);
     let threads = threads(options)?;
-    let stock = Stock::load(&recipe, &threads, options, progress)?;
-    let yard = yard(path, plan, &stock, &threads, progress)?;
-    let planned = yard.plan.out.as_ref().map(|out| home(path).join(out));
+    let inputs = Inputs::load(&recipe, &threads, options, progress)?;
+    let brick_run = open_run(path, plan, &inputs, &threads, progress)?;
+    let planned = brick_run
+        .plan
+        .out
+        .as_ref()
+        .map(|out| plan_directory(path).join(out));
     let out = options.out.clone().or(planned);
-    let outputs = targets(&stock, out.as_deref())?;
-    clock.lap("inputs")?;
-    let bricks = brick_bytes(&stock, yard.plan.leaf_bytes);
-    let later = bricks.saturating_sub(size_of(&yard.directory));
-    let files = estimate::disk(&stock, &threads, yard.plan.leaf_bytes);
-    let place = outputs.files.first().and_then(|(_, path)| path.parent());
-    let place = existing(place.unwrap_or(Path::new(".")));
-    check_disks((&yard.directory, later), (place, files))?;
-    let made = gather(&yard, Some(path), (&outputs, options.brief), &mut clock);
-    let mut parts = made.map_err(|e| yard.stopped(e))?;
-    if let Some(bricks) = &mut parts.bricks {
+    let outputs = output_targets(&inputs, out.as_deref())?;
+    timer.end_stage("inputs")?;
+    let bricks = brick_bytes(&inputs, brick_run.plan.leaf_bytes);
+    let remaining = bricks.saturating_sub(size_of(&brick_run.directory));
+    let files = estimate::disk(&inputs, &threads, brick_run.plan.leaf_bytes);
+    let output_directory = outputs.files.first().and_then(|(_, path)| path.parent());
+    let output_directory = nearest_existing(output_directory.unwrap_or(Path::new(".")));
+    check_disks((&brick_run.directory, remaining), (output_directory, files))?;
+    let results = merge_and_write(
+        &brick_run,
+        Some(path),
+        (&outputs, options.brief),
+        &mut timer,
+    );
+    let mut results = results.map_err(|e| brick_run.as_stopped(e))?;
+    if let Some(bricks) = &mut results.bricks {
         bricks.found_whole = bricks.count;
     }
-    let directory = yard.directory.clone();
-    let report = conclude(stock, parts, (&threads, options.brief), &outputs, clock)?;
-    // The bricks are the user's; what was made of them here is not needed again.
+    let directory = brick_run.directory.clone();
+    let report = finish_report(inputs, results, (&threads, options.brief), &outputs, timer)?;
+    // The bricks belong to the user; files derived from them are removed.
     clear(&directory, is_derived);
     Ok(report)
 }
 
-/// Where the bricks of a plan are: beside it.
+/// The brick directory of a plan, beside it.
 fn directory(plan: &Path) -> PathBuf {
     plan.with_extension("bricks")
 }
 
-/// The directory that paths of a plan start from.
-fn home(plan: &Path) -> &Path {
+/// The directory that paths of a plan are relative to.
+fn plan_directory(plan: &Path) -> &Path {
     plan.parent().unwrap_or(Path::new(""))
 }
 
-fn refused(path: &Path, message: String) -> RunError {
+fn plan_error(path: &Path, message: String) -> RunError {
     RunError::Plan {
         plan: path.to_owned(),
         message,
     }
 }
 
-fn read(path: &Path) -> Result<(BrickPlan, Recipe), RunError> {
+fn read_plan(path: &Path) -> Result<(BrickPlan, Recipe), RunError> {
     let failed = |e| crate::io::ReadError::io(path, e);
-    if std::fs::metadata(path).map_err(failed)?.len() > LARGEST {
-        return Err(refused(
+    if std::fs::metadata(path).map_err(failed)?.len() > MAX_PLAN_BYTES {
+        return Err(plan_error(
             path,
-            format!("more than {LARGEST} bytes; expected a plan"),
+            format!("more than {MAX_PLAN_BYTES} bytes; expected a plan"),
         ));
     }
     let text = std::fs::read_to_string(path).map_err(failed)?;
     let plan: BrickPlan = serde_json::from_str(&text)
-        .map_err(|e| refused(path, format!("{e}; expected a plan made by druse plan")))?;
-    plan.check().map_err(|m| refused(path, m))?;
-    let file = home(path).join(&plan.recipe);
+        .map_err(|e| plan_error(path, format!("{e}; expected a plan made by druse plan")))?;
+    plan.check().map_err(|m| plan_error(path, m))?;
+    let file = plan_directory(path).join(&plan.recipe);
     if !file.is_file() {
         let message = format!(
-            "its recipe {} is not here ({}); keep plan and recipe as they lay to each other",
+            "its recipe {} is missing ({}); keep the relative position of plan and recipe",
             plan.recipe.display(),
             file.display()
         );
-        return Err(refused(path, message));
+        return Err(plan_error(path, message));
     }
     let recipe = Recipe::read(&file, &plan.set)?;
     Ok((plan, recipe))
 }
 
-/// The bricks of a plan, if it is of what is here.
-fn yard<'a>(
+/// The run of a plan, if the plan matches the recipe and its inputs.
+fn open_run<'a>(
     path: &Path,
     plan: BrickPlan,
-    stock: &'a Stock,
+    inputs: &'a Inputs,
     threads: &'a Threads,
     progress: &'a dyn Progress,
-) -> Result<Yard<'a>, RunError> {
-    let found = plan.differences(stock);
+) -> Result<BrickRun<'a>, RunError> {
+    let found = plan.differences(inputs);
     if !found.is_empty() {
-        let message = format!("it is not of what is here: {}", found.join("; "));
-        return Err(refused(path, message));
+        let message = format!(
+            "it does not match the recipe and inputs: {}",
+            found.join("; ")
+        );
+        return Err(plan_error(path, message));
     }
-    Ok(Yard::new(stock, plan, directory(path), threads, progress))
+    Ok(BrickRun::new(
+        inputs,
+        plan,
+        directory(path),
+        threads,
+        progress,
+    ))
 }
 
-/// A path as seen from a directory; as it is where the two have nothing in common.
+/// A path relative to a directory; unchanged if one of the two cannot be made absolute.
 fn relative(path: &Path, from: &Path) -> PathBuf {
-    let whole = |p: &Path| std::path::absolute(p).ok();
-    let (Some(path_whole), Some(from)) = (whole(path), whole(from)) else {
+    let absolute = |p: &Path| std::path::absolute(p).ok();
+    let (Some(absolute_path), Some(from)) = (absolute(path), absolute(from)) else {
         return path.to_owned();
     };
-    let parts = |p: &Path| -> Vec<std::ffi::OsString> {
+    let components = |p: &Path| -> Vec<std::ffi::OsString> {
         p.components().map(|c| c.as_os_str().to_owned()).collect()
     };
-    let (to, from) = (parts(&path_whole), parts(&from));
+    let (to, from) = (components(&absolute_path), components(&from));
     let common = to.iter().zip(&from).take_while(|(a, b)| a == b).count();
     let up = from[common..]
         .iter()

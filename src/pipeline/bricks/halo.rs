@@ -1,107 +1,110 @@
-//! How far operations look: the halo that a brick is sampled with.
+//! The passes of a run in bricks, and the halo of each: how far its operations reach.
 
-use super::super::inputs::Stock;
+use super::super::inputs::Inputs;
 use super::super::level_set_ops::unwanted;
-use super::super::offsets::is_by_points;
+use super::super::offsets::uses_surface_points;
 use super::super::voxels::{Resampling, Voxels};
-use super::voxels::{MARGIN, STENCIL, whole_leaves};
+use super::voxels::{HALO_MARGIN, SURFACE_POINT_REACH, whole_leaves};
 use crate::recipe::{Kernel, Op, Recipe, Size};
-use crate::vdb::{REMOVAL_REACH, Unwanted};
+use crate::vdb::{ComponentSelection, REMOVAL_REACH};
 use std::ops::Range;
 
-/// Voxels that a step of tracking reaches with the scheme of first order, and of fifth: three sweeps
-/// of the stencil and the voxel that the band grows by.
-const TRACK: [f64; 2] = [4.0, 10.0];
+/// Reach of a tracking step with the scheme of first and of fifth order, voxels: three sweeps of the
+/// stencil, and one voxel that the band grows by.
+const TRACKING_REACH: [f64; 2] = [4.0, 10.0];
 
-/// Operations that a brick goes through at once: one after the other within its halo, or one that
-/// looks at the whole solid first.
+/// Operations that a brick is processed by at once: a sequence within its halo, or one that needs the
+/// whole solid.
 pub(crate) struct Pass {
-    /// Numbers of the operations; of the first pass those that follow the field's.
+    /// Numbers of the operations. The first pass begins after the operations of the field.
     pub ops: Range<usize>,
-    /// Voxels around a brick that it is made with: a multiple of 8, 0 where all is sampled from one
-    /// field.
+    /// Halo of a brick, voxels: a multiple of 8; 0 if one field is sampled without operations.
     pub halo: i32,
-    pub does: Does,
+    pub kind: PassKind,
 }
 
-/// What a pass does.
-pub(crate) enum Does {
-    /// Its operations.
+/// The kind of a pass.
+pub(crate) enum PassKind {
+    /// Applies its operations.
     Operations,
-    /// Removes this of the whole.
-    Removal(Unwanted),
-    /// Puts the solid on other voxels, in bricks of their own.
+    /// Removes components of the whole solid.
+    Removal(ComponentSelection),
+    /// Resamples the solid onto other voxels and other bricks.
     Resampling(Resampling),
 }
 
-/// The passes of a run; at least one, and the first one needs no other.
-pub(crate) fn passes(stock: &Stock) -> Vec<Pass> {
-    let ops = of_solid(stock.recipe);
+/// The passes of a run; there is at least one.
+pub(crate) fn passes(inputs: &Inputs) -> Vec<Pass> {
+    let ops = solid_operations(inputs.recipe);
     let mut passes = Vec::new();
-    let mut voxels = Voxels::first(stock);
-    let mut start = stock.pointwise();
-    if stock.volumes.start().is_some() {
-        // The file's leaves as they are.
-        passes.push(together(start..start, ops, voxels));
+    let mut voxels = Voxels::first(inputs);
+    let mut start = inputs.field_operation_count();
+    if inputs.volumes.start().is_some() {
+        // The file's leaves, unchanged.
+        passes.push(operations_pass(start..start, ops, voxels));
     }
     for (n, op) in ops.iter().enumerate().skip(start) {
-        let all = match (op, unwanted(op)) {
+        let work = match (op, unwanted(op)) {
             (Op::Resample(resample), _) => {
-                let ways = voxels.ways(resample).into_iter();
-                ways.map(|w| (Does::Resampling(w), w.halo())).collect()
+                let steps = voxels.resampling_steps(resample).into_iter();
+                steps
+                    .map(|step| (PassKind::Resampling(step), step.halo()))
+                    .collect()
             }
             (_, Some(unwanted)) => {
-                vec![(Does::Removal(unwanted), removal_halo(voxels.half_width))]
+                vec![(PassKind::Removal(unwanted), removal_halo(voxels.half_width))]
             }
             (_, None) => continue,
         };
         if passes.is_empty() || start < n {
-            passes.push(together(start..n, ops, voxels));
+            passes.push(operations_pass(start..n, ops, voxels));
         }
-        for (does, halo) in all {
-            if let Does::Resampling(way) = does {
-                voxels = way.to;
+        for (kind, halo) in work {
+            if let PassKind::Resampling(step) = kind {
+                voxels = step.to;
             }
             let ops = n..n + 1;
-            passes.push(Pass { ops, halo, does });
+            passes.push(Pass { ops, halo, kind });
         }
         start = n + 1;
     }
     if passes.is_empty() || start < ops.len() {
-        passes.push(together(start..ops.len(), ops, voxels));
+        passes.push(operations_pass(start..ops.len(), ops, voxels));
     }
     passes
 }
 
-/// Passes up to the first that moves the solid to other voxels.
+/// The passes before the first resampling.
 pub(crate) fn before_resampling(passes: &[Pass]) -> &[Pass] {
-    let moves = |p: &Pass| matches!(p.does, Does::Resampling(_));
-    let count = passes.iter().position(moves).unwrap_or(passes.len());
+    let resamples = |p: &Pass| matches!(p.kind, PassKind::Resampling(_));
+    let count = passes.iter().position(resamples).unwrap_or(passes.len());
     &passes[..count]
 }
 
-/// Voxels that the operations of some passes together move the solid by at most.
-pub(crate) fn reach(passes: &[Pass]) -> i32 {
-    let moving = passes.iter().filter(|p| matches!(p.does, Does::Operations));
-    moving.map(|p| p.halo).sum()
-}
-
-/// Voxels around a brick that the widest pass wants, but for those that resample.
-pub(crate) fn widest(passes: &[Pass]) -> i32 {
-    let kept = passes
+/// Greatest move of the surface by the operations of some passes, voxels.
+pub(crate) fn total_reach(passes: &[Pass]) -> i32 {
+    let operation_passes = passes
         .iter()
-        .filter(|p| !matches!(p.does, Does::Resampling(_)));
-    kept.map(|p| p.halo).max().unwrap_or(0)
+        .filter(|p| matches!(p.kind, PassKind::Operations));
+    operation_passes.map(|p| p.halo).sum()
 }
 
-/// How often the edge of voxels is doubled for the outputs.
+/// Greatest halo of the passes other than resamplings, voxels.
+pub(crate) fn max_halo(passes: &[Pass]) -> i32 {
+    let operation_passes = passes
+        .iter()
+        .filter(|p| !matches!(p.kind, PassKind::Resampling(_)));
+    operation_passes.map(|p| p.halo).max().unwrap_or(0)
+}
+
+/// Number of coarser copies that the outputs contain.
 pub(crate) fn coarser_copies(recipe: &Recipe) -> u8 {
     let outputs = recipe.sections().output.iter();
     outputs.filter_map(|o| o.lod).max().unwrap_or(0)
 }
 
-/// Whether an output wants the pieces of the solid one by one.
-pub(crate) fn wants_segments(recipe: &Recipe) -> bool {
+/// Whether an output stores the components of the solid separately.
+pub(crate) fn needs_segments(recipe: &Recipe) -> bool {
     recipe
         .sections()
         .output
@@ -109,20 +112,20 @@ pub(crate) fn wants_segments(recipe: &Recipe) -> bool {
         .any(|o| o.segments.is_some())
 }
 
-/// Voxels around a brick that it is made with where others than one piece are removed.
+/// Halo of a pass that removes components, voxels.
 pub(crate) fn removal_halo(half_width: f64) -> i32 {
-    whole_leaves(REMOVAL_REACH * half_width + MARGIN)
+    whole_leaves(REMOVAL_REACH * half_width + HALO_MARGIN)
 }
 
-/// All ways to other voxels: those of operations, then those of coarser copies.
-pub(crate) fn resamplings(stock: &Stock, passes: &[Pass]) -> Vec<Resampling> {
-    let of_pass = |p: &Pass| match p.does {
-        Does::Resampling(found) => Some(found),
+/// All resamplings of a run: those of operations, then those of coarser copies.
+pub(crate) fn resamplings(inputs: &Inputs, passes: &[Pass]) -> Vec<Resampling> {
+    let of_pass = |p: &Pass| match p.kind {
+        PassKind::Resampling(found) => Some(found),
         _ => None,
     };
     let mut all: Vec<Resampling> = passes.iter().filter_map(of_pass).collect();
-    let mut voxels = all.last().map_or_else(|| Voxels::first(stock), |r| r.to);
-    for _ in 0..coarser_copies(stock.recipe) {
+    let mut voxels = all.last().map_or_else(|| Voxels::first(inputs), |r| r.to);
+    for _ in 0..coarser_copies(inputs.recipe) {
         let copy = voxels.coarser();
         voxels = copy.to;
         all.push(copy);
@@ -130,29 +133,32 @@ pub(crate) fn resamplings(stock: &Stock, passes: &[Pass]) -> Vec<Resampling> {
     all
 }
 
-fn together(ops: Range<usize>, all: &[Op], voxels: Voxels) -> Pass {
-    let sum: f64 = all[ops.clone()].iter().map(|op| reach_of(op, voxels)).sum();
+fn operations_pass(ops: Range<usize>, all: &[Op], voxels: Voxels) -> Pass {
+    let sum: f64 = all[ops.clone()]
+        .iter()
+        .map(|op| operation_reach(op, voxels))
+        .sum();
     let halo = match ops.len() {
         0 => 0,
-        _ => whole_leaves(sum + MARGIN + voxels.half_width),
+        _ => whole_leaves(sum + HALO_MARGIN + voxels.half_width),
     };
     Pass {
         ops,
         halo,
-        does: Does::Operations,
+        kind: PassKind::Operations,
     }
 }
 
-/// Voxels around a voxel that may change what an operation makes of it.
-fn reach_of(op: &Op, on: Voxels) -> f64 {
+/// Distance, voxels, at which a voxel can influence the result of an operation.
+fn operation_reach(op: &Op, on: Voxels) -> f64 {
     let Voxels { scale, half_width } = on;
-    let track = TRACK[usize::from(op.is_precise())];
+    let track = TRACKING_REACH[usize::from(op.is_precise())];
     let voxels = |size: &Size| size.resolve(scale).abs() / scale.voxel_size;
-    // Distances from points of the surface look as far as they go, and as the band is wide; those of
-    // filters go in steps of half a voxel, each tracked.
+    // Distances from surface points need the offset plus the half width; filters move in tracked steps
+    // of half a voxel.
     let offset = |v: f64, track: f64| {
-        if is_by_points(op, half_width) {
-            v + half_width + STENCIL
+        if uses_surface_points(op, half_width) {
+            v + half_width + SURFACE_POINT_REACH
         } else {
             (2.0 * v).ceil().max(1.0) * track
         }
@@ -167,14 +173,14 @@ fn reach_of(op: &Op, on: Voxels) -> f64 {
             Op::Dilate(m) | Op::Erode(m) => offset(voxels(&m.distance), track),
             Op::Open(m) | Op::Close(m) => 2.0 * offset(voxels(&m.distance), track),
             Op::Hollow(h) => offset(voxels(&h.thickness), track),
-            // A filter's offsets are always of fifth order.
-            Op::Fillet(f) => 2.0 * offset(voxels(&f.radius), TRACK[1]),
+            // A fillet always uses the scheme of fifth order.
+            Op::Fillet(f) => 2.0 * offset(voxels(&f.radius), TRACKING_REACH[1]),
             // Both bands are widened first, at once or voxel by voxel.
             Op::Blend(b) => {
                 let radius = voxels(&b.radius);
-                on.widening(radius + 2.0, op.is_precise()) + radius + TRACK[1]
+                on.widening(radius + 2.0, op.is_precise()) + radius + TRACKING_REACH[1]
             }
-            // Contacts are told by the neighbours.
+            // Contacts are detected by neighbouring voxels.
             Op::Union(_) => 1.0,
             Op::Gaussian(k) => box_filter(k, 4.0),
             Op::Mean(k) | Op::Median(k) => box_filter(k, 1.0),
@@ -187,8 +193,8 @@ fn reach_of(op: &Op, on: Voxels) -> f64 {
         }
 }
 
-/// The operations that make the solid: fog is a matter of the files.
-fn of_solid(recipe: &Recipe) -> &[Op] {
+/// The operations that make the solid. A final fog belongs to the outputs.
+fn solid_operations(recipe: &Recipe) -> &[Op] {
     let ops = &recipe.sections().op;
     let is_fog = matches!(ops.last(), Some(Op::Fog(_)));
     &ops[..ops.len() - usize::from(is_fog)]

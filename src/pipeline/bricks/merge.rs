@@ -1,11 +1,11 @@
-//! From leaf files to the files of a run, without the tree in memory.
+//! The merge of bricks: from leaf files to the outputs, without the whole tree in memory.
 
 use super::super::cut_faces::CutFaces;
 use super::super::error::RunError;
 use super::super::least_wall::Phase;
 use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
-use super::super::{Clock, Parts, Targets, output};
-use super::Yard;
+use super::super::{StageResults, StageTimer, Targets, output};
+use super::BrickRun;
 use super::deck::deck;
 use super::least_wall::sampled_walls;
 use super::measure::{measure, picture};
@@ -15,81 +15,86 @@ use super::volumes::Volumes;
 use crate::vdb::{stored_components, stored_voids};
 use std::path::Path;
 
-/// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file, where the
-/// bricks were made one by one; walls are measured unless it shall be brief.
-pub(super) fn gather(
-    yard: &Yard,
+/// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file if bricks were
+/// made one by one. Wall thickness is measured unless the run is brief.
+pub(super) fn merge_and_write(
+    brick_run: &BrickRun,
     plan: Option<&Path>,
     (targets, is_brief): (&Targets, bool),
-    clock: &mut Clock,
-) -> Result<Parts, RunError> {
+    timer: &mut StageTimer,
+) -> Result<StageResults, RunError> {
     let mut report = SolidReport::default();
-    let solid = yard.finished(plan, &mut report, clock)?;
-    let recipe = yard.stock.recipe;
-    let bench = solid.bricks.bench(yard, yard.progress);
-    let pieces = stored_components(&solid.store, bench.scale.voxel_size, bench.session())?;
-    clock.lap("pieces")?;
+    let solid = brick_run.assemble(plan, &mut report, timer)?;
+    let recipe = brick_run.inputs.recipe;
+    let context = solid.bricks.context(brick_run, brick_run.progress);
+    let components = stored_components(&solid.store, context.scale.voxel_size, context.session())?;
+    timer.end_stage("pieces")?;
     let require = recipe.sections().require.as_ref().filter(|_| !is_brief);
     if require.is_some_and(|r| r.closed_cavities.is_some()) {
-        let cavities = stored_voids(&solid.store, bench.scale.voxel_size, bench.session())?;
+        let cavities = stored_voids(&solid.store, context.scale.voxel_size, context.session())?;
         report.closed_cavities = Some(cavities.len() as u64);
-        clock.lap("cavities")?;
+        timer.end_stage("cavities")?;
     }
-    let thickness = if targets.want_thickness() {
-        let thickness = thickness(yard, &solid)?;
-        clock.lap("thickness")?;
+    let thickness = if targets.needs_thickness() {
+        let thickness = thickness(brick_run, &solid)?;
+        timer.end_stage("thickness")?;
         Some(thickness)
     } else {
         None
     };
     let thickness = thickness.as_ref();
-    let mut meshes = Meshes::create(yard, &solid, targets, thickness)?;
-    let found = measure(yard, &solid, &mut meshes)?;
+    let mut meshes = Meshes::create(brick_run, &solid, targets, thickness)?;
+    let found = measure(brick_run, &solid, &mut meshes)?;
     let mut meshes = meshes.commit()?;
-    clock.lap("mesh")?;
+    timer.end_stage("mesh")?;
     if !is_brief {
-        let walls = sampled_walls(yard, &solid, Phase::Solid)?;
-        let cut = CutFaces::new(yard.stock, bench.scale.voxel_size);
-        report.add_walls(walls, yard.stock.thickness_asked(), &cut, yard.threads);
-        clock.lap("walls")?;
+        let walls = sampled_walls(brick_run, &solid, Phase::Solid)?;
+        let cut = CutFaces::new(brick_run.inputs, context.scale.voxel_size);
+        report.add_walls(
+            walls,
+            brick_run.inputs.target_thickness(),
+            &cut,
+            brick_run.threads,
+        );
+        timer.end_stage("walls")?;
     }
     if require.is_some_and(|r| r.least_gap.is_some()) {
-        report.add_gaps(sampled_walls(yard, &solid, Phase::Void)?);
-        clock.lap("gaps")?;
+        report.add_gaps(sampled_walls(brick_run, &solid, Phase::Void)?);
+        timer.end_stage("gaps")?;
     }
-    let volumes = Volumes::new(yard, &solid, found.frame, thickness)?;
-    if volumes.are_many() {
-        clock.lap("grids")?;
+    let volumes = Volumes::new(brick_run, &solid, found.frame, thickness)?;
+    if volumes.has_more_than_surface() {
+        timer.end_stage("grids")?;
     }
     let mut outputs = Vec::new();
     for (output, path) in &targets.files {
         if output.picture.is_some() {
-            picture(yard, &solid, (output, path), found.frame)?;
-            outputs.push(output::listed(path, None)?);
-            clock.lap("picture")?;
+            picture(brick_run, &solid, (output, path), found.frame)?;
+            outputs.push(output::file_entry(path, None)?);
+            timer.end_stage("picture")?;
             continue;
         }
         if output.fe.is_some() {
-            outputs.push(deck(yard, &solid, output, path)?);
-            clock.lap("write")?;
+            outputs.push(deck(brick_run, &solid, output, path)?);
+            timer.end_stage("write")?;
             continue;
         }
         if output.mesh.is_some() {
             let unit = output.unit_or_default(recipe.unit());
             outputs.push(OutputFile {
                 mesh: meshes.remove(path),
-                ..output::listed(path, Some(unit))?
+                ..output::file_entry(path, Some(unit))?
             });
         } else {
             outputs.extend(volumes.write(output, path)?);
         }
-        clock.lap("write")?;
+        timer.end_stage("write")?;
     }
-    let (asked, cell) = yard.stock.fractions();
-    Ok(Parts {
+    let (target, cell_fraction) = brick_run.inputs.volume_fractions();
+    Ok(StageResults {
         band: BandReport {
-            voxel_size: bench.scale.voxel_size,
-            half_width: bench.half_width,
+            voxel_size: context.scale.voxel_size,
+            half_width: context.half_width,
             active_voxels: solid.store.active_voxels(),
             leaves: solid.store.leaves(),
             ..BandReport::default()
@@ -98,16 +103,19 @@ pub(super) fn gather(
             volume: found.volume,
             area: found.area,
             bounds: Some(found.bounds),
-            volume_fraction: yard.stock.room().map(|room| found.volume / room),
-            volume_fraction_asked: asked,
-            volume_fraction_cell: cell,
-            components: pieces.len() as u64,
+            volume_fraction: brick_run
+                .inputs
+                .reference_volume()
+                .map(|whole| found.volume / whole),
+            volume_fraction_target: target,
+            volume_fraction_cell: cell_fraction,
+            components: components.len() as u64,
             ..report
         },
         bricks: Some(BricksReport {
-            count: yard.first.len() as u64,
-            edge: yard.plan.edge,
-            halo: yard.plan.halo,
+            count: brick_run.first.len() as u64,
+            edge: brick_run.plan.edge,
+            halo: brick_run.plan.halo,
             found_whole: 0,
         }),
         outputs,

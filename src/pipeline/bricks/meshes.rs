@@ -1,68 +1,69 @@
-//! Mesh files of a solid in bricks: written while patches pass, each as its output wants it.
+//! Mesh files of a solid in bricks, written while patches pass, each as its output requests.
 
 use super::super::Targets;
 use super::super::attributes::Attributes;
 use super::super::beams::beams as beams_of;
-use super::super::decimate::{Wish, decimated_patch};
+use super::super::decimate::{Decimation, decimated_patch};
 use super::super::error::RunError;
 use super::super::field_ops::{Shape, shape};
-use super::super::level_set_ops::Bench;
-use super::super::meshing::{farthest, is_obj};
+use super::super::level_set_ops::StageContext;
+use super::super::meshing::{is_obj, max_magnitude};
 use super::super::precision::needs_double;
 use super::super::report::MeshFacts;
 use super::super::thickness::Thickness;
-use super::Yard;
+use super::BrickRun;
 use super::assemble::part;
 use super::solid::StoredSolid;
 use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
 use crate::frame::{Coord, LengthUnit, Vec3};
 use crate::io::{BeamLattice, Faces, MeshPart, MeshStream, write_beams};
-use crate::mesh::{Projected, Projection};
-use crate::mesher::{Patch, Welder, clear_of_voxels};
+use crate::mesh::{ProjectionOptions, ProjectionSummary};
+use crate::mesher::{Patch, Welder, move_off_voxels};
 use crate::recipe::{Output, OutputKind, Scale};
 use crate::vdb::{LevelSet, VdbError};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// Voxels around a block whose vertices may keep those of the block from moving.
-pub(super) const UNTANGLED: i32 = 24;
+/// Halo of a block, voxels, in which vertices can limit the projection of the block's vertices.
+pub(super) const UNTANGLING_HALO: i32 = 24;
 
-/// A mesh that is written while patches pass.
-struct MeshOut<'a> {
+/// A mesh file in progress.
+struct MeshOutput<'a> {
     path: PathBuf,
     file: MeshStream,
-    /// To its unit.
+    /// Factor from the recipe's unit to the file's.
     factor: f64,
-    /// How far coordinates reach, world units, if vertices must be kept apart in single precision.
-    clears: Option<f64>,
-    /// Whether its vertices are where the exact field vanishes.
+    /// Greatest magnitude of coordinates, world units, if vertices must stay distinct in single
+    /// precision.
+    max_coordinate: Option<f64>,
+    /// Whether its vertices are projected onto the exact field.
     is_exact: bool,
-    way: Way,
+    face_source: FaceSource,
     attributes: Attributes<'a>,
     facts: MeshFacts,
 }
 
-/// What faces a mesh takes. Other than all triangles it numbers them for itself.
-enum Way {
-    /// All triangles.
+/// The faces of a mesh file. Other than `All` they have their own vertex numbers.
+enum FaceSource {
+    /// All triangles of the band.
     All,
-    /// Fewer of them.
-    Fewer(Wish, Welder),
-    /// OpenVDB's quads, as they are or cut.
+    /// Decimated triangles.
+    Decimated(Decimation, Welder),
+    /// OpenVDB's quads, or triangles cut from them.
     OpenVdb {
         adaptivity: f64,
-        /// Onto the field, and onto its creases.
-        moves: Option<Projection>,
-        is_cut: bool,
-        /// Of the triangles.
-        fewer: Option<Wish>,
+        /// The projection onto the field and its creases, if the output requests it.
+        projection: Option<ProjectionOptions>,
+        as_triangles: bool,
+        /// The decimation of the triangles.
+        decimation: Option<Decimation>,
         welder: Welder,
     },
 }
 
 /// Beams that are written with the meshes.
-struct BeamsOut {
+struct BeamOutput {
     path: PathBuf,
     lattice: BeamLattice,
     unit: LengthUnit,
@@ -71,315 +72,332 @@ struct BeamsOut {
 
 /// All mesh files of a run.
 pub(super) struct Meshes<'a> {
-    outs: Vec<MeshOut<'a>>,
-    beams: Vec<BeamsOut>,
-    /// The field that the solid is a sample of, where any vertices are moved onto it.
+    outputs: Vec<MeshOutput<'a>>,
+    beams: Vec<BeamOutput>,
+    /// The exact field of the solid, where any output projects vertices onto it.
     exact: Option<Shape<'a>>,
-    /// Of all triangles of the level set, and of the exact field.
+    /// Welders for all triangles: of the level set, and of the exact field.
     welders: [Welder; 2],
 }
 
 fn weld<const N: usize>(welder: &mut Welder, patch: &Patch<N>) -> Result<Vec<[u32; N]>, RunError> {
-    let unmade = |e| RunError::level_set("mesh")(VdbError::from(e));
-    welder.weld(patch).map_err(unmade)
+    let mesh_error = |e| RunError::level_set("mesh")(VdbError::from(e));
+    welder.weld(patch).map_err(mesh_error)
 }
 
-/// How far a patch's own vertices are off the exact field, if they were moved onto one.
-fn error(bench: Bench, patch: &Patch, exact: Option<&Shape>) -> f64 {
+/// Greatest distance of a patch's own vertices from the exact field; 0 without one.
+fn projection_error(context: StageContext, patch: &Patch, exact: Option<&Shape>) -> f64 {
     let own = &patch.vertices[..patch.owned];
-    let measure = |exact: &Shape| bench.threads.install(|| farthest(own, &*exact.field));
+    let measure = |exact: &Shape| {
+        context
+            .threads
+            .install(|| max_magnitude(own, &*exact.field))
+    };
     exact.map_or(0.0, measure)
 }
 
-impl MeshOut<'_> {
-    /// Adds a patch whose faces are also known in numbers of the whole, and how far its own vertices are
-    /// off the exact field.
+impl MeshOutput<'_> {
+    /// Adds a patch. `numbered` are its faces in vertex numbers of the whole mesh, `projection_error` is the
+    /// distance of its own vertices from the exact field.
     fn add<const N: usize>(
         &mut self,
-        bench: Bench,
+        context: StageContext,
         patch: &Patch<N>,
-        (numbered, error): (&[[u32; N]], f64),
+        (numbered, projection_error): (&[[u32; N]], f64),
     ) -> Result<(), RunError>
     where
         for<'f> Faces<'f>: From<&'f [[u32; N]]>,
     {
         let own = &patch.vertices[..patch.owned];
-        let mut cleared = Vec::new();
-        if let Some(far) = self.clears.filter(|_| self.way.takes_all()) {
-            cleared.clone_from(&patch.vertices);
-            let (h, origin) = (bench.scale.voxel_size, Vec3::zeros());
-            let clear = || clear_of_voxels(&mut cleared, h, origin, far);
-            if !bench.threads.install(clear) {
-                cleared.clear();
+        let mut distinct = Vec::new();
+        if let Some(far) = self.max_coordinate.filter(|_| self.face_source.is_all()) {
+            distinct.clone_from(&patch.vertices);
+            let (h, origin) = (context.scale.voxel_size, Vec3::zeros());
+            let clear = || move_off_voxels(&mut distinct, h, origin, far);
+            if !context.threads.install(clear) {
+                distinct.clear();
             }
         }
         self.file.add(MeshPart {
-            vertices: if cleared.is_empty() {
+            vertices: if distinct.is_empty() {
                 &patch.vertices
             } else {
-                &cleared
+                &distinct
             },
             owned: patch.owned,
             faces: patch.faces.as_slice().into(),
             numbered: numbered.into(),
-            numbers: &self.attributes.rows(bench, own),
+            numbers: &self.attributes.rows_at(context, own),
             factor: self.factor,
         })?;
         self.facts.faces += patch.faces.len() as u64;
-        self.facts.error = self.facts.error.map(|e| e.max(error));
+        self.facts.error = self.facts.error.map(|e| e.max(projection_error));
         Ok(())
     }
 
-    /// Adds what OpenVDB's mesher makes in a region, moved onto a field if it has one; `last` is the
-    /// greatest x of the regions that come with it.
-    fn add_share(
+    /// Adds the faces that OpenVDB's mesher makes in a region, projected onto a field if there is one.
+    /// `last` is the greatest x of the regions of the same brick.
+    fn add_quad_region(
         &mut self,
-        bench: Bench,
+        context: StageContext,
         solid: &LevelSet,
         exact: Option<&Shape>,
         (region, far, last): (Region, f64, i32),
     ) -> Result<(), RunError> {
-        let Way::OpenVdb {
+        let FaceSource::OpenVdb {
             adaptivity,
-            moves,
-            is_cut,
-            fewer,
+            projection,
+            as_triangles,
+            decimation,
             welder,
-        } = &mut self.way
+        } = &mut self.face_source
         else {
             return Ok(());
         };
         let failed = RunError::level_set("mesh");
-        let mesh = solid.part_to_quads(*adaptivity, far, bench.session());
+        let mesh = solid.part_to_quads(*adaptivity, far, context.session());
         let mut mesh = mesh.map_err(&failed)?;
-        let share = solid.share(&mesh, (region, last), *adaptivity);
-        let mut error = 0.0;
-        if let (Some(how), Some(exact)) = (*moves, exact) {
-            let project = || mesh.project_each(&*exact.field, how, bench.progress);
-            let fates = bench.threads.install(project)?;
-            let found = Projected::of(share.owned().iter().map(|&v| fates[v as usize]));
-            error = found.error;
+        let share = solid.region_quads(&mesh, (region, last), *adaptivity);
+        let mut projection_error = 0.0;
+        if let (Some(projection), Some(exact)) = (*projection, exact) {
+            let project = || mesh.project_each(&*exact.field, projection, context.progress);
+            let outcomes = context.threads.install(project)?;
+            let found = ProjectionSummary::of(share.owned().iter().map(|&v| outcomes[v as usize]));
+            projection_error = found.error;
             let add = |sum: Option<u64>, more: usize| sum.map(|n| n + more as u64);
             self.facts.creased = add(self.facts.creased, found.creased);
             self.facts.kept = add(self.facts.kept, found.kept);
         }
         let patch = share.patch(&mesh);
-        if *is_cut {
+        if *as_triangles {
             let mut patch = patch.into_triangles();
-            if let Some(wish) = *fewer {
-                patch = decimated_patch(&patch, wish, last)?;
+            if let Some(decimation) = *decimation {
+                patch = decimated_patch(&patch, decimation, last)?;
             }
             let numbered = weld(welder, &patch)?;
-            self.add(bench, &patch, (&numbered, error))
+            self.add(context, &patch, (&numbered, projection_error))
         } else {
             let numbered = weld(welder, &patch)?;
-            self.add(bench, &patch, (&numbered, error))
+            self.add(context, &patch, (&numbered, projection_error))
         }
     }
 }
 
-impl Way {
+impl FaceSource {
     fn of(output: &Output, scale: Scale) -> Self {
         if output.is_meshed_by_openvdb() {
             return Self::OpenVdb {
                 adaptivity: output.merging(),
-                moves: output.moves_open_vdb().then_some(Projection {
+                projection: output.moves_open_vdb().then_some(ProjectionOptions {
                     voxel_size: scale.voxel_size,
                     sharp: output.sharp,
                 }),
-                is_cut: !output.quads,
-                fewer: output.decimate.as_ref().map(|d| Wish::new(d, scale)),
+                as_triangles: !output.quads,
+                decimation: output.decimate.as_ref().map(|d| Decimation::new(d, scale)),
                 welder: Welder::default(),
             };
         }
         match &output.decimate {
-            Some(wish) => Self::Fewer(Wish::new(wish, scale), Welder::default()),
+            Some(section) => Self::Decimated(Decimation::new(section, scale), Welder::default()),
             None => Self::All,
         }
     }
 
-    fn takes_all(&self) -> bool {
+    fn is_all(&self) -> bool {
         matches!(self, Self::All)
     }
 }
 
 impl<'a> Meshes<'a> {
-    /// Begins all files.
+    /// Creates all files.
     pub fn create(
-        yard: &Yard<'a>,
+        brick_run: &BrickRun<'a>,
         solid: &StoredSolid,
         targets: &Targets,
         thickness: Option<&'a Thickness>,
     ) -> Result<Self, RunError> {
-        let recipe = yard.stock.recipe;
-        let bench = solid.bricks.bench(yard, yard.progress);
+        let recipe = brick_run.inputs.recipe;
+        let context = solid.bricks.context(brick_run, brick_run.progress);
         let (far, centre) = (solid.far(), solid.centre());
-        let (mut outs, mut beams) = (Vec::new(), Vec::new());
-        for (output, path) in targets.of(OutputKind::Mesh) {
+        let (mut outputs, mut beams) = (Vec::new(), Vec::new());
+        for (output, path) in targets.of_kind(OutputKind::Mesh) {
             let unit = output.unit_or_default(recipe.unit());
             let factor = recipe.unit().to(unit);
             if output.beams {
-                beams.push(BeamsOut {
+                beams.push(BeamOutput {
                     path: path.clone(),
-                    lattice: beams_of(yard.stock)?,
+                    lattice: beams_of(brick_run.inputs)?,
                     unit,
                     factor,
                 });
                 continue;
             }
             let words = output.grids.as_deref().unwrap_or_default();
-            let attributes = Attributes::new(bench, yard.stock, words, thickness, factor)?;
+            let attributes = Attributes::new(context, brick_run.inputs, words, thickness, factor)?;
             let is_exact = output.project || output.sharp;
-            let is_double = needs_double(path, (far, centre), (bench.scale, factor))?;
-            let moved = is_exact.then_some(0);
-            outs.push(MeshOut {
+            let is_double = needs_double(path, (far, centre), (context.scale, factor))?;
+            let moved_count = is_exact.then_some(0);
+            outputs.push(MeshOutput {
                 path: path.clone(),
                 file: MeshStream::create(path, unit, output.quads, attributes.names())?
                     .in_double(is_double),
                 factor,
-                clears: (!is_double && !is_obj(path)).then_some(far),
+                max_coordinate: (!is_double && !is_obj(path)).then_some(far),
                 is_exact,
-                way: Way::of(output, bench.scale),
+                face_source: FaceSource::of(output, context.scale),
                 attributes,
                 facts: MeshFacts {
-                    creased: moved,
-                    kept: moved,
+                    creased: moved_count,
+                    kept: moved_count,
                     error: is_exact.then_some(0.0),
                     ..MeshFacts::default()
                 },
             });
         }
-        let wants_exact = outs.iter().any(|out| out.is_exact);
-        let exact = wants_exact.then(|| shape(yard.stock, bench.scale));
+        let needs_exact = outputs.iter().any(|output| output.is_exact);
+        let exact = needs_exact.then(|| shape(brick_run.inputs, context.scale));
         Ok(Self {
-            outs,
+            outputs,
             beams,
             exact: exact.transpose()?,
             welders: Default::default(),
         })
     }
 
-    /// The field onto which vertices are moved, if those of all triangles are.
+    /// The exact field, if an output with all triangles needs it.
     pub fn exact(&self) -> Option<&WorldField<'a>> {
-        let takes = |out: &MeshOut| out.is_exact && out.way.takes_all();
-        let exact = self.exact.as_ref().filter(|_| self.outs.iter().any(takes));
+        let accepts = |output: &MeshOutput| output.is_exact && output.face_source.is_all();
+        let exact = self
+            .exact
+            .as_ref()
+            .filter(|_| self.outputs.iter().any(accepts));
         exact.map(|shape| &*shape.field)
     }
 
-    /// Adds a patch to the files whose vertices are as it has them, of the level set or exact, and that take
-    /// all triangles.
-    pub fn add(&mut self, bench: Bench, patch: &Patch, is_exact: bool) -> Result<(), RunError> {
-        let takes = |out: &&mut MeshOut| out.is_exact == is_exact && out.way.takes_all();
-        let mut outs = self.outs.iter_mut().filter(takes).peekable();
-        if outs.peek().is_none() {
+    /// Adds a patch to the files with all triangles whose vertices are of its kind: of the level set, or
+    /// projected.
+    pub fn add(
+        &mut self,
+        context: StageContext,
+        patch: &Patch,
+        is_exact: bool,
+    ) -> Result<(), RunError> {
+        let accepts =
+            |output: &&mut MeshOutput| output.is_exact == is_exact && output.face_source.is_all();
+        let mut outputs = self.outputs.iter_mut().filter(accepts).peekable();
+        if outputs.peek().is_none() {
             return Ok(());
         }
         let numbered = weld(&mut self.welders[usize::from(is_exact)], patch)?;
         let exact = self.exact.as_ref().filter(|_| is_exact);
-        let error = error(bench, patch, exact);
-        outs.try_for_each(|out| out.add(bench, patch, (&numbered, error)))
+        let projection_error = projection_error(context, patch, exact);
+        outputs.try_for_each(|output| output.add(context, patch, (&numbered, projection_error)))
     }
 
-    /// Voxels around a region on which its faces depend.
+    /// Halo of a region on which its faces depend, voxels.
     pub fn halo(&self) -> i32 {
-        let halos = self.outs.iter().map(|out| match out.way {
-            Way::All | Way::Fewer(..) => LEAF,
-            Way::OpenVdb { adaptivity, .. } => LevelSet::quad_halo(adaptivity),
+        let halos = self.outputs.iter().map(|output| match output.face_source {
+            FaceSource::All | FaceSource::Decimated(..) => LEAF,
+            FaceSource::OpenVdb { adaptivity, .. } => LevelSet::quad_halo(adaptivity),
         });
         halos.fold(LEAF, i32::max)
     }
 
-    /// Adds a region of a solid to the files that take other faces than all triangles.
-    pub fn add_others(
+    /// Adds a region of a solid to the files with other faces than all triangles.
+    pub fn add_other_faces(
         &mut self,
-        bench: Bench,
+        context: StageContext,
         (stored, solid): (&StoredSolid, &LevelSet),
         place: (Region, f64),
     ) -> Result<(), RunError> {
-        self.add_fewer(bench, solid, place)?;
-        self.add_quads(bench, (stored, solid), place)
+        self.add_decimated(context, solid, place)?;
+        self.add_quads(context, (stored, solid), place)
     }
 
-    /// Fewer triangles: block by block, so that nothing depends on the bricks. Blocks keep what they share.
-    fn add_fewer(
+    /// Decimates block by block, so that nothing depends on the bricks. Blocks keep their shared border.
+    fn add_decimated(
         &mut self,
-        bench: Bench,
+        context: StageContext,
         solid: &LevelSet,
         (region, far): (Region, f64),
     ) -> Result<(), RunError> {
-        for out in &mut self.outs {
-            let Way::Fewer(wish, welder) = &mut out.way else {
+        for output in &mut self.outputs {
+            let FaceSource::Decimated(decimation, welder) = &mut output.face_source else {
                 continue;
             };
-            let wish = *wish;
-            let exact = self.exact.as_ref().filter(|_| out.is_exact);
+            let decimation = *decimation;
+            let exact = self.exact.as_ref().filter(|_| output.is_exact);
             let field = exact.map(|shape| &*shape.field);
-            let patches = solid.block_patches(region, far, field, bench.session(), |patch| {
-                decimated_patch(&patch, wish, region.max[0])
+            let patches = solid.block_patches(region, far, field, context.session(), |patch| {
+                decimated_patch(&patch, decimation, region.max[0])
             })?;
             let numbered = patches.iter().map(|patch| weld(welder, patch));
             let numbered = numbered.collect::<Result<Vec<_>, _>>()?;
             for (patch, numbered) in patches.iter().zip(&numbered) {
-                out.add(bench, patch, (numbered, error(bench, patch, exact)))?;
+                output.add(
+                    context,
+                    patch,
+                    (numbered, projection_error(context, patch, exact)),
+                )?;
             }
         }
         Ok(())
     }
 
-    /// The faces of OpenVDB's mesher. Which vertices may not move is known from faces around, and theirs:
-    /// where they move, or triangles become fewer, that is decided block by block, so that nothing depends on
-    /// the bricks.
+    /// Adds the faces of OpenVDB's mesher. Whether a vertex may move depends on the faces around it. So
+    /// projection and decimation work block by block with a halo, and nothing depends on the bricks.
     fn add_quads(
         &mut self,
-        bench: Bench,
+        context: StageContext,
         (stored, solid): (&StoredSolid, &LevelSet),
         (region, far): (Region, f64),
     ) -> Result<(), RunError> {
         let last = region.max[0];
-        for out in &mut self.outs {
-            let Way::OpenVdb {
+        for output in &mut self.outputs {
+            let FaceSource::OpenVdb {
                 adaptivity,
-                moves,
-                fewer,
+                projection,
+                decimation,
                 ..
-            } = &out.way
+            } = &output.face_source
             else {
                 continue;
             };
-            let untangled = match (moves, fewer) {
+            let projection_halo = match (projection, decimation) {
                 (None, None) => {
-                    out.add_share(bench, solid, None, (region, far, last))?;
+                    output.add_quad_region(context, solid, None, (region, far, last))?;
                     continue;
                 }
-                (Some(_), _) => UNTANGLED,
+                (Some(_), _) => UNTANGLING_HALO,
                 (None, Some(_)) => 0,
             };
-            let halo = LevelSet::quad_halo(*adaptivity).max(LevelSet::quad_halo(0.0) + untangled);
-            let blocks: Vec<Coord> = stored.store.blocks_of(region).collect();
+            let halo =
+                LevelSet::quad_halo(*adaptivity).max(LevelSet::quad_halo(0.0) + projection_halo);
+            let blocks: Vec<Coord> = stored.store.blocks_in(region).collect();
             for block in blocks.into_iter().rev() {
                 let own = Region::cube(block, BLOCK);
-                let part = part(bench, &stored.store, own.grown(halo), Coord([0; 3]))?;
-                let exact = self.exact.as_ref().filter(|_| out.is_exact);
-                out.add_share(bench, &part, exact, (own, far, last))?;
+                let part = part(context, &stored.store, own.grown(halo), Coord([0; 3]))?;
+                let exact = self.exact.as_ref().filter(|_| output.is_exact);
+                output.add_quad_region(context, &part, exact, (own, far, last))?;
             }
         }
         Ok(())
     }
 
-    /// Completes all files: what they are, by their paths.
+    /// Completes all files. Returns their facts by path.
     pub fn commit(self) -> Result<BTreeMap<PathBuf, MeshFacts>, RunError> {
         let mut done = BTreeMap::new();
-        for out in self.outs {
-            out.file.commit()?;
-            done.insert(out.path, out.facts);
+        for output in self.outputs {
+            output.file.commit()?;
+            done.insert(output.path, output.facts);
         }
-        for out in self.beams {
-            write_beams(&out.path, &out.lattice, out.factor, out.unit)?;
+        for output in self.beams {
+            write_beams(&output.path, &output.lattice, output.factor, output.unit)?;
             let facts = MeshFacts {
-                faces: out.lattice.beams.len() as u64,
+                faces: output.lattice.beams.len() as u64,
                 ..MeshFacts::default()
             };
-            done.insert(out.path, facts);
+            done.insert(output.path, facts);
         }
         Ok(done)
     }

@@ -1,16 +1,16 @@
-//! The plan of a run in bricks: which bricks there are, and of what they are made.
+//! The plan of a run in bricks: the bricks and everything that decides their values.
 
 use super::super::error::RunError;
 use super::super::estimate::Counts;
 use super::super::field_ops::{operation_shape, shape};
-use super::super::inputs::Stock;
-use super::super::level_set_ops::Bench;
+use super::super::inputs::Inputs;
+use super::super::level_set_ops::StageContext;
 use super::super::report::Input;
 use super::super::voxels::Voxels;
-use super::budget::{leaf_bytes, needs};
-use super::halo::{Pass, before_resampling, passes, reach};
+use super::budget::{leaf_bytes, memory_bytes};
+use super::halo::{Pass, before_resampling, passes, total_reach};
 use super::solid::Bricks;
-use super::{Layout, voxels};
+use super::{Layout, voxel_size_and_half_width};
 use crate::band::{BLOCK, Region};
 use crate::frame::{Aabb, Coord};
 use crate::progress::{Progress, Threads};
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// A plan, as JSON.
+/// A plan, stored as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BrickPlan {
@@ -38,20 +38,21 @@ pub struct BrickPlan {
     pub voxel_size: f64,
     /// Half width of the band, voxels.
     pub half_width: f64,
-    /// Whether values are those of any processor: by `--portable`, or for lack of fused multiplications.
+    /// Whether values are equal on every processor: by `--portable`, or for lack of fused
+    /// multiplications.
     pub portable: bool,
     /// Edge of a brick, blocks of 128 voxels.
     pub edge: u32,
-    /// Voxels around a brick that it is made with at most.
+    /// Greatest halo of a brick, voxels.
     pub halo: u32,
-    /// Least voxel of each brick, by number.
+    /// Lowest voxel of each brick, by number.
     pub bricks: Vec<[i32; 3]>,
     /// Directory of the outputs, relative to the plan; the recipe's own when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
     /// Predicted bytes of all leaf files.
     pub leaf_bytes: u64,
-    /// Predicted peak memory of a process that makes one brick, or merges them.
+    /// Predicted peak memory of a process that makes one brick or merges all.
     pub memory_bytes: u64,
 }
 
@@ -65,23 +66,23 @@ pub struct PlannedInput {
 }
 
 impl BrickPlan {
-    /// Hash of all that decides the values of bricks: what leaf files begin with.
+    /// Hash of everything that decides the values of bricks; leaf files begin with it.
     pub(in super::super) fn digest(&self) -> [u8; 32] {
-        let deciding = Self {
+        let identity = Self {
             recipe: PathBuf::new(),
             out: None,
             leaf_bytes: 0,
             memory_bytes: 0,
             ..self.clone()
         };
-        let text = serde_json::to_string(&deciding).unwrap_or_default();
+        let text = serde_json::to_string(&identity).unwrap_or_default();
         *blake3::hash(text.as_bytes()).as_bytes()
     }
 
-    /// Whether a plan is whole and of a size that bricks have.
+    /// Validates the edge, the halo and the bricks of a plan.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// What is invalid.
     pub fn check(&self) -> Result<(), String> {
         if !(1..=64).contains(&self.edge) {
             return Err(format!(
@@ -96,11 +97,11 @@ impl BrickPlan {
             ));
         }
         let edge = self.edge as i32 * BLOCK;
-        let odd = |b: &&[i32; 3]| {
+        let is_misplaced = |b: &&[i32; 3]| {
             b.iter()
                 .any(|c| c % edge != 0 || c.unsigned_abs() > 1 << 29)
         };
-        match self.bricks.iter().find(odd) {
+        match self.bricks.iter().find(is_misplaced) {
             Some(brick) => Err(format!(
                 "a brick at {brick:?}; expected multiples of {edge}"
             )),
@@ -108,10 +109,10 @@ impl BrickPlan {
         }
     }
 
-    /// What of a run differs from the plan: version, recipe, inputs, voxels.
-    pub(in super::super) fn differences(&self, stock: &Stock) -> Vec<String> {
-        let report = stock.report();
-        let (voxel_size, half_width) = voxels(stock.recipe);
+    /// Differences between a run and the plan: version, recipe, inputs, voxels.
+    pub(in super::super) fn differences(&self, inputs: &Inputs) -> Vec<String> {
+        let report = inputs.report();
+        let (voxel_size, half_width) = voxel_size_and_half_width(inputs.recipe);
         let mut found = Vec::new();
         if self.druse != report.druse {
             let versions = format!(
@@ -123,27 +124,27 @@ impl BrickPlan {
         if self.recipe_blake3 != report.recipe_blake3 {
             found.push(format!("the recipe {} has changed", report.recipe));
         }
-        let inputs = planned(&report.inputs);
-        for input in self.inputs.iter().filter(|i| !inputs.contains(i)) {
+        let current_inputs = planned(&report.inputs);
+        for input in self.inputs.iter().filter(|i| !current_inputs.contains(i)) {
             let now = report.inputs.iter().find(|i| i.key == input.key);
             found.push(match now {
                 Some(now) => format!("the input {} ({}) has changed", now.path, now.key),
-                None => format!("the input of {} is gone", input.key),
+                None => format!("the input of {} is missing", input.key),
             });
         }
         if self.portable != simd::gives_portable_bits() {
-            let words = if self.portable {
-                "the plan is for the bits of any processor (--portable), this is not"
+            let message = if self.portable {
+                "the plan has portable values (--portable), this run does not"
             } else {
-                "the plan is for processors with fused multiplications; this goes without \
+                "the plan is for processors with fused multiplications; this run does without \
                  (--portable, or an older processor)"
             };
-            found.push(words.to_owned());
+            found.push(message.to_owned());
         }
         let scale = (self.voxel_size, self.half_width) != (voxel_size, half_width);
         if scale && found.is_empty() {
             found.push(format!(
-                "voxels of {voxel_size}, {half_width} in the band's half"
+                "the recipe has voxels of {voxel_size} and a half width of {half_width}"
             ));
         }
         found
@@ -158,36 +159,36 @@ fn planned(inputs: &[Input]) -> Vec<PlannedInput> {
     inputs.iter().map(hashed).collect()
 }
 
-/// The plan of a run: all bricks that may hold a part of the band, until it is put on other voxels.
-pub(in super::super) fn layout(
-    stock: &Stock,
+/// Makes the plan of a run: all bricks that may hold a part of the band before the first resampling.
+pub(in super::super) fn make_plan(
+    inputs: &Inputs,
     layout: &Layout,
     counts: &Counts,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<BrickPlan, RunError> {
-    let bench = Bench::new(stock.recipe, threads, progress);
-    let (first, extent) = if let Some(start) = stock.volumes.start() {
+    let context = StageContext::new(inputs.recipe, threads, progress);
+    let (blocks, extent) = if let Some(start) = inputs.volumes.start() {
         let failed = RunError::level_set("plan");
-        (blocks_of(start)?, start.bounds().map_err(failed)?)
+        (blocks_in(start)?, start.bounds().map_err(failed)?)
     } else {
-        let shape = shape(stock, bench.scale)?;
-        let blocks = bench.band(&shape)?.blocks();
+        let shape = shape(inputs, context.scale)?;
+        let blocks = context.band(&shape)?.blocks();
         (blocks.map_err(RunError::band("plan"))?, shape.extent)
     };
-    let near = |block: &Coord| Region::cube(*block, BLOCK).grown(layout.reach);
-    let mut regions: Vec<Region> = first.iter().map(near).collect();
-    let passes = passes(stock);
-    let before = before_resampling(&passes);
-    let operands = operand_regions(stock, bench, before, extent)?;
+    let surroundings = |block: &Coord| Region::cube(*block, BLOCK).grown(layout.reach);
+    let mut regions: Vec<Region> = blocks.iter().map(surroundings).collect();
+    let passes = passes(inputs);
+    let passes_before = before_resampling(&passes);
+    let operands = operand_regions(inputs, context, passes_before, extent)?;
     regions.extend(operands);
-    let bricks = Bricks::around(Voxels::first(stock), layout.edge, regions.into_iter());
-    let report = stock.report();
-    let (voxel_size, half_width) = voxels(stock.recipe);
+    let bricks = Bricks::around(Voxels::first(inputs), layout.edge, regions.into_iter());
+    let report = inputs.report();
+    let (voxel_size, half_width) = voxel_size_and_half_width(inputs.recipe);
     Ok(BrickPlan {
         druse: report.druse,
         recipe: report.recipe.into(),
-        set: stock.recipe.source().overrides().to_vec(),
+        set: inputs.recipe.source().overrides().to_vec(),
         recipe_blake3: report.recipe_blake3,
         inputs: planned(&report.inputs),
         voxel_size,
@@ -198,12 +199,12 @@ pub(in super::super) fn layout(
         bricks: bricks.origins().map(|b| b.0).collect(),
         out: None,
         leaf_bytes: leaf_bytes(counts) as u64,
-        memory_bytes: needs(stock, threads, counts, layout.edge),
+        memory_bytes: memory_bytes(inputs, threads, counts, layout.edge),
     })
 }
 
-/// Blocks that hold leaves of a level set, ascending.
-fn blocks_of(solid: &LevelSet) -> Result<Vec<Coord>, RunError> {
+/// Blocks with leaves of a level set, ascending.
+fn blocks_in(solid: &LevelSet) -> Result<Vec<Coord>, RunError> {
     let mut blocks = BTreeSet::new();
     let found = solid.for_each_leaf(|leaf| {
         blocks.insert(leaf.origin.aligned(BLOCK));
@@ -212,34 +213,34 @@ fn blocks_of(solid: &LevelSet) -> Result<Vec<Coord>, RunError> {
     Ok(blocks.into_iter().collect())
 }
 
-/// Where the operations of some passes on the same voxels add what they combine the solid with; `extent`
-/// is the solid's own.
+/// Regions in which the operands of some passes on the same voxels may add to the solid; `extent` is the
+/// solid's own box.
 pub(super) fn operand_regions(
-    stock: &Stock,
-    bench: Bench,
+    inputs: &Inputs,
+    context: StageContext,
     passes: &[Pass],
     extent: Aabb,
 ) -> Result<Vec<Region>, RunError> {
-    let voxels = reach(passes);
-    let by = f64::from(voxels) * bench.scale.voxel_size;
-    let mut room = extent.dilated(by);
+    let reach = total_reach(passes);
+    let distance = f64::from(reach) * context.scale.voxel_size;
+    let mut bounds = extent.dilated(distance);
     let mut regions = Vec::new();
-    let ops = stock.recipe.sections().op.iter().enumerate();
+    let ops = inputs.recipe.sections().op.iter().enumerate();
     let of_pass = |n: usize| passes.iter().any(|p| p.ops.contains(&n));
     for (n, op) in ops.filter(|(n, _)| of_pass(*n)) {
-        let Some(other) = operation_shape(stock, (n, op), bench.scale, || Ok(room))? else {
+        let Some(other) = operation_shape(inputs, (n, op), context.scale, || Ok(bounds))? else {
             continue;
         };
         if other.extent.is_empty() {
             continue;
         }
-        room = room.union(other.extent.dilated(by));
-        let blocks = bench
+        bounds = bounds.union(other.extent.dilated(distance));
+        let blocks = context
             .band(&other)?
             .blocks()
             .map_err(RunError::band("plan"))?;
-        let near = |block: Coord| Region::cube(block, BLOCK).grown(voxels);
-        regions.extend(blocks.into_iter().map(near));
+        let surroundings = |block: Coord| Region::cube(block, BLOCK).grown(reach);
+        regions.extend(blocks.into_iter().map(surroundings));
     }
     Ok(regions)
 }

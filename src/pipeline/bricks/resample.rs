@@ -1,30 +1,31 @@
-//! Solids in bricks put on other voxels: by operations, and as coarser copies. The bricks there are others,
-//! and each is made from what of the old ones lies where it comes to lie.
+//! Resampling of solids in bricks: by operations, and for coarser copies. The new bricks differ from the
+//! old ones; each is made from the parts of old bricks that lie in it.
 
 use super::super::error::RunError;
 use super::super::voxels::Resampling;
 use super::assemble::part;
-use super::halo::{Pass, reach};
+use super::halo::{Pass, total_reach};
 use super::plan::operand_regions;
 use super::solid::{Bricks, StoredSolid};
-use super::{Quiet, Yard, hand_over};
+use super::{BrickRun, CancelOnly, write_leaves};
 use crate::band::{BLOCK, Band, LEAF, Leaf, LeafMap, LeafSink, Region};
 use crate::frame::{Aabb, Coord};
-use crate::vdb::Sampled;
+use crate::vdb::SampledLevelSet;
 use std::collections::BTreeMap;
 
-impl Yard<'_> {
-    /// Copies of the solid on voxels of twice, four times ... the edge, each made from the one before.
+impl BrickRun<'_> {
+    /// Copies of the solid on voxels of twice, four times ... the edge, each resampled from the one
+    /// before.
     pub fn coarser(&self, solid: &StoredSolid, levels: u8) -> Result<Vec<StoredSolid>, RunError> {
         let mut copies: Vec<StoredSolid> = Vec::new();
         for level in 0..usize::from(levels) {
             let number = self.passes.len() + level;
             let finer = copies.last().unwrap_or(solid);
-            let way = finer.bricks.voxels.coarser();
-            let bricks = self.bricks_after(&way, &[], finer)?;
-            self.resample(number, &way, finer, &bricks)?;
+            let step = finer.bricks.voxels.coarser();
+            let bricks = self.bricks_after(&step, &[], finer)?;
+            self.resample(number, &step, finer, &bricks)?;
             let files = self.files(number, &bricks);
-            // A copy may be empty: what is thinner than its voxels is not in it.
+            // A copy may be empty: it loses parts that are thinner than its voxels.
             let store = self.store(None, &files, self.progress)?;
             copies.push(StoredSolid { bricks, store });
         }
@@ -34,48 +35,48 @@ impl Yard<'_> {
     /// The bricks on other voxels that may hold a part of the solid, also after some passes there.
     pub fn bricks_after(
         &self,
-        way: &Resampling,
+        step: &Resampling,
         after: &[Pass],
         solid: &StoredSolid,
     ) -> Result<Bricks, RunError> {
-        let grown = |region: Region| region.grown(reach(after));
+        let grown = |region: Region| region.grown(total_reach(after));
         let blocks = solid.store.blocks();
-        let moved = blocks.filter_map(|b| way.moved(Region::cube(b, BLOCK)));
+        let moved = blocks.filter_map(|b| step.moved(Region::cube(b, BLOCK)));
         let mut regions: Vec<Region> = moved.map(grown).collect();
-        let bench = self.bench(way.to, self.progress);
-        let transform = bench.transform()?;
+        let context = self.context(step.to, self.progress);
+        let transform = context.transform()?;
         let corners = regions.iter().flat_map(|r| [r.min, r.max]);
         let extent = Aabb::of(corners.map(|c| transform.world(c).0));
-        regions.extend(operand_regions(self.stock, bench, after, extent)?);
+        regions.extend(operand_regions(self.inputs, context, after, extent)?);
         Ok(Bricks::around(
-            way.to,
-            way.edge(self.plan.edge),
+            step.to,
+            step.edge(self.plan.edge),
             regions.into_iter(),
         ))
     }
 
-    /// Makes the files of a pass that puts the solid on other voxels.
+    /// Writes the files of a resampling pass.
     pub fn resample(
         &self,
         number: usize,
-        way: &Resampling,
+        step: &Resampling,
         solid: &StoredSolid,
         bricks: &Bricks,
     ) -> Result<(), RunError> {
-        let portion = way.portion(self.plan.edge);
+        let portion_edge = step.portion_edge(self.plan.edge);
         self.progress.stage("bricks", Some(bricks.len() as u64));
         for brick in 0..bricks.len() {
             self.make_file((number, bricks), brick, |writer| {
                 let region = bricks.region(brick);
-                if portion >= BLOCK {
-                    return self.resampled(way, solid, region, writer);
+                if portion_edge >= BLOCK {
+                    return self.resample_region(step, solid, region, writer);
                 }
                 for block in region.cubes(BLOCK) {
-                    let leaves = self.resampled_block(way, solid, (block, portion))?;
+                    let leaves = self.resample_block(step, solid, (block, portion_edge))?;
                     let leaves = leaves
                         .iter()
                         .map(|(at, (mask, values))| (*at, *mask, values));
-                    hand_over(leaves, writer)?;
+                    write_leaves(leaves, writer)?;
                 }
                 Ok(())
             })?;
@@ -84,48 +85,48 @@ impl Yard<'_> {
         Ok(())
     }
 
-    /// The leaves of a block on other voxels, made portion by portion.
-    fn resampled_block(
+    /// The leaves of a block on other voxels, computed portion by portion.
+    fn resample_block(
         &self,
-        way: &Resampling,
+        step: &Resampling,
         solid: &StoredSolid,
-        (block, portion): (Coord, i32),
+        (block, portion_edge): (Coord, i32),
     ) -> Result<BTreeMap<Coord, Leaf>, RunError> {
         let mut leaves = BTreeMap::new();
-        for corner in Region::cube(block, BLOCK).cubes(portion) {
-            let own = Region::cube(corner, portion);
-            // Signs beside it decide on its masks.
+        for corner in Region::cube(block, BLOCK).cubes(portion_edge) {
+            let cube = Region::cube(corner, portion_edge);
+            // The signs of neighbouring voxels decide its masks.
             let all = LeafMap::default();
-            self.resampled(way, solid, own.grown(LEAF), &all)?;
+            self.resample_region(step, solid, cube.grown(LEAF), &all)?;
             let all = all.into_leaves().into_iter();
-            leaves.extend(all.filter(|(origin, _)| own.meets(*origin, LEAF)));
+            leaves.extend(all.filter(|(origin, _)| cube.meets(*origin, LEAF)));
         }
         Ok(leaves)
     }
 
-    /// What a region of other voxels holds of the solid.
-    fn resampled(
+    /// Resamples the part of the solid in a region of other voxels into a sink.
+    fn resample_region(
         &self,
-        way: &Resampling,
+        step: &Resampling,
         solid: &StoredSolid,
         region: Region,
         sink: &dyn LeafSink,
     ) -> Result<(), RunError> {
         let failed = RunError::level_set("resample");
-        let quiet = Quiet(self.progress);
-        let bench = solid.bricks.bench(self, &quiet);
-        let Some(source) = way.source(region) else {
+        let quiet = CancelOnly(self.progress);
+        let context = solid.bricks.context(self, &quiet);
+        let Some(source) = step.source(region) else {
             return Ok(());
         };
-        let around = source.grown(way.halo());
-        if solid.store.blocks_of(around).next().is_none() {
+        let around = source.grown(step.halo());
+        if solid.store.blocks_in(around).next().is_none() {
             return Ok(());
         }
-        // At its own place: points of the world are looked up as in the whole.
-        let part = part(bench, &solid.store, around, Coord([0; 3]))?;
-        let transform = self.bench(way.to, &quiet).transform()?;
-        let reach = way.to.half_width * transform.voxel_size();
-        let field = Sampled::within(part, source, reach, way.placement, bench.session());
+        // The part keeps its global position, because lookups are in world coordinates.
+        let part = part(context, &solid.store, around, Coord([0; 3]))?;
+        let transform = self.context(step.to, &quiet).transform()?;
+        let reach = step.to.half_width * transform.voxel_size();
+        let field = SampledLevelSet::within(part, source, reach, step.placement, context.session());
         let field = field.map_err(&failed)?;
         if field.bounds().is_empty() {
             return Ok(());
@@ -134,10 +135,10 @@ impl Yard<'_> {
             extent: field.bounds(),
             field: &field,
             transform,
-            half_width: way.to.half_width,
+            half_width: step.to.half_width,
         };
-        let made = band.evaluate_within(region, self.threads, &quiet, sink);
-        made.map_err(RunError::band("bricks"))?;
+        let result = band.evaluate_within(region, self.threads, &quiet, sink);
+        result.map_err(RunError::band("bricks"))?;
         Ok(())
     }
 }

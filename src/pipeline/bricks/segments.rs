@@ -1,61 +1,62 @@
-//! The pieces of a solid in bricks, each a solid of its own.
+//! The components of a solid in bricks, each as a separate solid.
 
 use super::super::error::RunError;
 use super::assemble::part;
 use super::halo::{coarser_copies, removal_halo};
 use super::solid::{Bricks, StoredSolid};
-use super::{Quiet, Yard, crop_those};
+use super::{BrickRun, CancelOnly, crop_where};
 use crate::band::{BLOCK, Region};
 use crate::progress::Cancelled;
 use crate::vdb::StoredSegments;
 
-/// Blocks of a piece that go through bricks of one block each, so that no more is read than it needs.
-const SMALL: usize = 8;
+/// Greatest number of blocks of a component that uses bricks of one block each, so that little is read
+/// for it.
+const MAX_SMALL_COMPONENT_BLOCKS: usize = 8;
 
-impl Yard<'_> {
-    /// The connected pieces of the solid, the largest first.
+impl BrickRun<'_> {
+    /// The connected components of the solid, the largest first.
     pub fn segments(&self, solid: &StoredSolid) -> Result<Vec<StoredSolid>, RunError> {
         let StoredSolid { bricks, store } = solid;
-        let quiet = Quiet(self.progress);
-        let bench = bricks.bench(self, &quiet);
-        let voxels = (bench.scale.voxel_size, bench.half_width);
-        let loud = bricks.bench(self, self.progress).session();
-        let found = StoredSegments::find(store, voxels, loud)?;
-        let first = self.passes.len() + usize::from(coarser_copies(self.stock.recipe));
-        let halo = removal_halo(bench.half_width);
+        let quiet = CancelOnly(self.progress);
+        let context = bricks.context(self, &quiet);
+        let voxels = (context.scale.voxel_size, context.half_width);
+        let progress_session = bricks.context(self, self.progress).session();
+        let found = StoredSegments::find(store, voxels, progress_session)?;
+        let first = self.passes.len() + usize::from(coarser_copies(self.inputs.recipe));
+        let halo = removal_halo(context.half_width);
         self.progress.stage("segments", Some(found.len() as u64));
-        let mut pieces = Vec::with_capacity(found.len());
-        for piece in 0..found.len() {
-            let segment = found.segment(piece);
+        let mut components = Vec::with_capacity(found.len());
+        for component in 0..found.len() {
+            let segment = found.segment(component);
             let blocks = segment.blocks();
-            let edge = if blocks.len() > SMALL {
+            let edge = if blocks.len() > MAX_SMALL_COMPONENT_BLOCKS {
                 self.plan.edge
             } else {
                 1
             };
             let regions = blocks.iter().map(|&b| Region::cube(b, BLOCK));
-            let own = Bricks::around(bricks.voxels, edge, regions);
-            for brick in 0..own.len() {
+            let component_bricks = Bricks::around(bricks.voxels, edge, regions);
+            for brick in 0..component_bricks.len() {
                 if self.progress.cancelled() {
                     return Err(Cancelled.into());
                 }
-                self.make_file((first + piece, &own), brick, |writer| {
-                    let region = own.region(brick);
+                self.make_file((first + component, &component_bricks), brick, |writer| {
+                    let region = component_bricks.region(brick);
                     let grown = region.grown(halo);
-                    let mut part = part(bench, store, grown, grown.min)?;
-                    let session = bench.session();
+                    let mut part = part(context, store, grown, grown.min)?;
+                    let session = context.session();
                     let removed = segment.apply(&mut part, grown.min, session);
                     removed.map_err(RunError::level_set("segments"))?;
-                    crop_those(&part, grown.min, region, writer, |leaf| segment.holds(leaf))
+                    crop_where(&part, grown.min, region, writer, |leaf| segment.holds(leaf))
                 })?;
             }
-            let files = self.files(first + piece, &own);
-            pieces.push(StoredSolid {
+            let files = self.files(first + component, &component_bricks);
+            components.push(StoredSolid {
                 store: self.store(None, &files, &quiet)?,
-                bricks: own,
+                bricks: component_bricks,
             });
             self.progress.advance(1);
         }
-        Ok(pieces)
+        Ok(components)
     }
 }

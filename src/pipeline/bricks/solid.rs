@@ -1,8 +1,8 @@
-//! A solid on the disk: its leaves, and the bricks that they are kept in.
+//! A solid on disk: its leaves and the bricks that contain them.
 
-use super::super::level_set_ops::Bench;
+use super::super::level_set_ops::StageContext;
 use super::super::voxels::Voxels;
-use super::Yard;
+use super::BrickRun;
 use super::plan::BrickPlan;
 use crate::band::{BLOCK, LEAF, LeafStore, Region};
 use crate::frame::Coord;
@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 #[derive(Clone)]
 pub(super) struct Bricks {
     pub voxels: Voxels,
-    /// Least voxels, ascending.
+    /// Lowest voxels, ascending.
     origins: Vec<Coord>,
     /// Edge of a brick, voxels.
     edge: i32,
@@ -26,7 +26,8 @@ pub(super) struct StoredSolid {
 }
 
 impl StoredSolid {
-    /// The greatest coordinate of its leaves in magnitude, world units, as the mesher takes it for a whole.
+    /// The greatest magnitude of a coordinate of its leaves, world units, as the mesher defines it for a
+    /// whole solid.
     pub fn far(&self) -> f64 {
         let [min, max] = self.store.bounds().unwrap_or([Coord([0; 3]); 2]);
         let ends = (0..3).flat_map(|a| [min.aligned(LEAF)[a], max.aligned(LEAF)[a] + LEAF]);
@@ -53,7 +54,7 @@ impl Bricks {
         }
     }
 
-    /// Bricks of so many blocks a side wherever one of some regions is.
+    /// All bricks of an edge in blocks that meet any of some regions.
     pub fn around(voxels: Voxels, edge: u32, regions: impl Iterator<Item = Region>) -> Self {
         let edge = edge as i32 * BLOCK;
         let origins: BTreeSet<Coord> = regions.flat_map(|r| r.cubes(edge)).collect();
@@ -64,7 +65,7 @@ impl Bricks {
         }
     }
 
-    /// Least voxels of all, ascending.
+    /// The lowest voxels of all bricks, ascending.
     pub fn origins(&self) -> impl Iterator<Item = Coord> {
         self.origins.iter().copied()
     }
@@ -78,9 +79,13 @@ impl Bricks {
         Region::cube(self.origins[brick], self.edge)
     }
 
-    /// A bench for their voxels.
-    pub fn bench<'b>(&self, yard: &'b Yard<'_>, progress: &'b dyn Progress) -> Bench<'b> {
-        yard.bench(self.voxels, progress)
+    /// The context for their voxels.
+    pub fn context<'b>(
+        &self,
+        brick_run: &'b BrickRun<'_>,
+        progress: &'b dyn Progress,
+    ) -> StageContext<'b> {
+        brick_run.context(self.voxels, progress)
     }
 
     /// Half width of the band, world units.
@@ -89,13 +94,13 @@ impl Bricks {
     }
 }
 
-impl Yard<'_> {
-    /// A bench for some voxels.
-    pub fn bench<'b>(&'b self, voxels: Voxels, progress: &'b dyn Progress) -> Bench<'b> {
-        Bench {
+impl BrickRun<'_> {
+    /// The context for some voxels.
+    pub fn context<'b>(&'b self, voxels: Voxels, progress: &'b dyn Progress) -> StageContext<'b> {
+        StageContext {
             scale: voxels.scale,
             half_width: voxels.half_width,
-            ..Bench::new(self.stock.recipe, self.threads, progress)
+            ..StageContext::new(self.inputs.recipe, self.threads, progress)
         }
     }
 }

@@ -1,24 +1,23 @@
-//! The thickness of a solid in bricks: measured brick by brick, each with the surface around it.
+//! The local thickness of a solid in bricks, measured brick by brick with a halo.
 
 use super::super::error::RunError;
-use super::super::least_wall::{SurfacePoint, points};
-use super::super::thickness::{Lattice, Measured, Surface, Thickness};
+use super::super::least_wall::{SurfacePoint, surface_points};
+use super::super::thickness::{RegionalSurface, SolidGeometry, Thickness, VoxelLattice};
 use super::assemble::part;
 use super::solid::StoredSolid;
-use super::{Quiet, Yard};
+use super::{BrickRun, CancelOnly};
 use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
 
-/// The surface of a solid in bricks, meshed as its points are asked for: of a brick at once, of larger regions
-/// block by block.
-struct Stored<'a> {
-    yard: &'a Yard<'a>,
+/// The surface of a solid in bricks, meshed on demand: a brick at once, larger regions block by block.
+struct BrickSurface<'a> {
+    brick_run: &'a BrickRun<'a>,
     solid: &'a StoredSolid,
-    lattice: Lattice,
+    lattice: VoxelLattice,
 }
 
-impl Surface for Stored<'_> {
+impl RegionalSurface for BrickSurface<'_> {
     fn regions(&self) -> Vec<Region> {
         let bricks = &self.solid.bricks;
         (0..bricks.len()).map(|n| bricks.region(n)).collect()
@@ -31,58 +30,58 @@ impl Surface for Stored<'_> {
 
     fn around(&self, region: Region, halo: i32, level: u32) -> Result<Vec<SurfacePoint>, RunError> {
         let Self {
-            yard,
+            brick_run,
             solid,
             lattice,
         } = self;
         let store = &solid.store;
-        let quiet = Quiet(yard.progress);
-        let bench = solid.bricks.bench(yard, &quiet);
+        let quiet = CancelOnly(brick_run.progress);
+        let context = solid.bricks.context(brick_run, &quiet);
         let failed = RunError::level_set("thickness");
         let region = region.grown(halo);
-        let pieces: Vec<Region> = if level == 0 {
+        let parts: Vec<Region> = if level == 0 {
             vec![region]
         } else {
-            let blocks = store.blocks_of(region);
-            let own = blocks.map(|block| Region::cube(block, BLOCK).common(region));
-            own.collect()
+            let blocks = store.blocks_in(region);
+            let common = blocks.map(|block| Region::cube(block, BLOCK).common(region));
+            common.collect()
         };
         let mut all = Vec::new();
-        for own in pieces {
-            // Every vertex with all its triangles, and these with all their voxels.
+        for own in parts {
+            // Every vertex needs all its triangles, and these need all their voxels.
             let around = own.grown(LEAF);
-            let part = part(bench, store, around.grown(LEAF), Coord([0; 3]))?;
-            let patch = part.patch(around, solid.far(), None, bench.session());
+            let part = part(context, store, around.grown(LEAF), Coord([0; 3]))?;
+            let patch = part.patch(around, solid.far(), None, context.session());
             let patch = patch.map_err(&failed)?;
             let mesh = TriMesh::new(patch.vertices, patch.faces).map_err(|e| failed(e.into()))?;
             let is_own = |p: &SurfacePoint| {
-                own.meets(lattice.voxel(p.place), 1) && lattice.keeps(p.place, level)
+                own.meets(lattice.voxel(p.position), 1) && lattice.keeps(p.position, level)
             };
             let outward = mesh.vertex_normals_by_area();
-            all.extend(points(&mesh, &outward).filter(is_own));
+            all.extend(surface_points(&mesh, &outward).filter(is_own));
         }
         Ok(all)
     }
 }
 
-/// The thickness of a solid, the same as in memory.
-pub(super) fn thickness(yard: &Yard, solid: &StoredSolid) -> Result<Thickness, RunError> {
-    let lattice = Lattice {
+/// The thickness of a solid, equal to that of a run in memory.
+pub(super) fn thickness(brick_run: &BrickRun, solid: &StoredSolid) -> Result<Thickness, RunError> {
+    let lattice = VoxelLattice {
         origin: Vec3::zeros(),
         voxel_size: solid.bricks.voxels.scale.voxel_size,
     };
     let [min, max] = solid.store.bounds().unwrap_or([Coord([0; 3]); 2]);
     let sides = (0..3).map(|a| f64::from(max[a]) - f64::from(min[a]) + 1.0);
-    let measured = Measured {
+    let measured = SolidGeometry {
         lattice,
         active_voxels: solid.store.active_voxels(),
         extent: sides.fold(0.0, f64::max),
     };
-    let surface = Stored {
-        yard,
+    let surface = BrickSurface {
+        brick_run,
         solid,
         lattice,
     };
-    let bench = solid.bricks.bench(yard, yard.progress);
-    Thickness::new(bench, &surface, measured)
+    let context = solid.bricks.context(brick_run, brick_run.progress);
+    Thickness::new(context, &surface, measured)
 }

@@ -1,4 +1,4 @@
-//! What operations and files cost: memory, disk and time, as measured.
+//! Measured costs of operations and files: memory, disk space and time.
 
 use super::super::voxels::Voxels;
 use super::{Counts, LEAF_BYTES};
@@ -6,42 +6,42 @@ use crate::band::BLOCK;
 use crate::recipe::{GridWord, Op, Output};
 use std::path::Path;
 
-/// Nanoseconds per active voxel (2 threads) and growth of the band that it takes to widen it.
-pub(super) const WIDENING: f64 = 200.0;
+/// Nanoseconds to widen a band, per active voxel and growth factor, on two threads.
+pub(super) const WIDENING_NS: f64 = 200.0;
 
-/// Bytes of a point of a mesh while it is decimated.
-pub(in super::super) const PER_FEWER: f64 = 125.0;
+/// Bytes per point of a mesh while it is decimated.
+pub(in super::super) const DECIMATION_BYTES_PER_POINT: f64 = 125.0;
 
-/// Bytes of a point of OpenVDB's mesh while its vertices are moved onto the field: pairs of triangles that
-/// might meet are looked for among all.
-pub(in super::super) const PER_MOVED: f64 = 860.0;
+/// Bytes per point of OpenVDB's mesh while its vertices are projected onto the field; the test for
+/// intersecting triangles dominates.
+pub(in super::super) const PROJECTION_BYTES_PER_POINT: f64 = 860.0;
 
-/// Bytes of a point of an output's mesh, beside the mesh that a run has anyway: another mesh, and numbers
-/// by point and by word.
-pub(super) fn point_in_memory(output: &Output) -> f64 {
+/// Bytes per point of an output's mesh beyond the mesh that a run has anyway: another mesh, and the
+/// attributes by point and by word.
+pub(super) fn memory_bytes_per_point(output: &Output) -> f64 {
     let mesh = if output.moves_open_vdb() {
-        PER_MOVED
+        PROJECTION_BYTES_PER_POINT
     } else if output.is_meshed_by_openvdb() || output.decimate.is_some() {
-        PER_FEWER
+        DECIMATION_BYTES_PER_POINT
     } else if output.project {
         50.0
     } else {
         0.0
     };
-    mesh + 8.0 * numbers_at_vertices(output) as f64
+    mesh + 8.0 * attribute_values_per_vertex(output) as f64
 }
 
-/// How many numbers an output's mesh has at each vertex.
-pub(in super::super) fn numbers_at_vertices(output: &Output) -> usize {
+/// Number of attribute values that an output's mesh has at each vertex.
+pub(in super::super) fn attribute_values_per_vertex(output: &Output) -> usize {
     let words = output.grids.as_deref().unwrap_or_default();
     words.iter().map(GridWord::components).sum()
 }
 
-/// Bytes of a point of a mesh in a file; there are twice as many triangles.
-pub(super) fn point_on_disk(output: &Output, path: &Path) -> f64 {
-    let numbers = 4.0 * numbers_at_vertices(output) as f64;
+/// Bytes per point of a mesh in a file; there are twice as many triangles as points.
+pub(super) fn file_bytes_per_point(output: &Output, path: &Path) -> f64 {
+    let values = 4.0 * attribute_values_per_vertex(output) as f64;
     let point = match path.extension().and_then(|e| e.to_str()) {
-        Some("ply") => 38.0 + numbers,
+        Some("ply") => 38.0 + values,
         Some("obj") => 80.0,
         Some("3mf") => 21.0,
         _ => 100.0,
@@ -49,27 +49,27 @@ pub(super) fn point_on_disk(output: &Output, path: &Path) -> f64 {
     point * share_of_points(output)
 }
 
-/// Of the points of a mesh, how many lie between blocks of 128^3 voxels: in bricks none of these goes.
-const BETWEEN_BLOCKS: f64 = 0.02;
+/// Share of the points of a mesh that lie between blocks of 128^3 voxels. Decimation in bricks keeps
+/// these.
+const BLOCK_BORDER_SHARE: f64 = 0.02;
 
-/// How many of the points an output's mesh keeps: those of a decimated one are not foretold where the error
-/// has a limit.
+/// Share of its points that an output's mesh keeps. Where decimation has an error limit, the share is
+/// unknown and counts as 1.
 fn share_of_points(output: &Output) -> f64 {
-    let wish = output.decimate.as_ref().filter(|d| d.error.is_none());
-    wish.map_or(1.0, |d| (d.share.0 + BETWEEN_BLOCKS).min(1.0))
+    let section = output.decimate.as_ref().filter(|d| d.error.is_none());
+    section.map_or(1.0, |d| (d.share.0 + BLOCK_BORDER_SHARE).min(1.0))
 }
 
-/// Bytes of what is kept of a mesh beside its file while bricks pass, for each point; of binary STL
-/// nothing is.
-pub(super) fn point_in_spool(output: &Output, path: &Path) -> f64 {
+/// Bytes per point of a mesh that a run in bricks buffers beside the file. Binary STL needs no buffer.
+pub(super) fn spooled_bytes_per_point(output: &Output, path: &Path) -> f64 {
     if path.extension().is_some_and(|e| e == "stl") || output.beams {
         return 0.0;
     }
-    (48.0 + 4.0 * numbers_at_vertices(output) as f64) * share_of_points(output)
+    (48.0 + 4.0 * attribute_values_per_vertex(output) as f64) * share_of_points(output)
 }
 
-/// Bytes of grids in a file: masks twice, and a little more for each leaf; floats of which blosc saves an
-/// eighth, more where neighbours are equal. Fog has the inner half of the band.
+/// Bytes of grids in a file: two masks and a little more per leaf, and floats. Blosc saves an eighth of
+/// the floats, more where neighbours are equal. Fog has the inner half of the band.
 pub(super) fn grids_on_disk(words: &[GridWord], c: &Counts) -> f64 {
     let masks = 153.0 * c.leaves;
     let surface = masks + 3.5 * c.active;
@@ -84,11 +84,11 @@ pub(super) fn grids_on_disk(words: &[GridWord], c: &Counts) -> f64 {
     bytes.sum()
 }
 
-/// Memory of the grids of a file beside the surface: fog from a copy; numbers as rows of all words, those
-/// of one, and in leaves.
+/// Memory of the grids of a file beside the surface: fog from a copy; attributes as rows of all words,
+/// as rows of one word, and in leaves.
 pub(super) fn grids_in_memory(words: &[GridWord], c: &Counts) -> f64 {
-    let numbers = words.iter().filter(|w| w.is_attribute());
-    let components: usize = numbers.map(GridWord::components).sum();
+    let values = words.iter().filter(|w| w.is_attribute());
+    let components: usize = values.map(GridWord::components).sum();
     let fog = f64::from(u8::from(words.contains(&GridWord::Density)));
     let trees = fog + components as f64;
     let rows = if components > 0 {
@@ -109,28 +109,28 @@ pub(super) fn cost(op: &Op, on: Voxels) -> (f64, f64) {
     let scale = on.scale;
     let voxels = |size: &crate::recipe::Size| size.resolve(scale) / scale.voxel_size;
     let steps = |size: &crate::recipe::Size| (2.0 * voxels(size)).max(1.0);
-    // The own filter works between two buffers, the leaves that tracking adds included.
-    let is_own = op.mask().is_none() && !op.is_precise();
+    // Druse's own filter alternates between two buffers that include the leaves added by tracking.
+    let uses_own_filter = op.mask().is_none() && !op.is_precise();
     match op {
-        Op::Gaussian(k) if is_own => (2.2, 80.0 * f64::from(k.iterations.0)),
-        Op::Mean(k) if is_own => (2.2, 20.0 * f64::from(k.iterations.0)),
-        Op::Laplacian(f) if is_own => (2.2, 20.0 * f64::from(f.iterations.0)),
+        Op::Gaussian(k) if uses_own_filter => (2.2, 80.0 * f64::from(k.iterations.0)),
+        Op::Mean(k) if uses_own_filter => (2.2, 20.0 * f64::from(k.iterations.0)),
+        Op::Laplacian(f) if uses_own_filter => (2.2, 20.0 * f64::from(f.iterations.0)),
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) => (1.0, 100.0),
         Op::Blend(b) => (4.0 + voxels(&b.radius), 500.0 * voxels(&b.radius).max(1.0)),
         Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(&d.distance)),
         Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(&d.distance)),
         Op::Hollow(h) => (2.0, 200.0 * steps(&h.thickness)),
         Op::Fillet(f) => (2.0, 400.0 * steps(&f.radius)),
-        // A copy whose band is wider, as leaves and in the tree.
+        // A copy with a wider band, as leaves and in the tree.
         Op::Resample(r) => {
-            let ways = on.ways(r);
-            let copies = ways.iter().map(|w| 2.0 * w.growth()).fold(0.0, f64::max);
-            // Counted by the last voxels, of which there are fewest where they get coarser.
-            let (mut ns, mut more) = (0.0, 1.0);
-            for way in ways.iter().rev() {
-                let old = more * way.factor().powi(2);
-                ns += WIDENING * way.growth() * old + 360.0 * more;
-                more = old;
+            let steps = on.resampling_steps(r);
+            let copies = steps.iter().map(|w| 2.0 * w.growth()).fold(0.0, f64::max);
+            // Relative to the last voxels: there are fewest of them where resampling coarsens.
+            let (mut ns, mut share) = (0.0, 1.0);
+            for step in steps.iter().rev() {
+                let old = share * step.factor().powi(2);
+                ns += WIDENING_NS * step.growth() * old + 360.0 * share;
+                share = old;
             }
             (copies, ns)
         }
@@ -156,5 +156,5 @@ const DECK_FILL: f64 = 0.6;
 /// Elements of a deck. How much of its box a solid fills is not sampled, so that this is an upper estimate.
 pub(super) fn deck_elements(output: &Output, c: &Counts, on: Voxels) -> f64 {
     let edge = f64::from(output.element_voxels(on.scale).unwrap_or(1));
-    DECK_FILL * c.volume * f64::from(BLOCK).powi(3) / edge.powi(3)
+    DECK_FILL * c.extent_blocks * f64::from(BLOCK).powi(3) / edge.powi(3)
 }

@@ -1,4 +1,4 @@
-//! Pixels to draw on: lines, text of a built-in face, shades of a field.
+//! A canvas of pixels: lines, text, and shades of a field.
 
 use crate::vdb::Image;
 use embedded_graphics::Pixel;
@@ -12,16 +12,16 @@ use embedded_graphics::primitives::{Line, Primitive, PrimitiveStyle};
 use embedded_graphics::text::{Baseline, Text};
 use std::convert::Infallible;
 
-pub(super) const INK: Rgb888 = Rgb888::new(20, 20, 24);
-pub(super) const RED: Rgb888 = Rgb888::new(214, 40, 40);
-pub(super) const PALE: Rgb888 = Rgb888::new(205, 208, 214);
+pub(super) const TEXT_COLOUR: Rgb888 = Rgb888::new(20, 20, 24);
+pub(super) const ACCENT_COLOUR: Rgb888 = Rgb888::new(214, 40, 40);
+pub(super) const GRID_COLOUR: Rgb888 = Rgb888::new(205, 208, 214);
 
-/// A colour of a slice.
+/// A pixel colour.
 #[derive(Clone, Copy)]
 pub(super) struct Shade(pub Rgb888);
 
 impl Shade {
-    /// Of a value between -1 (deep in the solid) and 1.
+    /// The colour of a value between -1 (deep in the solid) and 1.
     pub fn of(value: f64, outside: bool) -> Self {
         let depth = value.abs().min(1.0).sqrt();
         let mix = |near: f64, far: f64| (near + (far - near) * depth) as u8;
@@ -33,7 +33,7 @@ impl Shade {
         Self(color).faded(outside)
     }
 
-    /// Paler, if so asked.
+    /// A paler shade if `fade` is set.
     pub fn faded(self, fade: bool) -> Self {
         let light = |c: u8| (u16::from(c) / 4 + 191) as u8;
         let c = self.0;
@@ -69,18 +69,18 @@ impl Canvas {
         }
     }
 
-    fn written(&mut self, at: Point, text: &str, style: MonoTextStyle<'_, Rgb888>) {
+    fn draw_text(&mut self, at: Point, text: &str, style: MonoTextStyle<'_, Rgb888>) {
         let Ok(_) = Text::with_baseline(text, at, style, Baseline::Top).draw(self);
     }
 
     pub fn text(&mut self, x: usize, y: usize, text: &str, color: Rgb888) {
         let style = MonoTextStyle::new(&FONT_7X13, color);
-        self.written(Point::new(x as i32, y as i32), text, style);
+        self.draw_text(Point::new(x as i32, y as i32), text, style);
     }
 
     pub fn title(&mut self, x: usize, y: usize, text: &str, color: Rgb888) {
         let style = MonoTextStyle::new(&FONT_10X20, color);
-        self.written(Point::new(x as i32, y as i32), text, style);
+        self.draw_text(Point::new(x as i32, y as i32), text, style);
     }
 
     pub fn line(&mut self, from: [usize; 2], to: [usize; 2], color: Rgb888) {

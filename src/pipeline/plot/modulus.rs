@@ -1,29 +1,29 @@
-//! Young's modulus by direction as a surface: from the origin in each direction as far as the modulus there.
+//! A picture of Young's modulus by direction, as a surface whose radius is the modulus.
 //!
-//! The surface is drawn as triangles with a depth for every sample, nine samples a pixel, coloured by the
-//! modulus, with the axes of the cell.
+//! The surface is rendered as triangles with a depth buffer and nine samples per pixel. The modulus sets
+//! the colour; the picture includes the axes of the cell.
 
-use super::canvas::{Canvas, INK, PALE, Shade};
+use super::canvas::{Canvas, GRID_COLOUR, Shade, TEXT_COLOUR};
 use crate::frame::{Mat3, Vec3};
 use crate::homogenize::{Voigt, directional_modulus};
 use crate::vdb::{Image, linear_colour};
 use embedded_graphics::pixelcolor::Rgb888;
 
-/// Pixels: the page, the square of the surface, margin.
+/// Sizes in pixels: of the page, the square of the surface, and the margin.
 const WIDTH: usize = 860;
 const HEIGHT: usize = 640;
 const SQUARE: usize = 560;
 const MARGIN: usize = 24;
-/// Samples along a pixel's edge.
-const FINE: usize = 3;
-/// Steps of the polar angle; twice as many around.
+/// Samples along the edge of a pixel.
+const SAMPLES_PER_EDGE: usize = 3;
+/// Steps of the polar angle; the azimuth has twice as many.
 const STEPS: usize = 160;
-/// Share of the square that the surface reaches from its middle.
-const REACH: f64 = 0.42;
+/// Radius of the surface over the edge of the square.
+const RADIUS_SHARE: f64 = 0.42;
 
-/// What one sample shows.
+/// A sample of the depth buffer.
 #[derive(Clone, Copy)]
-struct Seen {
+struct Sample {
     depth: f64,
     colour: [f32; 3],
 }
@@ -33,10 +33,10 @@ pub fn modulus_picture(compliance: &Voigt, title: &str, lines: &[String]) -> Ima
     let modulus = |n: Vec3| directional_modulus(compliance, n);
     let direction = |i: usize, j: usize| {
         let polar = std::f64::consts::PI * i as f64 / STEPS as f64;
-        let around = std::f64::consts::PI * j as f64 / STEPS as f64;
+        let azimuth = std::f64::consts::PI * j as f64 / STEPS as f64;
         Vec3::new(
-            polar.sin() * around.cos(),
-            polar.sin() * around.sin(),
+            polar.sin() * azimuth.cos(),
+            polar.sin() * azimuth.sin(),
             polar.cos(),
         )
     };
@@ -44,27 +44,27 @@ pub fn modulus_picture(compliance: &Voigt, title: &str, lines: &[String]) -> Ima
         .map(|i| (0..=2 * STEPS).map(|j| modulus(direction(i, j))).collect())
         .collect();
     let all = values.iter().flatten();
-    let (least, most) = all.fold((f64::MAX, 0f64), |(l, m), v| (l.min(*v), m.max(*v)));
-    // Nearly isotropic moduli have one colour.
-    let span = (most - least).max(1e-3 * most);
-    let share = |value: f64| ((value - least) / span) as f32;
+    let (min_modulus, max_modulus) = all.fold((f64::MAX, 0f64), |(l, m), v| (l.min(*v), m.max(*v)));
+    // Nearly isotropic moduli get one colour.
+    let span = (max_modulus - min_modulus).max(1e-3 * max_modulus);
+    let share = |value: f64| ((value - min_modulus) / span) as f32;
 
     let view = view();
-    let size = SQUARE * FINE;
-    let nothing = Seen {
+    let size = SQUARE * SAMPLES_PER_EDGE;
+    let background = Sample {
         depth: f64::NEG_INFINITY,
         colour: [1.0; 3],
     };
-    let mut seen = vec![nothing; size * size];
+    let mut samples = vec![background; size * size];
     let at = |i: usize, j: usize| {
         let value = values[i][j];
-        (view * direction(i, j) * (value / most), share(value))
+        (view * direction(i, j) * (value / max_modulus), share(value))
     };
     for i in 0..STEPS {
         for j in 0..2 * STEPS {
             let quad = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
             for corners in [[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]] {
-                triangle(&mut seen, size, corners);
+                triangle(&mut samples, size, corners);
             }
         }
     }
@@ -73,22 +73,27 @@ pub fn modulus_picture(compliance: &Voigt, title: &str, lines: &[String]) -> Ima
     for y in 0..SQUARE {
         for x in 0..SQUARE {
             let mut sum = [0f32; 3];
-            for n in 0..FINE * FINE {
-                let (u, v) = (x * FINE + n % FINE, y * FINE + n / FINE);
-                for (s, c) in sum.iter_mut().zip(seen[v * size + u].colour) {
-                    *s += c / (FINE * FINE) as f32;
+            for n in 0..SAMPLES_PER_EDGE * SAMPLES_PER_EDGE {
+                let (u, v) = (
+                    x * SAMPLES_PER_EDGE + n % SAMPLES_PER_EDGE,
+                    y * SAMPLES_PER_EDGE + n / SAMPLES_PER_EDGE,
+                );
+                for (s, c) in sum.iter_mut().zip(samples[v * size + u].colour) {
+                    *s += c / (SAMPLES_PER_EDGE * SAMPLES_PER_EDGE) as f32;
                 }
             }
             canvas.pixel(left + x, top + y, Shade(encoded(sum)));
         }
     }
-    axes(&mut canvas, [left, top], &view, |n: Vec3| modulus(n) / most);
-    canvas.title(MARGIN, 14, title, INK);
-    legend(&mut canvas, [least, most], lines);
+    axes(&mut canvas, [left, top], &view, |n: Vec3| {
+        modulus(n) / max_modulus
+    });
+    canvas.title(MARGIN, 14, title, TEXT_COLOUR);
+    legend(&mut canvas, [min_modulus, max_modulus], lines);
     canvas.image()
 }
 
-/// Rows: to the right, up, towards the eye.
+/// The rotation of the view. Rows: right, up, towards the viewer.
 fn view() -> Mat3 {
     let towards = Vec3::new(1.0, 0.7, 0.65).normalize();
     let right = Vec3::z().cross(&towards).normalize();
@@ -96,16 +101,16 @@ fn view() -> Mat3 {
     Mat3::from_rows(&[right.transpose(), up.transpose(), towards.transpose()])
 }
 
-/// Place on a square of `size` samples.
-fn placed(p: Vec3, size: usize) -> [f64; 2] {
+/// The position on a square of `size` samples.
+fn on_square(p: Vec3, size: usize) -> [f64; 2] {
     let half = size as f64 / 2.0;
-    let scale = REACH * size as f64;
+    let scale = RADIUS_SHARE * size as f64;
     [half + p.x * scale, half - p.y * scale]
 }
 
-/// Draws a triangle of points with shares of the colours.
-fn triangle(seen: &mut [Seen], size: usize, corners: [(Vec3, f32); 3]) {
-    let p = corners.map(|c| placed(c.0, size));
+/// Draws a triangle of points with positions on the colour map.
+fn triangle(samples: &mut [Sample], size: usize, corners: [(Vec3, f32); 3]) {
+    let p = corners.map(|c| on_square(c.0, size));
     let cross = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
         (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     };
@@ -119,7 +124,7 @@ fn triangle(seen: &mut [Seen], size: usize, corners: [(Vec3, f32); 3]) {
     };
     let normal = if normal.z < 0.0 { -normal } else { normal };
     let light = Vec3::new(-0.5, 0.65, 0.6).normalize();
-    let bright = (0.42 + 0.58 * normal.dot(&light).max(0.0)) as f32;
+    let brightness = (0.42 + 0.58 * normal.dot(&light).max(0.0)) as f32;
     let range = |axis: usize| {
         let low = p
             .iter()
@@ -141,43 +146,43 @@ fn triangle(seen: &mut [Seen], size: usize, corners: [(Vec3, f32); 3]) {
                 continue;
             }
             let depth: f64 = (0..3).map(|i| w[i] * corners[i].0.z).sum();
-            let sample = &mut seen[y * size + x];
+            let sample = &mut samples[y * size + x];
             if depth > sample.depth {
                 let share: f32 = (0..3).map(|i| w[i] as f32 * corners[i].1).sum();
-                *sample = Seen {
+                *sample = Sample {
                     depth,
-                    colour: linear_colour(share).map(|c| c * bright),
+                    colour: linear_colour(share).map(|c| c * brightness),
                 };
             }
         }
     }
 }
 
-/// A linear colour as bytes.
+/// A linear colour as gamma-encoded bytes.
 fn encoded(colour: [f32; 3]) -> Rgb888 {
     let [r, g, b] = colour.map(|c| (c.clamp(0.0, 1.0).powf(1.0 / 2.2) * 255.0).round() as u8);
     Rgb888::new(r, g, b)
 }
 
-/// The axes outside the surface.
+/// Draws the axes outside the surface.
 fn axes(canvas: &mut Canvas, [left, top]: [usize; 2], view: &Mat3, reach: impl Fn(Vec3) -> f64) {
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let unit = Vec3::ith(axis, 1.0);
         let on_page = |length: f64| {
-            let [x, y] = placed(view * unit * length, SQUARE);
+            let [x, y] = on_square(view * unit * length, SQUARE);
             [left + x.max(0.0) as usize, top + y.max(0.0) as usize]
         };
         let tip = 1.12;
-        canvas.line(on_page(reach(unit).min(tip)), on_page(tip), INK);
+        canvas.line(on_page(reach(unit).min(tip)), on_page(tip), TEXT_COLOUR);
         let [x, y] = on_page(tip + 0.04);
-        canvas.title(x.saturating_sub(5), y.saturating_sub(10), name, INK);
+        canvas.title(x.saturating_sub(5), y.saturating_sub(10), name, TEXT_COLOUR);
     }
 }
 
-/// A bar of colours with its ends, and lines of text.
-fn legend(canvas: &mut Canvas, [least, most]: [f64; 2], lines: &[String]) {
+/// Draws the colour bar with its range, and lines of text.
+fn legend(canvas: &mut Canvas, [min_modulus, max_modulus]: [f64; 2], lines: &[String]) {
     let (left, top, height) = (MARGIN + SQUARE + 16, HEIGHT - SQUARE - MARGIN + 16, 220);
-    canvas.text(left, top - 18, "Young's modulus", INK);
+    canvas.text(left, top - 18, "Young's modulus", TEXT_COLOUR);
     for y in 0..height {
         let share = 1.0 - y as f32 / (height - 1) as f32;
         let colour = encoded(linear_colour(share));
@@ -185,14 +190,19 @@ fn legend(canvas: &mut Canvas, [least, most]: [f64; 2], lines: &[String]) {
             canvas.pixel(left + x, top + y, Shade(colour));
         }
     }
-    canvas.frame([left, top], [left + 22, top + height], PALE);
+    canvas.frame([left, top], [left + 22, top + height], GRID_COLOUR);
     for n in 0..=4 {
         let share = f64::from(n) / 4.0;
-        let value = least + (most - least) * share;
+        let value = min_modulus + (max_modulus - min_modulus) * share;
         let y = top + ((1.0 - share) * (height - 1) as f64) as usize;
-        canvas.text(left + 30, y.saturating_sub(6), &format!("{value:.5}"), INK);
+        canvas.text(
+            left + 30,
+            y.saturating_sub(6),
+            &format!("{value:.5}"),
+            TEXT_COLOUR,
+        );
     }
     for (n, line) in lines.iter().enumerate() {
-        canvas.text(left, top + height + 24 + 20 * n, line, INK);
+        canvas.text(left, top + height + 24 + 20 * n, line, TEXT_COLOUR);
     }
 }

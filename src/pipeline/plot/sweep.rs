@@ -1,14 +1,14 @@
-//! Curves over the volume fraction.
+//! Plots of curves over the volume fraction.
 
-use super::canvas::{Canvas, INK, PALE};
+use super::canvas::{Canvas, GRID_COLOUR, TEXT_COLOUR};
 use crate::vdb::Image;
 use embedded_graphics::pixelcolor::Rgb888;
 
-/// Pixels.
+/// Sizes in pixels.
 const WIDTH: usize = 900;
 const HEIGHT: usize = 560;
-const LEFT: usize = 80;
-const TOP: usize = 50;
+const LEFT_MARGIN: usize = 80;
+const TOP_MARGIN: usize = 50;
 /// Colours of the curves.
 const COLOURS: [Rgb888; 6] = [
     Rgb888::new(214, 40, 40),
@@ -19,47 +19,75 @@ const COLOURS: [Rgb888; 6] = [
     Rgb888::new(90, 90, 95),
 ];
 
-/// A curve: its name and its points.
+/// A named curve.
 pub struct SweepCurve {
-    /// For the legend.
+    /// The name in the legend.
     pub name: String,
     /// Abscissa and ordinate.
     pub points: Vec<[f64; 2]>,
 }
 
-/// Draws curves over a common abscissa, the ordinate from 0 on.
+/// Draws curves over a common abscissa; the ordinate starts at 0.
 pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Image {
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
-    let (width, height) = (WIDTH - LEFT - 250, HEIGHT - TOP - 70);
+    let (width, height) = (WIDTH - LEFT_MARGIN - 250, HEIGHT - TOP_MARGIN - 70);
     let points = || curves.iter().flat_map(|c| &c.points);
     let (mut low, mut high) =
         points().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[0]), h.max(p[0])));
     if low >= high {
         (low, high) = (low.min(high) - 0.5, low.max(high) + 0.5);
     }
-    let most = points()
+    let max_ordinate = points()
         .map(|p| p[1])
         .filter(|v| v.is_finite())
         .fold(0.0, f64::max);
-    let most = if most > 0.0 { rounded_up(most) } else { 1.0 };
-    let x = |v: f64| LEFT + ((v - low) / (high - low) * width as f64).round() as usize;
-    let y = |v: f64| TOP + ((1.0 - (v / most).clamp(0.0, 1.0)) * height as f64).round() as usize;
-    canvas.title(LEFT, 14, title, INK);
+    let max_ordinate = if max_ordinate > 0.0 {
+        rounded_up(max_ordinate)
+    } else {
+        1.0
+    };
+    let x = |v: f64| LEFT_MARGIN + ((v - low) / (high - low) * width as f64).round() as usize;
+    let y = |v: f64| {
+        TOP_MARGIN + ((1.0 - (v / max_ordinate).clamp(0.0, 1.0)) * height as f64).round() as usize
+    };
+    canvas.title(LEFT_MARGIN, 14, title, TEXT_COLOUR);
     for n in 0..=5 {
         let share = f64::from(n) / 5.0;
-        let (across, up) = (low + (high - low) * share, most * share);
-        canvas.line([x(across), TOP], [x(across), TOP + height], PALE);
+        let (across, up) = (low + (high - low) * share, max_ordinate * share);
+        canvas.line(
+            [x(across), TOP_MARGIN],
+            [x(across), TOP_MARGIN + height],
+            GRID_COLOUR,
+        );
         canvas.text(
             x(across).saturating_sub(14),
-            TOP + height + 8,
+            TOP_MARGIN + height + 8,
             &format!("{across:.3}"),
-            INK,
+            TEXT_COLOUR,
         );
-        canvas.line([LEFT, y(up)], [LEFT + width, y(up)], PALE);
-        canvas.text(LEFT - 56, y(up).saturating_sub(6), &format!("{up:.4}"), INK);
+        canvas.line(
+            [LEFT_MARGIN, y(up)],
+            [LEFT_MARGIN + width, y(up)],
+            GRID_COLOUR,
+        );
+        canvas.text(
+            LEFT_MARGIN - 56,
+            y(up).saturating_sub(6),
+            &format!("{up:.4}"),
+            TEXT_COLOUR,
+        );
     }
-    canvas.frame([LEFT, TOP], [LEFT + width, TOP + height], INK);
-    canvas.text(LEFT + width / 2 - 50, TOP + height + 32, abscissa, INK);
+    canvas.frame(
+        [LEFT_MARGIN, TOP_MARGIN],
+        [LEFT_MARGIN + width, TOP_MARGIN + height],
+        TEXT_COLOUR,
+    );
+    canvas.text(
+        LEFT_MARGIN + width / 2 - 50,
+        TOP_MARGIN + height + 32,
+        abscissa,
+        TEXT_COLOUR,
+    );
     for (n, curve) in curves.iter().enumerate() {
         let colour = COLOURS[n % COLOURS.len()];
         let shown: Vec<[usize; 2]> = curve
@@ -78,15 +106,15 @@ pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Imag
                 colour,
             );
         }
-        let line = TOP + 12 + 24 * n;
-        let left = LEFT + width + 16;
-        canvas.thick_line([left, line + 6], [left + 24, line + 6], colour);
-        canvas.text(left + 32, line, &curve.name, INK);
+        let line_top = TOP_MARGIN + 12 + 24 * n;
+        let left = LEFT_MARGIN + width + 16;
+        canvas.thick_line([left, line_top + 6], [left + 24, line_top + 6], colour);
+        canvas.text(left + 32, line_top, &curve.name, TEXT_COLOUR);
     }
     canvas.image()
 }
 
-/// The least of 1, 2, 2.5, 4, 5 and 8 times a power of ten that is not less.
+/// The smallest of 1, 2, 2.5, 4, 5 and 8 times a power of ten that is not less than a value.
 fn rounded_up(value: f64) -> f64 {
     let power = 10f64.powf(value.log10().floor());
     let steps = [1.0, 2.0, 2.5, 4.0, 5.0, 8.0, 10.0];

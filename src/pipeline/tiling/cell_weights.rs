@@ -1,7 +1,7 @@
-//! The weights of a tiling's cells at points of elements, whatever the cells are made of.
+//! Weights of a tiling's cells at points of elements, for any kind of cells.
 
 use super::super::error::RunError;
-use super::Fill;
+use super::CellTiling;
 use crate::frame::CellPoint;
 use crate::tiling::{TilingError, Weights};
 
@@ -12,7 +12,7 @@ pub(in super::super) struct CellWeights<'a> {
     count: usize,
 }
 
-impl Fill {
+impl CellTiling {
     /// The weights of the palette's cells.
     pub fn cell_weights(&self) -> Result<CellWeights<'_>, RunError> {
         let count = self.palette.len();
@@ -31,12 +31,12 @@ impl Fill {
 }
 
 impl CellWeights<'_> {
-    /// Whether there is one cell only.
+    /// Whether there is only one cell.
     pub fn is_single(&self) -> bool {
         self.weights.is_none()
     }
 
-    /// The weights at a point of an element; those beyond the palette are 0.
+    /// The weights at a point of an element, padded with 0 to eight cells.
     pub fn at(&self, element: usize, xi: CellPoint<3>) -> [f64; 8] {
         match &self.weights {
             Some(weights) => weights.at(element, xi),
@@ -44,7 +44,7 @@ impl CellWeights<'_> {
         }
     }
 
-    /// The weights of the palette's cells, in its order.
+    /// The weights in the order of the palette.
     pub fn list(&self, element: usize, xi: CellPoint<3>) -> Vec<f64> {
         self.at(element, xi)[..self.count].to_vec()
     }

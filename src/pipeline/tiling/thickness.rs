@@ -1,30 +1,30 @@
-//! The thickness of metric sheets over a scaffold, and which tilings are such sheets.
+//! Metric sheets of a tiling: their thickness over the scaffold.
 
 use super::super::cut_faces::outer_faces;
 use super::super::error::RunError;
-use super::super::grading::scales;
-use super::super::input_files::Inputs;
+use super::super::grading::node_scales;
+use super::super::input_files::InputFiles;
 use super::super::sheets::SheetThickness;
-use super::super::spatial_value::Setting;
-use super::Fill;
+use super::super::spatial_value::SpatialContext;
+use super::CellTiling;
 use crate::recipe::{self, Length, Recipe, Size, TilingSection};
 
-impl Fill {
-    /// The thickness of sheets at the places: that of `[tiling]`, or the cells' own, where bare numbers count
-    /// the local size of the elements.
+impl CellTiling {
+    /// The thickness of sheets at the points: that of `[tiling]`, or the cells' own. Thicknesses without
+    /// a unit are multiples of the local size of the elements.
     pub(super) fn sheet_thickness<'s>(
         &self,
-        inputs: &mut Inputs,
+        files: &mut InputFiles,
         section: &TilingSection,
-        setting: &dyn Fn(&str) -> Setting<'s>,
+        spatial: &dyn Fn(&str) -> SpatialContext<'s>,
     ) -> Result<SheetThickness, RunError> {
-        let recipe = inputs.recipe;
+        let recipe = files.recipe;
         let cell = |name: &str| &recipe.sections().cell[name];
         let values = if let Some(varying) = &section.thickness {
-            self.values(inputs, &setting("tiling.thickness"), varying)?
+            self.values(files, &spatial("tiling.thickness"), varying)?
         } else {
             let shape = self.palette[0].cells[0].element();
-            let mut values = self.at_places(scales(&self.loaded.scaffold, shape));
+            let mut values = self.at_points(node_scales(&self.loaded.scaffold, shape));
             let count = self.palette.len();
             for (at, value) in values.iter_mut().enumerate() {
                 let own = self.palette.iter().enumerate().map(|(c, entry)| {
@@ -41,9 +41,9 @@ impl Fill {
             }
             values
         };
-        let wrong = (0..values.len()).find(|&n| self.counts[n] && values[n] <= 0.0);
-        if let Some(n) = wrong {
-            let p = self.places[n];
+        let not_positive = (0..values.len()).find(|&n| self.counts[n] && values[n] <= 0.0);
+        if let Some(n) = not_positive {
+            let p = self.points[n];
             return Err(RunError::Tiling(format!(
                 "tiling.thickness is {} at ({}, {}, {}); expected a positive thickness of the sheets",
                 values[n], p.x, p.y, p.z
@@ -51,13 +51,13 @@ impl Fill {
         }
         let is_inverted = cell(&self.palette[0].name).invert == Some(true);
         let outer = outer_faces(&self.loaded.scaffold, recipe.scale().voxel_size);
-        let by_place = (self.places.clone(), values);
+        let by_place = (self.points.clone(), values);
         let sheets = SheetThickness::new(by_place, &self.counts, outer, is_inverted);
         Ok(sheets)
     }
 }
 
-/// Whether the cells of a tiling are sheets of a thickness, all of them.
+/// Whether all cells of a tiling are sheets with a thickness.
 pub(super) fn is_metric_sheet(recipe: &Recipe, section: &TilingSection) -> Result<bool, RunError> {
     let by_level = section.level.is_some() || section.volume_fraction.is_some();
     let is_sheet = |name: &str| {

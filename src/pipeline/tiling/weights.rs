@@ -1,105 +1,104 @@
-//! The weights of cells over a scaffold: from formulas and fields, or from one cell for each element.
+//! Weights of cells over a scaffold: from formulas and fields, or from an assignment of elements.
 
 use super::super::error::RunError;
-use super::super::input_files::Inputs;
+use super::super::input_files::InputFiles;
 use super::super::report::Warning;
-use super::super::scattered_data::Scatter;
-use super::super::spatial_value::Setting;
-use super::Fill;
+use super::super::scattered_data::ScatteredPoints;
+use super::super::spatial_value::SpatialContext;
+use super::CellTiling;
 use crate::frame::Vec3;
 use crate::recipe::TilingSection;
 
-impl Fill {
-    /// Weights at the places from the shares' formulas and fields.
-    pub(super) fn shares<'s>(
+impl CellTiling {
+    /// Weights at the points, from the formulas and fields of a transition.
+    pub(super) fn transition_weights<'s>(
         &self,
-        inputs: &mut Inputs,
+        files: &mut InputFiles,
         section: &TilingSection,
-        setting: &dyn Fn(&str) -> Setting<'s>,
+        spatial: &dyn Fn(&str) -> SpatialContext<'s>,
     ) -> Result<Vec<f64>, RunError> {
         let count = self.palette.len();
-        let mut weights = vec![0.0; count * self.places.len()];
+        let mut weights = vec![0.0; count * self.points.len()];
         let mut negative: Option<(usize, f64)> = None;
         for (n, share) in section.transition.iter().enumerate() {
             let key = format!("tiling.transition.{n}.weight");
-            let values = self.values(inputs, &setting(&key), &share.weight)?;
-            let place = self.palette.iter().position(|e| e.name == share.cell);
+            let values = self.values(files, &spatial(&key), &share.weight)?;
+            let cell_index = self.palette.iter().position(|e| e.name == share.cell);
             for (at, w) in values.into_iter().enumerate() {
                 if w < 0.0 && self.counts[at] && negative.is_none_or(|(_, least)| w < least) {
                     negative = Some((at, w));
                 }
-                weights[at * count + place.unwrap_or(0)] += w.max(0.0);
+                weights[at * count + cell_index.unwrap_or(0)] += w.max(0.0);
             }
         }
         if let Some((at, w)) = negative {
-            let p = self.places[at];
+            let p = self.points[at];
             let message = format!(
                 "tiling: the weight {w} at ({}, {}, {}) is negative and counts as 0",
                 p.x, p.y, p.z
             );
-            inputs.warn(Warning::WEIGHTS, message)?;
+            files.warn(Warning::WEIGHTS, message)?;
         }
-        // Only some places count; the others need no sum of their own.
+        // Points that do not count may have no weight; they take those of the nearest point that counts.
         let has_sum = |own: &[f64]| own.iter().sum::<f64>() > 0.0;
-        let (known, points): (Vec<usize>, Vec<Vec3>) = (0..self.places.len())
+        let (known, counted_points): (Vec<usize>, Vec<Vec3>) = (0..self.points.len())
             .filter(|&at| self.counts[at] && has_sum(&weights[at * count..][..count]))
-            .map(|at| (at, self.places[at]))
+            .map(|at| (at, self.points[at]))
             .unzip();
-        let scatter = Scatter::new(&points);
-        for at in (0..self.places.len()).filter(|&at| !self.counts[at]) {
+        let counted = ScatteredPoints::new(&counted_points);
+        for at in (0..self.points.len()).filter(|&at| !self.counts[at]) {
             if has_sum(&weights[at * count..][..count]) {
                 continue;
             }
-            if let Some((near, _)) = scatter.near(self.places[at], 1).first() {
-                let from = known[*near as usize] * count;
+            if let Some((nearest, _)) = counted.nearest(self.points[at], 1).first() {
+                let from = known[*nearest as usize] * count;
                 weights.copy_within(from..from + count, at * count);
             }
         }
         Ok(weights)
     }
 
-    /// Weights at the places from one cell for each element: at the nodes the mean of the elements
-    /// around, by volume.
-    pub(super) fn assigned<'s>(
+    /// Weights at the points, from one cell per element: at a node the mean of its elements, by volume.
+    pub(super) fn assigned_weights<'s>(
         &self,
         section: &TilingSection,
-        setting: &dyn Fn(&str) -> Setting<'s>,
+        spatial: &dyn Fn(&str) -> SpatialContext<'s>,
     ) -> Result<Vec<f64>, RunError> {
         let scaffold = &self.loaded.scaffold;
         let centres: Vec<Vec3> = scaffold
             .elements()
             .map(|e| e.map(e.shape().centroid()).0)
             .collect();
-        let mut of: Vec<Option<usize>> = vec![None; scaffold.len()];
+        let mut cell_of: Vec<Option<usize>> = vec![None; scaffold.len()];
         for (n, a) in section.assign.iter().enumerate() {
             let key = format!("tiling.assign.{n}");
-            let place = self.palette.iter().position(|e| e.name == a.cell);
+            let cell_index = self.palette.iter().position(|e| e.name == a.cell);
             let inside = match &a.region {
                 None => vec![1.0; centres.len()],
-                Some(text) => setting(&format!("{key}.where")).formula(text, &centres)?,
+                Some(text) => spatial(&format!("{key}.where")).formula(text, &centres)?,
             };
             let members = match &a.group {
                 None => None,
                 Some(name) => Some(self.group(name, &key)?),
             };
-            let mut any = false;
+            let mut is_used = false;
             for e in 0..scaffold.len() {
-                let listed = members.is_none_or(|m| m.binary_search(&(e as u32)).is_ok());
-                if listed && inside[e] > 0.0 {
-                    of[e] = place;
-                    any = true;
+                let file_entry = members.is_none_or(|m| m.binary_search(&(e as u32)).is_ok());
+                if file_entry && inside[e] > 0.0 {
+                    cell_of[e] = cell_index;
+                    is_used = true;
                 }
             }
-            if !any {
+            if !is_used {
                 return Err(RunError::Tiling(format!("{key}: no element is in it")));
             }
         }
         let count = self.palette.len();
         let mut weights = vec![vec![0.0; scaffold.nodes().len()]; count];
         for e in scaffold.elements() {
-            let Some(cell) = of[e.index()] else {
+            let Some(cell) = cell_of[e.index()] else {
                 return Err(RunError::Tiling(format!(
-                    "tiling.assign: element {} has no cell; begin with an entry for all: \
+                    "tiling.assign: element {} has no cell; start with an entry for all elements: \
                      {{ cell = ... }}",
                     scaffold.number(e.index())
                 )));
@@ -115,9 +114,9 @@ impl Fill {
                 own[node] /= sum.max(f64::MIN_POSITIVE);
             }
         }
-        // A node that no element uses has no weights.
-        let by_cell: Vec<Vec<f64>> = weights.into_iter().map(|w| self.at_places(w)).collect();
-        let mut weights = vec![0.0; count * self.places.len()];
+        // A node that no element uses has no weights; its point gets the first cell.
+        let by_cell: Vec<Vec<f64>> = weights.into_iter().map(|w| self.at_points(w)).collect();
+        let mut weights = vec![0.0; count * self.points.len()];
         for (cell, own) in by_cell.into_iter().enumerate() {
             for (at, w) in own.into_iter().enumerate() {
                 weights[at * count + cell] = w;

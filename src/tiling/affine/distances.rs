@@ -1,27 +1,27 @@
-//! Values and distances of a bundle's points.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+//! Values and distances of a batch's points.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
+// are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
-use super::sample_batch::{MOST, ROW, Row};
-use crate::simd::{self, Eight, Lanes, Number, Work};
+use super::sample_batch::{MAX_SAMPLES, ROW, Row};
+use crate::simd::{self, Eight, Lanes, Number, SimdKernel};
 
-/// What is found of points in the elements that own them.
-pub(super) struct Found {
+/// Values and distances of a batch's points in the elements that own them.
+pub(super) struct BatchDistances {
     /// Values of the field, and gradients by the owner's reference coordinates.
-    pub slopes: [[f32; 4]; MOST],
-    /// Distances, clamped to the band; the boundary not regarded.
+    pub slopes: [[f32; 4]; MAX_SAMPLES],
+    /// Distances, clamped to the band and not cut at the boundary.
     d: Row,
-    /// Sums of scales by their weights, and of these.
+    /// Weighted sums of scales, and sums of the weights.
     scales: Row,
     weights: Row,
 }
 
-impl Default for Found {
+impl Default for BatchDistances {
     fn default() -> Self {
-        let row = [[0.0; ROW]; MOST / ROW];
+        let row = [[0.0; ROW]; MAX_SAMPLES / ROW];
         Self {
-            slopes: [[0.0; 4]; MOST],
+            slopes: [[0.0; 4]; MAX_SAMPLES],
             d: row,
             scales: row,
             weights: row,
@@ -29,31 +29,31 @@ impl Default for Found {
     }
 }
 
-impl Found {
+impl BatchDistances {
     /// The distance of point `n`.
     #[inline(always)]
     pub fn d(&self, n: usize) -> f64 {
-        self.d[n / ROW % (MOST / ROW)][n % ROW]
+        self.d[n / ROW % (MAX_SAMPLES / ROW)][n % ROW]
     }
 
-    /// The distances of eight points, from `8 row` on.
+    /// The distances of eight points, from point `8 row`.
     #[inline(always)]
     pub fn row(&self, row: usize) -> &[f64; ROW] {
-        &self.d[row % (MOST / ROW)]
+        &self.d[row % (MAX_SAMPLES / ROW)]
     }
 
-    /// Takes for the distances of `len` points half the band's width with the values' signs; those whose
-    /// values are below the first number are told: a bit each.
-    pub fn decide(&mut self, len: usize, [most, half_width]: [f64; 2]) -> u64 {
-        simd::run(Decide {
-            found: self,
+    /// Sets the distances of `len` points to the half width with the values' signs. Returns a bit for each point
+    /// whose value is below `band_value`.
+    pub fn set_far_distances(&mut self, len: usize, [band_value, half_width]: [f64; 2]) -> u64 {
+        simd::run(FarDistancesKernel {
+            distances: self,
             len,
-            most,
+            band_value,
             half_width,
         })
     }
 
-    /// Forgets the sums.
+    /// Resets the sums.
     pub fn clear_sums(&mut self) {
         self.scales.as_flattened_mut().fill(0.0);
         self.weights.as_flattened_mut().fill(0.0);
@@ -62,16 +62,16 @@ impl Found {
     /// Adds a scale to those of point `n`.
     #[inline(always)]
     pub fn add(&mut self, n: usize, weight: f64, scale: f64) {
-        let row = n / ROW % (MOST / ROW);
+        let row = n / ROW % (MAX_SAMPLES / ROW);
         self.scales[row][n % ROW] += weight * scale;
         self.weights[row][n % ROW] += weight;
     }
 
-    /// Distances of those of `len` points for which scales have been added; those are told which are not
-    /// within the half width though their values are at most `change`: a bit each.
-    pub fn finish(&mut self, len: usize, [half_width, change]: [f64; 2]) -> u64 {
-        simd::run(Finish {
-            found: self,
+    /// Sets the distances of the points that have scales. Returns a bit for each point that is not within the
+    /// half width although its value is below `change`.
+    pub fn blend_scales(&mut self, len: usize, [half_width, change]: [f64; 2]) -> u64 {
+        simd::run(BlendKernel {
+            distances: self,
             len,
             half_width,
             change,
@@ -81,66 +81,66 @@ impl Found {
     /// Values of row `row`.
     #[inline(always)]
     fn values<L: Lanes>(&self, lanes: L, row: usize) -> Option<Eight<L>> {
-        let [f, ..] = lanes.by_row(self.slopes.as_chunks().0.get(row)?);
-        Some(Eight::singles_of(lanes, f))
+        let [f, ..] = lanes.columns_to_rows(self.slopes.as_chunks().0.get(row)?);
+        Some(Eight::from_f32(lanes, f))
     }
 }
 
-struct Decide<'a> {
-    found: &'a mut Found,
+struct FarDistancesKernel<'a> {
+    distances: &'a mut BatchDistances,
     len: usize,
-    most: f64,
+    band_value: f64,
     half_width: f64,
 }
 
-struct Finish<'a> {
-    found: &'a mut Found,
+struct BlendKernel<'a> {
+    distances: &'a mut BatchDistances,
     len: usize,
     half_width: f64,
     change: f64,
 }
 
-impl Work for Decide<'_> {
+impl SimdKernel for FarDistancesKernel<'_> {
     type Output = u64;
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> u64 {
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let (most, w) = (zero.like(self.most), zero.like(self.half_width));
+        let (band_value, w) = (zero.splat(self.band_value), zero.splat(self.half_width));
         let mut low = 0;
-        for row in 0..self.len.div_ceil(ROW).min(MOST / ROW) {
-            let Some(f) = self.found.values(lanes, row) else {
+        for row in 0..self.len.div_ceil(ROW).min(MAX_SAMPLES / ROW) {
+            let Some(f) = self.distances.values(lanes, row) else {
                 break;
             };
-            self.found.d[row] = f.below(zero, zero - w, w).row();
-            low |= u64::from(f.abs().bits_below(most)) << (ROW * row);
+            self.distances.d[row] = f.select_below(zero, zero - w, w).row();
+            low |= u64::from(f.abs().bits_below(band_value)) << (ROW * row);
         }
         low
     }
 }
 
-impl Work for Finish<'_> {
+impl SimdKernel for BlendKernel<'_> {
     type Output = u64;
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> u64 {
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let w = zero.like(self.half_width);
-        // What rounds to it in single precision is not within it.
-        let (within, change) = (w * zero.like(1.0 - 1e-6), zero.like(self.change));
-        let mut told = 0;
-        for row in 0..self.len.div_ceil(ROW).min(MOST / ROW) {
-            let Some(f) = self.found.values(lanes, row) else {
+        let w = zero.splat(self.half_width);
+        // A distance that rounds to the half width in single precision is not within it.
+        let (within, change) = (w * zero.splat(1.0 - 1e-6), zero.splat(self.change));
+        let mut unproved = 0;
+        for row in 0..self.len.div_ceil(ROW).min(MAX_SAMPLES / ROW) {
+            let Some(f) = self.distances.values(lanes, row) else {
                 break;
             };
-            let weights = Eight::of(lanes, &self.found.weights[row]);
-            let d = f * Eight::of(lanes, &self.found.scales[row]) / weights;
+            let weights = Eight::of(lanes, &self.distances.weights[row]);
+            let d = f * Eight::of(lanes, &self.distances.scales[row]) / weights;
             let d = d.min(w).max(zero - w);
-            let other = Eight::of(lanes, &self.found.d[row]);
+            let other = Eight::of(lanes, &self.distances.d[row]);
             let near = f.abs().bits_below(change) & !d.abs().bits_below(within);
-            told |= u64::from(near) << (ROW * row);
-            self.found.d[row] = zero.below(weights, d, other).row();
+            unproved |= u64::from(near) << (ROW * row);
+            self.distances.d[row] = zero.select_below(weights, d, other).row();
         }
-        told
+        unproved
     }
 }

@@ -1,88 +1,99 @@
 //! Samples outside the scaffold.
 
-use super::Straight;
-use super::block::Scene;
-use super::sample_batch::{MOST, bits};
+use super::AffineBuffers;
+use super::block::FillContext;
+use super::sample_batch::{MAX_SAMPLES, bits};
 use crate::frame::{Aabb, Vec3};
-use crate::tiling::boundary::Known;
-use crate::tiling::locality::Local;
+use crate::tiling::boundary::RegionFacts;
+use crate::tiling::locality::LocalSearch;
 use crate::tiling::{Filling, TiledSolid};
 
-/// Further outside all elements than this share of a voxel a point is not between two by rounding.
-pub(super) const GAP: f64 = 1e-6;
+/// A point more than this outside all elements, voxels, is not in a gap due to rounding.
+pub(super) const GAP_TOLERANCE: f64 = 1e-6;
 
 /// A sample in no element.
 #[derive(Clone, Copy)]
-pub(super) struct Stray {
+pub(super) struct ExteriorSample {
     pub n: usize,
     pub x: Vec3,
     pub part: usize,
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// The value at a sample, looked for by itself.
-    pub(super) fn alone(&self, scene: &Scene, stray: &Stray, known: Known) -> f64 {
-        let mut local = Local::new(scene.near.clone());
-        self.value_at(scene.component, &mut local, stray.x, known)
+    /// The value at a sample, evaluated as a single point.
+    pub(super) fn single_value(
+        &self,
+        context: &FillContext,
+        sample: &ExteriorSample,
+        known: RegionFacts,
+    ) -> f64 {
+        let mut local = LocalSearch::new(context.near.clone());
+        self.value_at(context.component, &mut local, sample.x, known)
     }
 
-    /// Values outside the scaffold: at the closest points of its boundary, and not less than the distance
-    /// to them where the boundary cuts.
-    pub(super) fn fill_strays(&self, scene: &Scene, room: &mut Straight, out: &mut [f32]) {
+    /// Values outside the scaffold: those at the closest points of its boundary, and at least the distance to
+    /// them where the boundary cuts.
+    pub(super) fn fill_exterior(
+        &self,
+        context: &FillContext,
+        buffers: &mut AffineBuffers,
+        out: &mut [f32],
+    ) {
         let w = self.options.half_width;
-        let boundary = &self.components[scene.component].boundary;
-        let strays = std::mem::take(&mut room.strays);
-        for strays in strays.chunks(MOST) {
-            room.bundle.clear();
+        let boundary = &self.components[context.component].boundary;
+        let exterior = std::mem::take(&mut buffers.exterior);
+        for exterior in exterior.chunks(MAX_SAMPLES) {
+            buffers.batch.clear();
             let mut feet = Aabb::EMPTY;
-            let mut asked = [(0, 0.0); MOST];
-            for (number, stray) in strays.iter().enumerate() {
+            let mut exterior_points = [(0, 0.0); MAX_SAMPLES];
+            for (number, sample) in exterior.iter().enumerate() {
                 let closest = if self.is_cut() {
-                    let known = scene.known(&room.parts[stray.part]);
-                    let radius = w.min(known.distance * (1.0 + 1e-9));
-                    known.closest_within(boundary, stray.x, radius)
+                    let known = context.known(&buffers.parts[sample.part]);
+                    let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
+                    known.closest_within(boundary, sample.x, radius)
                 } else {
-                    Some(boundary.closest(stray.x))
+                    Some(boundary.closest(sample.x))
                 };
                 let Some(closest) = closest else {
-                    out[stray.n] = w as f32;
+                    out[sample.n] = w as f32;
                     continue;
                 };
                 let outside = match self.is_cut() {
-                    true if closest.distance < self.on_boundary() => 0.0,
+                    true if closest.distance < self.boundary_tolerance() => 0.0,
                     true => closest.distance,
                     false => -w,
                 };
-                asked[room.bundle.len()] = (number, outside);
+                exterior_points[buffers.batch.len()] = (number, outside);
                 let q = closest.point;
                 feet = feet.union(Aabb { min: q, max: q });
-                room.bundle.push(q.into(), true);
+                buffers.batch.push(q.into(), true);
             }
-            room.bundle.fill_up();
-            if room.bundle.len() == 0 {
+            buffers.batch.fill_up();
+            if buffers.batch.len() == 0 {
                 continue;
             }
             let (centre, half) = (feet.centre().0, feet.size() / 2.0);
-            room.places.clear();
-            for (place, &e) in (0..).zip(&scene.near.patches) {
-                if !self.patches[e as usize].misses(centre, half, self.delta()) {
-                    room.places.push(place);
+            buffers.near_indices.clear();
+            for (near_index, &e) in (0..).zip(&context.near.patches) {
+                if !self.patches[e as usize].is_box_outside(centre, half, self.delta()) {
+                    buffers.near_indices.push(near_index);
                 }
             }
-            let near = (scene.near, &*room.places);
-            self.rule_q(near, &room.bundle, scene.wanted, &mut room.samples);
-            room.looked += u64::from(room.samples.owned.count_ones());
-            for n in bits(room.bundle.real) {
-                let (number, outside) = asked[n];
-                let stray = &strays[number];
-                out[stray.n] = if room.samples.owned >> n & 1 != 0 {
-                    room.samples.found.d(n).max(outside).min(w) as f32
+            let near = (context.near, &*buffers.near_indices);
+            self.evaluate_rule_q(near, &buffers.batch, context.quantity, &mut buffers.samples);
+            buffers.evaluations += u64::from(buffers.samples.owned.count_ones());
+            for n in bits(buffers.batch.active) {
+                let (number, outside) = exterior_points[n];
+                let sample = &exterior[number];
+                out[sample.n] = if buffers.samples.owned >> n & 1 != 0 {
+                    buffers.samples.distances.d(n).max(outside).min(w) as f32
                 } else {
-                    self.alone(scene, stray, scene.known(&room.parts[stray.part])) as f32
+                    self.single_value(context, sample, context.known(&buffers.parts[sample.part]))
+                        as f32
                 };
             }
         }
-        room.strays = strays;
-        room.strays.clear();
+        buffers.exterior = exterior;
+        buffers.exterior.clear();
     }
 }

@@ -1,100 +1,102 @@
-//! Both steps of rule Q in a straight element, eight points at a time: the map is the same everywhere.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+//! Both Newton steps of rule Q in an affine element, eight points at a time.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
+// are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
-use super::sample_batch::{MOST, ROW, Row};
+use super::sample_batch::{MAX_SAMPLES, ROW, Row};
 use crate::frame::{CellPoint, Vec3};
-use crate::simd::{self, Eight, Lanes, Number, Work};
+use crate::simd::{self, Eight, Lanes, Number, SimdKernel};
 use crate::tiling::inverse_map::{dot, product};
-use crate::tiling::local_map::Trail;
-use crate::tiling::newton_distance::{Pace, to_world};
+use crate::tiling::local_map::LocalMap;
+use crate::tiling::newton_distance::{StepLimits, to_world};
 
-/// Points that walk in one element.
-pub(super) struct Walk {
-    /// Where they are.
-    pub at: [CellPoint<3>; MOST],
-    /// Value there, and gradient by reference coordinates.
-    pub slopes: [[f32; 4]; MOST],
+/// Points that take both Newton steps in one element.
+pub(super) struct NewtonBatch {
+    /// Reference coordinates.
+    pub at: [CellPoint<3>; MAX_SAMPLES],
+    /// Values there, and gradients by reference coordinates.
+    pub slopes: [[f32; 4]; MAX_SAMPLES],
     pub len: usize,
     /// The first step, world units.
-    way: [Row; 3],
-    /// |F| at the start; 0 where that is a zero already.
-    size: Row,
-    /// The scale there; after the second step that of the walk.
+    step: [Row; 3],
+    /// |F| at the start; 0 where the start is a zero.
+    magnitude: Row,
+    /// The scale at a zero; after the second step the scale of rule Q.
     scale: Row,
 }
 
-impl Default for Walk {
+impl Default for NewtonBatch {
     fn default() -> Self {
-        let row = [[0.0; ROW]; MOST / ROW];
+        let row = [[0.0; ROW]; MAX_SAMPLES / ROW];
         Self {
-            at: [CellPoint(Vec3::zeros()); MOST],
-            slopes: [[0.0; 4]; MOST],
+            at: [CellPoint(Vec3::zeros()); MAX_SAMPLES],
+            slopes: [[0.0; 4]; MAX_SAMPLES],
             len: 0,
-            way: [row; 3],
-            size: row,
+            step: [row; 3],
+            magnitude: row,
             scale: row,
         }
     }
 }
 
-impl Walk {
-    /// The first step: all points move to its end.
-    pub fn set_off(&mut self, pace: Pace, map: &Trail) {
-        simd::run(SetOff(pace, map, self));
+impl NewtonBatch {
+    /// Takes the first step: all points move to its end.
+    pub fn take_first_step(&mut self, limits: StepLimits, map: &LocalMap) {
+        simd::run(FirstStepKernel(limits, map, self));
     }
 
-    /// The second step: the scales are found.
-    pub fn arrive(&mut self, pace: Pace, map: &Trail) {
-        simd::run(Arrive(pace, map, self));
+    /// Takes the second step: computes the scales.
+    pub fn take_second_step(&mut self, limits: StepLimits, map: &LocalMap) {
+        simd::run(SecondStepKernel(limits, map, self));
     }
 
     /// Distance per field unit at the start of point `n`.
     pub fn scale(&self, n: usize) -> f64 {
-        self.scale[n / ROW % (MOST / ROW)][n % ROW]
+        self.scale[n / ROW % (MAX_SAMPLES / ROW)][n % ROW]
     }
 }
 
-struct SetOff<'a>(Pace, &'a Trail, &'a mut Walk);
+struct FirstStepKernel<'a>(StepLimits, &'a LocalMap, &'a mut NewtonBatch);
 
-struct Arrive<'a>(Pace, &'a Trail, &'a mut Walk);
+struct SecondStepKernel<'a>(StepLimits, &'a LocalMap, &'a mut NewtonBatch);
 
-/// Values and gradients of row `row`.
+/// Loads values and gradients of row `row`.
 #[inline(always)]
-fn slopes<L: Lanes>(
+fn load_slopes<L: Lanes>(
     lanes: L,
-    all: &[[f32; 4]; MOST],
+    all: &[[f32; 4]; MAX_SAMPLES],
     row: usize,
 ) -> Option<(Eight<L>, [Eight<L>; 3])> {
-    let [f, x, y, z] = lanes.by_row(all.as_chunks().0.get(row)?);
-    let (x, y) = (Eight::singles_of(lanes, x), Eight::singles_of(lanes, y));
-    let z = Eight::singles_of(lanes, z);
-    Some((Eight::singles_of(lanes, f), [x, y, z]))
+    let [f, x, y, z] = lanes.columns_to_rows(all.as_chunks().0.get(row)?);
+    let (x, y) = (Eight::from_f32(lanes, x), Eight::from_f32(lanes, y));
+    let z = Eight::from_f32(lanes, z);
+    Some((Eight::from_f32(lanes, f), [x, y, z]))
 }
 
-impl Work for SetOff<'_> {
+impl SimdKernel for FirstStepKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let Self(pace, map, walk) = self;
+        let Self(limits, map, newton) = self;
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let by = map.rows(zero);
-        for row in 0..walk.len.div_ceil(ROW).min(MOST / ROW) {
-            let Some((f, g)) = slopes(lanes, &walk.slopes, row) else {
+        let inverse = map.inverse_rows(zero);
+        for row in 0..newton.len.div_ceil(ROW).min(MAX_SAMPLES / ROW) {
+            let Some((f, g)) = load_slopes(lanes, &newton.slopes, row) else {
                 break;
             };
-            let g = to_world(by, g);
+            let g = to_world(inverse, g);
             let square = dot(g, g, zero);
-            let way = pace.step(f, g, square);
-            let size = f.abs();
-            walk.size[row] = size.below(zero.like(pace.zero), zero, size).row();
-            walk.scale[row] = (square.sqrt() / (square + zero.like(pace.damping))).row();
-            for (to, way) in walk.way.iter_mut().zip(way) {
-                to[row] = way.row();
+            let step = limits.newton_step(f, g, square);
+            let magnitude = f.abs();
+            newton.magnitude[row] = magnitude
+                .select_below(zero.splat(limits.zero_tolerance), zero, magnitude)
+                .row();
+            newton.scale[row] = (square.sqrt() / (square + zero.splat(limits.damping))).row();
+            for (to, step) in newton.step.iter_mut().zip(step) {
+                to[row] = step.row();
             }
-            let Some(at) = walk.at.as_chunks_mut::<ROW>().0.get_mut(row) else {
+            let Some(at) = newton.at.as_chunks_mut::<ROW>().0.get_mut(row) else {
                 break;
             };
             let mut starts = [[0.0; 3]; ROW];
@@ -102,7 +104,7 @@ impl Work for SetOff<'_> {
                 *to = at.0.into();
             }
             let from = Eight::points(lanes, starts);
-            let [x, y, z] = product(by, way, from);
+            let [x, y, z] = product(inverse, step, from);
             let (x, y, z) = (x.row(), y.row(), z.row());
             for (n, at) in at.iter_mut().enumerate() {
                 at.0 = Vec3::new(x[n], y[n], z[n]);
@@ -111,30 +113,30 @@ impl Work for SetOff<'_> {
     }
 }
 
-impl Work for Arrive<'_> {
+impl SimdKernel for SecondStepKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let Self(pace, map, walk) = self;
+        let Self(limits, map, newton) = self;
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let by = map.rows(zero);
-        let [least, most] = pace.scales;
-        for row in 0..walk.len.div_ceil(ROW).min(MOST / ROW) {
-            let Some((f, g)) = slopes(lanes, &walk.slopes, row) else {
+        let inverse = map.inverse_rows(zero);
+        let [min, max] = limits.scale_range;
+        for row in 0..newton.len.div_ceil(ROW).min(MAX_SAMPLES / ROW) {
+            let Some((f, g)) = load_slopes(lanes, &newton.slopes, row) else {
                 break;
             };
-            let g = to_world(by, g);
-            let [x, y, z] = pace.step(f, g, dot(g, g, zero));
-            let way = [
-                Eight::of(lanes, &walk.way[0][row]) + x,
-                Eight::of(lanes, &walk.way[1][row]) + y,
-                Eight::of(lanes, &walk.way[2][row]) + z,
+            let g = to_world(inverse, g);
+            let [x, y, z] = limits.newton_step(f, g, dot(g, g, zero));
+            let step = [
+                Eight::of(lanes, &newton.step[0][row]) + x,
+                Eight::of(lanes, &newton.step[1][row]) + y,
+                Eight::of(lanes, &newton.step[2][row]) + z,
             ];
-            let size = Eight::of(lanes, &walk.size[row]);
-            let scale = dot(way, way, zero).sqrt() / size;
-            let scale = zero.below(size, scale, Eight::of(lanes, &walk.scale[row]));
-            walk.scale[row] = scale.min(zero.like(most)).max(zero.like(least)).row();
+            let magnitude = Eight::of(lanes, &newton.magnitude[row]);
+            let scale = dot(step, step, zero).sqrt() / magnitude;
+            let scale = zero.select_below(magnitude, scale, Eight::of(lanes, &newton.scale[row]));
+            newton.scale[row] = scale.min(zero.splat(max)).max(zero.splat(min)).row();
         }
     }
 }

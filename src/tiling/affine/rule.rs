@@ -1,205 +1,216 @@
-//! Rule Q for a bundle of points among straight elements.
+//! Rule Q for a batch of points among affine elements.
 
-use super::distances::Found;
-use super::newton_steps::Walk;
-use super::sample_batch::{Bundle, MOST, Placed, bits};
+use super::distances::BatchDistances;
+use super::newton_steps::NewtonBatch;
+use super::sample_batch::{BatchLocations, MAX_SAMPLES, SampleBatch, bits};
 use crate::frame::CellPoint;
-use crate::tiling::locality::Near;
+use crate::tiling::locality::NearElements;
 use crate::tiling::patch::Patch;
 use crate::tiling::{Filling, TiledSolid};
 
-/// What is wanted of points.
+/// The quantity to evaluate at points.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(in crate::tiling) enum Wanted {
+pub(in crate::tiling) enum Quantity {
     Distances,
-    /// A value of the right sign.
+    /// Values of the right sign.
     Signs,
 }
 
-/// What is found of a bundle's points.
+/// Locations and distances of a batch's points.
 #[derive(Default)]
-pub(super) struct Rule {
-    /// By element, in the order in which they were given.
-    pub placed: Vec<Placed>,
-    /// Which points lie in an element.
+pub(super) struct BatchEvaluation {
+    /// Locations in each element, in the order of the elements given.
+    pub locations: Vec<BatchLocations>,
+    /// The points that lie in an element: a bit each.
     pub owned: u64,
-    /// Which lie in one only: not on faces, nor where a scaffold overlaps itself.
+    /// The points that lie in exactly one element: not on faces, nor where a scaffold overlaps itself.
     pub single: u64,
-    pub found: Found,
-    /// How much |F| may change from a sample to its neighbours, and whether some sample, as far from the surface
-    /// as the half width, was found where it is not greater, or where the scaffold overlaps itself.
+    pub distances: BatchDistances,
+    /// Bound of the change of |F| between neighbouring samples.
     pub change: f64,
-    pub is_open: bool,
-    /// How deep points lie in their owners, world units, if others share in them.
+    /// Whether some sample out of the band may have a neighbour of the other sign: |F| is less than `change`
+    /// there, or the scaffold overlaps itself.
+    pub has_unproved_sign: bool,
+    /// Depths of points below their owners' faces, world units, where other elements contribute.
     depth: PerPoint<f64>,
-    /// Points of the walk: their numbers, and their weights.
-    items: PerPoint<(u8, f64)>,
-    walk: Walk,
+    /// The points of [`Self::newton`]: number in the batch, and weight.
+    newton_items: PerPoint<(u8, f64)>,
+    newton: NewtonBatch,
 }
 
-/// A thing for each point of a bundle.
-struct PerPoint<T>([T; MOST]);
+/// A value for each point of a batch.
+struct PerPoint<T>([T; MAX_SAMPLES]);
 
 impl<T: Copy + Default> Default for PerPoint<T> {
     fn default() -> Self {
-        Self([T::default(); MOST])
+        Self([T::default(); MAX_SAMPLES])
     }
 }
 
-impl Rule {
-    /// Places points in some of the near elements, and finds their owners: those of lowest number.
-    pub fn place<'a>(
+impl BatchEvaluation {
+    /// Locates the points in some of the near elements, and finds their owners: the elements of lowest number.
+    pub fn locate<'a>(
         &mut self,
         patches: impl ExactSizeIterator<Item = &'a Patch>,
-        bundle: &Bundle,
+        batch: &SampleBatch,
         delta: f64,
     ) {
         let count = patches.len();
-        if self.placed.len() < count {
-            self.placed.resize_with(count, Placed::default);
+        if self.locations.len() < count {
+            self.locations.resize_with(count, BatchLocations::default);
         }
-        let (mut open, mut again, mut deep) = (bundle.real, 0, 0);
-        for (placed, patch) in self.placed.iter_mut().zip(patches) {
-            patch.place(bundle, delta, placed);
-            again |= placed.owns & !open;
-            // By more than their faces.
-            self.is_open |= (placed.owns & deep | placed.deep & !open) & bundle.real != 0;
-            deep |= placed.deep;
-            placed.owns &= open;
-            open &= !placed.owns;
+        let (mut open, mut repeated, mut deep) = (batch.active, 0, 0);
+        for (location, patch) in self.locations.iter_mut().zip(patches) {
+            patch.locate(batch, delta, location);
+            repeated |= location.owns & !open;
+            // Elements that share more than faces.
+            self.has_unproved_sign |=
+                (location.owns & deep | location.deep & !open) & batch.active != 0;
+            deep |= location.deep;
+            location.owns &= open;
+            open &= !location.owns;
         }
-        self.owned = bundle.real & !open;
-        self.single = self.owned & !again;
+        self.owned = batch.active & !open;
+        self.single = self.owned & !repeated;
     }
 
-    /// How far from the nearest of so many elements a point is at least.
+    /// Lower bound of the distance of a point from the first `count` elements.
     #[inline]
     pub fn outside(&self, count: usize, n: usize) -> f64 {
-        let all = self.placed[..count].iter();
+        let all = self.locations[..count].iter();
         all.map(|p| p.outside(n)).fold(f64::INFINITY, f64::min)
     }
 }
 
-/// Gathers reference coordinates of points; gives how many there are.
-fn gather(placed: &Placed, which: u64, at: &mut [CellPoint<3>; MOST]) -> usize {
+/// Gathers reference coordinates of the points in `which`. Returns their number.
+fn gather(location: &BatchLocations, which: u64, at: &mut [CellPoint<3>; MAX_SAMPLES]) -> usize {
     let mut count = 0;
     for n in bits(which) {
-        at[count % MOST] = placed.xi(n);
+        at[count % MAX_SAMPLES] = location.xi(n);
         count += 1;
     }
     count
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// The field at those points of a placed bundle that elements own, into `values` of their numbers.
-    pub(super) fn field_of(&self, near: &Near, rule: &mut Rule, values: &mut [f64; MOST]) {
-        let mut found = [0.0; MOST];
-        for (placed, &element) in rule.placed.iter().zip(&near.patches) {
-            let count = gather(placed, placed.owns, &mut rule.walk.at);
+    /// Evaluates the field at the points that elements own, into `values` at the points' numbers.
+    pub(super) fn evaluate_owned(
+        &self,
+        near: &NearElements,
+        evaluation: &mut BatchEvaluation,
+        values: &mut [f64; MAX_SAMPLES],
+    ) {
+        let mut found = [0.0; MAX_SAMPLES];
+        for (location, &element) in evaluation.locations.iter().zip(&near.patches) {
+            let count = gather(location, location.owns, &mut evaluation.newton.at);
             let found = &mut found[..count];
             self.filling
-                .values(element as usize, &rule.walk.at[..count], found);
-            for (n, v) in bits(placed.owns).zip(found) {
+                .values(element as usize, &evaluation.newton.at[..count], found);
+            for (n, v) in bits(location.owns).zip(found) {
                 values[n] = *v;
             }
         }
     }
 
-    /// Distances of a bundle's points among these of the near elements, by ascending number.
-    pub(super) fn rule_q(
+    /// Distances of a batch's points among these of the near elements, by ascending number.
+    pub(super) fn evaluate_rule_q(
         &self,
-        (near, places): (&Near, &[u32]),
-        bundle: &Bundle,
-        wanted: Wanted,
-        rule: &mut Rule,
+        (near, near_indices): (&NearElements, &[u32]),
+        batch: &SampleBatch,
+        quantity: Quantity,
+        evaluation: &mut BatchEvaluation,
     ) {
         let (w, delta) = (self.options.half_width, self.delta());
-        let patch = |&place: &u32| &self.patches[near.patches[place as usize] as usize];
-        rule.place(places.iter().map(patch), bundle, delta);
-        let sup = places
+        let patch = |&near_index: &u32| &self.patches[near.patches[near_index as usize] as usize];
+        evaluation.locate(near_indices.iter().map(patch), batch, delta);
+        let sup = near_indices
             .iter()
             .map(|p| patch(p).slope_sup)
             .fold(0.0, f64::max);
-        let Rule {
-            placed,
+        let BatchEvaluation {
+            locations,
             owned,
-            found,
+            distances,
             change,
-            is_open,
+            has_unproved_sign,
             depth: PerPoint(depth),
-            items: PerPoint(items),
-            walk,
+            newton_items: PerPoint(newton_items),
+            newton,
             ..
-        } = rule;
-        let placed = &placed[..places.len()];
+        } = evaluation;
+        let locations = &locations[..near_indices.len()];
         let mut deep = 0;
-        for (placed, place) in placed.iter().zip(places) {
-            let count = gather(placed, placed.owns, &mut walk.at);
+        for (location, near_index) in locations.iter().zip(near_indices) {
+            let count = gather(location, location.owns, &mut newton.at);
             if count == 0 {
                 continue;
             }
-            let slopes = &mut walk.slopes[..count];
-            let element = patch(place).number();
-            self.filling.samples(element, &walk.at[..count], slopes);
-            for (n, &slope) in bits(placed.owns).zip(&*slopes) {
-                found.slopes[n] = slope;
+            let slopes = &mut newton.slopes[..count];
+            let element = patch(near_index).number();
+            self.filling
+                .values_and_gradients_f32(element, &newton.at[..count], slopes);
+            for (n, &slope) in bits(location.owns).zip(&*slopes) {
+                distances.slopes[n] = slope;
             }
-            deep |= placed.owns & placed.deep;
+            deep |= location.owns & location.deep;
         }
         // Every scale is at least 1 / L.
-        let band = found.decide(bundle.len(), [w * sup, w]) & *owned;
-        *is_open |= *change > w * sup;
-        if band == 0 || wanted == Wanted::Signs {
+        let band = distances.set_far_distances(batch.len(), [w * sup, w]) & *owned;
+        *has_unproved_sign |= *change > w * sup;
+        if band == 0 || quantity == Quantity::Signs {
             return;
         }
         let shared = band & !deep;
         if shared != 0 {
-            for placed in placed {
-                for n in bits(placed.owns & shared) {
-                    depth[n] = (-placed.outside(n)).max(0.0);
+            for location in locations {
+                for n in bits(location.owns & shared) {
+                    depth[n] = (-location.outside(n)).max(0.0);
                 }
             }
         }
-        found.clear_sums();
-        // In order of element numbers, so that both sides of a face sum alike.
-        for (placed, place) in placed.iter().zip(places) {
+        distances.clear_sums();
+        // Sum by ascending element number, so that both sides of a face give the same bits.
+        for (location, near_index) in locations.iter().zip(near_indices) {
             let mut count = 0;
-            for n in bits(placed.owns & band) {
-                items[count % MOST] = (n as u8, 1.0);
-                walk.at[count % MOST] = placed.xi(n);
-                walk.slopes[count % MOST] = found.slopes[n];
+            for n in bits(location.owns & band) {
+                newton_items[count % MAX_SAMPLES] = (n as u8, 1.0);
+                newton.at[count % MAX_SAMPLES] = location.xi(n);
+                newton.slopes[count % MAX_SAMPLES] = distances.slopes[n];
                 count += 1;
             }
             let first = count;
-            for n in bits(placed.shares & shared & !placed.owns) {
-                let weight = 1.0 - placed.outside(n).max(depth[n]) / delta;
+            for n in bits(location.shares & shared & !location.owns) {
+                let weight = 1.0 - location.outside(n).max(depth[n]) / delta;
                 if weight > 0.0 {
-                    items[count % MOST] = (n as u8, weight);
-                    walk.at[count % MOST] = placed.xi(n);
+                    newton_items[count % MAX_SAMPLES] = (n as u8, weight);
+                    newton.at[count % MAX_SAMPLES] = location.xi(n);
                     count += 1;
                 }
             }
             if count == 0 {
                 continue;
             }
-            let patch = patch(place);
-            let guests = first..count;
-            if !guests.is_empty() {
-                let at = &walk.at[guests.clone()];
-                self.filling
-                    .samples(patch.number(), at, &mut walk.slopes[guests]);
+            let patch = patch(near_index);
+            let neighbours = first..count;
+            if !neighbours.is_empty() {
+                let at = &newton.at[neighbours.clone()];
+                self.filling.values_and_gradients_f32(
+                    patch.number(),
+                    at,
+                    &mut newton.slopes[neighbours],
+                );
             }
-            let (pace, map) = (self.pace(patch), patch.start());
-            walk.len = count;
-            walk.set_off(pace, &map);
-            let slopes = &mut walk.slopes[..count];
+            let (limits, map) = (self.limits(patch), patch.centroid_map());
+            newton.len = count;
+            newton.take_first_step(limits, &map);
+            let slopes = &mut newton.slopes[..count];
             self.filling
-                .samples(patch.number(), &walk.at[..count], slopes);
-            walk.arrive(pace, &map);
-            for (k, &(n, weight)) in items[..count].iter().enumerate() {
-                found.add(usize::from(n), weight, walk.scale(k));
+                .values_and_gradients_f32(patch.number(), &newton.at[..count], slopes);
+            newton.take_second_step(limits, &map);
+            for (k, &(n, weight)) in newton_items[..count].iter().enumerate() {
+                distances.add(usize::from(n), weight, newton.scale(k));
             }
         }
-        *is_open |= found.finish(bundle.len(), [w, *change]) & band != 0;
+        *has_unproved_sign |= distances.blend_scales(batch.len(), [w, *change]) & band != 0;
     }
 }

@@ -1,40 +1,40 @@
-//! Points by rows of eight, and where straight elements place them.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! Batches of up to 64 points in rows of eight, and their locations in affine elements.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
 use crate::frame::{CellPoint, Vec3};
-use crate::simd::{self, Eight, Lanes, Number, Work, alike, difference};
-use crate::tiling::clamp::beyond_row;
+use crate::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
+use crate::tiling::clamp::face_distance_row;
 use crate::tiling::inverse_map::product;
-use crate::tiling::patch::{ON_FACE, Patch};
+use crate::tiling::patch::{FACE_TOLERANCE, Patch};
 
-/// Most points of a bundle: one bit each in a word.
-pub(super) const MOST: usize = 64;
+/// Greatest number of points of a batch: a bit each in a `u64`.
+pub(super) const MAX_SAMPLES: usize = 64;
 
 /// Points of a row.
 pub(super) const ROW: usize = 8;
 /// A number for each point, by rows.
-pub(super) type Row = [[f64; ROW]; MOST / ROW];
+pub(super) type Row = [[f64; ROW]; MAX_SAMPLES / ROW];
 
 /// Up to 64 points in the world.
-pub(super) struct Bundle {
+pub(super) struct SampleBatch {
     x: [Row; 3],
     len: usize,
-    /// Which of them are asked for: the others fill up.
-    pub real: u64,
+    /// The points to evaluate, a bit each; the others only fill up the last row.
+    pub active: u64,
 }
 
-/// Where an element places the points of a bundle.
-pub(super) struct Placed {
-    /// How far outside the element they are, see [`crate::tiling::patch::Spot`].
+/// The locations of a batch's points in an element.
+pub(super) struct BatchLocations {
+    /// Distances outside the element, see [`crate::tiling::patch::Preimage`].
     outside: Row,
-    /// Reference coordinates of those that share in it.
+    /// Reference coordinates of the points to which the element contributes.
     xi: [Row; 3],
-    /// Which are less than a voxel outside.
+    /// The points less than a voxel outside, to which the element contributes.
     pub shares: u64,
-    /// Which lie in it.
+    /// The points in the element.
     pub owns: u64,
-    /// Which lie deeper in it than others share.
+    /// The points more than a voxel inside, to which no other element contributes.
     pub deep: u64,
 }
 
@@ -43,30 +43,30 @@ pub(super) fn bits(mut word: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let n = word.trailing_zeros() as usize;
         word &= word.wrapping_sub(1);
-        (n < MOST).then_some(n)
+        (n < MAX_SAMPLES).then_some(n)
     })
 }
 
 #[inline(always)]
-fn at(row: &Row, n: usize) -> f64 {
-    row[n / ROW % (MOST / ROW)][n % ROW]
+fn value_at(row: &Row, n: usize) -> f64 {
+    row[n / ROW % (MAX_SAMPLES / ROW)][n % ROW]
 }
 
-impl Default for Bundle {
+impl Default for SampleBatch {
     fn default() -> Self {
         Self {
-            x: [[[0.0; ROW]; MOST / ROW]; 3],
+            x: [[[0.0; ROW]; MAX_SAMPLES / ROW]; 3],
             len: 0,
-            real: 0,
+            active: 0,
         }
     }
 }
 
-impl Default for Placed {
+impl Default for BatchLocations {
     fn default() -> Self {
         Self {
-            outside: [[0.0; ROW]; MOST / ROW],
-            xi: [[[0.0; ROW]; MOST / ROW]; 3],
+            outside: [[0.0; ROW]; MAX_SAMPLES / ROW],
+            xi: [[[0.0; ROW]; MAX_SAMPLES / ROW]; 3],
             shares: 0,
             owns: 0,
             deep: 0,
@@ -74,10 +74,10 @@ impl Default for Placed {
     }
 }
 
-impl Bundle {
+impl SampleBatch {
     pub fn clear(&mut self) {
         self.len = 0;
-        self.real = 0;
+        self.active = 0;
     }
 
     pub fn len(&self) -> usize {
@@ -85,44 +85,48 @@ impl Bundle {
     }
 
     pub fn is_full(&self) -> bool {
-        self.len == MOST
+        self.len == MAX_SAMPLES
     }
 
-    /// Adds a point, unless it is full.
+    /// Adds a point, unless the batch is full.
     #[inline(always)]
-    pub fn push(&mut self, x: [f64; 3], is_real: bool) {
+    pub fn push(&mut self, x: [f64; 3], is_active: bool) {
         if self.is_full() {
             return;
         }
         let n = self.len;
         for (row, x) in self.x.iter_mut().zip(x) {
-            row[n / ROW % (MOST / ROW)][n % ROW] = x;
+            row[n / ROW % (MAX_SAMPLES / ROW)][n % ROW] = x;
         }
-        self.real |= u64::from(is_real) << n;
+        self.active |= u64::from(is_active) << n;
         self.len += 1;
     }
 
-    /// Adds the eight corners of a box, unless there is no room for them; a bit of `real` for each.
+    /// Adds the eight corners of a box, unless the batch is full; a bit of `active` for each.
     #[inline(always)]
-    pub fn push_block(&mut self, [x, y, z]: [[f64; 2]; 3], real: u64) {
+    pub fn push_block(&mut self, [x, y, z]: [[f64; 2]; 3], active: u64) {
         if !self.len.is_multiple_of(ROW) || self.is_full() {
             return;
         }
-        let row = self.len / ROW % (MOST / ROW);
+        let row = self.len / ROW % (MAX_SAMPLES / ROW);
         let ([a, b], [c, d], [e, f]) = (x, y, z);
         self.x[0][row] = [a, a, a, a, b, b, b, b];
         self.x[1][row] = [c, c, d, d, c, c, d, d];
         self.x[2][row] = [e, f, e, f, e, f, e, f];
-        self.real |= real << self.len;
+        self.active |= active << self.len;
         self.len += 8;
     }
 
     #[inline]
     pub fn point(&self, n: usize) -> Vec3 {
-        Vec3::new(at(&self.x[0], n), at(&self.x[1], n), at(&self.x[2], n))
+        Vec3::new(
+            value_at(&self.x[0], n),
+            value_at(&self.x[1], n),
+            value_at(&self.x[2], n),
+        )
     }
 
-    /// Fills the last row up with its last point.
+    /// Fills up the last row with its last point.
     pub fn fill_up(&mut self) {
         if let Some(last) = self.len.checked_sub(1) {
             let last = self.point(last);
@@ -133,85 +137,85 @@ impl Bundle {
     }
 }
 
-impl Placed {
-    /// How far outside the element point `n` is.
+impl BatchLocations {
+    /// Distance of point `n` outside the element.
     #[inline(always)]
     pub fn outside(&self, n: usize) -> f64 {
-        at(&self.outside, n)
+        value_at(&self.outside, n)
     }
 
-    /// Reference coordinates of point `n`, which shares in the element.
+    /// Reference coordinates of point `n`, to which the element contributes.
     #[inline(always)]
     pub fn xi(&self, n: usize) -> CellPoint<3> {
         CellPoint(Vec3::new(
-            at(&self.xi[0], n),
-            at(&self.xi[1], n),
-            at(&self.xi[2], n),
+            value_at(&self.xi[0], n),
+            value_at(&self.xi[1], n),
+            value_at(&self.xi[2], n),
         ))
     }
 }
 
 impl Patch {
-    /// Places the points of a bundle whose rows are full; those less than `delta` outside share in it,
-    /// those more than that inside are its own.
-    pub(super) fn place(&self, bundle: &Bundle, delta: f64, placed: &mut Placed) {
-        simd::run(Placing {
+    /// Locates the points of a batch whose rows are full. The element contributes to points less than `delta`
+    /// outside; points more than `delta` inside are deep.
+    pub(super) fn locate(&self, batch: &SampleBatch, delta: f64, location: &mut BatchLocations) {
+        simd::run(LocateKernel {
             patch: self,
-            bundle,
+            batch,
             delta,
-            placed,
+            location,
         });
     }
 }
 
-struct Placing<'a> {
+struct LocateKernel<'a> {
     patch: &'a Patch,
-    bundle: &'a Bundle,
+    batch: &'a SampleBatch,
     delta: f64,
-    placed: &'a mut Placed,
+    location: &'a mut BatchLocations,
 }
 
-impl Work for Placing<'_> {
+impl SimdKernel for LocateKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let Self {
             patch,
-            bundle,
+            batch,
             delta,
-            placed,
+            location,
         } = self;
-        let start = patch.start();
+        let start = patch.centroid_map();
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let (delta, on_face) = (zero.like(delta), zero.like(ON_FACE));
-        let by = start.rows(zero);
-        let centre = alike(zero, start.x);
-        let walls = patch.walls();
+        let (delta, on_face) = (zero.splat(delta), zero.splat(FACE_TOLERANCE));
+        let inverse = start.inverse_rows(zero);
+        let centre = splat_vector(zero, start.x);
+        let planes = patch.planes();
         let shape = patch.shape();
-        placed.shares = 0;
-        placed.owns = 0;
-        placed.deep = 0;
-        for row in 0..bundle.len.div_ceil(ROW).min(MOST / ROW) {
+        location.shares = 0;
+        location.owns = 0;
+        location.deep = 0;
+        for row in 0..batch.len.div_ceil(ROW).min(MAX_SAMPLES / ROW) {
             let x = [
-                Eight::of(lanes, &bundle.x[0][row]),
-                Eight::of(lanes, &bundle.x[1][row]),
-                Eight::of(lanes, &bundle.x[2][row]),
+                Eight::of(lanes, &batch.x[0][row]),
+                Eight::of(lanes, &batch.x[1][row]),
+                Eight::of(lanes, &batch.x[2][row]),
             ];
-            let m = walls.outside(x);
-            placed.outside[row] = m.row();
+            let m = planes.outside_distance(x);
+            location.outside[row] = m.row();
             let shares = m.bits_below(delta);
             if shares == 0 {
                 continue;
             }
-            let xi = product(by, difference(x, centre), [zero; 3]);
-            for (to, xi) in placed.xi.iter_mut().zip(xi) {
+            let xi = product(inverse, difference(x, centre), [zero; 3]);
+            for (to, xi) in location.xi.iter_mut().zip(xi) {
                 to[row] = xi.row();
             }
-            let owns = shares & !on_face.bits_below(beyond_row(shape, xi));
-            placed.shares |= u64::from(shares) << (ROW * row);
-            placed.owns |= u64::from(owns) << (ROW * row);
-            placed.deep |= u64::from(m.bits_below(zero - delta)) << (ROW * row);
+            let owns = shares & !on_face.bits_below(face_distance_row(shape, xi));
+            location.shares |= u64::from(shares) << (ROW * row);
+            location.owns |= u64::from(owns) << (ROW * row);
+            location.deep |= u64::from(m.bits_below(zero - delta)) << (ROW * row);
         }
     }
 }

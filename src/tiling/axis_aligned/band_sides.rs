@@ -1,60 +1,61 @@
-//! On which side of the band the leaves of a cube lie, 4^3 of them at a time.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! The side of the band on which leaves lie, for cubes of 4^3 leaves.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use super::SINGLE;
-use super::kernel::{Function, stored};
+use super::F32_PRECISION;
+use super::kernel::{PeriodicField, to_arrays};
 use crate::frame::Vec3;
-use crate::simd::{Lanes, Work};
+use crate::simd::{Lanes, SimdKernel};
 
-/// Steps from a cube's first sample to the middles of the two parts of its leaves, of five samples each,
-/// which together are the leaf and the layer around it.
-const MIDDLES: [f64; 8] = [1.0, 6.0, 9.0, 14.0, 17.0, 22.0, 25.0, 30.0];
-/// Steps from there to the first and last of the five.
-const HALF: f64 = 2.0;
+/// Steps from a cube's first sample to the centres of the two parts of each of its leaves along an axis. Each
+/// part has five samples; together they are the leaf and the layer around it.
+const PART_CENTRES: [f64; 8] = [1.0, 6.0, 9.0, 14.0, 17.0, 22.0, 25.0, 30.0];
+/// Steps from a part's centre to its first and last sample.
+const PART_HALF_STEPS: f64 = 2.0;
 
-/// A cube of leaves whose sides are asked for, the box not regarded. Gives the leaves of whose eight parts
-/// all are inside, and those of which all are outside: bit `16 x + 4 y + z`.
-pub(super) struct SidesWork<'a> {
-    pub function: &'a Function,
+/// The sides of a cube of 4^3 leaves, not cut at the box. Returns the leaves that are inside with all eight
+/// parts, and those that are outside with all: bit `16 x + 4 y + z`.
+pub(super) struct SidesKernel<'a> {
+    pub field: &'a PeriodicField,
     /// The first sample.
     pub first: Vec3,
     pub step: f64,
-    /// Above the first and below minus the second the field is beyond the band.
+    /// The field is out of the band above the first and below minus the second.
     pub bounds: [f32; 2],
 }
 
-impl Work for SidesWork<'_> {
+impl SimdKernel for SidesKernel<'_> {
     type Output = [u64; 2];
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> [u64; 2] {
         let Self {
-            function,
+            field,
             first,
             step,
             bounds,
         } = self;
-        let (products, periods) = (&function.products, &function.periods);
+        let (products, periods) = (&field.products, &field.periods);
         let mut tables = [[[0.0; 8]; crate::cell::FUNCTIONS]; 3];
         let mut halves = [[0.0; 8]; 3];
         for axis in 0..3 {
             let mut parts = [0.0; 8];
             for n in 0..8 {
-                let middle = first[axis] + MIDDLES[n] * step;
-                let a = periods.inside(axis, middle - HALF * step);
-                let b = periods.inside(axis, middle + HALF * step);
+                let centre = first[axis] + PART_CENTRES[n] * step;
+                let a = periods.inside(axis, centre - PART_HALF_STEPS * step);
+                let b = periods.inside(axis, centre + PART_HALF_STEPS * step);
                 parts[n] = periods.part_of(axis, f64::midpoint(a, b));
-                halves[axis][n] = ((b - a) / 2.0) as f32 * function.rule.turn[axis];
+                halves[axis][n] = ((b - a) / 2.0) as f32 * field.rule.wave_number[axis];
             }
-            tables[axis] = stored(l, &products.along(l, &parts));
+            tables[axis] = to_arrays(l, &products.along(l, &parts));
         }
         let [x, y, z] = &tables;
-        let [above, below] = products.sides(l, [x, y, z], &halves, bounds, SINGLE as f32);
+        let [above, below] =
+            products.classify_boxes(l, [x, y, z], &halves, bounds, F32_PRECISION as f32);
         [leaves_of(&below), leaves_of(&above)]
     }
 }
 
-/// The leaves of which all parts are marked, from one bit by part along z, `[x][y]`.
+/// The leaves whose parts are all marked, from a bit for each part along z, by `[x][y]`.
 #[inline(always)]
 fn leaves_of(parts: &[[u8; 8]; 8]) -> u64 {
     let mut leaves = 0;

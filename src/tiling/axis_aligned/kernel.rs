@@ -1,68 +1,76 @@
-//! Distances of a short series by rule Q, on lanes: its scale by two Newton steps, rows of samples, signs
-//! and bounds.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! SIMD kernels for a short trigonometric series: rule Q on rows of samples, signs and bounds.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use super::periods::{BEHIND, EACH, Periods};
+use super::periods::{FIRST_EIGHT_STEPS, NEXT_EIGHT_STEPS, Periods};
 use crate::cell::{Along, FUNCTIONS, Products};
 use crate::frame::Vec3;
-use crate::simd::{Lanes, Work};
+use crate::simd::{Lanes, SimdKernel};
 
-/// The one function in the box.
+/// The periodic field of the box.
 #[derive(Clone, Debug)]
-pub(super) struct Function {
+pub(super) struct PeriodicField {
     pub products: Products,
     pub periods: Periods,
-    pub rule: Rule,
+    pub rule: RuleQ,
 }
 
-/// Lengths of the distance rule, world units, in single precision.
+/// Parameters of rule Q, world units, in single precision.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rule {
-    /// The square that keeps Newton steps finite.
+pub(super) struct RuleQ {
+    /// Added to the squared slope, it keeps Newton steps finite.
     pub damping: f32,
     /// Longest step.
-    pub longest: f32,
+    pub max_step: f32,
     /// Half width of the band.
     pub half_width: f32,
-    /// Bounds of the scale.
-    pub least: f32,
-    pub greatest: f32,
-    /// Where |F| is at least this, neighbouring samples have one sign.
-    pub reach: f32,
-    /// Below this a value is next to the zero set.
-    pub tiny: f32,
+    /// Least and greatest scale, distance per field unit.
+    pub min_scale: f32,
+    pub max_scale: f32,
+    /// Where |F| is at least this, neighbouring samples have the same sign.
+    pub sign_reach: f32,
+    /// Values of a smaller magnitude count as zeros.
+    pub zero_tolerance: f32,
     /// Radians per world unit along each axis.
-    pub turn: [f32; 3],
+    pub wave_number: [f32; 3],
 }
 
-impl Rule {
-    /// Whether all lengths can be held in single precision.
+impl RuleQ {
+    /// Whether all parameters are finite in single precision.
     pub fn is_finite(&self) -> bool {
         let Self {
             damping,
-            longest,
+            max_step,
             half_width,
-            least,
-            greatest,
-            reach,
-            tiny,
-            turn: [x, y, z],
+            min_scale,
+            max_scale,
+            sign_reach,
+            zero_tolerance,
+            wave_number: [x, y, z],
         } = *self;
         [
-            damping, longest, half_width, least, greatest, reach, tiny, x, y, z,
+            damping,
+            max_step,
+            half_width,
+            min_scale,
+            max_scale,
+            sign_reach,
+            zero_tolerance,
+            x,
+            y,
+            z,
         ]
         .iter()
         .all(|v| v.is_finite())
     }
 }
 
-/// What smoothly shortened steps tend to, as a share of the longest ones.
-const SHORTENED: f32 = 0.75;
+/// Limit of smoothly limited steps, as a fraction of the longest step.
+const SMOOTH_STEP_FRACTION: f32 = 0.75;
 
-/// Functions as arrays.
+/// Stores the functions along an axis to arrays.
 #[inline(always)]
-pub(super) fn stored<L: Lanes>(l: L, along: &Along<L::F>) -> [[f32; 8]; FUNCTIONS] {
+pub(super) fn to_arrays<L: Lanes>(l: L, along: &Along<L::F>) -> [[f32; 8]; FUNCTIONS] {
     let mut all = [[0.0; 8]; FUNCTIONS];
     for (to, &from) in all.iter_mut().zip(along) {
         l.store(from, to);
@@ -70,143 +78,162 @@ pub(super) fn stored<L: Lanes>(l: L, along: &Along<L::F>) -> [[f32; 8]; FUNCTION
     all
 }
 
-/// The functions at one of eight places.
+/// The functions at one of eight positions, in all lanes.
 #[inline(always)]
-pub(super) fn splatted<L: Lanes>(l: L, from: &[[f32; 8]; FUNCTIONS], place: usize) -> Along<L::F> {
+pub(super) fn splat_at<L: Lanes>(
+    l: L,
+    from: &[[f32; 8]; FUNCTIONS],
+    position: usize,
+) -> Along<L::F> {
     let mut all = [l.splat(1.0); FUNCTIONS];
     for n in 1..FUNCTIONS {
-        all[n] = l.splat(from[n][place & 7]);
+        all[n] = l.splat(from[n][position & 7]);
     }
     all
 }
 
-/// Rule Q's scale, distance / |F|, by two damped Newton steps. `SMOOTH`: steps beyond the half width are
-/// not cut off at the longest but shortened little by little, so that the scale has no kinks; within the
-/// band that is hardly seen, and between places of a table it is much better to interpolate.
+/// Rule Q's scale, distance / |F|, by two damped Newton steps. `LIMIT_SMOOTHLY`: long steps are limited smoothly
+/// instead of cut off, so that the scale has no kinks. In the band this changes little, and the scale can be
+/// interpolated much more accurately.
 #[inline(always)]
-pub(super) fn scale<L: Lanes, const SMOOTH: bool>(
+pub(super) fn scale<L: Lanes, const LIMIT_SMOOTHLY: bool>(
     l: L,
-    function: &Function,
+    field: &PeriodicField,
     at: [&Along<L::F>; 3],
 ) -> L::F {
-    let Function { products, rule, .. } = function;
-    let (f, g, m, q) = newton::<L, SMOOTH>(l, products, rule, at);
-    let back = l.sub(l.splat(0.0), q);
-    let mut ahead = [*at[0], *at[1], *at[2]];
+    let PeriodicField { products, rule, .. } = field;
+    let (f, g, m, q) = newton::<L, LIMIT_SMOOTHLY>(l, products, rule, at);
+    let minus_q = l.sub(l.splat(0.0), q);
+    let mut shifted = [*at[0], *at[1], *at[2]];
     for a in 0..3 {
-        let by = l.mul(l.mul(back, g[a]), l.splat(rule.turn[a]));
-        ahead[a] = products.further(l, at[a], by);
+        let angle = l.mul(l.mul(minus_q, g[a]), l.splat(rule.wave_number[a]));
+        shifted[a] = products.advanced(l, at[a], angle);
     }
-    let (_, h, _, r) = newton::<L, SMOOTH>(l, products, rule, [&ahead[0], &ahead[1], &ahead[2]]);
+    let (_, h, _, r) =
+        newton::<L, LIMIT_SMOOTHLY>(l, products, rule, [&shifted[0], &shifted[1], &shifted[2]]);
     let mut square = l.splat(0.0);
     for a in 0..3 {
-        let way = l.fused(q, g[a], l.mul(r, h[a]));
-        square = l.fused(way, way, square);
+        let step = l.fused(q, g[a], l.mul(r, h[a]));
+        square = l.fused(step, step, square);
     }
-    let of = l.max(l.mul(f, f), l.splat(f32::MIN_POSITIVE));
-    let scale = l.sqrt(l.div(square, of));
-    let on_it = l.div(l.sqrt(m), l.add(m, l.splat(rule.damping)));
-    let scale = l.select_below(l.magnitude(f), l.splat(rule.tiny), on_it, scale);
-    l.min(l.max(scale, l.splat(rule.least)), l.splat(rule.greatest))
+    let f_squared = l.max(l.mul(f, f), l.splat(f32::MIN_POSITIVE));
+    let scale = l.sqrt(l.div(square, f_squared));
+    let zero_scale = l.div(l.sqrt(m), l.add(m, l.splat(rule.damping)));
+    let scale = l.select_below(
+        l.magnitude(f),
+        l.splat(rule.zero_tolerance),
+        zero_scale,
+        scale,
+    );
+    l.min(
+        l.max(scale, l.splat(rule.min_scale)),
+        l.splat(rule.max_scale),
+    )
 }
 
-/// Value, gradient and its square at a place, and the Newton step's share of the gradient, shortened to
-/// the longest step.
+/// Value F, gradient g, its square, and the factor q of the damped Newton step -q g, limited to the longest
+/// step.
 #[inline(always)]
-fn newton<L: Lanes, const SMOOTH: bool>(
+fn newton<L: Lanes, const LIMIT_SMOOTHLY: bool>(
     l: L,
     products: &Products,
-    rule: &Rule,
+    rule: &RuleQ,
     at: [&Along<L::F>; 3],
 ) -> (L::F, [L::F; 3], L::F, L::F) {
     let (f, mut g) = products.slope(l, at);
     let mut m = l.splat(0.0);
     for a in 0..3 {
-        g[a] = l.mul(g[a], l.splat(rule.turn[a]));
+        g[a] = l.mul(g[a], l.splat(rule.wave_number[a]));
         m = l.fused(g[a], g[a], m);
     }
     let mut q = l.div(f, l.add(m, l.splat(rule.damping)));
     let square = l.mul(l.mul(q, q), m);
-    if SMOOTH {
-        let limit = SHORTENED * rule.longest;
-        let part = l.mul(square, l.splat((limit * limit).recip()));
+    if LIMIT_SMOOTHLY {
+        let limit = SMOOTH_STEP_FRACTION * rule.max_step;
+        let ratio = l.mul(square, l.splat((limit * limit).recip()));
         let one = l.splat(1.0);
-        let by = l.sqrt(l.sqrt(l.fused(part, part, one)));
-        return (f, g, m, l.div(q, by));
+        let divisor = l.sqrt(l.sqrt(l.fused(ratio, ratio, one)));
+        return (f, g, m, l.div(q, divisor));
     }
-    let longest = l.splat(rule.longest * rule.longest);
-    if l.below(longest, square) != 0 {
-        q = l.mul(q, l.sqrt(l.div(longest, l.max(square, longest))));
+    let max_square = l.splat(rule.max_step * rule.max_step);
+    if l.below(max_square, square) != 0 {
+        q = l.mul(q, l.sqrt(l.div(max_square, l.max(square, max_square))));
     }
     (f, g, m, q)
 }
 
-/// Distances at eight samples along z, a step apart.
-pub(super) struct RowWork<'a> {
-    pub function: &'a Function,
+/// Distances at eight samples along z.
+pub(super) struct RowKernel<'a> {
+    pub field: &'a PeriodicField,
     /// The first sample.
     pub origin: Vec3,
     pub step: f64,
     pub out: &'a mut [f32; 8],
 }
 
-impl Work for RowWork<'_> {
+impl SimdKernel for RowKernel<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
         let Self {
-            function,
+            field,
             origin,
             step,
             out,
         } = self;
-        let (products, periods) = (&function.products, &function.periods);
+        let (products, periods) = (&field.products, &field.periods);
         let mut at = [[l.splat(0.0); FUNCTIONS]; 3];
-        for (axis, steps) in [&[0.0; 8], &[0.0; 8], &EACH].into_iter().enumerate() {
+        for (axis, steps) in [&[0.0; 8], &[0.0; 8], &FIRST_EIGHT_STEPS]
+            .into_iter()
+            .enumerate()
+        {
             let parts = periods.parts(l, axis, origin[axis], step, steps);
             at[axis] = products.along(l, &parts);
         }
         let at = [&at[0], &at[1], &at[2]];
         let f = products.slope(l, at).0;
-        let d = l.mul(f, scale::<L, false>(l, function, at));
-        let w = l.splat(function.rule.half_width);
-        let minus = l.splat(-function.rule.half_width);
+        let d = l.mul(f, scale::<L, false>(l, field, at));
+        let w = l.splat(field.rule.half_width);
+        let minus = l.splat(-field.rule.half_width);
         l.store(l.min(l.max(d, minus), w), out);
     }
 }
 
-/// Bounds of the sum in eight boxes, to single precision.
-pub(super) struct RangeWork<'a> {
-    pub function: &'a Function,
+/// Bounds of F in eight boxes, up to single precision.
+pub(super) struct RangeKernel<'a> {
+    pub field: &'a PeriodicField,
     /// Least and greatest coordinates of the boxes, by axis.
     pub min: [[f64; 8]; 3],
     pub max: [[f64; 8]; 3],
 }
 
-impl Work for RangeWork<'_> {
+impl SimdKernel for RangeKernel<'_> {
     type Output = [[f32; 8]; 2];
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> [[f32; 8]; 2] {
-        let Function {
+        let PeriodicField {
             products,
             periods,
             rule,
-        } = self.function;
-        let room = &periods.room;
+        } = self.field;
+        let bounds = &periods.bounds;
         let (mut parts, mut halves) = ([[0.0; 8]; 3], [[0.0; 8]; 3]);
         for axis in 0..3 {
-            let (least, greatest) = (l.all_four(room.min[axis]), l.all_four(room.max[axis]));
+            let (least, greatest) = (
+                l.splat_four(bounds.min[axis]),
+                l.splat_four(bounds.max[axis]),
+            );
             for half in [0, 4] {
                 let [mut a, mut b] = [[0.0; 4]; 2];
                 a.copy_from_slice(&self.min[axis][half..half + 4]);
                 b.copy_from_slice(&self.max[axis][half..half + 4]);
-                let a = l.min_four(l.max_four(l.four(a), least), greatest);
-                let b = l.min_four(l.max_four(l.four(b), least), greatest);
-                let centre = l.mul_four(l.add_four(a, b), l.all_four(0.5));
+                let a = l.min_four(l.max_four(l.load_four(a), least), greatest);
+                let b = l.min_four(l.max_four(l.load_four(b), least), greatest);
+                let centre = l.mul_four(l.add_four(a, b), l.splat_four(0.5));
                 let part = periods.part(l, axis, centre);
                 parts[axis][half..half + 4].copy_from_slice(&part);
-                let width = l.mul_four(l.sub_four(b, a), l.all_four(0.5));
-                halves[axis][half..half + 4].copy_from_slice(&l.singles(width));
+                let width = l.mul_four(l.sub_four(b, a), l.splat_four(0.5));
+                halves[axis][half..half + 4].copy_from_slice(&l.narrow(width));
             }
         }
         let x = products.along(l, &parts[0]);
@@ -214,9 +241,9 @@ impl Work for RangeWork<'_> {
         let z = products.along(l, &parts[2]);
         let mut half = [l.splat(0.0); 3];
         for axis in 0..3 {
-            half[axis] = l.mul(l.load(&halves[axis]), l.splat(rule.turn[axis]));
+            half[axis] = l.mul(l.load(&halves[axis]), l.splat(rule.wave_number[axis]));
         }
-        let (lo, hi) = products.raw_ranges(l, [&x, &y, &z], half);
+        let (lo, hi) = products.sum_ranges(l, [&x, &y, &z], half);
         let mut both = [[0.0; 8]; 2];
         l.store(lo, &mut both[0]);
         l.store(hi, &mut both[1]);
@@ -224,45 +251,48 @@ impl Work for RangeWork<'_> {
     }
 }
 
-/// Most samples along an axis of a lattice whose signs are asked for.
-pub(super) const WIDEST: usize = 16;
+/// Greatest number of samples along an axis for [`SignKernel`].
+pub(super) const MAX_SIGN_SAMPLES: usize = 16;
 
-/// Where the samples of a lattice lie inside, the box not regarded: as [`Field::signs`].
+/// The negative samples of a lattice, not cut at the box, as in [`Field::signs`].
 ///
 /// [`Field::signs`]: crate::field::Field::signs
-pub(super) struct SignWork<'a> {
-    pub function: &'a Function,
+pub(super) struct SignKernel<'a> {
+    pub field: &'a PeriodicField,
     /// The first sample.
     pub origin: Vec3,
     pub step: f64,
-    /// At most [`WIDEST`].
+    /// At most [`MAX_SIGN_SAMPLES`].
     pub counts: [usize; 3],
     pub rows: &'a mut [u64],
 }
 
-impl Work for SignWork<'_> {
+impl SimdKernel for SignKernel<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
         let Self {
-            function,
+            field,
             origin,
             step,
             counts,
             rows,
         } = self;
-        let (products, periods) = (&function.products, &function.periods);
+        let (products, periods) = (&field.products, &field.periods);
         let mut tables = [[[[0.0; 8]; FUNCTIONS]; 2]; 3];
         for axis in 0..3 {
-            for (half, steps) in [&EACH, &BEHIND].into_iter().enumerate() {
+            for (half, steps) in [&FIRST_EIGHT_STEPS, &NEXT_EIGHT_STEPS]
+                .into_iter()
+                .enumerate()
+            {
                 if 8 * half < counts[axis] {
                     let parts = periods.parts(l, axis, origin[axis], step, steps);
-                    tables[axis][half] = stored(l, &products.along(l, &parts));
+                    tables[axis][half] = to_arrays(l, &products.along(l, &parts));
                 }
             }
         }
         let zero = l.splat(0.0);
-        // Eight at a time along the longer of the last two axes.
+        // Process eight samples at a time along the longer of the last two axes.
         if counts[2] >= counts[1] {
             for (n, row) in rows.iter_mut().enumerate() {
                 let at = [n / counts[1], n % counts[1], 0];

@@ -1,81 +1,83 @@
-//! Distances on leaves of 8^3 samples, many of them at a time.
+//! Distances on leaves of 8^3 samples, many leaves at a time.
 //!
-//! What the samples have along an axis is found once for all leaves there, what the products come to
-//! along x and y once for a column of leaves; a leaf takes one sweep over its 64 rows, in which values
-//! become distances and say where they are negative and where within the band.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! The functions along an axis are computed once for all leaves at a coordinate, and their products along x
+//! and y once for a column of leaves. One sweep over the 64 rows of a leaf turns values into distances and
+//! sets the bits of negative samples and of those within the band.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use super::kernel::{Function, scale, splatted};
-use super::scales::{Axis, EVERY, LOCAL, MOST, Scales, sharing};
+use super::kernel::{PeriodicField, scale, splat_at};
+use super::scales::{
+    Axis, LOCAL_NODES, MAX_POLYNOMIAL_NODES, PER_SAMPLE, Scales, contributing_nodes,
+};
 use crate::cell::Column;
 use crate::field::{LeafBits, Leaves};
 use crate::frame::WorldPoint;
-use crate::simd::{self, Code, Lanes, Twice, Work};
+use crate::simd::{self, InstructionSet, Lanes, SimdKernel, WideLanes};
 use std::cell::Cell;
 
-/// Leaves along each axis whose samples' functions are kept: those of a block.
-const KEPT: usize = 16;
-/// A little more than a voxel's diagonal, voxels: by so much distances to the box of neighbours differ.
-const DIAGONAL: f32 = 1.7321;
+/// Number of leaves along each axis whose functions are cached: those of a block.
+const CACHED_LEAVES: usize = 16;
+/// A voxel's diagonal, voxels, rounded up: bound of the difference of neighbours' distances to the box.
+const VOXEL_DIAGONAL: f32 = 1.7321;
 
-/// What is kept of leaves along the axes from one group of leaves to the next.
-struct Axes {
-    /// What they hold for: the scales, the distance of samples, the processor's code.
-    held: (u64, f64, Code),
-    /// By the leaf's place along each of the three.
+/// Functions along the axes, cached between groups of leaves.
+struct AxisCache {
+    /// The cache is valid for these scales, this step and these instructions.
+    key: (u64, f64, InstructionSet),
+    /// Functions along x, y and z, by position of the leaf modulo [`CACHED_LEAVES`].
     along: Vec<[Axis; 3]>,
 }
 
-impl Axes {
-    /// Nothing.
-    fn new(held: (u64, f64, Code)) -> Self {
+impl AxisCache {
+    /// An empty cache.
+    fn new(key: (u64, f64, InstructionSet)) -> Self {
         Self {
-            held,
-            along: vec![[Axis::NONE; 3]; KEPT],
+            key,
+            along: vec![[Axis::EMPTY_AXIS; 3]; CACHED_LEAVES],
         }
     }
 }
 
 thread_local! {
-    static AXES: Cell<Option<Axes>> = Cell::default();
+    static AXIS_CACHE: Cell<Option<AxisCache>> = Cell::default();
 }
 
 /// Fills leaves; `is_cut`: the solid ends at the box.
 pub(super) fn fill(
-    function: &Function,
+    field: &PeriodicField,
     scales: &Scales,
     is_cut: bool,
     leaves: &mut Leaves<'_, WorldPoint>,
 ) {
-    let held = (scales.number(), leaves.step, simd::code());
-    let kept = AXES.take().filter(|axes| axes.held == held);
-    let mut axes = kept.unwrap_or_else(|| Axes::new(held));
-    simd::run(LeavesWork {
-        function,
+    let key = (scales.id(), leaves.step, simd::instruction_set());
+    let cached = AXIS_CACHE.take().filter(|axes| axes.key == key);
+    let mut axes = cached.unwrap_or_else(|| AxisCache::new(key));
+    simd::run(LeavesKernel {
+        field,
         scales,
         is_cut,
         leaves,
         axes: &mut axes,
     });
-    AXES.set(Some(axes));
+    AXIS_CACHE.set(Some(axes));
 }
 
-/// Leaves to be filled.
-struct LeavesWork<'a, 'b> {
-    function: &'a Function,
+/// Fills leaves.
+struct LeavesKernel<'a, 'b> {
+    field: &'a PeriodicField,
     scales: &'a Scales,
     is_cut: bool,
     leaves: &'a mut Leaves<'b, WorldPoint>,
-    axes: &'a mut Axes,
+    axes: &'a mut AxisCache,
 }
 
-impl Work for LeavesWork<'_, '_> {
+impl SimdKernel for LeavesKernel<'_, '_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
         let Self {
-            function,
+            field,
             scales,
             is_cut,
             leaves,
@@ -86,19 +88,19 @@ impl Work for LeavesWork<'_, '_> {
         let mut column_at = [f64::NAN; 2];
         let mut kept = 0;
         for (origin, bits) in leaves.origins.iter().zip(leaves.bits.iter_mut()) {
-            let mut places = [0; 3];
+            let mut slots = [0; 3];
             for axis in 0..3 {
                 let x = origin.0[axis];
-                let place = (x / (8.0 * step) + 0.5).floor() as i64 as usize;
-                places[axis] = place % KEPT;
-                let along = &mut axes.along[place % KEPT][axis];
+                let position = (x / (8.0 * step) + 0.5).floor() as i64 as usize;
+                slots[axis] = position % CACHED_LEAVES;
+                let along = &mut axes.along[position % CACHED_LEAVES][axis];
                 if along.origin != x {
-                    *along = scales.axis(l, function, axis, x, step);
+                    *along = scales.axis(l, field, axis, x, step);
                 }
             }
-            let [x, y, z] = [0, 1, 2].map(|axis| &axes.along[places[axis]][axis]);
+            let [x, y, z] = [0, 1, 2].map(|axis| &axes.along[slots[axis]][axis]);
             if column_at != [x.origin, y.origin] {
-                let products = &function.products;
+                let products = &field.products;
                 products.column(l, &x.along, &y.along, &mut column);
                 column_at = [x.origin, y.origin];
             }
@@ -106,32 +108,34 @@ impl Work for LeavesWork<'_, '_> {
             let Some(rows) = values.and_then(|v| v.as_chunks_mut().0.first_chunk_mut()) else {
                 break;
             };
-            function.products.values(l, &column, &z.along, rows);
-            let beyond = [x.outermost(), y.outermost(), z.outermost()];
-            let outermost = beyond[0].max(beyond[1]).max(beyond[2]);
+            field.products.values(l, &column, &z.along, rows);
+            let outside = [x.outermost(), y.outermost(), z.outermost()];
+            let outermost = outside[0].max(outside[1]).max(outside[2]);
             let sweep = Sweep {
-                function,
+                field,
                 scales,
                 by,
                 background,
                 at: [x, y, z],
-                at_edge: beyond.into_iter().filter(|&b| b > 0.0).count() > 1,
+                is_near_edge: outside.into_iter().filter(|&b| b > 0.0).count() > 1,
             };
-            let ends = is_cut && outermost > by - background;
-            *bits = match (scales.nodes(), ends) {
+            let reaches_box = is_cut && outermost > by - background;
+            *bits = match (scales.nodes(), reaches_box) {
                 (4, false) => sweep.run::<L, 4, false>(l, rows),
                 (4, true) => sweep.run::<L, 4, true>(l, rows),
                 (5, false) => sweep.run::<L, 5, false>(l, rows),
                 (5, true) => sweep.run::<L, 5, true>(l, rows),
-                (MOST, false) => sweep.run::<L, MOST, false>(l, rows),
-                (MOST, true) => sweep.run::<L, MOST, true>(l, rows),
-                (LOCAL, false) => sweep.run::<L, LOCAL, false>(l, rows),
-                (LOCAL, true) => sweep.run::<L, LOCAL, true>(l, rows),
-                (_, false) => sweep.run::<L, EVERY, false>(l, rows),
-                (_, true) => sweep.run::<L, EVERY, true>(l, rows),
+                (MAX_POLYNOMIAL_NODES, false) => {
+                    sweep.run::<L, MAX_POLYNOMIAL_NODES, false>(l, rows)
+                }
+                (MAX_POLYNOMIAL_NODES, true) => sweep.run::<L, MAX_POLYNOMIAL_NODES, true>(l, rows),
+                (LOCAL_NODES, false) => sweep.run::<L, LOCAL_NODES, false>(l, rows),
+                (LOCAL_NODES, true) => sweep.run::<L, LOCAL_NODES, true>(l, rows),
+                (_, false) => sweep.run::<L, PER_SAMPLE, false>(l, rows),
+                (_, true) => sweep.run::<L, PER_SAMPLE, true>(l, rows),
             };
-            // What the sweep proves does not regard the box, whose sides a narrow band may hide.
-            let reach = DIAGONAL * step as f32;
+            // The sweep's proof of signs ignores the box, whose faces may lie beyond a narrow band.
+            let reach = VOXEL_DIAGONAL * step as f32;
             if is_cut && background <= reach && outermost > by - background - reach {
                 bits.settled = false;
             }
@@ -140,20 +144,20 @@ impl Work for LeavesWork<'_, '_> {
     }
 }
 
-/// From the field's values on a leaf to distances.
+/// Turns the field's values on a leaf into distances.
 struct Sweep<'a> {
-    function: &'a Function,
+    field: &'a PeriodicField,
     scales: &'a Scales,
-    /// How far outwards the surface is moved.
+    /// Distance by which the surface is moved outwards.
     by: f32,
     background: f32,
     at: [&'a Axis; 3],
-    /// Whether samples may lie outside of two faces of the box.
-    at_edge: bool,
+    /// Whether samples may lie outside two faces of the box.
+    is_near_edge: bool,
 }
 
 impl Sweep<'_> {
-    /// With scales from N nodes along each axis, and cut off at the box or not.
+    /// Scales come from N nodes along each axis; `CUT`: distances are cut at the box.
     #[inline(always)]
     fn run<L: Lanes, const N: usize, const CUT: bool>(
         &self,
@@ -161,100 +165,99 @@ impl Sweep<'_> {
         rows: &mut [[f32; 8]; 64],
     ) -> LeafBits {
         let Self {
-            function,
+            field,
             scales,
             by,
             background,
             at,
-            at_edge,
+            is_near_edge,
         } = *self;
         let [x, y, z] = at;
-        let rule = &function.rule;
-        let two = l.two();
-        let same = |v: f32| two.each([v; 2]);
-        let (zero, least) = (same(0.0), same(rule.least));
+        let rule = &field.rule;
+        let wide = l.wide();
+        let same = |v: f32| wide.splat_rows([v; 2]);
+        let (zero, least) = (same(0.0), same(rule.min_scale));
         let (limit, minus) = (same(background), same(-background));
         let back = same(-by);
-        // Where the field is further from this than that, neighbours lie on the same side of the moved
-        // surface: at it the field lies between 0 and `by` times its greatest slope.
-        let middle = 0.5 * by / rule.least;
-        let (less, reach) = (same(-middle), same(rule.reach + middle.abs()));
-        let beyond = same((background + by.abs()) / rule.least);
+        // Where the field differs from the middle by more than the reach, neighbours are on the same side of the
+        // moved surface: there the field is between 0 and `by` times its greatest slope.
+        let middle = 0.5 * by / rule.min_scale;
+        let (less, reach) = (same(-middle), same(rule.sign_reach + middle.abs()));
+        let beyond = same((background + by.abs()) / rule.min_scale);
         let mut planes = [[zero; N]; 4];
         let mut along_z = [l.splat(0.0); crate::cell::FUNCTIONS];
-        if N == EVERY {
+        if N == PER_SAMPLE {
             for (to, from) in along_z.iter_mut().zip(&z.along) {
                 *to = l.load(from);
             }
         } else {
             planes = scales.planes::<L, N>(l, at);
         }
-        let outside_z = l.load(&z.beyond);
+        let outside_z = l.load(&z.outside);
         let mut bits = LeafBits {
-            // Clamped as they are, all values are numbers.
+            // Clamped values are finite.
             finite: true,
             ..LeafBits::default()
         };
-        // Above 0 as long as no sample is such that a neighbour may have the other sign, without being
-        // within the band.
-        let mut doubt = limit;
+        // Positive as long as every sample is within the band or has neighbours of its own sign.
+        let mut margin = limit;
         for (i, slab) in rows.as_chunks_mut::<8>().0.iter_mut().enumerate() {
-            let (from, shares) = Scales::shares::<L, N>(l, x, i);
+            let (from, weights) = Scales::weights::<L, N>(l, x, i);
             let (mut negative, mut within) = (0, 0);
             for (pair, rows) in slab.as_chunks_mut().0.iter_mut().enumerate() {
                 let j = (2 * pair) & 7;
-                let f = two.load(rows);
+                let f = wide.load(rows);
                 let mut s = zero;
-                if N == EVERY {
-                    if two.below(two.magnitude(f), beyond) != 0 {
-                        let at_x = splatted(l, &x.along, i);
-                        let at_y = [splatted(l, &y.along, j), splatted(l, &y.along, j + 1)];
-                        s = two.pair([
-                            scale::<L, false>(l, function, [&at_x, &at_y[0], &along_z]),
-                            scale::<L, false>(l, function, [&at_x, &at_y[1], &along_z]),
+                if N == PER_SAMPLE {
+                    if wide.below(wide.magnitude(f), beyond) != 0 {
+                        let at_x = splat_at(l, &x.along, i);
+                        let at_y = [splat_at(l, &y.along, j), splat_at(l, &y.along, j + 1)];
+                        s = wide.join_rows([
+                            scale::<L, false>(l, field, [&at_x, &at_y[0], &along_z]),
+                            scale::<L, false>(l, field, [&at_x, &at_y[1], &along_z]),
                         ]);
                     }
                 } else {
-                    for n in 0..sharing(N) {
+                    for n in 0..contributing_nodes(N) {
                         let plane = planes[pair & 3][(from + n).min(N - 1)];
-                        s = two.fused(shares[n], plane, s);
+                        s = wide.fused(weights[n], plane, s);
                     }
                 }
-                s = two.max(s, least);
-                let mut d = two.fused(f, s, back);
-                let mut size = two.magnitude(d);
-                let off = two.magnitude(two.add(f, less));
-                let free = two.max(two.sub(off, reach), two.sub(limit, size));
-                doubt = two.min(free, doubt);
+                s = wide.max(s, least);
+                let mut d = wide.fused(f, s, back);
+                let mut size = wide.magnitude(d);
+                let off = wide.magnitude(wide.add(f, less));
+                let free = wide.max(wide.sub(off, reach), wide.sub(limit, size));
+                margin = wide.min(free, margin);
                 if CUT {
-                    let (ox, oy) = (l.splat(x.beyond[i & 7]), [y.beyond[j], y.beyond[j + 1]]);
+                    let (ox, oy) = (l.splat(x.outside[i & 7]), [y.outside[j], y.outside[j + 1]]);
                     let outside = oy.map(|oy| [ox, l.splat(oy), outside_z]);
-                    let ends = if at_edge {
-                        [to_box(l, outside[0]), to_box(l, outside[1])]
+                    let ends = if is_near_edge {
+                        [box_distance(l, outside[0]), box_distance(l, outside[1])]
                     } else {
                         [outermost(l, outside[0]), outermost(l, outside[1])]
                     };
-                    d = two.max(d, two.add(two.pair(ends), back));
-                    size = two.magnitude(d);
+                    d = wide.max(d, wide.add(wide.join_rows(ends), back));
+                    size = wide.magnitude(d);
                 }
-                d = two.min(two.max(d, minus), limit);
-                two.store(d, rows);
-                // Signs of differences, since a mask of signs is one instruction, and one of comparisons
-                // is not. A zero added makes 0 of -0.
-                negative |= u64::from(two.signs(two.add(d, zero))) << (8 * j);
-                within |= u64::from(two.signs(two.sub(size, limit))) << (8 * j);
+                d = wide.min(wide.max(d, minus), limit);
+                wide.store(d, rows);
+                // Use sign bits of differences: their mask takes one instruction, that of a comparison takes more. Adding
+                // zero turns -0 into 0.
+                negative |= u64::from(wide.sign_bits(wide.add(d, zero))) << (8 * j);
+                within |= u64::from(wide.sign_bits(wide.sub(size, limit))) << (8 * j);
             }
             bits.negative[i & 7] = negative;
             bits.within[i & 7] = within;
         }
-        bits.settled = two.below(zero, doubt) == u16::MAX;
+        bits.settled = wide.below(zero, margin) == u16::MAX;
         bits
     }
 }
 
-/// Distances to the box from how far outside of it the coordinates lie, also beyond its edges.
+/// Distances to the box from the distances of the coordinates outside it, also near its edges.
 #[inline(always)]
-fn to_box<L: Lanes>(l: L, beyond: [L::F; 3]) -> L::F {
+fn box_distance<L: Lanes>(l: L, beyond: [L::F; 3]) -> L::F {
     let zero = l.splat(0.0);
     let mut square = zero;
     for coordinate in beyond {
@@ -264,7 +267,7 @@ fn to_box<L: Lanes>(l: L, beyond: [L::F; 3]) -> L::F {
     l.add(l.sqrt(square), l.min(outermost(l, beyond), zero))
 }
 
-/// The same where no two of the coordinates lie outside.
+/// As [`box_distance`], where at most one coordinate lies outside.
 #[inline(always)]
 fn outermost<L: Lanes>(l: L, [x, y, z]: [L::F; 3]) -> L::F {
     l.max(l.max(x, y), z)

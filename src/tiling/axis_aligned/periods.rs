@@ -1,30 +1,30 @@
-//! Where the samples of rows along the axes lie in the periods of a box of equal hexes.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! Positions of samples in the periods of a box of equal hexes.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
 use crate::frame::{Aabb, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
 use crate::simd::Lanes;
 
-/// Where the periods lie in world space, and the box that they fill.
+/// The periods in world space, and the box that they fill.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Periods {
-    /// Where the reference coordinates are 0.
+    /// The world point whose reference coordinates are 0.
     pub centre: Vec3,
     /// Periods per world unit.
     pub rate: Vec3,
-    pub room: Aabb,
+    pub bounds: Aabb,
 }
 
 impl Periods {
-    /// The hexes that a box meets, numbered from the least corner, z fastest.
+    /// Calls `found` with each hex that a box meets; numbers start at the least corner, z fastest.
     pub fn for_each_hex(&self, region: &Aabb, mut found: impl FnMut(usize)) {
-        let counts = self.room.size().component_mul(&self.rate);
+        let counts = self.bounds.size().component_mul(&self.rate);
         let counts = [0, 1, 2].map(|a| counts[a].round() as usize);
         let along = |axis: usize| {
-            let place = |x: f64| (x - self.room.min[axis]) * self.rate[axis];
-            // Negative places are those of the first hex, if the box reaches it at all.
-            let (first, end) = (place(region.min[axis]), place(region.max[axis]));
+            let position = |x: f64| (x - self.bounds.min[axis]) * self.rate[axis];
+            // Positions below 0 belong to the first hex, if the box reaches it.
+            let (first, end) = (position(region.min[axis]), position(region.max[axis]));
             first.max(0.0) as usize..counts[axis].min((end + 1.0).max(0.0) as usize)
         };
         let [x, y, z] = [0, 1, 2].map(along);
@@ -34,7 +34,7 @@ impl Periods {
         }
     }
 
-    /// Parts of a period at so many steps from a coordinate along an axis, clamped to the box.
+    /// Fractions of a period, in [-1/2, 1/2), at these steps from a coordinate along an axis, clamped to the box.
     #[inline(always)]
     pub fn parts<L: Lanes>(
         &self,
@@ -48,25 +48,25 @@ impl Periods {
         for half in [0, 4] {
             let mut four = [0.0; 4];
             four.copy_from_slice(&steps[half..half + 4]);
-            let ahead = l.mul_four(l.four(four), l.all_four(step));
-            let mut x = l.add_four(ahead, l.all_four(origin));
-            x = l.max_four(x, l.all_four(self.room.min[axis]));
-            x = l.min_four(x, l.all_four(self.room.max[axis]));
+            let ahead = l.mul_four(l.load_four(four), l.splat_four(step));
+            let mut x = l.add_four(ahead, l.splat_four(origin));
+            x = l.max_four(x, l.splat_four(self.bounds.min[axis]));
+            x = l.min_four(x, l.splat_four(self.bounds.max[axis]));
             parts[half..half + 4].copy_from_slice(&self.part(l, axis, x));
         }
         parts
     }
 
-    /// Parts of a period of four coordinates along an axis.
+    /// Fractions of a period at four coordinates along an axis.
     #[inline(always)]
     pub fn part<L: Lanes>(&self, l: L, axis: usize, x: L::D) -> [f32; 4] {
-        let from = l.sub_four(x, l.all_four(self.centre[axis]));
-        let u = l.mul_four(from, l.all_four(self.rate[axis]));
-        let whole = l.floor_four(l.add_four(u, l.all_four(0.5)));
-        l.singles(l.sub_four(u, whole))
+        let from = l.sub_four(x, l.splat_four(self.centre[axis]));
+        let u = l.mul_four(from, l.splat_four(self.rate[axis]));
+        let whole = l.floor_four(l.add_four(u, l.splat_four(0.5)));
+        l.narrow(l.sub_four(u, whole))
     }
 
-    /// The part of a period of one coordinate along an axis.
+    /// Fraction of a period at one coordinate along an axis.
     #[inline(always)]
     pub fn part_of(&self, axis: usize, x: f64) -> f32 {
         let u = (x - self.centre[axis]) * self.rate[axis];
@@ -76,27 +76,26 @@ impl Periods {
     /// The nearest coordinate in the box.
     #[inline(always)]
     pub fn inside(&self, axis: usize, x: f64) -> f64 {
-        x.max(self.room.min[axis]).min(self.room.max[axis])
+        x.max(self.bounds.min[axis]).min(self.bounds.max[axis])
     }
 
-    /// How far outside the box a coordinate lies; 0 in its faces, rounding or not. Samples are a step
-    /// apart.
+    /// Distance of a coordinate outside the box; 0 on its faces, up to rounding, for samples `step` apart.
     #[inline(always)]
-    pub fn beyond(&self, axis: usize, x: f64, step: f64) -> f64 {
-        let d = (self.room.min[axis] - x).max(x - self.room.max[axis]);
+    pub fn outside(&self, axis: usize, x: f64, step: f64) -> f64 {
+        let d = (self.bounds.min[axis] - x).max(x - self.bounds.max[axis]);
         if d.abs() < 1e-6 * step { 0.0 } else { d }
     }
 }
 
 /// Steps to the samples of a leaf.
-pub(super) const EACH: [f64; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
-/// To those that follow.
-pub(super) const BEHIND: [f64; 8] = [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+pub(super) const FIRST_EIGHT_STEPS: [f64; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+/// Steps to the eight samples that follow.
+pub(super) const NEXT_EIGHT_STEPS: [f64; 8] = [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
-/// The box that the elements fill, a centre and the size of one of them, if they are equal hexes
-/// along the axes that together are a box, turned alike unless the cell does not mind.
+/// The box that the elements fill, the centre of one element and the elements' size, if they are equal
+/// axis-parallel hexes that form a box, with the same orientation unless `any_numbering` is allowed.
 pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Vec3, Vec3)> {
-    let (mut room, mut size) = (Aabb::EMPTY, None::<Vec3>);
+    let (mut bounds, mut size) = (Aabb::EMPTY, None::<Vec3>);
     let mut centres = Vec::with_capacity(scaffold.len());
     for element in scaffold.elements() {
         if element.shape() != Element::Hex || !element.is_affine() {
@@ -117,14 +116,14 @@ pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Ve
         if !(0..3).all(is_axis) || (own - first).amax() > 1e-9 * scale {
             return None;
         }
-        room = room.union(Aabb {
+        bounds = bounds.union(Aabb {
             min: centre.0 - own / 2.0,
             max: centre.0 + own / 2.0,
         });
         centres.push(centre.0);
     }
     let size = size?;
-    let counts = room.size().component_div(&size);
+    let counts = bounds.size().component_div(&size);
     let number = counts.map(f64::round);
     let fits = (counts - number).amax() < 1e-6;
     if !fits || number.product() != centres.len() as f64 {
@@ -132,13 +131,13 @@ pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Ve
     }
     let mut taken = vec![false; centres.len()];
     for centre in &centres {
-        let place = (centre - room.min).component_div(&size) - Vec3::repeat(0.5);
-        let index = place.map(f64::round);
+        let position = (centre - bounds.min).component_div(&size) - Vec3::repeat(0.5);
+        let index = position.map(f64::round);
         let at = (index.x * number.y + index.y) * number.z + index.z;
         let slot = taken.get_mut(at as usize)?;
-        if (place - index).amax() > 1e-6 || std::mem::replace(slot, true) {
+        if (position - index).amax() > 1e-6 || std::mem::replace(slot, true) {
             return None;
         }
     }
-    Some((room, centres[0], size))
+    Some((bounds, centres[0], size))
 }

@@ -1,215 +1,215 @@
 //! The scale of rule Q, distance / |F|, tabulated over one period.
 //!
-//! The scale is smooth where cells are large in voxels, and periodic as the field is: it is found once, on
-//! a lattice over one period, and the leaves take theirs from a few nodes of it along each axis, close to
-//! Chebyshev's, by Lagrange's polynomials. How many nodes do is tried out.
+//! The scale is periodic, and smooth where cells are large in voxels. It is tabulated on a lattice over one
+//! period. A leaf interpolates it from a few entries along each axis, near Chebyshev nodes, by Lagrange
+//! polynomials. Trials decide how many nodes are enough.
 //!
-//! Where the band is so wide that its leaves reach to where the scale leaps, half a wall or gap away, no
-//! polynomial over the whole of a leaf follows it. There a sample takes its scale from the four places about
-//! it along each axis, of a table of about a place a voxel; if that does not do either, every sample has its
-//! own scale.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+//! In a wide band, leaves reach the middle of walls and gaps, where the scale jumps. No polynomial over a
+//! whole leaf follows that. There each sample interpolates from the four entries around it along each axis,
+//! in a table of about one entry a voxel. If that is not enough, every sample computes its own scale.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use super::kernel::{Function, scale, splatted, stored};
-use super::periods::EACH;
+use super::kernel::{PeriodicField, scale, splat_at, to_arrays};
+use super::periods::FIRST_EIGHT_STEPS;
 use crate::cell::{Along, FUNCTIONS};
-use crate::simd::{Lanes, Pair, Twice, Work};
+use crate::simd::{Lanes, Pair, SimdKernel, WideLanes};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Nodes along an axis where every sample is one.
-pub(super) const EVERY: usize = 12;
-/// Most nodes along an axis of which all have a share in each sample.
-pub(super) const MOST: usize = 6;
-/// Nodes along an axis where four have a share in a sample.
-pub(super) const LOCAL: usize = 11;
-/// Places of a table, of which the nodes along an axis are some, all of which follow each other.
-const SPREAD: usize = 16;
-/// Least and most places of the lattice along an axis. Multiples of eight, so that the middles between
-/// them are far from the points of special symmetry, at which slopes vanish and scales leap.
-const PLACES: [f64; 2] = [16.0, 64.0];
-/// Fewest voxels of a period, of which a leaf's nodes lie among [`SPREAD`] places.
-const FEWEST: f64 = 10.0;
+/// Stands for scales computed at every sample.
+pub(super) const PER_SAMPLE: usize = 12;
+/// Greatest number of nodes along an axis for a polynomial over the whole leaf.
+pub(super) const MAX_POLYNOMIAL_NODES: usize = 6;
+/// Number of nodes along an axis where each sample interpolates between four of them.
+pub(super) const LOCAL_NODES: usize = 11;
+/// Number of consecutive entries along an axis that include the nodes of a leaf.
+const NODE_SPAN: usize = 16;
+/// Least and greatest number of entries along an axis. They are multiples of eight, so that entries, half a
+/// spacing off the origin, avoid points of special symmetry, where slopes vanish and scales jump.
+const ENTRY_RANGE: [f64; 2] = [16.0, 64.0];
+/// Least size of a period, voxels: a leaf's nodes then lie within [`NODE_SPAN`] entries.
+const MIN_PERIOD_VOXELS: f64 = 10.0;
 
-/// The number of the next scales.
-static NEXT: AtomicU64 = AtomicU64::new(0);
+/// The next unused identifier.
+static NEXT_ID: AtomicU64 = AtomicU64::new(0);
 
-/// Scales over one period, and of how many of them along an axis those of a leaf are made.
+/// A table of scales over one period, and the number of nodes from which a leaf interpolates.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scales {
-    /// No others have this number.
-    number: u64,
-    /// Places along each axis.
+    /// Unique identifier.
+    id: u64,
+    /// Entries along each axis.
     counts: [usize; 3],
-    /// Places from the beginning of each row along z that come again at its end.
-    again: usize,
-    /// z fastest; the first one half a place from reference coordinates 0.
+    /// Entries from the beginning of each row along z that are repeated at its end.
+    wrapped: usize,
+    /// z fastest; the first entry is half a spacing from reference coordinates 0.
     values: Vec<f32>,
-    /// At most [`MOST`], or [`LOCAL`], or [`EVERY`].
+    /// At most [`MAX_POLYNOMIAL_NODES`], or [`LOCAL_NODES`], or [`PER_SAMPLE`].
     nodes: usize,
-    /// Where the nodes are wanted, in halves of a leaf from its centre.
-    wanted: [f64; MOST],
+    /// Target positions of the nodes, in halves of a leaf from its centre.
+    targets: [f64; MAX_POLYNOMIAL_NODES],
 }
 
-/// What the eight samples of a leaf along one axis have in common with all leaves there.
+/// Data of the eight samples of a leaf along one axis.
 #[derive(Clone, Copy)]
 pub(super) struct Axis {
-    /// Coordinate of the first sample; not a number before there is one.
+    /// Coordinate of the first sample; NaN in an unused entry.
     pub origin: f64,
     pub along: Along<[f32; 8]>,
-    /// Where the nodes are in the table of scales.
-    nodes: [usize; LOCAL],
-    /// Of each sample, the first node that has a share in it, where four have.
-    from: [usize; 8],
-    /// Of each node, its share in each sample.
-    shares: [[f32; 8]; LOCAL],
-    /// How far outside the box the samples lie.
-    pub beyond: [f32; 8],
+    /// Offsets of the nodes in the table.
+    nodes: [usize; LOCAL_NODES],
+    /// For each sample, the first of the four nodes between which it interpolates.
+    first_node: [usize; 8],
+    /// Weight of each node in each sample.
+    weights: [[f32; 8]; LOCAL_NODES],
+    /// Distance of each sample outside the box.
+    pub outside: [f32; 8],
 }
 
 impl Axis {
-    pub const NONE: Self = Self {
+    pub const EMPTY_AXIS: Self = Self {
         origin: f64::NAN,
         along: [[0.0; 8]; FUNCTIONS],
-        nodes: [0; LOCAL],
-        from: [0; 8],
-        shares: [[0.0; 8]; LOCAL],
-        beyond: [0.0; 8],
+        nodes: [0; LOCAL_NODES],
+        first_node: [0; 8],
+        weights: [[0.0; 8]; LOCAL_NODES],
+        outside: [0.0; 8],
     };
 
-    /// How far outside the box the outermost sample lies.
+    /// Distance of the outermost sample outside the box.
     #[inline(always)]
     pub fn outermost(&self) -> f32 {
-        self.beyond[0].max(self.beyond[7])
+        self.outside[0].max(self.outside[7])
     }
 }
 
 impl Scales {
-    /// No table: every sample has its own scale.
-    pub fn of_every_sample() -> Self {
+    /// No table: every sample computes its own scale.
+    pub fn per_sample() -> Self {
         Self {
-            number: NEXT.fetch_add(1, Ordering::Relaxed),
-            nodes: EVERY,
+            id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
+            nodes: PER_SAMPLE,
             ..Self::default()
         }
     }
 
-    /// A table of places about so many voxels apart, but not too many of them; from how many nodes leaves take
-    /// their scales is yet to be said. None for cells of few voxels.
-    pub fn new(function: &Function, voxel_size: f64, apart: f64) -> Option<Self> {
-        let voxels = (function.periods.rate * voxel_size).map(f64::recip);
-        let [least, most] = PLACES;
-        if voxels.min() < FEWEST {
+    /// A table with entries about `spacing` voxels apart, within [`ENTRY_RANGE`]; [`Self::with_nodes`] sets the
+    /// number of nodes. `None` for periods of few voxels.
+    pub fn new(field: &PeriodicField, voxel_size: f64, spacing: f64) -> Option<Self> {
+        let voxels = (field.periods.rate * voxel_size).map(f64::recip);
+        let [min, max] = ENTRY_RANGE;
+        if voxels.min() < MIN_PERIOD_VOXELS {
             return None;
         }
-        let wanted = voxels.map(|v| (v / apart).clamp(least, most));
-        let count = |axis: usize| (wanted[axis] / 8.0).ceil() as usize * 8;
-        let table = Self::with_places::<true>(function, [count(0), count(1), count(2)]);
-        Some(table.going_on(SPREAD))
+        let target = voxels.map(|v| (v / spacing).clamp(min, max));
+        let count = |axis: usize| (target[axis] / 8.0).ceil() as usize * 8;
+        let table = Self::with_entries::<true>(field, [count(0), count(1), count(2)]);
+        Some(table.with_wrapped_rows(NODE_SPAN))
     }
 
-    /// A table of places no nearer to each other than voxels, each sample's scale from the four places about
-    /// it along each axis; none for cells of few voxels.
-    pub fn local(function: &Function, voxel_size: f64) -> Option<Self> {
-        let voxels = (function.periods.rate * voxel_size).map(|r| r.recip() * (1.0 + 1e-9));
-        let [least, most] = PLACES;
-        if voxels.min() < least {
+    /// A table with entries at least a voxel apart, from which each sample interpolates between the four entries
+    /// around it along each axis. `None` for periods of few voxels.
+    pub fn local(field: &PeriodicField, voxel_size: f64) -> Option<Self> {
+        let voxels = (field.periods.rate * voxel_size).map(|r| r.recip() * (1.0 + 1e-9));
+        let [min, max] = ENTRY_RANGE;
+        if voxels.min() < min {
             return None;
         }
-        let count = |axis: usize| (voxels[axis].min(most) / 8.0) as usize * 8;
-        let table = Self::with_places::<false>(function, [count(0), count(1), count(2)]);
+        let count = |axis: usize| (voxels[axis].min(max) / 8.0) as usize * 8;
+        let table = Self::with_entries::<false>(field, [count(0), count(1), count(2)]);
         Some(Self {
-            nodes: LOCAL,
-            ..table.going_on(LOCAL)
+            nodes: LOCAL_NODES,
+            ..table.with_wrapped_rows(LOCAL_NODES)
         })
     }
 
-    /// The table whose rows go on for so many places, so that those from any place on follow each other.
-    fn going_on(mut self, again: usize) -> Self {
+    /// Repeats the first `wrapped` entries of each row at its end, so that the entries after any entry are
+    /// consecutive.
+    fn with_wrapped_rows(mut self, wrapped: usize) -> Self {
         let count = self.counts[2];
         let rows = self.values.chunks_exact(count);
         self.values = rows
-            .flat_map(|row| row.iter().cycle().take(count + again))
+            .flat_map(|row| row.iter().cycle().take(count + wrapped))
             .copied()
             .collect();
-        self.again = again;
+        self.wrapped = wrapped;
         self
     }
 
-    /// A table of so many places along each axis; `SMOOTH` as of [`scale`].
-    fn with_places<const SMOOTH: bool>(function: &Function, counts: [usize; 3]) -> Self {
+    /// A table with these numbers of entries along each axis; `LIMIT_SMOOTHLY` as in [`scale`].
+    fn with_entries<const LIMIT_SMOOTHLY: bool>(field: &PeriodicField, counts: [usize; 3]) -> Self {
         let mut values = vec![0.0; counts.iter().product()];
-        crate::simd::run(TableWork::<SMOOTH> {
-            function,
+        crate::simd::run(TableKernel::<LIMIT_SMOOTHLY> {
+            field,
             counts,
             values: &mut values,
         });
         Self {
             counts,
             values,
-            ..Self::of_every_sample()
+            ..Self::per_sample()
         }
     }
 
-    /// The same table, with so many nodes along each axis of a leaf.
+    /// The same table, with this number of nodes along each axis of a leaf.
     #[must_use]
     pub fn with_nodes(mut self, nodes: usize) -> Self {
-        self.number = NEXT.fetch_add(1, Ordering::Relaxed);
+        self.id = NEXT_ID.fetch_add(1, Ordering::Relaxed);
         self.nodes = nodes;
-        for (n, wanted) in self.wanted.iter_mut().enumerate() {
-            // A little wider than the leaf.
+        for (n, target) in self.targets.iter_mut().enumerate() {
+            // The nodes extend a little beyond the leaf.
             let angle = std::f64::consts::PI * (n as f64 + 0.5) / nodes as f64;
-            *wanted = -1.08 * libm::cos(angle);
+            *target = -1.08 * libm::cos(angle);
         }
         self
     }
 
-    /// A number that no other scales have.
-    pub fn number(&self) -> u64 {
-        self.number
+    /// Unique identifier.
+    pub fn id(&self) -> u64 {
+        self.id
     }
 
     pub fn nodes(&self) -> usize {
         self.nodes
     }
 
-    /// What eight samples along an axis take, from the coordinate of the first of them.
+    /// Data of eight samples along an axis, from the coordinate of the first.
     #[inline(always)]
     pub fn axis<L: Lanes>(
         &self,
         l: L,
-        function: &Function,
+        field: &PeriodicField,
         axis: usize,
         origin: f64,
         step: f64,
     ) -> Axis {
-        let periods = &function.periods;
-        let parts = periods.parts(l, axis, origin, step, &EACH);
-        let mut of = Axis {
+        let periods = &field.periods;
+        let parts = periods.parts(l, axis, origin, step, &FIRST_EIGHT_STEPS);
+        let mut data = Axis {
             origin,
-            along: stored(l, &function.products.along(l, &parts)),
-            ..Axis::NONE
+            along: to_arrays(l, &field.products.along(l, &parts)),
+            ..Axis::EMPTY_AXIS
         };
         let count = self.counts[axis];
-        let mut places = [0.0; 8];
+        let mut positions = [0.0; 8];
         for n in 0..8 {
             let x = origin + step * n as f64;
-            of.beyond[n] = periods.beyond(axis, x, step) as f32;
+            data.outside[n] = periods.outside(axis, x, step) as f32;
             let u = (periods.inside(axis, x) - periods.centre[axis]) * periods.rate[axis];
-            places[n] = u * count as f64 - 0.5;
+            positions[n] = u * count as f64 - 0.5;
         }
-        if self.nodes <= MOST {
-            self.place_nodes(l, axis, &places, &mut of);
-        } else if self.nodes == LOCAL {
-            self.place_local(axis, &places, &mut of);
+        if self.nodes <= MAX_POLYNOMIAL_NODES {
+            self.set_polynomial_nodes(l, axis, &positions, &mut data);
+        } else if self.nodes == LOCAL_NODES {
+            self.set_local_nodes(axis, &positions, &mut data);
         }
-        of
+        data
     }
 
-    /// The step of the table from one place to the next along an axis.
+    /// Stride of the table along an axis.
     #[inline(always)]
     fn stride(&self, axis: usize) -> usize {
-        let row = self.counts[2] + self.again;
+        let row = self.counts[2] + self.wrapped;
         match axis {
             0 => self.counts[1] * row,
             1 => row,
@@ -217,129 +217,135 @@ impl Scales {
         }
     }
 
-    /// Takes all places about the samples for nodes; each sample has its shares of the four about it, by
-    /// Lagrange's cubic.
+    /// Sets the nodes to all entries around the samples, and the weights of each sample by cubic Lagrange
+    /// interpolation between four of them.
     #[inline(always)]
-    fn place_local(&self, axis: usize, places: &[f64; 8], of: &mut Axis) {
-        let first = places[0].floor() as i64 - 1;
-        for n in 0..LOCAL {
-            let place = (first + n as i64).rem_euclid(self.counts[axis] as i64);
-            of.nodes[n] = place as usize * self.stride(axis);
+    fn set_local_nodes(&self, axis: usize, positions: &[f64; 8], data: &mut Axis) {
+        let first = positions[0].floor() as i64 - 1;
+        for n in 0..LOCAL_NODES {
+            let entry = (first + n as i64).rem_euclid(self.counts[axis] as i64);
+            data.nodes[n] = entry as usize * self.stride(axis);
         }
         let mut from = 0;
         for v in 0..8 {
-            // At most a place further than the sample before, rounding or not.
-            let next = places[v].floor() as i64 - 1 - first;
+            // At most one entry further than the previous sample, also with rounding.
+            let next = positions[v].floor() as i64 - 1 - first;
             from = next.clamp(from, from + i64::from(v > 0));
-            let t = (places[v] - (first + from + 1) as f64) as f32;
+            let t = (positions[v] - (first + from + 1) as f64) as f32;
             let [a, b, c] = [t + 1.0, t - 1.0, t - 2.0];
             let at = from as usize & 7;
-            of.from[v] = at;
-            of.shares[at][v] = t * b * c / -6.0;
-            of.shares[at + 1][v] = a * b * c / 2.0;
-            of.shares[at + 2][v] = a * t * c / -2.0;
-            of.shares[at + 3][v] = a * t * b / 6.0;
+            data.first_node[v] = at;
+            data.weights[at][v] = t * b * c / -6.0;
+            data.weights[at + 1][v] = a * b * c / 2.0;
+            data.weights[at + 2][v] = a * t * c / -2.0;
+            data.weights[at + 3][v] = a * t * b / 6.0;
         }
     }
 
-    /// Finds the nodes of samples at so many places of the table, and their shares in them.
+    /// Sets the nodes for samples at these positions in the table, and the weights.
     #[inline(always)]
-    fn place_nodes<L: Lanes>(&self, l: L, axis: usize, places: &[f64; 8], of: &mut Axis) {
+    fn set_polynomial_nodes<L: Lanes>(
+        &self,
+        l: L,
+        axis: usize,
+        positions: &[f64; 8],
+        data: &mut Axis,
+    ) {
         let stride = self.stride(axis);
-        let middle = f64::midpoint(places[0], places[7]);
-        let half = (places[7] - places[0]) / 2.0;
-        let mut at = [0i64; MOST];
+        let middle = f64::midpoint(positions[0], positions[7]);
+        let half = (positions[7] - positions[0]) / 2.0;
+        let mut at = [0i64; MAX_POLYNOMIAL_NODES];
         let inner = (self.nodes - 1) / 2;
-        let wanted = |n: usize| (middle + half * self.wanted[n]).round() as i64;
-        at[inner] = wanted(inner).min(if self.nodes.is_multiple_of(2) {
+        let target = |n: usize| (middle + half * self.targets[n]).round() as i64;
+        at[inner] = target(inner).min(if self.nodes.is_multiple_of(2) {
             middle.floor() as i64
         } else {
             i64::MAX
         });
         for n in inner + 1..self.nodes {
-            at[n] = wanted(n).max(at[n - 1] + 1);
+            at[n] = target(n).max(at[n - 1] + 1);
         }
         for n in (0..inner).rev() {
-            at[n] = wanted(n).min(at[n + 1] - 1);
+            at[n] = target(n).min(at[n + 1] - 1);
         }
-        let mut apart = [l.splat(0.0); MOST];
+        let mut differences = [l.splat(0.0); MAX_POLYNOMIAL_NODES];
         for n in 0..self.nodes {
             let mut row = [0.0; 8];
             for v in 0..8 {
-                row[v] = (places[v] - at[n] as f64) as f32;
+                row[v] = (positions[v] - at[n] as f64) as f32;
             }
-            apart[n] = l.load(&row);
+            differences[n] = l.load(&row);
         }
         for n in 0..self.nodes {
-            let mut share = l.splat(1.0);
-            let mut whole = 1.0;
+            let mut weight = l.splat(1.0);
+            let mut denominator = 1.0;
             for m in 0..self.nodes {
                 if m != n {
-                    share = l.mul(share, apart[m]);
-                    whole *= (at[n] - at[m]) as f32;
+                    weight = l.mul(weight, differences[m]);
+                    denominator *= (at[n] - at[m]) as f32;
                 }
             }
-            l.store(l.div(share, l.splat(whole)), &mut of.shares[n]);
-            let place = |node: i64| node.rem_euclid(self.counts[axis] as i64) as usize;
-            of.nodes[n] = if axis == 2 {
-                place(at[0]) + (at[n] - at[0]) as usize
+            l.store(l.div(weight, l.splat(denominator)), &mut data.weights[n]);
+            let entry = |node: i64| node.rem_euclid(self.counts[axis] as i64) as usize;
+            data.nodes[n] = if axis == 2 {
+                entry(at[0]) + (at[n] - at[0]) as usize
             } else {
-                place(at[n]) * stride
+                entry(at[n]) * stride
             };
         }
     }
 
-    /// Scales along z at the nodes along x and all places along y, two of them together: what is left to do
-    /// is to add up those of x, with the shares that [`Self::shares`] gives.
+    /// Interpolates scales along y and z: for each node along x, the rows along z at two samples along y at a
+    /// time. The sum over x, with the weights of [`Self::weights`], remains to be done.
     #[inline(always)]
     pub fn planes<L: Lanes, const N: usize>(&self, l: L, at: [&Axis; 3]) -> [[Pair<L>; N]; 4] {
-        if N == LOCAL {
+        if N == LOCAL_NODES {
             let local = self.local_planes(l, at);
-            let mut planes = [[l.two().each([0.0; 2]); N]; 4];
+            let mut planes = [[l.wide().splat_rows([0.0; 2]); N]; 4];
             for v in 0..4 {
                 for n in 0..N {
-                    planes[v][n] = local[v][n.min(LOCAL - 1)];
+                    planes[v][n] = local[v][n.min(LOCAL_NODES - 1)];
                 }
             }
             return planes;
         }
         let [x, y, z] = at;
         let zero = l.splat(0.0);
-        let mut along_z = [zero; N];
+        let mut weights_z = [zero; N];
         for k in 0..N {
-            along_z[k] = l.load(&z.shares[k]);
+            weights_z[k] = l.load(&z.weights[k]);
         }
-        let two = l.two();
-        let none = two.each([0.0; 2]);
-        let mut ahead = [0; N];
+        let wide = l.wide();
+        let zeros = wide.splat_rows([0.0; 2]);
+        let mut offsets = [0; N];
         for k in 0..N {
-            ahead[k] = z.nodes[k].wrapping_sub(z.nodes[0]) % SPREAD;
+            offsets[k] = z.nodes[k].wrapping_sub(z.nodes[0]) % NODE_SPAN;
         }
-        let mut along_y = [[none; N]; 4];
+        let mut weights_y = [[zeros; N]; 4];
         for v in 0..4 {
             for j in 0..N {
-                along_y[v][j] = two.each([y.shares[j][2 * v], y.shares[j][2 * v + 1]]);
+                weights_y[v][j] = wide.splat_rows([y.weights[j][2 * v], y.weights[j][2 * v + 1]]);
             }
         }
-        let mut planes = [[none; N]; 4];
+        let mut planes = [[zeros; N]; 4];
         for i in 0..N {
-            let mut rows = [none; N];
+            let mut rows = [zeros; N];
             for j in 0..N {
                 let first = x.nodes[i].wrapping_add(y.nodes[j]).wrapping_add(z.nodes[0]);
                 let values = self.values.get(first..).and_then(|v| v.first_chunk());
-                let Some::<&[f32; SPREAD]>(values) = values else {
+                let Some::<&[f32; NODE_SPAN]>(values) = values else {
                     continue;
                 };
                 let mut row = zero;
                 for k in 0..N {
-                    row = l.fused(l.splat(values[ahead[k]]), along_z[k], row);
+                    row = l.fused(l.splat(values[offsets[k]]), weights_z[k], row);
                 }
-                rows[j] = two.pair([row, row]);
+                rows[j] = wide.join_rows([row, row]);
             }
             for v in 0..4 {
-                let mut sum = none;
+                let mut sum = zeros;
                 for j in 0..N {
-                    sum = two.fused(along_y[v][j], rows[j], sum);
+                    sum = wide.fused(weights_y[v][j], rows[j], sum);
                 }
                 planes[v][i] = sum;
             }
@@ -347,86 +353,89 @@ impl Scales {
         planes
     }
 
-    /// [`Self::planes`] of the nodes of which four have a share in a sample.
+    /// [`Self::planes`] for [`LOCAL_NODES`].
     #[inline(always)]
-    fn local_planes<L: Lanes>(&self, l: L, at: [&Axis; 3]) -> [[Pair<L>; LOCAL]; 4] {
+    fn local_planes<L: Lanes>(&self, l: L, at: [&Axis; 3]) -> [[Pair<L>; LOCAL_NODES]; 4] {
         let [x, y, z] = at;
         let zero = l.splat(0.0);
-        let mut along_z = [zero; LOCAL];
-        for k in 0..LOCAL {
-            along_z[k] = l.load(&z.shares[k]);
+        let mut weights_z = [zero; LOCAL_NODES];
+        for k in 0..LOCAL_NODES {
+            weights_z[k] = l.load(&z.weights[k]);
         }
-        let two = l.two();
-        let none = two.each([0.0; 2]);
-        let mut planes = [[none; LOCAL]; 4];
-        for i in 0..LOCAL {
-            let mut rows = [zero; LOCAL];
-            for j in 0..LOCAL {
+        let wide = l.wide();
+        let zeros = wide.splat_rows([0.0; 2]);
+        let mut planes = [[zeros; LOCAL_NODES]; 4];
+        for i in 0..LOCAL_NODES {
+            let mut rows = [zero; LOCAL_NODES];
+            for j in 0..LOCAL_NODES {
                 let row = x.nodes[i] + y.nodes[j] + z.nodes[0];
-                let Some(values) = self.values[row..].first_chunk::<LOCAL>() else {
+                let Some(values) = self.values[row..].first_chunk::<LOCAL_NODES>() else {
                     continue;
                 };
-                for k in 0..LOCAL {
-                    rows[j] = l.fused(l.splat(values[k]), along_z[k], rows[j]);
+                for k in 0..LOCAL_NODES {
+                    rows[j] = l.fused(l.splat(values[k]), weights_z[k], rows[j]);
                 }
             }
             for v in 0..4 {
-                // The second sample's nodes begin at most one further.
-                let from = y.from[2 * v];
+                // The nodes of the second sample begin at most one further.
+                let from = y.first_node[2 * v];
                 for n in 0..5 {
-                    let j = (from + n).min(LOCAL - 1);
-                    let shares = two.each([y.shares[j][2 * v], y.shares[j][2 * v + 1]]);
-                    planes[v][i] = two.fused(shares, two.pair([rows[j], rows[j]]), planes[v][i]);
+                    let j = (from + n).min(LOCAL_NODES - 1);
+                    let weights = wide.splat_rows([y.weights[j][2 * v], y.weights[j][2 * v + 1]]);
+                    planes[v][i] =
+                        wide.fused(weights, wide.join_rows([rows[j], rows[j]]), planes[v][i]);
                 }
             }
         }
         planes
     }
 
-    /// The first of the nodes that have a share in sample `v` along an axis, and their shares; none where
-    /// every sample has its own scale.
+    /// The first node for sample `v` along an axis, and the nodes' weights; none with [`PER_SAMPLE`].
     #[inline(always)]
-    pub fn shares<L: Lanes, const N: usize>(
+    pub fn weights<L: Lanes, const N: usize>(
         l: L,
         axis: &Axis,
         v: usize,
-    ) -> (usize, [Pair<L>; MOST]) {
-        let from = if N == LOCAL { axis.from[v & 7] & 7 } else { 0 };
-        let mut shares = [l.two().each([0.0; 2]); MOST];
-        for n in 0..sharing(N) {
-            shares[n] = l.two().each([axis.shares[from + n][v & 7]; 2]);
+    ) -> (usize, [Pair<L>; MAX_POLYNOMIAL_NODES]) {
+        let from = if N == LOCAL_NODES {
+            axis.first_node[v & 7] & 7
+        } else {
+            0
+        };
+        let mut weights = [l.wide().splat_rows([0.0; 2]); MAX_POLYNOMIAL_NODES];
+        for n in 0..contributing_nodes(N) {
+            weights[n] = l.wide().splat_rows([axis.weights[from + n][v & 7]; 2]);
         }
-        (from, shares)
+        (from, weights)
     }
 }
 
-/// How many of N nodes have a share in a sample.
-pub(super) const fn sharing(nodes: usize) -> usize {
+/// Number of nodes between which a sample interpolates.
+pub(super) const fn contributing_nodes(nodes: usize) -> usize {
     match nodes {
-        EVERY => 0,
-        LOCAL => 4,
+        PER_SAMPLE => 0,
+        LOCAL_NODES => 4,
         few => few,
     }
 }
 
-/// A table to be filled.
-/// `SMOOTH` as of [`scale`].
-struct TableWork<'a, const SMOOTH: bool> {
-    function: &'a Function,
+/// Fills a table; `LIMIT_SMOOTHLY` as in [`scale`].
+struct TableKernel<'a, const LIMIT_SMOOTHLY: bool> {
+    field: &'a PeriodicField,
     counts: [usize; 3],
     values: &'a mut [f32],
 }
 
-impl<const SMOOTH: bool> Work for TableWork<'_, SMOOTH> {
+impl<const LIMIT_SMOOTHLY: bool> SimdKernel for TableKernel<'_, LIMIT_SMOOTHLY> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
         let Self {
-            function,
+            field,
             counts,
             values,
         } = self;
-        // The functions at eight places from the given one on.
+        // The functions at eight entries each.
         let mut tables = [const { Vec::new() }; 3];
         for axis in 0..3 {
             for first in (0..counts[axis]).step_by(8) {
@@ -435,21 +444,21 @@ impl<const SMOOTH: bool> Work for TableWork<'_, SMOOTH> {
                     let part = ((first + n) as f64 + 0.5) / counts[axis] as f64;
                     parts[n] = (part - part.round()) as f32;
                 }
-                tables[axis].push(stored(l, &function.products.along(l, &parts)));
+                tables[axis].push(to_arrays(l, &field.products.along(l, &parts)));
             }
         }
         let [xs, ys, zs] = &tables;
         let rows = values.chunks_exact_mut(counts[2]);
         for (row, values) in rows.enumerate() {
             let (i, j) = (row / counts[1], row % counts[1]);
-            let at_x = splatted(l, &xs[i / 8], i % 8);
-            let at_y = splatted(l, &ys[j / 8], j % 8);
+            let at_x = splat_at(l, &xs[i / 8], i % 8);
+            let at_y = splat_at(l, &ys[j / 8], j % 8);
             for (values, z) in values.as_chunks_mut().0.iter_mut().zip(zs) {
                 let mut along_z = [l.splat(1.0); FUNCTIONS];
                 for n in 1..FUNCTIONS {
                     along_z[n] = l.load(&z[n]);
                 }
-                let found = scale::<L, SMOOTH>(l, function, [&at_x, &at_y, &along_z]);
+                let found = scale::<L, LIMIT_SMOOTHLY>(l, field, [&at_x, &at_y, &along_z]);
                 l.store(found, values);
             }
         }

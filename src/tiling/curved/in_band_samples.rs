@@ -1,50 +1,50 @@
-//! Samples in the band, seated in the elements that share in them: from gradients to distances.
+//! Samples in the band: from gradients in the contributing elements to blended distances.
 
-use super::{Batch, How, Target};
+use super::{CurvedBatch, JacobianSource, LatticeSample};
 use crate::frame::{CellPoint, Vec3};
-use crate::tiling::locality::Local;
-use crate::tiling::newton_distance::{self, Frame, Leg, Walkers};
+use crate::tiling::locality::LocalSearch;
+use crate::tiling::newton_distance::{self, FirstStep, InverseJacobians, StepStarts};
 use crate::tiling::{Filling, TiledSolid};
 
-/// A sample in one of the elements that share in it.
-pub(super) struct Seat {
+/// The contribution of an element to a sample.
+pub(super) struct Contribution {
     item: u32,
-    place: u32,
-    /// The trail that has d xi / d x; without one it stands in a list.
-    trail: Option<u32>,
+    near_index: u32,
+    /// The local map that gives d xi / d x; without one the batch stores the matrix.
+    local_map: Option<u32>,
     weight: f64,
 }
 
-/// The sum of the shares in a sample.
+/// Weighted sum of the scales that contribute to a sample.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Sum {
+pub(super) struct ScaleSum {
     scales: f64,
     weights: f64,
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Hands samples that are certainly far to `found`, and seats the others in their owners and in the
-    /// elements that share in them.
-    pub(super) fn seat(
+    /// Passes samples out of the band to `found`, and collects the contributions of the owner and its neighbours
+    /// to the others.
+    pub(super) fn collect_contributions(
         &self,
-        local: &Local,
-        batch: &mut Batch,
-        mut found: impl FnMut(&Target, f64),
+        local: &LocalSearch,
+        batch: &mut CurvedBatch,
+        mut found: impl FnMut(&LatticeSample, f64),
     ) {
         let w = self.options.half_width;
         // Every scale is at least 1 / L.
-        let most = w * local.near.slope_sup;
-        batch.seats.clear();
+        let band_value = w * local.near.slope_sup;
+        batch.contributions.clear();
         batch.shared.clear();
         batch.points.clear();
         batch.slopes.clear();
         batch.inverses.clear();
         for n in 0..batch.items.len() {
-            let (item, f) = (&batch.items[n], batch.own[n].0);
-            if f.abs() >= most {
-                found(&item.target, w.copysign(f));
+            let (item, f) = (&batch.items[n], batch.owner_slopes[n].0);
+            if f.abs() >= band_value {
+                found(&item.sample, w.copysign(f));
             } else if item.depth >= self.delta() {
-                batch.seat_in_owner(n as u32);
+                batch.push_owner_contribution(n as u32);
             } else {
                 batch.shared.push(n as u32);
             }
@@ -52,153 +52,179 @@ impl<F: Filling> TiledSolid<'_, F> {
         if batch.shared.is_empty() {
             return;
         }
-        // In order of element numbers, so that both sides of a face sum alike.
+        // Sum by ascending element number, so that both sides of a face give the same bits.
         let shared = std::mem::take(&mut batch.shared);
         let mut found = std::mem::take(&mut batch.found);
-        for place in 0..local.near.patches.len() {
+        for near_index in 0..local.near.patches.len() {
             batch.at.clear();
-            batch.guests.clear();
+            batch.neighbours.clear();
             for &n in &shared {
                 let item = &batch.items[n as usize];
-                if item.place as usize == place {
-                    batch.seat_in_owner(n);
+                if item.near_index as usize == near_index {
+                    batch.push_owner_contribution(n);
                 } else {
-                    batch.at.push(item.target.x);
-                    batch.guests.push(n);
+                    batch.at.push(item.sample.x);
+                    batch.neighbours.push(n);
                 }
             }
             let first = batch.points.len();
-            self.spots(local, place, (&batch.at, self.delta()), &mut found);
-            for (k, spot) in found.found() {
-                let n = batch.guests[k as usize];
+            self.preimages(local, near_index, (&batch.at, self.delta()), &mut found);
+            for (k, preimage) in found.found() {
+                let n = batch.neighbours[k as usize];
                 let depth = batch.items[n as usize].depth;
-                let weight = 1.0 - spot.overshoot.max(depth) / self.delta();
+                let weight = 1.0 - preimage.outside_distance.max(depth) / self.delta();
                 if weight > 0.0 {
-                    batch.inverses.push(spot.inverse);
-                    batch.take_seat(n, place as u32, spot.xi, None, weight);
+                    batch.inverses.push(preimage.inverse);
+                    batch.push_contribution(n, near_index as u32, preimage.xi, None, weight);
                 }
             }
-            let guests = &batch.points[first..];
+            let neighbours = &batch.points[first..];
             batch
                 .slopes
                 .resize(batch.points.len(), (0.0, Vec3::zeros()));
-            self.ask_slopes(local, place, guests, &mut batch.slopes[first..]);
+            self.evaluate_slopes(local, near_index, neighbours, &mut batch.slopes[first..]);
         }
         batch.found = found;
         batch.shared = shared;
     }
 
-    /// Distances of the samples that are seated: the scales of the elements that share in each are
-    /// blended.
+    /// Distances of the samples in the band, by blending the scales of the contributing elements.
     pub(super) fn blend(
         &self,
-        local: &Local,
-        batch: &mut Batch,
-        mut found: impl FnMut(&Target, f64),
+        local: &LocalSearch,
+        batch: &mut CurvedBatch,
+        mut found: impl FnMut(&LatticeSample, f64),
     ) {
-        let Batch {
-            trails,
+        let CurvedBatch {
+            local_maps,
             items,
-            own,
-            seats,
+            owner_slopes,
+            contributions,
             points,
             at,
             inverses,
             slopes,
-            legs,
+            first_steps,
             scales,
             sums,
             ..
         } = batch;
         sums.clear();
-        sums.resize(items.len(), Sum::default());
+        sums.resize(items.len(), ScaleSum::default());
         at.clear();
-        at.extend(seats.iter().map(|s| items[s.item as usize].target.x));
-        scales.resize(seats.len(), 0.0);
-        let most = seats.len().max(legs.len());
-        legs.resize(most, Leg::default());
-        let (mut first, mut alone, mut leg) = (0, 0, 0);
-        for run in seats.chunk_by(|a, b| (a.place, a.trail) == (b.place, b.trail)) {
+        at.extend(
+            contributions
+                .iter()
+                .map(|s| items[s.item as usize].sample.x),
+        );
+        scales.resize(contributions.len(), 0.0);
+        let count = contributions.len().max(first_steps.len());
+        first_steps.resize(count, FirstStep::default());
+        let (mut first, mut next_inverse, mut first_step) = (0, 0, 0);
+        for run in contributions
+            .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))
+        {
             let all = first..first + run.len();
-            let Seat { place, trail, .. } = run[0];
-            let frame = if let Some(number) = trail {
-                Frame::Trail(&trails[number as usize])
+            let Contribution {
+                near_index,
+                local_map,
+                ..
+            } = run[0];
+            let inverses = if let Some(number) = local_map {
+                InverseJacobians::Local(&local_maps[number as usize])
             } else {
-                let own = alone..alone + run.len();
-                alone = own.end;
-                Frame::Each(&inverses[own])
+                let range = next_inverse..next_inverse + run.len();
+                next_inverse = range.end;
+                InverseJacobians::Each(&inverses[range])
             };
-            let patch = self.patch(local, place as usize);
-            let walkers = Walkers {
+            let patch = self.patch(local, near_index as usize);
+            let starts = StepStarts {
                 x: &at[all.clone()],
                 at: &mut points[all.clone()],
-                frame,
+                inverses,
                 slopes: &slopes[all.clone()],
             };
-            let own = leg..leg + run.len().div_ceil(4);
-            patch.set_off(
+            let range = first_step..first_step + run.len().div_ceil(4);
+            patch.take_first_step(
                 self.scaffold,
-                self.pace(patch),
-                walkers,
-                &mut legs[own.clone()],
+                self.limits(patch),
+                starts,
+                &mut first_steps[range.clone()],
             );
-            (first, leg) = (all.end, own.end);
+            (first, first_step) = (all.end, range.end);
         }
         let mut first = 0;
-        for run in seats.chunk_by(|a, b| a.place == b.place) {
+        for run in contributions.chunk_by(|a, b| a.near_index == b.near_index) {
             let all = first..first + run.len();
             first = all.end;
-            let place = run[0].place as usize;
-            self.ask_slopes(local, place, &points[all.clone()], &mut slopes[all]);
+            let near_index = run[0].near_index as usize;
+            self.evaluate_slopes(local, near_index, &points[all.clone()], &mut slopes[all]);
         }
-        let (mut first, mut leg) = (0, 0);
-        for run in seats.chunk_by(|a, b| (a.place, a.trail) == (b.place, b.trail)) {
-            let (all, own) = (first..first + run.len(), leg..leg + run.len().div_ceil(4));
-            let pace = self.pace(self.patch(local, run[0].place as usize));
-            newton_distance::arrive(
-                pace,
+        let (mut first, mut first_step) = (0, 0);
+        for run in contributions
+            .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))
+        {
+            let (all, range) = (
+                first..first + run.len(),
+                first_step..first_step + run.len().div_ceil(4),
+            );
+            let limits = self.limits(self.patch(local, run[0].near_index as usize));
+            newton_distance::take_second_step(
+                limits,
                 &slopes[all.clone()],
-                &legs[own.clone()],
+                &first_steps[range.clone()],
                 &mut scales[all.clone()],
             );
-            (first, leg) = (all.end, own.end);
+            (first, first_step) = (all.end, range.end);
         }
-        for (seat, scale) in seats.iter().zip(&*scales) {
-            let sum = &mut sums[seat.item as usize];
-            sum.scales += seat.weight * scale;
-            sum.weights += seat.weight;
+        for (contribution, scale) in contributions.iter().zip(&*scales) {
+            let sum = &mut sums[contribution.item as usize];
+            sum.scales += contribution.weight * scale;
+            sum.weights += contribution.weight;
         }
         let w = self.options.half_width;
-        let all = items.iter().zip(&*own).zip(&*sums);
+        let all = items.iter().zip(&*owner_slopes).zip(&*sums);
         for ((item, (f, _)), sum) in all.filter(|(_, s)| s.weights > 0.0) {
             let d = (f * sum.scales / sum.weights).clamp(-w, w);
-            found(&item.target, d);
+            found(&item.sample, d);
         }
     }
 }
 
-impl Batch {
-    /// Seats an item in its owner.
-    fn seat_in_owner(&mut self, item: u32) {
-        let own = &self.items[item as usize];
-        let (place, xi) = (own.place, self.asked.points[item as usize].0);
-        self.slopes.push(self.own[item as usize]);
-        match own.how {
-            How::Trail(number) => self.take_seat(item, place, xi, Some(number), 1.0),
-            How::Alone(number) => {
-                self.inverses.push(self.alone[number as usize]);
-                self.take_seat(item, place, xi, None, 1.0);
+impl CurvedBatch {
+    /// Adds the contribution of an item's owner.
+    fn push_owner_contribution(&mut self, item: u32) {
+        let pending = &self.items[item as usize];
+        let (near_index, xi) = (
+            pending.near_index,
+            self.evaluation_points.points[item as usize].0,
+        );
+        self.slopes.push(self.owner_slopes[item as usize]);
+        match pending.jacobian {
+            JacobianSource::Local(number) => {
+                self.push_contribution(item, near_index, xi, Some(number), 1.0);
+            }
+            JacobianSource::Single(number) => {
+                self.inverses.push(self.single_inverses[number as usize]);
+                self.push_contribution(item, near_index, xi, None, 1.0);
             }
         }
     }
 
-    /// Seats an item in an element, with d xi / d x of a trail, or in the list.
-    fn take_seat(&mut self, item: u32, place: u32, xi: Vec3, trail: Option<u32>, weight: f64) {
+    /// Adds a contribution to an item, with d xi / d x from a local map or from the list.
+    fn push_contribution(
+        &mut self,
+        item: u32,
+        near_index: u32,
+        xi: Vec3,
+        local_map: Option<u32>,
+        weight: f64,
+    ) {
         self.points.push(CellPoint(xi));
-        self.seats.push(Seat {
+        self.contributions.push(Contribution {
             item,
-            place,
-            trail,
+            near_index,
+            local_map,
             weight,
         });
     }

@@ -1,73 +1,75 @@
 //! A leaf's distances by rule Q from the field at its nodes, eight samples at a time.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// arithmetic on lanes stands in no closure, which would not be.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
+// are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
-use super::matrices::{MOST, Matrices, ORDERS};
+use super::matrices::{MAX_NODES, Matrices, ORDERS};
 use super::{EDGE, VOLUME};
 use crate::cell::Fold;
-use crate::simd::{self, Lanes, Work};
-use crate::tiling::newton_distance::Pace;
+use crate::simd::{self, Lanes, SimdKernel};
+use crate::tiling::newton_distance::StepLimits;
 
-/// First steps that leave so much of a value are too long for second derivatives: of a wave k whose zero lies d
-/// off they leave (k d)^2 / 2, and the distance errs by a third of that.
-const LEFT: f64 = 0.05;
-/// Half widths, in voxels, from which on less may be left: distances further off matter where surfaces move.
-const WIDE: f64 = 3.0;
+/// Greatest part of a value that may remain after the first step. Of a wave k with a zero at distance d,
+/// (k d)^2 / 2 remains, and the distance errs by a third of that: beyond this part, second derivatives are
+/// not accurate enough.
+const MAX_REMAINDER: f64 = 0.05;
+/// Half width, voxels, beyond which less may remain: distances further off matter where surfaces move.
+const NARROW_BAND_VOXELS: f64 = 3.0;
 
-/// Lengths of rule Q in voxels.
+/// Parameters of rule Q, lengths in voxels.
 #[derive(Clone, Copy)]
-pub(super) struct Rule {
-    /// The square that keeps Newton steps finite.
+pub(super) struct RuleQ {
+    /// Added to the squared slope, it keeps Newton steps finite.
     damping: f32,
     /// Longest step.
-    longest: f32,
-    /// Values this far from 0 lie beyond the band.
-    most: f32,
-    /// Below this a value is a zero.
-    zero: f32,
-    /// How the field is made of what nodes tell.
+    max_step: f32,
+    /// Values of at least this magnitude are out of the band.
+    band_value: f32,
+    /// Values of a smaller magnitude count as zeros.
+    zero_tolerance: f32,
+    /// The field as a function of the interpolated one, if they differ: a sheet about its zeros.
     fold: Option<Fold>,
-    /// How much of a value a first step may leave.
-    left: f32,
+    /// Greatest part of a value that may remain after the first step.
+    max_remainder: f32,
     /// Bounds of the scale, voxels per field unit.
-    scales: [f32; 2],
-    /// A voxel's edge, and half the band's width, world units.
+    scale_range: [f32; 2],
+    /// Voxel size and half width of the band, world units.
     step: f32,
     half_width: f32,
 }
 
-impl Rule {
-    /// Of an element with such slopes, and of how its field is made of what nodes tell.
+impl RuleQ {
+    /// The parameters in an element with these step limits and this slope bound.
     pub fn new(
-        (pace, slope_sup): (Pace, f64),
+        (limits, slope_sup): (StepLimits, f64),
         fold: Option<Fold>,
         half_width: f64,
         step: f64,
     ) -> Self {
         Self {
-            damping: (pace.damping * step * step) as f32,
-            longest: (2.0 * half_width / step) as f32,
-            most: (half_width * slope_sup) as f32,
-            zero: pace.zero as f32,
-            left: (LEFT * (WIDE * step / half_width).min(1.0)) as f32,
+            damping: (limits.damping * step * step) as f32,
+            max_step: (2.0 * half_width / step) as f32,
+            band_value: (half_width * slope_sup) as f32,
+            zero_tolerance: limits.zero_tolerance as f32,
+            max_remainder: (MAX_REMAINDER * (NARROW_BAND_VOXELS * step / half_width).min(1.0))
+                as f32,
             fold,
-            scales: pace.scales.map(|s| (s / step) as f32),
+            scale_range: limits.scale_range.map(|s| (s / step) as f32),
             step: step as f32,
             half_width: half_width as f32,
         }
     }
 }
 
-/// What nodes tell of a leaf.
-pub(super) struct Told {
+/// Interpolated values of a leaf.
+pub(super) struct LeafValues {
     /// The field.
     pub values: [f32; VOLUME],
     /// Distances, world units, clamped to the band.
     pub distances: [f32; VOLUME],
 }
 
-impl Default for Told {
+impl Default for LeafValues {
     fn default() -> Self {
         Self {
             values: [0.0; VOLUME],
@@ -76,34 +78,35 @@ impl Default for Told {
     }
 }
 
-/// Tells a leaf by the values at its nodes, z fastest; whether that may be relied on.
-pub(super) fn tell(
+/// Evaluates a leaf from the values at its nodes, z fastest. Returns whether the second-order continuation is
+/// accurate enough.
+pub(super) fn evaluate_leaf(
     matrices: &Matrices,
-    nodes: &[f32; MOST * MOST * MOST],
-    rule: &Rule,
-    told: &mut Told,
+    nodes: &[f32; MAX_NODES * MAX_NODES * MAX_NODES],
+    rule: &RuleQ,
+    leaf: &mut LeafValues,
 ) -> bool {
-    simd::run(Tell {
+    simd::run(LeafKernel {
         matrices,
         nodes,
         rule,
-        told,
+        leaf,
     })
 }
 
-struct Tell<'a> {
+struct LeafKernel<'a> {
     matrices: &'a Matrices,
-    nodes: &'a [f32; MOST * MOST * MOST],
-    rule: &'a Rule,
-    told: &'a mut Told,
+    nodes: &'a [f32; MAX_NODES * MAX_NODES * MAX_NODES],
+    rule: &'a RuleQ,
+    leaf: &'a mut LeafValues,
 }
 
-/// Orders of the derivatives by y and by z that are wanted.
-const BY_Y_Z: [[usize; 2]; 6] = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]];
-/// Number of the derivatives but the value itself.
-const DERIVATIVES: usize = 9;
-/// Which they are: the order by x, and the place of those by y and z. By x, y, z; by xx, yy, zz, xy, yz, zx.
-const WANTED: [[usize; 2]; DERIVATIVES] = [
+/// Orders of the derivatives by y and by z that are needed.
+const YZ_ORDERS: [[usize; 2]; 6] = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]];
+/// Number of first and second derivatives.
+const DERIVATIVE_COUNT: usize = 9;
+/// The derivatives by x, y, z, xx, yy, zz, xy, yz, zx: order by x, and index into [`YZ_ORDERS`].
+const DERIVATIVE_ORDERS: [[usize; 2]; DERIVATIVE_COUNT] = [
     [1, 0],
     [0, 1],
     [0, 2],
@@ -115,7 +118,7 @@ const WANTED: [[usize; 2]; DERIVATIVES] = [
     [1, 2],
 ];
 
-impl Work for Tell<'_> {
+impl SimdKernel for LeafKernel<'_> {
     type Output = bool;
 
     #[inline(always)]
@@ -124,83 +127,86 @@ impl Work for Tell<'_> {
             matrices,
             nodes,
             rule,
-            told,
+            leaf,
         } = self;
-        let count = matrices.count.min(MOST);
-        let none = l.splat(0.0);
+        let count = matrices.count.min(MAX_NODES);
+        let zero = l.splat(0.0);
         // Along z: rows of eight samples.
-        let mut by_z = [[[none; ORDERS]; MOST]; MOST];
+        let mut along_z = [[[zero; ORDERS]; MAX_NODES]; MAX_NODES];
         for i in 0..count {
             for j in 0..count {
                 let first = (i * count + j) * count;
                 for k in 0..count {
                     let v = l.splat(nodes[first + k]);
                     for order in 0..ORDERS {
-                        let row = &mut by_z[i][j][order];
-                        *row = l.fused(v, l.load(&matrices.by[order][k]), *row);
+                        let row = &mut along_z[i][j][order];
+                        *row = l.fused(v, l.load(&matrices.weights[order][k]), *row);
                     }
                 }
             }
         }
         for y in 0..EDGE {
-            let mut by_y = [[none; MOST]; BY_Y_Z.len()];
+            let mut along_yz = [[zero; MAX_NODES]; YZ_ORDERS.len()];
             for j in 0..count {
-                let mut by = [none; ORDERS];
+                let mut weights = [zero; ORDERS];
                 for order in 0..ORDERS {
-                    by[order] = l.splat(matrices.by[order][j][y]);
+                    weights[order] = l.splat(matrices.weights[order][j][y]);
                 }
-                for (rows, [along_y, along_z]) in by_y.iter_mut().zip(BY_Y_Z) {
+                for (rows, [order_y, order_z]) in along_yz.iter_mut().zip(YZ_ORDERS) {
                     for i in 0..count {
-                        rows[i] = l.fused(by[along_y], by_z[i][j][along_z], rows[i]);
+                        rows[i] = l.fused(weights[order_y], along_z[i][j][order_z], rows[i]);
                     }
                 }
             }
             for x in 0..EDGE {
-                let mut f = none;
+                let mut f = zero;
                 for i in 0..count {
-                    f = l.fused(l.splat(matrices.by[0][i][x]), by_y[0][i], f);
+                    f = l.fused(l.splat(matrices.weights[0][i][x]), along_yz[0][i], f);
                 }
-                let raw = f;
+                let interpolated = f;
                 if let Some(fold) = rule.fold {
                     let away = l.sub(l.magnitude(f), l.splat(fold.half));
                     f = l.mul(l.splat(fold.sign), away);
                 }
                 let n = x * EDGE + y;
-                store(l, f, &mut told.values, n);
+                store(l, f, &mut leaf.values, n);
                 let w = l.splat(rule.half_width);
                 let minus = l.splat(-rule.half_width);
-                let far = l.select_below(f, none, minus, w);
-                if l.below(l.magnitude(f), l.splat(rule.most)) == 0 {
-                    store(l, far, &mut told.distances, n);
+                let far_distance = l.select_below(f, zero, minus, w);
+                if l.below(l.magnitude(f), l.splat(rule.band_value)) == 0 {
+                    store(l, far_distance, &mut leaf.distances, n);
                     continue;
                 }
-                let mut slopes = [none; DERIVATIVES];
+                let mut slopes = [zero; DERIVATIVE_COUNT];
                 for i in 0..count {
-                    let mut by = [none; ORDERS];
+                    let mut weights = [zero; ORDERS];
                     for order in 0..ORDERS {
-                        by[order] = l.splat(matrices.by[order][i][x]);
+                        weights[order] = l.splat(matrices.weights[order][i][x]);
                     }
-                    for (slope, [along_x, rest]) in slopes.iter_mut().zip(WANTED) {
-                        *slope = l.fused(by[along_x], by_y[rest][i], *slope);
+                    for (slope, [order_x, yz]) in slopes.iter_mut().zip(DERIVATIVE_ORDERS) {
+                        *slope = l.fused(weights[order_x], along_yz[yz][i], *slope);
                     }
                 }
                 if let Some(fold) = rule.fold {
                     let (sign, other) = (l.splat(fold.sign), l.splat(-fold.sign));
-                    let side = l.select_below(raw, none, other, sign);
+                    let side = l.select_below(interpolated, zero, other, sign);
                     for slope in &mut slopes {
                         *slope = l.mul(side, *slope);
                     }
                 }
-                let (scale, left) = scale(l, rule, f, &slopes);
+                let (scale, remainder) = scale(l, rule, f, &slopes);
                 let size = l.magnitude(f);
-                let bent = l.below(l.mul(size, l.splat(rule.left)), l.magnitude(left));
-                if bent & l.below(size, l.splat(rule.most)) != 0 {
+                let is_curved = l.below(
+                    l.mul(size, l.splat(rule.max_remainder)),
+                    l.magnitude(remainder),
+                );
+                if is_curved & l.below(size, l.splat(rule.band_value)) != 0 {
                     return false;
                 }
                 let d = l.mul(l.mul(f, scale), l.splat(rule.step));
                 let d = l.min(l.max(d, minus), w);
-                let d = l.select_below(size, l.splat(rule.most), d, far);
-                store(l, d, &mut told.distances, n);
+                let d = l.select_below(size, l.splat(rule.band_value), d, far_distance);
+                store(l, d, &mut leaf.distances, n);
             }
         }
         true
@@ -220,48 +226,52 @@ fn dot<L: Lanes>(l: L, a: [L::F; 3], b: [L::F; 3]) -> L::F {
     l.fused(a[0], b[0], l.fused(a[1], b[1], l.mul(a[2], b[2])))
 }
 
-/// Rule Q's scale, voxels per field unit, by two damped Newton steps, and what the first one leaves of the
-/// value; the second one from where the first
-/// has led by the field's derivatives up to the second.
+/// Rule Q's scale, voxels per field unit, by two damped Newton steps, and the value that remains after the
+/// first. The second step starts at the end of the first, with the field continued to the second order.
 #[inline(always)]
-fn scale<L: Lanes>(l: L, rule: &Rule, f: L::F, slopes: &[L::F; DERIVATIVES]) -> (L::F, L::F) {
+fn scale<L: Lanes>(l: L, rule: &RuleQ, f: L::F, slopes: &[L::F; DERIVATIVE_COUNT]) -> (L::F, L::F) {
     let [x, y, z, xx, yy, zz, xy, yz, zx] = *slopes;
     let g = [x, y, z];
     let m = dot(l, g, g);
     let q = rate(l, rule, f, m);
-    // The first step is -q g, which makes F - q g.g + q^2 g.H g / 2 of the value, and g - q H g of the slope.
-    let turned = [
+    // After the first step -q g, the value is F - q g.g + q^2 g.H g / 2 and the gradient g - q H g.
+    let hessian_gradient = [
         dot(l, [xx, xy, zx], g),
         dot(l, [xy, yy, yz], g),
         dot(l, [zx, yz, zz], g),
     ];
     let half = l.mul(l.splat(0.5), q);
-    let bend = l.sub(l.mul(half, dot(l, g, turned)), m);
-    let f1 = l.fused(q, bend, f);
-    let back = l.sub(l.splat(0.0), q);
+    let change = l.sub(l.mul(half, dot(l, g, hessian_gradient)), m);
+    let f1 = l.fused(q, change, f);
+    let minus_q = l.sub(l.splat(0.0), q);
     let mut g1 = g;
     for axis in 0..3 {
-        g1[axis] = l.fused(back, turned[axis], g[axis]);
+        g1[axis] = l.fused(minus_q, hessian_gradient[axis], g[axis]);
     }
     let r = rate(l, rule, f1, dot(l, g1, g1));
-    let mut way = g;
+    let mut step = g;
     for axis in 0..3 {
-        way[axis] = l.fused(q, g[axis], l.mul(r, g1[axis]));
+        step[axis] = l.fused(q, g[axis], l.mul(r, g1[axis]));
     }
-    let of = l.max(l.magnitude(f), l.splat(f32::MIN_POSITIVE));
-    let scale = l.div(l.sqrt(dot(l, way, way)), of);
-    let on_it = l.div(l.sqrt(m), l.add(m, l.splat(rule.damping)));
-    let scale = l.select_below(l.magnitude(f), l.splat(rule.zero), on_it, scale);
-    let [least, most] = rule.scales;
-    (l.min(l.max(scale, l.splat(least)), l.splat(most)), f1)
+    let magnitude = l.max(l.magnitude(f), l.splat(f32::MIN_POSITIVE));
+    let scale = l.div(l.sqrt(dot(l, step, step)), magnitude);
+    let zero_scale = l.div(l.sqrt(m), l.add(m, l.splat(rule.damping)));
+    let scale = l.select_below(
+        l.magnitude(f),
+        l.splat(rule.zero_tolerance),
+        zero_scale,
+        scale,
+    );
+    let [min, max] = rule.scale_range;
+    (l.min(l.max(scale, l.splat(min)), l.splat(max)), f1)
 }
 
-/// The damped Newton step's share of the gradient, whose square is `m`, shortened to the longest step.
+/// The factor q of the damped Newton step -q g, with m = g.g, limited to the longest step.
 #[inline(always)]
-fn rate<L: Lanes>(l: L, rule: &Rule, f: L::F, m: L::F) -> L::F {
+fn rate<L: Lanes>(l: L, rule: &RuleQ, f: L::F, m: L::F) -> L::F {
     let q = l.div(f, l.add(m, l.splat(rule.damping)));
     let length = l.mul(l.magnitude(q), l.sqrt(m));
-    let longest = l.splat(rule.longest);
-    let shortened = l.mul(q, l.div(longest, l.max(length, longest)));
-    l.select_below(longest, length, shortened, q)
+    let max_step = l.splat(rule.max_step);
+    let shortened = l.mul(q, l.div(max_step, l.max(length, max_step)));
+    l.select_below(max_step, length, shortened, q)
 }

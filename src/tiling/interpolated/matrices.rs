@@ -1,41 +1,41 @@
-//! What values at nodes say of values and derivatives at a leaf's samples, along one axis.
+//! Interpolation matrices along one axis: from values at nodes to values and derivatives at samples.
 
 use super::EDGE;
 use std::sync::LazyLock;
 
-/// Most nodes along an axis.
-pub(super) const MOST: usize = 6;
-/// The value, and derivatives of so many orders less one.
+/// Greatest number of nodes along an axis.
+pub(super) const MAX_NODES: usize = 6;
+/// Number of orders of derivation: 0 (the value), 1 and 2.
 pub(super) const ORDERS: usize = 3;
-/// Nodes along an axis, by the number of attempts.
-const COUNTS: [usize; 2] = [4, MOST];
+/// Numbers of nodes along an axis, in the order in which they are tried.
+const COUNTS: [usize; 2] = [4, MAX_NODES];
 
-/// Of nodes along an axis, places and matrices.
+/// Nodes along an axis with their interpolation matrices.
 pub(super) struct Matrices {
-    /// How many.
+    /// Number of nodes.
     pub count: usize,
-    /// Where they lie, voxels from the leaf's first sample.
-    pub at: [f64; MOST],
-    /// What a node's value adds to value and derivatives, up to the second, at each sample; by voxels.
-    pub by: [[[f32; EDGE]; MOST]; ORDERS],
+    /// Positions of the nodes, voxels from the leaf's first sample.
+    pub positions: [f64; MAX_NODES],
+    /// `weights[order][node][sample]`: weight of a node's value in the derivative at a sample, by voxels.
+    pub weights: [[[f32; EDGE]; MAX_NODES]; ORDERS],
 }
 
 impl Matrices {
-    /// Of few nodes, and of more.
+    /// The matrices for each of [`COUNTS`].
     pub fn all() -> &'static [Self; 2] {
         static ALL: LazyLock<[Matrices; 2]> = LazyLock::new(|| COUNTS.map(Matrices::new));
         &ALL
     }
 
-    /// Chebyshev's nodes, as the polynomial through them errs least.
+    /// Chebyshev nodes, which nearly minimise the interpolation error.
     fn new(count: usize) -> Self {
         let middle = (EDGE - 1) as f64 / 2.0;
-        let mut at = [0.0; MOST];
+        let mut at = [0.0; MAX_NODES];
         for (n, at) in at[..count].iter_mut().enumerate() {
             let turn = std::f64::consts::PI * (2 * n + 1) as f64 / (2 * count) as f64;
             *at = middle * (1.0 - libm::cos(turn));
         }
-        let mut by = [[[0.0; EDGE]; MOST]; ORDERS];
+        let mut by = [[[0.0; EDGE]; MAX_NODES]; ORDERS];
         for node in 0..count {
             for sample in 0..EDGE {
                 let all = basis(&at[..count], node, sample as f64);
@@ -44,16 +44,20 @@ impl Matrices {
                 }
             }
         }
-        Self { count, at, by }
+        Self {
+            count,
+            positions: at,
+            weights: by,
+        }
     }
 }
 
-/// Value and derivatives at `x` of the polynomial that is 1 at one node and 0 at the others.
+/// Value and derivatives at `x` of the Lagrange polynomial of a node.
 fn basis(at: &[f64], node: usize, x: f64) -> [f64; ORDERS] {
     let others = at.iter().enumerate().filter(|(n, _)| *n != node);
     let mut all = [1.0, 0.0, 0.0];
     for (_, other) in others {
-        // The product with (x - other) / (own - other).
+        // Product rule with the factor (x - other) / (own - other).
         let rate = 1.0 / (at[node] - other);
         let factor = (x - other) * rate;
         for order in (0..ORDERS).rev() {
@@ -69,25 +73,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn polynomials_are_told_with_their_derivatives() {
+    fn polynomials_are_reproduced_with_their_derivatives() {
         for matrices in Matrices::all() {
-            // (t - 3)^n, whose derivatives are known.
+            // (t - 3)^n has known derivatives.
             for n in 0..matrices.count as i32 {
                 let power = |t: f64, n: i32| if n < 0 { 0.0 } else { (t - 3.0).powi(n) };
                 for sample in 0..EDGE {
-                    let told = matrices.by.map(|by| {
-                        let all = by.iter().zip(&matrices.at).take(matrices.count);
+                    let leaf = matrices.weights.map(|by| {
+                        let all = by.iter().zip(&matrices.positions).take(matrices.count);
                         all.map(|(by, &t)| f64::from(by[sample]) * power(t, n))
                             .sum::<f64>()
                     });
                     let t = sample as f64;
                     let d = f64::from(n);
-                    let wanted = [
+                    let expected = [
                         power(t, n),
                         d * power(t, n - 1),
                         d * (d - 1.0) * power(t, n - 2),
                     ];
-                    for (a, b) in told.into_iter().zip(wanted) {
+                    for (a, b) in leaf.into_iter().zip(expected) {
                         assert!(
                             (a - b).abs() < 1e-3 * (1.0 + b.abs()),
                             "{n} {sample} {a} {b}"

@@ -1,113 +1,120 @@
-//! Space without leaves: cubes of 128 and 4096 voxels between and around the blocks of a store.
+//! EmptySpace space on disk: cubes of 128 and 4096 voxels without leaves, and their connected components.
 
-use super::super::components::{Side, Tally};
+use super::super::components::{ComponentStats, Side};
 use super::step;
 use crate::band::{BLOCK, LeafStore, UpperNode};
 use crate::frame::Coord;
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 use std::collections::BTreeMap;
 
-/// Voxels along the edge of a node, and its slots along the edge.
-const UPPER: i32 = 4096;
-const EDGE: usize = 32;
-const SLOTS: usize = EDGE * EDGE * EDGE;
-/// A slot that holds a block, or is on the other side.
-const NONE: u32 = u32::MAX;
+/// Voxels along the edge of an upper node.
+const UPPER_EDGE: i32 = 4096;
+/// Slots along the edge of an upper node.
+const SLOTS_PER_EDGE: usize = 32;
+const SLOTS: usize = SLOTS_PER_EDGE * SLOTS_PER_EDGE * SLOTS_PER_EDGE;
+/// Entry of a slot that holds a block or is on the other side.
+const NO_MEMBER: u32 = u32::MAX;
 
-/// What lies at a cube of 128 voxels without leaves.
-pub(super) enum Beyond {
-    /// A member of the sets.
+/// The side of a cube without leaves.
+pub(super) enum EmptyCube {
+    /// On the labelled side, with its member of the sets.
     Member(usize),
-    /// The other side.
-    Other,
+    /// On the other side.
+    OtherSide,
 }
 
-/// Members of all cubes without leaves on one side.
-pub(super) struct Empty {
+/// The members of all cubes without leaves on one side.
+pub(super) struct EmptySpace {
     side: Side,
-    /// Per node the member of each slot.
+    /// For each node the member of each slot.
     nodes: BTreeMap<Coord, Vec<u32>>,
     /// Cubes of 4096 voxels that lie inside.
     cubes: BTreeMap<Coord, usize>,
 }
 
-impl Empty {
-    /// Adds members for what hangs together, and their tallies; member 0 is the endless outside.
-    pub fn new(store: &LeafStore, side: Side, sets: &mut Sets, tallies: &mut Vec<Tally>) -> Self {
+impl EmptySpace {
+    /// Adds a member for each connected part of empty space, and its statistics; member 0 is the unbounded
+    /// outside.
+    pub fn new(
+        store: &LeafStore,
+        side: Side,
+        sets: &mut UnionFind,
+        stats: &mut Vec<ComponentStats>,
+    ) -> Self {
         let value = store.background();
         let mut empty = Self {
             side,
             nodes: BTreeMap::new(),
             cubes: BTreeMap::new(),
         };
-        for cube in store.inside_uppers() {
+        for cube in store.inside_upper_cubes() {
             empty.cubes.insert(cube, sets.extend(1));
-            tallies.push(match side {
-                Side::Solid => Tally::of_cube(cube, UPPER, value),
-                Side::Void => Tally::default(),
+            stats.push(match side {
+                Side::Solid => ComponentStats::of_cube(cube, UPPER_EDGE, value),
+                Side::Void => ComponentStats::default(),
             });
         }
-        for node in store.uppers() {
-            let slots = own_slots(node, side, sets, tallies, value);
+        for node in store.upper_nodes() {
+            let slots = label_slots(node, side, sets, stats, value);
             empty.nodes.insert(node.origin, slots);
         }
         empty.join_nodes(sets);
         empty
     }
 
-    /// What lies at a cube of 128 voxels that holds no leaf.
-    pub fn at(&self, block: Coord) -> Beyond {
-        let node = block.aligned(UPPER);
+    /// The side of a cube of 128 voxels without leaves.
+    pub fn at(&self, block: Coord) -> EmptyCube {
+        let node = block.aligned(UPPER_EDGE);
         let Some(slots) = self.nodes.get(&node) else {
             return self.at_node(node);
         };
         let [x, y, z] = [0, 1, 2].map(|a| ((block[a] - node[a]) / BLOCK) as usize);
         match slots[x << 10 | y << 5 | z] {
-            NONE => Beyond::Other,
-            member => Beyond::Member(member as usize),
+            NO_MEMBER => EmptyCube::OtherSide,
+            member => EmptyCube::Member(member as usize),
         }
     }
 
-    /// What lies at a cube of 4096 voxels that holds no leaf.
-    fn at_node(&self, node: Coord) -> Beyond {
+    /// The side of a cube of 4096 voxels without leaves.
+    fn at_node(&self, node: Coord) -> EmptyCube {
         match (self.side, self.cubes.get(&node)) {
-            (Side::Solid, Some(&member)) => Beyond::Member(member),
-            (Side::Void, None) => Beyond::Member(0),
-            _ => Beyond::Other,
+            (Side::Solid, Some(&member)) => EmptyCube::Member(member),
+            (Side::Void, None) => EmptyCube::Member(0),
+            _ => EmptyCube::OtherSide,
         }
     }
 
-    /// Joins slots of nodes, and cubes, with what lies beside them.
-    fn join_nodes(&self, sets: &mut Sets) {
+    /// Joins the slots of nodes, and inside cubes, with their neighbours.
+    fn join_nodes(&self, sets: &mut UnionFind) {
         for (axis, last) in (0..3).flat_map(|a| [(a, false), (a, true)]) {
             for (&origin, slots) in &self.nodes {
-                let beside = step(origin, axis, last, UPPER);
-                let other = self.nodes.get(&beside);
+                let neighbour = step(origin, axis, last, UPPER_EDGE);
+                let other = self.nodes.get(&neighbour);
                 if other.is_some() && !last {
                     continue; // joined from the other node
                 }
                 for n in 0..SLOTS {
                     let shift = [10, 5, 0][axis];
-                    let at = n >> shift & (EDGE - 1);
-                    if at != if last { EDGE - 1 } else { 0 } || slots[n] == NONE {
+                    let at = n >> shift & (SLOTS_PER_EDGE - 1);
+                    if at != if last { SLOTS_PER_EDGE - 1 } else { 0 } || slots[n] == NO_MEMBER {
                         continue;
                     }
-                    let facing = n ^ (EDGE - 1) << shift;
+                    let facing = n ^ (SLOTS_PER_EDGE - 1) << shift;
                     let target = match other.map(|o| o[facing]) {
-                        Some(NONE) => continue,
+                        Some(NO_MEMBER) => continue,
                         Some(member) => member as usize,
-                        None => match self.at_node(beside) {
-                            Beyond::Member(member) => member,
-                            Beyond::Other => continue,
+                        None => match self.at_node(neighbour) {
+                            EmptyCube::Member(member) => member,
+                            EmptyCube::OtherSide => continue,
                         },
                     };
-                    sets.join(slots[n] as usize, target);
+                    sets.union(slots[n] as usize, target);
                 }
             }
             if self.side == Side::Solid {
                 for (&origin, &member) in &self.cubes {
-                    if let Some(&other) = self.cubes.get(&step(origin, axis, last, UPPER)) {
-                        sets.join(member, other);
+                    if let Some(&other) = self.cubes.get(&step(origin, axis, last, UPPER_EDGE)) {
+                        sets.union(member, other);
                     }
                 }
             }
@@ -115,34 +122,40 @@ impl Empty {
     }
 }
 
-/// Members of a node's slots without a block: one for all that hang together.
-fn own_slots(
+/// Labels a node's slots without a block: one member for each connected part.
+fn label_slots(
     node: &UpperNode,
     side: Side,
-    sets: &mut Sets,
-    tallies: &mut Vec<Tally>,
+    sets: &mut UnionFind,
+    stats: &mut Vec<ComponentStats>,
     value: f32,
 ) -> Vec<u32> {
     let bit = |words: &[u64], n: usize| words[n >> 6] >> (n & 63) & 1 == 1;
-    let is_ours =
+    let is_on_side =
         |n: usize| !bit(&node.children, n) && bit(&node.inside, n) == (side == Side::Solid);
-    let mut own = Sets::new(SLOTS);
-    for n in (0..SLOTS).filter(|&n| is_ours(n)) {
+    let mut own = UnionFind::new(SLOTS);
+    for n in (0..SLOTS).filter(|&n| is_on_side(n)) {
         for shift in [10, 5, 0] {
-            let beside = n + (1 << shift);
-            if n >> shift & (EDGE - 1) != EDGE - 1 && is_ours(beside) {
-                own.join(n, beside);
+            let neighbour = n + (1 << shift);
+            if n >> shift & (SLOTS_PER_EDGE - 1) != SLOTS_PER_EDGE - 1 && is_on_side(neighbour) {
+                own.union(n, neighbour);
             }
         }
     }
-    let (number, count) = own.numbered((0..SLOTS).filter(|&n| is_ours(n)));
+    let (number, count) = own.labels((0..SLOTS).filter(|&n| is_on_side(n)));
     let first = sets.extend(count);
-    tallies.resize(first + count, Tally::default());
-    for n in (0..SLOTS).filter(|&n| is_ours(n)) {
-        let at = |shift: usize| (n >> shift & (EDGE - 1)) as i32 * BLOCK;
+    stats.resize(first + count, ComponentStats::default());
+    for n in (0..SLOTS).filter(|&n| is_on_side(n)) {
+        let at = |shift: usize| (n >> shift & (SLOTS_PER_EDGE - 1)) as i32 * BLOCK;
         let least = node.origin.offset(at(10), at(5), at(0));
-        tallies[first + number[n] as usize].add(Tally::of_cube(least, BLOCK, value));
+        stats[first + number[n] as usize].add(ComponentStats::of_cube(least, BLOCK, value));
     }
-    let member = |n: &u32| if *n == NONE { NONE } else { first as u32 + n };
+    let member = |n: &u32| {
+        if *n == NO_MEMBER {
+            NO_MEMBER
+        } else {
+            first as u32 + n
+        }
+    };
     number.iter().map(member).collect()
 }

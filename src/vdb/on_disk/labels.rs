@@ -1,60 +1,60 @@
-//! One block: what hangs together in it, and what that shows on its faces.
+//! Labelling of one block: its connected components and their voxels on the faces of the block.
 
-use super::super::components::{Part, Side, Tally};
+use super::super::components::{ComponentStats, Part, Side};
 use super::super::leaves::LeafView;
 use super::super::voxel_mask::{self, Bits};
 use crate::band::{LEAF, LeafFileError, LeafStore, Region};
 use crate::frame::Coord;
-use crate::union_find::Sets;
+use crate::union_find::UnionFind;
 
 /// Slots of 8^3 voxels along the edge of a block.
-const EDGE: usize = 16;
-const SLOTS: usize = EDGE * EDGE * EDGE;
+const SLOTS_PER_EDGE: usize = 16;
+const SLOTS: usize = SLOTS_PER_EDGE * SLOTS_PER_EDGE * SLOTS_PER_EDGE;
 
-/// Components of the parts of a block's leaves.
+/// The labels of the parts of a block's leaves.
 #[derive(Default)]
 pub(super) struct Labels {
-    /// Place of each leaf that has parts, and the number of its first.
+    /// Slot of each leaf that has parts, and the number of its first part.
     leaves: Vec<(u16, u32)>,
-    /// Component of each part, counted within the block.
-    components: Vec<u32>,
+    /// Label of each part, counted within the block.
+    parts: Vec<u32>,
 }
 
 impl Labels {
-    /// Calls `visit` with the place of each leaf and the components of its parts.
+    /// Calls `visit` with the slot of each leaf and the labels of its parts.
     pub fn for_each_leaf(&self, mut visit: impl FnMut(u16, &[u32])) {
-        for (n, &(place, first)) in self.leaves.iter().enumerate() {
+        for (n, &(slot, first)) in self.leaves.iter().enumerate() {
             let end = self
                 .leaves
                 .get(n + 1)
-                .map_or(self.components.len(), |next| next.1 as usize);
-            visit(place, &self.components[first as usize..end]);
+                .map_or(self.parts.len(), |next| next.1 as usize);
+            visit(slot, &self.parts[first as usize..end]);
         }
     }
 }
 
-/// What a component shows in one slot of a face.
-pub(super) struct Item {
+/// The voxels of a component in one slot of a block's face.
+pub(super) struct FaceItem {
     /// Slot on the face, the earlier axis first.
     slot: u16,
-    /// Its voxels there.
+    /// Voxels on the face.
     bits: u64,
-    /// Counted within the block.
-    pub component: u32,
+    /// Label, counted within the block.
+    pub label: u32,
 }
 
 /// The six faces of a block, each in order of slot.
 #[derive(Default)]
-pub(super) struct Faces([Vec<Item>; 6]);
+pub(super) struct Faces([Vec<FaceItem>; 6]);
 
 impl Faces {
-    /// What is seen on a face: the first or the last of an axis.
-    pub fn of(&self, axis: usize, last: bool) -> &[Item] {
+    /// The items on the first or last face of an axis.
+    pub fn of(&self, axis: usize, last: bool) -> &[FaceItem] {
         &self.0[2 * axis + usize::from(last)]
     }
 
-    /// Calls `join` with components of this block and of the one before it on an axis that share a face
-    /// of a voxel.
+    /// Calls `join` with the labels of this block and of the one before it on an axis that share a voxel
+    /// face.
     pub fn join(&self, axis: usize, before: &Self, mut join: impl FnMut(usize, usize)) {
         let mut theirs = before.of(axis, true);
         for mine in self.of(axis, false) {
@@ -62,29 +62,29 @@ impl Faces {
             theirs = &theirs[skip..];
             for other in theirs.iter().take_while(|i| i.slot == mine.slot) {
                 if mine.bits & other.bits != 0 {
-                    join(mine.component as usize, other.component as usize);
+                    join(mine.label as usize, other.label as usize);
                 }
             }
         }
     }
 }
 
-/// A block with its components numbered from 0.
-pub(super) struct Labelled {
+/// A block with its components labelled from 0.
+pub(super) struct LabelledBlock {
     pub labels: Labels,
-    pub tallies: Vec<Tally>,
+    pub stats: Vec<ComponentStats>,
     pub faces: Faces,
 }
 
-/// What fills a slot of a block on the side that is looked at.
+/// The contents of a block's slot on the labelled side.
 #[derive(Clone, Copy)]
 enum Slot {
-    /// Parts from this number to that, counted within the block.
+    /// Parts of a leaf: first number and end, counted within the block.
     Parts(u32, u32),
-    /// All of it.
+    /// The whole slot.
     Full,
-    /// Nothing.
-    Bare,
+    /// No voxel.
+    Empty,
 }
 
 /// Labels the components of one block of a store.
@@ -92,7 +92,7 @@ pub(super) fn label(
     store: &LeafStore,
     origin: Coord,
     side: Side,
-) -> Result<Labelled, LeafFileError> {
+) -> Result<LabelledBlock, LeafFileError> {
     let batch = store.read(origin, Region::EVERYWHERE)?;
     let inside = store.inside_slots(origin);
     let is_inside = |n: usize| inside.is_some_and(|i| i[n >> 6] >> (n & 63) & 1 == 1);
@@ -101,12 +101,12 @@ pub(super) fn label(
             if is_inside(n) == (side == Side::Solid) {
                 Slot::Full
             } else {
-                Slot::Bare
+                Slot::Empty
             }
         })
         .collect();
     let mut parts: Vec<Part> = Vec::new();
-    let mut tallies: Vec<Tally> = Vec::new();
+    let mut stats: Vec<ComponentStats> = Vec::new();
     let mut labels = Labels::default();
     for (n, &leaf) in batch.origins.iter().enumerate() {
         let view = LeafView {
@@ -115,28 +115,28 @@ pub(super) fn label(
             values: &batch.values[n],
         };
         let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - origin[a]) / LEAF) as usize);
-        let place = x << 8 | y << 4 | z;
+        let slot = x << 8 | y << 4 | z;
         let first = parts.len() as u32;
         let own = Part::all_of(&view, side);
-        tallies.extend(own.iter().map(|part| Tally::of_part(part, &view)));
+        stats.extend(own.iter().map(|part| ComponentStats::of_part(part, &view)));
         parts.extend(own);
-        slots[place] = Slot::Parts(first, parts.len() as u32);
+        slots[slot] = Slot::Parts(first, parts.len() as u32);
         if parts.len() as u32 > first {
-            labels.leaves.push((place as u16, first));
+            labels.leaves.push((slot as u16, first));
         }
     }
     drop(batch);
     // Members are the parts, then the slots.
     let count = parts.len();
-    let mut sets = Sets::new(count + SLOTS);
+    let mut sets = UnionFind::new(count + SLOTS);
     for n in 0..SLOTS {
         for axis in 0..3 {
             let shift = [8, 4, 0][axis];
             if n >> shift & 15 != 15 {
-                let beside = n + (1 << shift);
+                let neighbour = n + (1 << shift);
                 join_slots(
                     (n, slots[n]),
-                    (beside, slots[beside]),
+                    (neighbour, slots[neighbour]),
                     axis,
                     &parts,
                     &mut sets,
@@ -145,10 +145,10 @@ pub(super) fn label(
         }
     }
     let full = (0..SLOTS).filter(|&n| matches!(slots[n], Slot::Full));
-    let (number, components) = sets.numbered((0..count).chain(full.map(|n| count + n)));
-    let mut whole = vec![Tally::default(); components];
-    for (n, tally) in tallies.into_iter().enumerate() {
-        whole[number[n] as usize].add(tally);
+    let (label, labels_count) = sets.labels((0..count).chain(full.map(|n| count + n)));
+    let mut totals = vec![ComponentStats::default(); labels_count];
+    for (n, part) in stats.into_iter().enumerate() {
+        totals[label[n] as usize].add(part);
     }
     for (n, _) in slots
         .iter()
@@ -157,59 +157,64 @@ pub(super) fn label(
     {
         let at = |shift: usize| (n >> shift & 15) as i32 * LEAF;
         let least = origin.offset(at(8), at(4), at(0));
-        whole[number[count + n] as usize].add(Tally::of_cube(least, LEAF, store.background()));
+        totals[label[count + n] as usize].add(ComponentStats::of_cube(
+            least,
+            LEAF,
+            store.background(),
+        ));
     }
-    labels.components = number[..count].to_vec();
-    Ok(Labelled {
+    labels.parts = label[..count].to_vec();
+    Ok(LabelledBlock {
         labels,
-        tallies: whole,
-        faces: faces(&slots, &parts, &number),
+        stats: totals,
+        faces: faces(&slots, &parts, &label),
     })
 }
 
-/// Joins what two slots share over the face between them; the second follows the first on an axis.
+/// Joins the parts of two slots over their common face; the second slot follows the first on an axis.
 fn join_slots(
     (n, one): (usize, Slot),
     (m, other): (usize, Slot),
     axis: usize,
     parts: &[Part],
-    sets: &mut Sets,
+    sets: &mut UnionFind,
 ) {
     let face = |part: u32, last: bool| voxel_mask::face(&parts[part as usize].bits, axis, last);
-    let shown = |part: &u32, last: bool| !voxel_mask::is_empty(&face(*part, last));
+    let is_on_face = |part: &u32, last: bool| !voxel_mask::is_empty(&face(*part, last));
     match (one, other) {
-        (Slot::Full, Slot::Full) => sets.join(parts.len() + n, parts.len() + m),
+        (Slot::Full, Slot::Full) => sets.union(parts.len() + n, parts.len() + m),
         (Slot::Parts(a, b), Slot::Full) => {
-            for part in (a..b).filter(|p| shown(p, true)) {
-                sets.join(part as usize, parts.len() + m);
+            for part in (a..b).filter(|p| is_on_face(p, true)) {
+                sets.union(part as usize, parts.len() + m);
             }
         }
         (Slot::Full, Slot::Parts(a, b)) => {
-            for part in (a..b).filter(|p| shown(p, false)) {
-                sets.join(part as usize, parts.len() + n);
+            for part in (a..b).filter(|p| is_on_face(p, false)) {
+                sets.union(part as usize, parts.len() + n);
             }
         }
         (Slot::Parts(a, b), Slot::Parts(c, d)) => {
             for part in a..b {
                 let mine = face(part, true);
                 for next in c..d {
-                    if voxel_mask::meet(&mine, &face(next, false)) {
-                        sets.join(part as usize, next as usize);
+                    if voxel_mask::intersects(&mine, &face(next, false)) {
+                        sets.union(part as usize, next as usize);
                     }
                 }
             }
         }
-        (Slot::Bare, _) | (_, Slot::Bare) => {}
+        (Slot::Empty, _) | (_, Slot::Empty) => {}
     }
 }
 
-fn faces(slots: &[Slot], parts: &[Part], number: &[u32]) -> Faces {
+/// The voxels of all components on the faces of the block.
+fn faces(slots: &[Slot], parts: &[Part], label: &[u32]) -> Faces {
     let mut faces = Faces::default();
     for (f, list) in faces.0.iter_mut().enumerate() {
         let (axis, last) = (f / 2, f % 2 == 1);
-        for slot in 0..EDGE * EDGE {
-            let fixed = if last { EDGE - 1 } else { 0 };
-            let (u, v) = (slot / EDGE, slot % EDGE);
+        for slot in 0..SLOTS_PER_EDGE * SLOTS_PER_EDGE {
+            let fixed = if last { SLOTS_PER_EDGE - 1 } else { 0 };
+            let (u, v) = (slot / SLOTS_PER_EDGE, slot % SLOTS_PER_EDGE);
             let n = match axis {
                 0 => fixed << 8 | u << 4 | v,
                 1 => u << 8 | fixed << 4 | v,
@@ -217,10 +222,10 @@ fn faces(slots: &[Slot], parts: &[Part], number: &[u32]) -> Faces {
             };
             let mut put = |member: usize, bits: u64| {
                 if bits != 0 {
-                    list.push(Item {
+                    list.push(FaceItem {
                         slot: slot as u16,
                         bits,
-                        component: number[member],
+                        label: label[member],
                     });
                 }
             };
@@ -228,11 +233,11 @@ fn faces(slots: &[Slot], parts: &[Part], number: &[u32]) -> Faces {
                 Slot::Parts(a, b) => {
                     for part in a as usize..b as usize {
                         let face: Bits = voxel_mask::face(&parts[part].bits, axis, last);
-                        put(part, voxel_mask::packed(&face, axis));
+                        put(part, voxel_mask::pack_face(&face, axis));
                     }
                 }
                 Slot::Full => put(parts.len() + n, u64::MAX),
-                Slot::Bare => {}
+                Slot::Empty => {}
             }
         }
     }

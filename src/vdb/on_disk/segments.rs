@@ -1,51 +1,51 @@
-//! The pieces of a solid on the disk one by one: what is left when all the others are removed.
+//! The connected components of a solid on disk as separate solids: each is made by removal of the others.
 
 use super::super::components::Side;
-use super::super::remove_components::rings;
-use super::super::segments::surroundings;
+use super::super::remove_components::band_leaves;
+use super::super::segments::neighbourhood_edge;
 use super::super::{FileError, LevelSet, Session, VdbError};
-use super::StoredPieces;
-use super::removal::{Chosen, leaf_at};
+use super::StoredComponents;
+use super::removal::{SelectedParts, leaf_at};
 use crate::band::{BLOCK, LEAF, LeafStore, Region};
 use crate::frame::Coord;
 use std::collections::BTreeSet;
 
-/// The pieces of a solid on the disk, the largest first, as [`LevelSet::segments`] has them.
+/// The components of a solid on disk, largest first, as [`LevelSet::segments`] returns them.
 pub struct StoredSegments {
-    found: StoredPieces,
-    /// Leaves of each piece, ascending.
-    own: Vec<Vec<Coord>>,
+    found: StoredComponents,
+    /// Leaves of each component, ascending.
+    leaves: Vec<Vec<Coord>>,
     half_width: f64,
 }
 
-/// One of them.
+/// One component.
 pub struct StoredSegment<'a> {
-    /// Leaves that hold parts of it, ascending.
-    own: &'a [Coord],
-    /// Leaves beyond these in which its band can be.
-    rings: i32,
-    /// Parts of others near it.
-    others: Chosen,
+    /// Leaves with parts of the component, ascending.
+    leaves: &'a [Coord],
+    /// Number of leaves beyond these that its band can reach.
+    band_leaves: i32,
+    /// Parts of other components nearby.
+    others: SelectedParts,
 }
 
 impl StoredSegments {
-    /// Finds the pieces of a solid whose band is `half_width` voxels wide on each side.
+    /// Finds the components of a solid whose band is `half_width` voxels wide on each side.
     ///
     /// # Errors
-    /// A leaf file that has changed, or cancelling.
+    /// A changed leaf file, or cancellation.
     pub fn find(
         store: &LeafStore,
         (voxel_size, half_width): (f64, f64),
         session: Session<'_>,
     ) -> Result<Self, FileError> {
-        let found = StoredPieces::find(store, Side::Solid, voxel_size, true, session)?;
-        let mut own = vec![Vec::new(); found.ranking.count];
+        let found = StoredComponents::find(store, Side::Solid, voxel_size, true, session)?;
+        let mut by_component = vec![Vec::new(); found.ranking.count];
         for (&block, (first, labels)) in &found.blocks {
-            labels.for_each_leaf(|place, components| {
-                let leaf = leaf_at(block, place);
-                for &component in components {
-                    let piece = found.ranking.piece_of[first + component as usize];
-                    if let Some(leaves) = own.get_mut(piece)
+            labels.for_each_leaf(|slot, labels| {
+                let leaf = leaf_at(block, slot);
+                for &label in labels {
+                    let component = found.ranking.component_of[first + label as usize];
+                    if let Some(leaves) = by_component.get_mut(component)
                         && leaves.last() != Some(&leaf)
                     {
                         leaves.push(leaf);
@@ -53,67 +53,67 @@ impl StoredSegments {
                 }
             });
         }
-        for leaves in &mut own {
+        for leaves in &mut by_component {
             leaves.sort_unstable();
         }
         Ok(Self {
             found,
-            own,
+            leaves: by_component,
             half_width,
         })
     }
 
-    /// How many there are.
+    /// Number of components.
     pub fn len(&self) -> usize {
-        self.own.len()
+        self.leaves.len()
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.own.is_empty()
+        self.leaves.is_empty()
     }
 
-    /// Piece number `piece` of [`StoredSegments::len`].
-    pub fn segment(&self, piece: usize) -> StoredSegment<'_> {
-        let own = &self.own[piece];
-        let edge = surroundings(self.half_width);
-        let cubes: BTreeSet<Coord> = own.iter().map(|leaf| leaf.aligned(edge)).collect();
+    /// The component with a number below [`StoredSegments::len`].
+    pub fn segment(&self, component: usize) -> StoredSegment<'_> {
+        let leaves = &self.leaves[component];
+        let edge = neighbourhood_edge(self.half_width);
+        let cubes: BTreeSet<Coord> = leaves.iter().map(|leaf| leaf.aligned(edge)).collect();
         let around = |cube: Coord| Region::cube(cube, edge).grown(edge).cubes(BLOCK);
         let near: BTreeSet<Coord> = cubes.into_iter().flat_map(around).collect();
-        let mut others = Chosen::new(Side::Solid);
+        let mut others = SelectedParts::new(Side::Solid);
         for block in near {
-            others.enter(&self.found, block, |other| other != piece);
+            others.add_block(&self.found, block, |other| other != component);
         }
         StoredSegment {
-            own,
-            rings: rings(self.half_width),
+            leaves,
+            band_leaves: band_leaves(self.half_width),
             others,
         }
     }
 }
 
 impl StoredSegment<'_> {
-    /// Blocks that may hold a part of its band, ascending.
+    /// Blocks that may hold a part of the component's band, ascending.
     pub fn blocks(&self) -> BTreeSet<Coord> {
         let around = |leaf: &Coord| self.around(*leaf).cubes(BLOCK);
-        self.own.iter().flat_map(around).collect()
+        self.leaves.iter().flat_map(around).collect()
     }
 
-    /// Whether a leaf may hold a part of its band.
+    /// Whether a leaf may hold a part of the component's band.
     pub fn holds(&self, leaf: Coord) -> bool {
         let mut around = self.around(leaf).cubes(LEAF);
-        around.any(|leaf| self.own.binary_search(&leaf).is_ok())
+        around.any(|leaf| self.leaves.binary_search(&leaf).is_ok())
     }
 
     fn around(&self, leaf: Coord) -> Region {
-        Region::cube(leaf, LEAF).grown(self.rings * LEAF)
+        Region::cube(leaf, LEAF).grown(self.band_leaves * LEAF)
     }
 
-    /// Removes the others from a part of the solid, as
+    /// Removes the other components from a part of the solid, as
     /// [`StoredRemoval::apply`](super::StoredRemoval::apply) does.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn apply(
         &self,
         part: &mut LevelSet,

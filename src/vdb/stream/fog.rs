@@ -1,9 +1,9 @@
-//! The fog of a level set on the disk, made leaf by leaf: what `LevelSet::to_fog` makes in memory.
+//! The fog volume of a level set on disk, fog_leaves leaf by leaf; equal to that of `LevelSet::to_fog`.
 //!
-//! With m the least value of the level set, a voxel of value v < 0 has density v / m and is active;
-//! others have none, and leaves without any are gone. Tiles inside have density 1.
+//! With m the least value of the level set, a voxel of value v < 0 has density v / m and is active. Other voxels
+//! have density 0; leaves without active voxels are omitted. Inside tiles have density 1.
 
-use super::{BlockLeaves, Upper, along, slots};
+use super::{BlockLeaves, BlockNode, slot_offset, slots};
 use crate::band::{LeafFileError, LeafStore, Region, StoreError, VOXELS};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
@@ -11,27 +11,27 @@ use crate::vdb::Session;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// A fog whose level set lies on the disk.
+/// The fog volume of a level set on disk.
 pub struct StoredFog<'a> {
     store: &'a LeafStore,
-    /// 1 / m.
+    /// Density per value: 1 / m.
     weight: f32,
-    /// Blocks that hold any of its leaves.
+    /// Blocks with leaves of the fog.
     blocks: BTreeSet<Coord>,
-    found: Found,
+    counts: FogCounts,
 }
 
-/// Leaves, active voxels and the box around them; of tiles also how many.
+/// Counts of leaves, tiles and active voxels, and the box of active voxels.
 #[derive(Clone, Copy, Default)]
-struct Found {
+struct FogCounts {
     leaves: u64,
     tiles: u64,
     active: u64,
     bounds: Option<[Coord; 2]>,
 }
 
-impl Found {
-    fn enter(&mut self, low: Coord, high: Coord) {
+impl FogCounts {
+    fn extend_bounds(&mut self, low: Coord, high: Coord) {
         let [a, b] = self.bounds.unwrap_or([low, high]);
         self.bounds = Some([
             Coord([0, 1, 2].map(|n| a[n].min(low[n]))),
@@ -39,15 +39,15 @@ impl Found {
         ]);
     }
 
-    fn enter_tile(&mut self, origin: Coord, edge: i32) {
+    fn add_tile(&mut self, origin: Coord, edge: i32) {
         let end = edge - 1;
-        self.enter(origin, origin.offset(end, end, end));
+        self.extend_bounds(origin, origin.offset(end, end, end));
         self.tiles += 1;
         self.active += (edge as u64).pow(3);
     }
 }
 
-/// A leaf of fog: mask and all densities; none where there is none.
+/// Mask and densities of a leaf; none if no voxel has a density.
 fn density(values: &[f32; VOXELS], weight: f32) -> Option<([u64; 8], [f32; VOXELS])> {
     let (mut mask, mut densities) = ([0; 8], [0.0; VOXELS]);
     for (n, &v) in values.iter().enumerate() {
@@ -61,21 +61,21 @@ fn density(values: &[f32; VOXELS], weight: f32) -> Option<([u64; 8], [f32; VOXEL
 }
 
 impl<'a> StoredFog<'a> {
-    /// The fog of a level set: one look at all its leaves, and one before where it is too thin to have
-    /// voxels beyond the band.
+    /// Surveys the fog in one pass over all leaves; a solid too thin to have voxels beyond the band needs another
+    /// pass before.
     ///
     /// # Errors
-    /// [`StoreError`] when a file has changed since it was opened, or on cancelling.
+    /// [`StoreError`] if a file has changed since it was opened, or on cancellation.
     pub fn new(store: &'a LeafStore, session: Session<'_>) -> Result<Self, StoreError> {
         let blocks: Vec<Coord> = store.blocks().collect();
         let progress = session.progress;
         progress.stage("fog", Some(blocks.len() as u64));
-        let deep = |b: &Coord| {
+        let has_deep_voxels = |b: &Coord| {
             store
                 .inside_slots(*b)
                 .is_some_and(|s| s.iter().any(|&w| w != 0))
         };
-        let least = if blocks.iter().any(deep) {
+        let least = if blocks.iter().any(has_deep_voxels) {
             -store.background()
         } else {
             let least = |block: &Coord| {
@@ -94,51 +94,51 @@ impl<'a> StoredFog<'a> {
             store,
             weight: 1.0 / least,
             blocks: BTreeSet::new(),
-            found: Found::default(),
+            counts: FogCounts::default(),
         };
-        let each = |block: &Coord| {
+        let count = |block: &Coord| {
             if progress.cancelled() {
                 return Err(StoreError::from(Cancelled));
             }
-            let found = fog.look(*block)?;
+            let counts = fog.count_block(*block)?;
             progress.advance(1);
-            Ok(found)
+            Ok(counts)
         };
-        let all = || blocks.par_iter().map(each).collect::<Result<Vec<_>, _>>();
-        let all: Vec<Found> = session.threads.install(all)?;
+        let all = || blocks.par_iter().map(count).collect::<Result<Vec<_>, _>>();
+        let all: Vec<FogCounts> = session.threads.install(all)?;
         for (&block, own) in blocks.iter().zip(all).filter(|(_, own)| own.leaves > 0) {
             fog.blocks.insert(block);
             if let Some([low, high]) = own.bounds {
-                fog.found.enter(low, high);
+                fog.counts.extend_bounds(low, high);
             }
-            fog.found.leaves += own.leaves;
-            fog.found.active += own.active;
+            fog.counts.leaves += own.leaves;
+            fog.counts.active += own.active;
         }
-        let mut found = fog.found;
-        fog.for_each_tile(|origin, edge| found.enter_tile(origin, edge));
-        fog.found = found;
+        let mut counts = fog.counts;
+        fog.for_each_tile(|origin, edge| counts.add_tile(origin, edge));
+        fog.counts = counts;
         Ok(fog)
     }
 
-    /// Leaves of fog in a block.
-    fn look(&self, block: Coord) -> Result<Found, LeafFileError> {
-        let mut found = Found::default();
+    /// Counts the fog of a block.
+    fn count_block(&self, block: Coord) -> Result<FogCounts, LeafFileError> {
+        let mut counts = FogCounts::default();
         let leaves = self.store.read(block, Region::EVERYWHERE)?;
         for (origin, values) in leaves.origins.iter().zip(&leaves.values) {
             let Some((mask, _)) = density(values, self.weight) else {
                 continue;
             };
-            found.leaves += 1;
+            counts.leaves += 1;
             let voxel = |n: usize| {
                 let n = n as i32;
                 origin.offset(n >> 6, n >> 3 & 7, n & 7)
             };
             for v in slots(&mask).map(voxel) {
-                found.active += 1;
-                found.enter(v, v);
+                counts.active += 1;
+                counts.extend_bounds(v, v);
             }
         }
-        Ok(found)
+        Ok(counts)
     }
 
     pub(super) fn store(&self) -> &'a LeafStore {
@@ -146,31 +146,33 @@ impl<'a> StoredFog<'a> {
     }
 
     pub(super) fn leaves(&self) -> u64 {
-        self.found.leaves
+        self.counts.leaves
     }
 
     /// Number of active tiles.
     pub(super) fn tiles(&self) -> u64 {
-        self.found.tiles
+        self.counts.tiles
     }
 
     pub(super) fn active_voxels(&self) -> u64 {
-        self.found.active
+        self.counts.active
     }
 
     pub(super) fn bounds(&self) -> Option<[Coord; 2]> {
-        self.found.bounds
+        self.counts.bounds
     }
 
-    /// Nodes of 4096^3 voxels that hold any of its leaves.
-    pub(super) fn uppers(&self) -> Vec<Upper> {
-        let kept = self.store.uppers().map(|u| {
+    /// Nodes of 4096^3 voxels with leaves of the fog.
+    pub(super) fn upper_nodes(&self) -> Vec<BlockNode> {
+        let kept = self.store.upper_nodes().map(|u| {
             let mut children = vec![0; u.children.len()];
             for n in slots(&u.children) {
-                let block = u.origin.offset(along(n, 10), along(n, 5), along(n, 0));
+                let block =
+                    u.origin
+                        .offset(slot_offset(n, 10), slot_offset(n, 5), slot_offset(n, 0));
                 children[n >> 6] |= u64::from(self.blocks.contains(&block)) << (n & 63);
             }
-            Upper {
+            BlockNode {
                 origin: u.origin,
                 children,
                 inside: u.inside.clone(),
@@ -182,15 +184,15 @@ impl<'a> StoredFog<'a> {
 
     pub(super) fn block(&self, origin: Coord) -> Result<BlockLeaves, LeafFileError> {
         let leaves = self.store.read(origin, Region::EVERYWHERE)?;
-        let mut made = BlockLeaves::default();
+        let mut fog_leaves = BlockLeaves::default();
         for (origin, values) in leaves.origins.iter().zip(&leaves.values) {
             if let Some((mask, densities)) = density(values, self.weight) {
-                made.origins.push(*origin);
-                made.masks.push(mask);
-                made.values.extend(densities);
+                fog_leaves.origins.push(*origin);
+                fog_leaves.masks.push(mask);
+                fog_leaves.values.extend(densities);
             }
         }
-        Ok(made)
+        Ok(fog_leaves)
     }
 
     /// Calls `visit` with every leaf in order of origin: its origin, mask and active densities.
@@ -200,7 +202,7 @@ impl<'a> StoredFog<'a> {
         mut visit: impl FnMut(Coord, &[u64; 8], &mut dyn Iterator<Item = f32>),
     ) -> Result<(), StoreError> {
         self.store.for_each_leaf(progress, |origin, mask, active| {
-            let values = self.store.filled(mask, active);
+            let values = self.store.leaf_values(mask, active);
             if let Some((mask, densities)) = density(&values, self.weight) {
                 visit(origin, &mask, &mut slots(&mask).map(|n| densities[n]));
             }
@@ -208,11 +210,14 @@ impl<'a> StoredFog<'a> {
         })
     }
 
-    /// Calls `visit` with every tile in order of origin: its least voxel and its edge.
+    /// Calls `visit` with every tile (origin, edge) in order of origin.
     pub(super) fn for_each_tile(&self, mut visit: impl FnMut(Coord, i32)) {
-        let uppers = self.uppers();
-        let whole = self.store.inside_uppers();
-        let begins = uppers.iter().map(|u| u.origin).chain(whole.iter().copied());
+        let upper_nodes = self.upper_nodes();
+        let whole = self.store.inside_upper_cubes();
+        let begins = upper_nodes
+            .iter()
+            .map(|u| u.origin)
+            .chain(whole.iter().copied());
         let slabs: BTreeSet<i32> = begins.map(|c| c[0]).collect();
         for slab in slabs
             .into_iter()
@@ -222,17 +227,24 @@ impl<'a> StoredFog<'a> {
             let to = Coord([slab, i32::MAX, i32::MAX]);
             let blocks: Vec<Coord> = self.blocks.range(from..=to).copied().collect();
             for row in 0..16 {
-                // Tiles of all sizes with the same least x.
+                // Tiles of all sizes that begin at the same x.
                 let mut tiles: Vec<(Coord, i32)> = Vec::new();
                 if row == 0 {
                     let here = whole.iter().filter(|c| c[0] == slab);
                     tiles.extend(here.map(|&c| (c, 4096)));
-                    for u in uppers
+                    for u in upper_nodes
                         .iter()
                         .filter(|u| (u.origin[0]..u.origin[0] + 4096).contains(&slab))
                     {
                         let own = slots(&u.inside).map(|n| {
-                            (u.origin.offset(along(n, 10), along(n, 5), along(n, 0)), 128)
+                            (
+                                u.origin.offset(
+                                    slot_offset(n, 10),
+                                    slot_offset(n, 5),
+                                    slot_offset(n, 0),
+                                ),
+                                128,
+                            )
                         });
                         tiles.extend(own.filter(|t| t.0[0] == slab));
                     }

@@ -3,7 +3,7 @@
 use super::child::{self, Task};
 use super::figure::Found;
 use crate::Setting;
-use druse::simd::Code;
+use druse::simd::InstructionSet;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -17,7 +17,7 @@ pub fn portable(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let own = std::env::current_exe()?;
     let mut found = Vec::new();
     for (key, workload) in [("P18", "w1"), ("P18.w2", "w2")] {
-        let [wide, narrow] = [Code::Avx2, Code::Portable].map(|code| Task {
+        let [wide, narrow] = [InstructionSet::Avx2, InstructionSet::Portable].map(|code| Task {
             code,
             ..task(workload, setting)
         });
@@ -49,7 +49,7 @@ fn task(workload: &'static str, setting: &Setting) -> Task {
     Task {
         workload,
         full: setting.full,
-        code: Code::Best,
+        code: InstructionSet::Best,
     }
 }
 

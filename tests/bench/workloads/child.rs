@@ -2,7 +2,7 @@
 
 use super::clock::{Spread, in_turn};
 use super::{w1, w2};
-use druse::simd::{Code, use_code};
+use druse::simd::{InstructionSet, use_instruction_set};
 use std::path::Path;
 use std::process::Command;
 
@@ -16,7 +16,7 @@ pub struct Task {
     /// At the sizes of the README's table.
     pub full: bool,
     /// What it may ask of the processor.
-    pub code: Code,
+    pub code: InstructionSet,
 }
 
 /// Processor seconds of a workload in a fresh process, on one thread.
@@ -30,10 +30,10 @@ pub struct Passes {
 /// Passes after the first: of W1, and of W2, which takes longer.
 const LATER: [usize; 2] = [7, 2];
 const SIZES: [&str; 2] = ["quick", "full"];
-const CODES: [(&str, Code); 3] = [
-    ("portable", Code::Portable),
-    ("avx2", Code::Avx2),
-    ("best", Code::Best),
+const CODES: [(&str, InstructionSet); 3] = [
+    ("portable", InstructionSet::Portable),
+    ("avx2", InstructionSet::Avx2),
+    ("best", InstructionSet::Best),
 ];
 
 /// Runs a task in a child: this program or another build of it.
@@ -72,7 +72,7 @@ pub fn run(arguments: impl Iterator<Item = String>) -> Result<(), Fault> {
     let has = |word: &str| words.iter().any(|w| w == word);
     for (word, code) in CODES {
         if has(word) {
-            use_code(code);
+            use_instruction_set(code);
         }
     }
     let (full, is_w2) = (has(SIZES[1]), has("w2"));

@@ -13,7 +13,7 @@ use druse::field::WorldField;
 use druse::frame::{Aabb, Element, Transform, Vec3};
 use druse::progress::{Silent, Threads};
 use druse::scaffold::{Kind, Scaffold};
-use druse::simd::Code;
+use druse::simd::InstructionSet;
 use druse::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
 use std::hint::black_box;
 
@@ -229,7 +229,7 @@ pub fn first_pass(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let task = Task {
         workload: "w1",
         full: setting.full,
-        code: Code::Best,
+        code: InstructionSet::Best,
     };
     let mut ratios = Vec::new();
     for _ in 0..ROUNDS {
@@ -264,8 +264,8 @@ pub fn growth(setting: &Setting) -> Result<Vec<Found>, Fault> {
     );
     let growth = Spread::of_ratios(&seconds[1], &seconds[0]);
     let padding = Spread::of_ratios(&seconds[2], &seconds[1]);
-    let touched = stats.leaves_touched as f64 / stats.leaves_kept as f64;
-    let evaluated = stats.voxels_evaluated as f64 / stats.active_voxels as f64;
+    let touched = stats.leaves_evaluated as f64 / stats.leaves_kept as f64;
+    let evaluated = stats.samples_evaluated as f64 / stats.active_voxels as f64;
     let voxels = format!("{} voxels per cell", fine.at.voxels);
     Ok(vec![
         Found::new("P9", growth.median, growth.to_string()),

@@ -133,7 +133,7 @@ fn tiled<'a, F: Filling>(
         distance: Distance::Fast,
         boundary: Boundary::Cut,
     };
-    Ok(TiledSolid::new(scaffold, filling, options)?.by_nodes(NODES))
+    Ok(TiledSolid::new(scaffold, filling, options)?.with_interpolation(NODES))
 }
 
 /// One pass over the band of a field in voxels, every value read.
@@ -164,18 +164,18 @@ struct Keys {
 
 /// Counts of a pass.
 fn counts(keys: &Keys, stats: &BandStats) -> Vec<Found> {
-    let leaves = stats.leaves_touched as f64 / stats.leaves_kept as f64;
-    let evaluated = stats.voxels_evaluated as f64 / stats.active_voxels as f64;
+    let leaves = stats.leaves_evaluated as f64 / stats.leaves_kept as f64;
+    let evaluated = stats.samples_evaluated as f64 / stats.active_voxels as f64;
     vec![
         Found::new(
             keys.leaves,
             leaves,
-            format!("{} of {}", stats.leaves_touched, stats.leaves_kept),
+            format!("{} of {}", stats.leaves_evaluated, stats.leaves_kept),
         ),
         Found::new(
             keys.evaluated,
             evaluated,
-            format!("{} for {}", stats.voxels_evaluated, stats.active_voxels),
+            format!("{} for {}", stats.samples_evaluated, stats.active_voxels),
         ),
     ]
 }
@@ -272,11 +272,11 @@ pub fn struts_in_large_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
     let extent = scaffold.bounds();
     let table = table_for(&scaffold, SOME)?;
     let visits = Visits::new(scaffold.len());
-    let field = tiled(&scaffold, &table)?.noting(&visits);
-    let plain = tiled(&scaffold, &table)?.by_nodes(0.0);
+    let field = tiled(&scaffold, &table)?.with_visits(&visits);
+    let plain = tiled(&scaffold, &table)?.with_interpolation(0.0);
     let one = Threads::new(1)?;
     let stats = pass(&field, extent, &one)?;
-    let interpolated = visits.leaves_by_nodes();
+    let interpolated = visits.interpolated_leaves();
     let run = |field: &WorldField| {
         pass(field, extent, &one).expect("the field is finite");
     };
@@ -284,7 +284,7 @@ pub fn struts_in_large_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
     let ratios = Spread::of_ratios(&seconds[0], &seconds[1]);
     let note = format!(
         "{ratios}; {interpolated} of {} leaves interpolated",
-        stats.leaves_touched
+        stats.leaves_evaluated
     );
     let mut found = vec![Found::new("P8.nodes", ratios.median, note)];
     found.extend(counts(&LARGE_TETS, &stats));

@@ -8,7 +8,7 @@ use super::w1::Gyroid;
 use crate::Setting;
 use druse::band::{LeafFileHead, LeafFileWriter, LeafStore};
 use druse::progress::{Silent, Threads};
-use druse::vdb::{LevelSet, Session, Streamed, VdbWriter};
+use druse::vdb::{LevelSet, Session, StoredGrid, VdbWriter};
 use std::fs::File;
 
 type Fault = std::boxed::Box<dyn std::error::Error>;
@@ -43,7 +43,7 @@ pub fn against_openvdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
         let mut file = VdbWriter::new(&streamed, session)?;
         file.level_set("surface", &empty)?;
         Ok(file
-            .write_streamed_to(&streamed, &[Streamed::Surface(&store)])?
+            .write_streamed_to(&streamed, &[StoredGrid::Surface(&store)])?
             .bytes)
     };
     let archive = || -> Result<u64, Fault> {

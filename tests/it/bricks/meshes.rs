@@ -249,7 +249,10 @@ fn what_files_cannot_be_streamed_say_what_to_do() {
     let recipe = format!("{text}[[output]]\nvdb = \"b.nvdb\"\n");
     let recipe = Recipe::parse(&recipe, &[]).unwrap();
     let error = run(&recipe, &options(directory.path(), Some(1), 1), &Silent).unwrap_err();
-    assert!(matches!(error, RunError::Whole { .. }), "{error}");
+    assert!(
+        matches!(error, RunError::BricksUnsupported { .. }),
+        "{error}"
+    );
     let error = error.to_string();
     let contains = |words: &str| error.contains(words);
     assert!(

@@ -302,7 +302,7 @@ fn a_plan_is_made_brick_by_brick_and_refused_when_it_no_longer_fits() {
     assert!(error.contains("r.toml has changed"), "{error}");
     std::fs::remove_file(&file).unwrap();
     let error = make_bricks(&path, &[0..1, 1..2], &own, &Silent).unwrap_err();
-    assert!(error.to_string().contains("not here"), "{error}");
+    assert!(error.to_string().contains("is missing"), "{error}");
 }
 
 #[test]

@@ -145,7 +145,7 @@ fn a_level_set_between_the_voxels_of_bricks_is_refused_and_run_in_memory() {
     let session = Session::new(&threads, &Silent);
     let path = directory.path().join("a.vdb");
     let mut solid = LevelSet::read(&path, None, session).unwrap();
-    solid.place_at(Vec3::new(0.1, 0.0, 0.0)).unwrap();
+    solid.set_origin(Vec3::new(0.1, 0.0, 0.0)).unwrap();
     let path = directory.path().join("off.vdb");
     let mut file = VdbWriter::new(&path, session).unwrap();
     file.level_set("surface", &solid).unwrap();
@@ -157,7 +157,10 @@ fn a_level_set_between_the_voxels_of_bricks_is_refused_and_run_in_memory() {
     let recipe = Recipe::parse(&text, &[]).unwrap();
     let made = |bricks| run(&recipe, &options(directory.path(), bricks, 1), &Silent);
     let error = made(Some(1)).unwrap_err();
-    assert!(matches!(error, RunError::Whole { .. }), "{error}");
+    assert!(
+        matches!(error, RunError::BricksUnsupported { .. }),
+        "{error}"
+    );
     assert!(error.to_string().contains("0.1, 0, 0"), "{error}");
     let report = made(None).unwrap();
     assert_eq!(report.band.active_voxels, solid.active_voxels().unwrap());

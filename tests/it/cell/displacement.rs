@@ -77,7 +77,7 @@ fn tables_displace_the_surface_by_at_most_the_tolerance() {
             bytes.push(table.bytes());
         }
         assert!(bytes.is_sorted() && bytes[0] <= whole.bytes(), "{bytes:?}");
-        if cell.form().exponentials() > 1000 {
+        if cell.expression().exponentials() > 1000 {
             assert!(4 * bytes[1] <= whole.bytes(), "{bytes:?}");
             large += 1;
         }
@@ -120,7 +120,7 @@ fn waves_that_are_left_out_go_by_whole_orbits() {
         struts(Element::Wedge, "edges", 20.0),
     ] {
         let table = Table::for_displacement(&cell, 0.03).unwrap();
-        assert!(table.dropped() > 0 && table.dropped() < cell.form().exponentials());
+        assert!(table.dropped() > 0 && table.dropped() < cell.expression().exponentials());
         let mut noise = Noise::new(3);
         for _ in 0..100 {
             let p = noise.vector();

@@ -1,7 +1,7 @@
 //! Laws of expressions and hybrids.
 
 use super::{any_box, any_point, at, pairings, random_cell};
-use druse::cell::{Cell, CellError, Form, Join, Node, Series, Solid, Surface, Table};
+use druse::cell::{Cell, CellError, Expression, Join, Node, Series, Solid, Surface, Table};
 use druse::field::Field;
 use druse::frame::{CellPoint, Element, Vec3};
 use proptest::prelude::*;
@@ -12,7 +12,7 @@ pub fn any_hybrid() -> impl Strategy<Value = Cell> {
         prop::sample::select(pairings()),
         2.0f64..3.0,
         prop::collection::vec((-1.0f64..1.0, -1.0f64..1.0), 12),
-        prop::sample::select(Solid::ALL.to_vec()),
+        prop::sample::select(Solid::KINDS.to_vec()),
         0.05f64..0.3,
     );
     (
@@ -109,7 +109,11 @@ fn cosines(k: [i32; 3], c: f64) -> Cell {
 fn sums_over_one_lattice_are_one_series() {
     // Weight 0.7 of cX + cY + cZ and 0.3 of 4 cX cY cZ.
     let (p, c) = (cosines([1, 0, 0], 0.5), cosines([1, 1, 1], 0.5));
-    let sum = Form::sum(vec![(0.7, p.form().clone()), (0.3, c.form().clone())]).unwrap();
+    let sum = Expression::sum(vec![
+        (0.7, p.expression().clone()),
+        (0.3, c.expression().clone()),
+    ])
+    .unwrap();
     let cell = Cell::new("mean", Element::Hex, sum).unwrap();
     let found: Vec<_> = cell
         .series()
@@ -127,7 +131,12 @@ fn sums_over_one_lattice_are_one_series() {
         cell.volume_fraction()
     );
     // Shift and negation stay series, and cancel.
-    let same = p.form().shifted(0.3).negated().negated().shifted(-0.3);
+    let same = p
+        .expression()
+        .shifted(0.3)
+        .negated()
+        .negated()
+        .shifted(-0.3);
     let (a, b) = (same.value(at(0.1, 0.2, 0.3)), p.value(at(0.1, 0.2, 0.3)));
     assert!(same.series().is_some() && (a - b).abs() < 1e-14);
 }
@@ -153,7 +162,7 @@ fn joins_are_those_of_sets() {
     );
     let of = |join, radius| Cell::joined("x", join, &[&p, &d], radius).unwrap();
     let rounded = of(Join::Union, 0.2);
-    assert!(matches!(rounded.form().node(), Node::Least(_, r) if *r == 0.2));
+    assert!(matches!(rounded.expression().node(), Node::Least(_, r) if *r == 0.2));
     for i in 0..400 {
         let x = |k: i32| f64::from((i * k) % 97) / 97.0 - 0.5;
         let q = at(x(13), x(29), x(51));

@@ -45,7 +45,7 @@ fn the_group_keeps_the_icosahedron_and_no_lattice_in_space() {
     let operators = operators_of(Element::Ball, "Ih").unwrap();
     for q in &operators {
         assert!((q.transpose() * q - nalgebra::Matrix3::identity()).norm() < 1e-12);
-        assert!(Element::Ball.is_kept_by(q));
+        assert!(Element::Ball.is_invariant_under(q));
     }
     // Every operator once, and their product closed.
     for (n, q) in operators.iter().enumerate() {

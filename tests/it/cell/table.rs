@@ -18,7 +18,7 @@ proptest! {
             prop_assert!((v - w).abs() <= table.error_bound(), "{} {}", v - w, table.error_bound());
             prop_assert!((table.value(p) - w).abs() < 1e-6);
             // Beside the kink of a sheet the two may lie on different sides.
-            if cell.form().value(p).abs() > table.error_bound() {
+            if cell.expression().value(p).abs() > table.error_bound() {
                 prop_assert!((g - h).amax() <= table.gradient_error_bound());
             }
         }
@@ -63,7 +63,7 @@ proptest! {
             min: p.0 - reach,
             max: p.0 + reach,
         });
-        prop_assume!(cell.form().value(p).abs() > 0.01 + 2.0 * STEP * steepest);
+        prop_assume!(cell.expression().value(p).abs() > 0.01 + 2.0 * STEP * steepest);
         let g = table.value_and_gradient(p).1;
         // Fourth-order differences: rounding is 2e-7 of the values over the step; at the knots the third
         // derivative jumps, and the steeper the cell the more.

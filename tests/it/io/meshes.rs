@@ -164,7 +164,7 @@ fn binary_stl_is_as_long_as_it_is() {
     assert!(warnings(b"solid facet vertex", 12, 0).is_empty());
     assert_eq!(
         warnings(b"COLOR=\xff\xff\xff\xff", 12, 3),
-        ["3 bytes after the last triangle; passed over"]
+        ["3 bytes after the last triangle; ignored"]
     );
     for count in [u32::MAX, 0, 1, 11, 13, 1 << 30] {
         assert_eq!(
@@ -221,7 +221,7 @@ fn statements_of_obj_are_read_passed_over_or_refused() {
     let free = text.clone() + "curv 0 1 1 2\ncurv2 1 2\ncurv 1 2 1 2\n";
     assert_eq!(
         read("x.obj", free).unwrap().warnings,
-        ["3 statements of free-form curves and surfaces (curv, curv2); passed over"]
+        ["3 statements of free-form curves and surfaces (curv, curv2); ignored"]
     );
     let lines = text.clone() + "l 1 2\np 3\nl 4 5";
     assert_eq!(

@@ -297,7 +297,7 @@ fn required_extensions_are_read_or_refused_by_name() {
             &[
                 "a model that requires",
                 word,
-                "expected the extensions that are read",
+                "expected the supported extensions",
             ],
         );
         // One that is not required may be passed over.

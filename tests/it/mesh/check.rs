@@ -15,7 +15,7 @@ fn words(mesh: &TriMesh) -> String {
             l
         }
     };
-    r.words().into_iter().map(letter).collect()
+    r.properties().into_iter().map(letter).collect()
 }
 
 fn texts(repairs: &[Repair]) -> Vec<&str> {
@@ -65,13 +65,16 @@ fn each_defect_takes_its_word() {
     t[3].swap(0, 1);
     let turned = TriMesh::new(unit().vertices().to_vec(), t).unwrap();
     assert_eq!(words(&turned), "CoMN");
-    assert_eq!(check(&turned).turned_edges.places[0].triangles.len(), 2);
+    assert_eq!(
+        check(&turned).misoriented_edges.places[0].triangles.len(),
+        2
+    );
 
     // Two cubes along one edge; at one corner.
     let along = joined(&[unit(), shifted(1., 1., 0.)]);
     assert_eq!(words(&along), "COmN");
-    assert_eq!(check(&along).crowded_edges.count, 1);
-    assert_eq!(check(&along).crowded_edges.places[0].at, v(1., 1., 0.5));
+    assert_eq!(check(&along).nonmanifold_edges.count, 1);
+    assert_eq!(check(&along).nonmanifold_edges.places[0].at, v(1., 1., 0.5));
     let corner = joined(&[unit(), shifted(1., 1., 1.)]);
     let r = check(&corner);
     assert_eq!(words(&corner), "COmN");
@@ -169,7 +172,10 @@ fn what_can_be_closed_is_and_what_cannot_is_refused_with_its_place() {
 
     let (solid, warnings) = MeshSolid::repaired(unit().flipped()).unwrap();
     assert!(solid.contains(v(0.5, 0.5, 0.5)));
-    assert_eq!(texts(&warnings), ["the triangles wind inward; turned"]);
+    assert_eq!(
+        texts(&warnings),
+        ["the triangles are oriented inward; flipped"]
+    );
 
     let lid = |t: [Vec3; 3]| t.iter().all(|p| p.z == 1.0);
     let (solid, warnings) = MeshSolid::repaired(without(&unit(), |_, t| lid(t))).unwrap();

@@ -3,7 +3,7 @@
 use super::recipe;
 use druse::frame::Vec3;
 use druse::mesh::MeshSolid;
-use druse::pipeline::{Report, RunOptions, Way, run};
+use druse::pipeline::{OffsetMethod, Report, RunOptions, run};
 use druse::progress::{Silent, Threads};
 use druse::vdb::{LevelSet, Session};
 
@@ -143,8 +143,8 @@ fn surfaces_that_meet_have_their_distance_rebuilt() {
     assert!((volume / whole - 1.0).abs() < 0.05, "{volume}");
     // In one direction moves add up, and what goes back is done on the level set.
     let (report, solid) = made(&format!("{BALL}{back}"), RunOptions::default());
-    let ways: Vec<Way> = report.offsets.iter().map(|o| o.way).collect();
-    assert_eq!(ways, [Way::Field, Way::Points]);
+    let ways: Vec<OffsetMethod> = report.offsets.iter().map(|o| o.method).collect();
+    assert_eq!(ways, [OffsetMethod::Field, OffsetMethod::Points]);
     let (rms, _) = errors(&solid, |p| p.norm() - 5.0);
     assert!(rms < 0.1, "{rms}");
 }
@@ -236,7 +236,7 @@ fn lattices_move_by_the_requested_distance() {
             };
             let (rms, _) = errors_where(&found, exact);
             assert!(rms < 0.05, "{cell} {scaffold} {op}: {rms} voxels");
-            taken.push(report.offsets[0].way);
+            taken.push(report.offsets[0].method);
             if n != 1 || grown < 0.0 {
                 continue;
             }
@@ -254,5 +254,5 @@ fn lattices_move_by_the_requested_distance() {
         }
     }
     // Both ways are tried.
-    assert!(taken.contains(&Way::Field) && taken.contains(&Way::Points));
+    assert!(taken.contains(&OffsetMethod::Field) && taken.contains(&OffsetMethod::Points));
 }

@@ -421,7 +421,7 @@ fn disconnected_cells_are_reported_by_name() {
     assert_eq!(messages.len(), 2, "{messages:?}");
     let first = &messages[0];
     assert!(
-        first.contains("\"loose\" is in pieces by itself"),
+        first.contains("\"loose\" itself is not connected"),
         "{first}"
     );
     assert!(

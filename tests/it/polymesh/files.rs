@@ -110,7 +110,7 @@ fn bad_files_are_named_by_line_and_face() {
     let good = fs::read_to_string(data("files/cube_groups.dlfl")).unwrap();
     let changed = |from: &str, to: &str| written("a.dlfl", &good.replacen(from, to, 1)).to_string();
     assert!(changed("DLFL\n", "").contains("\"DLFL\" on the first line"));
-    assert!(changed("e 0 11", "e 0 12").contains("two that run along one edge"));
+    assert!(changed("e 0 11", "e 0 12").contains("two opposite half-edges of one edge"));
     assert!(changed("e 0 11\n", "").contains("no edge with it; expected every corner in one edge"));
     assert!(changed("e 0 11", "e 0 99").contains("corner 99"));
     assert!(changed("f 0 1 2 3", "f 0 1 2 2").contains("corner 2 a second time"));

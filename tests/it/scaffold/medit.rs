@@ -39,10 +39,7 @@ fn words_stand_in_any_lines_and_case() {
         );
     let file = read("a.mesh", &loose).unwrap_or_else(|e| panic!("{e}\n{loose}"));
     check("loose", &file, &LINEAR, VOLUME, &GROUPS);
-    assert_eq!(
-        facts(&file).notes,
-        ["the values SolAtVertices are passed over"]
-    );
+    assert_eq!(facts(&file).notes, ["the values SolAtVertices are ignored"]);
     let joined = text
         .replace("MeshVersionFormatted 2", "MeshVersionFormatted1")
         .replace('\n', "\r\n");
@@ -134,7 +131,7 @@ fn binary_versions_are_read_in_both_byte_orders() {
                 read("a.meshb", binary(version, big)).unwrap_or_else(|e| panic!("{name}: {e}"));
             check(&name, &file, &LINEAR, VOLUME, &GROUPS);
             let notes = facts(&file).notes;
-            assert_eq!(notes, ["the section of code 999 is passed over"]);
+            assert_eq!(notes, ["the section of code 999 is ignored"]);
         }
     }
 }

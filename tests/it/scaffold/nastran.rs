@@ -310,10 +310,7 @@ fn shells_are_surfaces_with_their_fields_after_the_nodes() {
 fn cards_that_are_given_twice_are_one_or_refused() {
     let tet = "GRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nGRID,4,,0.,0.,1.\nCTETRA,1,1,1,2,3,4\n";
     let found = facts(&read("a.bdf", format!("{tet}{tet}")).unwrap());
-    assert_eq!(
-        found.notes,
-        ["5 cards are in the deck twice and taken once"]
-    );
+    assert_eq!(found.notes, ["5 repeated cards are used once"]);
     assert!((found.volume - 1.0 / 6.0).abs() < 1e-12);
     let e = read("a.bdf", format!("{tet}GRID,4,,0.,0.,2.\n")).unwrap_err();
     assert_eq!(e.place(), Place::ItemOnLine("node", 4, 6));

@@ -56,7 +56,7 @@ fn groups(file: &ScaffoldFile) -> Vec<(&str, &[u32])> {
         .collect()
 }
 
-const NOTE: &str = "2 elements are given again and were merged: elements 3 (into 2), 4 (into 2)";
+const NOTE: &str = "2 duplicate elements were merged: elements 3 (into 2), 4 (into 2)";
 
 fn msh(binary: bool) -> Vec<u8> {
     let mut out = format!("$MeshFormat\n2.2 {} 8\n", u8::from(binary)).into_bytes();
@@ -98,7 +98,7 @@ fn in_gmsh_meshes() {
     check(
         &file,
         [1, 2],
-        "1 elements are given again and were merged: elements 3 (into 2)",
+        "1 duplicate elements were merged: elements 3 (into 2)",
     );
     assert_eq!(groups(&file), [("all", &[0, 1][..]), ("right", &[1])]);
     for binary in [false, true] {
@@ -174,7 +174,7 @@ fn in_vtk_files_the_fields_of_the_first_are_kept() {
     );
     for (name, text) in [("a.vtu", vtu), ("a.vtk", vtk)] {
         let file = solids(name, text);
-        let note = "2 elements are given again and were merged: elements 2 (into 1), 3 (into 1)";
+        let note = "2 duplicate elements were merged: elements 2 (into 1), 3 (into 1)";
         check(&file, [0, 1], note);
         assert_eq!(file.fields[0].values, [7.0, 8.0]);
     }

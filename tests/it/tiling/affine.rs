@@ -115,7 +115,7 @@ fn bounds_hold(tiled: &TiledSolid, lattice: &SampleLattice<WorldPoint>, values: 
         };
         let joint = tiled.leaf_bound(&parts, near);
         assert!(
-            joint == hull || hull.comes_within(near),
+            joint == hull || hull.may_be_within(near),
             "{near}: {joint:?} {hull:?}"
         );
     }
@@ -161,7 +161,7 @@ fn leaf_holds(tiled: &TiledSolid, origin: WorldPoint, options: TilingOptions) ->
     };
     let mut values = vec![0f32; around.len()];
     tiled.fill(&around, &mut values);
-    let is_beyond = !bound.comes_within(near);
+    let is_beyond = !bound.may_be_within(near);
     for (n, &v) in values.iter().enumerate() {
         let is_own = [n / 100, n / 10 % 10, n % 10]
             .iter()
@@ -181,7 +181,7 @@ fn leaf_holds(tiled: &TiledSolid, origin: WorldPoint, options: TilingOptions) ->
     }
     let by_parts = Field::bounds(tiled, &parts.wide).unwrap();
     let by_parts = by_parts.into_iter().reduce(Interval::hull).unwrap();
-    [is_beyond, !by_parts.comes_within(near)]
+    [is_beyond, !by_parts.may_be_within(near)]
 }
 
 #[test]

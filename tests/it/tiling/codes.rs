@@ -6,7 +6,7 @@ use druse::cell::{Cell, Solid, Surface, Table};
 use druse::field::{Field, SampleLattice};
 use druse::frame::{Element, Vec3, WorldPoint};
 use druse::scaffold::{Kind, Scaffold};
-use druse::simd::{Code, use_code};
+use druse::simd::{InstructionSet, use_instruction_set};
 use druse::tiling::TiledSolid;
 
 /// Distances of a cell over a scaffold, at leaves in and around it and at a lattice of no leaves.
@@ -55,11 +55,11 @@ fn the_widest_registers_give_the_same_bits() {
     ];
     for (number, (scaffold, cell)) in parts.iter().enumerate() {
         // Other laws that run meanwhile see no difference if this one holds.
-        let [narrow, wide] = [Code::Avx2, Code::Best].map(|code| {
-            use_code(code);
+        let [narrow, wide] = [InstructionSet::Avx2, InstructionSet::Best].map(|code| {
+            use_instruction_set(code);
             distances(scaffold, cell, 0.03)
         });
-        use_code(Code::Best);
+        use_instruction_set(InstructionSet::Best);
         let inside = wide.iter().filter(|&&v| f32::from_bits(v) < 0.0).count();
         assert!(inside > 500, "part {number}: {inside} samples inside");
         assert!(narrow == wide, "part {number}");

@@ -2,7 +2,7 @@
 
 use super::{options, scaffold};
 use crate::strategy::Noise;
-use druse::band::{Band, LeafMap, Statistics};
+use druse::band::{Band, LeafCounter, LeafMap};
 use druse::cell::{Surface, Table};
 use druse::field::Field;
 use druse::frame::{Coord, Element, Transform};
@@ -42,8 +42,8 @@ fn few_points_are_looked_at_for_each_active_voxel_and_give_what_single_points_do
         let [(stats, leaves), (again, same)] = found;
         assert_eq!(stats, again);
         assert!(leaves == same);
-        let evaluated = stats.voxels_evaluated as f64 / stats.active_voxels as f64;
-        let touched = stats.leaves_touched as f64 / stats.leaves_kept as f64;
+        let evaluated = stats.samples_evaluated as f64 / stats.active_voxels as f64;
+        let touched = stats.leaves_evaluated as f64 / stats.leaves_kept as f64;
         println!(
             "{}: {evaluated:.2} evaluated, {touched:.2} touched",
             kind.name()
@@ -100,7 +100,7 @@ fn memory_is_allocated_by_blocks() {
                 half_width: 3.0,
                 extent: scaffold.bounds(),
             };
-            band.evaluate(&one, &Silent, &Statistics::default())
+            band.evaluate(&one, &Silent, &LeafCounter::default())
                 .unwrap()
         };
         let (stats, allocated) = one.install(|| {
@@ -110,11 +110,11 @@ fn memory_is_allocated_by_blocks() {
             });
             (stats, allocated)
         });
-        let each = allocated.count_total as f64 / stats.leaves_touched as f64;
+        let each = allocated.count_total as f64 / stats.leaves_evaluated as f64;
         println!(
             "{} {noise}: {each:.2} allocations for each of {} leaves, {} bytes at most",
             kind.name(),
-            stats.leaves_touched,
+            stats.leaves_evaluated,
             allocated.bytes_max
         );
         // Leaves on an outer face evaluate the samples beyond it.

@@ -8,7 +8,7 @@ use druse::field::{Field, SampleLattice};
 use druse::frame::{Element, Vec3, WorldPoint};
 use druse::progress::Silent;
 use druse::scaffold::{Kind, Scaffold};
-use druse::simd::{Code, use_code};
+use druse::simd::{InstructionSet, use_instruction_set};
 use druse::tiling::{
     Blend, Boundary, Distance, Filling, Interpolation, Member, TiledSolid, TilingOptions, Visits,
 };
@@ -42,7 +42,7 @@ fn interpolated_leaves<F: Filling>(
     let visits = Visits::new(scaffold.len());
     let plain = TiledSolid::new(scaffold, filling, options).unwrap();
     let tiled = TiledSolid::new(scaffold, filling, options).unwrap();
-    let tiled = tiled.noting(&visits).by_nodes(tolerance * H);
+    let tiled = tiled.with_visits(&visits).with_interpolation(tolerance * H);
     let mut noise = Noise::new(17);
     let mut evaluated = [0; 2];
     for _ in 0..leaves {
@@ -52,11 +52,11 @@ fn interpolated_leaves<F: Filling>(
                 break lattice;
             }
         };
-        let before = visits.leaves_by_nodes();
+        let before = visits.interpolated_leaves();
         let [mut a, mut b] = [[0f32; 512]; 2];
         let own = tiled.fill_counting(&lattice, &mut a);
         let all = plain.fill_counting(&lattice, &mut b);
-        if visits.leaves_by_nodes() == before {
+        if visits.interpolated_leaves() == before {
             assert_eq!(a, b);
             continue;
         }
@@ -77,7 +77,7 @@ fn interpolated_leaves<F: Filling>(
             }
         }
     }
-    (visits.leaves_by_nodes(), evaluated)
+    (visits.interpolated_leaves(), evaluated)
 }
 
 #[test]
@@ -219,9 +219,9 @@ fn nodes_do_not_tell_what_is_not_smooth_or_not_a_leaf() {
     );
     let visits = Visits::new(scaffold.len());
     let coarse = TiledSolid::new(&scaffold, &plain, options(0.06)).unwrap();
-    let coarse = coarse.noting(&visits).by_nodes(0.1);
+    let coarse = coarse.with_visits(&visits).with_interpolation(0.1);
     let tiled = TiledSolid::new(&scaffold, &plain, options(H)).unwrap();
-    let tiled = tiled.noting(&visits).by_nodes(0.005 * H);
+    let tiled = tiled.with_visits(&visits).with_interpolation(0.005 * H);
     let mut noise = Noise::new(1);
     for _ in 0..60 {
         let leaf = leaf(&scaffold, &mut noise);
@@ -234,7 +234,7 @@ fn nodes_do_not_tell_what_is_not_smooth_or_not_a_leaf() {
             &mut [0.0; 100],
         );
     }
-    assert_eq!(visits.leaves_by_nodes(), 0);
+    assert_eq!(visits.interpolated_leaves(), 0);
 }
 
 #[test]
@@ -250,7 +250,9 @@ fn wide_bands_are_interpolated_no_worse_near_their_ends() {
     let visits = Visits::new(scaffold.len());
     let plain = TiledSolid::new(&scaffold, &table, wide).unwrap();
     let interpolated = TiledSolid::new(&scaffold, &table, wide).unwrap();
-    let interpolated = interpolated.noting(&visits).by_nodes(0.005 * H);
+    let interpolated = interpolated
+        .with_visits(&visits)
+        .with_interpolation(0.005 * H);
     let mut noise = Noise::new(7);
     for _ in 0..400 {
         let lattice = leaf(&scaffold, &mut noise);
@@ -262,8 +264,8 @@ fn wide_bands_are_interpolated_no_worse_near_their_ends() {
             assert!((a - b).abs() <= 0.01 * b.abs().max(1.0), "{a} {b} voxels");
         }
     }
-    println!("{} leaves", visits.leaves_by_nodes());
-    assert!(visits.leaves_by_nodes() > 0);
+    println!("{} leaves", visits.interpolated_leaves());
+    assert!(visits.interpolated_leaves() > 0);
 }
 
 #[test]
@@ -272,23 +274,25 @@ fn the_widest_registers_tell_the_same_bits() {
     let table = table(Surface::SchwarzP, Element::Hex);
     let visits = Visits::new(scaffold.len());
     let interpolated = TiledSolid::new(&scaffold, &table, options(H)).unwrap();
-    let interpolated = interpolated.noting(&visits).by_nodes(0.005 * H);
+    let interpolated = interpolated
+        .with_visits(&visits)
+        .with_interpolation(0.005 * H);
     let mut noise = Noise::new(3);
     for _ in 0..200 {
         let lattice = leaf(&scaffold, &mut noise);
         // Other laws that run meanwhile see no difference if this one holds.
-        let [narrow, wide] = [Code::Avx2, Code::Best].map(|code| {
+        let [narrow, wide] = [InstructionSet::Avx2, InstructionSet::Best].map(|code| {
             let mut out = [0f32; 512];
-            use_code(code);
+            use_instruction_set(code);
             interpolated.fill(&lattice, &mut out);
             out.map(f32::to_bits)
         });
         assert_eq!(narrow, wide);
     }
-    use_code(Code::Best);
+    use_instruction_set(InstructionSet::Best);
     assert!(
-        visits.leaves_by_nodes() > 40,
+        visits.interpolated_leaves() > 40,
         "{}",
-        visits.leaves_by_nodes()
+        visits.interpolated_leaves()
     );
 }

@@ -67,7 +67,10 @@ fn cells_of_a_mixed_mesh_meet_once_they_are_matched() {
     let s = mixed(0.08, 3);
     let cells = struts(5.0);
     let torn = filled(&s, &cells).check(&s);
-    assert!(matches!(torn, Err(TilingError::Seam { .. })), "{torn:?}");
+    assert!(
+        matches!(torn, Err(TilingError::Discontinuity { .. })),
+        "{torn:?}"
+    );
     let before = certify(&s, &filled(&s, &cells)).value_jump_max;
     let matched = fit_matched(&cells, &options(5.0), &Silent).unwrap();
     let c = certified(&s, &matched);

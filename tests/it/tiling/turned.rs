@@ -59,7 +59,7 @@ fn a_turned_element_is_named_unless_the_cell_is_the_same() {
         let Err(error) = TiledSolid::new(&scaffold, &gyroid, OPTIONS).map(|_| ()) else {
             panic!("element {e} is turned");
         };
-        let TilingError::Seam { elements, .. } = error else {
+        let TilingError::Discontinuity { elements, .. } = error else {
             panic!("{error}");
         };
         let number = scaffold.number(e);

@@ -304,7 +304,7 @@ fn a_name_at_points_and_at_cells_needs_to_be_chosen() {
         .weights("{ file = \"o.vtu\", field = \"stress\", at = \"cells\" }")
         .unwrap_err();
     assert!(
-        error.contains("stands at the points: at = \"points\""),
+        error.contains("is at the points: at = \"points\""),
         "{error}"
     );
     let twice = [("s", 1, &*points), ("s", 3, &*all("1 2 3"))];

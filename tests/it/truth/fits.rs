@@ -77,14 +77,14 @@ fn off_by<const D: usize>(
     let cell = fit("x", element, &samples, n, &options, &Silent).unwrap();
     let square: f64 = values.iter().map(|v| v * v).sum();
     let scale = (square / values.len() as f64).sqrt();
-    let gap = |p: &Vec3| (cell.form().value(CellPoint(*p)) - exact.value(flat(p))).abs();
+    let gap = |p: &Vec3| (cell.expression().value(CellPoint(*p)) - exact.value(flat(p))).abs();
     Some(places.iter().map(gap).fold(0.0, f64::max) / scale)
 }
 
 #[test]
 fn what_lies_below_nyquist_is_kept_for_every_group_and_lattice() {
     let mut count = 0;
-    for element in Element::ALL {
+    for element in Element::SCAFFOLD_ELEMENTS {
         if element == Element::Ball {
             continue;
         }
@@ -175,7 +175,7 @@ fn a_density_counts_volumes() {
     let cell = Surface::SchwarzP.cell(Element::Hex).unwrap();
     let even = cell.density(&|p| 1.0 + p.0.z);
     let plain = cell.volume_fraction();
-    assert!((cell.volume_fraction_by(&even) - plain).abs() < 1e-9);
+    assert!((cell.weighted_volume_fraction(&even) - plain).abs() < 1e-9);
     // x^2 + y^2 + z^2 over the solid cos x + cos y + cos z < 0, by midpoints.
     let round = cell.density(&|p| p.0.norm_squared());
     let (mut inside, mut all) = (0.0, 0.0);
@@ -184,19 +184,21 @@ fn a_density_counts_volumes() {
         let at = [place / (n * n), place / n % n, place % n];
         let p = Vec3::from(at.map(|j| (j as f64 + 0.5) / n as f64 - 0.5));
         all += p.norm_squared();
-        if cell.form().value(CellPoint(p)) < 0.0 {
+        if cell.expression().value(CellPoint(p)) < 0.0 {
             inside += p.norm_squared();
         }
     }
-    let found = cell.volume_fraction_by(&round);
+    let found = cell.weighted_volume_fraction(&round);
     assert!(
         (found - inside / all).abs() < 2e-3,
         "{found}, {}",
         inside / all
     );
-    let level = cell.level_for_volume_fraction_by(0.4, &round).unwrap();
+    let level = cell
+        .level_for_weighted_volume_fraction(0.4, &round)
+        .unwrap();
     let there = cell.with_solid(Solid::Below, level).unwrap();
-    assert!((there.volume_fraction_by(&round) - 0.4).abs() < 1e-6);
+    assert!((there.weighted_volume_fraction(&round) - 0.4).abs() < 1e-6);
 }
 
 fn report(text: &str) -> Report {
@@ -219,7 +221,7 @@ fn a_part_of_distorted_hexes_has_the_target_fraction() {
     ] {
         let at = |voxel: f64| report(&text(cell, tiling, voxel)).solid;
         let (coarse, fine) = (at(0.03), at(0.02));
-        assert_eq!(fine.volume_fraction_asked, Some(0.3));
+        assert_eq!(fine.volume_fraction_target, Some(0.3));
         let own = fine.volume_fraction_cell.unwrap();
         assert!((own - 0.3).abs() < 3e-4, "{own}");
         // Triangles cut corners: what they lose falls with the square of the voxel.

@@ -247,7 +247,7 @@ fn torn_narrow_and_unsigned_grids_are_named() {
 #[test]
 fn what_leaves_the_surface_where_it_is_is_mended_with_a_note() {
     for (name, word) in [
-        ("no_class", "taken for a level set"),
+        ("no_class", "read as a level set"),
         ("signs", "had the wrong sign"),
         ("voxels", "count voxels: multiplied by 0.1"),
         ("no_background", "its background is 0"),

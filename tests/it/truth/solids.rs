@@ -346,7 +346,7 @@ fn faces_that_wind_unlike_their_neighbours_are_turned() {
     ] {
         let name = format!("flipped_faces/{name}");
         let (solid, repairs) = solid(&name);
-        assert_eq!(repairs, [RepairKind::Turned]);
+        assert_eq!(repairs, [RepairKind::Flipped]);
         assert_near(solid.mesh().volume(), volume, 1e-4);
         let found = report(0.25, &union(&name));
         assert_near(found.solid.volume, volume, 0.01);

@@ -122,7 +122,7 @@ fn dropped_pieces_leave_no_trace() {
     let mut s = level_set(&union(main, crumbs), cube(16.0), voxel);
     assert_eq!(s.components(session()).unwrap().len(), 4);
     let dropped = s.keep_largest(session()).unwrap();
-    assert_eq!(dropped.pieces, 3);
+    assert_eq!(dropped.components, 3);
     let exact = ball(1.2) + ball(1.5) + ball(2.0);
     assert!((dropped.volume / exact - 1.0).abs() < 0.1, "{dropped:?}");
     assert_eq!(s.components(session()).unwrap().len(), 1);
@@ -209,7 +209,7 @@ fn rounding_is_no_piece() {
     assert_eq!(s.check(session()).unwrap().pieces, 1);
     // They go with any removal, uncounted.
     let dropped = s.keep_largest(session()).unwrap();
-    assert_eq!((dropped.pieces, dropped.volume), (0, 0.0));
+    assert_eq!((dropped.components, dropped.volume), (0, 0.0));
     assert!(!s.values(&grid(24)).unwrap().contains(&-1e-16));
 }
 
@@ -220,11 +220,14 @@ fn small_pieces_go_by_volume() {
         union(at(20.0, 0.0, 0.0, 4.0), at(-20.0, 0.0, 0.0, 2.0)),
     );
     let mut s = level_set(&field, cube(25.0), 0.5);
-    let dropped = s.drop_small(ball(3.0), session()).unwrap();
-    assert_eq!(dropped.pieces, 1);
+    let dropped = s.remove_small(ball(3.0), session()).unwrap();
+    assert_eq!(dropped.components, 1);
     assert_eq!(s.components(session()).unwrap().len(), 2);
-    assert_eq!(s.drop_small(ball(3.0), session()).unwrap().pieces, 0);
-    assert_eq!(s.drop_small(f64::INFINITY, session()).unwrap().pieces, 2);
+    assert_eq!(s.remove_small(ball(3.0), session()).unwrap().components, 0);
+    assert_eq!(
+        s.remove_small(f64::INFINITY, session()).unwrap().components,
+        2
+    );
     let mut active = 0;
     s.for_each_leaf(|leaf: LeafView<'_>| active += leaf.active().count())
         .unwrap();
@@ -241,9 +244,12 @@ fn voids_are_filled() {
     let mut s = level_set(&hollow, cube(12.0), 0.5);
     let mut small_only = s.duplicate().unwrap();
     let filled = small_only.fill_voids(ball(3.0), session()).unwrap();
-    assert_eq!(filled.pieces, 1);
+    assert_eq!(filled.components, 1);
     assert_eq!(small_only.voids(session()).unwrap().len(), 1);
-    assert_eq!(s.fill_voids(f64::INFINITY, session()).unwrap().pieces, 2);
+    assert_eq!(
+        s.fill_voids(f64::INFINITY, session()).unwrap().components,
+        2
+    );
     assert!(s.voids(session()).unwrap().is_empty());
     let check = s.check(session()).unwrap();
     assert!(check.passed(), "{:?}", check.problems());

@@ -5,12 +5,12 @@ use druse::field::BoxSolid;
 use druse::frame::{Aabb, Coord, LengthUnit, Vec3};
 use druse::progress::Threads;
 use druse::vdb::subprocess::{Limits, inspect, report};
-use druse::vdb::{self, Compression, FileError, LevelSet, Session, VdbWriter, Written};
+use druse::vdb::{self, Compression, FileError, LevelSet, Session, VdbWriter, WrittenFile};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
-fn write(path: &Path, level_set: &LevelSet, compression: Compression) -> Written {
+fn write(path: &Path, level_set: &LevelSet, compression: Compression) -> WrittenFile {
     let mut file = VdbWriter::new(path, session())
         .unwrap()
         .compression(compression);

@@ -3,7 +3,7 @@
 use super::{complement, cube, intersection, level_set, session, union};
 use druse::field::{BoxSolid, Capsule, Field, HalfSpace, Intersection, Sphere, WorldField};
 use druse::frame::{Aabb, Vec3, WorldPoint};
-use druse::mesh::{MeshReport, Projection, QuadMesh, check};
+use druse::mesh::{MeshReport, ProjectionOptions, QuadMesh, check};
 use druse::progress::Silent;
 
 fn quads(field: &WorldField, half_edge: f64, h: f64) -> QuadMesh {
@@ -70,7 +70,7 @@ fn projected_vertices_lie_on_the_exact_surface() {
         depth.fold(0.0, f64::max)
     };
     let before = error(&mesh);
-    let how = Projection {
+    let how = ProjectionOptions {
         voxel_size: h,
         sharp: false,
     };
@@ -113,7 +113,7 @@ fn sharp_meshes_have_the_edges_and_corners_of_their_solids() {
     let h = 0.2;
     let mut mesh = quads(&solid, 3.0, h);
     let blunt = mesh.triangulated().volume();
-    let how = Projection {
+    let how = ProjectionOptions {
         voxel_size: h,
         sharp: true,
     };
@@ -206,7 +206,7 @@ fn sharp_curves_run_where_surfaces_meet() {
     let solid = intersection(ball, complement(rod));
     let h = 0.2;
     let mut mesh = quads(&solid, 4.0, h);
-    let how = Projection {
+    let how = ProjectionOptions {
         voxel_size: h,
         sharp: true,
     };

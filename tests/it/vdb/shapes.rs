@@ -2,7 +2,9 @@
 
 use super::*;
 use druse::field::{Capsule, HalfSpace, Sphere};
-use druse::vdb::{self, Mask, Placement, Sampled, Scheme, Tools, VdbWriter, Volume, WallSide};
+use druse::vdb::{
+    self, Mask, Placement, SampledLevelSet, Scheme, Tools, VdbWriter, Volume, WallSide,
+};
 
 /// Largest error of the values as distances to a field, in voxels, where they are below `within`.
 fn distance_error(solid: &LevelSet, field: &WorldField, within: f64) -> f64 {
@@ -28,7 +30,7 @@ fn a_wider_band_holds_distances_and_a_narrower_one_is_as_before() {
         radius: 12.0,
     };
     // By OpenVDB's tools rings are added one by one, each from the last: the outermost are the least exact.
-    for (tools, most) in [(Tools::Own, 0.01), (Tools::OpenVdb, 0.3)] {
+    for (tools, most) in [(Tools::Native, 0.01), (Tools::OpenVdb, 0.3)] {
         let mut solid = sphere(12.0, 0.5);
         let before = volume(&solid);
         let near = distance_error(&solid, &ball, 1.4);
@@ -39,7 +41,7 @@ fn a_wider_band_holds_distances_and_a_narrower_one_is_as_before() {
         assert!(error < most, "{error} voxels by {tools:?}");
         let after = distance_error(&solid, &ball, 1.4);
         match tools {
-            Tools::Own => assert_eq!(near, after, "values within the old band stay"),
+            Tools::Native => assert_eq!(near, after, "values within the old band stay"),
             Tools::OpenVdb => assert!(after < 0.05, "{after} voxels in the old band"),
         }
         assert!((volume(&solid) / before - 1.0).abs() < 1e-4);
@@ -215,7 +217,7 @@ fn a_mask_says_where_and_how_far() {
         inverted: false,
     };
     let mut solid = sphere(5.0, 0.25);
-    solid.move_by(1.0, mask, session()).unwrap();
+    solid.offset_masked(1.0, mask, session()).unwrap();
     // The whole distance at x = 5, none at x = -5, half of it between.
     let radius = |direction: Vec3| {
         let value = |r: f64| {
@@ -253,7 +255,7 @@ fn a_mask_says_where_and_how_far() {
         range: [50.0, 60.0],
         ..mask
     };
-    solid.mix(&before, nowhere, session()).unwrap();
+    solid.restrict_change(&before, nowhere, session()).unwrap();
     let ball = Sphere {
         centre: Vec3::zeros(),
         radius: 5.0,
@@ -272,7 +274,7 @@ fn resampling_keeps_the_solid() {
     for h in [0.2, 0.25, 0.4] {
         let transform = Transform::new(h).unwrap();
         let finer = solid
-            .resampled(transform, 3.0, Placement::NONE, session())
+            .resampled(transform, 3.0, Placement::IDENTITY, session())
             .unwrap();
         let error = distance_error(&finer, &rod, h) * h / 0.25;
         assert!(error < 0.05, "{h}: {error} voxels of the source");
@@ -281,13 +283,13 @@ fn resampling_keeps_the_solid() {
     // Twice as large, turned about z by a right angle, moved.
     let placement = Placement {
         scale: 2.0,
-        turn: druse::frame::Mat3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0),
-        shift: Vec3::new(1.0, 2.0, 3.0),
+        rotation: druse::frame::Mat3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+        translation: Vec3::new(1.0, 2.0, 3.0),
     };
     let moved = solid
         .resampled(Transform::new(0.4).unwrap(), 3.0, placement, session())
         .unwrap();
-    let image = |p: Vec3| placement.turn * p * 2.0 + placement.shift;
+    let image = |p: Vec3| placement.rotation * p * 2.0 + placement.translation;
     let there = Capsule {
         ends: rod.ends.map(image),
         radius: 4.0,
@@ -298,7 +300,7 @@ fn resampling_keeps_the_solid() {
 #[test]
 fn fine_voxels_are_doubled_until_few_go_along_an_edge() {
     for (voxel, edge) in [(0.99, 0.25), (1.0, 0.5), (2.5, 1.0)] {
-        let coarser = sphere(12.0, 0.25).no_finer_than(voxel, session()).unwrap();
+        let coarser = sphere(12.0, 0.25).coarsened_to(voxel, session()).unwrap();
         assert_eq!(coarser.voxel_size(), edge);
         let exact = Sphere {
             centre: Vec3::zeros(),
@@ -308,13 +310,14 @@ fn fine_voxels_are_doubled_until_few_go_along_an_edge() {
         assert!(error < 0.1, "{voxel}: {error} voxels");
     }
     // What is smaller than a voxel takes no time to be lost in one.
-    let lost = sphere(2.0, 0.25).no_finer_than(1e6, session()).unwrap();
+    let lost = sphere(2.0, 0.25).coarsened_to(1e6, session()).unwrap();
     assert!(lost.active_voxels().unwrap() < 512);
 }
 
 #[test]
 fn a_sampled_level_set_is_a_field_with_a_bound() {
-    let field = Sampled::new(sphere(4.0, 0.25), 0.75, Placement::NONE, session()).unwrap();
+    let field =
+        SampledLevelSet::new(sphere(4.0, 0.25), 0.75, Placement::IDENTITY, session()).unwrap();
     let mut state = 7u64;
     let mut next = || {
         state = state
@@ -437,7 +440,7 @@ fn samples_are_the_same_together_and_one_by_one() {
             assert_eq!(solid.samples(&[*p]).unwrap(), [*v], "at {p:?}");
         }
     }
-    let field = Sampled::new(solid, 0.75, Placement::NONE, session()).unwrap();
+    let field = SampledLevelSet::new(solid, 0.75, Placement::IDENTITY, session()).unwrap();
     let lattice = druse::field::SampleLattice {
         origin: WorldPoint(Vec3::new(4.1, 0.3, -0.2)),
         step: 0.17,

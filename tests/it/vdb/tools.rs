@@ -81,7 +81,7 @@ fn filters_give_what_vdb_tool_gives() {
             let tools = if words.contains("radius") {
                 Tools::OpenVdb
             } else {
-                Tools::Own
+                Tools::Native
             };
             op(&mut ours, session().with_scheme(scheme).with_tools(tools)).unwrap();
             let mut call = Command::new("vdb_tool");

@@ -1,4 +1,4 @@
-//! The library: strut graphs and plate sets by name, made from the element itself where they can be.
+//! The library of strut graphs and plate sets, derived from the element's geometry where possible.
 
 use super::{Skeleton, SkeletonError};
 use crate::frame::{Element, Vec3};
@@ -28,7 +28,7 @@ pub fn plate_sets(element: Element) -> &'static [&'static str] {
 }
 
 impl Skeleton {
-    /// The strut graph of that name in an element, every strut of one radius (reference lengths).
+    /// The strut graph of the given name in an element. All struts have the same radius (reference lengths).
     ///
     /// | name | hex | tet |
     /// |---|---|---|
@@ -41,11 +41,11 @@ impl Skeleton {
     /// | `diamond` | four nodes (1,1,1)/4, (1,-1,-1)/4, ... with four struts each; symmetry Td only | `axes` |
     /// | `cross` | `axes` | the three segments between midpoints of opposite edges |
     ///
-    /// Planar elements have `edges` and `spokes`, wedges and pyramids `axes` too. Any name may end in
-    /// `_struts`, so that those of the diamond can be told from its surface.
+    /// Planar elements have `edges` and `spokes`; wedges and pyramids also have `axes`. Any name may end in
+    /// `_struts`, which distinguishes the diamond struts from the diamond surface.
     ///
     /// # Errors
-    /// [`SkeletonError::Unknown`], which lists the names, or a radius that is not positive.
+    /// [`SkeletonError::Unknown`], which lists the names; [`SkeletonError::Radius`].
     pub fn graph(element: Element, name: &str, radius: f64) -> Result<Self, SkeletonError> {
         let known = graphs(element);
         let name = name.strip_suffix("_struts").unwrap_or(name);
@@ -59,7 +59,8 @@ impl Skeleton {
         }
         let vertices = element.vertices();
         let edges = element.edges();
-        let rim = |v: &[Vec3]| edges.iter().map(|&[a, b]| [v[a], v[b]]).collect::<Vec<_>>();
+        let edge_segments =
+            |v: &[Vec3]| edges.iter().map(|&[a, b]| [v[a], v[b]]).collect::<Vec<_>>();
         let centroid = element.centroid().0;
         let spokes = |v: &[Vec3]| v.iter().map(|p| [centroid, *p]).collect::<Vec<_>>();
         let faces: Vec<Vec3> = face_corners(element)
@@ -68,21 +69,23 @@ impl Skeleton {
             .collect();
         let hex = element == Element::Hex;
         let struts: Vec<[Vec3; 2]> = match name {
-            "edges" | "sc" => rim(&vertices),
-            "fcc" if !hex => rim(&vertices),
+            "edges" | "sc" => edge_segments(&vertices),
+            "fcc" if !hex => edge_segments(&vertices),
             "spokes" | "bcc" => spokes(&vertices),
             "axes" => spokes(&faces),
             "cross" if hex => spokes(&faces),
             "diamond" if !hex => spokes(&faces),
             "fcc" => diagonals(),
-            "octet" if hex => [diagonals(), near(&faces, 0.75)].concat(),
+            "octet" if hex => [diagonals(), pairs_within(&faces, 0.75)].concat(),
             "octet" => {
-                let middles: Vec<Vec3> =
-                    rim(&vertices).iter().map(|[a, b]| (a + b) / 2.0).collect();
-                [rim(&vertices), near(&middles, 0.75)].concat()
+                let middles: Vec<Vec3> = edge_segments(&vertices)
+                    .iter()
+                    .map(|[a, b]| (a + b) / 2.0)
+                    .collect();
+                [edge_segments(&vertices), pairs_within(&middles, 0.75)].concat()
             }
-            // Opposite edges of a tet: their midpoints are farthest apart.
-            "cross" => rim(&vertices)
+            // The midpoints of opposite edges of a tet are opposite points.
+            "cross" => edge_segments(&vertices)
                 .iter()
                 .map(|[a, b]| [(a + b) / 2.0, -(a + b) / 2.0])
                 .collect(),
@@ -96,14 +99,14 @@ impl Skeleton {
         Ok(skeleton)
     }
 
-    /// The plates of that name in an element, all of one thickness (reference lengths).
+    /// The plate set of the given name in an element. All plates have the same thickness (reference lengths).
     ///
-    /// `face_plates` are the element's faces, `sc_plates` the same on the hex; `bcc_plates` the six
-    /// planes {110} through the hex's centre; `fcc_plates` the planes {111}: the faces of the two tets
-    /// in a hex, of the octahedron in a tet.
+    /// `face_plates` are the element's faces, also named `sc_plates` in a hex; `bcc_plates` are the six
+    /// planes {110} through the hex's centre; `fcc_plates` are the planes {111}: the faces of the two tets
+    /// in a hex, or of the octahedron in a tet.
     ///
     /// # Errors
-    /// [`SkeletonError::Unknown`], which lists the names, or a thickness that is not positive.
+    /// [`SkeletonError::Unknown`], which lists the names; [`SkeletonError::Radius`].
     pub fn plates_of(element: Element, name: &str, thickness: f64) -> Result<Self, SkeletonError> {
         let known = plate_sets(element);
         if !known.contains(&name) {
@@ -118,7 +121,7 @@ impl Skeleton {
         let plates: Vec<Vec<Vec3>> = match (name, element) {
             ("face_plates" | "sc_plates", _) => face_corners(element),
             ("fcc_plates", Element::Tet) => {
-                // Each corner of the tet is cut off through the middles of its edges.
+                // One plate per corner of the tet, through the midpoints of the corner's edges.
                 let middle = |i: usize, j: usize| (tet[i] + tet[j]) / 2.0;
                 let cut =
                     (0..4).map(|i| (0..4).filter(|&j| j != i).map(|j| middle(i, j)).collect());
@@ -143,16 +146,16 @@ impl Skeleton {
     }
 }
 
-/// Pairs of points that are nearer than `reach`.
-fn near(points: &[Vec3], reach: f64) -> Vec<[Vec3; 2]> {
+/// All pairs of points closer than `distance`.
+fn pairs_within(points: &[Vec3], distance: f64) -> Vec<[Vec3; 2]> {
     let pairs = (0..points.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
     pairs
         .map(|(i, j)| [points[i], points[j]])
-        .filter(|[a, b]| (a - b).norm() < reach)
+        .filter(|[a, b]| (a - b).norm() < distance)
         .collect()
 }
 
-/// Corners of every face of a solid element, in order around it.
+/// Corners of every face of a solid element, in cyclic order.
 fn face_corners(element: Element) -> Vec<Vec<Vec3>> {
     let vertices = element.vertices();
     let around = |f: &crate::frame::Face| {
@@ -171,12 +174,12 @@ fn face_corners(element: Element) -> Vec<Vec<Vec3>> {
     element.faces().iter().map(around).collect()
 }
 
-/// Corners of the unit cube by their signs.
+/// Corner `i` of the unit cube; the bits of `i` are the signs.
 fn corner(i: usize) -> Vec3 {
     Vec3::from_fn(|a, _| if i >> a & 1 == 1 { 0.5 } else { -0.5 })
 }
 
-/// From the centre of every face of the unit cube to its four corners.
+/// The segments from the centre of every face of the unit cube to the four corners of that face.
 fn diagonals() -> Vec<[Vec3; 2]> {
     let mut all = Vec::new();
     for axis in 0..3 {
@@ -211,8 +214,8 @@ fn diagonal_planes() -> Vec<Vec<Vec3>> {
     all
 }
 
-/// Bonds of the diamond structure: from each node inside the cube to the corner and the three face
-/// centres around it.
+/// Bonds of the diamond structure: from each node inside the cube to the nearest cube corner and the
+/// three nearest face centres.
 fn diamond() -> Vec<[Vec3; 2]> {
     let mut all = Vec::new();
     for s in [
@@ -245,5 +248,5 @@ fn kelvin() -> Vec<[Vec3; 2]> {
         }
     }
     // Neighbours are sqrt(2)/4 apart.
-    near(&corners, 0.36)
+    pairs_within(&corners, 0.36)
 }

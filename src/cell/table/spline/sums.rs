@@ -1,85 +1,88 @@
-//! Sums of coefficients by weights: the values of the spline and of its slopes.
+//! Weighted sums of coefficients: values and gradients of the spline.
 //!
-//! First some groups of points are placed and get their weights, then the sums are taken: what comes in
-//! between lies in memory, from which a weight is spread over a row at no cost, while spreading it from
-//! another row takes the unit that all such moves wait for.
-// Small functions of one hot path: a call each would cost as much as the work.
+//! A batch of point groups is located and gets its weights first; then the sums are taken. The intermediate
+//! weights are in memory, from which a weight is broadcast over a row at no cost. A broadcast from another
+//! register would occupy the shuffle unit, which is the bottleneck.
+// Small functions of a hot path, inlined because a call costs as much as their work.
 #![allow(clippy::inline_always)]
 
-use super::place::{Places, group};
-use super::weights::{CUBIC, SLOPES, Weights};
-use super::{GROUP, HALF, Spline};
+use super::place::{Positions, group};
+use super::weights::{SLOPE_POLYNOMIALS, VALUE_POLYNOMIALS, Weights};
+use super::{GROUP_SIZE, HALF_PLANE_LEN, Spline};
 use crate::frame::CellPoint;
-use crate::simd::{Lanes, Work};
+use crate::simd::{Lanes, SimdKernel};
 
-/// Groups of points that are placed before their sums are taken: the fewest that are left in memory. Room
-/// for more would take longer to clear, when few points are asked for, than it gains when many are.
-const GROUPS: usize = 2;
+/// Groups of points per batch: the smallest number whose weights are kept in memory. A larger array takes
+/// more time to clear for few points than it saves for many.
+const GROUPS_PER_BATCH: usize = 2;
 
 /// Values at points, into a slice of the same length.
-pub(super) struct Values<'a>(pub &'a Spline, pub &'a [CellPoint<3>], pub &'a mut [f32]);
+pub(super) struct ValueBatch<'a>(pub &'a Spline, pub &'a [CellPoint<3>], pub &'a mut [f32]);
 
-impl Work for Values<'_> {
+impl SimdKernel for ValueBatch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        self.0.values_by(lanes, self.1, self.2);
+        self.0.values_on(lanes, self.1, self.2);
     }
 }
 
 /// Values and gradients (per unit of reference length) at points, into a slice of the same length.
-pub(super) struct Samples<'a>(
+pub(super) struct SampleBatch<'a>(
     pub &'a Spline,
     pub &'a [CellPoint<3>],
     pub &'a mut [[f32; 4]],
 );
 
-impl Work for Samples<'_> {
+impl SimdKernel for SampleBatch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        self.0.samples_by(lanes, self.1, self.2);
+        self.0.samples_on(lanes, self.1, self.2);
     }
 }
 
-/// A group of points: where their coefficients are, and the weights of these.
+/// The stencils of a group of points: positions of their coefficients, and weights.
 #[derive(Clone, Copy, Default)]
-struct Seats {
-    plane: [i32; GROUP],
-    start: [i32; GROUP],
+struct Stencils {
+    plane: [i32; GROUP_SIZE],
+    start: [i32; GROUP_SIZE],
     weights: Weights,
 }
 
-impl Seats {
+impl Stencils {
     #[inline(always)]
-    fn set<L: Lanes>(&mut self, lanes: L, places: &Places<L>) {
-        (self.plane, self.start) = (places.plane, places.start);
-        self.weights.set(lanes, &places.within, &CUBIC);
+    fn set<L: Lanes>(&mut self, lanes: L, positions: &Positions<L>) {
+        (self.plane, self.start) = (positions.plane, positions.start);
+        self.weights
+            .set(lanes, &positions.within, &VALUE_POLYNOMIALS);
     }
 }
 
-/// The same with the weights of slopes.
+/// The stencils with the weights of the derivatives.
 #[derive(Clone, Copy, Default)]
-struct Slopes {
-    seats: Seats,
+struct GradientStencils {
+    stencils: Stencils,
     weights: Weights,
-    /// What makes slopes by spline cells those of the points, by axis.
-    scales: [[f32; GROUP]; 3],
-    /// What made axes change places.
-    order: [[f32; GROUP]; 3],
+    /// Scale from derivatives per spline cell to derivatives of the points, by axis; negative along reversed
+    /// axes.
+    scales: [[f32; GROUP_SIZE]; 3],
+    /// The exchanges of axes.
+    exchanges: [[f32; GROUP_SIZE]; 3],
 }
 
 impl Spline {
-    /// The coefficients around point `n` of a group, by plane and half.
+    /// The coefficients around point `n` of a group, by plane and half of a plane.
     #[inline(always)]
-    fn patches<L: Lanes>(&self, lanes: L, seats: &Seats, n: usize) -> [[L::F; 2]; 4] {
-        // One look whether they are in the table: all after it are the same for every point.
-        let plane = (seats.plane[n] as usize).wrapping_mul(self.plane);
-        let from = plane.wrapping_add(seats.start[n] as usize);
-        let window = &self.table[from..][..3 * self.plane + self.half + HALF];
-        let (first, rest) = window.split_at(self.plane);
-        let (second, rest) = rest.split_at(self.plane);
-        let (third, fourth) = rest.split_at(self.plane);
+    fn patches<L: Lanes>(&self, lanes: L, stencils: &Stencils, n: usize) -> [[L::F; 2]; 4] {
+        // A single bounds check: all accesses below have constant offsets in the window.
+        let plane = (stencils.plane[n] as usize).wrapping_mul(self.plane_stride);
+        let from = plane.wrapping_add(stencils.start[n] as usize);
+        let window =
+            &self.table[from..][..3 * self.plane_stride + self.half_stride + HALF_PLANE_LEN];
+        let (first, rest) = window.split_at(self.plane_stride);
+        let (second, rest) = rest.split_at(self.plane_stride);
+        let (third, fourth) = rest.split_at(self.plane_stride);
         [
             self.patch(lanes, first),
             self.patch(lanes, second),
@@ -88,24 +91,24 @@ impl Spline {
         ]
     }
 
-    /// Both halves of what a plane starts with.
+    /// The coefficients of both halves at the start of a plane.
     #[inline(always)]
     fn patch<L: Lanes>(&self, lanes: L, plane: &[f32]) -> [L::F; 2] {
-        let patch = &plane[..self.half + HALF];
-        let low = patch.first_chunk::<HALF>();
-        let high = patch[self.half..].first_chunk::<HALF>();
-        let none = &[0.0; HALF];
+        let patch = &plane[..self.half_stride + HALF_PLANE_LEN];
+        let low = patch.first_chunk::<HALF_PLANE_LEN>();
+        let high = patch[self.half_stride..].first_chunk::<HALF_PLANE_LEN>();
+        let none = &[0.0; HALF_PLANE_LEN];
         [
             lanes.load(low.unwrap_or(none)),
             lanes.load(high.unwrap_or(none)),
         ]
     }
 
-    /// Sums along x and y at point `n`: of each place along z two shares, side by side.
+    /// Sums along x and y at point `n`: two partial sums for each neighbour along z, interleaved.
     #[inline(always)]
-    fn flat<L: Lanes>(&self, lanes: L, seats: &Seats, n: usize) -> L::F {
-        let patches = self.patches(lanes, seats, n);
-        let weights = &seats.weights;
+    fn sum_xy<L: Lanes>(&self, lanes: L, stencils: &Stencils, n: usize) -> L::F {
+        let patches = self.patches(lanes, stencils, n);
+        let weights = &stencils.weights;
         let first = weights.x(lanes, 0, n);
         let mut low = lanes.mul(patches[0][0], first);
         let mut high = lanes.mul(patches[0][1], first);
@@ -118,110 +121,118 @@ impl Spline {
         lanes.fused(low, y0, lanes.mul(high, y1))
     }
 
-    /// The same, by slopes along x, and by slopes along y.
+    /// The same, with derivatives along x, and with derivatives along y.
     #[inline(always)]
-    fn flat_and_slopes<L: Lanes>(&self, lanes: L, group: &Slopes, n: usize) -> [L::F; 3] {
-        let patches = self.patches(lanes, &group.seats, n);
-        let (weights, slopes) = (&group.seats.weights, &group.weights);
-        let (first, steep) = (weights.x(lanes, 0, n), slopes.x(lanes, 0, n));
+    fn sums_xy<L: Lanes>(&self, lanes: L, group: &GradientStencils, n: usize) -> [L::F; 3] {
+        let patches = self.patches(lanes, &group.stencils, n);
+        let (weights, slopes) = (&group.stencils.weights, &group.weights);
+        let (first, dx) = (weights.x(lanes, 0, n), slopes.x(lanes, 0, n));
         let mut low = lanes.mul(patches[0][0], first);
         let mut high = lanes.mul(patches[0][1], first);
-        let mut steep_low = lanes.mul(patches[0][0], steep);
-        let mut steep_high = lanes.mul(patches[0][1], steep);
+        let mut dx_low = lanes.mul(patches[0][0], dx);
+        let mut dx_high = lanes.mul(patches[0][1], dx);
         for i in 1..4 {
-            let (weight, steep) = (weights.x(lanes, i, n), slopes.x(lanes, i, n));
+            let (weight, dx) = (weights.x(lanes, i, n), slopes.x(lanes, i, n));
             low = lanes.fused(patches[i][0], weight, low);
             high = lanes.fused(patches[i][1], weight, high);
-            steep_low = lanes.fused(patches[i][0], steep, steep_low);
-            steep_high = lanes.fused(patches[i][1], steep, steep_high);
+            dx_low = lanes.fused(patches[i][0], dx, dx_low);
+            dx_high = lanes.fused(patches[i][1], dx, dx_high);
         }
         let ([y0, y1], [d0, d1]) = (weights.y(lanes, n), slopes.y(lanes, n));
         [
             lanes.fused(low, y0, lanes.mul(high, y1)),
-            lanes.fused(steep_low, y0, lanes.mul(steep_high, y1)),
+            lanes.fused(dx_low, y0, lanes.mul(dx_high, y1)),
             lanes.fused(low, d0, lanes.mul(high, d1)),
         ]
     }
 
-    /// Values at four points of a group, or at the first of them.
+    /// Values at four points of a group, or only at the first of them.
     #[inline(always)]
     fn four_values<L: Lanes>(
         &self,
         lanes: L,
-        seats: &Seats,
-        quarter: usize,
+        stencils: &Stencils,
+        quartet: usize,
         is_single: bool,
     ) -> [f32; 4] {
-        let n = 4 * quarter;
-        let first = self.flat(lanes, seats, n);
-        let mut flat = [first; 4];
+        let n = 4 * quartet;
+        let first = self.sum_xy(lanes, stencils, n);
+        let mut sum_xy = [first; 4];
         if !is_single {
             for i in 1..4 {
-                flat[i] = self.flat(lanes, seats, n + i);
+                sum_xy[i] = self.sum_xy(lanes, stencils, n + i);
             }
         }
-        along_z(lanes, in_twos(lanes, flat), &seats.weights, quarter)
+        sum_z(
+            lanes,
+            add_partial_sums(lanes, sum_xy),
+            &stencils.weights,
+            quartet,
+        )
     }
 
-    /// Values and slopes at four points of a group, or at the first of them.
+    /// Values and derivatives at four points of a group, or only at the first of them.
     #[inline(always)]
     fn four_samples<L: Lanes>(
         &self,
         lanes: L,
-        group: &Slopes,
-        quarter: usize,
+        group: &GradientStencils,
+        quartet: usize,
         is_single: bool,
     ) -> [[f32; 4]; 4] {
-        let n = 4 * quarter;
-        let [flat, steep, along] = self.flat_and_slopes(lanes, group, n);
-        let (mut flat, mut steep, mut along) = ([flat; 4], [steep; 4], [along; 4]);
+        let n = 4 * quartet;
+        let [sum_xy, dx, dy] = self.sums_xy(lanes, group, n);
+        let (mut sum_xy, mut dx, mut dy) = ([sum_xy; 4], [dx; 4], [dy; 4]);
         if !is_single {
             for i in 1..4 {
-                [flat[i], steep[i], along[i]] = self.flat_and_slopes(lanes, group, n + i);
+                [sum_xy[i], dx[i], dy[i]] = self.sums_xy(lanes, group, n + i);
             }
         }
-        let flat = in_twos(lanes, flat);
-        let weights = &group.seats.weights;
+        let sum_xy = add_partial_sums(lanes, sum_xy);
+        let weights = &group.stencils.weights;
         [
-            along_z(lanes, flat, weights, quarter),
-            along_z(lanes, in_twos(lanes, steep), weights, quarter),
-            along_z(lanes, in_twos(lanes, along), weights, quarter),
-            along_z(lanes, flat, &group.weights, quarter),
+            sum_z(lanes, sum_xy, weights, quartet),
+            sum_z(lanes, add_partial_sums(lanes, dx), weights, quartet),
+            sum_z(lanes, add_partial_sums(lanes, dy), weights, quartet),
+            sum_z(lanes, sum_xy, &group.weights, quartet),
         ]
     }
 
     #[inline(always)]
-    pub(super) fn values_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
-        if points.len() <= GROUP {
-            self.values_in::<L, 1>(lanes, points, out);
+    pub(super) fn values_on<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
+        if points.len() <= GROUP_SIZE {
+            self.values_batched::<L, 1>(lanes, points, out);
         } else {
-            self.values_in::<L, GROUPS>(lanes, points, out);
+            self.values_batched::<L, GROUPS_PER_BATCH>(lanes, points, out);
         }
     }
 
     #[inline(always)]
-    fn values_in<L: Lanes, const N: usize>(
+    fn values_batched<L: Lanes, const N: usize>(
         &self,
         lanes: L,
         points: &[CellPoint<3>],
         out: &mut [f32],
     ) {
-        let mut seats = [Seats::default(); N];
-        for (points, out) in points.chunks(N * GROUP).zip(out.chunks_mut(N * GROUP)) {
-            for (points, seats) in points.chunks(GROUP).zip(&mut seats) {
-                seats.set(lanes, &self.places(lanes, &group(points)));
+        let mut stencils = [Stencils::default(); N];
+        for (points, out) in points
+            .chunks(N * GROUP_SIZE)
+            .zip(out.chunks_mut(N * GROUP_SIZE))
+        {
+            for (points, stencils) in points.chunks(GROUP_SIZE).zip(&mut stencils) {
+                stencils.set(lanes, &self.locate(lanes, &group(points)));
             }
-            for (seats, out) in seats.iter().zip(out.chunks_mut(GROUP)) {
-                let low = self.four_values(lanes, seats, 0, out.len() == 1);
-                if let Some(out) = out.first_chunk_mut::<GROUP>() {
-                    let high = self.four_values(lanes, seats, 1, false);
-                    lanes.store(lanes.both(low, high), out);
+            for (stencils, out) in stencils.iter().zip(out.chunks_mut(GROUP_SIZE)) {
+                let low = self.four_values(lanes, stencils, 0, out.len() == 1);
+                if let Some(out) = out.first_chunk_mut::<GROUP_SIZE>() {
+                    let high = self.four_values(lanes, stencils, 1, false);
+                    lanes.store(lanes.join_halves(low, high), out);
                     continue;
                 }
                 let (first, rest) = out.split_at_mut(out.len().min(4));
                 first.copy_from_slice(&low[..first.len()]);
                 if !rest.is_empty() {
-                    let high = self.four_values(lanes, seats, 1, rest.len() == 1);
+                    let high = self.four_values(lanes, stencils, 1, rest.len() == 1);
                     rest.copy_from_slice(&high[..rest.len()]);
                 }
             }
@@ -229,72 +240,75 @@ impl Spline {
     }
 
     #[inline(always)]
-    pub(super) fn samples_by<L: Lanes>(
+    pub(super) fn samples_on<L: Lanes>(
         &self,
         lanes: L,
         points: &[CellPoint<3>],
         out: &mut [[f32; 4]],
     ) {
-        if points.len() <= GROUP {
-            self.samples_in::<L, 1>(lanes, points, out);
+        if points.len() <= GROUP_SIZE {
+            self.samples_batched::<L, 1>(lanes, points, out);
         } else {
-            self.samples_in::<L, GROUPS>(lanes, points, out);
+            self.samples_batched::<L, GROUPS_PER_BATCH>(lanes, points, out);
         }
     }
 
     #[inline(always)]
-    fn samples_in<L: Lanes, const N: usize>(
+    fn samples_batched<L: Lanes, const N: usize>(
         &self,
         lanes: L,
         points: &[CellPoint<3>],
         out: &mut [[f32; 4]],
     ) {
-        let mut groups = [Slopes::default(); N];
-        for (points, out) in points.chunks(N * GROUP).zip(out.chunks_mut(N * GROUP)) {
-            for (points, to) in points.chunks(GROUP).zip(&mut groups) {
-                let places = self.places(lanes, &group(points));
-                to.seats.set(lanes, &places);
-                to.weights.set(lanes, &places.within, &SLOPES);
+        let mut groups = [GradientStencils::default(); N];
+        for (points, out) in points
+            .chunks(N * GROUP_SIZE)
+            .zip(out.chunks_mut(N * GROUP_SIZE))
+        {
+            for (points, to) in points.chunks(GROUP_SIZE).zip(&mut groups) {
+                let positions = self.locate(lanes, &group(points));
+                to.stencils.set(lanes, &positions);
+                to.weights.set(lanes, &positions.within, &SLOPE_POLYNOMIALS);
                 for a in 0..3 {
-                    let scale = lanes.mul(places.signs[a], lanes.splat(self.per_unit[a]));
+                    let scale = lanes.mul(positions.signs[a], lanes.splat(self.per_unit[a]));
                     lanes.store(scale, &mut to.scales[a]);
-                    lanes.store(places.order[a], &mut to.order[a]);
+                    lanes.store(positions.order[a], &mut to.exchanges[a]);
                 }
             }
-            for (group, out) in groups.iter().zip(out.chunks_mut(GROUP)) {
+            for (group, out) in groups.iter().zip(out.chunks_mut(GROUP_SIZE)) {
                 let low = self.four_samples(lanes, group, 0, out.len() == 1);
                 let high = match out.len() {
                     5.. => self.four_samples(lanes, group, 1, out.len() == 5),
                     _ => low,
                 };
-                let mut slopes = [lanes.both(low[1], high[1]); 3];
-                let mut order = slopes;
+                let mut slopes = [lanes.join_halves(low[1], high[1]); 3];
+                let mut exchanges = slopes;
                 for a in 0..3 {
-                    slopes[a] = lanes.both(low[a + 1], high[a + 1]);
-                    order[a] = lanes.load(&group.order[a]);
+                    slopes[a] = lanes.join_halves(low[a + 1], high[a + 1]);
+                    exchanges[a] = lanes.load(&group.exchanges[a]);
                 }
-                self.put_back(lanes, &order, &mut slopes);
+                self.unsort_axes(lanes, &exchanges, &mut slopes);
                 for a in 0..3 {
                     slopes[a] = lanes.mul(slopes[a], lanes.load(&group.scales[a]));
                 }
                 let [x, y, z] = slopes;
-                let all = lanes.by_place([lanes.both(low[0], high[0]), x, y, z]);
+                let all = lanes.rows_to_columns([lanes.join_halves(low[0], high[0]), x, y, z]);
                 out.copy_from_slice(&all[..out.len()]);
             }
         }
     }
 }
 
-/// Both shares of each place along z together, for two points in a row.
+/// Adds the two partial sums of each neighbour along z; the result has two points per row.
 #[inline(always)]
-fn in_twos<L: Lanes>(lanes: L, [a, b, c, d]: [L::F; 4]) -> [L::F; 2] {
-    [lanes.neighbours(a, b), lanes.neighbours(c, d)]
+fn add_partial_sums<L: Lanes>(lanes: L, [a, b, c, d]: [L::F; 4]) -> [L::F; 2] {
+    [lanes.add_adjacent(a, b), lanes.add_adjacent(c, d)]
 }
 
-/// The sums along z at four points.
+/// The sums along z at four points, from rows of two points.
 #[inline(always)]
-fn along_z<L: Lanes>(lanes: L, twos: [L::F; 2], weights: &Weights, quarter: usize) -> [f32; 4] {
-    let low = lanes.mul(twos[0], weights.z(lanes, 2 * quarter));
-    let high = lanes.mul(twos[1], weights.z(lanes, 2 * quarter + 1));
-    lanes.total(lanes.neighbours(low, high))
+fn sum_z<L: Lanes>(lanes: L, rows: [L::F; 2], weights: &Weights, quartet: usize) -> [f32; 4] {
+    let low = lanes.mul(rows[0], weights.z(lanes, 2 * quartet));
+    let high = lanes.mul(rows[1], weights.z(lanes, 2 * quartet + 1));
+    lanes.add_halves(lanes.add_adjacent(low, high))
 }

@@ -174,7 +174,7 @@ impl<'a> ViewState<'a> {
     /// Refuses a script that does not reproduce the model.
     fn replay(&self, script: &str, mesh: &PolyMesh) -> Result<(), Refused> {
         let files = DiskFiles::new(self.sandbox.directory(), false);
-        let made = crate::io::carry_out(script, &files, &[]);
+        let made = crate::io::run_script(script, &files, &[]);
         let (made, _) =
             made.map_err(|e| Refused::new(format!("the script does not replay: {e}")))?;
         if made == *mesh {

@@ -1,10 +1,10 @@
-//! The elements of beam lattices.
+//! The XML elements of beam lattices.
 
 use super::Parser;
 use crate::io::beams::BeamCap;
+use crate::io::threemf::display_name;
 use crate::io::threemf::extensions::Space;
 use crate::io::threemf::lattice::{BallMode, ClipMode, Lattice, Strut};
-use crate::io::threemf::short;
 use crate::io::{ReadError, quote};
 use quick_xml::events::BytesStart;
 use std::io::BufRead;
@@ -17,7 +17,7 @@ impl<R: BufRead> Parser<'_, R> {
             ("hemisphere", Hemisphere),
             ("butt", Butt),
         ];
-        self.word(e, name, &known)
+        self.keyword(e, name, &known)
     }
 
     fn radius(&self, e: &BytesStart, name: &str) -> Result<Option<f64>, ReadError> {
@@ -35,7 +35,7 @@ impl<R: BufRead> Parser<'_, R> {
             .is_some_and(|(_, o)| o.lattice.is_some());
         if !is_open {
             let element = String::from_utf8_lossy(e.name().as_ref()).into_owned();
-            let found = format!("<{}> outside a beam lattice", short(&element));
+            let found = format!("<{}> outside a beam lattice", display_name(&element));
             return Err(self.bad(found, "a <beamlattice> around it"));
         }
         let object = self.object(e)?;
@@ -55,19 +55,19 @@ impl<R: BufRead> Parser<'_, R> {
                     ("mixed", BallMode::Mixed),
                     ("all", BallMode::All),
                 ];
-                // Older files call the least length a precision.
-                let least = match self.length(e, "minlength")? {
+                // Older files name the least length "precision".
+                let min_length = match self.length(e, "minlength")? {
                     None => self.length(e, "precision")?,
                     found => found,
                 };
                 let lattice = Lattice {
-                    least: least.unwrap_or(0.0),
+                    min_length: min_length.unwrap_or(0.0),
                     radius: self.radius(e, "radius")?.unwrap_or(0.0),
                     cap: self.cap(e, "cap")?.unwrap_or_default(),
-                    clip: self.word(e, "clippingmode", &clips)?.unwrap_or_default(),
+                    clip: self.keyword(e, "clippingmode", &clips)?.unwrap_or_default(),
                     clip_mesh: self.optional(e, "clippingmesh")?,
-                    shown_by: self.optional(e, "representationmesh")?,
-                    ball_mode: match self.word(e, "ballmode", &balls)? {
+                    representation_mesh: self.optional(e, "representationmesh")?,
+                    ball_mode: match self.keyword(e, "ballmode", &balls)? {
                         Some(mode) => mode,
                         None => self.ball_mode(e, &balls)?,
                     },
@@ -104,14 +104,14 @@ impl<R: BufRead> Parser<'_, R> {
                 let ball = (self.number(e, "vindex")?, self.radius(e, "r")?);
                 self.lattice(e)?.balls.push(ball);
             }
-            // Sets of beams change no shape.
+            // Sets of beams do not affect the shape.
             b"beamsets" => return Ok(false),
             _ => {}
         }
         Ok(true)
     }
 
-    /// The mode of balls under the prefix of their own version.
+    /// The mode of balls with the prefix of the balls extension.
     fn ball_mode(&self, e: &BytesStart, known: &[(&str, BallMode)]) -> Result<BallMode, ReadError> {
         let Some(text) = self.attribute_in(e, Space::Beams, "ballmode")? else {
             return Ok(BallMode::None);

@@ -9,16 +9,16 @@ use crate::io::unpack_limit::Allowance;
 use flate2::read::ZlibDecoder;
 use std::io::Read;
 
-/// What is wrong, in words.
+/// A description of damaged data.
 pub(super) type Damage = String;
 
-/// How a file's binary arrays are laid out.
+/// The layout of a file's binary arrays.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Format {
     pub big_endian: bool,
     header: Scalar,
     zlib: bool,
-    /// Whether the root element has been met.
+    /// Whether the root element has been read.
     pub known: bool,
 }
 
@@ -33,14 +33,14 @@ impl Default for Format {
     }
 }
 
-/// The data after all arrays' tags.
+/// The appended data section.
 pub(super) struct Appended<'a> {
     base64: bool,
     data: &'a [u8],
 }
 
 impl<'a> Appended<'a> {
-    /// Cuts a file in front of its appended data, which need not be XML.
+    /// Splits a file before its appended data, which need not be XML.
     pub fn split(file: &'a [u8]) -> (&'a [u8], Option<Self>) {
         let find = |what: &[u8], from: usize| {
             let rest = file.get(from..)?;
@@ -61,7 +61,10 @@ impl<'a> Appended<'a> {
 }
 
 impl Format {
-    /// From the root element's attributes; on failure what was found and what is expected.
+    /// The layout from the root element's attributes.
+    ///
+    /// # Errors
+    /// The found and the expected value.
     pub fn of(
         byte_order: Option<&str>,
         header: Option<&str>,
@@ -118,11 +121,11 @@ impl Format {
         if !appended.base64 {
             return self.unpack(data, allowance);
         }
-        // Other arrays follow without a mark: decode what the header asks for.
+        // Other arrays follow without separator: the header gives the length to decode.
         let head = self.header.size();
         let first = base64(&data[..data.len().min(encoded(head))])?;
         let text = if self.zlib {
-            // The header is encoded by itself; then come the blocks.
+            // The header is encoded separately from the blocks.
             let blocks = self.count(&first, 0)?;
             let head_text = encoded((3 + blocks).saturating_mul(head));
             let numbers = base64(data.get(..head_text).ok_or("the end inside a header")?)?;
@@ -170,15 +173,15 @@ impl Format {
         if blocks == 0 {
             return Ok(Vec::new());
         }
-        let (full, last) = (self.count(data, 1)?, self.count(data, 2)?);
+        let (block_size, last_size) = (self.count(data, 1)?, self.count(data, 2)?);
         let mut at = blocks
             .checked_add(3)
             .and_then(|n| n.checked_mul(head))
             .filter(|at| *at <= data.len())
             .ok_or_else(|| format!("{blocks} blocks in {} bytes", data.len()))?;
-        // All but the last are of one size: what they come to is known before any is unpacked.
-        let rest = if last > 0 { last } else { full };
-        let whole = (blocks - 1).saturating_mul(full).saturating_add(rest);
+        // All blocks but the last have the same size, so the total is known before unpacking.
+        let rest = if last_size > 0 { last_size } else { block_size };
+        let whole = (blocks - 1).saturating_mul(block_size).saturating_add(rest);
         allowance
             .take("data", whole as u64)
             .map_err(|e| e.found().to_owned())?;
@@ -192,10 +195,10 @@ impl Format {
                 )
             })?;
             at += packed;
-            let size = if block + 1 == blocks && last > 0 {
-                last
+            let size = if block + 1 == blocks && last_size > 0 {
+                last_size
             } else {
-                full
+                block_size
             };
             let before = bytes.len();
             ZlibDecoder::new(own)
@@ -213,13 +216,13 @@ impl Format {
     }
 }
 
-/// Length of the base64 text of that many bytes.
+/// The length of the base64 text of this many bytes.
 fn encoded(bytes: usize) -> usize {
     bytes.div_ceil(3).saturating_mul(4)
 }
 
-/// Base64, ignoring white space. Padding may occur in the middle: a header and what follows it are
-/// often encoded one after the other.
+/// Decodes base64, ignoring white space. Padding may occur in the middle, since header and data are often
+/// encoded separately.
 fn base64(text: &[u8]) -> Result<Vec<u8>, Damage> {
     let mut bytes = Vec::with_capacity(text.len() / 4 * 3);
     let (mut bits, mut count, mut padding) = (0u32, 0, 0);
@@ -251,7 +254,7 @@ fn base64(text: &[u8]) -> Result<Vec<u8>, Damage> {
         }
     }
     match count {
-        // Some writers leave the padding out.
+        // Some writers omit the padding.
         0 => {}
         2 => bytes.push((bits >> 4) as u8),
         3 => bytes.extend_from_slice(&((bits >> 2) as u16).to_be_bytes()),

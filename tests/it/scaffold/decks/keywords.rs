@@ -271,7 +271,7 @@ fn what_makes_geometry_otherwise_is_refused_by_name() {
     let file = solids(read(&format!(">**\n>** a part\n{base}")));
     assert_eq!(
         file.warnings,
-        ["2 lines before the first keyword are passed over: \">**\""]
+        ["2 lines before the first keyword are ignored: \">**\""]
     );
 
     // Known keywords of other things say nothing; unknown ones are named.

@@ -72,7 +72,7 @@ fn what_has_no_volume_is_counted_and_what_is_unknown_refused() {
            *ELEMENT, TYPE=DCOUP3D\n17,1\n*ELEMENT, TYPE=S4\n18,1,2,3,4\n";
     let file = solids(read(&text));
     assert_eq!((file.scaffold.len(), file.skipped), (1, 8));
-    let note = "7 elements without volume or surface are left out: \
+    let note = "7 elements without volume or surface are skipped: \
                 2 B32R, 1 CONN3D2, 1 D, 1 DCOUP3D, 1 MASS, 1 SPRINGA";
     assert_eq!(file.notes, [note]);
     for name in [

@@ -277,7 +277,7 @@ fn a_volume_fraction_finds_the_diameter() {
     let diameter = found.cells["s"]["thickness"][0].as_f64().unwrap();
     let share = share_within(&edges(&tets), diameter / 2.0);
     assert!((share / 0.1 - 1.0).abs() < 0.015, "{share}");
-    assert_eq!(found.solid.volume_fraction_asked, Some(0.1));
+    assert_eq!(found.solid.volume_fraction_target, Some(0.1));
     // Without the word the series of a fit has the share.
     let box_of_hexes = "box = { size = [6, 6, 6], cell_size = 6 }";
     let text = recipe(
