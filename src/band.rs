@@ -87,6 +87,25 @@ pub struct Region {
     pub max: Coord,
 }
 
+impl<'a> Band<'a> {
+    /// A band of 3 voxels on each side, which is what other programs expect.
+    ///
+    /// # Errors
+    /// [`BandError::VoxelSize`] unless the voxel size (world units) is finite and positive.
+    pub fn new(
+        field: &'a WorldField<'a>,
+        extent: Aabb,
+        voxel_size: f64,
+    ) -> Result<Self, BandError> {
+        Ok(Self {
+            field,
+            transform: Transform::new(voxel_size).ok_or(BandError::VoxelSize(voxel_size))?,
+            half_width: 3.0,
+            extent,
+        })
+    }
+}
+
 impl Region {
     /// All voxels.
     pub const EVERYWHERE: Self = Self {
@@ -171,6 +190,9 @@ pub enum BandError {
     /// The half width is not a usable number of voxels.
     #[error("half width of the band is {0} voxels; expected a finite number of at least 1")]
     HalfWidth(f64),
+    /// The voxel size is not a length.
+    #[error("voxel size is {0}; expected a finite number of more than 0")]
+    VoxelSize(f64),
     /// The extent is empty, not finite, or beyond the range of voxel indices.
     #[error("extent {min:?} to {max:?} at voxel size {voxel_size} spans no voxels that can be numbered in 31 bits", min = .extent.min.as_slice(), max = .extent.max.as_slice())]
     Extent {

@@ -218,17 +218,21 @@ pub fn run<W: SimdKernel>(kernel: W) -> W::Output {
 #[inline]
 pub fn run_with<W: SimdKernel>(set: InstructionSet, kernel: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
-    match (processor_level(), set) {
-        (Some(ProcessorLevel::Avx512(v4)), InstructionSet::Best) => {
-            return v4.vectorize(OnAvx2(kernel, *v4, v4));
-        }
-        (Some(ProcessorLevel::Avx512(v4)), InstructionSet::Avx2) => {
-            return v4.vectorize(OnAvx2(kernel, *v4, NoAvx512));
-        }
-        (Some(ProcessorLevel::Avx2(v3)), InstructionSet::Best | InstructionSet::Avx2) => {
+    {
+        let avx2 = match (processor_level(), set) {
+            (Some(ProcessorLevel::Avx512(v4)), InstructionSet::Best) => {
+                return v4.vectorize(OnAvx2(kernel, *v4, v4));
+            }
+            // Processors with AVX-512 share the code for AVX2, so that it is compiled once.
+            (Some(ProcessorLevel::Avx512(v4)), InstructionSet::Avx2) => Some(*v4),
+            (Some(ProcessorLevel::Avx2(v3)), InstructionSet::Best | InstructionSet::Avx2) => {
+                Some(v3)
+            }
+            _ => None,
+        };
+        if let Some(v3) = avx2 {
             return v3.vectorize(OnAvx2(kernel, v3, NoAvx512));
         }
-        _ => {}
     }
     kernel.run(PortableLanes)
 }

@@ -104,6 +104,18 @@ pub struct TilingOptions {
     pub boundary: Boundary,
 }
 
+impl TilingOptions {
+    /// A band of 3 voxels on each side, fast distances, and outer faces that end the solid.
+    pub fn new(voxel_size: f64) -> Self {
+        Self {
+            voxel_size,
+            half_width: 3.0 * voxel_size,
+            distance: Distance::default(),
+            boundary: Boundary::default(),
+        }
+    }
+}
+
 /// A set of elements joined by faces.
 struct Component {
     boundary: MeshSolid,

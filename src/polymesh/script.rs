@@ -409,3 +409,29 @@ fn nearest<'a, S: AsRef<str> + ?Sized>(word: &str, known: &'a [&S]) -> Option<&'
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, k)| k)
 }
+
+impl PolyMesh {
+    /// The mesh that the steps of a script make; its `load` and `save` steps fail. [`Interpreter`] has files,
+    /// parameters and notes.
+    ///
+    /// # Errors
+    /// [`ScriptError`] at the step that cannot be done, or when none makes a mesh.
+    ///
+    /// ```
+    /// use druse::polymesh::PolyMesh;
+    /// let star = PolyMesh::from_script("cube; extrude tetrahedral all").unwrap();
+    /// assert_eq!(star.face_count(), 24);
+    /// ```
+    pub fn from_script(text: &str) -> Result<Self, ScriptError> {
+        let mut interpreter = Interpreter::new(&NoFiles);
+        Script::parse(text)?.run(&mut interpreter, None)?;
+        let mesh = interpreter.shared().ok_or_else(|| ScriptError {
+            line: 1,
+            column: 1,
+            message: "no step makes a mesh".to_owned(),
+            hint: Some("begin with a solid such as cube".to_owned()),
+        })?;
+        drop(interpreter);
+        Ok(Arc::unwrap_or_clone(mesh))
+    }
+}

@@ -2,7 +2,7 @@
 
 use super::ffi;
 use super::{LevelSet, Session, VdbError};
-use crate::band::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError};
+use crate::band::{BLOCK, Band, LEAF, LeafBatch, LeafSink, SinkError};
 use crate::frame::{Coord, Transform, Vec3};
 use cxx::UniquePtr;
 use std::collections::BTreeMap;
@@ -216,5 +216,33 @@ impl LevelSetBuilder {
             leaves.values.as_flattened(),
         )
         .map_err(failed)
+    }
+}
+
+impl LevelSet {
+    /// The level set of a band, all of it in memory.
+    ///
+    /// # Errors
+    /// [`VdbError::Band`], [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
+    ///
+    /// ```
+    /// use druse::band::Band;
+    /// use druse::field::Sphere;
+    /// use druse::frame::{Aabb, Vec3};
+    /// use druse::progress::{Silent, Threads};
+    /// use druse::vdb::{LevelSet, Session};
+    ///
+    /// let ball = Sphere { centre: Vec3::zeros(), radius: 10.0 };
+    /// let extent = Aabb::of([Vec3::repeat(-10.0), Vec3::repeat(10.0)]);
+    /// let threads = Threads::new(2).unwrap();
+    /// let session = Session::new(&threads, &Silent);
+    /// let solid = LevelSet::from_band(&Band::new(&ball, extent, 0.5).unwrap(), session).unwrap();
+    /// let exact = 4.0 / 3.0 * std::f64::consts::PI * 1000.0;
+    /// assert!((solid.volume(session).unwrap() / exact - 1.0).abs() < 0.01);
+    /// ```
+    pub fn from_band(band: &Band<'_>, session: Session<'_>) -> Result<Self, VdbError> {
+        let builder = LevelSetBuilder::new(band.transform, band.half_width)?;
+        band.evaluate(session.threads, session.progress, &builder)?;
+        builder.finish(session)
     }
 }

@@ -50,7 +50,10 @@ pub enum VdbError {
     /// A part of a level set has no mesh.
     #[error(transparent)]
     Mesher(crate::mesher::MesherError),
-    /// The isosurface is not closed.
+    /// A field could not be sampled.
+    #[error(transparent)]
+    Band(crate::band::BandError),
+    /// The surface that values bound is not closed.
     #[error(
         "the surface is open: the grid's values end before it does; expected values on both sides of the whole surface"
     )]
@@ -77,6 +80,15 @@ impl From<crate::mesher::MesherError> for VdbError {
             crate::mesher::MesherError::Cancelled(c) => Self::Cancelled(c),
             crate::mesher::MesherError::Mesh(e) => Self::Mesh(e),
             error => Self::Mesher(error),
+        }
+    }
+}
+
+impl From<crate::band::BandError> for VdbError {
+    fn from(error: crate::band::BandError) -> Self {
+        match error {
+            crate::band::BandError::Cancelled(c) => Self::Cancelled(c),
+            error => Self::Band(error),
         }
     }
 }

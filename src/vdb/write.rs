@@ -334,3 +334,20 @@ pub(super) fn failed(path: &Path, error: &cxx::Exception) -> FileError {
         reason: super::error::reason(error),
     }
 }
+
+impl LevelSet {
+    /// Writes the level set to a `.vdb` file under the name `surface`; [`VdbWriter`] writes several grids, tags
+    /// and other units.
+    ///
+    /// # Errors
+    /// As [`VdbWriter::write`].
+    pub fn write(
+        &self,
+        path: impl AsRef<Path>,
+        session: Session<'_>,
+    ) -> Result<WrittenFile, FileError> {
+        let mut file = VdbWriter::new(path.as_ref(), session)?;
+        file.level_set("surface", self)?;
+        file.write()
+    }
+}

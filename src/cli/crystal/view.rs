@@ -31,7 +31,7 @@ const PAGE: &str = include_str!("view/page.html");
 const STYLE: &str = include_str!("view/page.css");
 const SCRIPT: &str = include_str!("view/page.js");
 const DRAWING: &str = include_str!("view/drawing.js");
-const LIBRARY: &str = include_str!("view/twgl.js");
+const WEBGL: &str = include_str!("view/webgl.js");
 
 /// The response to a request: status, content type, bytes.
 type Reply = (u16, &'static str, Vec<u8>);
@@ -126,7 +126,7 @@ fn answer(request: &mut Request, port: u16, token: &str, state: &mut ViewState) 
         (Method::Get, "page.css") => (200, "text/css; charset=utf-8", STYLE.into()),
         (Method::Get, "page.js") => (200, "text/javascript; charset=utf-8", SCRIPT.into()),
         (Method::Get, "drawing.js") => (200, "text/javascript; charset=utf-8", DRAWING.into()),
-        (Method::Get, "twgl.js") => (200, "text/javascript; charset=utf-8", LIBRARY.into()),
+        (Method::Get, "webgl.js") => (200, "text/javascript; charset=utf-8", WEBGL.into()),
         (Method::Get, "words") => (200, "application/json", state::words().to_string().into()),
         (Method::Get, "model") => model(state),
         (Method::Post, "quit") => return (text(200, "bye"), true),

@@ -62,16 +62,16 @@ class Drawing {
     this.canvas = canvas;
     this.gl = canvas.getContext("webgl2", { antialias: true });
     if (!this.gl) throw new Error("this browser has no WebGL 2");
-    const program = (shaders) => twgl.createProgramInfo(this.gl, shaders);
+    const program = (shaders) => createProgram(this.gl, shaders);
     [this.faces, this.edges, this.numbers] = [FACES, EDGES, NUMBERS].map(program);
-    this.hidden = twgl.createFramebufferInfo(this.gl);
+    this.hidden = createFramebuffer(this.gl);
     Object.assign(this, { turn: 0.6, tilt: 0.45, away: 3.2, hovered: -1, chosen: 0, centre: [0, 0, 0], size: 1 });
   }
 
   // Takes a model; the view follows it when asked to.
   show(model, look) {
     for (const old of [this.solid, this.wire]) {
-      if (old) Object.values(old.attribs).forEach((a) => this.gl.deleteBuffer(a.buffer));
+      if (old) deleteGeometry(this.gl, old);
     }
     this.solid = this.wire = null;
     this.model = model;
@@ -96,10 +96,8 @@ class Drawing {
     }
     const lines = new Float32Array(3 * edges.length);
     edges.forEach((v, k) => lines.set(point(v), 3 * k));
-    const one = (data) => ({ numComponents: 1, data });
-    const three = Object.fromEntries(Object.entries(flat).map(([name, data]) => [name, { numComponents: 3, data }]));
-    this.solid = twgl.createBufferInfoFromArrays(this.gl, { ...three, face: one(face), group: one(group) });
-    this.wire = twgl.createBufferInfoFromArrays(this.gl, { position: lines });
+    this.solid = createGeometry(this.gl, { ...flat, face, group }, { face: 1, group: 1 });
+    this.wire = createGeometry(this.gl, { position: lines });
     if (look) this.home();
     this.draw();
   }
@@ -134,27 +132,19 @@ class Drawing {
     return { view, projection };
   }
 
-  run(program, buffers, uniforms, kind) {
-    this.gl.useProgram(program.program);
-    twgl.setBuffersAndAttributes(this.gl, program, buffers);
-    twgl.setUniforms(program, uniforms);
-    twgl.drawBufferInfo(this.gl, buffers, kind);
-  }
-
   draw() {
     const gl = this.gl;
-    if (twgl.resizeCanvasToDisplaySize(this.canvas, window.devicePixelRatio)) {
-      twgl.resizeFramebufferInfo(gl, this.hidden);
-    }
-    twgl.bindFramebufferInfo(gl, null);
+    if (resizeCanvas(this.canvas)) resizeFramebuffer(gl, this.hidden);
+    bindTarget(gl, null);
     gl.clearColor(1, 1, 1, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     this.stale = true;
     if (!this.solid) return;
     gl.enable(gl.DEPTH_TEST);
     const camera = this.matrices();
-    this.run(this.faces, this.solid, { ...camera, hovered: this.hovered, chosen: this.chosen }, gl.TRIANGLES);
-    this.run(this.edges, this.wire, camera, gl.LINES);
+    const lit = { hovered: this.hovered, chosen: this.chosen };
+    drawGeometry(gl, this.faces, this.solid, { ...camera, ...lit }, gl.TRIANGLES);
+    drawGeometry(gl, this.edges, this.wire, camera, gl.LINES);
   }
 
   // The face under a point of the page, or -1.
@@ -164,17 +154,17 @@ class Drawing {
     const box = this.canvas.getBoundingClientRect();
     const scale = this.canvas.width / box.width;
     const at = [Math.floor((x - box.left) * scale), this.canvas.height - 1 - Math.floor((y - box.top) * scale)];
-    twgl.bindFramebufferInfo(gl, this.hidden);
+    bindTarget(gl, this.hidden);
     if (this.stale) {
       gl.clearColor(0, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       gl.enable(gl.DEPTH_TEST);
-      this.run(this.numbers, this.solid, this.matrices(), gl.TRIANGLES);
+      drawGeometry(gl, this.numbers, this.solid, this.matrices(), gl.TRIANGLES);
       this.stale = false;
     }
     const pixel = new Uint8Array(4);
     gl.readPixels(...at, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
-    twgl.bindFramebufferInfo(gl, null);
+    bindTarget(gl, null);
     return pixel[0] + 256 * pixel[1] + 65536 * pixel[2] - 1;
   }
 
