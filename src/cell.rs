@@ -17,6 +17,7 @@ use std::sync::{Arc, OnceLock};
 
 mod compatibility;
 mod constraint;
+mod design;
 mod domain;
 pub mod edt;
 mod error;
@@ -37,9 +38,11 @@ mod thickness;
 mod trig_products;
 pub use thickness::NearestLevel;
 mod face_trace;
+pub use face_trace::face_trace;
 mod trig_sum;
 pub use compatibility::{default_group, groups, lattices, operators_of, rank, symmetry};
 pub use constraint::Constraint;
+pub use design::{DesignProperties, DesignReport, DesignStep};
 pub use error::CellError;
 pub use expression::{Expression, Node};
 pub use file::CellTextError;
@@ -190,7 +193,7 @@ impl Cell {
         self.report.as_deref()
     }
 
-    fn with_report(mut self, report: FitReport) -> Self {
+    pub(crate) fn with_report(mut self, report: FitReport) -> Self {
         self.report = Some(Arc::new(report));
         self
     }

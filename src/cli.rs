@@ -1,8 +1,8 @@
 //! The command line program: parses arguments, shows progress, maps signals and errors to exit codes.
 //!
-//! A subcommand is one file here and one line in the table below. Flags map to a recipe's
-//! sections, the library does the work, and its result comes back as an `Answer`, printed as text or, with
-//! `--json`, as exactly one object. stdout carries results, stderr everything else.
+//! A subcommand is one file here and one line in the table below. Flags map to the sections of a recipe, the
+//! library does the work, and the result is an `Answer`, printed as text or, with `--json`, as exactly one
+//! object. stdout carries results, stderr everything else.
 //!
 //! | code | meaning | code | meaning |
 //! |---|---|---|---|
@@ -22,6 +22,7 @@ mod check;
 mod completions;
 mod context;
 mod crystal;
+mod design;
 mod eval;
 mod excerpt;
 mod failure;
@@ -31,6 +32,7 @@ mod homogenize;
 mod info;
 mod job;
 mod kind;
+mod library;
 mod man;
 mod merge;
 mod mesh;
@@ -70,10 +72,10 @@ struct Cli {
     options: GlobalOptions,
 }
 
-/// The table of subcommands: name, parameters, and the function that answers.
+/// The table of subcommands: name, parameters, and the function that runs it.
 macro_rules! commands {
     ($($(#[$meta:meta])* $name:ident => $module:ident,)*) => {
-        // Parsed once in a process: its size costs nothing, boxes in every file would.
+        // Parsed once per process, so its size does not matter.
         #[allow(clippy::large_enum_variant)]
         #[derive(Subcommand)]
         enum Command { $($(#[$meta])* $name($module::Parameters),)* }
@@ -91,17 +93,17 @@ commands! {
     Run => run,
     /// Plan a run in bricks, for several machines or a queue.
     Plan => plan,
-    /// Put the bricks of a plan together and write the recipe's files.
+    /// Merge the bricks of a plan and write the recipe's files.
     Merge => merge,
     /// Fit a symmetric cell to a mesh or a named surface.
     Fit => fit,
-    /// Look into a cell.
+    /// Inspect, evaluate, plot or homogenize a cell.
     Cell => cell,
-    /// Model with polygons: carry out a script, and write or draw what it makes.
+    /// Run a polygon modelling script, and write or draw its mesh.
     Crystal => crystal,
-    /// Look into a scaffold.
+    /// Inspect or check a scaffold.
     Scaffold => scaffold,
-    /// The tiled field of a recipe at given points.
+    /// Evaluate the tiled field of a recipe at given points.
     Eval => eval,
     /// Turn a closed or dirty mesh into a level set.
     Voxelize => voxelize,
@@ -111,9 +113,9 @@ commands! {
     Mesh => mesh,
     /// Cut a level set or a recipe's exact field into layers for printers.
     Slice => slice,
-    /// Say what a file is: any that Druse reads.
+    /// Describe any file that Druse reads.
     Info => info,
-    /// Check a mesh or a level set; exit code 1 when it fails.
+    /// Check a mesh or a level set; exit code 1 if the check fails.
     Check => check,
     /// Draw a shaded picture of a level set, mesh, cell or scaffold.
     Preview => preview,
@@ -125,7 +127,7 @@ commands! {
     Completions => completions,
     /// Write the manual pages.
     Man => man,
-    /// Read a .vdb within limits and describe it on one line; what `info` and `check` run first.
+    /// Read a .vdb within limits and describe it on one line; `info` and `check` run this first.
     #[command(hide = true)]
     InspectVdb => vdb,
 }
@@ -135,7 +137,7 @@ fn grammar() -> clap::Command {
     Cli::command()
 }
 
-/// Runs the program on its arguments (the first is its name) and gives its exit code.
+/// Runs the program on its arguments (the first is its name) and returns its exit code.
 pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let json = arguments.iter().any(|a| a == "--json");
@@ -144,7 +146,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(e) => return failure::usage(&e, json),
     };
     let session = Session::new(cli.options);
-    failure::hush_panics();
+    failure::capture_panics();
     let command = cli.command;
     let answered = match session.color_grid() {
         Some(word) if !matches!(command, Command::Preview(_)) => Ok(Err(Failure::usage(format!(
@@ -154,8 +156,8 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     session.finish();
     let answered = answered.unwrap_or_else(|_| Err(Failure::bug()));
-    // A signal that came while the work unwound decides the exit code, whatever the error says, unless
-    // what was done is kept.
+    // A signal during unwinding decides the exit code, whatever the error is, unless the run can be
+    // resumed.
     let code = match (answered, session.signals.exit_code()) {
         (Ok(answer), _) => answer.print(&session),
         (Err(failure), Some(code)) if !failure.is_resumable() => {

@@ -26,7 +26,7 @@
 //! let k = found.conductivity.unwrap();
 //! assert!((k[0][0] - 2.0 / (1.0 + 1.0 / 0.5)).abs() < 1e-6 && (k[1][1] - 0.75).abs() < 1e-6);
 //! ```
-// Small functions of hot loops, compiled for the processor that their caller is for.
+// Small functions of hot loops: they are inlined to use the instruction set of their caller.
 #![allow(clippy::inline_always)]
 
 use crate::progress::Cancelled;
@@ -71,23 +71,23 @@ pub use tensor::{
     rotated, symmetrised,
 };
 
-/// Why properties cannot be had.
+/// Why properties cannot be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum HomogenizeError {
-    /// A grid or its values.
+    /// A grid or its values are invalid.
     #[error("{0}")]
     Grid(String),
-    /// A material that cannot be.
+    /// A material constant out of its range.
     #[error("found {what} {found}; expected {expected}")]
     Material {
         /// Which constant.
         what: &'static str,
         /// What was given.
         found: f64,
-        /// What it may be.
+        /// The accepted values.
         expected: &'static str,
     },
-    /// An element without a period here.
+    /// An element that does not tile space periodically here.
     #[error("found a cell for a {0}; expected one for a hex, a quad or a tet")]
     Element(&'static str),
     /// A cell of a tet that depends on the numbering of its vertices.
@@ -117,10 +117,10 @@ pub enum HomogenizeError {
     /// A volume fraction that no level gives.
     #[error("found the volume fraction {0}; expected a number between 0 and 1, both excluded")]
     Fraction(f64),
-    /// No wall holds the flow.
+    /// No solid voxel resists the flow.
     #[error("found no solid voxel; expected walls, without which the permeability is infinite")]
     NoWalls,
-    /// Iterations did not reach their goal.
+    /// Iterations did not converge.
     #[error(
         "the residual is {residual:.2e} after {iterations} iterations; expected {tolerance:.0e}"
     )]
@@ -129,10 +129,10 @@ pub enum HomogenizeError {
         iterations: usize,
         /// Relative residual.
         residual: f64,
-        /// The goal.
+        /// The required residual.
         tolerance: f64,
     },
-    /// Derivatives by coefficients of what has none.
+    /// Derivatives by coefficients of a cell that is not one series.
     #[error(
         "found beams or an expression of several series; expected a cell that is one Fourier series, whose \
          coefficients derivatives are taken by"
@@ -143,7 +143,7 @@ pub enum HomogenizeError {
     Cancelled(#[from] Cancelled),
 }
 
-/// Refuses shares that are not shares of this grid.
+/// Checks that shares belong to this grid and lie between 0 and 1.
 fn check_shares(grid: Grid, shares: &[f64]) -> Result<(), HomogenizeError> {
     if shares.len() != grid.voxels() {
         return Err(HomogenizeError::Grid(format!(

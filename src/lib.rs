@@ -3,7 +3,8 @@
 //! A tour, in order of use: [`symmetry`] (point groups as integer matrices), [`cell`] (a symmetric
 //! Fourier series fitted to geometry), [`scaffold`] (an unstructured mesh with its element maps),
 //! [`tiling`] (cell over scaffold: a field in world space), [`beams`] (struts and plates over a scaffold,
-//! round in world space), [`homogenize`] (effective stiffness, conductivity and permeability of a cell), [`band`] (which 8^3 leaves matter, and
+//! round in world space), [`homogenize`] (effective stiffness, conductivity and permeability of a cell),
+//! [`inverse`] (a cell with target properties), [`band`] (which 8^3 leaves matter, and
 //! their values), [`mesher`] (the band's surface in triangles), [`vdb`] (level sets in OpenVDB),
 //! [`recipe`] and [`pipeline`] (one document from sources to files). [`frame`], [`field`] and [`mesh`]
 //! are what all of them stand on; [`io`] reads and writes.
@@ -29,6 +30,7 @@ pub mod field;
 pub mod frame;
 pub mod guide;
 pub mod homogenize;
+pub mod inverse;
 pub mod io;
 pub mod mesh;
 pub mod mesher;

@@ -64,6 +64,7 @@ mod source;
 mod spatial_bins;
 mod spatial_value;
 mod standalone;
+mod targets;
 mod thickness;
 mod tiling;
 mod usda;
@@ -94,6 +95,7 @@ pub use requirements::{Requirement, judge_level_set, judge_mesh};
 pub use sampling::{FieldSample, Probe};
 pub use slices::{SliceOptions, SliceSummary, slice};
 pub use source::{CellFault, set_source};
+pub use targets::design;
 
 use cut_faces::CutFaces;
 use inputs::Inputs;

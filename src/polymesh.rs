@@ -1,4 +1,6 @@
-//! Polygon meshes with face groups: extrude, remesh, select, replay (Landreneau, *Crystal-Like
+//! Polygon meshes with face groups, and their modelling operations.
+//!
+//! Faces are selected, extruded and remeshed, and scripts replay these steps (Landreneau, *Crystal-Like
 //! Geometric Modeling*, 2005).
 //!
 //! A [`PolyMesh`] is a closed oriented 2-manifold of polygons with any number of corners. It may touch
@@ -59,7 +61,7 @@ pub use surface::SurfaceError;
 pub use symmetrize::Symmetry;
 pub use triangulate::Triangulated;
 
-/// Loops of vertex numbers, one after another.
+/// The faces of a mesh: loops of vertex numbers in one array.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Faces {
     corners: Vec<u32>,
@@ -68,7 +70,7 @@ pub struct Faces {
 }
 
 impl Faces {
-    /// No faces yet, with room for some.
+    /// An empty list with capacity for this many faces and corners.
     pub fn with_capacity(faces: usize, corners: usize) -> Self {
         let mut starts = Vec::with_capacity(faces + 1);
         starts.push(0);
@@ -78,7 +80,7 @@ impl Faces {
         }
     }
 
-    /// Adds a face.
+    /// Appends a face.
     pub fn push(&mut self, face: impl IntoIterator<Item = u32>) {
         if self.starts.is_empty() {
             self.starts.push(0);
@@ -87,12 +89,12 @@ impl Faces {
         self.starts.push(self.corners.len() as u32);
     }
 
-    /// How many faces there are.
+    /// Number of faces.
     pub fn len(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
 
-    /// Whether there is none.
+    /// Whether there are no faces.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -102,7 +104,7 @@ impl Faces {
         &self.corners[self.span(f)]
     }
 
-    /// The corners of face `f`, as positions in the list of all corners.
+    /// The range of face `f` in the list of all corners.
     pub fn span(&self, f: usize) -> std::ops::Range<usize> {
         self.starts[f] as usize..self.starts[f + 1] as usize
     }
@@ -121,14 +123,14 @@ impl<F: IntoIterator<Item = u32>> FromIterator<F> for Faces {
     }
 }
 
-/// A closed oriented 2-manifold of polygons with groups; valid since [`PolyMesh::new`].
+/// A closed oriented 2-manifold of polygons with groups. [`PolyMesh::new`] checks that it is one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolyMesh {
     vertices: Vec<Vec3>,
     faces: Faces,
     groups: Vec<u32>,
-    /// For each corner `c`, whose half-edge runs from its vertex to the next of its face: the corner of
-    /// the opposite half-edge.
+    /// For each corner the corner of the opposite half-edge. The half-edge of a corner runs from its vertex
+    /// to the next vertex of its face.
     twins: Vec<u32>,
 }
 
@@ -191,22 +193,22 @@ impl PolyMesh {
         &self.groups
     }
 
-    /// How many vertices there are.
+    /// Number of vertices.
     pub fn vertex_count(&self) -> usize {
         self.vertices.len()
     }
 
-    /// How many edges there are.
+    /// Number of edges.
     pub fn edge_count(&self) -> usize {
         self.twins.len() / 2
     }
 
-    /// How many faces there are.
+    /// Number of faces.
     pub fn face_count(&self) -> usize {
         self.faces.len()
     }
 
-    /// Euler's characteristic V - E + F: 2 for each piece like a ball, less 2 for each handle.
+    /// Euler characteristic V - E + F: 2 for each component, less 2 for each handle.
     pub fn euler(&self) -> i64 {
         self.vertex_count() as i64 - self.edge_count() as i64 + self.face_count() as i64
     }
@@ -216,7 +218,7 @@ impl PolyMesh {
         self.groups.iter().copied().max().unwrap_or(0)
     }
 
-    /// The groups in use and how many faces each has.
+    /// The number of faces of each group in use.
     pub fn group_counts(&self) -> BTreeMap<u32, usize> {
         let mut counts = BTreeMap::new();
         for &g in &self.groups {
@@ -233,7 +235,7 @@ impl PolyMesh {
     /// The same mesh with other groups.
     ///
     /// # Panics
-    /// When the count differs from that of the faces or a group is 0.
+    /// When the number of groups is not the number of faces, or a group is 0.
     #[must_use]
     pub fn with_groups(mut self, groups: Vec<u32>) -> Self {
         assert!(groups.len() == self.groups.len() && !groups.contains(&0));
@@ -241,10 +243,10 @@ impl PolyMesh {
         self
     }
 
-    /// The same mesh with every vertex moved by a map that keeps the handedness.
+    /// The same mesh with every vertex moved by an orientation-preserving map.
     ///
     /// # Errors
-    /// [`PolyError::NotFinite`] when the map leaves the numbers.
+    /// [`PolyError::NotFinite`] where the map gives no finite point.
     pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3) -> Result<Self, PolyError> {
         let vertices: Vec<Vec3> = self.vertices.iter().map(|&v| map(v)).collect();
         topology::finite(&vertices)?;
@@ -254,10 +256,10 @@ impl PolyMesh {
         })
     }
 
-    /// The same mesh, face `f` beginning at its corner `shift[f]` (counted from its start vertex).
+    /// The same mesh where face `f` starts at its corner `shift[f]`, counted from its old start vertex.
     ///
     /// # Panics
-    /// When `shift` has another length than there are faces.
+    /// When the length of `shift` is not the number of faces.
     #[must_use]
     pub fn with_starts(&self, shift: &[usize]) -> Self {
         assert_eq!(shift.len(), self.face_count());
@@ -271,20 +273,22 @@ impl PolyMesh {
             mesh.faces.corners[span.clone()].rotate_left(by % n);
             mesh.twins[span].rotate_left(by % n);
         }
-        // Corners moved: what pointed at them must follow.
-        let mut moved: Vec<u32> = vec![0; self.twins.len()];
+        // The rotation moved corners, so their twins point to new positions.
+        let mut new_position: Vec<u32> = vec![0; self.twins.len()];
         for (f, &by) in shift.iter().enumerate() {
             let span = self.faces.span(f);
             let n = span.len();
             for k in 0..n {
-                moved[span.start + k] = (span.start + (k + n - by % n) % n) as u32;
+                new_position[span.start + k] = (span.start + (k + n - by % n) % n) as u32;
             }
         }
-        mesh.twins.iter_mut().for_each(|t| *t = moved[*t as usize]);
+        mesh.twins
+            .iter_mut()
+            .for_each(|t| *t = new_position[*t as usize]);
         mesh
     }
 
-    /// The mesh turned inside out; each face keeps its start vertex.
+    /// The mesh with reversed orientation; each face keeps its start vertex.
     #[must_use]
     pub fn flipped(&self) -> Self {
         let mut faces = Faces::with_capacity(self.face_count(), self.twins.len());
@@ -292,9 +296,9 @@ impl PolyMesh {
             let first = face.first().copied();
             faces.push(first.into_iter().chain(face.iter().skip(1).rev().copied()));
         }
-        // A valid mesh stays valid.
+        // Reversing the orientation of a valid mesh keeps it valid.
         Self::new(self.vertices.clone(), faces, self.groups.clone())
-            .unwrap_or_else(|e| unreachable!("a flipped mesh is broken: {e}"))
+            .unwrap_or_else(|e| unreachable!("a flipped mesh is invalid: {e}"))
     }
 
     /// The corner of the opposite half-edge.

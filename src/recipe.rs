@@ -1,9 +1,9 @@
 //! The recipe: one TOML document from sources to files.
 //!
-//! Sections stand in the order of the pipeline: `[cell.NAME]`, `[scaffold]`, `[tiling]`, `[band]`,
-//! `[[op]]`, `[[output]]`, `[require]`. Each is one struct whose fields are the keys; their documentation is that of
-//! the key, of the JSON schema and of the command line's flag. Unknown keys are errors that name the
-//! nearest known one; every error has its line, or the override it came from.
+//! The order of the sections is that of the pipeline: `[cell.NAME]`, `[scaffold]`, `[tiling]`, `[band]`, `[[op]]`,
+//! `[[output]]`, `[require]`. Each section is one struct whose fields are the keys; the doc comment of a field
+//! documents the key, the JSON schema and the command line's flag. Unknown keys are errors that name the nearest
+//! known one. Every error has its line or its override.
 //!
 //! Conventions: a length is a number in the recipe's unit or a string with its own ("0.2mm", "3vx");
 //! paths are relative to the recipe; arrays in override keys count from 0.
@@ -42,6 +42,7 @@ mod require;
 mod require_file;
 mod scaffold;
 mod source;
+mod target;
 mod tiling;
 
 pub use brief::{Brief, Short};
@@ -75,11 +76,12 @@ pub use scaffold::{
     FillScaffold, Plate, ScaffoldSection, Shell, SphereScaffold,
 };
 pub use source::Source;
+pub use target::{TargetProperty, TargetTable, TargetWord};
 pub use tiling::{
     Assignment, FieldPlace, FieldRef, Interpolation, Outside, Share, TilingSection, Varying,
 };
 
-/// The version of the recipe's words that this program reads.
+/// The version of recipes that this program reads.
 pub const VERSION: i64 = 1;
 
 /// The sections of a recipe, in the order of the pipeline.
@@ -89,7 +91,7 @@ pub const VERSION: i64 = 1;
 pub struct Sections {
     /// Version of the recipe: 1.
     pub druse: i64,
-    /// Unit of every length without one of its own.
+    /// Unit of every length without a unit.
     #[serde(default)]
     pub unit: Unit,
     /// The palette of unit cells, by name.
@@ -100,17 +102,17 @@ pub struct Sections {
     pub crystal: BTreeMap<String, CrystalSection>,
     /// The mesh whose elements are filled.
     pub scaffold: Option<ScaffoldSection>,
-    /// Which cells fill it.
+    /// The cells that fill it.
     pub tiling: Option<TilingSection>,
     /// The sampling of the solid.
     pub band: BandSection,
-    /// What is done to the solid, in order.
+    /// The operations on the solid, in order.
     #[serde(default)]
     pub op: Vec<Op>,
     /// The files that are written.
     #[serde(default)]
     pub output: Vec<Output>,
-    /// What the finished part must fulfil.
+    /// Requirements on the finished part.
     pub require: Option<RequireSection>,
 }
 
@@ -151,7 +153,7 @@ impl Recipe {
         &self.sections
     }
 
-    /// Its text and the places of its keys.
+    /// Its text and the positions of its keys.
     pub fn source(&self) -> &Source {
         &self.source
     }
@@ -161,7 +163,7 @@ impl Recipe {
         self.sections.unit.0
     }
 
-    /// What its lengths are measured against.
+    /// The unit and the voxel size that its lengths refer to.
     pub fn scale(&self) -> Scale {
         let unit = Scale {
             unit: self.unit(),

@@ -6,9 +6,8 @@
 //! a face by its corner nodes are neighbours; face-connected elements form a component.
 //!
 //! Elements and nodes count from 0 in the order given; messages name elements by the file's own
-//! numbers ([`Scaffold::number`]). Negative Jacobians of one sign
-//! are harmless (mirror numbering); Jacobians that change sign are found by
-//! [`Scaffold::validate`].
+//! numbers ([`Scaffold::number`]). Jacobians that are negative everywhere are harmless (mirror numbering);
+//! [`Scaffold::validate`] finds Jacobians that change sign.
 //!
 //! ```
 //! use druse::frame::{CellPoint, Vec3, WorldPoint};
@@ -59,16 +58,16 @@ use topology::Topology;
 
 /// Maximum coordinate: the squares of larger ones overflow in single precision.
 const MAX_COORDINATE: f64 = 1e18;
-/// How far outside an element's face planes a point still belongs to it, in the cell frame.
-pub const INSIDE: f64 = 1e-9;
+/// Largest distance outside the face planes of an element at which a point still belongs to it, in the cell frame.
+pub const INSIDE_TOLERANCE: f64 = 1e-9;
 
-/// What makes nodes and elements no scaffold.
+/// Why nodes and elements are not a scaffold.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ScaffoldError {
-    /// Nothing to fill.
+    /// No solid elements.
     #[error("no solid elements; expected at least one tetrahedron, hexahedron, wedge or pyramid")]
     Empty,
-    /// Too many to number.
+    /// More nodes or elements than an index can number.
     #[error("{found} {what}; at most {} are supported", u32::MAX - 1)]
     TooMany {
         /// How many.
@@ -109,7 +108,7 @@ pub enum ScaffoldError {
         /// How many nodes there are.
         nodes: usize,
     },
-    /// A node with a coordinate that is no usable number.
+    /// A node with a coordinate that is not finite or too large.
     #[error("node {node}: coordinates ({}, {}, {}); expected finite numbers below 1e18", at[0], at[1], at[2])]
     BadNode {
         /// The node's number.
@@ -135,7 +134,7 @@ pub enum ScaffoldError {
         /// The size of a cell.
         cell: f64,
     },
-    /// An element that cannot be divided so.
+    /// An element that the division does not support.
     #[error(
         "{what}: element {element} ({}) cannot be cut so; {}", kind.name(),
         if kind.shape() == crate::frame::Element::Pyramid {
@@ -149,16 +148,16 @@ pub enum ScaffoldError {
         element: u64,
         /// Its kind.
         kind: Kind,
-        /// How it should have been cut.
+        /// The division.
         what: &'static str,
     },
-    /// A number of repetitions that cannot be.
+    /// A number of repetitions out of range.
     #[error("repeat = {0}; expected 1 to 64")]
     BadRepeat(u32),
-    /// A thickness that makes no solid of a surface.
+    /// A thickness that is not positive.
     #[error("a thickness of {0}; expected a positive length")]
     BadThickness(f64),
-    /// A node of a surface around which its elements face all ways.
+    /// A node of a surface at which the elements have no common outside.
     #[error("node {node} at ({}, {}, {}): the elements there have no common outside; expected a surface with two sides", at[0], at[1], at[2])]
     NoNormal {
         /// The node's number.
@@ -166,7 +165,7 @@ pub enum ScaffoldError {
         /// Its coordinates.
         at: [f64; 3],
     },
-    /// A box of elements that no grid makes.
+    /// A box of a kind of element that grids do not have.
     #[error("a box of {} elements; expected Hex8, Tet4, Wedge6 or Pyramid5", .0.name())]
     BadBoxKind(Kind),
 }
@@ -193,7 +192,7 @@ impl Connectivity {
         self.kinds.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no elements.
     pub fn is_empty(&self) -> bool {
         self.kinds.is_empty()
     }
@@ -214,7 +213,7 @@ impl Connectivity {
     }
 }
 
-/// Nodes and elements with their maps, faces and a search tree; fixed once made.
+/// Nodes and elements with their maps, faces and a search tree; immutable.
 ///
 /// Holds: at least one element; node numbers exist; coordinates are finite.
 pub struct Scaffold {
@@ -232,8 +231,8 @@ impl Scaffold {
     /// A scaffold of these nodes (world units) and elements.
     ///
     /// # Errors
-    /// Any [`ScaffoldError`] but those of a box. Folded, duplicate or disconnected elements are no
-    /// error here: [`Scaffold::validate`] judges the shape of things.
+    /// Any [`ScaffoldError`] but those of a box. Folded, duplicate or disconnected elements are no error here;
+    /// [`Scaffold::validate`] reports them.
     pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
         check(&nodes, &elements, false)?;
         let geometry: Vec<Geometry> = (0..elements.len())
@@ -268,7 +267,7 @@ impl Scaffold {
         self
     }
 
-    /// The file's own number of an element; without a file its place.
+    /// The number of an element in the file; without a file its index.
     pub fn number(&self, element: usize) -> u64 {
         self.numbers.get(element).map_or(element as u64, |n| *n)
     }
@@ -288,7 +287,7 @@ impl Scaffold {
         self.elements.is_empty()
     }
 
-    /// Kinds and node numbers.
+    /// Kinds and node numbers of the elements.
     pub fn connectivity(&self) -> &Connectivity {
         &self.elements
     }
@@ -330,13 +329,13 @@ impl Scaffold {
     /// point in its cell.
     pub fn locate(&self, p: WorldPoint) -> Option<(u32, CellPoint<3>)> {
         let mut best: Option<(u32, CellPoint<3>)> = None;
-        // Points on the hull of the bounds may be rounded out of them.
+        // Rounding may put points on the boundary outside the bounds.
         let margin = 1e-12 * self.bounds.half_diagonal();
         let at = Aabb::of([p.0]).dilated(margin);
         self.tree.overlapping(&at, |slot| {
             let e = self.tree.order()[slot];
             if best.is_none_or(|(least, _)| e < least)
-                && let Some(xi) = self.element(e as usize).inverse_inside(p, INSIDE)
+                && let Some(xi) = self.element(e as usize).inverse_inside(p, INSIDE_TOLERANCE)
             {
                 best = Some((e, xi));
             }
@@ -355,7 +354,7 @@ impl Scaffold {
     }
 }
 
-/// Counts only: meshes are large.
+/// Counts only, because meshes are large.
 impl std::fmt::Debug for Scaffold {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Scaffold")

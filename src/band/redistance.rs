@@ -39,11 +39,13 @@ const MIN_HALF_WIDTH: f32 = 3.0;
 /// Points of the surface of a level set, ordered by the leaves that contain them.
 pub struct SurfacePoints {
     points: Vec<Point>,
+    /// Planes that meet at sharp edges and corners; points refer to them by index.
     wedges: Vec<Wedge>,
     /// Coordinates of the points, by axis.
     at: [Vec<f32>; 3],
     /// Origins of the leaves with points, ascending, and the range of their points.
     leaves: Vec<(Coord, std::ops::Range<u32>)>,
+    /// Indices in `leaves`, by origin.
     index: LeafIndex,
     voxel_size: f32,
     background: f32,
@@ -86,13 +88,13 @@ impl SurfacePoints {
         voxel_size: f64,
         background: f32,
     ) -> Self {
-        let all = indexed(count, &leaf);
+        let index = indexed(count, &leaf);
         let voxel_size = voxel_size as f32;
         let found = (0..count)
             .into_par_iter()
             .with_min_len(32)
             .map_init(Stencils::default, |stencils, n| {
-                points_of(&leaf, (n, &all), stencils, (voxel_size, background))
+                points_of(&leaf, (n, &index), stencils, (voxel_size, background))
             })
             .collect();
         Self::joined(found, voxel_size, background)
@@ -105,11 +107,11 @@ impl SurfacePoints {
         is_requested: impl Fn(Coord) -> bool,
         (voxel_size, background): (f64, f32),
     ) -> Vec<LeafPoints> {
-        let all = indexed(count, &leaf);
+        let index = indexed(count, &leaf);
         let lengths = (voxel_size as f32, background);
         let mut stencils = Stencils::default();
         let requested = (0..count).filter(|&n| is_requested(leaf(n).origin));
-        let found = requested.map(|n| points_of(&leaf, (n, &all), &mut stencils, lengths));
+        let found = requested.map(|n| points_of(&leaf, (n, &index), &mut stencils, lengths));
         found.filter(|f| !f.points.is_empty()).collect()
     }
 
@@ -126,9 +128,9 @@ impl SurfacePoints {
         };
         for mut leaf in found.into_iter().filter(|f| !f.points.is_empty()) {
             let first = surface.points.len() as u32;
-            let before = surface.wedges.len() as u32;
+            let first_wedge = surface.wedges.len() as u32;
             for point in leaf.points.iter_mut().filter(|p| p.wedge != NO_WEDGE) {
-                point.wedge += before;
+                point.wedge += first_wedge;
             }
             surface.wedges.extend(leaf.wedges);
             for (a, at) in surface.at.iter_mut().enumerate() {
@@ -231,9 +233,9 @@ impl SurfacePoints {
             background: self.background,
         };
         let mut search = Search::new(inside, lengths);
-        let most = search.most();
-        if most > 0.0 {
-            let steps = search::around(most);
+        let radius = search.most();
+        if radius > 0.0 {
+            let steps = search::around(radius);
             for step in &steps {
                 let [x, y, z] = step.map(|s| LEAF * s);
                 let Some(number) = self.index.get(origin.offset(x, y, z)) else {
@@ -285,7 +287,7 @@ fn points_of<'a>(
 pub(super) struct LeafPoints {
     pub origin: Coord,
     points: Vec<Point>,
-    /// Wedges, numbered by the points.
+    /// Wedges; points refer to them by index.
     wedges: Vec<Wedge>,
 }
 

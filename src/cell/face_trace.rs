@@ -78,6 +78,14 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
     Constraint::new(&rows, unknowns)
 }
 
+/// The equations under which a function of a solid element's basis vanishes on all faces: two functions whose
+/// difference fulfils them have the same trace.
+pub fn face_trace(element: Element, basis: &Basis<3>) -> Constraint {
+    let both = [(element, basis.clone()), (element, basis.clone())];
+    let first: Vec<usize> = (0..basis.len()).collect();
+    equations(&both).restricted(&first)
+}
+
 /// Generators of the symmetries of a triangle and a square about their centres.
 fn symmetries(corners: usize) -> [Matrix2<f64>; 2] {
     let mirror = Matrix2::new(-1.0, 0.0, 0.0, 1.0);

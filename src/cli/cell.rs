@@ -1,4 +1,4 @@
-//! `druse cell info`, `eval`, `plot` and `homogenize`.
+//! `druse cell info`, `eval`, `plot`, `homogenize` and `library`.
 
 use super::{Answer, Failure, Session};
 use crate::cell::{Cell, default_group, groups, lattices, rank};
@@ -20,7 +20,7 @@ pub(super) struct Parameters {
 
 #[derive(Subcommand)]
 enum What {
-    /// What a cell is; with --group the operators, orbits and frequency domain of a group.
+    /// Describe a cell; with --group list the operators, orbits and frequency domain of a group.
     Info {
         /// The .cell file, or the name of a surface.
         #[arg(required_unless_present = "group")]
@@ -37,7 +37,7 @@ enum What {
         #[arg(long, requires = "group", value_name = "R", default_value_t = 2.0)]
         band_limit: f64,
     },
-    /// Values and Cartesian gradients of a cell's function at points of the reference cell.
+    /// Evaluate a cell's function and its Cartesian gradient at points of the reference cell.
     Eval {
         /// The .cell file, or the name of a surface.
         cell: PathBuf,
@@ -49,16 +49,19 @@ enum What {
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
     },
-    /// Draw a cell, beside its source: slices with both surfaces, error against coefficients.
+    /// Plot a cell and its source: slices with both surfaces, error against number of coefficients.
     Plot(super::plot::Parameters),
-    /// Effective stiffness, conductivity and permeability of a periodic cell.
+    /// Compute effective stiffness, conductivity and permeability of a periodic cell.
     Homogenize(Box<super::homogenize::Parameters>),
+    /// Design cells at several volume fractions that meet on their faces.
+    Library(Box<super::library::Parameters>),
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     match &p.what {
         What::Plot(p) => super::plot::answer(p, session),
         What::Homogenize(p) => super::homogenize::answer(p, session),
+        What::Library(p) => super::library::answer(p, session),
         What::Info {
             group: Some(group),
             lattice,
@@ -85,7 +88,7 @@ pub(super) fn read(path: &Path) -> Result<Cell, Failure> {
     }
 }
 
-/// What a cell is, as an object.
+/// The description of a cell, as an object.
 pub(super) fn facts(cell: &Cell) -> Value {
     let form = cell.expression();
     json!({
@@ -107,7 +110,7 @@ pub(super) fn facts(cell: &Cell) -> Value {
     })
 }
 
-/// What a cell is, for people.
+/// The description of a cell, as text.
 pub(super) fn describe(cell: &Cell) -> String {
     let form = cell.expression();
     let mut text = format!(
@@ -127,7 +130,9 @@ pub(super) fn describe(cell: &Cell) -> String {
         cell.volume_fraction(),
         cell.gamma(),
     );
-    if let Some(report) = cell.report() {
+    if let Some(design) = cell.report().and_then(|r| r.design.as_ref()) {
+        super::design::describe(design, &mut text);
+    } else if let Some(report) = cell.report() {
         let _ = writeln!(
             text,
             "fit: rms {:.5}, greatest on faces {:.5}, kept energy {:.6}",

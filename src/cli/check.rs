@@ -1,4 +1,4 @@
-//! `druse check FILE`: a mesh in four words, a level set against its promise.
+//! `druse check FILE`: checks of a mesh or of the level sets of a file.
 
 use super::kind::FileKind;
 use super::{Answer, Failure, Session};
@@ -49,7 +49,7 @@ fn mesh(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     Ok(super::require::add(text, facts, passed, &requirements))
 }
 
-/// A mesh and its beams, for people and for programs, and whether they bound a solid as they stand.
+/// A mesh and its beams, as text and as an object, and whether they bound a solid without repair.
 pub(super) fn solid_screen(
     path: &Path,
     solid: &SolidFile,
@@ -150,7 +150,7 @@ fn beam_screen(parts: &[BeamPart], unit: Option<LengthUnit>) -> (String, Value) 
     (text, facts)
 }
 
-/// What is known of a mesh, as an object.
+/// The report of a mesh, as an object.
 pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
     let defects: serde_json::Map<String, Value> = r
         .defects()
@@ -185,7 +185,7 @@ pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
     facts
 }
 
-/// Whether a grid is a level set, or looks like one whose class is not stated.
+/// Whether a grid is a level set, or has the values of one and no stated class.
 fn may_be_level_set(grid: &GridInfo) -> bool {
     let has_both_signs = grid
         .values
@@ -197,7 +197,7 @@ fn may_be_level_set(grid: &GridInfo) -> bool {
     }
 }
 
-/// A level set that no command takes as it is.
+/// Reports a level set that commands refuse without repair.
 fn refused(error: &FileError, grid: &GridInfo, text: &mut String) -> Value {
     let message = error.to_string();
     let problem = message
@@ -212,7 +212,7 @@ fn refused(error: &FileError, grid: &GridInfo, text: &mut String) -> Value {
     json!({ "name": grid.name, "problems": [problem], "hint": hint })
 }
 
-/// Checks one level set: what is found as text and as an object.
+/// Checks one level set; the result as text and as an object.
 fn level_set(
     adopted: &Adopted,
     (grid, unit): (&GridInfo, &str),

@@ -12,7 +12,7 @@ pub(super) struct Parameters {
     shell: Shell,
 }
 
-#[allow(clippy::unnecessary_wraps)] // every command answers alike
+#[allow(clippy::unnecessary_wraps)] // all commands have one signature
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     let mut script = Vec::new();
     generate(p.shell, &mut grammar(), "druse", &mut script);

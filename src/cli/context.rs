@@ -39,8 +39,8 @@ pub(super) struct GlobalOptions {
     /// Treat warnings as errors.
     #[arg(long, global = true, help_heading = "Global options")]
     strict: bool,
-    /// Use no instructions that only some processors have: the same bytes from the same .cell on all of
-    /// them, more slowly.
+    /// Use only instructions that all processors have, so that the same .cell gives the same bytes on all of
+    /// them; slower.
     #[arg(long, global = true, help_heading = "Global options")]
     portable: bool,
 }
@@ -161,7 +161,7 @@ impl Session {
         Ok(())
     }
 
-    /// Takes the progress display off the terminal.
+    /// Removes the progress display from the terminal.
     pub(super) fn finish(&self) {
         self.display.finish();
     }

@@ -1,4 +1,4 @@
-//! `druse crystal NAME.crystal -o X`: the polygon stage alone.
+//! `druse crystal NAME.crystal -o X`: polygon modelling without a recipe.
 
 use super::{Answer, Failure, Session};
 use crate::frame::{LengthUnit, Transform, figures};
@@ -22,20 +22,20 @@ mod view;
 #[derive(Args)]
 pub(super) struct Parameters {
     /// A script (.crystal), a recipe with [crystal.NAME] (.toml), or a polygon mesh (.obj, .dlfl, .stl, .ply);
-    /// may be left out with --interactive, and with --view, which then begins with a cube.
+    /// optional with --interactive and with --view, which then starts from a cube.
     #[arg(required_unless_present_any = ["interactive", "view"])]
     input: Option<PathBuf>,
     /// What to write, any number of times: .obj and .dlfl keep polygons and groups; .stl, .ply, .3mf
     /// (triangles); .vdb (a level set); .png (a picture).
     #[arg(short, long, value_name = "X")]
     output: Vec<PathBuf>,
-    /// Which crystal of a recipe that has several.
+    /// The crystal of a recipe that has several.
     #[arg(long, value_name = "CRYSTAL")]
     name: Option<String>,
     /// Set a parameter of the script, as in t=1/4; with a dot, a key of the recipe.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Carry the script out up to and with this line.
+    /// Run the script up to and including this line.
     #[arg(long, value_name = "LINE")]
     until: Option<usize>,
     /// Read steps from stdin, one line at a time, after the script: undo, redo, show, draw, help.
@@ -48,8 +48,8 @@ pub(super) struct Parameters {
     /// Write groups of an .obj as colours ("c r g b" lines) instead of materials.
     #[arg(long)]
     legacy_colors: bool,
-    /// Show the model in a browser, on a page of this machine only, where clicks extrude faces; its saves
-    /// stand beside the script.
+    /// Edit the model in a browser, on a page that only this machine reaches: clicks extrude faces. Files are
+    /// saved beside the script.
     #[arg(long, conflicts_with_all = ["interactive", "output", "until"])]
     view: bool,
     /// Port of the page [default: a free one].
@@ -62,7 +62,7 @@ pub(super) struct Parameters {
     )]
     port: u16,
     /// Voxels of a .vdb; a bare number is in the crystal's unit [default: 1/200 of its longest side, or
-    /// the least that OpenVDB holds].
+    /// the smallest that OpenVDB supports].
     #[arg(long, value_name = "LENGTH")]
     voxel_size: Option<Length>,
     /// Unit of the crystal's numbers [default: the recipe's, else mm].
@@ -77,10 +77,10 @@ pub(super) struct Parameters {
 }
 
 /// Default number of voxels along the longest side.
-const FINENESS: f64 = 200.0;
+const DEFAULT_RESOLUTION: f64 = 200.0;
 /// Half width of the band, voxels.
-const HALF_WIDTH: f64 = 3.0;
-/// Triangles beyond which self-intersections are not looked for, which takes longer than all else.
+const BAND_HALF_WIDTH: f64 = 3.0;
+/// Maximum number of triangles that are checked for self-intersections; the check dominates the time.
 const MAX_CHECKED_TRIANGLES: usize = 200_000;
 
 /// A script with its place and the unit of its numbers.
@@ -99,16 +99,21 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         return view::serve(p, &source, session);
     }
     let files = DiskFiles::new(&source.directory, true);
-    let mut interpreter = Interpreter::remembering(&files, if p.interactive { 200 } else { 1 });
-    interpreter = interpreter.watched(session);
+    let mut interpreter = Interpreter::with_history(&files, if p.interactive { 200 } else { 1 });
+    interpreter = interpreter.with_progress(session);
     begin(&mut interpreter, &source, p.until, session)?;
     let tools = vdb::Session::new(&threads, session);
     if p.interactive {
         let draw = |mesh: &PolyMesh, path: &Path| write(p, mesh, path, source.unit, tools);
-        let met = |mesh: &PolyMesh| touching(mesh, session).ok().flatten().map(|m| m.0);
-        interactive::converse(&mut interpreter, session, &draw, &met)?;
+        let met = |mesh: &PolyMesh| {
+            self_intersections(mesh, session)
+                .ok()
+                .flatten()
+                .map(|m| m.0)
+        };
+        interactive::run_session(&mut interpreter, session, &draw, &met)?;
     }
-    let Some(mesh) = interpreter.shared() else {
+    let Some(mesh) = interpreter.shared_mesh() else {
         if p.interactive {
             return Ok(Answer::new("", json!({ "kind": "crystal" })));
         }
@@ -120,7 +125,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let mut facts = serde_json::to_value(mesh.summary()).unwrap_or_default();
     facts["kind"] = json!("crystal");
     let mut text = mesh.summary().to_string();
-    if let Some((line, found)) = touching(&mesh, session)? {
+    if let Some((line, found)) = self_intersections(&mesh, session)? {
         let _ = write!(text, "\n{line}");
         facts["self_intersections"] = found;
     }
@@ -260,22 +265,25 @@ fn cut(mesh: &PolyMesh) -> Result<Triangulated, Failure> {
         .map_err(|e| Failure::usage(e.to_string()))
 }
 
-/// Faces that meet where they should not: a line for people, an object for programs.
-fn touching(mesh: &PolyMesh, session: &Session) -> Result<Option<(String, Value)>, Failure> {
+/// Self-intersections of the surface, as text and as an object.
+fn self_intersections(
+    mesh: &PolyMesh,
+    session: &Session,
+) -> Result<Option<(String, Value)>, Failure> {
     let cut = cut(mesh)?;
     let triangles = cut.mesh.triangles().len();
     if triangles > MAX_CHECKED_TRIANGLES {
         let line = format!(
-            "note: with {triangles} triangles it was not looked whether the surface meets itself; druse check FILE does"
+            "note: self-intersections are not checked for {triangles} triangles; druse check FILE checks them"
         );
         return Ok(Some((line, json!({ "searched": false }))));
     }
     let report: MeshReport =
         crate::mesh::check_with(&cut.mesh, true, session).map_err(|_| Failure::stopped(130))?;
     session.finish();
-    let crowded = report.nonmanifold_edges.count;
+    let shared_edges = report.nonmanifold_edges.count;
     let finding = report.self_intersections.unwrap_or_default();
-    if crowded + finding.count == 0 {
+    if shared_edges + finding.count == 0 {
         return Ok(None);
     }
     let place = finding
@@ -292,12 +300,12 @@ fn touching(mesh: &PolyMesh, session: &Session) -> Result<Option<(String, Value)
         .map(|&f| format!("{f} (group {})", mesh.groups()[f as usize]))
         .collect();
     let line = format!(
-        "note: the surface meets itself: {} pairs of triangles touch or cross, {crowded} edges are shared by more \
+        "note: the surface intersects itself: {} pairs of triangles touch or cross, {shared_edges} edges are shared by more \
          than two faces in space; first at faces {}",
         finding.count,
         named.join(", ")
     );
-    let facts = json!({ "pairs": finding.count, "shared_edges": crowded, "faces": faces });
+    let facts = json!({ "pairs": finding.count, "shared_edges": shared_edges, "faces": faces });
     Ok(Some((line, facts)))
 }
 
@@ -307,21 +315,21 @@ fn is_volume(path: &Path) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
 }
 
-/// Edge of a voxel in the crystal's unit: as asked, else by the crystal's size, to two digits.
+/// Edge of a voxel in the crystal's unit: as given, else from the crystal's size, to two digits.
 fn voxel_size(p: &Parameters, mesh: &PolyMesh, unit: LengthUnit) -> f64 {
     let scale = Scale {
         unit,
         voxel_size: f64::NAN,
     };
-    if let Some(asked) = p.voxel_size {
-        return asked.resolve(scale);
+    if let Some(given) = p.voxel_size {
+        return given.resolve(scale);
     }
     let least = Transform::MIN_VOXEL_SIZE / unit.to(LengthUnit::Metre);
-    let wanted = mesh.bounds().size().max() / FINENESS;
-    if wanted >= least {
-        return wanted;
+    let target = mesh.bounds().size().max() / DEFAULT_RESOLUTION;
+    if target >= least {
+        return target;
     }
-    // Rounded up, so that it is not below the least.
+    // Rounded up, so that it is not below the minimum.
     let digit = 10f64.powf(least.log10().floor() - 1.0);
     (least / digit).ceil() * digit
 }
@@ -388,7 +396,7 @@ fn voxelized(
     let volume = mesh.volume();
     if volume <= 0.0 {
         let message = format!(
-            "the crystal's volume is {}; expected a surface that looks outward",
+            "the crystal's volume is {}; expected a surface with outward normals",
             figures(volume)
         );
         return Err(Failure::data(path, message));
@@ -404,7 +412,7 @@ fn voxelized(
     Ok(LevelSet::from_mesh(
         &cut(mesh)?.mesh,
         transform,
-        HALF_WIDTH,
+        BAND_HALF_WIDTH,
         tools,
     )?)
 }

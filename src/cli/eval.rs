@@ -46,7 +46,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let Some(path) = &p.output else {
         let columns = columns(&cells);
         let rows: Vec<Vec<f64>> = points.iter().zip(&found).map(|(p, f)| row(p, f)).collect();
-        // JSON has no NaN: what is not a number is null there.
+        // JSON has no NaN; it becomes null.
         let listed: Vec<Value> = rows.iter().map(|r| json!(r)).collect();
         return Ok(Answer::new(
             csv(&cells, &points, &found),
@@ -116,7 +116,7 @@ fn csv(cells: &[String], points: &[[f64; 3]], found: &[FieldSample]) -> String {
     text
 }
 
-/// Arrays by name, as numpy's `savez` has them.
+/// Writes named arrays as numpy's `savez` does.
 fn npz(
     path: &Path,
     cells: &[String],

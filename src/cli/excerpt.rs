@@ -1,9 +1,9 @@
-//! Lines of a user's file as an error shows them: never longer than a screen is wide three times.
+//! Excerpts of a user's file in error messages, cut to a fixed length.
 
-/// Characters of a line that are shown.
+/// Maximum number of characters shown of a line.
 const MAX_LINE_CHARS: usize = 200;
-/// Characters of a message that may quote the file.
-const MESSAGE: usize = 800;
+/// Maximum number of characters of a message that quotes the file.
+const MAX_MESSAGE_CHARS: usize = 800;
 
 /// A line cut to [`MAX_LINE_CHARS`] characters around a column (from 1), and a marker to stand below that column.
 pub(super) fn cut(line: &str, column: Option<u64>) -> (String, Option<String>) {
@@ -24,16 +24,16 @@ pub(super) fn cut(line: &str, column: Option<u64>) -> (String, Option<String>) {
     (format!("{before}{shown}{after}"), marker)
 }
 
-/// A message that quotes no more than fits a screen: its begin and its end.
+/// A message cut to its head and its end.
 pub(super) fn short(message: &str) -> String {
     let characters: Vec<char> = message.chars().collect();
-    if characters.len() <= MESSAGE {
+    if characters.len() <= MAX_MESSAGE_CHARS {
         return message.to_owned();
     }
-    let half = MESSAGE / 2;
-    let begin: String = characters[..half].iter().collect();
+    let half = MAX_MESSAGE_CHARS / 2;
+    let head: String = characters[..half].iter().collect();
     let end: String = characters[characters.len() - half..].iter().collect();
-    format!("{begin} ... {end}")
+    format!("{head} ... {end}")
 }
 
 #[cfg(test)]
@@ -58,7 +58,7 @@ mod tests {
             cut(&line, None).0,
             format!("{}...", "ä".repeat(MAX_LINE_CHARS))
         );
-        assert!(short(&line).chars().count() < MESSAGE + 10);
+        assert!(short(&line).chars().count() < MAX_MESSAGE_CHARS + 10);
         assert_eq!(short("ok"), "ok");
     }
 }

@@ -14,12 +14,12 @@ use std::sync::Mutex;
 
 /// Exit codes of failures.
 pub(super) const USAGE: u8 = 2;
-const DATA: u8 = 65;
+const EXIT_DATA: u8 = 65;
 const EXIT_NO_INPUT: u8 = 66;
-const BUG: u8 = 70;
-const CREATE: u8 = 73;
-const IO: u8 = 74;
-const RESUMABLE: u8 = 75;
+const EXIT_BUG: u8 = 70;
+const EXIT_CREATE: u8 = 73;
+const EXIT_IO: u8 = 74;
+const EXIT_RESUMABLE: u8 = 75;
 
 /// Why a command failed, ready to be shown.
 #[derive(Debug, Default)]
@@ -38,7 +38,7 @@ impl Failure {
     /// A failure of bad data in a file.
     pub(super) fn data(file: &std::path::Path, message: impl Into<String>) -> Self {
         Self {
-            code: DATA,
+            code: EXIT_DATA,
             message: message.into(),
             file: Some(file.display().to_string()),
             ..Self::default()
@@ -56,8 +56,8 @@ impl Failure {
         }
     }
 
-    /// The message and the hint, for a conversation that goes on.
-    pub(super) fn said(&self) -> String {
+    /// The message and the hint on one line, for the interactive mode.
+    pub(super) fn one_line(&self) -> String {
         let hint = self.hint.as_ref();
         hint.map_or_else(
             || self.message.clone(),
@@ -86,7 +86,7 @@ impl Failure {
     pub(super) fn bug() -> Self {
         let panic = PANIC.lock().ok().and_then(|mut p| p.take());
         Self {
-            code: BUG,
+            code: EXIT_BUG,
             message: format!(
                 "this is a bug of druse {}: {}",
                 env!("CARGO_PKG_VERSION"),
@@ -110,9 +110,18 @@ impl Failure {
         }
     }
 
+    /// Work that stopped and has left what it made so far.
+    pub(super) fn resumable(message: impl Into<String>) -> Self {
+        Self {
+            code: EXIT_RESUMABLE,
+            message: message.into(),
+            ..Self::default()
+        }
+    }
+
     /// Whether the same command goes on from here.
     pub(super) fn is_resumable(&self) -> bool {
-        self.code == RESUMABLE
+        self.code == EXIT_RESUMABLE
     }
 
     fn json(&self) -> Value {
@@ -158,7 +167,7 @@ impl Failure {
         block
     }
 
-    /// Prints it and gives the exit code.
+    /// Prints the failure and returns the exit code.
     pub(super) fn print(&self, session: &Session) -> u8 {
         let _ = write!(std::io::stderr(), "{}", self.block(session.colored()));
         if session.json() {
@@ -168,7 +177,7 @@ impl Failure {
     }
 }
 
-/// Arguments that do not parse; `--help` and `--version` come here too and are no error.
+/// Arguments that do not parse. `--help` and `--version` arrive here too; they are not errors.
 pub(super) fn usage(error: &clap::Error, json: bool) -> ExitCode {
     let code = error.exit_code() as u8;
     let _ = error.print();
@@ -191,8 +200,8 @@ pub(super) fn usage(error: &clap::Error, json: bool) -> ExitCode {
 /// The message of the last panic, kept for [`Failure::bug`].
 static PANIC: Mutex<Option<String>> = Mutex::new(None);
 
-/// Keeps panics off stderr: they are shown as one error like any other.
-pub(super) fn hush_panics() {
+/// Keeps panics off stderr, so that they are shown like any other error.
+pub(super) fn capture_panics() {
     std::panic::set_hook(Box::new(|info| {
         let text = info
             .payload()
@@ -213,8 +222,8 @@ impl From<RecipeError> for Failure {
     fn from(e: RecipeError) -> Self {
         let code = match e.fault {
             RecipeFault::Missing => EXIT_NO_INPUT,
-            RecipeFault::Unreadable => IO,
-            RecipeFault::Invalid => DATA,
+            RecipeFault::Unreadable => EXIT_IO,
+            RecipeFault::Invalid => EXIT_DATA,
         };
         let mut failure = Self {
             code,
@@ -262,10 +271,10 @@ impl From<FileError> for Failure {
             FileError::Io { path, source } if source.kind() == std::io::ErrorKind::NotFound => {
                 (EXIT_NO_INPUT, path)
             }
-            FileError::Io { path, .. } | FileError::OpenVdb { path, .. } => (IO, path),
+            FileError::Io { path, .. } | FileError::OpenVdb { path, .. } => (EXIT_IO, path),
             e @ FileError::Leaves(_) => {
                 return Self {
-                    code: IO,
+                    code: EXIT_IO,
                     message: e.to_string(),
                     ..Self::default()
                 };
@@ -273,7 +282,7 @@ impl From<FileError> for Failure {
             FileError::Damaged { path, .. }
             | FileError::NoGrid { path, .. }
             | FileError::NotALevelSet { path, .. }
-            | FileError::Name { path, .. } => (DATA, path),
+            | FileError::Name { path, .. } => (EXIT_DATA, path),
         };
         Self {
             code,
@@ -295,51 +304,51 @@ impl From<RunError> for Failure {
             RunError::File(e) => return e.into(),
             RunError::Cancelled(_) => return Self::stopped(130),
             RunError::Memory { fitting, .. } => (
-                DATA,
+                EXIT_DATA,
                 Some(format!(
                     "--set band.voxel_size={fitting}, or --memory SIZE if the machine can take it"
                 )),
             ),
-            RunError::BricksUnsupported { .. } => (DATA, Some("druse run RECIPE, without bricks".to_owned())),
-            RunError::Budget { .. } => (DATA, Some("--memory SIZE, or larger voxels".to_owned())),
+            RunError::BricksUnsupported { .. } => (EXIT_DATA, Some("druse run RECIPE, without bricks".to_owned())),
+            RunError::Budget { .. } => (EXIT_DATA, Some("--memory SIZE, or larger voxels".to_owned())),
             RunError::BrickSize { fitting, .. } => (
-                DATA,
+                EXIT_DATA,
                 Some(match fitting {
                     Some(edge) => format!("--bricks {edge}, or --memory SIZE"),
                     None => "--memory SIZE, or larger voxels".to_owned(),
                 }),
             ),
-            RunError::BrickSpan { fitting, .. } => (DATA, Some(format!("--bricks {fitting}"))),
-            RunError::Disk { .. } => (IO, Some("--out DIR on another disk".to_owned())),
-            RunError::Bricks { advice, .. } => (DATA, Some(advice)),
+            RunError::BrickSpan { fitting, .. } => (EXIT_DATA, Some(format!("--bricks {fitting}"))),
+            RunError::Disk { .. } => (EXIT_IO, Some("--out DIR on another disk".to_owned())),
+            RunError::Bricks { advice, .. } => (EXIT_DATA, Some(advice)),
             RunError::Stopped { .. } => (
-                RESUMABLE,
+                EXIT_RESUMABLE,
                 Some("the same command goes on from there".to_owned()),
             ),
             RunError::Busy(_) => (
-                CREATE,
+                EXIT_CREATE,
                 Some("wait for it, or --out DIR for another copy".to_owned()),
             ),
             RunError::Plan { .. } => (
-                DATA,
+                EXIT_DATA,
                 Some("druse plan makes a plan of the recipe as it is here".to_owned()),
             ),
             RunError::Disjoint { .. } => (
-                DATA,
+                EXIT_DATA,
                 Some("check the units and frames of both: unit, up, transform".to_owned()),
             ),
             RunError::Empty(_) => (
-                DATA,
+                EXIT_DATA,
                 Some(
                     "check the level of the cell, walls thinner than a voxel, and distances larger than the part"
                         .into(),
                 ),
             ),
-            RunError::VoxelMismatch(_) => (DATA, Some("resample one of them first".into())),
-            RunError::Unbounded(_) => (DATA, Some("intersect or subtract it".into())),
+            RunError::VoxelMismatch(_) => (EXIT_DATA, Some("resample one of them first".into())),
+            RunError::Unbounded(_) => (EXIT_DATA, Some("intersect or subtract it".into())),
             RunError::Scaffold { file, element, .. } => {
                 return Self {
-                    code: DATA,
+                    code: EXIT_DATA,
                     message,
                     file: file.map(|f| f.display().to_string()),
                     element,
@@ -347,17 +356,17 @@ impl From<RunError> for Failure {
                 };
             }
             RunError::MixedElements(_) => (
-                DATA,
+                EXIT_DATA,
                 Some("split the mesh by shape, or mesh it with one kind of element".into()),
             ),
             RunError::Cell { .. }
             | RunError::Tiling(_)
             | RunError::Decimate(_)
-            | RunError::Slices(_) => (DATA, None),
-            RunError::Overwrite(_) => (CREATE, Some("name it otherwise, or use --out DIR".into())),
-            RunError::Threads(_) => (IO, None),
+            | RunError::Slices(_) => (EXIT_DATA, None),
+            RunError::Overwrite(_) => (EXIT_CREATE, Some("name it otherwise, or use --out DIR".into())),
+            RunError::Threads(_) => (EXIT_IO, None),
             RunError::Band { .. } | RunError::LevelSet { .. } | RunError::Strict { .. } => {
-                (DATA, None)
+                (EXIT_DATA, None)
             }
         };
         Self {
@@ -374,7 +383,7 @@ impl From<VdbError> for Failure {
         match e {
             VdbError::Cancelled(_) => Self::stopped(130),
             e => Self {
-                code: DATA,
+                code: EXIT_DATA,
                 message: e.to_string(),
                 ..Self::default()
             },
@@ -401,7 +410,7 @@ impl From<WriteError> for Failure {
     }
 }
 
-/// A message without the file that it begins with: the file stands on a line of its own.
+/// A message without its leading file name, which is shown on its own line.
 fn without(file: &std::path::Path, message: String) -> String {
     match message.strip_prefix(&format!("{}: ", file.display())) {
         Some(rest) => rest.to_owned(),

@@ -22,14 +22,13 @@ pub(super) struct Parameters {
     output: PathBuf,
     #[command(flatten)]
     choice: GridChoice,
-    /// Grids of the file that is written, after a comma each [default: surface]: surface, density,
-    /// thickness.
+    /// Grids of the output file, separated by commas: surface, density, thickness [default: surface].
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     grids: Vec<GridWord>,
-    /// Also write so many copies on voxels of twice, four times ... the edge.
+    /// Also write N copies on voxels of 2, 4, 8 ... times the edge.
     #[arg(long, value_name = "N")]
     lod: Option<u8>,
-    /// Write the connected components one by one: grids of the file, or files.
+    /// Write each connected component separately, as grids of the file or as files.
     #[arg(long, value_name = "grids|files")]
     segments: Option<String>,
     /// Also write a USD file beside the .vdb.
@@ -93,7 +92,7 @@ fn operation(text: &str) -> Result<(&str, Value), Failure> {
             "found the operation {text:?}; expected NAME or NAME=VALUE"
         )));
     }
-    // As in --set: TOML where it is, else a string.
+    // As in --set: a TOML value if it parses as one, else a string.
     let parsed = toml::from_str::<toml::Table>(&format!("value = {value}"));
     let value = match parsed {
         Ok(mut table) if table.len() == 1 => table.remove("value"),

@@ -1,4 +1,4 @@
-//! `druse fit INPUT -o X.cell`.
+//! `druse fit INPUT -o X.cell`, and `druse fit --target`.
 
 use super::{Answer, Failure, Session};
 use crate::cell::{Cell, Surface};
@@ -14,17 +14,20 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// What the cell is made from: triangles (.stl, .obj, .ply, .3mf), points with normals (.ply, .xyz,
+    /// Source of the cell: triangles (.stl, .obj, .ply, .3mf), points with normals (.ply, .xyz,
     /// .csv), voxels (.npy, .vdb), struts and plates (.toml, .json), a .cell file; the name of a surface
     /// (`schwarz_p`, `diamond`, `iwp`, `neovius`, `f_rd`), of a strut graph (`sc`, `bcc`, `fcc`, `octet`,
     /// `kelvin`, `diamond_struts`, `cross`, `edges`, `spokes`, `axes`), of plates (`face_plates`,
     /// `sc_plates`, `bcc_plates`, `fcc_plates`); or a formula in x, y, z, negative inside.
-    input: PathBuf,
+    #[arg(required_unless_present = "target", conflicts_with = "target")]
+    input: Option<PathBuf>,
     /// The cell to write.
     #[arg(short, long, value_name = "X.cell")]
     output: PathBuf,
     #[command(flatten)]
     cell: CellSection,
+    #[command(flatten)]
+    design: super::design::DesignFlags,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -33,8 +36,15 @@ pub(super) struct Parameters {
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let name = stem(&p.output);
-    let (cell, warnings) =
-        threads.install(|| make(&name, (&p.input, &p.cell), &threads, session))?;
+    let Some(input) = &p.input else {
+        return super::design::answer(&p.design, &p.cell, (&p.output, &threads), session);
+    };
+    if let Some(flag) = p.design.given().first() {
+        return Err(Failure::usage(format!(
+            "found {flag} without --target; expected both"
+        )));
+    }
+    let (cell, warnings) = threads.install(|| make(&name, (input, &p.cell), &threads, session))?;
     let bytes = write_cell(&p.output, &cell)?;
     for warning in warnings {
         session.warn_of(warning.code, warning.message)?;
@@ -47,7 +57,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
-/// The cell that an input and flags make together.
+/// Makes the cell of an input and flags.
 pub(super) fn make(
     name: &str,
     (input, flags): (&Path, &CellSection),
@@ -66,7 +76,7 @@ pub(super) fn make(
     let all = flags;
     let mut flags = all.without_hybrid();
     let (first, mut warnings) = one(input, &flags)?;
-    // The others are made for the element of the first.
+    // The other cells are made for the element of the first.
     flags.element = Some(first.element().into());
     let mut cells = vec![first];
     for part in hybrid.parts() {
@@ -86,7 +96,7 @@ pub(super) fn make(
     Ok((cell, warnings))
 }
 
-/// The section that an input and flags make together, and the element that they mean.
+/// The recipe section of an input and flags, and the element.
 pub(super) fn section(
     input: &Path,
     flags: &CellSection,
@@ -100,7 +110,7 @@ pub(super) fn section(
     Ok((section, element))
 }
 
-/// A fault of the cell's source as one of the input that names it.
+/// Turns an error of the cell's source into an error of the input that names it.
 pub(super) fn of_input(error: RunError, input: &Path) -> Failure {
     match error {
         RunError::Cancelled(_) => Failure::stopped(130),
@@ -109,8 +119,7 @@ pub(super) fn of_input(error: RunError, input: &Path) -> Failure {
     }
 }
 
-/// The surface that an argument names, unless it is a file; on its own element unless another is asked
-/// for.
+/// The surface that an argument names, unless it is a file; on its own element unless another is given.
 pub(super) fn surface(argument: &Path, element: Option<Element>) -> Result<Option<Cell>, Failure> {
     let Some(surface) = argument.to_str().and_then(Surface::from_name) else {
         return Ok(None);

@@ -1,7 +1,7 @@
 //! `druse cell homogenize X.cell|NAME`: effective properties of a periodic cell.
 //!
-//! Two grids, one half as fine, tell how far the numbers are from those of an infinitely fine one; a sweep
-//! takes one grid at each volume fraction and starts from the solution before.
+//! The results on two grids, one half as fine, give an estimate of the discretisation error. A sweep uses one grid
+//! at each volume fraction and starts from the previous solution.
 
 use super::{Answer, Failure, Session};
 use crate::cell::Cell;
@@ -16,31 +16,31 @@ use crate::pipeline::{self, CellPeriod, Warning};
 use crate::progress::Threads;
 use crate::recipe::{CellSection, Fraction, Recipe, Section};
 use clap::{Args, ValueEnum};
-use output::{Found, Material};
+use output::{Material, PeriodResults};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use sweep::Sweep;
+pub(super) use sweep::Sweep;
 use warnings::warn_of;
 
 mod output;
 mod sweep;
 mod warnings;
 
-/// Samples along each edge of a voxel, from which its share of solid comes.
-const FINENESS: usize = 2;
-/// Fewest voxels along the period.
+/// Samples along each edge of a voxel for its share of solid.
+const SAMPLES_PER_VOXEL_EDGE: usize = 2;
+/// Minimum number of voxels along the period.
 const MIN_RESOLUTION: usize = 8;
 
-/// Residual at which derivatives, which err by the residual itself, are known well enough.
+/// Residual for derivatives; their error is of the order of the residual itself.
 const GRADIENT_RESIDUAL: f64 = 1e-7;
 
 #[allow(clippy::struct_excessive_bools)] // Each is a flag of its own.
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// The .cell file, or whatever `druse fit` takes: a surface, struts, plates, a mesh, voxels, a formula; with
+    /// The .cell file, or any input of `druse fit`: a surface, struts, plates, a mesh, voxels, a formula; with
     /// --recipe the name of one of its cells. Struts and plates are round beams (--fitted for a series).
     cell: PathBuf,
-    /// The results to write (.json or .csv); with --sweep the table. Without it they are printed only.
+    /// The results to write (.json or .csv); with --sweep the table [default: print only].
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// A recipe that has the cell.
@@ -48,10 +48,10 @@ pub(super) struct Parameters {
     recipe: Option<PathBuf>,
     #[command(flatten)]
     section: CellSection,
-    /// Struts of a graph and plates as a Fourier series, not as round beams.
+    /// Treat struts of a graph and plates as a Fourier series instead of round beams.
     #[arg(long)]
     fitted: bool,
-    /// How tets repeat: twelve or six in a cube.
+    /// Periodic packing of tets: twelve or six in a cube.
     #[arg(long, value_enum, default_value = "bcc")]
     tets: Tets,
     /// Voxels along the period, an even number.
@@ -79,13 +79,13 @@ pub(super) struct Parameters {
         allow_negative_numbers = true
     )]
     void: f64,
-    /// Compute these only.
+    /// Compute only these properties.
     #[arg(long, value_enum, value_delimiter = ',', value_name = "PROPERTY,...")]
     only: Vec<Property>,
-    /// Voxels wholly solid or void, instead of shares: no bound is ever crossed.
+    /// Round voxels to solid or void instead of using shares; results then satisfy all bounds.
     #[arg(long)]
     sharp: bool,
-    /// Solve all load cases, where cubic symmetry makes fewer enough, too.
+    /// Solve all load cases even where cubic symmetry needs fewer.
     #[arg(long)]
     all_loads: bool,
     /// Residual at which iterations end, over that of the load; the stiffness errs by about its square.
@@ -97,7 +97,7 @@ pub(super) struct Parameters {
     /// Young's modulus by direction as a picture (.png).
     #[arg(long, value_name = "E.png", conflicts_with = "sweep")]
     picture: Option<PathBuf>,
-    /// Derivatives by the level and by every coefficient.
+    /// Compute derivatives by the level and by every coefficient.
     #[arg(long, conflicts_with_all = ["sweep", "sharp"])]
     gradient: bool,
     /// A table over the volume fraction, as in `volume_fraction=0.1:0.6:0.05`.
@@ -120,7 +120,7 @@ enum Tets {
     Kuhn,
 }
 
-/// What is computed.
+/// A property to compute.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Property {
     Stiffness,
@@ -173,7 +173,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     })
 }
 
-/// The settings that the flags make, checked.
+/// The settings of the flags, checked.
 fn settings(p: &Parameters) -> Result<Settings, Failure> {
     let refuse = |flag: &str, found: f64, expected: &str| {
         Failure::usage(format!("{flag}: found {found}; expected {expected}"))
@@ -244,9 +244,9 @@ fn check_extension(path: &Path, known: &[&str]) -> Result<(), Failure> {
     )))
 }
 
-/// Refuses grids that are too coarse, odd, or too large for the memory that is free.
+/// Refuses grids that are too coarse, odd, or too large for the free memory.
 fn check_resolution(n: usize, settings: &Settings, keeps: bool) -> Result<(), Failure> {
-    let sampling = 8 * (FINENESS as u64).pow(3) + 16;
+    let sampling = 8 * (SAMPLES_PER_VOXEL_EDGE as u64).pow(3) + 16;
     let each = bytes_per_voxel(settings, keeps).max(sampling) as f64;
     let free = pipeline::free_memory().map(|m| m as f64);
     let most = free
@@ -268,7 +268,7 @@ fn check_resolution(n: usize, settings: &Settings, keeps: bool) -> Result<(), Fa
     Ok(())
 }
 
-/// The period that the arguments mean.
+/// The period that the arguments name.
 fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPeriod, Failure> {
     let packing = match p.tets {
         Tets::Bcc => Packing::Bcc,
@@ -279,7 +279,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
         flags.section = Some(Section::Fitted);
     }
     if let Some(sweep) = p.sweep.as_ref().filter(|_| flags.levels().is_empty()) {
-        // A sheet has no thickness before one is given.
+        // A sheet needs a thickness.
         flags.volume_fraction = Some(Fraction(sweep.first()));
     }
     if let Some(path) = &p.recipe {
@@ -290,7 +290,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
             &recipe, &name, &flags, packing, tools,
         )?);
     }
-    // A formula is no path.
+    // A formula is not a path.
     let name = if p.cell.is_file() {
         super::fit::stem(&p.cell)
     } else {
@@ -301,7 +301,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
         if !matches!(element, Element::Hex | Element::Quad | Element::Tet) {
             let refused = HomogenizeError::Element(element.name());
             return Err(Failure::data(&p.cell, refused.to_string())
-                .hint("wedges, pyramids, triangles and balls do not repeat by themselves"));
+                .hint("wedges, pyramids, triangles and balls are not periodic"));
         }
         let beams = pipeline::beam_period(&name, &section, element, packing)
             .map_err(|e| super::fit::of_input(e, &p.cell))?;
@@ -314,14 +314,14 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
     pipeline::cell_period(cell, packing, warnings).map_err(|e| super::fit::of_input(e, &p.cell))
 }
 
-/// Samples of a period on one grid, at the level of another if that is known.
+/// Samples of a period on one grid, at a given level if there is one.
 fn sampled(
     source: &CellPeriod,
     n: usize,
     level: Option<f64>,
     session: &Session,
 ) -> Result<Samples, Failure> {
-    let samples = source.period.samples(n, FINENESS, session)?;
+    let samples = source.period.samples(n, SAMPLES_PER_VOXEL_EDGE, session)?;
     let level = match (level, source.volume_fraction) {
         (Some(level), _) => level,
         (None, Some(fraction)) => samples.level_for_volume_fraction(fraction)?,
@@ -330,7 +330,7 @@ fn sampled(
     Ok(samples.with_level(level))
 }
 
-/// Shares as the flags want them.
+/// Shares of solid, rounded if the flags require it.
 fn shares_of(p: &Parameters, samples: &Samples) -> Vec<f64> {
     let shares = samples.shares();
     if p.sharp { sharpened(&shares) } else { shares }
@@ -378,7 +378,7 @@ fn one(
         None
     };
     warn_of(source, &fine, p.resolution, level, session)?;
-    let found = Found {
+    let found = PeriodResults {
         name: &source.name,
         period: &source.period,
         level,
@@ -409,8 +409,8 @@ fn one(
     if p.modulus.is_some() || p.picture.is_some() {
         let inverse = fine.stiffness.as_ref().and_then(compliance);
         let inverse = inverse.ok_or_else(|| {
-            Failure::usage("the stiffness is singular, and has no modulus by direction")
-                .hint("a void that carries a little: --void 1e-4")
+            Failure::usage("the stiffness is singular; it has no directional modulus")
+                .hint("a void with a small stiffness: --void 1e-4")
         })?;
         if let Some(path) = &p.modulus {
             let table = output::modulus_table(&inverse);

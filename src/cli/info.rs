@@ -1,4 +1,4 @@
-//! `druse info FILE`: one screen on any file that Druse reads.
+//! `druse info FILE`: a summary of any file that Druse reads.
 
 use super::kind::FileKind;
 use super::{Answer, Failure, Session};
@@ -96,7 +96,7 @@ fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
     Ok((text, facts))
 }
 
-/// What a surface is as a mesh, beside what it is as elements.
+/// Adds the description of a surface as a triangle mesh to that of its elements.
 fn surface(
     path: &Path,
     (mut text, mut facts): (String, Value),
@@ -112,7 +112,7 @@ fn surface(
     Ok((text, facts))
 }
 
-/// What is in a `.vdb`, as an object.
+/// The contents of a `.vdb`, as an object.
 pub(super) fn vdb_facts(path: &Path, info: &FileInfo) -> Value {
     let mut facts = serde_json::to_value(info).unwrap_or_default();
     facts["kind"] = json!("vdb");
@@ -121,7 +121,7 @@ pub(super) fn vdb_facts(path: &Path, info: &FileInfo) -> Value {
     facts
 }
 
-/// The unit of a file's numbers: its own word for it, else metres.
+/// The unit of a file's lengths: as stated in its metadata, else metres.
 pub(super) fn unit_of(info: &FileInfo) -> String {
     let stated = info.meta("druse.unit");
     let of_grid = || info.grids.first().and_then(|g| g.meta("druse.unit"));

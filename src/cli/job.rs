@@ -1,4 +1,4 @@
-//! Job files: a plan's bricks and their merge, for queues that exist.
+//! Job files for the bricks of a plan and their merge, for common queue systems.
 
 use crate::pipeline::BrickPlan;
 use clap::ValueEnum;
@@ -25,7 +25,7 @@ pub(super) fn of(queue: Queue, path: &Path, plan: &BrickPlan, threads: usize) ->
         0 => String::new(),
         n => format!(" --threads {n}"),
     };
-    // Kept as one word of the shell whatever it holds.
+    // Quoted, so that the shell reads any text as one word.
     let word = |text: &str| format!("'{}'", text.replace('\'', r"'\''"));
     let (suffix, text) = match queue {
         Queue::Slurm => (

@@ -1,4 +1,4 @@
-//! What a file is, by its extension.
+//! The kind of a file, by its extension.
 
 use super::Failure;
 use crate::io::ReadError;
@@ -19,7 +19,7 @@ pub(super) enum FileKind {
     Vdb,
 }
 
-/// Extensions and what they mean.
+/// Extensions and kinds of files.
 const TABLE: [(&str, FileKind); 20] = [
     ("toml", FileKind::Recipe),
     ("cell", FileKind::Cell),

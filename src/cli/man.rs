@@ -1,4 +1,4 @@
-//! `druse man`: the manual pages, from the same grammar as the flags.
+//! `druse man`: the manual pages, made from the grammar of the command line.
 
 use super::{Answer, Failure, Session, grammar};
 use crate::io::atomic::write_bytes;

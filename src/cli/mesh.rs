@@ -25,23 +25,23 @@ pub(super) struct Parameters {
     /// Quads instead of triangles (.ply, .obj).
     #[arg(long)]
     quads: bool,
-    /// What makes the triangles: druse, whose triangles never meet where they should not, or openvdb
-    /// [default: druse, as in a recipe; quads and adaptivity are always OpenVDB's].
+    /// The mesher: druse, whose meshes never intersect themselves, or openvdb [default: druse, as in a
+    /// recipe; quads and adaptivity always use OpenVDB].
     #[arg(long, value_name = "NAME")]
     mesher: Option<MesherWord>,
-    /// Merge flat regions: from 0, nothing, as without it, to 1, all that can be.
+    /// Merge flat regions, from 0 (none, the default) to 1 (as far as possible).
     #[arg(long, value_name = "NUMBER")]
     adaptivity: Option<Portion>,
-    /// Merge triangles until this share is left.
+    /// Merge triangles until this share of them remains.
     #[arg(long, value_name = "SHARE")]
     decimate: Option<Fraction>,
-    /// Most that the surface may move by that, as in 0.01mm; bare in the file's unit.
+    /// Maximum deviation of the surface by merging triangles, as in 0.01mm; a bare number is in the file's unit.
     #[arg(long, value_name = "LENGTH", requires = "decimate")]
     decimate_error: Option<Size>,
     /// Edge of the elements of a deck, a whole number of voxels [default: one voxel].
     #[arg(long, value_name = "LENGTH", help_heading = "Deck (.inp)")]
     element_size: Option<Size>,
-    /// Least share of solid in an element of a deck [default: 0.5].
+    /// Minimum share of solid in an element of a deck [default: 0.5].
     #[arg(long, value_name = "SHARE", help_heading = "Deck (.inp)")]
     solid_share: Option<Fraction>,
     /// Young's modulus of a deck's material, force per area in its units [default: 1].

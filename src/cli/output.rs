@@ -1,4 +1,4 @@
-//! What a command found: text for people, one object for programs, and the exit code.
+//! The result of a command: text, JSON object and exit code.
 
 use super::Session;
 use serde_json::Value;
@@ -21,7 +21,7 @@ impl Answer {
         }
     }
 
-    /// The same result of a check that `passed` or not: exit code 1.
+    /// The same result with the exit code of a check: 0 if it passed, else 1.
     pub(super) fn verdict(self, passed: bool) -> Self {
         Self {
             code: u8::from(!passed),
@@ -29,7 +29,7 @@ impl Answer {
         }
     }
 
-    /// Prints it and gives the exit code. A closed pipe ends quietly.
+    /// Prints the result and returns the exit code. A closed pipe is no error.
     pub(super) fn print(self, session: &Session) -> u8 {
         let text = if session.json() {
             format!("{}\n", self.json)

@@ -22,10 +22,10 @@ pub(super) struct Parameters {
     /// Directory for the outputs of the merge [default: the recipe's own].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Memory of each machine: it decides the size of bricks.
+    /// Memory of each machine; it determines the size of bricks.
     #[arg(long, value_name = "SIZE", value_parser = memory, default_value = "2G")]
     memory: u64,
-    /// Edge of a brick in blocks of 128 voxels [default: the largest that the memory has room for].
+    /// Edge of a brick in blocks of 128 voxels [default: the largest that fits the memory].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     bricks: Option<u32>,
     /// Also write a job file for a queue beside the plan; may be given again.

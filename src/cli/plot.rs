@@ -16,10 +16,10 @@ pub(super) struct Parameters {
     /// The picture to write (.png).
     #[arg(short, long, value_name = "X.png")]
     output: PathBuf,
-    /// What the cell was fitted to, as for `druse fit`: drawn beside it.
+    /// The source that the cell was fitted to, as for `druse fit`; drawn beside the cell.
     #[arg(long, value_name = "INPUT")]
     source: Option<PathBuf>,
-    /// Where the source stands: "reference", "fit", { scale, rotate, translate } or { vertices }.
+    /// Placement of the source in the element: "reference", "fit", { scale, rotate, translate } or { vertices }.
     #[arg(long, requires = "source")]
     place: Option<CellPlace>,
     /// Triangles in a face plane of the element: "exclude" them from the distance, or "keep" them.

@@ -17,16 +17,16 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// A .vdb, mesh, cell or scaffold, or the name of a surface; several make a sheet of small pictures.
+    /// A .vdb, mesh, cell or scaffold, or the name of a surface; several files make a contact sheet.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// The picture to write (.png).
     #[arg(short, long, value_name = "X.png")]
     output: PathBuf,
-    /// Width and height in pixels, of a sheet without its captions.
+    /// Width and height in pixels; captions of a contact sheet are added.
     #[arg(long, value_name = "WxH", default_value = "1000x800")]
     size: PictureSize,
-    /// Leave away what lies before a plane, as in x=0 (unit of the file).
+    /// Cut away the part in front of a plane, as in x=0 (unit of the file).
     #[arg(long, value_name = "AXIS=VALUE")]
     cut: Option<Cut>,
     /// Worker threads [default: one per core].
@@ -34,10 +34,10 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Voxels along the longest edge of what is voxelized for a picture.
-const FINENESS: f64 = 240.0;
+/// Voxels along the longest edge of a mesh or cell that is voxelized for a picture.
+const PREVIEW_RESOLUTION: f64 = 240.0;
 /// Half width of the band of such a level set, voxels.
-const HALF_WIDTH: f64 = 3.0;
+const BAND_HALF_WIDTH: f64 = 3.0;
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
@@ -116,7 +116,7 @@ fn picture(
     Ok((image, Some(range)))
 }
 
-/// What a file shows, as a level set.
+/// The solid of a file, as a level set.
 fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<LevelSet, Failure> {
     use FileKind::{Mesh, Scaffold, Vdb};
     Ok(
@@ -130,8 +130,8 @@ fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<Level
                 if solid.beams.is_empty() {
                     voxelized(path, &solid.file.mesh, tools)?
                 } else {
-                    let voxel = solid.bounds().size().max() / FINENESS;
-                    pipeline::solid_picture(path, &solid, [voxel, HALF_WIDTH], tools)?
+                    let voxel = solid.bounds().size().max() / PREVIEW_RESOLUTION;
+                    pipeline::solid_picture(path, &solid, [voxel, BAND_HALF_WIDTH], tools)?
                 }
             }
             Scaffold => {
@@ -142,7 +142,9 @@ fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<Level
                 let (_, stretch) = scaffold.stretch();
                 let mut shell = TriMesh::default();
                 for component in 0..scaffold.components().len() {
-                    let part = scaffold.boundary(component, stretch / FINENESS).mesh;
+                    let part = scaffold
+                        .boundary(component, stretch / PREVIEW_RESOLUTION)
+                        .mesh;
                     shell
                         .append(&part)
                         .map_err(|e| Failure::data(path, e.to_string()))?;
@@ -165,14 +167,19 @@ fn mesh(path: &Path, session: &Session) -> Result<TriMesh, Failure> {
 
 fn voxelized(path: &Path, mesh: &TriMesh, tools: vdb::Session) -> Result<LevelSet, Failure> {
     let size = mesh.bounds().size().max();
-    let transform = Transform::new(size / FINENESS)
+    let transform = Transform::new(size / PREVIEW_RESOLUTION)
         .filter(|_| !mesh.is_empty())
         .ok_or_else(|| Failure::data(path, "found no extent; expected a surface"))?;
-    Ok(LevelSet::from_mesh(mesh, transform, HALF_WIDTH, tools)?)
+    Ok(LevelSet::from_mesh(
+        mesh,
+        transform,
+        BAND_HALF_WIDTH,
+        tools,
+    )?)
 }
 
 /// One element of a cell.
 fn cell_picture(path: &Path, cell: &Cell, tools: vdb::Session) -> Result<LevelSet, Failure> {
-    pipeline::one_element(cell, 1.0 / FINENESS * 1.5, HALF_WIDTH, tools)
+    pipeline::one_element(cell, 1.0 / PREVIEW_RESOLUTION * 1.5, BAND_HALF_WIDTH, tools)
         .map_err(|e| Failure::data(path, e.to_string()))
 }

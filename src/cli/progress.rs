@@ -1,4 +1,4 @@
-//! Progress on stderr: a bar for people, lines or JSON for wrappers.
+//! Progress on stderr: a bar, lines of text or JSON.
 
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -19,7 +19,7 @@ pub(super) enum Style {
     None,
 }
 
-/// The current stage as lines know it.
+/// The current stage of the line styles.
 struct Stage {
     name: String,
     total: Option<u64>,
@@ -73,7 +73,7 @@ impl Display {
                     shown: 0,
                     start: Instant::now(),
                 };
-                self.say(&stage);
+                self.print_line(&stage);
                 if let Ok(mut current) = self.stage.lock() {
                     *current = Some(stage);
                 }
@@ -94,14 +94,14 @@ impl Display {
                     let tenth = stage.total.map_or(0, |t| stage.done * 10 / t.max(1));
                     if tenth > stage.shown {
                         stage.shown = tenth;
-                        self.say(stage);
+                        self.print_line(stage);
                     }
                 }
             }
         }
     }
 
-    fn say(&self, stage: &Stage) {
+    fn print_line(&self, stage: &Stage) {
         let elapsed = stage.start.elapsed().as_secs_f64();
         let share = stage
             .total

@@ -1,4 +1,4 @@
-//! `--require FILE` of `druse check`: a file's part against the requirements of another.
+//! `--require FILE` of `druse check`: a part against requirements.
 
 use super::{Answer, Failure};
 use crate::frame::LengthUnit;
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// Judge the part by the [require] section of this file, a recipe or a part of one.
+    /// Check the part against the [require] section of this file, a recipe or a part of one.
     #[arg(long, value_name = "TOML")]
     require: Option<PathBuf>,
     /// Unit of a mesh whose file states none; requirements need one.
@@ -40,7 +40,7 @@ impl Parameters {
         Ok(Some(file))
     }
 
-    /// Judges a mesh that is a solid.
+    /// Checks a mesh that is a solid against requirements.
     pub(super) fn judge_mesh(
         &self,
         require: &RequireFile,
@@ -88,7 +88,7 @@ impl Parameters {
     }
 }
 
-/// Judges a level set whose unit a file names.
+/// Checks a level set against requirements; the file states its unit.
 pub(super) fn of_level_set(
     require: &RequireFile,
     (path, solid, unit): (&Path, &LevelSet, &str),
@@ -110,7 +110,7 @@ pub(super) fn lines(requirements: &[Requirement]) -> String {
     lines.join("\n")
 }
 
-/// An answer with its requirements added; the exit code tells whether all are met.
+/// Adds requirements to an answer; the exit code is 0 if all are met.
 pub(super) fn add(
     mut text: String,
     mut facts: Value,

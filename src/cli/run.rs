@@ -26,15 +26,15 @@ pub(super) struct Parameters {
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
-    /// Memory that the run may use, as in 2G; a part that needs more goes through bricks on the disk
-    /// [default: what the machine has].
+    /// Memory that the run may use, as in 2G; a part that needs more is made in bricks on the disk
+    /// [default: the memory of the machine].
     #[arg(long, value_name = "SIZE", value_parser = memory)]
     memory: Option<u64>,
-    /// Go through bricks of N blocks of 128 voxels a side, whatever memory there is.
+    /// Make the part in bricks of N blocks of 128 voxels a side, regardless of the memory.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     bricks: Option<u32>,
-    /// Of a plan: the brick to make, or several as in 0-7; may be given again. Bricks that are there
-    /// and whole are left as they are.
+    /// The brick of a plan to make, or several as in 0-7; may be given again. Existing complete bricks are
+    /// kept.
     #[arg(long, value_name = "N", value_parser = bricks)]
     brick: Vec<Range<usize>>,
 }
@@ -100,7 +100,7 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     for note in report.scaffold.iter().flat_map(|s| &s.notes) {
         session.note(&format!("scaffold: {note}"));
     }
-    // Of masks no box is known.
+    // Masks have no box.
     for input in report.inputs.iter().filter(|i| !i.bounds.is_empty()) {
         let [a, b] =
             [input.bounds.min, input.bounds.max].map(|v| v.map(|c| (c * 1e4).round() / 1e4));
@@ -228,7 +228,7 @@ pub(super) fn grouped(n: u64) -> String {
     text
 }
 
-/// Bytes for people; K, M, G are powers of 1024.
+/// Bytes as text; K, M, G are powers of 1024.
 pub(super) fn size(bytes: u64) -> String {
     let mut value = bytes as f64;
     for unit in ["B", "KiB", "MiB"] {

@@ -19,24 +19,24 @@ pub(super) struct Parameters {
 
 #[derive(Subcommand)]
 enum What {
-    /// Kinds and number of elements, quality, inverted and degenerate elements, hanging nodes.
+    /// Describe a mesh: kinds and number of elements, quality, inverted and degenerate elements, hanging nodes.
     Info {
         /// The mesh: .msh, .vtu, .vtk, .inp, .bdf, .nas, .mesh, .meshb or .unv; of surfaces also .off, .obj,
         /// .ply, .stl.
         file: PathBuf,
-        /// Write the elements with their quality for a look in ParaView or pyvista.
+        /// Write the elements with their quality for ParaView or pyvista.
         #[arg(short, long, value_name = "X.vtu")]
         output: Option<PathBuf>,
     },
-    /// Whether a mesh can be filled and fits together; of a recipe also whether its field is continuous
-    /// over all shared faces. Exit code 1 when it is not.
+    /// Check that a mesh can be tiled and its elements conform; for a recipe also that its field is continuous
+    /// across all shared faces. Exit code 1 if the check fails.
     Check {
         /// The mesh, or a recipe with a scaffold.
         file: PathBuf,
-        /// Of a recipe: write jumps, creases and weights of the elements for ParaView or pyvista.
+        /// For a recipe: write jumps, creases and weights of the elements for ParaView or pyvista.
         #[arg(short, long, value_name = "X.vtu")]
         output: Option<PathBuf>,
-        /// Of a recipe: the greatest jump of the value that passes, over the field's range.
+        /// For a recipe: maximum accepted jump of the value, over the range of the field.
         #[arg(long, value_name = "SHARE", default_value_t = 1e-5)]
         tolerance: f64,
         /// Override a key of the recipe, as in tiling.cell=octet.
@@ -157,7 +157,7 @@ fn write(path: &Path, output: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What a mesh of elements is, for people and for programs.
+/// The description of a mesh of elements, as text and as an object.
 pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
     match read_elements(path)? {
         ElementFile::Solids(file) => Ok(describe_solids(path, &file)),
@@ -198,7 +198,7 @@ fn fields_of(fields: &[DataField], text: &mut String) -> Vec<Value> {
     all
 }
 
-/// Least and greatest value of each component; numbers that are none do not count.
+/// Minimum and maximum of each component; NaN is ignored.
 fn ranges(field: &DataField) -> Vec<[f64; 2]> {
     let components = field.components.max(1);
     let mut all = vec![[f64::INFINITY, f64::NEG_INFINITY]; components];
@@ -219,7 +219,7 @@ fn spans(ranges: &[[f64; 2]]) -> String {
     format!(", {}", all.join("; "))
 }
 
-/// What a reader passed over or has to say.
+/// Reports skipped elements, unused nodes and notes of a reader.
 fn left_out((skipped, unused_nodes): (usize, usize), notes: &[String], text: &mut String) {
     let plural = |n: usize| if n == 1 { "" } else { "s" };
     if skipped > 0 {
@@ -268,7 +268,7 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     (text, facts)
 }
 
-/// What a scaffold is, for people and for programs.
+/// The description of a scaffold, as text and as an object.
 fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let report = file.scaffold.report();
     let bad =

@@ -10,7 +10,7 @@ pub(super) struct Parameters {
     reference: bool,
 }
 
-#[allow(clippy::unnecessary_wraps)] // every command answers alike
+#[allow(clippy::unnecessary_wraps)] // all commands have one signature
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     if p.reference {
         let text = crate::recipe::reference();

@@ -5,7 +5,7 @@ use signal_hook::flag;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// What signals have arrived.
+/// The signals received so far.
 pub(super) struct Signals {
     stop: Arc<AtomicBool>,
     which: Arc<AtomicUsize>,
@@ -20,7 +20,7 @@ impl Signals {
         };
         for signal in [SIGINT, SIGTERM] {
             let number = signal as usize;
-            // Order matters: a first signal finds `stop` unset and passes the shutdown by.
+            // The order matters: the first signal finds `stop` unset, so the shutdown handler ignores it.
             let _ = flag::register_conditional_shutdown(
                 signal,
                 128 + signal,
@@ -32,7 +32,7 @@ impl Signals {
         signals
     }
 
-    /// Whether the work shall stop.
+    /// Whether the work has to stop.
     pub(super) fn stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }

@@ -15,21 +15,21 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// An OpenVDB file, or a recipe, whose exact field is cut without making a volume.
+    /// An OpenVDB file, or a recipe; the exact field of a recipe is cut without making a volume.
     file: PathBuf,
-    /// What to write: a directory of pictures (png), one drawing (svg), one stack of outlines (cli).
+    /// The output: a directory of pictures (png), one drawing (svg) or one stack of outlines (cli).
     #[arg(short, long, value_name = "X")]
     output: PathBuf,
-    /// Height of a layer, as in 0.05mm; each is cut at its middle.
+    /// Height of a layer, as in 0.05mm; each layer is cut at its mid-height.
     #[arg(long, value_name = "LENGTH")]
     layer: Size,
-    /// Axis along which layers lie on each other.
+    /// Axis normal to the layers.
     #[arg(long, value_enum, default_value = "z")]
     axis: Axis,
     /// Kind of file [default: by the extension, else png].
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Edge of a pixel, and of the squares in which outlines are found [default: a voxel].
+    /// Edge of a pixel, and of the squares of the contouring [default: a voxel].
     #[arg(long, value_name = "LENGTH")]
     pixel: Option<Size>,
     #[command(flatten)]
@@ -49,12 +49,12 @@ enum Axis {
     Z,
 }
 
-/// What layers are written as.
+/// The format of layers.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
     /// Grey pictures with smooth edges.
     Png,
-    /// One drawing with a group a layer.
+    /// One drawing with a group per layer.
     Svg,
     /// Common Layer Interface, text, millimetres.
     Cli,

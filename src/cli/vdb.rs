@@ -1,5 +1,4 @@
-//! Opening `.vdb` files: a child process reads a file and hands over what is wanted, so that a damaged
-//! one cannot bring the program down.
+//! Opening `.vdb` files in a child process, so that a damaged file cannot crash the program.
 
 use super::{Failure, Session};
 use crate::vdb::subprocess::{self, Program};
@@ -16,28 +15,28 @@ pub(super) struct Parameters {
     file: PathBuf,
     memory: u64,
     milliseconds: u64,
-    wanted: Wanted,
+    requested: Requested,
     grid: Option<String>,
 }
 
-/// What a child hands over.
+/// The data that a child returns.
 #[derive(Clone, Copy, ValueEnum)]
-enum Wanted {
+enum Requested {
     /// A description of the whole file.
     Info,
     /// One grid of floats.
     Grid,
 }
 
-/// The child's part.
+/// Runs in the child: reads the file and writes the data to stdout.
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failure> {
     let limits = subprocess::Limits {
         memory: p.memory,
         milliseconds: p.milliseconds,
     };
-    let line = match p.wanted {
-        Wanted::Info => subprocess::report(&p.file, limits),
-        Wanted::Grid => {
+    let line = match p.requested {
+        Requested::Info => subprocess::report(&p.file, limits),
+        Requested::Grid => {
             let out = std::io::stdout().lock();
             subprocess::send(&p.file, p.grid.as_deref(), limits, out)
                 .map_err(|e| crate::io::ReadError::io(&p.file, e))?;
@@ -47,7 +46,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failu
     Ok(super::Answer::new(line, serde_json::Value::Null))
 }
 
-/// How this program is started as that child.
+/// The command that starts this program as the child.
 pub(super) fn reader() -> Result<Program, Failure> {
     let path = std::env::current_exe()
         .map_err(|e| crate::io::ReadError::io(Path::new("the program itself"), e))?;
@@ -57,13 +56,13 @@ pub(super) fn reader() -> Result<Program, Failure> {
     })
 }
 
-/// What is in a file, found out by a child.
+/// The contents of a file, read by a child.
 pub(super) fn inspect(path: &Path) -> Result<FileInfo, Failure> {
     Ok(reader()?.inspect(path)?)
 }
 
-/// The level set of a file, read by a child: `surface`, or the only one, or the one of this name; of a
-/// fog volume the surface of half density; of voxels that are no cubes a level set on cubes.
+/// The level set of a file, read by a child: the grid `name`, else `surface` or the only one. A fog volume
+/// gives the surface of half density; voxels that are not cubes are resampled onto cubes.
 pub(super) fn level_set(
     path: &Path,
     name: Option<&str>,
@@ -77,8 +76,8 @@ pub(super) fn level_set(
     Ok(volume.solid(path, &how, session)?.solid)
 }
 
-/// A level set of a file as it stands, and what was mended, for a check: its surface may be torn, and voxels that
-/// are no cubes are counted in their own numbers. Inside: why it is none.
+/// A level set of a file without resampling, and its repairs, for a check: its surface may have holes, and
+/// voxels that are not cubes keep their index space. The inner error is the reason why it is no level set.
 pub(super) fn unchecked(
     path: &Path,
     name: &str,
@@ -98,7 +97,7 @@ pub(super) fn unchecked(
     }
 }
 
-/// Looks into voxels that a cell is made from, if they are a `.vdb`, by a child.
+/// Inspects the voxel source of a cell in a child, if it is a `.vdb`.
 pub(super) fn inspect_voxels(path: &Path) -> Result<(), Failure> {
     let is_vdb = path
         .extension()

@@ -1,4 +1,4 @@
-//! Commands on `.vdb` files as recipes: the same sections, the same words, one parser.
+//! Commands on `.vdb` files, run as recipes with the same sections, keys and parser.
 
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
@@ -9,37 +9,37 @@ use clap::Args;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Which surface of an OpenVDB file to use.
+/// The surface of an OpenVDB file to use.
 #[derive(Args, Default)]
 pub(super) struct GridChoice {
     /// Name of the grid [default: "surface", the only level set, or the only grid of floats].
     #[arg(long, value_name = "NAME")]
     pub grid: Option<String>,
-    /// The value on the surface of a grid that is no level set [default: 0.5 for a fog volume].
+    /// The isovalue of a grid that is not a level set [default: 0.5 for a fog volume].
     #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
     pub value: Option<f64>,
     /// Unit of the file's lengths [default: the file's, else m].
     #[arg(long)]
     pub unit: Option<LengthUnit>,
-    /// Bring a grid that is turned, mirrored, sheared, stretched or a frustum onto cubes: as fine as its voxels, or
-    /// of this edge, as in --resample=0.1mm (bare in the file's unit).
+    /// Resample a grid that is rotated, mirrored, sheared, stretched or a frustum onto cubic voxels: as fine as its
+    /// own, or of this edge, as in --resample=0.1mm (a bare number is in the file's unit).
     #[arg(long, value_name = "LENGTH", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     pub resample: Option<Onto>,
-    /// Exchange inside and outside of a level set that is inside out, negative outside.
+    /// Exchange inside and outside of a level set that is negative outside.
     #[arg(long)]
     pub invert: bool,
 }
 
-/// A recipe in the making.
+/// A recipe under construction.
 pub(super) struct Draft {
     sections: Table,
     operations: Vec<Value>,
     outputs: Vec<Value>,
-    /// The grid that it starts from, read once for its voxels and for the run.
+    /// The initial grid, read once for its voxel size and for the run.
     pub opened: Option<PrefetchedGrid>,
 }
 
-/// A table of the keys that are there.
+/// A table of the entries that have a value.
 pub(super) fn table<'a>(entries: impl IntoIterator<Item = (&'a str, Option<Value>)>) -> Value {
     let kept = entries.into_iter();
     Value::Table(
@@ -48,11 +48,11 @@ pub(super) fn table<'a>(entries: impl IntoIterator<Item = (&'a str, Option<Value
     )
 }
 
-/// A path as TOML can hold it.
+/// A path as a TOML string.
 pub(super) fn path_value(path: &Path) -> Result<Value, Failure> {
     let text = path.to_str().ok_or_else(|| {
         Failure::usage(format!(
-            "{}: the path is no UTF-8; rename the file",
+            "{}: the path is not UTF-8; rename the file",
             path.display()
         ))
     })?;
@@ -119,7 +119,7 @@ impl Draft {
         self.outputs.push(table(entries));
     }
 
-    /// Parses the draft as any recipe.
+    /// Parses the draft like any recipe.
     pub fn recipe(mut self) -> Result<Recipe, Failure> {
         let lists = [("op", self.operations), ("output", self.outputs)];
         for (name, list) in lists {
@@ -128,7 +128,7 @@ impl Draft {
         Ok(Recipe::parse(&self.sections.to_string(), &[])?)
     }
 
-    /// Runs it.
+    /// Parses and runs the draft.
     pub fn run(
         mut self,
         session: &Session,

@@ -14,7 +14,7 @@ pub(super) struct Parameters {
     /// The OpenVDB file to write.
     #[arg(short, long, value_name = "X.vdb")]
     output: PathBuf,
-    /// Edge of a voxel, as in 0.1mm; bare in the mesh's unit.
+    /// Edge of a voxel, as in 0.1mm; a bare number is in the mesh's unit.
     #[arg(long, value_name = "LENGTH")]
     voxel_size: crate::recipe::Size,
     /// Half width of the band in voxels.

@@ -17,14 +17,14 @@ pub struct Bounds {
     pub conductivity: [f64; 2],
 }
 
-/// The mean by a comparison value: exact for both bounds.
+/// The mean with a comparison value, which gives both bounds.
 fn compared(values: [f64; 2], share: f64, comparison: f64) -> f64 {
     if values == [0.0; 2] {
         return 0.0;
     }
     let part = |value: f64, share: f64| share / (value + comparison);
     let sum = part(values[0], share) + part(values[1], 1.0 - share);
-    // A phase without stiffness beside a comparison without stiffness carries nothing.
+    // A phase and a comparison value of 0 make the sum infinite; the mean is then 0.
     if sum.is_finite() {
         1.0 / sum - comparison
     } else {

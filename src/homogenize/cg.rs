@@ -8,8 +8,8 @@ use crate::progress::Progress;
 use crate::simd::run_vectorized;
 use rayon::prelude::*;
 
-/// Numbers that one task sums or updates.
-const CHUNK: usize = 1 << 13;
+/// Number of values that one task sums or updates.
+const CHUNK_LENGTH: usize = 1 << 13;
 
 /// A symmetric positive system on periodic fields.
 pub(super) trait System {
@@ -59,8 +59,8 @@ impl Workspace {
 /// The sum of products, chunk by chunk in a fixed order.
 pub(super) fn dot<T: Copy + Into<f64> + Sync>(a: &[T], b: &[f64]) -> f64 {
     let parts: Vec<f64> = a
-        .par_chunks(CHUNK)
-        .zip(b.par_chunks(CHUNK))
+        .par_chunks(CHUNK_LENGTH)
+        .zip(b.par_chunks(CHUNK_LENGTH))
         .map(|(a, b)| {
             let mut lanes = [0.0; 8];
             run_vectorized(
@@ -85,8 +85,8 @@ pub(super) fn dot<T: Copy + Into<f64> + Sync>(a: &[T], b: &[f64]) -> f64 {
 
 /// y += factor x.
 pub(super) fn add<T: Copy + Into<f64> + Sync>(y: &mut [f64], factor: f64, x: &[T]) {
-    y.par_chunks_mut(CHUNK)
-        .zip(x.par_chunks(CHUNK))
+    y.par_chunks_mut(CHUNK_LENGTH)
+        .zip(x.par_chunks(CHUNK_LENGTH))
         .for_each(|(y, x)| {
             run_vectorized(
                 #[inline(always)]
@@ -99,8 +99,8 @@ pub(super) fn add<T: Copy + Into<f64> + Sync>(y: &mut [f64], factor: f64, x: &[T
         });
 }
 
-/// Solves for the present load, starting from `u`; gives the number of iterations. With `is_started` the
-/// start is not zero.
+/// Solves for the present load, starting from `u`; returns the number of iterations. `is_started` states that
+/// `u` is not zero.
 pub(super) fn solve(
     system: &mut impl System,
     u: &mut [f64],
@@ -112,7 +112,7 @@ pub(super) fn solve(
     let Workspace { r, q, p } = space;
     let mut goal = None;
     if is_started {
-        // The goal is that of a start from zero.
+        // The tolerance refers to the residual of a start from zero.
         q.fill(0.0);
         system.residual(q, r);
         system.precondition(r, q);
@@ -143,8 +143,8 @@ pub(super) fn solve(
             beta = product / last;
         }
         last = product;
-        p.par_chunks_mut(CHUNK)
-            .zip(q.par_chunks(CHUNK))
+        p.par_chunks_mut(CHUNK_LENGTH)
+            .zip(q.par_chunks(CHUNK_LENGTH))
             .for_each(|(p, z)| {
                 run_vectorized(
                     #[inline(always)]
@@ -163,7 +163,7 @@ pub(super) fn solve(
         system.apply(p, q);
         let curvature = dot(p, q);
         if curvature <= 0.0 {
-            // Nothing is left that the operator sees.
+            // The residual lies in the null space of the operator.
             return Ok(iteration);
         }
         let alpha = product / curvature;

@@ -1,7 +1,7 @@
 //! Trigonometric collocation (Moulinec and Suquet): the gradient of trigonometric polynomials.
 //!
 //! Displacements and gradients stand at the same points, and the number of voxels along each axis is odd.
-//! It serves as a check of the rotated scheme, on small grids: all is in double precision and on one thread.
+//! The scheme serves as a check of the rotated scheme on small grids; it runs in double precision on one thread.
 
 use super::grid::Grid;
 use super::stencil::{Frequencies, RowMap};
@@ -103,7 +103,7 @@ impl Collocation {
         }
     }
 
-    /// The transpose of the gradient applied to the fluxes that `flux` makes of the gradient of `input`.
+    /// The transpose of the gradient, applied to `flux` of the gradient of `input`.
     pub fn transform<const C: usize, T: Copy + Into<f64>>(
         &self,
         input: &[T],
@@ -132,7 +132,7 @@ impl Collocation {
         }
     }
 
-    /// Sums over all voxels of what `part` makes of gradients.
+    /// Sums of `part` of the gradients over all voxels.
     pub fn sum<const C: usize, const M: usize, T: Copy + Into<f64>>(
         &self,
         input: &[T],

@@ -22,7 +22,7 @@ pub struct Conduction<'a> {
     gradient: [f64; 3],
 }
 
-/// What the three load cases give.
+/// The results of the three load cases.
 pub struct Conductivity {
     /// The effective conductivity.
     pub matrix: [[f64; 3]; 3],
@@ -112,16 +112,9 @@ impl<'a> Conduction<'a> {
                 u = vec![0.0; count];
             }
             found.iterations[load] = cg::solve(self, &mut u, warm, &mut space, control, progress)?;
-            let gradient = self.gradient;
-            let sum = self
-                .derivative
-                .sum::<1, 3, f64>(&u, &|first, rows: &mut [f64]| {
-                    self.flux(&gradient, 1.0, first, rows);
-                    let nz = rows.len() / 3;
-                    std::array::from_fn(|a| rows[a * nz..(a + 1) * nz].iter().sum())
-                });
-            for (row, s) in found.matrix.iter_mut().zip(sum) {
-                row[load] = s / count as f64;
+            let mean = self.mean_flux(&u);
+            for (row, s) in found.matrix.iter_mut().zip(mean) {
+                row[load] = s;
             }
             if keeps {
                 found.potentials[load] = u;
@@ -134,7 +127,66 @@ impl<'a> Conduction<'a> {
         Ok(found)
     }
 
-    /// Derivatives of the effective conductivity by the share of solid in each voxel that `wanted` holds,
+    /// The response to one mean gradient: the potential from that in `u` on, if it is of this grid, and the
+    /// mean flux.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
+    pub fn respond(
+        &mut self,
+        gradient: [f64; 3],
+        u: &mut Vec<f64>,
+        control: Control,
+        progress: &dyn Progress,
+    ) -> Result<[f64; 3], HomogenizeError> {
+        let count = self.grid.voxels();
+        let is_started = u.len() == count;
+        if !is_started {
+            u.clear();
+            u.resize(count, 0.0);
+        }
+        self.gradient = gradient;
+        let mut space = Workspace::new(count);
+        cg::solve(self, u, is_started, &mut space, control, progress)?;
+        Ok(self.mean_flux(u))
+    }
+
+    /// Mean flux under the present gradient.
+    fn mean_flux(&self, u: &[f64]) -> [f64; 3] {
+        let gradient = self.gradient;
+        let sum = self
+            .derivative
+            .sum::<1, 3, f64>(u, &|first, rows: &mut [f64]| {
+                self.flux(&gradient, 1.0, first, rows);
+                let nz = rows.len() / 3;
+                std::array::from_fn(|a| rows[a * nz..(a + 1) * nz].iter().sum())
+            });
+        sum.map(|s| s / self.grid.voxels() as f64)
+    }
+
+    /// The energy density of that response by the share of solid in each voxel: the derivative of
+    /// `gradient . K gradient` times the number of voxels.
+    pub fn energy_sensitivity(&self, gradient: [f64; 3], u: &[f64]) -> Vec<f64> {
+        let nz = self.grid.counts()[2];
+        let found = Mutex::new(vec![0.0; self.shares.len()]);
+        let difference = self.solid - self.void;
+        self.derivative
+            .sum::<1, 1, f64>(u, &|first, rows: &mut [f64]| {
+                let own: Vec<f64> = (0..nz)
+                    .map(|k| {
+                        let e = |a: usize| rows[a * nz + k] + gradient[a];
+                        difference * (e(0) * e(0) + e(1) * e(1) + e(2) * e(2))
+                    })
+                    .collect();
+                if let Ok(mut found) = found.lock() {
+                    found[first..first + nz].copy_from_slice(&own);
+                }
+                [0.0]
+            });
+        found.into_inner().unwrap_or_default()
+    }
+
+    /// Derivatives of the effective conductivity by the share of solid in each voxel that `selected` holds,
     /// times the number of voxels, in the order 11 22 33 23 13 12.
     ///
     /// # Panics
@@ -142,10 +194,10 @@ impl<'a> Conduction<'a> {
     pub fn sensitivity(
         &self,
         potentials: &[Vec<f64>],
-        wanted: &(impl Fn(usize) -> bool + Sync),
+        selected: &(impl Fn(usize) -> bool + Sync),
     ) -> Vec<(usize, [f64; 6])> {
         assert_eq!(potentials.len(), 3, "three load cases");
-        let chosen: Vec<usize> = (0..self.shares.len()).filter(|n| wanted(*n)).collect();
+        let chosen: Vec<usize> = (0..self.shares.len()).filter(|n| selected(*n)).collect();
         let nz = self.grid.counts()[2];
         let found = Mutex::new(vec![[[0.0; 3]; 3]; chosen.len()]);
         for (load, u) in potentials.iter().enumerate() {

@@ -12,18 +12,18 @@ pub struct Connectivity {
     pub components: usize,
     /// Share of its voxels, in per mille, in the largest component.
     pub largest_per_mille: usize,
-    /// Whether some component goes on through period after period along x, y, z.
+    /// Whether some component percolates along x, y, z.
     pub percolates: [bool; 3],
 }
 
 impl Connectivity {
-    /// The components of the voxels that `belongs` holds.
+    /// The components of the voxels for which `belongs` is true.
     pub fn of(grid: Grid, belongs: impl Fn(usize) -> bool) -> Self {
         let counts = grid.counts();
         let strides = [counts[1] * counts[2], counts[2], 1];
         let total = grid.voxels();
         let mut found = Self::default();
-        // Which period the walk reached a voxel in.
+        // The period in which the search reached each voxel.
         let mut reached: Vec<Option<[i16; 3]>> = vec![None; total];
         let mut largest = 0;
         let mut stack: Vec<usize> = Vec::new();
@@ -40,7 +40,7 @@ impl Connectivity {
                 size += 1;
                 let own = reached[n].unwrap_or_default();
                 for axis in 0..3 {
-                    // A single layer of voxels has itself as its neighbour.
+                    // A single layer of voxels is its own neighbour.
                     if counts[axis] == 1 {
                         continue;
                     }

@@ -1,11 +1,11 @@
-//! The two schemes behind one interface.
+//! The discretisation scheme of gradients: rotated or Fourier.
 
 use super::HomogenizeError;
 use super::collocation::Collocation;
 use super::grid::Grid;
 use super::stencil::{Frequencies, RowMap, Stencil};
 
-/// How derivatives are taken on a grid.
+/// The discretisation of derivatives on a grid.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scheme {
     /// Willot's rotated scheme (2015): any number of voxels, well behaved where a phase is void.
@@ -37,7 +37,7 @@ impl Derivative {
         }
     }
 
-    /// The transpose of the gradient applied to the fluxes that `flux` makes of the gradient of `input`.
+    /// The transpose of the gradient, applied to `flux` of the gradient of `input`.
     pub fn transform<const C: usize, T: Copy + Into<f64> + Sync>(
         &self,
         input: &[T],
@@ -50,7 +50,7 @@ impl Derivative {
         }
     }
 
-    /// Sums over all voxels of what `part` makes of the first voxel of a row and its gradients.
+    /// Sums over all voxels of `part`, which takes the first voxel of a row and the gradients of the row.
     pub fn sum<const C: usize, const M: usize, T: Copy + Into<f64> + Sync>(
         &self,
         input: &[T],

@@ -15,16 +15,16 @@ use super::{HomogenizeError, check_shares};
 use crate::frame::Vec3;
 use crate::progress::Progress;
 
-/// Load cases by name.
+/// Names of the load cases.
 pub const LOADS: [&str; 6] = ["11", "22", "33", "23", "13", "12"];
 
-/// Rows of gradients that hold the Voigt strains: of shear two, which are added.
-const ROWS: [[usize; 2]; 6] = [[0, 0], [4, 4], [8, 8], [5, 7], [2, 6], [1, 3]];
+/// The components of the displacement gradient in each Voigt strain; two for shear, which are added.
+const VOIGT_GRADIENTS: [[usize; 2]; 6] = [[0, 0], [4, 4], [8, 8], [5, 7], [2, 6], [1, 3]];
 
 /// Tensors of voxels that the interface cuts.
 #[derive(Default)]
 struct Laminates {
-    /// Place in `tensors`, or `u32::MAX`; empty if there are none.
+    /// Index in `tensors`, or `u32::MAX`; empty if there are none.
     index: Vec<u32>,
     tensors: Vec<Voigt>,
 }
@@ -43,7 +43,7 @@ pub struct Elasticity<'a> {
     strain: [f64; 6],
 }
 
-/// What the six load cases give.
+/// The results of the six load cases.
 pub struct Stiffness {
     /// The effective stiffness.
     pub matrix: Voigt,
@@ -83,7 +83,7 @@ impl<'a> Elasticity<'a> {
         })
     }
 
-    /// The same with cut voxels as laminates; `normal` is the direction across the interface in a voxel.
+    /// Treats cut voxels as laminates; `normal` gives the normal of the interface in a voxel.
     #[must_use]
     pub fn with_laminates(mut self, normal: impl Fn(usize) -> Vec3) -> Self {
         let mut laminates = Laminates {
@@ -153,7 +153,7 @@ impl<'a> Elasticity<'a> {
             let c = self.tensor(first + k);
             for (i, row) in c.iter().enumerate() {
                 let stress: f64 = row.iter().zip(e).map(|(c, e)| c * e).sum();
-                for r in ROWS[i] {
+                for r in VOIGT_GRADIENTS[i] {
                     rows[r * nz + k] = stress;
                 }
             }
@@ -176,7 +176,7 @@ impl<'a> Elasticity<'a> {
             .sum::<3, 6, f64>(u, &|first, rows: &mut [f64]| {
                 self.stress(&strain, first, rows);
                 let nz = rows.len() / 9;
-                ROWS.map(|r| rows[r[0] * nz..(r[0] + 1) * nz].iter().sum())
+                VOIGT_GRADIENTS.map(|r| rows[r[0] * nz..(r[0] + 1) * nz].iter().sum())
             });
         sum.map(|s| s / self.grid.voxels() as f64)
     }
@@ -242,6 +242,50 @@ impl<'a> Elasticity<'a> {
         Ok(found)
     }
 
+    /// The response to one mean strain (Voigt, engineering shear): displacements from those in `u` on, if
+    /// they are of this grid, and the mean stress.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
+    pub fn respond(
+        &mut self,
+        strain: [f64; 6],
+        u: &mut Vec<f64>,
+        control: Control,
+        progress: &dyn Progress,
+    ) -> Result<[f64; 6], HomogenizeError> {
+        let count = 3 * self.grid.voxels();
+        let is_started = u.len() == count;
+        if !is_started {
+            u.clear();
+            u.resize(count, 0.0);
+        }
+        self.strain = strain;
+        let mut space = Workspace::new(count);
+        cg::solve(self, u, is_started, &mut space, control, progress)?;
+        Ok(self.mean_stress(u))
+    }
+
+    /// Twice the energy density of that response by the share of solid in each voxel:
+    /// `e : (C_solid - C_void) : e`, the derivative of `strain : C : strain` times the number of voxels.
+    pub fn energy_sensitivity(&self, strain: [f64; 6], u: &[f64]) -> Vec<f64> {
+        let all: Vec<usize> = (0..self.shares.len()).collect();
+        let gradients = self.gradients_at(u, &all, self.grid.counts()[2]);
+        let lambda = self.solid.lambda - self.void.lambda;
+        let mu = self.solid.mu - self.void.mu;
+        let density = |g: &[f64; 9]| {
+            let e: [f64; 6] = std::array::from_fn(|i| {
+                let [a, b] = VOIGT_GRADIENTS[i];
+                strain[i] + if a == b { g[a] } else { g[a] + g[b] }
+            });
+            let trace = e[0] + e[1] + e[2];
+            let normal: f64 = e[..3].iter().map(|e| e * e).sum();
+            let shear: f64 = e[3..].iter().map(|e| e * e).sum();
+            lambda * trace * trace + 2.0 * mu * normal + mu * shear
+        };
+        gradients.iter().map(density).collect()
+    }
+
     /// Derivatives of the effective stiffness by the share of solid in each voxel that `wanted` holds, times
     /// the number of voxels: `e_i : (C_solid - C_void) : e_j` of the strains of the load cases, in the order of
     /// [`PAIRS`]. No adjoint problem is needed, the operator is its own adjoint.
@@ -251,10 +295,10 @@ impl<'a> Elasticity<'a> {
     pub fn sensitivity(
         &self,
         displacements: &[Vec<f64>],
-        wanted: &(impl Fn(usize) -> bool + Sync),
+        selected: &(impl Fn(usize) -> bool + Sync),
     ) -> Vec<(usize, [f64; 21])> {
         assert_eq!(displacements.len(), 6, "six load cases");
-        let chosen: Vec<usize> = (0..self.shares.len()).filter(|n| wanted(*n)).collect();
+        let chosen: Vec<usize> = (0..self.shares.len()).filter(|n| selected(*n)).collect();
         let nz = self.grid.counts()[2];
         // Strains of one load case after the other at the chosen voxels.
         let mut strains_of: Vec<[[f64; 6]; 6]> = vec![[[0.0; 6]; 6]; chosen.len()];
@@ -264,7 +308,7 @@ impl<'a> Elasticity<'a> {
             let rows = self.gradients_at(u, &chosen, nz);
             for (all, g) in strains_of.iter_mut().zip(rows) {
                 all[load] = std::array::from_fn(|i| {
-                    let [a, b] = ROWS[i];
+                    let [a, b] = VOIGT_GRADIENTS[i];
                     strain[i] + if a == b { g[a] } else { g[a] + g[b] }
                 });
             }
@@ -310,7 +354,7 @@ impl<'a> Elasticity<'a> {
 /// Voigt strains of voxel `k` of a row.
 fn strains(mean: &[f64; 6], rows: &[f64], nz: usize, k: usize) -> [f64; 6] {
     std::array::from_fn(|i| {
-        let [a, b] = ROWS[i];
+        let [a, b] = VOIGT_GRADIENTS[i];
         let own = rows[a * nz + k];
         mean[i] + if a == b { own } else { own + rows[b * nz + k] }
     })

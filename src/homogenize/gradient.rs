@@ -15,13 +15,13 @@ use rustfft::num_complex::Complex64;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// Numbers per voxel: 21 of the stiffness, 6 of the conductivity, the volume.
-const OUTPUTS: usize = 28;
+/// Outputs per voxel: 21 of the stiffness, 6 of the conductivity, the volume.
+const OUTPUT_COUNT: usize = 28;
 
-/// Derivatives by one real number of a cell.
+/// Derivatives by one real parameter of a cell.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Derivatives {
-    /// The index k of the coefficient; none of the level.
+    /// The index k of the coefficient; `None` for the level.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k: Option<Vec<i32>>,
     /// "re" or "im" of the coefficient, or "level".
@@ -51,7 +51,7 @@ struct Orbit {
     is_self_paired: bool,
 }
 
-/// The functions that multiply the real numbers of a series.
+/// The functions that multiply the real parameters of a series.
 struct Basis {
     orbits: Vec<Orbit>,
     bound: i32,
@@ -126,7 +126,7 @@ impl Basis {
     }
 }
 
-/// Derivatives by the level and by every real number of the coefficients of a cell that is one series.
+/// Derivatives by the level and by every real parameter of a cell that is one series.
 ///
 /// # Errors
 /// [`HomogenizeError::NoCoefficients`] for beams and for expressions of several series.
@@ -142,13 +142,13 @@ pub fn by_coefficients(
         _ => return Err(HomogenizeError::NoCoefficients),
     };
     let [nx, ny, nz] = samples.grid().counts();
-    let layers: Vec<(Vec<[f64; OUTPUTS]>, [f64; OUTPUTS])> = (0..nx)
+    let layers: Vec<(Vec<[f64; OUTPUT_COUNT]>, [f64; OUTPUT_COUNT])> = (0..nx)
         .into_par_iter()
         .map(|i| layer(period, samples, sensitivities, &basis, [i, ny, nz]))
         .collect();
     let count = basis.parameters.len();
-    let mut by_level = [0.0; OUTPUTS];
-    let mut by_parameter = vec![[0.0; OUTPUTS]; count];
+    let mut by_level = [0.0; OUTPUT_COUNT];
+    let mut by_parameter = vec![[0.0; OUTPUT_COUNT]; count];
     for (parameters, level) in layers {
         add(&mut by_level, 1.0, &level);
         for (sum, own) in by_parameter.iter_mut().zip(&parameters) {
@@ -169,7 +169,7 @@ pub fn by_coefficients(
     Ok(all)
 }
 
-fn add(sum: &mut [f64; OUTPUTS], factor: f64, own: &[f64; OUTPUTS]) {
+fn add(sum: &mut [f64; OUTPUT_COUNT], factor: f64, own: &[f64; OUTPUT_COUNT]) {
     for (s, v) in sum.iter_mut().zip(own) {
         *s += factor * v;
     }
@@ -179,7 +179,7 @@ fn derivatives(
     k: Option<Vec<i32>>,
     part: &'static str,
     value: f64,
-    found: &[f64; OUTPUTS],
+    found: &[f64; OUTPUT_COUNT],
     scale: f64,
 ) -> Derivatives {
     let mut stiffness = [[0.0; 6]; 6];
@@ -199,30 +199,30 @@ fn derivatives(
         value,
         stiffness,
         conductivity,
-        volume_fraction: found[OUTPUTS - 1] * scale,
+        volume_fraction: found[OUTPUT_COUNT - 1] * scale,
     }
 }
 
-/// What one layer of voxels gives: by every parameter, and by the level.
+/// The sums over one layer of voxels: by every parameter, and by the level.
 fn layer(
     period: &Period,
     samples: &Samples,
     sensitivities: &Sensitivities,
     basis: &Basis,
     [i, ny, nz]: [usize; 3],
-) -> (Vec<[f64; OUTPUTS]>, [f64; OUTPUTS]) {
+) -> (Vec<[f64; OUTPUT_COUNT]>, [f64; OUTPUT_COUNT]) {
     let counts = samples.counts();
     let parts = samples.parts([0; 3]).count() as f64;
-    // What a change of a sample's value changes.
-    let mut weights: BTreeMap<[usize; 3], [f64; OUTPUTS]> = BTreeMap::new();
-    let mut by_level = [0.0; OUTPUTS];
+    // The derivatives by the value of a sample.
+    let mut weights: BTreeMap<[usize; 3], [f64; OUTPUT_COUNT]> = BTreeMap::new();
+    let mut by_level = [0.0; OUTPUT_COUNT];
     let first = sensitivities.elastic.partition_point(|s| s.0 < i * ny * nz);
     let last = sensitivities
         .elastic
         .partition_point(|s| s.0 < (i + 1) * ny * nz);
     for place in first..last {
         let (voxel, elastic) = &sensitivities.elastic[place];
-        let mut own = [0.0; OUTPUTS];
+        let mut own = [0.0; OUTPUT_COUNT];
         own[..21].copy_from_slice(elastic);
         if let Some((_, thermal)) = sensitivities.thermal.get(place) {
             own[21..27].copy_from_slice(thermal);
@@ -237,7 +237,7 @@ fn layer(
             }
             add(&mut by_level, share.by_level / parts, &own);
             let mut give = |at, factor: f64| {
-                let sum = weights.entry(at).or_insert([0.0; OUTPUTS]);
+                let sum = weights.entry(at).or_insert([0.0; OUTPUT_COUNT]);
                 add(sum, factor / parts, &own);
             };
             give(at, share.by_value);
@@ -250,7 +250,7 @@ fn layer(
             }
         }
     }
-    let mut by_parameter = vec![[0.0; OUTPUTS]; basis.parameters.len()];
+    let mut by_parameter = vec![[0.0; OUTPUT_COUNT]; basis.parameters.len()];
     let mut values = Vec::new();
     for (at, weight) in &weights {
         let p = period.reference(place(counts, *at));

@@ -67,7 +67,7 @@ impl Isotropic {
         }
     }
 
-    /// A share of this material, the rest the other's: arithmetic means (Voigt).
+    /// The arithmetic mean (Voigt) of this material, with weight `share`, and another.
     #[must_use]
     pub fn mixed(self, share: f64, other: Self) -> Self {
         Self {

@@ -1,6 +1,6 @@
 //! Periodic scaffolds of equal tets.
 
-use crate::frame::{Element, Mat3, Vec3};
+use crate::frame::{CellPoint, Element, Mat3, Vec3};
 
 /// A periodic scaffold of tets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -13,7 +13,7 @@ pub enum Packing {
 }
 
 impl Packing {
-    /// The word for it.
+    /// Its name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Bcc => "bcc",
@@ -51,8 +51,8 @@ impl Packing {
         all
     }
 
-    /// Barycentric coordinates, of a point of the cube around the origin, in the tet that holds it; for a
-    /// cell that is the same whatever the numbering.
+    /// Barycentric coordinates of a point of the cube around the origin in the tet that contains it, for a cell
+    /// that does not depend on the numbering of the vertices.
     pub(super) fn barycentric(self, p: Vec3) -> [f64; 4] {
         match self {
             Self::Bcc => {
@@ -68,6 +68,18 @@ impl Packing {
                 [1.0 - a, a - b, b - c, c]
             }
         }
+    }
+
+    /// The reference point of the tet at a point of the cube around the origin.
+    pub(crate) fn reference(self, p: Vec3) -> CellPoint<3> {
+        let weights = self.barycentric(p);
+        let vertices = Element::Tet.vertices();
+        CellPoint((0..4).map(|i| vertices[i] * weights[i]).sum())
+    }
+
+    /// The greatest shrinkage of lengths from the reference tet to those of the packing.
+    pub(crate) fn shrinkage(self) -> f64 {
+        self.scales()[0]
     }
 
     /// The map from the reference tet to one of the packing: its greatest shrinkage of lengths, and the

@@ -1,4 +1,4 @@
-//! One period of a tiled cell: which field fills the unit cube (or square) that repeats.
+//! One period of a tiled cell: the field in the unit cube or square that repeats.
 //!
 //! A hex or quad cell is its own period. Regular tets do not fill space; a cell of a tet is tiled over a
 //! periodic scaffold of equal tets, and the effective properties have the symmetry of that scaffold:
@@ -8,7 +8,7 @@
 //! | `bcc` | 12, between corners and centres of cubes | cubic (Oh) | edges 1 and sqrt 3 / 2, all alike |
 //! | `kuhn` | 6 around a diagonal | trigonal (D3d) | edges 1, sqrt 2, sqrt 3 |
 //!
-//! Struts and plates of a graph are round beams in the period, with all that reaches in from neighbours.
+//! Struts and plates of a graph are round beams in the period, including those of neighbours that reach into it.
 
 use super::HomogenizeError;
 use super::grid::Grid;
@@ -22,16 +22,16 @@ use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// How far beams may grow beyond their radius, reference lengths.
+/// Largest offset of beams beyond their radius, reference lengths.
 const GROWTH: f64 = 0.5;
 
-/// Where a point of the reference element lies in the period.
+/// The map from the reference element into the period.
 type Place = Box<dyn Fn(Vec3) -> Vec3>;
 
-/// What fills the elements of a period.
-enum Filling {
+/// The contents of a period.
+enum PeriodField {
     Cell(Box<Cell>),
-    /// Round beams in the period, and the least of their diameters.
+    /// Round beams in the period, and the smallest of their diameters.
     Beams(Beams, f64),
 }
 
@@ -39,7 +39,7 @@ enum Filling {
 pub struct Period {
     element: Element,
     packing: Packing,
-    filling: Filling,
+    filling: PeriodField,
 }
 
 impl Period {
@@ -50,11 +50,11 @@ impl Period {
         }
     }
 
-    /// The period of a cell; of a tet by a packing.
+    /// The period of a cell; for a tet with a packing.
     ///
     /// # Errors
     /// [`HomogenizeError::Element`] for other elements than hex, quad and tet;
-    /// [`HomogenizeError::Numbering`] for a cell of a tet that is not the same whatever the numbering.
+    /// [`HomogenizeError::Numbering`] for a cell of a tet that depends on the numbering of the vertices.
     pub fn of_cell(cell: Cell, packing: Packing) -> Result<Self, HomogenizeError> {
         let element = cell.element();
         Self::check(element)?;
@@ -67,7 +67,7 @@ impl Period {
         Ok(Self {
             element,
             packing,
-            filling: Filling::Cell(Box::new(cell)),
+            filling: PeriodField::Cell(Box::new(cell)),
         })
     }
 
@@ -75,7 +75,7 @@ impl Period {
     /// are scaled with the cube root of the volume.
     ///
     /// # Errors
-    /// [`HomogenizeError::Element`] for other elements than hex and tet, and where nothing is in it.
+    /// [`HomogenizeError::Element`] for other elements than hex and tet, and where the period is empty.
     pub fn of_skeleton(
         element: Element,
         skeleton: &Skeleton,
@@ -133,7 +133,7 @@ impl Period {
         Ok(Self {
             element,
             packing,
-            filling: Filling::Beams(beams, thinnest),
+            filling: PeriodField::Beams(beams, thinnest),
         })
     }
 
@@ -145,20 +145,20 @@ impl Period {
     /// The cell, unless beams fill the period.
     pub fn cell(&self) -> Option<&Cell> {
         match &self.filling {
-            Filling::Cell(cell) => Some(cell),
-            Filling::Beams(..) => None,
+            PeriodField::Cell(cell) => Some(cell),
+            PeriodField::Beams(..) => None,
         }
     }
 
-    /// Least diameter of beams and plates as they were given, in periods.
+    /// Smallest diameter of beams and plates before scaling, in periods.
     pub fn least_diameter(&self) -> Option<f64> {
         match &self.filling {
-            Filling::Cell(_) => None,
-            Filling::Beams(_, thinnest) => Some(*thinnest),
+            PeriodField::Cell(_) => None,
+            PeriodField::Beams(_, thinnest) => Some(*thinnest),
         }
     }
 
-    /// What repeats, in words.
+    /// A description of the period.
     pub fn describe(&self) -> String {
         match self.element {
             Element::Tet => format!(
@@ -171,7 +171,7 @@ impl Period {
         }
     }
 
-    /// The grid of so many voxels along the period.
+    /// The grid with `n` voxels along the period.
     ///
     /// # Errors
     /// As [`Grid::new`].
@@ -183,9 +183,9 @@ impl Period {
         }
     }
 
-    /// Greatest frequency of the field, in cycles per period; none of beams.
+    /// Greatest frequency of the field, in cycles per period; 0 for beams.
     pub fn band_limit(&self) -> f64 {
-        let Filling::Cell(cell) = &self.filling else {
+        let PeriodField::Cell(cell) = &self.filling else {
             return 0.0;
         };
         let limit = cell.expression().band_limit();
@@ -201,16 +201,14 @@ impl Period {
         if self.element != Element::Tet {
             return CellPoint(p);
         }
-        let weights = self.packing.barycentric(p);
-        let vertices = Element::Tet.vertices();
-        CellPoint((0..4).map(|i| vertices[i] * weights[i]).sum())
+        self.packing.reference(p)
     }
 
     /// Whether the field is the same under all symmetries of the cube.
     fn is_octahedral(&self) -> bool {
         match (&self.filling, self.element) {
-            (Filling::Cell(cell), Element::Hex) => cell.fits_any_numbering(),
-            (Filling::Cell(_), Element::Tet) => self.packing == Packing::Bcc,
+            (PeriodField::Cell(cell), Element::Hex) => cell.fits_any_numbering(),
+            (PeriodField::Cell(_), Element::Tet) => self.packing == Packing::Bcc,
             _ => false,
         }
     }
@@ -237,15 +235,15 @@ impl Period {
         }
         let counts = fine_counts(grid, fineness);
         let (solid, level) = match &self.filling {
-            Filling::Cell(cell) => (cell.solid(), cell.level()),
-            Filling::Beams(..) => (Solid::Below, 0.0),
+            PeriodField::Cell(cell) => (cell.solid(), cell.level()),
+            PeriodField::Beams(..) => (Solid::Below, 0.0),
         };
         let values = match &self.filling {
-            Filling::Cell(cell) if self.is_octahedral() => {
+            PeriodField::Cell(cell) if self.is_octahedral() => {
                 self.octahedral(cell, counts[0], progress)?
             }
-            Filling::Cell(cell) => self.direct(cell, counts, progress)?,
-            Filling::Beams(beams, _) => of_beams(beams, counts, progress)?,
+            PeriodField::Cell(cell) => self.direct(cell, counts, progress)?,
+            PeriodField::Beams(beams, _) => of_beams(beams, counts, progress)?,
         };
         Samples::new(grid, fineness, values, solid, level)
     }
@@ -275,7 +273,7 @@ impl Period {
         Ok(values)
     }
 
-    /// Values of a cell with all symmetries of the cube: one of each 48 is evaluated.
+    /// Values of a cell with all symmetries of the cube; one of 48 equivalent samples is evaluated.
     fn octahedral(
         &self,
         cell: &Cell,
@@ -360,7 +358,7 @@ fn of_beams(
     Ok(layers.into_iter().flatten().map(f64::from).collect())
 }
 
-/// Parts of a period and of its neighbours that reach into it, each once.
+/// Parts of a period and parts of neighbours that reach into it, without duplicates.
 struct Unique<const K: usize> {
     known: BTreeSet<Vec<i64>>,
     found: Vec<([Vec3; K], f64)>,

@@ -1,8 +1,8 @@
 //! Shares of solid in voxels, from samples of a field: differentiable by every sample.
 //!
-//! Each voxel is divided into f^3 parts with one sample in the middle. In a part the field is taken as linear,
-//! with the slope of central differences, and the share below the level is that of a cube cut by a plane, in
-//! closed form. A sheet is the difference of two such shares, so that walls thinner than a part count too.
+//! Each voxel is divided into f^3 parts with one sample at the centre. Within a part the field is linear with the
+//! gradient from central differences, so that the share below the level is the volume of a cube cut by a plane,
+//! in closed form. A sheet is the difference of two such shares, which includes walls thinner than a part.
 
 use super::HomogenizeError;
 use super::grid::Grid;
@@ -193,7 +193,7 @@ impl Samples {
         let mut sum = Vec3::zeros();
         for p in self.parts(at) {
             let slope = self.slope(p);
-            // Both sides of a sheet have one direction.
+            // The normals of both sides of a sheet are parallel.
             let side = if self.solid.is_symmetric() && self.value(p) < 0.0 {
                 -1.0
             } else {
@@ -204,7 +204,7 @@ impl Samples {
         sum
     }
 
-    /// The level at which the solid has a share of the period: Newton's steps within a bisection.
+    /// The level at which the solid has a given share of the period, by Newton steps within a bisection.
     ///
     /// # Errors
     /// [`HomogenizeError::Fraction`] unless 0 < `fraction` < 1.
@@ -315,7 +315,7 @@ pub fn mean(shares: &[f64]) -> f64 {
     parts.iter().sum::<f64>() / shares.len() as f64
 }
 
-/// Shares of voxels that are wholly solid or void: the rounded ones.
+/// Shares rounded to 0 or 1, so that every voxel is solid or void.
 pub fn sharpened(shares: &[f64]) -> Vec<f64> {
     let sharp = |s: &f64| if *s >= 0.5 { 1.0 } else { 0.0 };
     shares.iter().map(sharp).collect()

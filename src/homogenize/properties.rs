@@ -1,4 +1,4 @@
-//! All properties of a grid of shares at once, with what follows from them.
+//! Effective properties of a grid of shares, with engineering constants and bounds.
 
 use super::cg::Control;
 use super::conductivity::Conduction;
@@ -13,13 +13,13 @@ use super::tensor::{EngineeringConstants, Voigt, cubic_means, engineering, symme
 use super::{Bounds, HomogenizeError, check_shares};
 use crate::progress::Progress;
 
-/// Largest difference of shares that count as equal under a symmetry.
-const SAME_SHARE: f64 = 1e-5;
+/// Largest difference of equal shares in the test of symmetry.
+const SYMMETRY_TOLERANCE: f64 = 1e-5;
 
-/// Residual at which the flow is known well enough.
+/// Residual of the flow problem.
 const FLOW_TOLERANCE: f64 = 1e-5;
 
-/// What is computed, and the materials.
+/// The materials, the properties to compute and the solver.
 #[allow(clippy::struct_excessive_bools)] // Each is a choice of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -35,7 +35,7 @@ pub struct Settings {
     pub conductivity: bool,
     /// Whether the permeability is computed.
     pub permeability: bool,
-    /// Solve all load cases even where cubic symmetry makes fewer enough.
+    /// Solve all load cases even where cubic symmetry needs fewer.
     pub all_loads: bool,
     /// The scheme.
     pub scheme: Scheme,
@@ -83,7 +83,7 @@ pub struct Properties {
     pub volume_fraction: f64,
     /// Effective stiffness.
     pub stiffness: Option<Voigt>,
-    /// What follows from it; none where it is singular.
+    /// The engineering constants; `None` where the stiffness is singular.
     pub engineering: Option<EngineeringConstants>,
     /// In the plane, 11 22 12: a long prism.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -125,7 +125,7 @@ pub fn bytes_per_voxel(settings: &Settings, keeps: bool) -> u64 {
     } else {
         0
     };
-    // Shares, and the marks of a walk through components.
+    // Shares, and the marks of the search for components.
     let walk = 8 + 8;
     Elasticity::bytes_per_voxel(keeps).max(flow + 8).max(walk)
 }
@@ -133,8 +133,7 @@ pub fn bytes_per_voxel(settings: &Settings, keeps: bool) -> u64 {
 /// Effective properties of a grid of shares.
 ///
 /// # Errors
-/// [`HomogenizeError`]: a material or a grid that cannot be, iterations that do not converge, or the user
-/// stopped it.
+/// [`HomogenizeError`]: an invalid material or grid, iterations that do not converge, or cancellation.
 pub fn properties(
     grid: Grid,
     shares: &[f64],
@@ -244,7 +243,7 @@ pub fn properties_from(
         let mut flow = Stokes::new(grid, |n| shares[n] < 0.5)?;
         let axes: &[usize] = if is_cubic { &[0] } else { &[0, 1, 2] };
         progress.stage("permeability", Some(axes.len() as u64));
-        // The mean velocity errs by the residual itself, the stiffness by its square.
+        // The error of the mean velocity is linear in the residual, that of the stiffness quadratic.
         let control = Control {
             tolerance: settings.control.tolerance.min(FLOW_TOLERANCE),
             ..settings.control
@@ -311,7 +310,7 @@ fn is_cubic(grid: Grid, shares: &[f64]) -> bool {
         return false;
     }
     let at = |i: usize, j: usize, k: usize| shares[(i * n + j) * n + k];
-    let same = |a: f64, b: f64| (a - b).abs() <= SAME_SHARE;
+    let same = |a: f64, b: f64| (a - b).abs() <= SYMMETRY_TOLERANCE;
     (0..n).all(|i| {
         (0..n).all(|j| {
             (0..n).all(|k| {

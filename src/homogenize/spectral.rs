@@ -28,7 +28,7 @@ pub(super) struct Spectral<const C: usize> {
     planes: Vec<Complex32>,
 }
 
-/// Rows become columns: `from` has rows of `width` numbers.
+/// Transposes a matrix: `from` has rows of `width` numbers.
 fn transpose(from: &[Complex32], width: usize, to: &mut [Complex32]) {
     const TILE: usize = 8;
     let height = from.len() / width;
@@ -171,7 +171,7 @@ impl<const C: usize> Spectral<C> {
                     transpose(columns, ny, rows);
                     let to = &mut to[c * layer..(c + 1) * layer];
                     for (line, out) in rows.chunks_mut(half).zip(to.chunks_mut(nz)) {
-                        // Rounding leaves a trace of imaginary parts where there are none.
+                        // Rounding leaves small imaginary parts where they have to be 0.
                         line[0].im = 0.0;
                         if nz % 2 == 0 {
                             line[half - 1].im = 0.0;

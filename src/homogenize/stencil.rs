@@ -11,7 +11,7 @@ use crate::simd::run_vectorized;
 use rayon::prelude::*;
 
 /// Layers of corners that one task fills; one more layer of voxels is computed twice.
-const BLOCK: usize = 8;
+const BLOCK_LAYERS: usize = 8;
 
 /// Fluxes from gradients of one row of voxels.
 pub(super) trait RowMap: Sync {
@@ -82,10 +82,10 @@ fn gradient<T: Copy + Into<f64>>(
     }
 }
 
-/// What the fluxes of one component on a row of voxels give to the corners, as sums over z: those along x,
-/// along y, along z.
+/// The contributions of the fluxes of one component on a row of voxels to the corners, as sums over z: those
+/// of the fluxes along x, y, z.
 #[inline(always)]
-fn gathered(fluxes: &[f64], scale: [f64; 3], sums: &mut [Vec<f64>; 3]) {
+fn flux_sums(fluxes: &[f64], scale: [f64; 3], sums: &mut [Vec<f64>; 3]) {
     let nz = fluxes.len() / 3;
     let (fx, rest) = fluxes.split_at(nz);
     let (fy, fz) = rest.split_at(nz);
@@ -105,7 +105,7 @@ fn gathered(fluxes: &[f64], scale: [f64; 3], sums: &mut [Vec<f64>; 3]) {
 
 /// Adds signs times the sums to a row of corners.
 #[inline(always)]
-fn scattered(sums: &[Vec<f64>; 3], signs: [f64; 2], out: &mut [f64]) {
+fn add_to_corners(sums: &[Vec<f64>; 3], signs: [f64; 2], out: &mut [f64]) {
     let nz = out.len();
     let [sx, sy, sz] = sums;
     let (sx, sy, sz) = (&sx[..nz], &sy[..nz], &sz[..nz]);
@@ -124,7 +124,7 @@ impl Stencil {
         self.grid.spacing().map(|h| 0.25 / h)
     }
 
-    /// The transpose of the gradient applied to the fluxes that `flux` makes of the gradient of `input`.
+    /// The transpose of the gradient, applied to `flux` of the gradient of `input`.
     pub fn transform<const C: usize, T: Copy + Into<f64> + Sync>(
         &self,
         input: &[T],
@@ -135,13 +135,13 @@ impl Stencil {
         let layer = C * ny * nz;
         let scale = self.scale();
         output
-            .par_chunks_mut(BLOCK * layer)
+            .par_chunks_mut(BLOCK_LAYERS * layer)
             .enumerate()
             .for_each_init(
                 || Rows::new(C, nz),
                 |rows, (block, out)| {
                     out.fill(0.0);
-                    let first = block * BLOCK;
+                    let first = block * BLOCK_LAYERS;
                     let count = out.len() / layer;
                     // Voxels i lie between the corners i and i + 1.
                     for step in 0..=count {
@@ -154,11 +154,15 @@ impl Stencil {
                                     self.row::<C, T>(input, [i, j], rows, flux);
                                     for c in 0..C {
                                         let fluxes = &rows.values[3 * c * nz..3 * (c + 1) * nz];
-                                        gathered(fluxes, scale, &mut rows.sums);
+                                        flux_sums(fluxes, scale, &mut rows.sums);
                                         let mut give =
                                             |layer_of: usize, signs: [f64; 2], j: usize| {
                                                 let at = layer_of * layer + (c * ny + j) * nz;
-                                                scattered(&rows.sums, signs, &mut out[at..at + nz]);
+                                                add_to_corners(
+                                                    &rows.sums,
+                                                    signs,
+                                                    &mut out[at..at + nz],
+                                                );
                                             };
                                         if step > 0 {
                                             give(step - 1, [-1.0, -1.0], j);
@@ -200,7 +204,7 @@ impl Stencil {
         flux.map((i * ny + j) * nz, &mut rows.values);
     }
 
-    /// Sums over all voxels, row by row in a fixed order, of what `part` makes of gradients.
+    /// Sums of `part` of the gradients over all voxels, row by row in a fixed order.
     pub fn sum<const C: usize, const M: usize, T: Copy + Into<f64> + Sync>(
         &self,
         input: &[T],
@@ -233,8 +237,8 @@ impl Stencil {
         total
     }
 
-    /// The frequencies of the scheme: what a derivative along each axis is at an index, up to a phase that
-    /// all of them share.
+    /// The frequencies of the scheme: the symbols of the derivatives along the axes at an index, up to a common
+    /// phase.
     pub fn frequencies(&self) -> Frequencies {
         Frequencies::rotated(self.grid)
     }
@@ -316,7 +320,7 @@ pub(super) fn green<const C: usize>(
         let q = frequencies.at(index);
         let square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
         if square < 1e-20 {
-            // No compatible field has this frequency.
+            // Compatible fields have no component at this frequency.
             v.fill(rustfft::num_complex::Complex32::new(0.0, 0.0));
             return;
         }

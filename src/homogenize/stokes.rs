@@ -15,8 +15,8 @@ use super::spectral::Spectral;
 use crate::progress::Progress;
 use rayon::prelude::*;
 
-/// Components of a field: three velocities and the pressure.
-const FIELDS: usize = 4;
+/// Number of components of a field: three velocities and the pressure.
+const FIELD_COUNT: usize = 4;
 
 /// The flow problem of one period.
 pub struct Stokes {
@@ -31,11 +31,15 @@ pub struct Stokes {
     spectral: Spectral<3>,
     /// Squares of the frequencies along each axis.
     squares: [Vec<f64>; 3],
-    /// Least square but 0.
+    /// Smallest positive square.
     least: f64,
+    /// Drag of each voxel, per reference length squared; empty where walls stop the flow.
+    drag: Vec<f64>,
+    /// What the preconditioner adds to the squares for it.
+    shift: f64,
 }
 
-/// What three directions of flow give.
+/// The results of three directions of flow.
 #[derive(Clone, Debug)]
 pub struct Permeability {
     /// The permeability, reference length squared.
@@ -45,7 +49,7 @@ pub struct Permeability {
 }
 
 impl Stokes {
-    /// The flow through the voxels that `is_fluid` holds.
+    /// The flow problem of the voxels for which `is_fluid` is true.
     ///
     /// # Errors
     /// [`HomogenizeError::NoWalls`] where all voxels are fluid.
@@ -104,14 +108,75 @@ impl Stokes {
             diagonals,
             squares,
             least: if least.is_finite() { least } else { 1.0 },
+            drag: Vec::new(),
+            shift: 0.0,
         })
     }
 
+    /// The flow through all voxels against a drag in each (Brinkman's equation): a solid without sharp walls,
+    /// whose permeability has derivatives.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::NoWalls`] where nothing drags, [`HomogenizeError::Grid`] for another number of
+    /// values.
+    pub fn with_drag(grid: Grid, drag: Vec<f64>) -> Result<Self, HomogenizeError> {
+        if drag.len() != grid.voxels() {
+            return Err(HomogenizeError::Grid(format!(
+                "found {} values of drag; expected {}, one of each voxel",
+                drag.len(),
+                grid.voxels()
+            )));
+        }
+        let greatest = drag.iter().copied().fold(0.0, f64::max);
+        if greatest <= 0.0 {
+            return Err(HomogenizeError::NoWalls);
+        }
+        let mut flow = Self::new(grid, |n| n > 0)?;
+        flow.flags.fill(15);
+        flow.ghosts.fill(0);
+        // Between the slowest mode of the void and the drag of the solid.
+        flow.shift = (greatest * flow.least).sqrt();
+        flow.drag = drag;
+        Ok(flow)
+    }
+
+    /// The flow along an axis: its mean velocity, and the derivative of the component along the axis by the
+    /// drag in each voxel, times the number of voxels.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
+    pub fn respond(
+        &mut self,
+        axis: usize,
+        control: Control,
+        progress: &dyn Progress,
+    ) -> Result<([f64; 3], Vec<f64>), HomogenizeError> {
+        let mut velocity = vec![0.0; FIELD_COUNT * self.grid.voxels()];
+        let (mean, _) = self.minres(axis, Some(&mut velocity), control, progress)?;
+        let [nx, ny, nz] = self.grid.counts();
+        let layer = self.grid.layer();
+        let square = |c: usize, [i, j, k]: [usize; 3]| {
+            velocity[(i * FIELD_COUNT + c) * layer + j * nz + k].powi(2)
+        };
+        let by_drag = (0..self.grid.voxels()).map(|n| {
+            let at = [n / (ny * nz), n / nz % ny, n % nz];
+            let after = |a: usize| {
+                let mut next = at;
+                next[a] = (at[a] + 1) % [nx, ny, nz][a];
+                next
+            };
+            let faces = (0..3).map(|c| square(c, at) + square(c, after(c)));
+            -0.5 * faces.sum::<f64>()
+        });
+        Ok((mean, by_drag.collect()))
+    }
+
     /// Bytes for each voxel that a solution takes.
-    pub const BYTES_PER_VOXEL: u64 = 6 * 8 * FIELDS as u64 + Spectral::<3>::BYTES_PER_VOXEL + 3;
+    pub const BYTES_PER_VOXEL: u64 =
+        6 * 8 * FIELD_COUNT as u64 + Spectral::<3>::BYTES_PER_VOXEL + 3;
 
     /// The operator: minus the Laplacian and the gradient of the pressure; minus the divergence. Velocities
-    /// that are none are 0 in `x`.
+    /// outside the fluid are 0 in `x`.
     fn apply(&self, x: &[f64], y: &mut [f64]) {
         let [nx, ny, nz] = self.grid.counts();
         let spacing = self.grid.spacing();
@@ -119,10 +184,10 @@ impl Stokes {
         let weights = spacing.map(|h| 1.0 / (h * h));
         let inverse = spacing.map(f64::recip);
         let row = |i: usize, c: usize, j: usize| {
-            let at = ((i * FIELDS + c) * ny + j) * nz;
+            let at = ((i * FIELD_COUNT + c) * ny + j) * nz;
             &x[at..at + nz]
         };
-        y.par_chunks_mut(FIELDS * layer)
+        y.par_chunks_mut(FIELD_COUNT * layer)
             .enumerate()
             .for_each(|(i, out)| {
                 let (im, ip) = ((i + nx - 1) % nx, (i + 1) % nx);
@@ -142,6 +207,18 @@ impl Stokes {
                             1 => row(i, 3, jm),
                             _ => pressure,
                         };
+                        // Half of that of the voxels on both sides of a face.
+                        let drag = |k: usize| {
+                            if self.drag.is_empty() {
+                                return 0.0;
+                            }
+                            let lower = match c {
+                                0 => (im * ny + j) * nz + k,
+                                1 => (i * ny + jm) * nz + k,
+                                _ => first + if k == 0 { nz - 1 } else { k - 1 },
+                            };
+                            f64::midpoint(self.drag[first + k], self.drag[lower])
+                        };
                         for k in 0..nz {
                             if flags[k] >> c & 1 == 0 {
                                 out[k] = 0.0;
@@ -155,8 +232,8 @@ impl Stokes {
                             let diagonal =
                                 self.diagonals[c][usize::from(ghosts[k] >> (4 * c) & 15)];
                             let lower = if c == 2 { before[km] } else { before[k] };
-                            out[k] =
-                                diagonal * own[k] - around + (pressure[k] - lower) * inverse[c];
+                            out[k] = (diagonal + drag(k)) * own[k] - around
+                                + (pressure[k] - lower) * inverse[c];
                         }
                     }
                     let out = &mut out[3 * layer + j * nz..3 * layer + (j + 1) * nz];
@@ -175,17 +252,17 @@ impl Stokes {
 
     /// The inverse Laplacian of the period on velocities of the fluid, the identity on pressures.
     fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
-        let (squares, least) = (&self.squares, self.least);
-        self.spectral.apply::<FIELDS>(r, z, |[i, j, k], v| {
+        let (squares, least, shift) = (&self.squares, self.least, self.shift);
+        self.spectral.apply::<FIELD_COUNT>(r, z, |[i, j, k], v| {
             let square = squares[0][i] + squares[1][j] + squares[2][k];
-            let factor = (1.0 / square.max(least)) as f32;
+            let factor = (1.0 / (square.max(least) + shift)) as f32;
             for c in v.iter_mut() {
                 *c *= factor;
             }
         });
         let layer = self.grid.layer();
-        z.par_chunks_mut(FIELDS * layer)
-            .zip(r.par_chunks(FIELDS * layer))
+        z.par_chunks_mut(FIELD_COUNT * layer)
+            .zip(r.par_chunks(FIELD_COUNT * layer))
             .zip(self.flags.par_chunks(layer))
             .for_each(|((z, r), flags)| {
                 for c in 0..3 {
@@ -203,7 +280,7 @@ impl Stokes {
     fn mean(&self, x: &[f64]) -> [f64; 3] {
         let layer = self.grid.layer();
         let layers: Vec<[f64; 3]> = x
-            .par_chunks(FIELDS * layer)
+            .par_chunks(FIELD_COUNT * layer)
             .map(|part| {
                 std::array::from_fn(|c| part[c * layer..(c + 1) * layer].iter().sum::<f64>())
             })
@@ -227,7 +304,7 @@ impl Stokes {
             iterations: [0; 3],
         };
         for &axis in axes {
-            let (mean, iterations) = self.minres(axis, control, progress)?;
+            let (mean, iterations) = self.minres(axis, None, control, progress)?;
             for (row, m) in found.matrix.iter_mut().zip(mean) {
                 row[axis] = m;
             }
@@ -237,18 +314,21 @@ impl Stokes {
         Ok(found)
     }
 
-    /// Preconditioned MINRES for a unit force along an axis; the mean velocity is all that is kept of the
-    /// solution.
+    /// Preconditioned MINRES for a unit force along an axis: the mean velocity, and in `kept` the solution.
     fn minres(
         &mut self,
         axis: usize,
+        mut kept: Option<&mut Vec<f64>>,
         control: Control,
         progress: &dyn Progress,
     ) -> Result<([f64; 3], usize), HomogenizeError> {
         let layer = self.grid.layer();
-        let count = FIELDS * self.grid.voxels();
+        let count = FIELD_COUNT * self.grid.voxels();
         let (mut v_old, mut v) = (vec![0.0; count], vec![0.0; count]);
-        for (part, flags) in v.chunks_mut(FIELDS * layer).zip(self.flags.chunks(layer)) {
+        for (part, flags) in v
+            .chunks_mut(FIELD_COUNT * layer)
+            .zip(self.flags.chunks(layer))
+        {
             for (value, flag) in part[axis * layer..].iter_mut().zip(flags) {
                 *value = f64::from(flag >> axis & 1);
             }
@@ -295,6 +375,9 @@ impl Stokes {
             for (m, own) in mean.iter_mut().zip(self.mean(&w)) {
                 *m += step * own;
             }
+            if let Some(kept) = &mut kept {
+                add(kept, step, &w);
+            }
             eta *= -sines[1];
             std::mem::swap(&mut z, &mut z_next);
             (gamma_old, gamma) = (gamma, gamma_next);
@@ -314,7 +397,7 @@ impl Stokes {
     }
 }
 
-/// The axes beside one, in order.
+/// The other two axes, in order.
 const fn others(axis: usize) -> [usize; 2] {
     match axis {
         0 => [1, 2],
@@ -323,7 +406,7 @@ const fn others(axis: usize) -> [usize; 2] {
     }
 }
 
-/// How many neighbours of each velocity lie inside a wall, along the axes beside its own.
+/// Number of neighbours of each velocity inside a wall, along the two axes normal to it.
 fn ghosts(grid: Grid, flags: &[u8]) -> Vec<u16> {
     let counts = grid.counts();
     let strides = [counts[1] * counts[2], counts[2], 1];

@@ -1,4 +1,4 @@
-//! Stiffness matrices in Voigt's notation (11 22 33 23 13 12, engineering shear) and what follows from them.
+//! Stiffness matrices in Voigt notation (11 22 33 23 13 12, engineering shear) and engineering constants.
 
 use crate::frame::Vec3;
 use nalgebra::{Matrix3, Matrix6};
@@ -42,7 +42,7 @@ pub fn compliance(c: &Voigt) -> Option<Voigt> {
     })
 }
 
-/// Constants of an orthotropic reading of a stiffness.
+/// Engineering constants of a stiffness, read as orthotropic.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct EngineeringConstants {
     /// Young's moduli along x, y, z.
@@ -131,7 +131,7 @@ pub fn directional_modulus(compliance: &Voigt, direction: Vec3) -> f64 {
     1.0 / inverse
 }
 
-/// The stiffness seen after the material is turned by an orthogonal matrix.
+/// The stiffness of the material after a rotation by an orthogonal matrix.
 pub fn rotated(c: &Voigt, turn: &Matrix3<f64>) -> Voigt {
     // Strains of the turned frame in the old one: Bond's matrix, column by column.
     let strain = |component: usize| -> [f64; 6] {

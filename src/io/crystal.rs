@@ -119,7 +119,7 @@ pub fn run_script(
     }
     Script::parse(text)?.run(&mut interpreter, None)?;
     let notes = interpreter.take_notes();
-    let Some(mesh) = interpreter.shared() else {
+    let Some(mesh) = interpreter.shared_mesh() else {
         let hint = "begin with a solid such as cube";
         return Err(whole("no step makes a mesh".into(), Some(hint)));
     };

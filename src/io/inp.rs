@@ -293,7 +293,7 @@ impl Deck<'_> {
             }
             Section::Elements(kinds, set) => self.element(line, kinds, set.as_deref(), source)?,
             Section::NonVolume(kind, set) => {
-                self.skip_element(line, kind, set.as_deref(), source)?
+                self.skip_element(line, kind, set.as_deref(), source)?;
             }
             Section::Nset { name, generate } => {
                 self.model()

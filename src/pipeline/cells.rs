@@ -49,6 +49,23 @@ pub(super) fn make(
             .map_err(|e| SourceFault::from(e).of(key))?;
         return with_level(cell, section).map_err(fail);
     }
+    if section.target.is_some() {
+        // Its level is found with its coefficients.
+        let mut matched = Vec::new();
+        for other in section.matched.iter().flatten() {
+            let own = &recipe.sections().cell[other];
+            matched.push(make(
+                files,
+                &format!("cell.{other}"),
+                own,
+                element,
+                session,
+            )?);
+        }
+        let resolve = |path: &Path| recipe.resolve(path);
+        return super::targets::make(name, section, element, (matched, &resolve), session)
+            .map_err(|e| e.of(key));
+    }
     let reader = SourceReader {
         recipe: Some(recipe),
         session,

@@ -31,7 +31,10 @@ pub enum CellFault {
     /// An invalid formula.
     #[error(transparent)]
     Formula(#[from] crate::field::FormulaError),
-    /// A rule of the recipe is violated.
+    /// A target that cannot be met.
+    #[error(transparent)]
+    Target(#[from] crate::inverse::InverseError),
+    /// What the recipe asks for cannot be.
     #[error("{0}")]
     Rule(String),
 }
@@ -338,6 +341,9 @@ impl SourceFault {
         match self {
             Self::Run(e) => e,
             Self::Cell(CellFault::Fit(FitError::Cancelled(c))) => RunError::Cancelled(c),
+            Self::Cell(CellFault::Target(e)) if e.is_cancelled() => {
+                RunError::Cancelled(crate::progress::Cancelled)
+            }
             Self::Cell(fault) => RunError::Cell {
                 key: key.to_owned(),
                 fault,

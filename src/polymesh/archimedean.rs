@@ -1,10 +1,9 @@
-//! The Archimedean solids as operators on Platonic ones, with edges of equal length, and the names by which
-//! both go.
+//! The Archimedean solids, made from Platonic ones, and the names of both.
 
 use super::kind::{Kind, Operator};
 use super::{PolyMesh, operator, seed};
 
-/// Name, Platonic solid, the kind that makes it, operator.
+/// Name, Platonic solid, kind of extrusion that makes its faces, operator.
 const TABLE: [(&str, &str, Kind, Operator); 13] = {
     use Kind::{Cubical, Dodecahedral, Icosahedral, Octahedral, Tetrahedral};
     use Operator::{Cantellate, Omnitruncate, Rectify, Snub, Truncate};
@@ -50,7 +49,7 @@ const TABLE: [(&str, &str, Kind, Operator); 13] = {
     ]
 };
 
-/// Solids and the other names that they go by.
+/// Solids and their synonyms.
 #[rustfmt::skip]
 const SYNONYMS: [(&str, &[&str]); 16] = [
     ("tetrahedron", &["triangular pyramid"]),
@@ -99,45 +98,44 @@ pub(super) fn names() -> impl Iterator<Item = &'static str> {
     TABLE.iter().map(|row| row.0)
 }
 
-/// A name without what spellings differ by: capitals, hyphens, blanks, underscores, "regular", rhombo for
-/// rhombi.
-fn letters(name: &str) -> String {
-    let plain = name.chars().filter(char::is_ascii_alphabetic);
-    let plain: String = plain.map(|c| c.to_ascii_lowercase()).collect();
-    let plain = plain
+/// A name in a normal form: lower-case letters only, without "regular", and "rhombi" for "rhombo".
+fn normal_form(name: &str) -> String {
+    let letters = name.chars().filter(char::is_ascii_alphabetic);
+    let letters: String = letters.map(|c| c.to_ascii_lowercase()).collect();
+    let letters = letters
         .strip_prefix("regular")
-        .map_or(plain.clone(), str::to_owned);
-    plain.replace("rhombo", "rhombi")
+        .map_or(letters.clone(), str::to_owned);
+    letters.replace("rhombo", "rhombi")
 }
 
-/// All names of solids with the one that is used here.
+/// All names of solids, each with its canonical name.
 fn all() -> impl Iterator<Item = (&'static str, &'static str)> {
-    let own = seed::PLATONIC.into_iter().chain(names());
+    let own = seed::PLATONIC_SOLIDS.into_iter().chain(names());
     let others = SYNONYMS
         .iter()
         .flat_map(|(name, others)| others.iter().map(move |o| (*o, *name)));
     own.map(|n| (n, n)).chain(others)
 }
 
-/// The name that is used here of a solid by any of its names, however it is spelled.
+/// The canonical name of a solid, from any of its names in any spelling.
 pub(super) fn canonical(name: &str) -> Option<&'static str> {
     let is_name = |c: char| c.is_ascii_alphabetic() || matches!(c, '_' | '-' | ' ');
     if !name.chars().all(is_name) {
         return None;
     }
-    let wanted = letters(name);
+    let target = normal_form(name);
     all()
-        .find(|(known, _)| letters(known) == wanted)
+        .find(|(known, _)| normal_form(known) == target)
         .map(|n| n.1)
 }
 
-/// The solid whose names resemble a word most, if any does.
+/// The solid with the name most similar to a word, if any is similar.
 pub(super) fn nearest(name: &str) -> Option<&'static str> {
-    let wanted = letters(name);
+    let target = normal_form(name);
     all()
         .map(|(known, own)| {
             (
-                strsim::damerau_levenshtein(&letters(known), &wanted),
+                strsim::damerau_levenshtein(&normal_form(known), &target),
                 known,
                 own,
             )
@@ -147,7 +145,7 @@ pub(super) fn nearest(name: &str) -> Option<&'static str> {
         .map(|n| n.2)
 }
 
-/// An Archimedean solid about the origin.
+/// An Archimedean solid centred on the origin.
 pub(super) fn solid(name: &str, edge: f64) -> Option<PolyMesh> {
     let (_, platonic, kind, operator) = TABLE.iter().find(|row| row.0 == name)?;
     let mesh = operator::on_solid(*operator, *kind, &seed::platonic(platonic, 1.0)?);

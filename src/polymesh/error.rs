@@ -1,4 +1,4 @@
-//! What can be wrong with a polygon mesh, and with asking for an extrusion.
+//! Errors of polygon meshes and of extrusions.
 
 /// Why vertices and loops do not make a closed oriented 2-manifold. Numbers count from 0.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -19,13 +19,13 @@ pub enum PolyError {
     NoSuchVertex {
         /// The face.
         face: usize,
-        /// The number it names.
+        /// The number that does not exist.
         vertex: u32,
         /// How many vertices there are.
         count: usize,
     },
-    /// A face visits a vertex twice.
-    #[error("face {face} visits vertex {vertex} twice; expected each corner once")]
+    /// A face contains a vertex twice.
+    #[error("face {face} contains vertex {vertex} twice; expected each corner once")]
     RepeatedVertex {
         /// The face.
         face: usize,
@@ -66,7 +66,7 @@ pub enum PolyError {
     Pinched {
         /// The vertex.
         vertex: u32,
-        /// How many fans.
+        /// Number of fans.
         fans: usize,
     },
     /// A vertex of no face.
@@ -91,13 +91,13 @@ pub enum PolyError {
     /// A face in group 0.
     #[error("face {0} is in group 0; groups count from 1")]
     GroupZero(usize),
-    /// More than an index can name.
+    /// More corners than a 32-bit index can hold.
     #[error("{0} corners; expected at most 4294967295")]
     TooMany(u64),
 }
 
 impl PolyError {
-    /// The face it is about, from 0.
+    /// The face that the error concerns, from 0.
     pub fn face(&self) -> Option<usize> {
         match self {
             Self::TooFewCorners { face, .. }
@@ -117,7 +117,7 @@ pub enum ExtrudeError {
     /// An angle out of range.
     #[error("a dihedral angle of {0} degrees; expected more than 0 and less than 180")]
     Angle(f64),
-    /// A count of tiers that is not the kind's.
+    /// A number of tiers that differs from that of the kind.
     #[error("{found} tiers; {kind} takes exactly {expected}")]
     Tiers {
         /// The extrusion.
@@ -127,21 +127,21 @@ pub enum ExtrudeError {
         /// How many it has.
         expected: usize,
     },
-    /// A tier that is not a number.
+    /// A tier that is not finite.
     #[error("tier {index} is {value}; expected a finite ratio of the mean edge length")]
     Tier {
-        /// Which tier, from 1.
+        /// The tier, from 1.
         index: usize,
         /// Its value.
         value: f64,
     },
-    /// A count of iterations that makes no sense.
+    /// A number of iterations out of range.
     #[error("{0} iterations; expected 1 to 1000")]
     Iterations(usize),
-    /// Too much to make.
+    /// A result with too many corners.
     #[error("the mesh would have {0} corners or more; expected at most 134217728")]
     TooMany(u64),
-    /// A face that has no such extrusion.
+    /// A face that cannot be extruded so.
     #[error("face {face}: {reason}")]
     Face {
         /// The face.

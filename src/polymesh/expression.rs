@@ -1,4 +1,4 @@
-//! Expressions: numbers and truths over names, as scripts and selections write them.
+//! Numeric and logical expressions of scripts and selections.
 //!
 //! `or`, `and`, `not` (also `|`, `&`, `!`), comparisons, `+ - * /`, `^`, brackets, functions. Angles are in
 //! degrees, as everywhere in scripts: `acos(1/3)` is 70.53.
@@ -10,7 +10,7 @@ pub(super) enum Value {
     Truth(bool),
 }
 
-/// What is wrong with an expression, and where: a byte of its text.
+/// The error of an expression, and its byte position in the text.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ExpressionError {
     pub at: usize,
@@ -26,17 +26,17 @@ pub(super) struct Expression(Node);
 #[derive(Clone, Debug)]
 enum Node {
     Number(f64),
-    /// A name, with arguments in brackets if it has them.
+    /// A name, with the arguments of its brackets if it has any.
     Name(usize, String, Option<Vec<Node>>),
     Not(usize, Box<Node>),
     Minus(usize, Box<Node>),
-    Both(usize, &'static str, Box<Node>, Box<Node>),
+    Binary(usize, &'static str, Box<Node>, Box<Node>),
 }
 
-/// Deepest nesting: deeper is a slip, and recursion has an end.
-const DEPTH: usize = 100;
+/// Maximum nesting depth; it bounds the recursion.
+const MAX_DEPTH: usize = 100;
 
-/// What names mean: a name and its arguments, none without brackets.
+/// Gives the value of a name and its arguments; `None` as arguments means no brackets.
 pub(super) type Names<'a> = &'a dyn Fn(&str, Option<&[f64]>) -> Option<Value>;
 
 impl Expression {
@@ -55,7 +55,7 @@ impl Expression {
         Ok(Self(node))
     }
 
-    /// Its value where names have these meanings.
+    /// Its value, with names resolved by `names`.
     pub fn value(&self, names: Names) -> Parsed<Value> {
         self.0.value(names)
     }
@@ -65,7 +65,7 @@ impl Expression {
         self.0.number(names)
     }
 
-    /// Its value as a truth.
+    /// Its logical value.
     pub fn truth(&self, names: Names) -> Parsed<bool> {
         match self.value(names)? {
             Value::Truth(t) => Ok(t),
@@ -77,7 +77,7 @@ impl Expression {
     }
 }
 
-/// Operators by level, loosest first; words need an end.
+/// Binary operators by precedence, lowest first.
 const LEVELS: [&[&str]; 5] = [
     &["or", "||", "|"],
     &["and", "&&", "&"],
@@ -108,7 +108,7 @@ impl<'a> Parser<'a> {
         self.at += self.rest().len() - self.rest().trim_start().len();
     }
 
-    /// Takes a sign or word if it comes next.
+    /// Consumes an operator or word if it comes next.
     fn take(&mut self, sign: &str) -> bool {
         self.blank();
         let word = sign.chars().all(char::is_alphabetic);
@@ -124,8 +124,8 @@ impl<'a> Parser<'a> {
 
     fn level(&mut self, level: usize) -> Parsed<Node> {
         self.depth += 1;
-        if self.depth > DEPTH * (LEVELS.len() + 2) {
-            return Err(self.fault(format!("nested more than {DEPTH} deep")));
+        if self.depth > MAX_DEPTH * (LEVELS.len() + 2) {
+            return Err(self.fault(format!("nested more than {MAX_DEPTH} deep")));
         }
         let node = self.operators(level);
         self.depth -= 1;
@@ -148,7 +148,7 @@ impl<'a> Parser<'a> {
                 return Ok(left);
             };
             let right = self.level(level + 1)?;
-            left = Node::Both(at, sign, Box::new(left), Box::new(right));
+            left = Node::Binary(at, sign, Box::new(left), Box::new(right));
         }
     }
 
@@ -163,7 +163,7 @@ impl<'a> Parser<'a> {
         let at = self.at;
         if self.take("^") {
             let exponent = self.level(LEVELS.len())?;
-            return Ok(Node::Both(at, "^", Box::new(base), Box::new(exponent)));
+            return Ok(Node::Binary(at, "^", Box::new(base), Box::new(exponent)));
         }
         Ok(base)
     }
@@ -194,7 +194,7 @@ impl<'a> Parser<'a> {
             let number: Option<f64> = rest[..end].parse().ok();
             let node = number.map(Node::Number);
             let node =
-                node.ok_or_else(|| self.fault(format!("{:?} is no number", &rest[..end])))?;
+                node.ok_or_else(|| self.fault(format!("{:?} is not a number", &rest[..end])))?;
             self.at += end;
             return Ok(node);
         }
@@ -244,7 +244,9 @@ impl Node {
     fn fault(&self, message: String) -> ExpressionError {
         let at = match self {
             Self::Number(_) => 0,
-            Self::Name(at, ..) | Self::Not(at, _) | Self::Minus(at, _) | Self::Both(at, ..) => *at,
+            Self::Name(at, ..) | Self::Not(at, _) | Self::Minus(at, _) | Self::Binary(at, ..) => {
+                *at
+            }
         };
         ExpressionError { at, message }
     }
@@ -254,7 +256,7 @@ impl Node {
             Self::Number(n) => Value::Number(*n),
             Self::Not(_, inner) => Value::Truth(!inner.truth(names)?),
             Self::Minus(_, inner) => Value::Number(-inner.number(names)?),
-            Self::Both(_, sign, a, b) => match *sign {
+            Self::Binary(_, sign, a, b) => match *sign {
                 "or" | "||" | "|" => Value::Truth(a.truth(names)? || b.truth(names)?),
                 "and" | "&&" | "&" => Value::Truth(a.truth(names)? && b.truth(names)?),
                 sign => both(sign, a.number(names)?, b.number(names)?),

@@ -1,9 +1,9 @@
-//! Extruding faces of a group: new vertices, new faces, new groups.
+//! Extrusion of faces: new vertices, new faces and their groups.
 //!
-//! Faces that are not extruded keep their order and come first; the new faces follow, source by source:
-//! top first, then rows from the base upward. The k-th new face of every source gets group M + 1 + k, where
-//! M is the greatest group before; so the same edge of every source gets the same group. Further iterations
-//! extrude the tops just made.
+//! Faces that are not extruded come first, in their order. The new faces follow, source by source: the top,
+//! then the rows of side faces from the base upward. New face k of every source gets group M + 1 + k, where M
+//! is the greatest old group, so that corresponding edges of all sources have one group. Each further
+//! iteration extrudes the tops of the one before.
 
 use super::kind::{Dihedral, Kind, Operator};
 use super::polygon::Polygon;
@@ -17,20 +17,19 @@ const MAX_CORNERS: usize = 1 << 27;
 /// An extrusion and its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Extrusion {
-    /// Which one.
+    /// The kind of extrusion.
     pub kind: Kind,
-    /// What is done to it.
+    /// The operator applied to it, if any.
     pub operator: Option<Operator>,
     /// The dihedral angle.
     pub dihedral: Dihedral,
-    /// One ratio a tier of the mean edge length; none means 1 for all.
+    /// One ratio per tier, in mean edge lengths of the base; empty means 1 for all.
     pub tiers: Vec<f64>,
-    /// How often: each time on the tops made before.
+    /// Number of iterations; each extrudes the tops of the one before.
     pub iterations: usize,
-    /// Whether the top is made planar by sliding its corners to their mean height.
+    /// Whether the top is made planar by moving its corners to their mean height.
     pub level: bool,
-    /// For truncated and omnitruncated ones, which edges are the cut ones: those from even corners, or
-    /// those from odd ones.
+    /// For truncate and omnitruncate: whether the cut edges start at even (0) or odd (1) corners.
     pub odd: bool,
 }
 
@@ -39,15 +38,15 @@ pub struct Extrusion {
 pub struct Extruded {
     /// The mesh.
     pub mesh: PolyMesh,
-    /// The number of its first new face; those after it are new, too.
+    /// The number of the first new face; all faces after it are new.
     pub first: usize,
-    /// The top faces made last.
+    /// The top faces of the last iteration.
     pub tops: Vec<usize>,
-    /// What looked odd: sentences in lower case.
+    /// Warnings: sentences in lower case.
     pub notes: Vec<String>,
 }
 
-/// New vertices and faces on one polygon: numbers below n are its corners.
+/// New vertices and faces on one polygon with n corners: numbers below n are its corners.
 pub(super) struct Cap {
     pub points: Vec<Vec3>,
     pub faces: Vec<Vec<u32>>,
@@ -56,7 +55,7 @@ pub(super) struct Cap {
 }
 
 impl Extrusion {
-    /// The extrusion that makes the regular solid of the right polygon.
+    /// The extrusion that makes the regular solid where the base is one of its faces.
     pub fn regular(kind: Kind) -> Self {
         Self {
             kind,
@@ -86,13 +85,13 @@ impl Extrusion {
         self.of(mesh, &chosen)
     }
 
-    /// Extrudes the faces that are `chosen` (one answer a face).
+    /// Extrudes the `chosen` faces (one flag per face).
     ///
     /// # Errors
     /// [`ExtrudeError`]: parameters out of range, no face, a face that has no such extrusion.
     ///
     /// # Panics
-    /// When `chosen` has another length than there are faces.
+    /// When the length of `chosen` is not the number of faces.
     pub fn of(&self, mesh: &PolyMesh, chosen: &[bool]) -> Result<Extruded, ExtrudeError> {
         assert_eq!(chosen.len(), mesh.face_count());
         self.validate()?;
@@ -100,18 +99,18 @@ impl Extrusion {
         let mut rounds = self.iterations;
         if rounds > 1 && !self.kind.has_top() {
             notes.push(format!(
-                "{} has no top face: {rounds} iterations are one",
+                "{} has no top face; found {rounds} iterations, made one",
                 self.name()
             ));
             rounds = 1;
         }
-        let mut extruded = self.once(mesh, chosen, &mut notes)?;
+        let mut extruded = self.extrude_once(mesh, chosen, &mut notes)?;
         for _ in 1..rounds {
             let mut tops = vec![false; extruded.mesh.face_count()];
             extruded.tops.iter().for_each(|&f| tops[f] = true);
             let first = extruded.first;
-            extruded = self.once(&extruded.mesh, &tops, &mut notes)?;
-            // Faces made in earlier rounds are new, too: they come before those of this one.
+            extruded = self.extrude_once(&extruded.mesh, &tops, &mut notes)?;
+            // The new faces of earlier iterations come before those of this one.
             extruded.first = first;
         }
         extruded.notes = notes;
@@ -144,7 +143,7 @@ impl Extrusion {
         Ok(())
     }
 
-    fn once(
+    fn extrude_once(
         &self,
         mesh: &PolyMesh,
         chosen: &[bool],
@@ -164,10 +163,10 @@ impl Extrusion {
         let first = faces.len();
         let greatest = mesh.greatest_group();
         let mut tops = Vec::new();
-        let mut look = Look::default();
+        let mut diagnostics = Diagnostics::default();
         for &f in &sources {
             let cap = self
-                .cap(mesh.points(f), &mut look)
+                .cap(mesh.points(f), &mut diagnostics)
                 .map_err(|reason| ExtrudeError::Face { face: f, reason })?;
             let loops = mesh.face(f);
             let (n, offset) = (loops.len() as u32, vertices.len() as u32);
@@ -191,7 +190,7 @@ impl Extrusion {
                 return Err(ExtrudeError::TooMany(faces.corners.len() as u64));
             }
         }
-        look.report(self, sources.len(), notes);
+        diagnostics.report(self, sources.len(), notes);
         let mesh = PolyMesh::new(vertices, faces, groups)?;
         Ok(Extruded {
             mesh,
@@ -201,23 +200,28 @@ impl Extrusion {
         })
     }
 
-    /// What stands on one polygon.
-    fn cap(&self, points: Vec<Vec3>, look: &mut Look) -> Result<Cap, String> {
+    /// The new vertices and faces over one polygon.
+    fn cap(&self, points: Vec<Vec3>, diagnostics: &mut Diagnostics) -> Result<Cap, String> {
         let base = Polygon::new(points)?;
         if base.residual() > 1e-6 * base.length {
-            look.warped += 1;
+            diagnostics.nonplanar_bases += 1;
         }
         match self.operator {
             None => {
                 let delta = self.kind.dihedral(self.dihedral, base.len());
-                self.plain(&base, delta, look)
+                self.kind_cap(&base, delta, diagnostics)
             }
-            Some(operator) => operator::cap(self, operator, &base, look),
+            Some(operator) => operator::cap(self, operator, &base, diagnostics),
         }
     }
 
-    /// The kind itself on a polygon.
-    pub(super) fn plain(&self, base: &Polygon, delta: f64, look: &mut Look) -> Result<Cap, String> {
+    /// The cap of the kind without an operator.
+    pub(super) fn kind_cap(
+        &self,
+        base: &Polygon,
+        delta: f64,
+        diagnostics: &mut Diagnostics,
+    ) -> Result<Cap, String> {
         let row = self.kind.row();
         let ones = [1.0; 3];
         let tiers = if self.tiers.is_empty() {
@@ -225,9 +229,10 @@ impl Extrusion {
         } else {
             &self.tiers
         };
-        look.zero |= tiers.contains(&0.0);
-        look.folded |= self.kind == Kind::Icosahedral && delta < std::f64::consts::FRAC_PI_2;
-        let mut raised = tier::raise(base, row.tiers, delta, tiers)?;
+        diagnostics.has_zero_tier |= tiers.contains(&0.0);
+        diagnostics.may_fold |=
+            self.kind == Kind::Icosahedral && delta < std::f64::consts::FRAC_PI_2;
+        let mut tier_points = tier::place_tiers(base, row.tiers, delta, tiers)?;
         let n = base.len();
         let number = |ring: usize, i: i32| -> u32 {
             let i = i.rem_euclid(n as i32) as usize;
@@ -243,11 +248,13 @@ impl Extrusion {
         if let Some(top) = row.top {
             let loops: Vec<u32> = (0..n as i32).map(|i| number(top, i)).collect();
             let places = loops[0] as usize - n;
-            let corners = &mut raised.points[places..places + n];
+            let corners = &mut tier_points.points[places..places + n];
             if self.level {
-                tier::level(base, corners, &raised.directions);
+                tier::level(base, corners, &tier_points.directions);
             } else if let Ok(polygon) = Polygon::new(corners.to_vec()) {
-                look.bent = look.bent.max(polygon.residual() / polygon.length);
+                diagnostics.max_top_deviation = diagnostics
+                    .max_top_deviation
+                    .max(polygon.residual() / polygon.length);
             }
             faces.push(loops);
         }
@@ -263,25 +270,27 @@ impl Extrusion {
             }
         }
         Ok(Cap {
-            points: raised.points,
+            points: tier_points.points,
             faces,
             has_top: row.top.is_some(),
         })
     }
 }
 
-/// What is noticed on the way.
+/// Observations on an extrusion, reported as notes.
 #[derive(Default)]
-pub(super) struct Look {
-    /// Base faces that are not planar.
-    warped: usize,
-    /// The worst top, in units of its mean edge.
-    bent: f64,
-    zero: bool,
-    folded: bool,
+pub(super) struct Diagnostics {
+    /// Number of base faces that are not planar.
+    nonplanar_bases: usize,
+    /// Largest distance of a top corner from the plane of its top, in mean edges.
+    max_top_deviation: f64,
+    /// Whether a tier has the length 0.
+    has_zero_tier: bool,
+    /// Whether upper tiers may fold over the lower ones.
+    may_fold: bool,
 }
 
-impl Look {
+impl Diagnostics {
     fn report(&self, extrusion: &Extrusion, sources: usize, notes: &mut Vec<String>) {
         let mut note = |text: String| {
             if !notes.contains(&text) {
@@ -289,24 +298,24 @@ impl Look {
             }
         };
         let name = extrusion.name();
-        if self.warped > 0 {
+        if self.nonplanar_bases > 0 {
             note(format!(
-                "{} of {sources} base faces are not planar: side planes are those of their mean plane",
-                self.warped
+                "{} of {sources} base faces are not planar: side planes refer to their mean planes",
+                self.nonplanar_bases
             ));
         }
-        if self.bent > 1e-9 {
+        if self.max_top_deviation > 1e-9 {
             note(format!(
-                "{name}: a top is not planar (off by {:.1e} of its edge); level = true makes it so",
-                self.bent
+                "{name}: a top is not planar (off by {:.1e} of its edge); level = true makes it planar",
+                self.max_top_deviation
             ));
         }
-        if self.zero {
+        if self.has_zero_tier {
             note(format!(
                 "{name}: a tier of 0 makes edges without length and faces without area"
             ));
         }
-        if self.folded {
+        if self.may_fold {
             note(format!(
                 "{name}: below 90 degrees the upper tiers can fold over"
             ));

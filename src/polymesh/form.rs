@@ -1,9 +1,9 @@
-//! Crystal forms: convex crystals as intersections of half-spaces, an orbit of planes a form.
+//! Crystal forms: convex crystals as intersections of half-spaces.
 //!
-//! A form {hkl} is the orbit of the plane (hkl) under a point group; its planes have the normals
-//! `h a* + k b* + l c*` of the reciprocal lattice and all lie at one distance from the origin. Moving a form
-//! in or out keeps its planes' directions: cleavage planes stay. Point groups are named after Hermann and
-//! Mauguin (`m-3m`); trigonal ones stand on hexagonal axes, or on rhombohedral ones for that lattice.
+//! A form {hkl} is the orbit of the plane (hkl) under a point group. Its planes have the normals
+//! `h a* + k b* + l c*` of the reciprocal lattice and lie at one distance from the origin. Moving a form in or
+//! out keeps the directions of its planes. Point groups have Hermann-Mauguin symbols (`m-3m`). Trigonal groups
+//! refer to hexagonal axes, or to rhombohedral ones for that lattice.
 
 use super::polygon::unit;
 use super::{Faces, PolyError, PolyMesh};
@@ -11,7 +11,7 @@ use crate::frame::{Mat3, Vec3};
 use crate::symmetry::{Operator, PointGroup};
 use std::collections::BTreeSet;
 
-/// Lattice systems, with the axes and angles each leaves free.
+/// Lattice systems and their free lengths and angles.
 pub const SYSTEMS: [(&str, &[&str]); 7] = [
     ("cubic", &["a"]),
     ("tetragonal", &["a", "c"]),
@@ -22,7 +22,7 @@ pub const SYSTEMS: [(&str, &[&str]); 7] = [
     ("triclinic", &["a", "b", "c", "alpha", "beta", "gamma"]),
 ];
 
-/// The 32 point groups: name, generators on the lattice's axes.
+/// The 32 point groups: symbol, generators in coordinates along the lattice's axes.
 #[rustfmt::skip]
 const GROUPS: [(&str, &[&str]); 32] = [
     ("1", &[]), ("-1", &["-x,-y,-z"]),
@@ -38,11 +38,11 @@ const GROUPS: [(&str, &[&str]); 32] = [
     ("-43m", &["z,x,y", "y,-x,-z"]), ("m-3m", &["z,x,y", "-y,x,z", "-x,-y,-z"]),
 ];
 
-/// The rows of the groups that stand on hexagonal axes.
-const HEXAGONAL: std::ops::Range<usize> = 15..27;
+/// The rows of the groups on hexagonal axes.
+const HEXAGONAL_ROWS: std::ops::Range<usize> = 15..27;
 
 /// The trigonal groups on rhombohedral axes.
-const RHOMBOHEDRAL: [(&str, &[&str]); 5] = [
+const RHOMBOHEDRAL_GROUPS: [(&str, &[&str]); 5] = [
     ("3", &["z,x,y"]),
     ("-3", &["z,x,y", "-x,-y,-z"]),
     ("32", &["z,x,y", "-y,-x,-z"]),
@@ -50,7 +50,7 @@ const RHOMBOHEDRAL: [(&str, &[&str]); 5] = [
     ("-3m", &["z,x,y", "y,x,z", "-x,-y,-z"]),
 ];
 
-/// The full group of each system's lattice.
+/// The holohedry of each lattice system: the full point group of its lattice.
 const HOLOHEDRIES: [(&str, &str); 7] = [
     ("cubic", "m-3m"),
     ("tetragonal", "4/mmm"),
@@ -61,9 +61,9 @@ const HOLOHEDRIES: [(&str, &str); 7] = [
     ("triclinic", "-1"),
 ];
 
-/// The names of Schoenflies beside those of the table.
+/// Schoenflies symbols and the Hermann-Mauguin symbols of the table.
 #[rustfmt::skip]
-const SCHOENFLIES: [(&str, &str); 34] = [
+const SCHOENFLIES_SYMBOLS: [(&str, &str); 34] = [
     ("C1", "1"), ("Ci", "-1"), ("C2", "2"), ("Cs", "m"), ("C2h", "2/m"), ("D2", "222"), ("C2v", "mm2"), ("D2h", "mmm"),
     ("C4", "4"), ("S4", "-4"), ("C4h", "4/m"), ("D4", "422"), ("C4v", "4mm"), ("D2d", "-42m"), ("D4h", "4/mmm"),
     ("C3", "3"), ("S6", "-3"), ("C3i", "-3"), ("D3", "32"), ("C3v", "3m"), ("D3d", "-3m"),
@@ -71,50 +71,50 @@ const SCHOENFLIES: [(&str, &str); 34] = [
     ("T", "23"), ("Th", "m-3"), ("O", "432"), ("Td", "-43m"), ("Oh", "m-3m"),
 ];
 
-/// The point group of a name, of Hermann and Mauguin or of Schoenflies, as matrices of the Cartesian axes:
-/// one set for each way in which its axes may stand. Hexagonal and trigonal groups have their main axis
-/// along z and an axis a along x; trigonal ones may have it along (1, 1, 1) as well.
+/// The point group with a Hermann-Mauguin or Schoenflies symbol, as matrices in Cartesian axes: one set for
+/// each orientation of its axes. Hexagonal and trigonal groups have their main axis along z and axis a along x;
+/// trigonal groups may also have it along (1, 1, 1).
 ///
 /// # Errors
 /// [`FormError::Unknown`].
 pub fn cartesian_group(name: &str) -> Result<Vec<Vec<Mat3>>, FormError> {
-    let own = SCHOENFLIES.iter().find(|row| row.0 == name);
+    let own = SCHOENFLIES_SYMBOLS.iter().find(|row| row.0 == name);
     let own = own.map_or(name, |row| row.1);
-    let hexagonal = columns([1.0; 3], [90.0, 90.0, 120.0]).unwrap_or_else(Mat3::identity);
+    let hexagonal = lattice_vectors([1.0; 3], [90.0, 90.0, 120.0]).unwrap_or_else(Mat3::identity);
     let row = GROUPS.iter().position(|row| row.0 == own);
     let standing = row.map(|n| {
-        let axes = if HEXAGONAL.contains(&n) {
+        let axes = if HEXAGONAL_ROWS.contains(&n) {
             hexagonal
         } else {
             Mat3::identity()
         };
         (GROUPS[n].1, axes)
     });
-    let diagonal = RHOMBOHEDRAL.iter().find(|row| row.0 == own);
+    let diagonal = RHOMBOHEDRAL_GROUPS.iter().find(|row| row.0 == own);
     let diagonal = diagonal.map(|row| (row.1, Mat3::identity()));
-    let ways = standing.into_iter().chain(diagonal);
-    let sets: Vec<Vec<Mat3>> = ways
+    let rows = standing.into_iter().chain(diagonal);
+    let orientations: Vec<Vec<Mat3>> = rows
         .map(|(generators, axes)| {
             let inverse = axes.try_inverse().unwrap_or_else(Mat3::identity);
             let group = generated(own, generators);
-            let matrix = |o: &Operator<3>| axes * on_axes(o) * inverse;
+            let matrix = |o: &Operator<3>| axes * operator_matrix(o) * inverse;
             group.operators().iter().map(matrix).collect()
         })
         .collect();
-    if sets.is_empty() {
+    if orientations.is_empty() {
         return Err(FormError::Unknown {
             what: "point group",
             name: name.to_owned(),
             known: format!(
-                "{}, or the name of Schoenflies",
+                "{}, or the Schoenflies symbol",
                 group_names().collect::<Vec<_>>().join(", ")
             ),
         });
     }
-    Ok(sets)
+    Ok(orientations)
 }
 
-/// The group of a row of a table.
+/// The point group of a row of the tables.
 fn generated(name: &str, generators: &[&str]) -> PointGroup<3> {
     let operators: Vec<Operator<3>> = generators
         .iter()
@@ -127,8 +127,8 @@ fn generated(name: &str, generators: &[&str]) -> PointGroup<3> {
         .unwrap_or_else(|e| unreachable!("a row of the table: {e}"))
 }
 
-/// An operator as the matrix that acts on coordinates along the lattice's axes.
-fn on_axes(operator: &Operator<3>) -> Mat3 {
+/// The matrix of an operator, in coordinates along the lattice's axes.
+fn operator_matrix(operator: &Operator<3>) -> Mat3 {
     let column = |k: usize| {
         let mut e = [0.0; 3];
         e[k] = 1.0;
@@ -137,36 +137,38 @@ fn on_axes(operator: &Operator<3>) -> Mat3 {
     Mat3::from_columns(&[column(0), column(1), column(2)])
 }
 
-/// Names of the 32 point groups.
+/// Hermann-Mauguin symbols of the 32 point groups.
 pub fn group_names() -> impl Iterator<Item = &'static str> {
     GROUPS.iter().map(|row| row.0)
 }
 
-/// Why there is no such crystal.
+/// Why a crystal cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FormError {
-    /// A word that names nothing.
+    /// An unknown name.
     #[error("no {what} is named {name:?}; expected one of {known}")]
     Unknown {
-        /// What it should name.
+        /// The kind of name.
         what: &'static str,
-        /// The word.
+        /// The name found.
         name: String,
-        /// What there is.
+        /// The known names.
         known: String,
     },
-    /// A length or an angle that makes no cell.
+    /// A length or an angle that no lattice cell has.
     #[error("{name} = {value}; expected {expected}")]
     Axis {
-        /// Which one.
+        /// The name of the length or angle.
         name: String,
         /// Its value.
         value: f64,
         /// The range.
         expected: &'static str,
     },
-    /// A group that turns the lattice into another.
-    #[error("the group {group} is none of this {system} lattice: {operator} changes its axes")]
+    /// A group that does not keep the lattice.
+    #[error(
+        "the group {group} is no symmetry of this {system} lattice: {operator} changes its axes"
+    )]
     Group {
         /// The group.
         group: String,
@@ -175,7 +177,7 @@ pub enum FormError {
         /// The operator.
         operator: String,
     },
-    /// A plane without direction.
+    /// A plane with the indices 0 0 0.
     #[error("the plane [0, 0, 0]; expected indices that are not all 0")]
     Zero,
     /// A distance out of range.
@@ -189,8 +191,8 @@ pub enum FormError {
     /// Too many planes.
     #[error("{0} planes; expected at most 400")]
     TooMany(usize),
-    /// Planes that leave a way out.
-    #[error("the planes enclose nothing: {0}; add a form that closes the crystal")]
+    /// Planes that do not enclose a bounded volume.
+    #[error("the planes enclose no bounded volume: {0}; add a form that closes the crystal")]
     Open(String),
     /// A form that the crystal does not have.
     #[error("the crystal has no form {{{} {} {}}}", .0[0], .0[1], .0[2])]
@@ -200,7 +202,7 @@ pub enum FormError {
 /// A crystal: lattice, point group, forms with distances.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Form {
-    /// Columns: the lattice vectors.
+    /// The lattice vectors as columns.
     lattice: Mat3,
     group: PointGroup<3>,
     /// Indices of a plane of each form, and its distance.
@@ -208,11 +210,11 @@ pub struct Form {
 }
 
 impl Form {
-    /// A crystal without planes yet: a lattice system with its axes and angles (degrees), a group by name;
-    /// without one, the lattice's own.
+    /// A crystal without planes, of a lattice system with its lengths and angles (degrees) and a point group
+    /// by symbol; without one, the holohedry.
     ///
     /// # Errors
-    /// [`FormError`] names what does not fit.
+    /// [`FormError`] names the argument that does not fit.
     pub fn new(
         system: &str,
         axes: &[(String, f64)],
@@ -268,7 +270,7 @@ impl Form {
         if system == "rhombohedral" {
             angles = [angles[0]; 3];
         }
-        let lattice = columns(lengths, angles).ok_or(FormError::Axis {
+        let lattice = lattice_vectors(lengths, angles).ok_or(FormError::Axis {
             name: "alpha, beta, gamma".into(),
             value: angles.iter().sum(),
             expected: "three angles that close a cell",
@@ -279,7 +281,7 @@ impl Form {
             .map_or("1", |r| r.1);
         let name = group.unwrap_or(own);
         let rows: Vec<&(&str, &[&str])> = match system {
-            "rhombohedral" => RHOMBOHEDRAL.iter().chain(&GROUPS[..2]).collect(),
+            "rhombohedral" => RHOMBOHEDRAL_GROUPS.iter().chain(&GROUPS[..2]).collect(),
             _ => GROUPS.iter().collect(),
         };
         let Some((_, generators)) = rows.iter().find(|row| row.0 == name) else {
@@ -294,7 +296,7 @@ impl Form {
         // An operator is a symmetry of the lattice if it keeps its metric.
         let metric = lattice.transpose() * lattice;
         for operator in group.operators() {
-            let m = on_axes(operator);
+            let m = operator_matrix(operator);
             let changed = (m.transpose() * metric * m - metric).amax();
             if changed > 1e-9 * metric.amax() {
                 return Err(FormError::Group {
@@ -311,7 +313,7 @@ impl Form {
         })
     }
 
-    /// Adds a form: the plane `hkl` and its images, at a distance from the origin.
+    /// Adds a form: the plane `hkl` and its images under the group, at a distance from the origin.
     ///
     /// # Errors
     /// [`FormError::Zero`], [`FormError::Distance`].
@@ -353,7 +355,8 @@ impl Form {
         images.map(|o| o.apply_to_frequency(hkl)).collect()
     }
 
-    /// Whether form `n` is one of the others again, at a distance that is no less: its faces are theirs.
+    /// Whether another form has the same planes as form `n` at the same or a smaller distance, so that form `n`
+    /// has no face of its own.
     pub fn repeats(&self, n: usize) -> bool {
         let (own, distance) = self.planes[n];
         let orbit = self.orbit(own);
@@ -361,7 +364,7 @@ impl Form {
         others.any(|(_, (hkl, other))| orbit.contains(hkl) && *other <= distance)
     }
 
-    /// The crystal: every form is a group, in the order of the forms.
+    /// The polyhedron; the faces of each form are one group, in the order of the forms.
     ///
     /// # Errors
     /// [`FormError::Open`], [`FormError::TooMany`].
@@ -376,7 +379,7 @@ impl Form {
             for image in self.orbit(hkl) {
                 let normal = unit(reciprocal * Vec3::from(image.map(f64::from)));
                 let Some(normal) = normal else { continue };
-                // Of two planes with one direction the nearer counts, of equal ones the first.
+                // Of planes with the same direction only the nearest counts; of equal ones the first.
                 let same = planes.iter_mut().find(|p| (p.0 - normal).norm() < 1e-9);
                 match same {
                     Some(plane) if plane.1 <= distance => {}
@@ -392,8 +395,8 @@ impl Form {
     }
 }
 
-/// Lattice vectors of given lengths and angles: a along x, b in the plane of x and y.
-fn columns(lengths: [f64; 3], angles: [f64; 3]) -> Option<Mat3> {
+/// Lattice vectors as columns, from lengths and angles: a along x, b in the plane of x and y.
+fn lattice_vectors(lengths: [f64; 3], angles: [f64; 3]) -> Option<Mat3> {
     // Right angles are exact.
     let cosine = angles.map(|a| if a == 90.0 { 0.0 } else { a.to_radians().cos() });
     let cosine = [0, 1, 2].map(|k| if angles[k] == 120.0 { -0.5 } else { cosine[k] });
@@ -452,7 +455,7 @@ fn convex(planes: &[(Vec3, f64, u32)]) -> Result<PolyMesh, FormError> {
         let y = normal.cross(&x);
         let angle = |v: usize| {
             let p = points[v] - centre;
-            // The first corner stands at 0, whichever side rounding puts it.
+            // The angle of the first corner is 0, whichever sign rounding gives it.
             let a = p.dot(&y).atan2(p.dot(&x));
             if a < -1e-9 {
                 a + std::f64::consts::TAU
@@ -472,7 +475,7 @@ fn convex(planes: &[(Vec3, f64, u32)]) -> Result<PolyMesh, FormError> {
     }
     PolyMesh::new(vertices, faces, groups).map_err(|e| {
         FormError::Open(match e {
-            PolyError::Open { .. } | PolyError::Empty => "they leave a way out".into(),
+            PolyError::Open { .. } | PolyError::Empty => "the intersection is unbounded".into(),
             other => other.to_string(),
         })
     })

@@ -1,34 +1,34 @@
-//! Undo and redo: every model that was, shared and not copied, restored bit for bit.
+//! Undo and redo: the models before and after each step, shared and not copied.
 
 use super::PolyMesh;
 use super::form::Form;
 use std::sync::Arc;
 
-/// A model at one time.
+/// The state of a model after a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Model {
     /// The mesh, once there is one.
     pub mesh: Option<Arc<PolyMesh>>,
-    /// The first face made by the last operation; those after it were made by it, too.
+    /// The first face that the last operation made; it made all faces after it too.
     pub last: usize,
     /// The tops of the last extrusion.
     pub tops: Vec<usize>,
-    /// The crystal form it is, as long as nothing else was done to it.
+    /// The crystal form, until another operation changes the mesh.
     pub form: Option<Form>,
 }
 
-/// Models in the order of their making, with what made them.
+/// The models in order, each with the step that made it.
 #[derive(Clone, Debug)]
 pub struct History {
     entries: Vec<(String, Model)>,
-    /// How many of the entries count; those after are undone.
+    /// Number of entries that are not undone.
     at: usize,
     limit: usize,
     start: Model,
 }
 
 impl History {
-    /// An empty history that remembers so many steps, at least one.
+    /// An empty history that keeps at most `limit` steps, at least one.
     pub fn new(limit: usize) -> Self {
         Self {
             entries: Vec::new(),
@@ -38,7 +38,7 @@ impl History {
         }
     }
 
-    /// The model as it is.
+    /// The current model.
     pub fn model(&self) -> &Model {
         match self.at {
             0 => &self.start,
@@ -46,7 +46,7 @@ impl History {
         }
     }
 
-    /// Adds a model and what made it; forgets what was undone, and the oldest beyond the limit.
+    /// Adds a step and its model; drops the undone steps, and the oldest ones beyond the limit.
     pub fn push(&mut self, step: impl Into<String>, model: Model) {
         self.entries.truncate(self.at);
         self.entries.push((step.into(), model));
@@ -79,7 +79,7 @@ impl History {
         self.at < self.entries.len()
     }
 
-    /// The steps that made the model, as far as they are remembered.
+    /// The steps that made the model, as far as the history keeps them.
     pub fn steps(&self) -> impl Iterator<Item = &str> {
         self.entries[..self.at].iter().map(|e| e.0.as_str())
     }

@@ -1,14 +1,14 @@
-//! The table of extrusions: topology as data, positions as rules for tiers.
+//! The table of extrusions: topology as data, positions as rules of tiers.
 //!
-//! New vertices form rings with one vertex per corner of the base (except the tetrahedral apex). A side
-//! face is a list of `(ring, shift)`: ring 0 is the base, `shift` is added to the corner's number. Rows of
-//! side faces run from the base upward, each round the base from its start vertex.
+//! New vertices form rings with one vertex per corner of the base; the tetrahedral apex is one vertex. A side
+//! face is a list of `(ring, shift)`: ring 0 is the base, and `shift` is added to the number of the corner.
+//! Rows of side faces go from the base upward, each round the base from its start vertex.
 
 use super::tier::TierRule;
 use std::fmt;
 use std::str::FromStr;
 
-/// The seven extrusions, after the solid that each makes of the right polygon.
+/// The seven extrusions, named after the solid that each makes on a face of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// A pyramid.
@@ -27,18 +27,18 @@ pub enum Kind {
     SmallRhombicuboctahedral,
 }
 
-/// What is done to an extrusion of a derived polygon, so that the base polygon is kept.
+/// An operator on the extrusion of a derived polygon; the image keeps the base polygon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Operator {
-    /// Corners cut off: needs an even number of corners, which count in pairs.
+    /// Corners cut off; needs an even number of corners, taken in pairs.
     Truncate,
-    /// Cut to the middle of the edges.
+    /// Corners cut off to the midpoints of the edges.
     Rectify,
-    /// Faces shrunk, edges become quads.
+    /// Faces shrunk; edges become quads.
     Cantellate,
-    /// Corners and edges cut: needs an even number of corners.
+    /// Corners and edges cut; needs an even number of corners.
     Omnitruncate,
-    /// Faces shrunk and turned: left-handed or right-handed.
+    /// Faces shrunk and rotated, left-handed or right-handed.
     Snub,
 }
 
@@ -48,14 +48,14 @@ pub enum Dihedral {
     /// That of the regular solid.
     #[default]
     Regular,
-    /// That which makes the regular solid's edges equal for this number of corners, where there is one.
+    /// The angle that makes all edges equal for this number of corners, where there is one; else as `Regular`.
     Auto,
-    /// Degrees, more than 0 and less than 180.
+    /// An angle in degrees, more than 0 and less than 180.
     Degrees(f64),
 }
 
 /// A corner of a side face: ring, and shift of the corner's number.
-pub(super) type Place = (usize, i32);
+pub(super) type CornerRef = (usize, i32);
 
 /// A row of the table.
 pub(super) struct Row {
@@ -65,12 +65,12 @@ pub(super) struct Row {
     pub corners: usize,
     /// Cosine of the regular solid's dihedral angle: numerator, and square of the denominator.
     cosine: (f64, f64),
-    /// One rule a tier.
+    /// One rule per tier.
     pub tiers: &'static [TierRule],
-    /// Rings of new vertices: which block of n vertices, and the place of two that alternate.
+    /// Rings of new vertices.
     pub rings: &'static [Ring],
     /// Rows of side faces; the faces of one row alternate.
-    pub rows: &'static [&'static [&'static [Place]]],
+    pub rows: &'static [&'static [&'static [CornerRef]]],
     /// The ring of the top face.
     pub top: Option<usize>,
 }
@@ -138,7 +138,7 @@ const TABLE: [Row; 7] = [
 ];
 
 impl Kind {
-    /// All of them, in the order of the table.
+    /// All kinds, in the order of the table.
     pub const ALL: [Self; TABLE.len()] = {
         let mut all = [Self::Tetrahedral; TABLE.len()];
         let mut i = 0;
@@ -158,7 +158,7 @@ impl Kind {
         self.row().name
     }
 
-    /// How many tiers it has.
+    /// Number of tiers.
     pub fn tiers(self) -> usize {
         self.row().tiers.len()
     }
@@ -173,13 +173,13 @@ impl Kind {
         self.row().top.is_some()
     }
 
-    /// The regular solid's dihedral angle in radians: exact, acos(1/3) and so on.
+    /// The dihedral angle of the regular solid in radians, exact up to rounding.
     pub fn regular_dihedral(self) -> f64 {
         let (over, square) = self.row().cosine;
         (over / square.sqrt()).acos()
     }
 
-    /// The angle in radians for a polygon of `n` corners.
+    /// The dihedral angle in radians on a polygon of `n` corners.
     ///
     /// `Auto` gives equilateral pyramids acos(cot(pi/n)/sqrt 3) for n up to 5 and uniform antiprisms
     /// acos(-tan(pi/2n)/sqrt 3) for any n; elsewhere it is the regular solid's.
@@ -195,7 +195,7 @@ impl Kind {
         }
     }
 
-    /// New vertices, and new faces, on a polygon of `n` corners.
+    /// Numbers of new vertices and of new faces on a polygon of `n` corners.
     pub fn counts(self, n: usize) -> (usize, usize) {
         let row = self.row();
         let vertices = row.rings.iter().map(|r| match r.stride {
@@ -214,7 +214,7 @@ impl fmt::Display for Kind {
 }
 
 impl Operator {
-    /// All of them with the prefix of their name in scripts.
+    /// All operators with their prefixes in scripts.
     pub const ALL: [(Self, &'static str); 5] = [
         (Self::Truncate, "truncated"),
         (Self::Rectify, "rectified"),
@@ -229,7 +229,7 @@ impl Operator {
     }
 }
 
-/// Every name an extrusion can have in a script.
+/// All names of extrusions in scripts.
 pub fn names() -> Vec<String> {
     let mut names: Vec<String> = Kind::ALL.iter().map(|k| k.name().to_owned()).collect();
     for (_, prefix) in Operator::ALL {
@@ -238,7 +238,7 @@ pub fn names() -> Vec<String> {
     names
 }
 
-/// An extrusion's name as kind and operator.
+/// The kind and operator of an extrusion's name.
 pub fn from_name(name: &str) -> Option<(Kind, Option<Operator>)> {
     if let Ok(kind) = Kind::from_str(name) {
         return Some((kind, None));

@@ -1,4 +1,4 @@
-//! Numbers of a polygon mesh: counts, volume, area, planarity, edges, groups.
+//! Measures of a polygon mesh: counts, volume, area, planarity, edge lengths, groups.
 
 use super::PolyMesh;
 use super::polygon::{area_vector, mean, unit};
@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What a polygon mesh is.
+/// Counts and measures of a polygon mesh.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// Vertices.
@@ -16,23 +16,24 @@ pub struct Summary {
     pub edges: usize,
     /// Faces.
     pub faces: usize,
-    /// Euler's characteristic.
+    /// Euler characteristic.
     pub euler: i64,
-    /// Pieces that share no vertex.
-    pub pieces: usize,
-    /// Signed volume: faces cut into triangles about the mean of their corners.
+    /// Connected components.
+    #[serde(rename = "pieces")]
+    pub components: usize,
+    /// Signed volume, with faces cut into triangles about the means of their corners.
     pub volume: f64,
-    /// Area, likewise.
+    /// Area, with faces cut likewise.
     pub area: f64,
-    /// Largest distance of a corner from its face's plane, and the face.
+    /// Largest distance of a corner from the plane of its face, and that face.
     pub planarity: (f64, usize),
-    /// Shortest and longest edge.
+    /// Lengths of the shortest and the longest edge.
     pub edge_lengths: (f64, f64),
     /// Faces by number of corners.
     pub sides: BTreeMap<usize, usize>,
     /// Faces by group.
     pub groups: BTreeMap<u32, usize>,
-    /// Least and greatest corner of the box.
+    /// Minimum and maximum corner of the bounding box.
     #[serde(rename = "box")]
     pub bounds: [[f64; 3]; 2],
 }
@@ -90,8 +91,8 @@ impl PolyMesh {
         (0..self.face_count()).map(|f| self.face_area(f)).sum()
     }
 
-    /// The number of the piece of each vertex, from 0 in order of first vertex, and how many there are.
-    pub fn pieces(&self) -> (Vec<u32>, usize) {
+    /// The component of each vertex, numbered from 0 in the order of first vertices, and the number of components.
+    pub fn components(&self) -> (Vec<u32>, usize) {
         let mut piece = vec![u32::MAX; self.vertex_count()];
         let ring = super::topology::Ring::new(self);
         let mut count = 0;
@@ -116,7 +117,7 @@ impl PolyMesh {
         (piece, count as usize)
     }
 
-    /// Everything at once.
+    /// All counts and measures.
     pub fn summary(&self) -> Summary {
         let mut lengths = (f64::INFINITY, 0.0f64);
         let mut sides = BTreeMap::new();
@@ -139,7 +140,7 @@ impl PolyMesh {
             edges: self.edge_count(),
             faces: self.face_count(),
             euler: self.euler(),
-            pieces: self.pieces().1,
+            components: self.components().1,
             volume: self.volume(),
             area: self.area(),
             planarity,
@@ -151,23 +152,23 @@ impl PolyMesh {
     }
 }
 
-/// Rows of the groups table that are printed.
-const ROWS: usize = 24;
+/// Maximum number of printed rows of the table of groups.
+const MAX_GROUP_ROWS: usize = 24;
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let plural = if self.pieces == 1 { "" } else { "s" };
+        let plural = if self.components == 1 { "" } else { "s" };
         writeln!(
             f,
-            "{} vertices, {} edges, {} faces, Euler {}, {} piece{plural}",
-            self.vertices, self.edges, self.faces, self.euler, self.pieces
+            "{} vertices, {} edges, {} faces, Euler {}, {} component{plural}",
+            self.vertices, self.edges, self.faces, self.euler, self.components
         )?;
         let [volume, area] = [self.volume, self.area].map(figures);
         writeln!(f, "volume {volume}, area {area}")?;
         let (least, most) = self.edge_lengths;
         writeln!(
             f,
-            "edges {} to {}, least plane face off by {:.2e} (face {})",
+            "edges {} to {}, largest deviation of a face from its plane {:.2e} (face {})",
             figures(least),
             figures(most),
             self.planarity.0,
@@ -180,11 +181,15 @@ impl fmt::Display for Summary {
             .collect();
         writeln!(f, "corners: {}", list.join(", "))?;
         write!(f, "group  faces")?;
-        for (group, count) in self.groups.iter().take(ROWS) {
+        for (group, count) in self.groups.iter().take(MAX_GROUP_ROWS) {
             write!(f, "\n{group:>5}  {count:>5}")?;
         }
-        if self.groups.len() > ROWS {
-            write!(f, "\n  and {} more groups", self.groups.len() - ROWS)?;
+        if self.groups.len() > MAX_GROUP_ROWS {
+            write!(
+                f,
+                "\n  and {} more groups",
+                self.groups.len() - MAX_GROUP_ROWS
+            )?;
         }
         Ok(())
     }

@@ -1,18 +1,18 @@
 //! Archimedean extrusions: an operator on an extrusion of a derived polygon, the base polygon kept.
 //!
-//! The base polygon b is the image of a polygon q under the operator. The kind is extruded on q, the whole
-//! closed solid goes through the operator, the image of its base is taken away and its corners are those of
-//! b. With X the kind, p the corners of X's regular face and delta the dihedral angle:
+//! The base polygon b is the image of a polygon q under the operator. The kind is extruded on q, the operator
+//! is applied to the closed solid, the image of its base is removed and b takes its place. With p the number of
+//! corners of the kind's regular face, m that of q and delta the dihedral angle:
 //!
 //! | operator | base | constant |
 //! |---|---|---|
-//! | truncate | cut corners of q, in pairs | c = 1/(2 + 2 cos(pi/m)) of an edge |
-//! | rectify | middles of q's edges | none |
+//! | truncate | q with its corners cut; corners of b come in pairs | c = 1/(2 + 2 cos(pi/m)) of an edge |
+//! | rectify | midpoints of q's edges | none |
 //! | cantellate | q shrunk by s about its centre | s = K/(1+K), K = sin(delta/2)/tan(pi/p) |
 //! | omnitruncate | q's edges shortened and moved inward | u = cos(pi/p)/2 / (1 + cos(pi/p) + sin(pi/p)/sin(delta/2)), inward u/sin(delta/2) |
-//! | snub | q shrunk by s and turned by theta | s, theta from equal edges, by Newton's method |
+//! | snub | q shrunk by s and rotated by theta | s, theta from equal edges, by Newton's method |
 
-use super::extrude::{Cap, Extrusion, Look};
+use super::extrude::{Cap, Diagnostics, Extrusion};
 use super::kind::{Kind, Operator};
 use super::polygon::{Polygon, area_vector, mean, unit};
 use super::topology::Ring;
@@ -25,20 +25,20 @@ pub(super) fn cap(
     extrusion: &Extrusion,
     operator: Operator,
     base: &Polygon,
-    look: &mut Look,
+    diagnostics: &mut Diagnostics,
 ) -> Result<Cap, String> {
     let kind = extrusion.kind;
     let n = base.len();
     let paired = matches!(operator, Operator::Truncate | Operator::Omnitruncate);
     if paired && n % 2 == 1 {
         return Err(format!(
-            "it has {n} corners; {} pairs them and expects an even number",
+            "found {n} corners; {} takes them in pairs and expects an even number",
             extrusion.name()
         ));
     }
     if paired && n < 6 {
         return Err(format!(
-            "it has {n} corners; {} expects at least 6",
+            "found {n} corners; {} expects at least 6",
             extrusion.name()
         ));
     }
@@ -47,25 +47,31 @@ pub(super) fn cap(
     let rule = Rule::new(operator, kind, delta, m)?;
     let start = usize::from(paired && extrusion.odd);
     let q = Polygon::new(rule.derived(base, start)?)?;
-    let solid = closed(&extrusion.plain(&q, delta, look)?, &q)?;
-    let made = rule.apply(&solid);
-    Ok(glue(&made, base, operator, start, kind.has_top()))
+    let solid = closed(&extrusion.kind_cap(&q, delta, diagnostics)?, &q)?;
+    let image_mesh = rule.apply(&solid);
+    Ok(replace_base(
+        &image_mesh,
+        base,
+        operator,
+        start,
+        kind.has_top(),
+    ))
 }
 
-/// The operator on a whole regular solid whose faces the kind makes.
+/// Applies the operator to the regular solid whose faces the kind makes.
 pub(super) fn on_solid(operator: Operator, kind: Kind, solid: &PolyMesh) -> PolyMesh {
     let rule = Rule::new(operator, kind, kind.regular_dihedral(), kind.corners())
         .unwrap_or_else(|e| unreachable!("a regular solid: {e}"));
-    let made = rule.apply(solid);
-    let mut number = vec![u32::MAX; made.points.len()];
+    let image_mesh = rule.apply(solid);
+    let mut number = vec![u32::MAX; image_mesh.points.len()];
     let mut points = Vec::new();
     let mut faces = Faces::default();
-    for face in &made.faces {
+    for face in &image_mesh.faces {
         faces.push(face.iter().map(|&v| {
             let slot = &mut number[v as usize];
             if *slot == u32::MAX {
                 *slot = points.len() as u32;
-                points.push(made.points[v as usize]);
+                points.push(image_mesh.points[v as usize]);
             }
             *slot
         }));
@@ -74,7 +80,7 @@ pub(super) fn on_solid(operator: Operator, kind: Kind, solid: &PolyMesh) -> Poly
     PolyMesh::new(points, faces, groups).unwrap_or_else(|e| unreachable!("a regular solid: {e}"))
 }
 
-/// The cap on `q` with its base, which is face 0 and runs the other way round.
+/// The closed solid of the cap on `q`; face 0 is its base, with reversed orientation.
 fn closed(cap: &Cap, q: &Polygon) -> Result<PolyMesh, String> {
     let vertices = q.points.iter().chain(&cap.points).copied().collect();
     let m = q.len() as u32;
@@ -88,17 +94,17 @@ fn closed(cap: &Cap, q: &Polygon) -> Result<PolyMesh, String> {
 /// An operator with its constants.
 struct Rule {
     operator: Operator,
-    /// Cut, shrink or half edge.
+    /// Share of the cut, of the shrinking or of half an edge.
     share: f64,
-    /// Omnitruncate: inward shift; snub: angle.
-    other: f64,
+    /// Inward shift of omnitruncate, angle of snub.
+    shift_or_angle: f64,
 }
 
 impl Rule {
     fn new(operator: Operator, kind: Kind, delta: f64, m: usize) -> Result<Self, String> {
         let p = PI / kind.corners() as f64;
         let half = (delta / 2.0).sin();
-        let (share, other) = match operator {
+        let (share, shift_or_angle) = match operator {
             Operator::Truncate => (1.0 / (2.0 + 2.0 * (PI / m as f64).cos()), 0.0),
             Operator::Rectify => (0.5, 0.0),
             Operator::Cantellate => {
@@ -114,7 +120,7 @@ impl Rule {
         Ok(Self {
             operator,
             share,
-            other,
+            shift_or_angle,
         })
     }
 
@@ -125,7 +131,7 @@ impl Rule {
         let centre = mean(&base.points);
         match self.operator {
             Operator::Truncate => {
-                // Corner k is where the long edges before and after pair k meet.
+                // Corner k is the intersection of the long edges before and after pair k.
                 let long = |k: usize| {
                     let i = (start + 2 * k + 1) % n;
                     (at(i), base.edge(i))
@@ -135,7 +141,7 @@ impl Rule {
                     .collect()
             }
             Operator::Rectify => {
-                // Corner i is where the tangents at corners i and i+1 meet.
+                // Corner i is the intersection of the tangents at corners i and i+1.
                 let tangent = |i: usize| {
                     let i = i % n;
                     let along = |j: usize| base.edge(j).normalize();
@@ -151,8 +157,8 @@ impl Rule {
                 .map(|b| centre + (b - centre) / self.share)
                 .collect()),
             Operator::Omnitruncate => {
-                // Corner k is where edges 2k-2 and 2k meet once moved outward.
-                let shift = base.length * self.other / (2.0 * self.share);
+                // Corner k is the intersection of edges 2k-2 and 2k, moved outward.
+                let shift = base.length * self.shift_or_angle / (2.0 * self.share);
                 let moved = |k: usize| {
                     let i = (start + 2 * k) % n;
                     (at(i) + shift * base.outward[i], base.edge(i))
@@ -164,14 +170,16 @@ impl Rule {
             Operator::Snub => Ok(base
                 .points
                 .iter()
-                .map(|b| centre + turned((b - centre) / self.share, base.normal, self.other))
+                .map(|b| {
+                    centre + rotated((b - centre) / self.share, base.normal, self.shift_or_angle)
+                })
                 .collect()),
         }
     }
 
-    /// The operator on a closed solid: one point or two a half-edge, and the new faces in order of old
-    /// faces, edges, vertices.
-    fn apply(&self, solid: &PolyMesh) -> Made {
+    /// Applies the operator to a closed solid: one or two points per half-edge, and new faces in the order of
+    /// old faces, edges, vertices.
+    fn apply(&self, solid: &PolyMesh) -> Image {
         let ring = Ring::new(solid);
         let count = ring.next.len();
         let centres: Vec<Vec3> = (0..solid.face_count()).map(|f| solid.centre(f)).collect();
@@ -214,7 +222,7 @@ impl Rule {
                     let f = ring.face[c] as usize;
                     let arm = self.share * (ring.at(c) - centres[f]);
                     let arm = if turn {
-                        turned(arm, normals[f], self.other)
+                        rotated(arm, normals[f], self.shift_or_angle)
                     } else {
                         arm
                     };
@@ -240,7 +248,9 @@ impl Rule {
                     let (x, y) = ends(c);
                     let edge = y - x;
                     let inward = unit(normals[f].cross(&edge)).unwrap_or_else(Vec3::zeros);
-                    (x + y) / 2.0 + side * self.share * edge + self.other * edge.norm() * inward
+                    (x + y) / 2.0
+                        + side * self.share * edge
+                        + self.shift_or_angle * edge.norm() * inward
                 };
                 points.extend((0..count).map(|c| place(c, -1.0)));
                 points.extend((0..count).map(|c| place(c, 1.0)));
@@ -264,42 +274,48 @@ impl Rule {
                 _ => around.map(id).collect(),
             });
         }
-        Made { points, faces }
+        Image { points, faces }
     }
 }
 
-/// Points (some may be unused) and faces; face 0 is the image of the base.
-struct Made {
+/// The image of a solid: points, some of them unused, and faces; face 0 is the image of the base.
+struct Image {
     points: Vec<Vec3>,
     faces: Vec<Vec<u32>>,
 }
 
-/// Takes away the image of the base and puts the base's own corners in its place.
-fn glue(made: &Made, base: &Polygon, operator: Operator, start: usize, has_top: bool) -> Cap {
+/// Removes the image of the base and puts the corners of the base in its place.
+fn replace_base(
+    image_mesh: &Image,
+    base: &Polygon,
+    operator: Operator,
+    start: usize,
+    has_top: bool,
+) -> Cap {
     let n = base.len();
-    // The image runs the other way round; this is the base's corner of its first.
-    let image = &made.faces[0];
+    // The image has reversed orientation; `first` is the corner of the base at its first corner.
+    let image = &image_mesh.faces[0];
     let first = match operator {
-        // From the last corner of q along its last edge: the end of the long edge m-2, if one runs forward.
+        // The first point lies on the last edge of q next to its last corner: the end of long edge m-2.
         Operator::Truncate => n - 2 + start,
-        // The middle of the edge from q's last corner to the one before it lies between them, or
-        // it is the corner that answers to q's last one.
+        // The midpoint of the edge from q's last corner to the one before it, or the corner that
+        // corresponds to q's last one.
         Operator::Rectify | Operator::Cantellate | Operator::Snub => n - 1,
         // Along the edge from q's last corner to the one before it, beginning at the last corner.
         Operator::Omnitruncate => n - 3 + start,
     };
-    let mut number = vec![u32::MAX; made.points.len()];
+    let mut number = vec![u32::MAX; image_mesh.points.len()];
     for (k, &v) in image.iter().enumerate() {
         number[v as usize] = ((first + 2 * n - k) % n) as u32;
     }
     let mut points = Vec::new();
-    let mut faces = Vec::with_capacity(made.faces.len() - 1);
-    for face in &made.faces[1..] {
+    let mut faces = Vec::with_capacity(image_mesh.faces.len() - 1);
+    for face in &image_mesh.faces[1..] {
         let place = |&v: &u32| {
             let slot = &mut number[v as usize];
             if *slot == u32::MAX {
                 *slot = (n + points.len()) as u32;
-                points.push(made.points[v as usize]);
+                points.push(image_mesh.points[v as usize]);
             }
             *slot
         };
@@ -312,11 +328,11 @@ fn glue(made: &Made, base: &Polygon, operator: Operator, start: usize, has_top: 
     }
 }
 
-/// A vector turned about a unit axis.
-fn turned(v: Vec3, axis: Vec3, angle: f64) -> Vec3 {
+/// A vector rotated about a unit axis.
+fn rotated(v: Vec3, axis: Vec3, angle: f64) -> Vec3 {
     let along = axis * axis.dot(&v);
-    let flat = v - along;
-    along + angle.cos() * flat + angle.sin() * axis.cross(&flat)
+    let across = v - along;
+    along + angle.cos() * across + angle.sin() * axis.cross(&across)
 }
 
 /// The point nearest to two lines, each given by a point and a direction.
@@ -326,7 +342,7 @@ fn crossing(a: (Vec3, Vec3), b: (Vec3, Vec3), corner: usize) -> Result<Vec3, Str
     let square = cross.norm_squared();
     if square < 1e-16 || !square.is_finite() {
         return Err(format!(
-            "the lines that make corner {corner} of its derived polygon are parallel; expected edges that meet"
+            "the edges at corner {corner} of the derived polygon are parallel; expected edges that meet"
         ));
     }
     let w = b.0 - a.0;
@@ -335,18 +351,18 @@ fn crossing(a: (Vec3, Vec3), b: (Vec3, Vec3), corner: usize) -> Result<Vec3, Str
     Ok(((a.0 + s * u) + (b.0 + t * v)) / 2.0)
 }
 
-/// Shrinking and turning of regular faces that make all edges of a snub solid equal; `p` is pi over the
-/// number of a face's corners. Unknowns s and theta; two edges across a pair of faces equal that of a face.
+/// The shrinking s and rotation theta of regular faces that make all edges of a snub solid equal; `p` is pi
+/// over the number of a face's corners. Two edges across a pair of faces have to equal the edge of a face.
 fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
     // Two faces over the edge from (-1/2, 0, 0) to (1/2, 0, 0), the first in the plane z = 0 on y > 0.
     let radius = 0.5 / p.sin();
     let height = 0.5 / p.tan();
     let place = |s: f64, theta: f64, corner: f64, second: bool| {
-        // Corner at -1/2 or 1/2, seen from the face's centre, turned counter-clockwise.
+        // Corner at -1/2 or 1/2, seen from the face's centre, rotated counter-clockwise.
         let angle = (-height).atan2(0.5 * corner) + theta;
         let (x, y) = (s * radius * angle.cos(), height + s * radius * angle.sin());
-        // The second face is the first turned by half a turn about the middle's normal, then hinged: the
-        // interior of the solid lies below, at the angle delta.
+        // The second face is the first rotated by 180 degrees about the normal at the common edge's
+        // midpoint, then about that edge to the dihedral angle delta; the interior of the solid lies below.
         if second {
             Vec3::new(-x, y * delta.cos(), -y * delta.sin())
         } else {
@@ -356,7 +372,7 @@ fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
     let residual = |s: f64, theta: f64| {
         let [a, b] = [-1.0, 1.0].map(|c| place(s, theta, c, false));
         let [d, e] = [-1.0, 1.0].map(|c| place(s, theta, c, true));
-        // The second face's corner 1 stands at the first's corner -1.
+        // Corner 1 of the second face lies at corner -1 of the first.
         let edge = (b - a).norm_squared();
         [(a - e).norm_squared() - edge, (a - d).norm_squared() - edge]
     };

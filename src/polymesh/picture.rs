@@ -1,23 +1,23 @@
-//! Pictures of polygons: faces in the colours of their groups, lit from the viewer's right shoulder, edges
-//! drawn where one face ends and another begins.
+//! Pictures of polygon meshes: faces in the colours of their groups, with edges between faces.
 //!
-//! Faces are found by a depth buffer of two by two samples a pixel; a pixel is the mean of its samples. Edges
-//! fade as they become many, so that a fractal stays a shape.
+//! The light comes from above the viewer's right shoulder. A depth buffer with 2 x 2 samples per pixel finds the
+//! visible faces; a pixel is the mean of its samples. Edges fade as their number grows, so that they do not cover
+//! fine meshes.
 
 use super::PolyMesh;
 use crate::frame::Vec3;
 use crate::mesh::MeshError;
 
-/// Samples along each side of a pixel.
+/// Samples along each edge of a pixel.
 const SAMPLES_PER_PIXEL_EDGE: usize = 2;
 /// Direction from the model to the viewer.
 const VIEW_DIRECTION: [f64; 3] = [0.74, 0.5, 0.45];
-/// To the light, along the picture's right, up and towards the eye.
-const LIGHT: [f64; 3] = [0.3, 0.6, 0.74];
-/// Half the angle of view, radians.
-const HALF_ANGLE: f64 = 0.26;
+/// Direction to the light: right, up, towards the viewer.
+const LIGHT_DIRECTION: [f64; 3] = [0.3, 0.6, 0.74];
+/// Half of the angle of view, radians.
+const HALF_VIEW_ANGLE: f64 = 0.26;
 /// Share of the picture left free on each side.
-const MARGIN: f64 = 0.04;
+const MARGIN_SHARE: f64 = 0.04;
 /// A sample that shows no face.
 const NO_FACE: u32 = u32::MAX;
 
@@ -36,8 +36,8 @@ struct Samples {
     columns: usize,
     rows: usize,
     face: Vec<u32>,
-    /// One over the depth; 0 where nothing is.
-    near: Vec<f32>,
+    /// Inverse depth; 0 where no face is visible.
+    inverse_depth: Vec<f32>,
 }
 
 impl PolyMesh {
@@ -55,13 +55,13 @@ impl PolyMesh {
             bounds.centre().0,
             bounds.half_diagonal().max(f64::MIN_POSITIVE),
         );
-        let distance = radius / HALF_ANGLE.sin();
-        // Where a vertex stands on the plane through the centre, and one over its depth.
+        let distance = radius / HALF_VIEW_ANGLE.sin();
+        // The projection of each vertex on the plane through the centre, and its inverse depth.
         let seen: Vec<[f64; 3]> = (cut.mesh.vertices().iter())
             .map(|v| {
                 let [x, y, z] = axes.map(|a| a.dot(&(v - centre)));
-                let near = distance / (distance - z);
-                [x * near, y * near, near]
+                let inverse_depth = distance / (distance - z);
+                [x * inverse_depth, y * inverse_depth, inverse_depth]
             })
             .collect();
         let range = |k: usize| {
@@ -76,7 +76,7 @@ impl PolyMesh {
             width * SAMPLES_PER_PIXEL_EDGE,
             height * SAMPLES_PER_PIXEL_EDGE,
         ];
-        let fill = 1.0 - 2.0 * MARGIN;
+        let fill = 1.0 - 2.0 * MARGIN_SHARE;
         let scale = (0..2)
             .map(|k| fill * fine[k] as f64 / (frame[k].1 - frame[k].0).max(1e-9 * radius))
             .fold(f64::INFINITY, f64::min);
@@ -87,12 +87,15 @@ impl PolyMesh {
         let mut samples = Samples::new(fine);
         for (corners, &face) in cut.mesh.triangles().iter().zip(&cut.faces) {
             let at = |v: u32| {
-                let [x, y, near] = seen[v as usize];
-                [place(0, x), place(1, y), near]
+                let [x, y, inverse_depth] = seen[v as usize];
+                [place(0, x), place(1, y), inverse_depth]
             };
             samples.fill(corners.map(at), face);
         }
-        let light: Vec3 = (0..3).map(|k| axes[k] * LIGHT[k]).sum::<Vec3>().normalize();
+        let light: Vec3 = (0..3)
+            .map(|k| axes[k] * LIGHT_DIRECTION[k])
+            .sum::<Vec3>()
+            .normalize();
         let colors = (0..self.face_count()).map(|f| {
             let shade = 0.38 + 0.62 * self.normal(f).dot(&light).max(0.0);
             group_color(self.groups()[f]).map(|c| 255.0 * c * shade)
@@ -109,11 +112,11 @@ impl Samples {
             columns,
             rows,
             face: vec![NO_FACE; columns * rows],
-            near: vec![0.0; columns * rows],
+            inverse_depth: vec![0.0; columns * rows],
         }
     }
 
-    /// Draws a triangle of points (column, row, one over depth); the nearer face stays.
+    /// Draws a triangle of points (column, row, inverse depth); the nearer face wins.
     fn fill(&mut self, [a, b, c]: [[f64; 3]; 3], face: u32) {
         let turn = |p: [f64; 3], q: [f64; 3], x: f64, y: f64| {
             (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
@@ -135,23 +138,23 @@ impl Samples {
                 if share.iter().any(|&s| s < 0.0) {
                     continue;
                 }
-                let near = (share[0] * a[2] + share[1] * b[2] + share[2] * c[2]) as f32;
+                let inverse_depth = (share[0] * a[2] + share[1] * b[2] + share[2] * c[2]) as f32;
                 let n = row * self.columns + column;
-                if near > self.near[n] {
-                    (self.near[n], self.face[n]) = (near, face);
+                if inverse_depth > self.inverse_depth[n] {
+                    (self.inverse_depth[n], self.face[n]) = (inverse_depth, face);
                 }
             }
         }
     }
 
-    /// Whether a sample's face ends to its right or below.
+    /// Whether the sample to the right or below shows another face.
     fn is_edge(&self, n: usize) -> bool {
         let (right, below) = (n + 1, n + self.columns);
         let differs = |m: usize| self.face.get(m).is_some_and(|&f| f != self.face[n]);
         (right % self.columns != 0 && differs(right)) || differs(below)
     }
 
-    /// Means of the samples, edges darkened by a share.
+    /// Pixels as means of their samples, with edges darkened by the share `ink`.
     fn pixels(&self, colors: &[[f64; 3]], ink: f64) -> Vec<u8> {
         let (width, height) = (
             self.columns / SAMPLES_PER_PIXEL_EDGE,

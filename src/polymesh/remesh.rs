@@ -1,13 +1,14 @@
-//! Remeshing: a whole mesh becomes another by one rule; new faces fall into classes, classes into groups.
+//! Remeshing schemes: one rule makes a new mesh of a whole mesh.
 //!
-//! A scheme is a row of a table: its name, its parameters, the names of its classes, and the rule, which
-//! reads only the old mesh. Class 1 holds faces from old faces where there are such, then come those from
-//! edges, corners or vertices. `dual_X` is the dual of scheme X of the dual mesh, for every X.
+//! A scheme is a row of a table: name, parameters, names of its classes of faces, and the rule. Class 1 holds
+//! the faces made from old faces, if there are any; the next classes hold those made from edges, corners or
+//! vertices. Classes give the groups of the new faces. For every scheme X, `dual_X` is the dual of X applied to
+//! the dual mesh.
 //!
-//! New vertices come in the order old vertices, edge points, corner points, face points; new faces class by
-//! class, each in the order of old faces, edges or vertices. V, E, F below are the old counts.
+//! New vertices have the order old vertices, edge points, corner points, face points. New faces come class by
+//! class, each in the order of old faces, edges or vertices. V, E, F in the rules are the old counts.
 
-// All rules of the table have one type, those that cannot fail too.
+// All rules of the table have one type, even those that cannot fail.
 #![allow(clippy::unnecessary_wraps)]
 
 use super::topology::Ring;
@@ -28,28 +29,28 @@ use table::{Row, TABLE};
 pub struct Parameter {
     /// Its name in scripts.
     pub name: &'static str,
-    /// Its value if left out.
+    /// Its default value.
     pub default: f64,
-    /// The range it must lie in; the ends are excluded.
+    /// Its range; both ends are excluded.
     pub range: (f64, f64),
-    /// What it does.
+    /// Its effect.
     pub meaning: &'static str,
 }
 
-/// Which groups the new faces get.
+/// The groups of the new faces.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Grouping {
-    /// The number of their class, from 1.
+    /// The number of the class, from 1.
     #[default]
     Class,
-    /// That of the face they come from; those from no face get M + 1 for class 2, M + 2 for class 3, where M
-    /// is the greatest group before.
+    /// The group of the parent face; faces without a parent get M + 1 in class 2 and M + 2 in class 3, with M
+    /// the greatest old group.
     Keep,
-    /// That of the face they come from, which every one must have.
+    /// The group of the parent face; every face has to have a parent.
     Parent,
-    /// A group of its own for each.
+    /// A group for each face.
     Distinct,
-    /// A number a class.
+    /// A given group for each class.
     Numbers(Vec<u32>),
 }
 
@@ -57,10 +58,10 @@ pub enum Grouping {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Remesh {
     row: usize,
-    /// Whether it works between two duals.
+    /// Whether it is the dual of the scheme applied to the dual mesh.
     dual: bool,
     values: Vec<f64>,
-    /// Which groups the new faces get.
+    /// The groups of the new faces.
     pub grouping: Grouping,
 }
 
@@ -75,9 +76,9 @@ pub enum RemeshError {
     Parameter {
         /// The scheme.
         scheme: String,
-        /// What was given.
+        /// The name found.
         name: String,
-        /// What it has.
+        /// The known names.
         known: String,
     },
     /// A parameter out of its range.
@@ -92,20 +93,20 @@ pub enum RemeshError {
         /// Its range.
         range: (f64, f64),
     },
-    /// Numbers for classes that are not as many as there are classes.
+    /// A number of group numbers that is not the number of classes.
     #[error("{scheme} makes {expected} classes of faces; found {found} group numbers")]
     Classes {
         /// The scheme.
         scheme: String,
-        /// How many there are.
+        /// Number of classes.
         expected: usize,
-        /// How many numbers were given.
+        /// Number of group numbers found.
         found: usize,
     },
-    /// A face that comes from no single one.
-    #[error("{0} makes faces that come from no single face; groups = parent needs one for each")]
+    /// A face without a parent face.
+    #[error("{0} makes faces without a parent face; groups = parent needs one for each face")]
     NoParent(String),
-    /// Too much to make.
+    /// A result with too many corners.
     #[error("the mesh would have {0} corners; expected at most 134217728")]
     TooMany(u64),
     /// The result is not a valid mesh.
@@ -113,7 +114,7 @@ pub enum RemeshError {
     Result {
         /// The scheme.
         scheme: String,
-        /// Why not.
+        /// The defect of the mesh.
         error: PolyError,
     },
 }
@@ -127,7 +128,7 @@ pub fn scheme_names() -> Vec<&'static str> {
 }
 
 impl Remesh {
-    /// The scheme of a name, with default parameters.
+    /// The scheme with a name, with default parameters.
     ///
     /// # Errors
     /// [`RemeshError::Unknown`].
@@ -137,9 +138,9 @@ impl Remesh {
                 .iter()
                 .position(|row| row.name == name || row.aliases.contains(&name))
         };
-        let plain = find(name).map(|row| (row, false));
+        let direct = find(name).map(|row| (row, false));
         let dual = || Some((find(name.strip_prefix("dual_")?)?, true));
-        let (row, dual) = plain
+        let (row, dual) = direct
             .or_else(dual)
             .ok_or_else(|| RemeshError::Unknown(name.to_owned()))?;
         Ok(Self {
@@ -208,8 +209,8 @@ impl Remesh {
     /// The new mesh.
     ///
     /// # Errors
-    /// [`RemeshError`]: too large, no parents where the grouping needs them, or a mesh too poor for the scheme,
-    /// such as the dual of a two-sided polygon.
+    /// [`RemeshError`]: a result that is too large, faces without a parent where the grouping needs one, or a
+    /// result that is not a manifold, such as the dual of a two-sided polygon.
     pub fn of(&self, mesh: &PolyMesh) -> Result<PolyMesh, RemeshError> {
         let corners = mesh.twins.len() as u64 * self.row().growth;
         if corners > MAX_CORNERS {
@@ -230,33 +231,33 @@ impl Remesh {
             error,
         };
         if !self.dual {
-            let made = (self.row().rule)(&Old::new(mesh), &self.values).map_err(fault)?;
-            let groups = self.groups(&made, mesh)?;
-            return PolyMesh::new(made.vertices, made.faces, groups).map_err(fault);
+            let built = (self.row().rule)(&Old::new(mesh), &self.values).map_err(fault)?;
+            let groups = self.groups(&built, mesh)?;
+            return PolyMesh::new(built.vertices, built.faces, groups).map_err(fault);
         }
-        let plain = |m: Sketch| {
+        let mesh_of = |m: MeshBuilder| {
             let groups = vec![1; m.faces.len()];
             PolyMesh::new(m.vertices, m.faces, groups).map_err(fault)
         };
-        let inner = plain(face::dual(&Old::new(mesh), &[]).map_err(fault)?)?;
-        let middle = plain((self.row().rule)(&Old::new(&inner), &self.values).map_err(fault)?)?;
-        let mut made = face::dual(&Old::new(&middle), &[]).map_err(fault)?;
-        made.parents.fill(NO_PARENT);
-        let groups = self.groups(&made, mesh)?;
-        PolyMesh::new(made.vertices, made.faces, groups).map_err(fault)
+        let inner = mesh_of(face::dual(&Old::new(mesh), &[]).map_err(fault)?)?;
+        let middle = mesh_of((self.row().rule)(&Old::new(&inner), &self.values).map_err(fault)?)?;
+        let mut built = face::dual(&Old::new(&middle), &[]).map_err(fault)?;
+        built.parents.fill(NO_PARENT);
+        let groups = self.groups(&built, mesh)?;
+        PolyMesh::new(built.vertices, built.faces, groups).map_err(fault)
     }
 
-    fn groups(&self, made: &Sketch, old: &PolyMesh) -> Result<Vec<u32>, RemeshError> {
+    fn groups(&self, built: &MeshBuilder, old: &PolyMesh) -> Result<Vec<u32>, RemeshError> {
         let greatest = old.greatest_group();
-        let faces = made.classes.iter().zip(&made.parents);
+        let faces = built.classes.iter().zip(&built.parents);
         Ok(match &self.grouping {
-            Grouping::Class => made.classes.iter().map(|&c| u32::from(c)).collect(),
-            Grouping::Numbers(numbers) => made
+            Grouping::Class => built.classes.iter().map(|&c| u32::from(c)).collect(),
+            Grouping::Numbers(numbers) => built
                 .classes
                 .iter()
                 .map(|&c| numbers[usize::from(c) - 1])
                 .collect(),
-            Grouping::Distinct => (1..=made.classes.len() as u32).collect(),
+            Grouping::Distinct => (1..=built.classes.len() as u32).collect(),
             Grouping::Keep => faces
                 .map(
                     |(&class, &parent)| match old.groups().get(parent as usize) {
@@ -265,7 +266,7 @@ impl Remesh {
                     },
                 )
                 .collect(),
-            Grouping::Parent => made
+            Grouping::Parent => built
                 .parents
                 .iter()
                 .map(|&p| old.groups().get(p as usize).copied())
@@ -284,7 +285,7 @@ impl fmt::Display for Remesh {
 /// The parent of a face that does not come from a single old face.
 const NO_PARENT: u32 = u32::MAX;
 
-/// The old mesh with its neighbourhoods.
+/// The old mesh with its connectivity.
 struct Old<'a> {
     mesh: &'a PolyMesh,
     ring: Ring<'a>,
@@ -318,7 +319,7 @@ impl<'a> Old<'a> {
     }
 
     /// The first corner of every edge.
-    fn halves(&self) -> impl Iterator<Item = usize> + '_ {
+    fn edge_corners(&self) -> impl Iterator<Item = usize> + '_ {
         self.ring.edges.iter().map(|&c| c as usize)
     }
 
@@ -332,14 +333,14 @@ impl<'a> Old<'a> {
         self.ring.edge[c]
     }
 
-    /// The place of a corner among two points an edge: 2 edge for the first, 2 edge + 1 for its twin.
+    /// The index of a corner's point among two points per edge: 2 edge for the first corner, 2 edge + 1 for its twin.
     fn side(&self, c: usize) -> u32 {
         2 * self.edge(c) + u32::from(self.ring.edges[self.edge(c) as usize] as usize != c)
     }
 
-    /// Two points an edge, at `t` from either end, in the order of [`Old::side`].
-    fn both(&self, t: f64) -> impl Iterator<Item = Vec3> + '_ {
-        self.halves()
+    /// Two points per edge, at `t` from either end, in the order of [`Old::side`].
+    fn edge_point_pairs(&self, t: f64) -> impl Iterator<Item = Vec3> + '_ {
+        self.edge_corners()
             .flat_map(move |c| [self.along(c, t), self.along(self.twin(c), t)])
     }
 
@@ -367,15 +368,15 @@ impl<'a> Old<'a> {
     }
 }
 
-/// A mesh in the making.
-struct Sketch {
+/// The mesh under construction.
+struct MeshBuilder {
     vertices: Vec<Vec3>,
     faces: Faces,
     classes: Vec<u8>,
     parents: Vec<u32>,
 }
 
-impl Sketch {
+impl MeshBuilder {
     fn new(vertices: Vec<Vec3>) -> Self {
         Self {
             vertices,
@@ -385,12 +386,12 @@ impl Sketch {
         }
     }
 
-    /// The old vertices, and then others.
-    fn keeping(old: &Old) -> Self {
+    /// A builder that starts with the old vertices.
+    fn with_old_vertices(old: &Old) -> Self {
         Self::new(old.mesh.vertices().to_vec())
     }
 
-    /// Appends points and gives the number of the first.
+    /// Appends points and returns the number of the first.
     fn points(&mut self, points: impl IntoIterator<Item = Vec3>) -> u32 {
         let first = self.vertices.len() as u32;
         self.vertices.extend(points);
@@ -403,11 +404,11 @@ impl Sketch {
         self.parents.push(parent);
     }
 
-    /// As a mesh of one group, to be worked on further.
+    /// The mesh with all faces in one group, for a further rule.
     fn mesh(self) -> Result<PolyMesh, PolyError> {
         let groups = vec![1; self.faces.len()];
         PolyMesh::new(self.vertices, self.faces, groups)
     }
 }
 
-type Made = Result<Sketch, PolyError>;
+type RuleResult = Result<MeshBuilder, PolyError>;

@@ -1,13 +1,7 @@
 //! Scripts: a model as text, one step a line, replayed to the same mesh every time.
 //!
-//! ```text
-//! param t = 1/3                          # set from outside, or as it stands
-//! cube edge=1
-//! repeat 2 { remesh checkerboard t=t; extrude cubical group=1 dihedral=90 tiers=[-1] }
-//! ```
-//!
-//! Steps end with their line or with `;`, `#` begins a comment, `repeat N { ... }` nests, numbers may be
-//! expressions (angles in degrees). [`VERBS`] lists the steps.
+//! Steps end with their line or with `;`, `#` begins a comment, `repeat N { ... }` nests, `param` names a value
+//! that the caller may override, numbers may be expressions (angles in degrees). [`VERBS`] lists the steps.
 //!
 //! ```
 //! use druse::polymesh::{NoFiles, Script, Interpreter};
@@ -67,7 +61,7 @@ const PROGRESS_MIN_FACES: usize = 10_000;
 /// Maximum number of steps of a script, loops unrolled.
 const MAX_STEPS: usize = 100_000;
 
-/// What is wrong with a script, and where.
+/// An error in a script, and its place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScriptError {
     /// The line, from 1.
@@ -89,7 +83,7 @@ impl std::fmt::Display for ScriptError {
 
 impl std::error::Error for ScriptError {}
 
-/// Where a script's files are: `load` and `save` ask it.
+/// File access of the steps `load` and `save`.
 pub trait Files: Sync {
     /// Reads a mesh; options are those of the step (`group_by`, `weld`, `flip`).
     ///
@@ -99,27 +93,27 @@ pub trait Files: Sync {
     /// Writes a mesh.
     ///
     /// # Errors
-    /// Why not.
+    /// The reason.
     fn save(&self, path: &Path, mesh: &PolyMesh) -> Result<(), String>;
 }
 
-/// How a file is read.
+/// Options of reading a mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadOptions {
     /// What makes a group.
     pub group_by: GroupBy,
-    /// Colours whose red, green and blue differ by no more than this (of 0 to 1) are one group; 0 tells 255ths
-    /// apart.
+    /// Largest difference of red, green and blue (0 to 1) of colours in one group; 0 separates colours that
+    /// differ by 1/255.
     pub color_tolerance: f64,
-    /// Vertices nearer than this become one; 0 keeps them.
+    /// Distance within which vertices are merged; 0 merges none.
     pub weld: f64,
     /// Whether faces are turned inside out.
     pub flip: bool,
-    /// Whether holes are closed, each with one face; these get a group of their own.
+    /// Whether holes are closed, each with one face; these faces form a separate group.
     pub allow_open: bool,
 }
 
-/// What makes a group of a file.
+/// The property of a file that makes groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum GroupBy {
     /// The material's name, or `groupN`.
@@ -136,7 +130,7 @@ pub enum GroupBy {
 pub struct Loaded {
     /// The mesh.
     pub mesh: PolyMesh,
-    /// What looked odd.
+    /// Warnings.
     pub warnings: Vec<String>,
 }
 
@@ -161,7 +155,7 @@ pub struct Note {
     pub text: String,
 }
 
-/// Where steps are carried out: the model, its history, parameters and notes.
+/// The interpreter of scripts: the model, its history, parameters and notes.
 #[derive(Clone)]
 pub struct Interpreter<'a> {
     history: History,
@@ -174,13 +168,13 @@ pub struct Interpreter<'a> {
 }
 
 impl<'a> Interpreter<'a> {
-    /// An empty interpreter that remembers one step: enough for a script.
+    /// An empty interpreter that keeps one step of history, enough to run a script.
     pub fn new(files: &'a dyn Files) -> Self {
-        Self::remembering(files, 1)
+        Self::with_history(files, 1)
     }
 
-    /// An empty interpreter that remembers so many steps to undo.
-    pub fn remembering(files: &'a dyn Files, steps: usize) -> Self {
+    /// An empty interpreter that can undo this many steps.
+    pub fn with_history(files: &'a dyn Files, steps: usize) -> Self {
         Self {
             history: History::new(steps),
             files,
@@ -192,14 +186,14 @@ impl<'a> Interpreter<'a> {
         }
     }
 
-    /// Reports each step on a large mesh to `progress`, and stops between two steps when that is cancelled.
+    /// Reports each step on a large mesh to `progress`, and stops between two steps when it is cancelled.
     #[must_use]
-    pub fn watched(self, progress: &'a dyn Progress) -> Self {
+    pub fn with_progress(self, progress: &'a dyn Progress) -> Self {
         Self { progress, ..self }
     }
 
-    /// Reports the start of a step; false if the run was cancelled.
-    fn begins(&self, step: &str) -> bool {
+    /// Reports the start of a step; returns false if the run is cancelled.
+    fn start_step(&self, step: &str) -> bool {
         if self
             .mesh()
             .is_some_and(|m| m.face_count() > PROGRESS_MIN_FACES)
@@ -212,7 +206,7 @@ impl<'a> Interpreter<'a> {
     /// Overrides a parameter; the value may be an expression.
     ///
     /// # Errors
-    /// When the value is none.
+    /// When the text is not a finite number.
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), String> {
         let parsed = Expression::parse(value).map_err(|e| e.message)?;
         let number = parsed.number(&|_, _| None).map_err(|e| e.message)?;
@@ -220,27 +214,27 @@ impl<'a> Interpreter<'a> {
         Ok(())
     }
 
-    /// The mesh as it is.
+    /// The current mesh.
     pub fn mesh(&self) -> Option<&PolyMesh> {
         self.history.model().mesh.as_deref()
     }
 
-    /// The mesh as it is, shared.
-    pub fn shared(&self) -> Option<Arc<PolyMesh>> {
+    /// The current mesh, shared.
+    pub fn shared_mesh(&self) -> Option<Arc<PolyMesh>> {
         self.history.model().mesh.clone()
     }
 
-    /// The model as it is.
+    /// The current model.
     pub fn model(&self) -> &Model {
         self.history.model()
     }
 
-    /// What was done, undone and can be done again.
+    /// The steps done and undone.
     pub fn history(&mut self) -> &mut History {
         &mut self.history
     }
 
-    /// The steps that made the model, as far as they are remembered.
+    /// The steps that made the model, as far as the history keeps them.
     pub fn steps(&self) -> Vec<String> {
         self.history.steps().map(str::to_owned).collect()
     }
@@ -250,7 +244,7 @@ impl<'a> Interpreter<'a> {
         &self.parameters
     }
 
-    /// Takes the notes since the last time.
+    /// Removes and returns the notes since the last call.
     pub fn take_notes(&mut self) -> Vec<Note> {
         std::mem::take(&mut self.notes)
     }
@@ -306,7 +300,7 @@ impl Script {
             .collect()
     }
 
-    /// Carries it out, up to and with a line if one is given.
+    /// Runs the script, up to and including the line `until` if one is given.
     ///
     /// # Errors
     /// [`ScriptError`] at the step that cannot be done; the model stays as it was before it.
@@ -335,7 +329,7 @@ impl Script {
     }
 }
 
-/// Carries items out; whether to go on.
+/// Runs items; returns whether to continue.
 fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<bool, ScriptError> {
     for item in list {
         match item {
@@ -385,22 +379,22 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                 if interpreter.steps > MAX_STEPS {
                     return Err(statement.fault(0, format!("more than {MAX_STEPS} steps")));
                 }
-                if !interpreter.begins(&statement.text) {
+                if !interpreter.start_step(&statement.text) {
                     return Err(statement.fault(0, "stopped before this step"));
                 }
-                step::carry_out(statement, interpreter)?;
+                step::run_step(statement, interpreter)?;
             }
         }
     }
     Ok(true)
 }
 
-/// Whether a word begins a step that is no solid.
+/// Whether a word begins a step that does not name a solid.
 fn is_verb(word: &str) -> bool {
     VERBS.iter().any(|v| v.0 == word && word != "SOLID")
 }
 
-/// The known word nearest to one, if any is near.
+/// The known word most similar to `word`, if any is similar.
 fn nearest<'a, S: AsRef<str> + ?Sized>(word: &str, known: &'a [&S]) -> Option<&'a str> {
     known
         .iter()
@@ -425,7 +419,7 @@ impl PolyMesh {
     pub fn from_script(text: &str) -> Result<Self, ScriptError> {
         let mut interpreter = Interpreter::new(&NoFiles);
         Script::parse(text)?.run(&mut interpreter, None)?;
-        let mesh = interpreter.shared().ok_or_else(|| ScriptError {
+        let mesh = interpreter.shared_mesh().ok_or_else(|| ScriptError {
             line: 1,
             column: 1,
             message: "no step makes a mesh".to_owned(),

@@ -1,13 +1,13 @@
-//! What a model starts from: Platonic and Archimedean solids, polygons, prisms, grids, tori.
+//! Initial meshes: Platonic and Archimedean solids, polygons, prisms, grids, tori.
 //!
-//! Solids stand about the origin; all faces are in group 1. Lengths are in the model's unit.
+//! Solids are centred on the origin; all faces are in group 1. Lengths are in the model's unit.
 
 use super::{Faces, PolyError, PolyMesh, archimedean};
 use crate::frame::Vec3;
 use std::f64::consts::{PI, TAU};
 
 /// Names of the Platonic solids.
-pub const PLATONIC: [&str; 5] = [
+pub const PLATONIC_SOLIDS: [&str; 5] = [
     "tetrahedron",
     "cube",
     "octahedron",
@@ -15,7 +15,7 @@ pub const PLATONIC: [&str; 5] = [
     "icosahedron",
 ];
 
-/// Maximum number of corners of a seed; larger numbers are typing errors.
+/// Maximum number of corners of a seed.
 const MAX_CORNERS: usize = 1 << 24;
 
 /// Why a seed cannot be made.
@@ -39,14 +39,17 @@ pub enum SeedError {
         /// The range.
         expected: &'static str,
     },
-    /// No mesh.
+    /// A loop of points that is no mesh.
     #[error(transparent)]
     Mesh(#[from] PolyError),
 }
 
 /// Names of all solids: Platonic, then Archimedean.
 pub fn solids() -> Vec<&'static str> {
-    PLATONIC.into_iter().chain(archimedean::names()).collect()
+    PLATONIC_SOLIDS
+        .into_iter()
+        .chain(archimedean::names())
+        .collect()
 }
 
 /// The name in [`solids`] of a solid by any of its names, whatever its capitals, hyphens and blanks:
@@ -55,7 +58,7 @@ pub fn canonical(name: &str) -> Option<&'static str> {
     archimedean::canonical(name)
 }
 
-/// The solid whose names resemble a word most, if any does.
+/// The solid with the name most similar to a word, if any is similar.
 pub(super) fn nearest_solid(name: &str) -> Option<&'static str> {
     archimedean::nearest(name)
 }
@@ -209,7 +212,7 @@ fn corners(n: usize) -> Result<usize, SeedError> {
     }
 }
 
-/// Corners of a regular n-gon in the plane at height z, the first on the x axis turned by `turn`.
+/// Corners of a regular n-gon at height z; the first is on the x axis, rotated by the angle `turn`.
 fn ring(n: usize, edge: f64, z: f64, turn: f64) -> Vec<Vec3> {
     let radius = edge / (2.0 * (PI / n as f64).sin());
     (0..n)
@@ -220,7 +223,7 @@ fn ring(n: usize, edge: f64, z: f64, turn: f64) -> Vec<Vec3> {
         .collect()
 }
 
-/// A regular n-gon with two sides: face 0 looks up the z axis, face 1 down.
+/// A regular n-gon with two sides: the normal of face 0 is +z, that of face 1 is -z.
 ///
 /// # Errors
 /// Fewer than 3 corners, an edge that is not positive.
@@ -285,8 +288,8 @@ pub fn antiprism(n: usize, edge: f64, height: Option<f64>) -> Result<PolyMesh, S
     Ok(PolyMesh::new(points, faces, groups)?)
 }
 
-/// A pyramid over a regular n-gon: base, then sides; without a height it is as high as an edge is long,
-/// or its triangles are equilateral where they can be.
+/// A pyramid over a regular n-gon: base, then sides. Without a height its triangles are equilateral for n up
+/// to 5, and its height is the edge length for larger n.
 ///
 /// # Errors
 /// As [`prism`].

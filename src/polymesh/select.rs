@@ -1,4 +1,4 @@
-//! Which faces: conditions on their numbers, on where they are, on how they came to be.
+//! Selection of faces by conditions on number, position and history.
 //!
 //! | name | meaning |
 //! |---|---|
@@ -27,20 +27,20 @@ pub(super) struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// The answer of a condition for every face.
+    /// Evaluates a condition for every face.
     pub fn choose(&self, condition: &Expression) -> Result<Vec<bool>, ExpressionError> {
-        let picked = Picked::default();
+        let cache = SearchCache::default();
         (0..self.mesh.face_count())
-            .map(|f| condition.truth(&|name, arguments| self.meaning(f, name, arguments, &picked)))
+            .map(|f| condition.truth(&|name, arguments| self.resolve(f, name, arguments, &cache)))
             .collect()
     }
 
-    fn meaning(
+    fn resolve(
         &self,
         f: usize,
         name: &str,
         arguments: Option<&[f64]>,
-        picked: &Picked,
+        cache: &SearchCache,
     ) -> Option<Value> {
         let mesh = self.mesh;
         let Some(arguments) = arguments else {
@@ -70,7 +70,7 @@ impl Scene<'_> {
                 }
                 "all" => return Some(Value::Truth(true)),
                 "last" => return Some(Value::Truth(f >= self.last)),
-                "top" => return Some(Value::Truth(self.is_top(f, picked))),
+                "top" => return Some(Value::Truth(self.is_top(f, cache))),
                 _ => return (self.parameters)(name).map(Value::Number),
             };
             return Some(Value::Number(number));
@@ -78,10 +78,10 @@ impl Scene<'_> {
         let face = match (name, arguments) {
             ("near", [_, _, _]) | ("ray", [_, _, _, _, _, _]) => {
                 let key = (name.len(), arguments.iter().map(|a| a.to_bits()).collect());
-                let known = picked.faces.borrow().get(&key).copied();
+                let known = cache.faces.borrow().get(&key).copied();
                 known.unwrap_or_else(|| {
                     let face = pick(mesh, arguments);
-                    picked.faces.borrow_mut().insert(key, face);
+                    cache.faces.borrow_mut().insert(key, face);
                     face
                 })
             }
@@ -90,11 +90,11 @@ impl Scene<'_> {
         Some(Value::Truth(face == Some(f)))
     }
 
-    fn is_top(&self, f: usize, picked: &Picked) -> bool {
+    fn is_top(&self, f: usize, cache: &SearchCache) -> bool {
         if !self.tops.is_empty() {
             return self.tops.contains(&f);
         }
-        let highest = *picked.highest.borrow_mut().get_or_insert_with(|| {
+        let highest = *cache.highest.borrow_mut().get_or_insert_with(|| {
             let heights = (0..self.mesh.face_count()).map(|f| self.mesh.centre(f).z);
             heights.fold(f64::NEG_INFINITY, f64::max)
         });
@@ -103,13 +103,13 @@ impl Scene<'_> {
     }
 }
 
-/// Faces by the arguments that they were found with: how many letters the name has, and the numbers.
-type Faces = HashMap<(usize, Vec<u64>), Option<usize>>;
+/// Faces found by `near` and `ray`, keyed by the length of the name and the bits of the arguments.
+type FaceCache = HashMap<(usize, Vec<u64>), Option<usize>>;
 
-/// Faces found by place, so that each search is made once.
+/// Results of searches, so that each is made once per selection.
 #[derive(Default)]
-struct Picked {
-    faces: RefCell<Faces>,
+struct SearchCache {
+    faces: RefCell<FaceCache>,
     highest: RefCell<Option<f64>>,
 }
 

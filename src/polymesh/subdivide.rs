@@ -1,32 +1,32 @@
-//! Chosen faces cut into quads or triangles about their centres.
+//! Subdivision of chosen faces into quads or triangles about their centres.
 //!
-//! Quads: a face with n corners becomes n, each from a corner over the middles of its two edges to the
-//! centre; neighbours that are not chosen get those middles as corners. Triangles: n, each from an edge to the
-//! centre. The parts keep the group of their face and begin at its corner i; they come last, in the order of
-//! their faces, after the faces that stay.
+//! Into quads, a face with n corners becomes n quads, each with a corner, the midpoints of its two edges and the
+//! centre; neighbours that are not chosen get the midpoints as corners. Into triangles, it becomes n triangles of
+//! an edge and the centre. Part i keeps the group of the face and starts at its corner i. The unchanged faces come
+//! first, then the parts in the order of their faces.
 
 use super::{Faces, PolyError, PolyMesh};
 use crate::frame::Vec3;
 use std::collections::HashMap;
 
-/// What faces are cut into.
+/// The parts that faces are cut into.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Parts {
-    /// One for each corner.
+    /// Quads, one for each corner.
     #[default]
     Quads,
-    /// One for each edge.
+    /// Triangles, one for each edge.
     Triangles,
 }
 
 impl PolyMesh {
-    /// The mesh with the chosen faces (one answer a face) cut up, and the first of their parts.
+    /// The mesh with the chosen faces (one flag per face) subdivided, and the number of the first part.
     ///
     /// # Errors
     /// [`PolyError::TooMany`].
     ///
     /// # Panics
-    /// When `chosen` has another length than there are faces.
+    /// When the length of `chosen` is not the number of faces.
     pub fn subdivided(&self, chosen: &[bool], into: Parts) -> Result<(Self, usize), PolyError> {
         assert_eq!(chosen.len(), self.face_count());
         let mut vertices = self.vertices().to_vec();

@@ -3,13 +3,13 @@
 use super::PolyMesh;
 use crate::scaffold::{Connectivity, Kind, ScaffoldError, Surface};
 
-/// Why faces are no elements.
+/// Why faces cannot be elements of a surface.
 #[derive(Debug, thiserror::Error)]
 pub enum SurfaceError {
-    /// A face of too many corners.
+    /// A face with more than four corners.
     #[error(
         "face {face} (group {group}) has {corners} corners; expected triangles and quads only: \
-         remesh triangulate, stellate or linear_vertex makes such"
+         remesh triangulate, stellate or linear_vertex makes them"
     )]
     Corners {
         /// The face.
@@ -19,7 +19,7 @@ pub enum SurfaceError {
         /// Its corners.
         corners: usize,
     },
-    /// What elements may not be.
+    /// An error of the surface scaffold.
     #[error(transparent)]
     Scaffold(#[from] ScaffoldError),
 }

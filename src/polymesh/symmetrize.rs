@@ -1,7 +1,7 @@
-//! The mesh's own point group, and faces put into groups by its orbits.
+//! The point group of a mesh, and face groups from its orbits.
 //!
-//! A symmetry is an isometry about the mesh's middle that carries faces onto faces. It is found as a map of
-//! corners: where one corner goes decides where all go, by walking over the mesh.
+//! A symmetry is an isometry about the mean of the vertices that maps faces to faces. It is found as a map of
+//! corners: the image of one corner determines the images of all, by propagation over adjacent corners.
 
 use super::PolyMesh;
 use super::polygon::unit;
@@ -20,7 +20,7 @@ pub struct Symmetry {
 }
 
 impl Symmetry {
-    /// Whether it turns, rather than mirrors.
+    /// Whether it is a rotation; else it reverses the orientation.
     pub fn is_rotation(&self) -> bool {
         self.matrix.determinant() > 0.0
     }
@@ -30,9 +30,9 @@ impl PolyMesh {
     /// The mesh's point group: the identity first, then in the order of the images of its first corner,
     /// rotations before mirrors. Points may be off by 1e-7 of the mesh's size.
     ///
-    /// Meshes of several pieces give none, not even the identity.
+    /// A mesh with several components gives an empty list, without the identity.
     pub fn symmetries(&self) -> Vec<Symmetry> {
-        if self.pieces().1 != 1 {
+        if self.components().1 != 1 {
             return Vec::new();
         }
         let finder = Finder::new(self);
@@ -54,12 +54,12 @@ impl PolyMesh {
     }
 
     /// The mesh with a group for each orbit of faces, in order of their first faces, and start vertices that
-    /// are images of one another, by rotations where there are such. Gives the order of the group, too.
+    /// are images of one another, by rotations where there are such. Also returns the order of the group.
     pub fn symmetrized(&self, rotations_only: bool) -> (Self, usize) {
         self.symmetrized_by(rotations_only, |_| true)
     }
 
-    /// The same by some of its symmetries, which must be a group.
+    /// As [`PolyMesh::symmetrized`], with the symmetries that `keeps` selects; they have to form a group.
     pub fn symmetrized_by(
         &self,
         rotations_only: bool,
@@ -108,7 +108,7 @@ impl<'a> Finder<'a> {
         }
     }
 
-    /// A corner of a face with the rarest number of corners, so that few images are tried in vain.
+    /// A corner of a face with the rarest number of corners; it has the fewest candidate images.
     fn rarest(&self) -> usize {
         let mut counts = std::collections::BTreeMap::new();
         for face in self.mesh.faces().iter() {
@@ -122,7 +122,7 @@ impl<'a> Finder<'a> {
             .map_or(0, |f| self.mesh.faces().span(f).start)
     }
 
-    /// Axes at a corner: along its edge, and across.
+    /// Axes at a corner: along its edge, and in the face normal to it.
     fn axes(&self, c: usize, mirrored: bool) -> Option<Mat3> {
         let edge = if mirrored {
             self.ring.prior(c)
@@ -146,7 +146,7 @@ impl<'a> Finder<'a> {
         let matrix = self.axes(to, mirrored)? * self.axes(from, false)?.transpose();
         let mut image = vec![u32::MAX; ring.next.len()];
         let mut open = vec![(from, to)];
-        // A corner in a mirror is one whose edge runs to the corner before it.
+        // Under a reflection the edge of a corner runs to the corner before it.
         while let Some((c, d)) = open.pop() {
             if image[c] != u32::MAX {
                 if image[c] as usize != d {
@@ -160,7 +160,7 @@ impl<'a> Finder<'a> {
             }
             image[c] = d as u32;
             if mirrored {
-                // c's edge leads to its next corner; d's to the one before it.
+                // The edge of c runs to the next corner, that of d to the one before it.
                 open.push((ring.after(c), ring.prior(d)));
                 let across = self.mesh.twin(ring.prior(d));
                 open.push((self.mesh.twin(c), ring.after(across)));

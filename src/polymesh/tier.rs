@@ -1,53 +1,55 @@
 //! Positions of the vertices of a tier of an extrusion: one rule per kind of tier, for any polygon.
 //!
-//! Tier k has the length `t_k` L. The factors sqrt(3)/2, cos 54 degrees and sqrt 2 make every new edge of
-//! length L on the regular solid's polygon when t = 1; on tiers above mid-edges t is thus a ratio of slant
-//! heights.
+//! Tier k has the length `t_k` L, with L the mean edge length of the base. With the factors sqrt(3)/2,
+//! cos 54 degrees and sqrt 2, t = 1 gives new edges of length L where the base is a face of the regular solid.
+//! For tiers over the middles of edges t is therefore a ratio of slant heights.
 
 use super::polygon::{Hinge, Polygon, mean, meet, unit};
 use crate::frame::Vec3;
 
-/// Rule that places the vertices of a tier over those below it. `b_i` is corner i of the base, L its mean
-/// edge length, t the tier's ratio, `u_i` the slope direction of edge i, `d_i` the ridge direction of corner i.
+/// The rule that places the vertices of a tier. `b_i` is corner i of the base, L its mean edge length, t the
+/// ratio of the tier, `u_i` the slope direction of edge i, `d_i` the ridge direction of corner i.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TierRule {
-    /// One point: the mean over the edges of middle + sqrt(3)/2 t L `u_i`.
+    /// One point: the mean of (midpoint of edge i) + sqrt(3)/2 t L `u_i` over the edges.
     Apex,
     /// `b_i` + t L `d_i`.
     Ridge,
-    /// Middle of edge i + sqrt(3)/2 t L `u_i`.
+    /// Midpoint of edge i + sqrt(3)/2 t L `u_i`.
     Slope,
-    /// Middle of the tier's vertices i and i+1 below + cos 54 t L `u_i`.
+    /// Midpoint of vertices i and i+1 of the first tier + cos(54 degrees) t L `u_i`.
     Roof,
-    /// From the roof along the intersection of the planes of two neighbouring pentagons.
+    /// From roof vertex i along the intersection line of the planes of the two pentagons that meet there.
     Crest,
-    /// From corner i along the intersection of the hinge planes on the edges to the adjacent slopes.
+    /// From corner i along the intersection line of the hinge planes through its edges to the two adjacent
+    /// slope vertices.
     LowHinge,
-    /// From slope i along the intersection of the hinge planes on the edges to the corners' vertices above.
+    /// From slope vertex i along the intersection line of the hinge planes through its edges to the two
+    /// low-hinge vertices above corners i and i+1.
     HighHinge,
-    /// `b_i` + sqrt 2 t L towards the midpoint of the adjacent slopes.
+    /// `b_i` + sqrt 2 t L towards the midpoint of the two adjacent slope vertices.
     Flank,
-    /// Two points a corner: `b_i` + t L along the side planes of the edges before and after it.
+    /// Two points per corner: `b_i` + t L up the side planes of the edges before and after it.
     Fold,
-    /// The same from the two points below, folded inward by delta.
+    /// Two points per corner: from those of `Fold`, along directions folded inward by delta.
     Refold,
-    /// One point a corner: the mean of both points below raised along the next fold.
+    /// One point per corner: the mean of the two `Refold` points, raised along the mean of the next fold directions.
     Close,
 }
 
 /// The vertices of all tiers over one polygon.
 pub(super) struct TierPoints {
-    /// The vertices in the order of the table's rings.
+    /// The vertices, tier by tier.
     pub points: Vec<Vec3>,
-    /// Unit direction from below to each vertex of the last tier.
+    /// The unit direction along which each vertex of the last tier was placed.
     pub directions: Vec<Vec3>,
 }
 
-/// Computes the tiers of a kind of extrusion over a polygon.
+/// Places the vertices of all tiers over a polygon.
 ///
 /// # Errors
-/// Where a direction is undefined.
-pub(super) fn raise(
+/// The reason, where a direction is undefined.
+pub(super) fn place_tiers(
     base: &Polygon,
     rules: &[TierRule],
     delta: f64,
@@ -56,15 +58,15 @@ pub(super) fn raise(
     let mut builder = TierBuilder {
         base,
         delta,
-        made: Vec::new(),
+        tiers: Vec::new(),
         directions: Vec::new(),
     };
     for (&rule, &t) in rules.iter().zip(tiers) {
         let tier = builder.tier(rule, t * base.length)?;
-        builder.made.push(tier);
+        builder.tiers.push(tier);
     }
     Ok(TierPoints {
-        points: builder.made.concat(),
+        points: builder.tiers.concat(),
         directions: builder.directions,
     })
 }
@@ -72,20 +74,22 @@ pub(super) fn raise(
 struct TierBuilder<'a> {
     base: &'a Polygon,
     delta: f64,
-    made: Vec<Vec<Vec3>>,
+    /// The tiers placed so far.
+    tiers: Vec<Vec<Vec3>>,
     directions: Vec<Vec3>,
 }
 
 impl TierBuilder<'_> {
-    /// Tier `k` from below.
-    fn below(&self, k: usize) -> &[Vec3] {
-        &self.made[k]
+    /// The vertices of tier `k`, from 0 at the base.
+    fn placed_tier(&self, k: usize) -> &[Vec3] {
+        &self.tiers[k]
     }
 
-    fn tier(&mut self, rule: TierRule, reach: f64) -> Result<Vec<Vec3>, String> {
+    /// Places one tier of the length `length`.
+    fn tier(&mut self, rule: TierRule, length: f64) -> Result<Vec<Vec3>, String> {
         let (base, delta) = (self.base, self.delta);
         let n = base.len();
-        let slope = 3f64.sqrt() / 2.0;
+        let slope_factor = 3f64.sqrt() / 2.0;
         let before = |i: usize| (i + n - 1) % n;
         let after = |i: usize| (i + 1) % n;
         let starts: Vec<Vec3>;
@@ -93,7 +97,7 @@ impl TierBuilder<'_> {
         let directions: Vec<Vec3> = match rule {
             TierRule::Apex => {
                 let tips: Vec<Vec3> = (0..n)
-                    .map(|i| base.middle(i) + slope * reach * base.slope(i, delta))
+                    .map(|i| base.middle(i) + slope_factor * length * base.slope(i, delta))
                     .collect();
                 self.directions = vec![base.normal];
                 return Ok(vec![mean(&tips)]);
@@ -105,25 +109,25 @@ impl TierBuilder<'_> {
                     .collect::<Result<_, _>>()?
             }
             TierRule::Slope => {
-                factor = slope;
+                factor = slope_factor;
                 starts = (0..n).map(|i| base.middle(i)).collect();
                 (0..n).map(|i| base.slope(i, delta)).collect()
             }
             TierRule::Roof => {
                 factor = 54f64.to_radians().cos();
-                let low = self.below(0);
+                let low = self.placed_tier(0);
                 starts = (0..n).map(|i| (low[i] + low[after(i)]) / 2.0).collect();
                 (0..n).map(|i| base.slope(i, delta)).collect()
             }
             TierRule::Crest => {
-                let (low, high) = (self.below(0), self.below(1));
+                let (low, high) = (self.placed_tier(0), self.placed_tier(1));
                 starts = high.to_vec();
                 let plane = |i: usize| {
                     let (r, l) = (high[i] - low[i], high[before(i)] - low[i]);
-                    // Where the two run together there is no plane, and `meet` goes midway.
+                    // Parallel edges span no plane; with a zero normal `meet` takes the bisector.
                     let cross = r.cross(&l);
-                    let flat = cross.norm() < 1e-9 * r.norm() * l.norm();
-                    let normal = unit(cross).filter(|_| !flat);
+                    let is_degenerate = cross.norm() < 1e-9 * r.norm() * l.norm();
+                    let normal = unit(cross).filter(|_| !is_degenerate);
                     Hinge {
                         normal: normal.unwrap_or_else(Vec3::zeros),
                         away: (r + l) / 2.0,
@@ -134,9 +138,9 @@ impl TierBuilder<'_> {
                     .collect::<Result<_, _>>()?
             }
             TierRule::LowHinge => {
-                let low = self.below(0);
+                let low = self.placed_tier(0);
                 starts = base.points.clone();
-                let outward = self.triangles(low)?;
+                let outward = self.outward_normals(low)?;
                 (0..n)
                     .map(|i| {
                         let b = base.points[i];
@@ -147,7 +151,7 @@ impl TierBuilder<'_> {
                     .collect::<Result<_, _>>()?
             }
             TierRule::HighHinge => {
-                let (low, high) = (self.below(0), self.below(1));
+                let (low, high) = (self.placed_tier(0), self.placed_tier(1));
                 starts = low.to_vec();
                 let face = |a: Vec3, b: Vec3, c: Vec3| unit((b - a).cross(&(c - a)));
                 (0..n)
@@ -164,7 +168,7 @@ impl TierBuilder<'_> {
             }
             TierRule::Flank => {
                 factor = 2f64.sqrt();
-                let low = self.below(0);
+                let low = self.placed_tier(0);
                 starts = base.points.clone();
                 (0..n)
                     .map(|i| {
@@ -175,21 +179,21 @@ impl TierBuilder<'_> {
             }
             TierRule::Fold => {
                 starts = base.points.iter().flat_map(|&b| [b, b]).collect();
-                self.folds(1)
+                self.fold_directions(1)
             }
             TierRule::Refold => {
-                starts = self.below(0).to_vec();
-                self.folds(2)
+                starts = self.placed_tier(0).to_vec();
+                self.fold_directions(2)
             }
             TierRule::Close => {
-                let low = self.below(1);
-                let folds = self.folds(3);
+                let low = self.placed_tier(1);
+                let folds = self.fold_directions(3);
                 let pairs = low.chunks(2).zip(folds.chunks(2));
                 let (tops, directions) = pairs
                     .map(|(p, d)| {
                         let middle = (p[0] + p[1]) / 2.0;
                         let rise = (d[0] + d[1]) / 2.0;
-                        (middle + reach * rise, unit(rise).unwrap_or(base.normal))
+                        (middle + length * rise, unit(rise).unwrap_or(base.normal))
                     })
                     .unzip();
                 self.directions = directions;
@@ -197,13 +201,13 @@ impl TierBuilder<'_> {
             }
         };
         let points = starts.iter().zip(&directions);
-        let points = points.map(|(p, d)| p + factor * reach * d).collect();
+        let points = points.map(|(p, d)| p + factor * length * d).collect();
         self.directions = directions;
         Ok(points)
     }
 
     /// Outward unit normals of the triangles (`b_i`, b_(i+1), `low_i`).
-    fn triangles(&self, low: &[Vec3]) -> Result<Vec<Vec3>, String> {
+    fn outward_normals(&self, low: &[Vec3]) -> Result<Vec<Vec3>, String> {
         let n = self.base.len();
         let p = &self.base.points;
         (0..n)
@@ -214,9 +218,9 @@ impl TierBuilder<'_> {
             .collect()
     }
 
-    /// Per corner the directions of fold `k` over the edges before and after it: cos(tau) N + sin(tau) W
-    /// with tau = k delta - (2k - 1) 90 degrees.
-    fn folds(&self, k: u32) -> Vec<Vec3> {
+    /// For each corner the directions of fold `k` over the edges before and after it: cos(tau) N + sin(tau) W,
+    /// tau = k delta - (2k - 1) 90 degrees.
+    fn fold_directions(&self, k: u32) -> Vec<Vec3> {
         let n = self.base.len();
         let k = f64::from(k);
         let tau = k * self.delta - (2.0 * k - 1.0) * std::f64::consts::FRAC_PI_2;
@@ -229,11 +233,11 @@ impl TierBuilder<'_> {
 
 fn defined(direction: Option<Vec3>, i: usize) -> Result<Vec3, String> {
     direction.ok_or_else(|| {
-        format!("over its corner {i} a tier has no direction: the tier below has no area there")
+        format!("a tier has no direction over corner {i}: the faces of the tier below have no area there")
     })
 }
 
-/// Slides each vertex along its direction to the mean height over the base.
+/// Makes a tier planar: moves each vertex along its direction to the mean height over the base.
 pub(super) fn level(base: &Polygon, top: &mut [Vec3], directions: &[Vec3]) {
     let centre = mean(&base.points);
     let height = |p: &Vec3| (p - centre).dot(&base.normal);

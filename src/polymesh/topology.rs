@@ -1,9 +1,9 @@
-//! Half-edges: the twin of each corner, the order round a vertex, and what breaks a manifold.
+//! Half-edge topology: twins of corners, the order round a vertex, and the checks of a manifold.
 
 use super::{Faces, PolyError, PolyMesh};
 use crate::frame::Vec3;
 
-/// Checks everything and gives the twin of each corner.
+/// Checks vertices, faces and groups, and computes the twin of each corner.
 pub(super) fn twins(
     vertices: &[Vec3],
     faces: &Faces,
@@ -41,9 +41,9 @@ pub(super) fn finite(vertices: &[Vec3]) -> Result<(), PolyError> {
     Ok(())
 }
 
-/// Every loop: enough corners, vertices that exist, none twice.
+/// Checks every loop: enough corners, existing vertices, none twice.
 fn loops(count: usize, faces: &Faces) -> Result<(), PolyError> {
-    // The face that visited a vertex last.
+    // The last face that contained each vertex.
     let mut seen = vec![u32::MAX; count];
     for (f, face) in faces.iter().enumerate() {
         if face.len() < 3 {
@@ -88,11 +88,11 @@ fn ends(faces: &Faces) -> Vec<u32> {
     ends
 }
 
-/// Finds for each half-edge the opposite one.
+/// Finds the opposite half-edge of each half-edge.
 fn pair(count: usize, faces: &Faces) -> Result<Vec<u32>, PolyError> {
     let starts = &faces.corners;
     let ends = ends(faces);
-    // Half-edges by the lesser of their vertices, in order of corner.
+    // Half-edges grouped by their lower vertex, in the order of corners.
     let mut first = vec![0u32; count + 1];
     for (a, b) in starts.iter().zip(&ends) {
         first[*a.min(b) as usize + 1] += 1;
@@ -109,8 +109,8 @@ fn pair(count: usize, faces: &Faces) -> Result<Vec<u32>, PolyError> {
     }
     drop(slot);
     let mut twins = vec![u32::MAX; starts.len()];
-    // The first fault by corner, so that the message does not depend on the order of the search; open
-    // edges last, for they often follow from the others.
+    // The first fault in the order of corners, so that the message does not depend on the search; open
+    // edges come last because they often follow from other faults.
     let mut fault: Option<(u32, Option<u32>)> = None;
     let mut worse = |c: u32, other: Option<u32>| {
         let rank = |c: u32, other: Option<u32>| (other.is_none(), c);
@@ -160,7 +160,7 @@ fn pair(count: usize, faces: &Faces) -> Result<Vec<u32>, PolyError> {
     })
 }
 
-/// Every vertex in use, and by one fan of faces.
+/// Checks that every vertex is in use, by one fan of faces.
 fn fans(count: usize, faces: &Faces, twins: &[u32]) -> Result<(), PolyError> {
     let mut before = Vec::with_capacity(twins.len());
     for f in 0..faces.len() {
@@ -194,7 +194,7 @@ fn fans(count: usize, faces: &Faces, twins: &[u32]) -> Result<(), PolyError> {
     Ok(())
 }
 
-/// Neighbourhoods of a mesh, looked up by corner: made once for an operation that needs them.
+/// The connectivity of a mesh by corner, computed once for an operation.
 pub(crate) struct Ring<'a> {
     mesh: &'a PolyMesh,
     /// The corner after each one in its face.
@@ -203,7 +203,7 @@ pub(crate) struct Ring<'a> {
     pub before: Vec<u32>,
     /// The face of each corner.
     pub face: Vec<u32>,
-    /// A corner of each vertex, that of the least face.
+    /// A corner of each vertex, in its lowest face.
     pub corner: Vec<u32>,
     /// The edge of each corner, numbered as first seen.
     pub edge: Vec<u32>,
@@ -252,7 +252,7 @@ impl<'a> Ring<'a> {
         self.mesh.faces.corners[corner] as usize
     }
 
-    /// Where a corner is.
+    /// The position of a corner.
     pub fn at(&self, corner: usize) -> Vec3 {
         self.mesh.vertices[self.vertex(corner)]
     }
@@ -267,7 +267,7 @@ impl<'a> Ring<'a> {
         self.before[corner] as usize
     }
 
-    /// The corners round a vertex, counter-clockwise seen from outside, from its least face.
+    /// The corners round a vertex, counter-clockwise seen from outside, from its lowest face.
     pub fn around(&self, vertex: usize) -> impl Iterator<Item = usize> + '_ {
         let first = self.corner[vertex] as usize;
         let mut corner = Some(first);

@@ -1,8 +1,8 @@
-//! Faces as triangles, for export and for level sets.
+//! Triangulation of the faces, for export and for level sets.
 //!
-//! Triangles stay; planar convex faces become fans from their start vertex; planar faces with reflex
-//! corners are cut by corners in their plane; others are fanned about their centre where that sees all
-//! edges. Triangles without area are left out.
+//! Triangles stay. Planar convex faces become fans from their start vertex. Planar faces with reflex corners are
+//! triangulated by ear clipping in their plane. Other faces become fans about their centre where all edges are
+//! visible from it. Triangles without area are left out.
 
 use super::PolyMesh;
 use super::polygon::{area_vector, mean, unit};
@@ -17,8 +17,8 @@ pub struct Triangulated {
     pub faces: Vec<u32>,
 }
 
-/// A face is planar if its corners are within this share of its size from its plane.
-const PLANAR: f64 = 1e-9;
+/// Largest distance of a corner of a planar face from its plane, as a share of the size of the face.
+const PLANARITY_TOLERANCE: f64 = 1e-9;
 
 impl PolyMesh {
     /// The mesh as triangles.
@@ -71,7 +71,7 @@ fn cut(points: &[Vec3]) -> Cut {
         .map(|p| (p - centre).norm())
         .fold(0.0, f64::max);
     let off = points.iter().map(|p| (p - centre).dot(&normal).abs());
-    let planar = off.fold(0.0, f64::max) <= PLANAR * size;
+    let planar = off.fold(0.0, f64::max) <= PLANARITY_TOLERANCE * size;
     let turn = |a: Vec3, b: Vec3, c: Vec3| (b - a).cross(&(c - b)).dot(&normal);
     let convex = (0..n).all(|i| turn(points[i], points[(i + 1) % n], points[(i + 2) % n]) > 0.0);
     if planar && convex {
@@ -103,8 +103,8 @@ fn cut(points: &[Vec3]) -> Cut {
             (b - a).cross(&(c - a)).dot(&normal)
         })
         .sum();
-    // A polygon that crosses itself has no corners everywhere, and one with straight corners loses them:
-    // a fan keeps the surface closed.
+    // Ear clipping fails for self-intersecting polygons and drops straight corners; a fan keeps the surface
+    // closed.
     let all = list.len() == n - 2 && (covered.abs() - area.norm()).abs() <= 1e-9 * area.norm();
     if !all {
         return if (0..n).all(sees) {

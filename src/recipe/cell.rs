@@ -5,6 +5,7 @@ use super::file::{FileRef, Similarity};
 use super::fit::{Filter, FitMethod, Solver, Symmetrise};
 use super::hybrid::{Ingredient, Surroundings};
 use super::quantity::{Finite, Fraction, Length, Positive, Size};
+use super::target::TargetWord;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
@@ -14,8 +15,8 @@ use std::fmt;
 use std::str::FromStr;
 
 /// One unit cell of the palette. Exactly one of `mesh`, `points`, `voxels`, `surface`, `formula`, `graph`,
-/// `plates`, `crystal`, `file`, `average`, `union`, `intersection`, `difference`, `minkowski_sum` and
-/// `minkowski_difference` is its source; at most one of `level`, `volume_fraction` and `thickness` sets
+/// `plates`, `crystal`, `file`, `target`, `average`, `union`, `intersection`, `difference`, `minkowski_sum`
+/// and `minkowski_difference` is its source; at most one of `level`, `volume_fraction` and `thickness` sets
 /// its level.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::Args))]
@@ -52,6 +53,25 @@ pub struct CellSection {
     /// A saved `.cell` file.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub file: Option<FileRef>,
+    /// Properties that an optimisation of the coefficients gives the cell at its `volume_fraction`: "bulk",
+    /// "shear", "young", "conductivity" or "permeability", or a table. `band_limit` is 4 when left out.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub target: Option<TargetWord>,
+    /// Where the optimisation starts: a surface by name, or a .cell file; then cells near it. When left
+    /// out several surfaces and random cells are tried.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub start: Option<String>,
+    /// Seed of random cells to start from; without start they are all.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub seed: Option<u64>,
+    /// Least width of walls and gaps of a target's cell, in reference lengths: the objective is the mean of
+    /// those of the cell eroded and dilated by half of it.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub min_feature: Option<Positive>,
+    /// Cells of the palette whose trace on the faces a target's cell keeps, so that they meet.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    #[serde(rename = "match")]
+    pub matched: Option<Vec<String>>,
     /// The weighted average of other cells of the palette: [{ cell = "a", weight = 1 }, ...], each
     /// divided by its mean slope first. Their bands, groups and lattices may differ. As a flag CELL=WEIGHT,
     /// of .cell files or surfaces, averaged with the input (whose weight is 1).
@@ -367,6 +387,7 @@ impl CellSection {
             ("plates", self.plates.is_some()),
             ("crystal", self.crystal.is_some()),
             ("file", self.file.is_some()),
+            ("target", self.target.is_some()),
             ("average", self.average.is_some()),
             ("union", self.union.is_some()),
             ("intersection", self.intersection.is_some()),

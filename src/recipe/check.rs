@@ -1,4 +1,4 @@
-//! What no single key can know: rules between the sections of a recipe.
+//! Rules between the keys and sections of a recipe.
 
 use super::error::{RecipeError, nearest};
 use super::op::Op;
@@ -8,7 +8,7 @@ use super::source::Source;
 use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION};
 use crate::frame::{LengthUnit, Transform};
 
-/// Cells that one tiling may blend.
+/// Maximum number of cells that one tiling blends.
 const MAX_CELLS: usize = 8;
 
 mod output;
@@ -66,7 +66,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 &key,
                 format!(
                     "{key} needs exactly one source of mesh, points, voxels, surface, formula, graph, \
-                     plates, crystal, file, average, union, intersection, difference, minkowski_sum, \
+                     plates, crystal, file, target, average, union, intersection, difference, minkowski_sum, \
                      minkowski_difference; found {found}"
                 ),
             ));
@@ -93,6 +93,10 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 .hint("[tiling] thickness = 0.9 gives all sheets a thickness in the recipe's unit"));
         }
     }
+    super::target::check(&sections.cell).map_err(|(name, key, reason)| {
+        let key = format!("cell.{name}.{key}");
+        source.fault(&key, format!("{key}: {reason}"))
+    })?;
     super::hybrid::check(&sections.cell).map_err(|(name, reason)| {
         let key = format!("cell.{name}");
         source.fault(&key, format!("{key}: {reason}"))
@@ -358,7 +362,7 @@ fn operation(op: &Op, key: &str, source: &Source) -> Checked {
     Ok(())
 }
 
-/// Without a scaffold the solid starts from nothing: the first operation must add something.
+/// Without a scaffold the solid is empty at first, so that the first operation must be a union.
 fn start(sections: &Sections, source: &Source) -> Checked {
     if sections.scaffold.is_some() {
         return Ok(());
@@ -386,7 +390,7 @@ fn large_enough(sections: &Sections, unit: LengthUnit, key: &str, source: &Sourc
         voxel_size: f64::NAN,
     };
     let voxel = sections.band.voxel_size.resolve(scale) * own.to(unit);
-    // What is no size at all is refused elsewhere.
+    // Values that are not sizes are refused elsewhere.
     if voxel >= Transform::MIN_VOXEL_SIZE || voxel.is_nan() {
         return Ok(());
     }

@@ -25,7 +25,7 @@ pub struct CrystalSection {
     pub set: BTreeMap<String, Finite>,
 }
 
-/// A crystal of the recipe; written alone it is the name.
+/// A crystal of the recipe: its name, or a table.
 pub type CrystalRef = Brief<CrystalFrame>;
 
 /// A crystal of the recipe, placed. Its numbers are in the recipe's unit; as the source of a cell in the

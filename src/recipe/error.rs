@@ -1,10 +1,10 @@
-//! What is wrong with a recipe, where, and what would be right.
+//! Errors of recipes: place, found, expected, hint.
 
 use super::source::Source;
 use std::fmt;
 use std::path::Path;
 
-/// Where a fault stands.
+/// The place of an error.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Place {
     /// In the text.
@@ -95,7 +95,7 @@ impl RecipeError {
         }
     }
 
-    /// Bytes that are no text: where the first one stands.
+    /// The place of the first byte that is not UTF-8.
     pub(super) fn not_text(path: &Path, error: &std::string::FromUtf8Error) -> Self {
         let (before, after) = error.as_bytes().split_at(error.utf8_error().valid_up_to());
         let start = before
@@ -151,7 +151,7 @@ impl RecipeError {
     }
 }
 
-/// Takes serde's "unknown field `a`, expected one of `b`, `c`" apart.
+/// Parses serde's "unknown field `a`, expected one of `b`, `c`".
 fn unknown_word(message: &str) -> Option<(&str, String, Vec<String>)> {
     let kind = ["field", "variant"]
         .into_iter()
@@ -161,7 +161,7 @@ fn unknown_word(message: &str) -> Option<(&str, String, Vec<String>)> {
     Some((kind, found, words.collect()))
 }
 
-/// The known word that resembles `found` most, if any does.
+/// The known word most similar to `found`, if any is similar.
 pub(crate) fn nearest<'a, S: AsRef<str>>(found: &str, known: &'a [S]) -> Option<&'a str> {
     known
         .iter()

@@ -6,14 +6,14 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// A file and its frame; written alone it is the path.
+/// A file and its frame: a path, or a table.
 pub type FileRef = Brief<FileFrame>;
 
 /// Which axis of a file points up; `y` is turned onto the recipe's z.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Up {
-    /// The file's y axis becomes z.
+    /// The y axis of the file becomes z.
     Y,
     /// As it is.
     #[default]

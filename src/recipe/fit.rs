@@ -1,9 +1,9 @@
-//! The words of a fit in `[cell.NAME]`.
+//! The keys of a fit in `[cell.NAME]`.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// By what rule the coefficients of a cell are found.
+/// The method that computes the coefficients of a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
@@ -18,19 +18,19 @@ pub enum FitMethod {
     Paper,
 }
 
-/// What is done to the spectrum of a fit by Fourier transform.
+/// The filter on the spectrum of a fit by Fourier transform.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
-    /// Nothing: best for distances.
+    /// No filter: best for distances.
     #[default]
     None,
-    /// Lanczos' sigma factors, which calm the waves beside steep places and round edges.
+    /// Lanczos' sigma factors, which damp Gibbs oscillations and round edges.
     Lanczos,
 }
 
-/// What the images of a source that lacks the symmetry make together.
+/// How the images of a source without the symmetry are combined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]

@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
-/// A grid of an output: the solid, its fog, or numbers to shade it by.
+/// A grid of an output: the solid, its fog, or values for shading.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GridWord {
     /// The level set.
@@ -38,12 +38,12 @@ impl GridWord {
         }
     }
 
-    /// Whether it is a matter of the scaffold.
+    /// Whether it needs a scaffold.
     pub const fn needs_scaffold(&self) -> bool {
         !matches!(self, Self::Surface | Self::Density | Self::Thickness)
     }
 
-    /// Whether it holds numbers that go with the surface, not the solid itself.
+    /// Whether it is an attribute of the surface and not the solid itself.
     pub const fn is_attribute(&self) -> bool {
         !matches!(self, Self::Surface | Self::Density)
     }

@@ -42,7 +42,7 @@ impl FromStr for Ingredient {
     }
 }
 
-/// What surrounds the element in a Minkowski sum or difference.
+/// The field around the element in a Minkowski sum or difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
@@ -109,7 +109,7 @@ impl CellSection {
         })
     }
 
-    /// The section without what it makes of other cells, its level and its name.
+    /// The section without the keys of hybrids, level and name.
     #[must_use]
     pub fn without_hybrid(&self) -> Self {
         Self {
@@ -185,7 +185,7 @@ impl Hybrid {
 
 const ENVIRONMENT: &str = "environment goes with minkowski_sum or minkowski_difference";
 
-/// What is wrong with the hybrids of a palette: the name of the cell and the reason.
+/// Errors of the hybrids of a palette: the name of the cell and the reason.
 pub(super) fn check(cells: &BTreeMap<String, CellSection>) -> Result<(), (String, String)> {
     for (name, section) in cells {
         let wrong = |reason: String| Err((name.clone(), reason));

@@ -1,4 +1,4 @@
-//! `[[op]]`: what is done to the solid, in order.
+//! `[[op]]`: the operations on the solid, in order.
 
 use super::brief::{Brief, Short};
 use super::operand::{Mask, Operand, Side};
@@ -16,7 +16,7 @@ pub enum Op {
     Intersect(Operand),
     /// Add the operand.
     Union(Operand),
-    /// Take the operand away.
+    /// Subtract the operand.
     Subtract(Operand),
     /// Add the operand, with the seam rounded.
     Blend(Blend),
@@ -46,9 +46,9 @@ pub enum Op {
     Laplacian(Brief<Flow>),
     /// Mean curvature flow, one step per iteration.
     Curvature(Brief<Flow>),
-    /// Make the values distances again.
+    /// Restore distances.
     Renormalise(Brief<Renormalise>),
-    /// Other voxels, another place.
+    /// Resample to other voxels or another placement.
     Resample(Brief<Resample>),
     /// Keep the component of greatest volume, report what was dropped.
     KeepLargest(bool),
@@ -56,7 +56,7 @@ pub enum Op {
     DropSmall(Brief<DropSmall>),
     /// Fill closed voids: all (true), or those up to a volume (cubic recipe units).
     FillVoids(UpTo),
-    /// Drop nodes of the tree that say nothing; the surface stays.
+    /// Remove redundant nodes of the tree; the surface stays.
     Prune(bool),
     /// Write the fog volume "density" instead of the level set; the last operation.
     Fog(bool),
@@ -109,7 +109,7 @@ impl Op {
         )
     }
 
-    /// Where it acts, if not everywhere alike.
+    /// The mask of the operation, if it has one.
     pub fn mask(&self) -> Option<&Mask> {
         let mask = match self {
             Self::Dilate(m) | Self::Erode(m) | Self::Open(m) | Self::Close(m) => &m.mask,
@@ -242,11 +242,11 @@ impl Short for Hollow {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Fillet {
-    /// Least radius of a hollow.
+    /// Minimum radius of concave edges.
     pub radius: Size,
     /// Where it acts.
     pub mask: Option<Brief<Mask>>,
-    /// With `scheme = "openvdb"`, whose fillets are always of fifth order, no different.
+    /// No effect: with `scheme = "openvdb"` fillets are always of fifth order.
     #[serde(default)]
     pub precise: bool,
     /// How the surface is moved.
@@ -431,7 +431,7 @@ impl Short for Renormalise {
     }
 }
 
-/// The least piece that stays.
+/// The smallest component that is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DropSmall {

@@ -1,4 +1,4 @@
-//! Solids that an operation combines with, and grids that say where it acts.
+//! Operands of operations: solids, and grids as masks.
 
 use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::{FileRef, Similarity};
@@ -78,7 +78,7 @@ pub enum Side {
     Both,
 }
 
-/// A grid of an OpenVDB file; written alone it is the path.
+/// A grid of an OpenVDB file: a path, or a table.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Grid {
@@ -86,9 +86,9 @@ pub struct Grid {
     pub path: PathBuf,
     /// Name of the grid: "surface", the only level set or the only grid of floats when left out.
     pub grid: Option<String>,
-    /// The value on its surface, for grids that are no level sets: 0.5 for a fog volume.
+    /// The isovalue of a grid that is not a level set: 0.5 for a fog volume.
     pub value: Option<Finite>,
-    /// Unit of its lengths; the file's own word or metres when left out.
+    /// Unit of its lengths; the unit stated in the file, else metres, when left out.
     pub unit: Option<Unit>,
     /// A placement applied last, in the recipe's unit.
     #[serde(default)]
@@ -96,10 +96,10 @@ pub struct Grid {
     /// Refuse voxels of another size instead of resampling with a notice.
     #[serde(default)]
     pub same_voxels: bool,
-    /// Bring a grid whose voxels are no cubes along the axes (turned, mirrored, sheared, stretched, of a frustum)
-    /// onto cubes: true for the recipe's voxels, or the edge of the cubes. Without it such a grid is refused.
+    /// Resample a grid whose voxels are not axis-aligned cubes (rotated, mirrored, sheared, stretched, of a
+    /// frustum): true for the recipe's voxels, or the edge of the cubes. Without it such a grid is refused.
     pub resample: Option<Onto>,
-    /// Exchange inside and outside of a level set that is inside out, negative outside.
+    /// Exchange inside and outside of a level set that is negative outside.
     #[serde(default)]
     pub invert: bool,
 }
@@ -263,7 +263,7 @@ pub struct Mask {
     /// Exchange "not at all" and "wholly".
     #[serde(default)]
     pub invert: bool,
-    /// Unit of its lengths; the file's own word or metres when left out.
+    /// Unit of its lengths; the unit stated in the file, else metres, when left out.
     pub unit: Option<Unit>,
 }
 

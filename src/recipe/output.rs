@@ -24,7 +24,7 @@ pub struct Output {
     pub vdb: Option<PathBuf>,
     /// A triangle mesh: .stl, .ply, .obj or .3mf.
     pub mesh: Option<PathBuf>,
-    /// A finite-element deck (.inp) of the finished part for CalculiX and Abaqus: nodes, elements, sets and
+    /// A finite-element deck (.inp) of the finished part for `CalculiX` and Abaqus: nodes, elements, sets and
     /// surfaces of the six sides of its box, a material. Loads and steps are left to the deck that includes it.
     pub fe: Option<PathBuf>,
     /// A shaded picture (.png).
@@ -39,10 +39,10 @@ pub struct Output {
     /// "thickness", "uvw", "fold"; the latter also as vertex attributes of a .ply. "surface" alone when
     /// left out.
     pub grids: Option<Vec<GridWord>>,
-    /// Copies of the level set on voxels of twice, four times ... the edge, as `surface_lod_1` and so on.
+    /// Number of copies of the level set on voxels of 2, 4, 8 ... times the edge: `surface_lod_1` and so on.
     #[schemars(range(min = 1, max = 8))]
     pub lod: Option<u8>,
-    /// Write the connected pieces one by one: as grids `surface_1` and so on of the .vdb, or as files.
+    /// Write each connected component separately: as grids `surface_1` and so on of the .vdb, or as files.
     pub segments: Option<Segments>,
     /// Also write a USD file (.usda) beside the .vdb that names its grids.
     pub usda: bool,
@@ -53,19 +53,19 @@ pub struct Output {
     pub compression: Option<Compression>,
     /// Write the mesh (.ply, .obj) in quads instead of triangles.
     pub quads: bool,
-    /// What makes the mesh: "druse" (when left out; no triangles meet where they should not) or "openvdb".
-    /// Quads, adaptivity and sharp are always OpenVDB's.
+    /// The mesher: "druse" (the default; without self-intersections) or "openvdb". Quads, adaptivity and sharp
+    /// always use OpenVDB.
     pub mesher: Option<MesherWord>,
-    /// Move the mesh's vertices onto the exact field: their error goes from a fraction of a voxel to
-    /// nothing. For solids of fields only, before anything that needs neighbours.
+    /// Move the vertices of the mesh onto the exact field, which removes their error of a fraction of a voxel.
+    /// Only for solids of fields, without operations that need neighbours.
     pub project: bool,
-    /// As project, and vertices near edges and corners go onto them, where lattice and envelope meet.
+    /// As project, and vertices near edges and corners move onto them, where lattice and envelope meet.
     pub sharp: bool,
-    /// Merge flat regions of the mesh: from nothing (0, as when left out) to all that can be (1). Most such
-    /// meshes intersect themselves somewhere.
+    /// Merge flat regions of the mesh, from 0 (none, the default) to 1 (as far as possible). Most such meshes
+    /// have self-intersections.
     pub adaptivity: Option<Portion>,
-    /// Merge triangles until this share is left: the mesh stays closed and oriented, but some of its triangles
-    /// may meet others. In bricks each block of 128^3 voxels by itself; what blocks share keeps its triangles.
+    /// Merge triangles until this share remains. The mesh stays closed and oriented but may intersect itself. In
+    /// bricks each block of 128^3 voxels is decimated separately; triangles at the faces between blocks stay.
     pub decimate: Option<Brief<Decimate>>,
     /// Write the struts of a graph as beams (.3mf with the beam lattice extension) instead of triangles:
     /// whole beams that nothing cuts, round ones in curved elements as polylines; fitted graphs for one cell
@@ -75,7 +75,7 @@ pub struct Output {
     pub kind: Option<DeckKind>,
     /// Edge of the deck's elements, a whole number of voxels; one voxel when left out.
     pub element_size: Option<Size>,
-    /// Least share of solid in an element of the deck; 0.5 when left out.
+    /// Minimum share of solid in an element of the deck; 0.5 when left out.
     pub solid_share: Option<Fraction>,
     /// Young's modulus of the deck's material, force per area in the deck's units; 1 when left out, so that
     /// stresses are relative.
@@ -92,9 +92,9 @@ pub struct Output {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Decimate {
-    /// Share of the triangles that is left.
+    /// Share of the triangles that remains.
     pub share: Fraction,
-    /// Most that the surface may move; more triangles are left where it would.
+    /// Maximum deviation of the surface; it takes precedence over the share.
     pub error: Option<Size>,
 }
 
@@ -115,13 +115,13 @@ pub enum Segments {
     Files,
 }
 
-/// What makes the triangles of a mesh.
+/// The mesher.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum MesherWord {
     /// Marching cubes of this program: closed, oriented, manifold, not self-intersecting.
     Druse,
-    /// OpenVDB's volumeToMesh, as other programs have it.
+    /// OpenVDB's volumeToMesh.
     OpenVdb,
 }
 
@@ -200,12 +200,12 @@ impl Output {
         .collect()
     }
 
-    /// How far OpenVDB merges the faces of its mesh, 0 to 1.
+    /// The adaptivity of OpenVDB's mesher, 0 to 1.
     pub fn merging(&self) -> f64 {
         self.adaptivity.map_or(0.0, |a| a.0)
     }
 
-    /// Whether its mesh is one that OpenVDB makes.
+    /// Whether OpenVDB makes its mesh.
     pub fn is_meshed_by_openvdb(&self) -> bool {
         self.merging() > 0.0 || self.quads || self.sharp || self.mesher == Some(MesherWord::OpenVdb)
     }
@@ -241,7 +241,7 @@ impl Default for PictureSize {
     }
 }
 
-/// Least and greatest number of pixels a side.
+/// Minimum and maximum number of pixels of a side.
 const SIDES: std::ops::RangeInclusive<u32> = 16..=16384;
 
 impl FromStr for PictureSize {

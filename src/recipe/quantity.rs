@@ -11,7 +11,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
-/// What lengths are measured against: the recipe's unit and its voxel.
+/// The scale of lengths: the recipe's unit and its voxel size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     /// The unit of bare numbers.
@@ -20,7 +20,7 @@ pub struct Scale {
     pub voxel_size: f64,
 }
 
-/// A text or number that is no valid quantity.
+/// A text or number that is not a valid quantity.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum QuantityError {
     /// Neither a number nor a number with a unit.
@@ -33,7 +33,7 @@ pub enum QuantityError {
     Range {
         /// The number, as text.
         found: String,
-        /// What the key takes.
+        /// The accepted values.
         expected: &'static str,
     },
 }
@@ -104,7 +104,7 @@ impl FromStr for Length {
         if let Ok(v) = text.parse::<f64>() {
             return Self::Bare(v).finite();
         }
-        // The trailing letters are the unit; what stands before them must be a number ("1e-3m").
+        // The trailing letters are the unit; the text before them must be a number ("1e-3m").
         let bad = || QuantityError::NotALength(s.to_owned());
         let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
         let unit = &text[number.len()..];

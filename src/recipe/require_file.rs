@@ -11,13 +11,13 @@ use std::path::Path;
 /// Requirements and the unit of their bare lengths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RequireFile {
-    /// Unit of lengths without one of their own.
+    /// Unit of lengths without a unit.
     pub unit: LengthUnit,
     /// The requirements.
     pub section: RequireSection,
 }
 
-/// What is read of the file; the other sections of a recipe may stand there too.
+/// The keys that are read; the file may contain the other sections of a recipe too.
 #[derive(Deserialize)]
 struct Sections {
     #[serde(default)]

@@ -1,4 +1,4 @@
-//! `[scaffold]` and `[band]`: what is filled, and how finely it is sampled.
+//! `[scaffold]` and `[band]`: the mesh to fill, and the sampling.
 
 use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::FileRef;
@@ -37,16 +37,16 @@ pub struct ScaffoldSection {
     /// Cut every triangle of a `shell` or `plate` into 3 quads at its corners, every quad into 4: so mixed
     /// meshes get one kind of cell, of the whole thickness.
     pub all_quad: bool,
-    /// Split every element in two along every edge, so often.
+    /// Split every element in two along every edge, this many times.
     pub refine: u32,
-    /// Cut every hex so often along each axis.
+    /// Cut every hex into this many parts along each axis.
     pub repeat: Option<u32>,
-    /// "cut": the scaffold's outer faces end the solid; "extend": only the envelope does.
+    /// "cut": the scaffold's outer faces bound the solid; "extend": only the envelope does.
     pub boundary: Boundary,
 }
 
 impl ScaffoldSection {
-    /// The keys that say what the scaffold is, as far as they are given.
+    /// The keys that define the scaffold, as far as they are given.
     pub fn sources(&self) -> Vec<&'static str> {
         let given = [
             ("file", self.file.is_some()),
@@ -112,7 +112,7 @@ impl FillScaffold {
     }
 }
 
-/// What a closed mesh is filled with.
+/// The elements that fill a closed mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FillKind {
@@ -155,7 +155,7 @@ pub struct BoxScaffold {
     pub kind: BoxKind,
 }
 
-/// What a box is made of.
+/// The elements of a box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum BoxKind {

@@ -1,4 +1,4 @@
-//! A recipe's text: its overrides, and where each key stands.
+//! The text of a recipe: its overrides, and the position of each key.
 //!
 //! Overrides (`--set KEY=VALUE`) are grafted onto the parsed document before it is read into structs, so
 //! they are validated like the text itself. An override has a virtual place behind the end of the text:
@@ -189,7 +189,7 @@ fn graft<'i>(
     set(root, &parts, value, &(span.start..span.start + key.len()))
 }
 
-/// Sets the value at a path of keys and indices, making tables on the way.
+/// Sets the value at a path of keys and indices; creates missing tables.
 fn set<'i>(
     table: &mut DeTable<'i>,
     parts: &[&'i str],

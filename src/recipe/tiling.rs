@@ -1,4 +1,4 @@
-//! `[tiling]`: which cells fill the scaffold, where, and how strongly.
+//! `[tiling]`: the cells that fill the scaffold, and their weights, levels and thickness.
 
 use super::file::FileRef;
 use super::quantity::{Finite, Tolerance};
@@ -15,12 +15,12 @@ use std::fmt;
 pub struct TilingSection {
     /// Name of the cell that fills every element.
     pub cell: Option<String>,
-    /// Cells with weights: a blend that passes from one to the other.
+    /// Cells with weights: a transition from one cell to another.
     pub transition: Vec<Share>,
     /// Cells by named sets of elements or regions of space; the last that holds wins, and cells pass
     /// into each other within the elements at their borders.
     pub assign: Vec<Assignment>,
-    /// How weights go on between the corners of elements.
+    /// Interpolation of weights between the corners of elements.
     pub interpolation: Interpolation,
     /// Whether blends keep a level at which volumes are interpolated.
     pub follow_volume: Option<bool>,

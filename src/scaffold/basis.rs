@@ -1,4 +1,6 @@
-//! The Bernstein basis of a kind at one point: what shape functions and their gradients are summed from.
+//! The Bernstein basis of a kind of element at one point.
+//!
+//! Shape functions and their gradients are sums of these values and derivatives.
 
 use super::kind::{Family, Kind};
 use crate::frame::Vec3;

@@ -1,4 +1,4 @@
-//! Polynomials over the reference cell in Bernstein form: what bounds curved elements rigorously.
+//! Polynomials over the reference cell in Bernstein form, which give rigorous bounds of curved elements.
 //!
 //! A polynomial over a simplex or a cube is a convex combination of its Bernstein coefficients, so
 //! their hull contains its range; splitting the cell tightens the hull quadratically. Parametric
@@ -11,7 +11,7 @@ use nalgebra::DMatrix;
 use std::ops::{Add, Mul, Sub};
 use std::sync::OnceLock;
 
-/// What a coefficient can be: numbers, vectors, matrices.
+/// A coefficient: a number, a vector or a matrix.
 pub(super) trait Coefficient:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f64, Output = Self>
 {
@@ -41,7 +41,7 @@ pub(super) fn lattice(family: Family, degree: usize) -> impl Iterator<Item = [us
     })
 }
 
-/// The place of a basis function among the coefficients.
+/// The index of a basis function among the coefficients.
 pub(super) fn index(family: Family, n: usize, [i, j, k]: [usize; 3]) -> usize {
     match family {
         Family::Tensor => i + (n + 1) * (j + (n + 1) * k),
@@ -160,7 +160,7 @@ impl<T: Coefficient> Net<T> {
         }
     }
 
-    /// The polynomial that `f` is, sampled at parametric coordinates.
+    /// The polynomial `f`, from its samples at parametric coordinates.
     pub fn of(family: Family, degree: usize, f: impl Fn(Vec3) -> T) -> Self {
         let scale = 1.0 / degree.max(1) as f64;
         let values = lattice(family, degree)
@@ -190,13 +190,13 @@ impl<T: Coefficient> Net<T> {
     /// across an axis of the cube, in the middle of an edge of the simplex or of the prism's triangle,
     /// or (way 3) across the prism's axis.
     pub fn split(&self, way: usize) -> [Self; 2] {
-        let mut halves = [Self::nothing(), Self::nothing()];
+        let mut halves = [Self::empty(), Self::empty()];
         self.split_into(way, &mut halves);
         halves
     }
 
-    /// No polynomial: a place for one.
-    pub fn nothing() -> Self {
+    /// An empty polynomial, as a buffer for [`Net::split_into`].
+    pub fn empty() -> Self {
         Self {
             family: Family::Simplex,
             degree: 0,
@@ -204,7 +204,7 @@ impl<T: Coefficient> Net<T> {
         }
     }
 
-    /// The same in the place of other polynomials.
+    /// As [`Net::split`], into existing buffers.
     pub fn split_into(&self, way: usize, halves: &mut [Self; 2]) {
         for half in &mut *halves {
             half.family = self.family;
@@ -299,8 +299,8 @@ impl Part {
         }
     }
 
-    /// The split that keeps the parts round.
-    pub fn longest(&self) -> usize {
+    /// The way to split across the longest extent, which keeps the aspect ratio of the parts bounded.
+    pub fn longest_way(&self) -> usize {
         let first_longest = |lengths: &mut dyn Iterator<Item = f64>| {
             let (mut best, mut way) = (0.0, 0);
             for (i, l) in lengths.enumerate() {

@@ -1,4 +1,4 @@
-//! Which part of an element lies in a world box: what culling evaluates the unit cell over.
+//! The part of an element that lies in a world box: the region in which culling evaluates the unit cell.
 //!
 //! For xi, `xi_c` in a convex part of the cell, F(xi) = F(`xi_c`) + J (xi - `xi_c`) + q with
 //! |`q_i`| <= 1/2 sum `M_ijk` `R_j` `R_k`, where M bounds the second derivatives over the part and
@@ -15,10 +15,10 @@ use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
 use std::cell::Cell;
 use std::sync::OnceLock;
 
-/// Splits of one part at most.
-const DEPTH: usize = 12;
+/// Maximum depth of splits.
+const MAX_SPLIT_DEPTH: usize = 12;
 /// Relative growth that covers rounding.
-const ROUNDING: f64 = 1e-12;
+const ROUNDING_GROWTH: f64 = 1e-12;
 
 /// Halves of a part and of each of its parts, one level after the other.
 type Halves = [[Net<Vec3>; 2]];
@@ -42,7 +42,7 @@ impl ElementMap<'_> {
                 let mut found = CellBox::of([]);
                 let root = c.kind.shape().cell_box();
                 let mut halves = HALVES.take();
-                halves.resize_with(DEPTH, || [Net::nothing(), Net::nothing()]);
+                halves.resize_with(MAX_SPLIT_DEPTH, || [Net::empty(), Net::empty()]);
                 of_part(c, None, &root, &c.bend, world, &mut halves, &mut found);
                 HALVES.set(halves);
                 if found.is_empty() {
@@ -89,17 +89,17 @@ fn slanted(shape: Element) -> &'static [(Vec3, f64)] {
 pub(super) fn beyond_a_face(shape: Element, middle: &Vec3, y: &Mat3, half: &Vec3) -> bool {
     slanted(shape).iter().any(|(n, offset)| {
         let reach = (y.transpose() * n).abs().dot(half);
-        n.dot(middle) - reach > offset + ROUNDING * (1.0 + reach)
+        n.dot(middle) - reach > offset + ROUNDING_GROWTH * (1.0 + reach)
     })
 }
 
 pub(super) fn grow(b: &mut CellBox<3>) {
-    let slack = ROUNDING * (1.0 + b.min.amax().max(b.max.amax()));
+    let slack = ROUNDING_GROWTH * (1.0 + b.min.amax().max(b.max.amax()));
     b.min.add_scalar_mut(-slack);
     b.max.add_scalar_mut(slack);
 }
 
-/// The box of what a box and the closed cell have in common, by its face planes one at a time.
+/// A box around the intersection of a box and the closed cell, from one face plane at a time.
 pub(super) fn confine(shape: Element, found: CellBox<3>) -> Option<CellBox<3>> {
     let mut b = found.intersection(shape.cell_box());
     if b.is_empty() {
@@ -108,7 +108,7 @@ pub(super) fn confine(shape: Element, found: CellBox<3>) -> Option<CellBox<3>> {
     for (n, offset) in slanted(shape) {
         // Least n.x over the box; on each axis the other two leave this much.
         let least = |a: usize| n[a] * if n[a] > 0.0 { b.min[a] } else { b.max[a] };
-        let slack = offset + 4.0 * ROUNDING - least(0) - least(1) - least(2);
+        let slack = offset + 4.0 * ROUNDING_GROWTH - least(0) - least(1) - least(2);
         if slack < 0.0 {
             return None;
         }
@@ -137,7 +137,7 @@ fn of_part(
     let Some((inner, settled)) = contract(c, domain, bend_bounds, world) else {
         return;
     };
-    // What others have covered already needs no closer look.
+    // The box found so far covers this part.
     let covered = (0..3).all(|a| found.min[a] <= inner.min[a] && inner.max[a] <= found.max[a]);
     let (true, Some((halves, room))) = (!(settled || covered), room.split_first_mut()) else {
         found.min = found.min.inf(&inner.min);
@@ -151,7 +151,7 @@ fn of_part(
         whole = Part::whole(c.net.family);
         (&c.net, whole)
     };
-    let way = part.longest();
+    let way = part.longest_way();
     net.split_into(way, halves);
     for (net, part) in halves.iter().zip(part.split(way)) {
         if !Aabb::of(net.coefficients.iter().copied()).meets(*world) {
@@ -216,7 +216,7 @@ fn contract(
             let times = if j == k { 0.5 } else { 1.0 };
             rest += b * (times * radius[j] * radius[k]);
         }
-        let rounding = ROUNDING * (x.amax() + target.amax());
+        let rounding = ROUNDING_GROWTH * (x.amax() + target.amax());
         let spread = (half + rest).add_scalar(rounding);
         let centre = middle + y * (target - x);
         if beyond_a_face(c.kind.shape(), &centre, &y, &spread) {

@@ -13,7 +13,7 @@ const GAP_TOLERANCE: f64 = 1e-9;
 /// A corner node that lies on or in an element that it does not belong to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MisplacedNode {
-    /// The node's place in the scaffold.
+    /// The index of the node in the scaffold.
     pub node: u32,
     /// The number, in the file, of the element it lies on or in.
     pub element: u64,
@@ -28,10 +28,10 @@ pub struct TornFace {
     pub gap: f64,
 }
 
-/// Everything found; element numbers are the file's.
+/// All defects found; element numbers are those of the file.
 #[derive(Clone, Debug, Default)]
 pub struct Defects {
-    /// Pairs of elements with the same corner nodes; the second one is superfluous.
+    /// Pairs of elements with the same corner nodes; the second one is redundant.
     pub duplicates: Vec<(u64, u64)>,
     /// The elements around each face that more than two share.
     pub non_manifold: Vec<Vec<u64>>,

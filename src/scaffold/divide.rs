@@ -30,16 +30,16 @@ struct Part {
     corners: Vec<[i64; 3]>,
 }
 
-/// What to cut elements into.
+/// A way to divide elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pattern {
     /// Hexes k times along every axis.
     Repeat(i64),
-    /// Everything in two along every edge.
+    /// Every element in two along every edge.
     Halve,
     /// Hexes at the corners.
     Midpoint,
-    /// The same in the plane only: prisms at the corners of a prism's base, of its whole height.
+    /// Hexes at the corners of the base, of the full height.
     Columns,
 }
 
@@ -86,7 +86,7 @@ impl Scaffold {
         self.divided(Pattern::Halve)
     }
 
-    /// Every hex cut `times` along each axis: a cell that filled it is repeated so often.
+    /// Every hex cut `times` along each axis: the cell in it is repeated as many times.
     ///
     /// # Errors
     /// [`ScaffoldError::NoParts`] for other elements or `times` outside 1 to 64,
@@ -233,7 +233,7 @@ fn corner_shares(family: Family, [x, y, z]: [i64; 3], n: i64) -> Vec<i64> {
     }
 }
 
-/// Bricks, so many along each axis, of these edges.
+/// `counts` bricks along each axis, with these edge lengths.
 fn bricks(kind: Kind, counts: [i64; 3], edges: [i64; 3]) -> Vec<Part> {
     let mut all = Vec::new();
     for z in 0..counts[2] {

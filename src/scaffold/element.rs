@@ -1,11 +1,11 @@
-//! One element as its users see it: the map between the cell frame and the world.
+//! One element of a scaffold: the map between the cell frame and the world.
 
 use super::kind::Kind;
 use super::map::{Affine, Geometry, Map};
 use super::polynomial::Polynomial;
 use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 
-/// No point of the cell frame near the element maps there.
+/// A world point without a preimage near the element.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "element {element} ({}): no preimage of ({}, {}, {}) near the element; closest residual {residual:e}",
@@ -81,7 +81,7 @@ impl<'a> ElementMap<'a> {
         self.geometry.stretch
     }
 
-    /// The world point at xi; beyond the cell the polynomial goes on.
+    /// The world point at xi; outside the cell the polynomial is extrapolated.
     pub fn map(&self, xi: CellPoint<3>) -> WorldPoint {
         WorldPoint(match &self.geometry.map {
             Map::Affine(a) => a.map(xi),
@@ -91,7 +91,7 @@ impl<'a> ElementMap<'a> {
         })
     }
 
-    /// The map in powers of xi; of affine elements and of pyramids there is none.
+    /// The map in powers of xi; `None` for affine elements and pyramids.
     pub fn polynomial(&self) -> Option<&'a Polynomial> {
         match &self.geometry.map {
             Map::Curved(c) => Some(&c.polynomial),
@@ -131,8 +131,8 @@ impl<'a> ElementMap<'a> {
         }
     }
 
-    /// The point of the cell frame that maps to `x`. It may lie outside the cell; curved maps are
-    /// followed as far as one cell beyond it.
+    /// The point of the cell frame that maps to `x`. It may lie outside the cell; the inverse of a curved map
+    /// reaches one cell beyond it.
     ///
     /// # Errors
     /// The element is degenerate, or no preimage was found near it.
@@ -148,7 +148,8 @@ impl<'a> ElementMap<'a> {
         }
     }
 
-    /// As [`Self::inverse`], starting near `start`, say the neighbouring voxel's point.
+    /// As [`Self::inverse`], with Newton's method started at `start`, for example at the preimage of a
+    /// neighbouring voxel.
     ///
     /// # Errors
     /// As [`Self::inverse`].
@@ -166,7 +167,7 @@ impl<'a> ElementMap<'a> {
     }
 
     /// The preimage inside the closed cell, within `tolerance` of its face planes, if there is one.
-    /// Unlike [`Self::inverse`] this cannot be led to another branch of a strongly curved map.
+    /// Unlike [`Self::inverse`] it never finds another branch of a strongly curved map.
     pub fn inverse_inside(&self, x: WorldPoint, tolerance: f64) -> Option<CellPoint<3>> {
         let inside = |xi: &CellPoint<3>| self.shape().face_distance(*xi) <= tolerance;
         let found = self.inverse(x).ok().filter(inside);

@@ -3,9 +3,9 @@
 //! Nodes stand in VTK order at the lattice points of the element's degree. Shape functions are
 //! polynomials of the parametric coordinates r (barycentrics of the tetrahedron, `[0, 1]^3` of the
 //! hexahedron, both on the wedge); the cell's Cartesian coordinates are affine functions of r. The
-//! map of an element is evaluated in Bernstein form; [`Kind::controls`] turns nodes into control
-//! points. The pyramid is a cube with one side drawn together, its map rational in the cell's
-//! coordinates (see the pyramid's own file).
+//! map of an element is evaluated in Bernstein form; [`Kind::controls`] gives its control points.
+//! The pyramid is a cube with one side collapsed; its map is rational in the cell's coordinates
+//! (module `pyramid`).
 //!
 //! Planar kinds carry surfaces; a thickness makes solids of them ([`Kind::thickened`]).
 //!
@@ -104,12 +104,22 @@ const TET_FROM_PARAMETERS: [f64; 9] = [1., 1., 0., 0., 1., 1., 1., 0., 1.];
 /// Its inverse, column by column.
 const TET_TO_PARAMETERS: [f64; 9] = [0.5, -0.5, 0.5, 0.5, 0.5, -0.5, -0.5, 0.5, 0.5];
 /// sqrt(3) / 2, the height of the wedge's triangle.
-const H: f64 = 0.866_025_403_784_438_6;
+const WEDGE_HEIGHT: f64 = 0.866_025_403_784_438_6;
 /// The wedge's first corner.
-const WEDGE_CORNER: Vec3 = Vec3::new(-0.5, -H / 3.0, -0.5);
+const WEDGE_CORNER: Vec3 = Vec3::new(-0.5, -WEDGE_HEIGHT / 3.0, -0.5);
 /// dxi/dr of the wedge, column by column, and its inverse.
-const WEDGE_FROM_PARAMETERS: [f64; 9] = [1., 0., 0., 0.5, H, 0., 0., 0., 1.];
-const WEDGE_TO_PARAMETERS: [f64; 9] = [1., 0., 0., -0.5 / H, 1.0 / H, 0., 0., 0., 1.];
+const WEDGE_FROM_PARAMETERS: [f64; 9] = [1., 0., 0., 0.5, WEDGE_HEIGHT, 0., 0., 0., 1.];
+const WEDGE_TO_PARAMETERS: [f64; 9] = [
+    1.,
+    0.,
+    0.,
+    -0.5 / WEDGE_HEIGHT,
+    1.0 / WEDGE_HEIGHT,
+    0.,
+    0.,
+    0.,
+    1.,
+];
 
 impl Kind {
     /// Every kind, in order.
@@ -220,7 +230,7 @@ impl Kind {
             .find(|k| k.gmsh_type() == element_type)
     }
 
-    /// Which Gmsh node stands at each place of the VTK order.
+    /// The Gmsh node at each place of the VTK order.
     pub fn gmsh_order(self) -> &'static [u8] {
         self.row().gmsh_order
     }
@@ -352,7 +362,7 @@ impl Kind {
     ) -> Vec<T> {
         let row = self.row();
         if self == Self::Pyramid5 {
-            // The cube's upper side is drawn together in the apex.
+            // The upper side of the cube collapses into the apex.
             return [0, 1, 3, 2, 4, 4, 4, 4].map(|n: usize| nodes[n]).to_vec();
         }
         let mut values = vec![zero; count(self.family(), row.degree)];
@@ -409,7 +419,7 @@ impl Kind {
         match self.shape() {
             Element::Tet => self.parameters_by_cell() * xi.0.add_scalar(0.5),
             Element::Wedge => self.parameters_by_cell() * (xi.0 - WEDGE_CORNER),
-            // Of planar kinds z does not count: nothing changes along it.
+            // Shape functions of planar kinds do not depend on z.
             Element::Tri => {
                 let flat = Vec3::new(xi.0.x, xi.0.y, WEDGE_CORNER.z);
                 self.parameters_by_cell() * (flat - WEDGE_CORNER)

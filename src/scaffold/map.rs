@@ -11,15 +11,14 @@ use super::polynomial::{Polynomial, Powers};
 use super::pyramid::{Collapsed, Twisted};
 use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3};
 
-/// How far beyond the reference cell an inverse may lie: |xi| on an axis, where the cell ends at
-/// 1/2.
-const DOMAIN: f64 = 1.5;
-/// Newton steps before giving up.
-const STEPS: usize = 60;
-/// Relative deviation from an affine map that is taken for rounding.
-const AFFINE: f64 = 1e-12;
+/// Largest |xi| on an axis of a point that the inverse finds; the cell ends at 1/2.
+const MAX_INVERSE_COORDINATE: f64 = 1.5;
+/// Maximum number of Newton steps.
+const MAX_NEWTON_STEPS: usize = 60;
+/// Relative deviation from an affine map that counts as rounding.
+const AFFINE_TOLERANCE: f64 = 1e-12;
 
-/// What is kept per element.
+/// Bounds and map of an element.
 pub(super) struct Geometry {
     pub bounds: Aabb,
     pub stretch: (f64, f64),
@@ -64,7 +63,7 @@ impl Geometry {
         let net = kind.controls(nodes);
         let bounds = Aabb::of(net.coefficients.iter().copied());
         let affine = Affine::through(kind, &net);
-        let tolerance = AFFINE * bounds.half_diagonal();
+        let tolerance = AFFINE_TOLERANCE * bounds.half_diagonal();
         let degree = kind.degree() as f64;
         let is_affine = lattice(net.family, net.degree)
             .zip(&net.coefficients)
@@ -230,7 +229,7 @@ pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64)
         let low = s.min() - eta;
         if low < 0.5 * s.min() && budget > 0 {
             budget -= 1;
-            let way = part.longest();
+            let way = part.longest_way();
             open.extend(net.split(way).into_iter().zip(part.split(way)));
         } else {
             least = least.min(low);
@@ -254,7 +253,7 @@ pub(super) fn newton(
     let (f, mut j) = map(xi);
     let mut residual = x - f;
     let rounding = 8.0 * f64::EPSILON * x.amax().max(origin.amax());
-    for _ in 0..STEPS {
+    for _ in 0..MAX_NEWTON_STEPS {
         let left = residual.norm();
         let Some(inverse) = j.try_inverse() else {
             return Err(left);
@@ -262,7 +261,7 @@ pub(super) fn newton(
         let mut step = inverse * residual;
         let length = step.norm();
         if length < 1e-8 || left <= rounding {
-            // Convergence is quadratic: what this step leaves is below 1e-13.
+            // Convergence is quadratic: the error after this step is below 1e-13.
             return Ok(CellPoint(xi.0 + step));
         }
         if length > 1.0 {
@@ -271,7 +270,7 @@ pub(super) fn newton(
         let mut share = 1.0;
         loop {
             let next = CellPoint(xi.0 + step * share);
-            if next.0.amax() <= DOMAIN {
+            if next.0.amax() <= MAX_INVERSE_COORDINATE {
                 let (f, slope) = map(next);
                 let rest = x - f;
                 if rest.norm() < left {

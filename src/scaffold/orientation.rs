@@ -9,7 +9,7 @@ use super::kind::{Family, Kind};
 use super::map::{Curved, Map};
 use crate::frame::{CellPoint, Vec3};
 
-/// What is known of the sign of det J over an element.
+/// The sign of det J over an element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Orientation {
     /// Positive everywhere.
@@ -94,15 +94,15 @@ impl ElementMap<'_> {
                     }
                 }
             }
-            Map::Curved(c) => verdict(parametric_determinant(c), tiny, |d, r| {
+            Map::Curved(c) => sign_of(parametric_determinant(c), tiny, |d, r| {
                 (d, self.kind.from_parameters(r))
             }),
             Map::Twisted(t) => t.orientation(tiny),
-            Map::Collapsed(c) => verdict(c.determinant_net(), tiny, |d, r| c.spot(d, r)),
+            Map::Collapsed(c) => sign_of(c.determinant_net(), tiny, |d, r| c.spot(d, r)),
         }
     }
 
-    /// The least of det J / (|J|_F / sqrt 3)^3 over nodes and centre, with the sign of the
+    /// The minimum of det J / (|J|_F / sqrt 3)^3 over nodes and centre, with the sign of the
     /// element's volume: 1 for a regular element, 0 for a degenerate one, negative where folded.
     pub fn quality(&self) -> f64 {
         let sign = self.volume().signum();
@@ -124,12 +124,12 @@ impl ElementMap<'_> {
     }
 }
 
-/// Parts examined before an unproved sign is called degenerate.
-const PARTS: usize = 4096;
+/// Maximum number of parts examined; an unproved sign is then called degenerate.
+const MAX_PARTS: usize = 4096;
 
 /// The sign of a polynomial; `place` gives the value and the point of the cell frame to name for one found
 /// at parametric coordinates.
-fn verdict(
+fn sign_of(
     net: Net<f64>,
     tiny: f64,
     place: impl Fn(f64, Vec3) -> (f64, CellPoint<3>),
@@ -164,15 +164,15 @@ fn verdict(
         if a > tiny || b < -tiny {
             continue;
         }
-        if examined < PARTS && (high.0 > tiny || low.0 < -tiny) {
-            let way = part.longest();
+        if examined < MAX_PARTS && (high.0 > tiny || low.0 < -tiny) {
+            let way = part.longest_way();
             open.extend(net.split(way).into_iter().zip(part.split(way)));
         } else {
             unsure = true;
         }
     }
     if high.0 > tiny && low.0 < -tiny {
-        // The rarer sign is the wrong one; by magnitude, as the mean is not at hand any more.
+        // The sign of smaller magnitude is the wrong one; the mean is not available here.
         let wrong = if high.0 >= -low.0 { low } else { high };
         let (determinant, at) = place(wrong.0, wrong.1);
         return Orientation::Folded { determinant, at };

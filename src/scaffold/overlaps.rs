@@ -18,7 +18,7 @@ const PROBE_DEPTH: f64 = 0.02;
 /// Minimum depth of a point in the cell of another element, in the cell frame, that counts as an overlap.
 const OVERLAP_DEPTH: f64 = 0.01;
 
-/// Pairs of overlapping elements, by their places, ascending.
+/// Pairs of overlapping elements, by index, ascending.
 pub(super) struct Overlaps {
     /// Of different components.
     pub between: Vec<[u32; 2]>,
@@ -33,7 +33,7 @@ fn centroid(e: &ElementMap<'_>) -> CellPoint<3> {
 }
 
 impl Scaffold {
-    /// Looks for elements that fill the same space.
+    /// Finds elements that fill the same space.
     pub(super) fn overlaps(&self) -> Overlaps {
         let mut pairs = self.same_sides();
         let outer: Vec<FaceRef> = self.outer_faces().collect();
@@ -62,10 +62,10 @@ impl Scaffold {
             let determinant = e.jacobian(centroid(&e)).determinant();
             i8::from(determinant > 0.0) - i8::from(determinant < 0.0)
         };
-        let hands: Vec<i8> = (0..self.len()).into_par_iter().map(hand).collect();
+        let orientations: Vec<i8> = (0..self.len()).into_par_iter().map(hand).collect();
         let same = |f: FaceRef, g: FaceRef| {
-            // Seen from outside corners run one way round; from both sides of a face they run against each other.
-            let [a, b] = [f, g].map(|f| hands[f.element as usize]);
+            // Seen from outside the corners of a face run in one sense; the two sides of a face have opposite senses.
+            let [a, b] = [f, g].map(|f| orientations[f.element as usize]);
             let along = self.runs_along(f, g);
             along.is_some_and(|along| a * b == if along { 1 } else { -1 })
         };

@@ -1,11 +1,11 @@
 //! The map of one element in powers of the cell's coordinates, for one point and for four at a time.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+// Small functions of hot paths: they are inlined to use the instruction set of their caller.
 #![allow(clippy::inline_always)]
 
 use crate::frame::Vec3;
 use crate::simd::Number;
 
-/// Which powers there are.
+/// The set of powers.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Powers {
     /// Up to the first of each coordinate: 8.
@@ -92,7 +92,7 @@ impl Polynomial {
     }
 }
 
-// In what follows closures would not be compiled for their caller's processor.
+// Functions, not closures: closures would not use the instruction set of their caller.
 
 #[inline(always)]
 fn linear<T: Number>(a: &[f64; 8], xi: [T; 3]) -> Row<T> {

@@ -1,4 +1,4 @@
-//! The pyramid: a cube with its upper side drawn together in the apex.
+//! The linear pyramid: a cube with its upper side collapsed into the apex.
 //!
 //! With h = 1 - z sqrt 2 (1 at the base, 0 at the apex) the shape functions are
 //! (1/2 -+ x / h) (1/2 -+ y / h) h for the base and 1 - h for the apex, so that the map is affine but
@@ -20,8 +20,8 @@ use super::map::{Affine, newton};
 use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
 use std::f64::consts::SQRT_2;
 
-/// Steps of narrowing a box.
-const NARROWINGS: usize = 8;
+/// Number of steps that narrow a box.
+const NARROWING_STEPS: usize = 8;
 
 /// x / h, y / h and h; at the apex (0, 0, 0).
 fn ratios(xi: CellPoint<3>) -> (f64, f64, f64) {
@@ -82,7 +82,7 @@ pub(super) fn affine(nodes: [Vec3; 5]) -> Affine {
     Affine::new(base, jacobian)
 }
 
-/// Where to look for the preimage of a point: by the affine map if that is near the element.
+/// The start of the search for a preimage: by the affine map if that is near the element.
 fn start_of(affine: &Affine, x: Vec3) -> CellPoint<3> {
     let xi = CellPoint(affine.inverse * (x - affine.origin));
     if xi.0.iter().all(|c| c.is_finite()) && Element::Pyramid.face_distance(xi) < 0.2 {
@@ -209,7 +209,7 @@ impl Twisted {
             .or_else(|_| newton(map, x, centroid, self.affine.origin))
     }
 
-    /// A box around what of the closed cell maps into `world`; `None` if nothing does.
+    /// A box around the points of the closed cell that map into `world`; `None` if there are none.
     ///
     /// F(xi) = A xi + b + c q with |q - q(m)| <= `r_x` / 2 + `r_y` / 2 + `r_z` / sqrt 8 over a box of middle
     /// m and half edges r within the pyramid's hull; solved for xi again and again as the box shrinks.
@@ -221,10 +221,10 @@ impl Twisted {
             return Some(inner);
         }
         let half = world.size() / 2.0;
-        for _ in 0..NARROWINGS {
+        for _ in 0..NARROWING_STEPS {
             let radius = (inner.max - inner.min) / 2.0;
             let middle = (inner.max + inner.min) / 2.0;
-            // q at the middle drawn into the pyramid, and how far any point is from there.
+            // q at the middle of the box, clamped to the pyramid, and the largest distance of a point from it.
             let h = (1.0 - SQRT_2 * middle.z).max(0.0);
             let within = |c: f64| c.clamp(-h / 2.0, h / 2.0);
             let m = Vec3::new(within(middle.x), within(middle.y), middle.z);

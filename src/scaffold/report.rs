@@ -10,7 +10,7 @@ use crate::frame::{Aabb, CellPoint, Element};
 use rayon::prelude::*;
 use std::fmt;
 
-/// A place within an element.
+/// A position within an element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Spot {
     /// One of its nodes, by its number within the element.
@@ -39,7 +39,7 @@ pub struct BadElement {
     pub kind: Kind,
     /// det dx/dr at the worst place found, in cubic world units.
     pub determinant: f64,
-    /// Where.
+    /// The place.
     pub at: Spot,
 }
 
@@ -103,14 +103,14 @@ pub struct ScaffoldReport {
     pub defects: Defects,
     /// Face-connected components.
     pub components: usize,
-    /// Faces with nothing beyond.
+    /// Faces without a neighbour.
     pub outer_faces: usize,
 }
 
 impl Scaffold {
-    /// Measures the scaffold and looks for defects.
+    /// Measures the scaffold and finds defects.
     pub fn report(&self) -> ScaffoldReport {
-        let facts: Vec<(f64, f64, Orientation)> = (0..self.len())
+        let measures: Vec<(f64, f64, Orientation)> = (0..self.len())
             .into_par_iter()
             .map(|e| {
                 let e = self.element(e);
@@ -119,7 +119,7 @@ impl Scaffold {
             .collect();
         let (mut mirrored, mut folded, mut degenerate) = (Vec::new(), Vec::new(), Vec::new());
         let mut worst = (f64::INFINITY, 0);
-        for (e, (_, quality, orientation)) in facts.iter().enumerate() {
+        for (e, (_, quality, orientation)) in measures.iter().enumerate() {
             if *quality < worst.0 {
                 worst = (*quality, self.number(e));
             }
@@ -142,10 +142,10 @@ impl Scaffold {
                 .filter(|k| k.1 > 0)
                 .collect(),
             nodes: self.nodes().len(),
-            volume: facts.iter().map(|f| f.0).sum(),
+            volume: measures.iter().map(|f| f.0).sum(),
             bounds: self.bounds(),
             worst_quality: worst,
-            mean_quality: facts.iter().map(|f| f.1).sum::<f64>() / self.len() as f64,
+            mean_quality: measures.iter().map(|f| f.1).sum::<f64>() / self.len() as f64,
             curved: self.elements().filter(|e| !e.is_affine()).count(),
             mirrored,
             folded,
@@ -203,7 +203,7 @@ impl Scaffold {
         }
     }
 
-    /// The reference shapes that occur; a cell is needed for each.
+    /// The reference shapes that occur; a tiling needs a cell for each.
     pub fn shapes(&self) -> Vec<Element> {
         let has = |s: Element| (0..self.len()).any(|e| self.connectivity().kind(e).shape() == s);
         Element::SCAFFOLD_ELEMENTS

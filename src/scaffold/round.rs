@@ -9,7 +9,7 @@ use crate::frame::Vec3;
 use std::collections::HashMap;
 
 /// Share of the radius that the core takes.
-const CORE: f64 = 0.5;
+const CORE_SHARE: f64 = 0.5;
 /// Shape of the core's sides, from flat (0) to round (1).
 const CORE_ROUNDNESS: f64 = 0.5;
 /// Maximum number of elements.
@@ -18,20 +18,20 @@ const MAX_ELEMENTS: f64 = 2e7;
 /// A lattice point: of the core, and how many half layers outside it.
 type Name = ([i64; 3], i64);
 
-/// The direction of a point of the cube's surface: evened out by the tangent of its angles.
+/// The direction of a point of the cube's surface; the tangent makes the angles uniform.
 fn direction(c: Vec3) -> Vec3 {
     c.map(|c| libm::tan(c * std::f64::consts::FRAC_PI_4))
         .try_normalize(0.0)
         .unwrap_or_default()
 }
 
-/// Where a lattice point lies in a ball of radius 1; `flat` leaves z out of it (a disc).
+/// The position of a lattice point in a ball of radius 1; a coordinate z of 0 gives a disc.
 fn place((i, layer): Name, n: i64, layers: i64) -> Vec3 {
     let c = Vec3::from(i.map(|i| i as f64 / n as f64 - 1.0));
     let size = c.amax();
     let unit = if size > 0.0 { direction(c / size) } else { c };
-    let inner =
-        (c * (1.0 - CORE_ROUNDNESS) / 2f64.sqrt() * 1.1 + unit * (size * CORE_ROUNDNESS)) * CORE;
+    let inner = (c * (1.0 - CORE_ROUNDNESS) / 2f64.sqrt() * 1.1 + unit * (size * CORE_ROUNDNESS))
+        * CORE_SHARE;
     let outward = layer as f64 / (2 * layers) as f64;
     inner * (1.0 - outward) + unit * outward
 }
@@ -215,8 +215,8 @@ fn counts(
     if !usable(radius) || !usable(cell) {
         return Err(ScaffoldError::BadRound { radius, cell });
     }
-    let n = (2.0 * CORE * radius / cell).round().max(1.0);
-    let layers = ((1.0 - CORE) * radius / cell).round().max(1.0);
+    let n = (2.0 * CORE_SHARE * radius / cell).round().max(1.0);
+    let layers = ((1.0 - CORE_SHARE) * radius / cell).round().max(1.0);
     let sides = f64::from(2 * dimension);
     let found = (n.powi(dimension) + sides * n.powi(dimension - 1) * layers) * floors;
     if found > MAX_ELEMENTS {

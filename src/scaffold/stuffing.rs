@@ -74,7 +74,7 @@ fn edge(a: Point, b: Point) -> (Point, Point) {
     (a.min(b), a.max(b))
 }
 
-/// Of two kept points beside a cut one, that from which the quad between them is halved.
+/// Of two kept points beside a cut one, the point from which the diagonal of the quad between them starts.
 fn halved_from(p: Point, q: Point, cut: Point) -> Point {
     match (is_long(p, cut), is_long(q, cut)) {
         (true, false) => p,
@@ -279,7 +279,7 @@ impl Stuffing {
         self.elements.push(Kind::Tet4, &own);
     }
 
-    /// Adds what of a lattice tet is inside.
+    /// Adds the part of a lattice tet that is inside.
     fn fill(&mut self, tet: [Point; 4]) {
         let value = tet.map(|p| self.value[&p]);
         let of = |test: fn(f64) -> bool| -> Vec<Point> {
@@ -335,7 +335,7 @@ impl Stuffing {
         }
     }
 
-    /// The least of volume over the cube of the longest edge.
+    /// The minimum of volume over the cube of the longest edge.
     fn roundness(&self, tets: &[[Vertex; 4]]) -> f64 {
         let one = |t: &[Vertex; 4]| {
             let p = t.map(|v| self.position(v));

@@ -102,8 +102,8 @@ impl Surface {
         off.fold(0.0, f64::max)
     }
 
-    /// The plate of this height around a planar mesh: extruded along z, to both sides alike. What
-    /// the mesh has of z stays.
+    /// The plate of this height around a planar mesh, extruded along z to both sides alike. Deviations of the
+    /// mesh from a plane stay.
     ///
     /// # Errors
     /// [`ScaffoldError::BadThickness`].
@@ -149,15 +149,15 @@ impl Surface {
         Ok(Scaffold::new(nodes, elements)?.with_numbers(self.numbers.clone()))
     }
 
-    /// Unit normals at the nodes; elements are turned to a common side where their edges tell it.
+    /// Unit normals at the nodes; elements are first oriented alike across common edges.
     fn normals(&self) -> Result<Vec<Vec3>, ScaffoldError> {
-        let turned = self.turned();
+        let reversed = self.reversed();
         let mut sums = vec![Vec3::zeros(); self.nodes.len()];
         for e in 0..self.len() {
             let kind = self.elements.kind(e);
             let own = self.elements.nodes(e);
             let at = |n: usize| self.nodes[own[n] as usize];
-            let side = if turned[e] { -1.0 } else { 1.0 };
+            let side = if reversed[e] { -1.0 } else { 1.0 };
             let n = kind.corner_count();
             let mut whole = Vec3::zeros();
             for i in 0..n {
@@ -189,9 +189,9 @@ impl Surface {
         Ok(sums)
     }
 
-    /// Which elements have to be turned for neighbours to agree on a side, the first of each piece
-    /// staying as it is. On a one-sided surface some neighbours do not agree.
-    fn turned(&self) -> Vec<bool> {
+    /// The elements to reverse so that neighbours have one orientation; the first of each component stays. On a
+    /// one-sided surface some neighbours do not agree.
+    fn reversed(&self) -> Vec<bool> {
         let mut edges: BTreeMap<[u32; 2], Vec<(usize, bool)>> = BTreeMap::new();
         for e in 0..self.len() {
             let own = self.elements.nodes(e);
@@ -211,22 +211,22 @@ impl Surface {
                 beside[b].push((a, up == other));
             }
         }
-        let mut turned: Vec<Option<bool>> = vec![None; self.len()];
+        let mut reversed: Vec<Option<bool>> = vec![None; self.len()];
         for first in 0..self.len() {
-            if turned[first].is_some() {
+            if reversed[first].is_some() {
                 continue;
             }
-            turned[first] = Some(false);
+            reversed[first] = Some(false);
             let mut open = vec![first];
             while let Some(e) = open.pop() {
                 for &(other, against) in &beside[e] {
-                    if turned[other].is_none() {
-                        turned[other] = turned[e].map(|t| t != against);
+                    if reversed[other].is_none() {
+                        reversed[other] = reversed[e].map(|t| t != against);
                         open.push(other);
                     }
                 }
             }
         }
-        turned.into_iter().map(|t| t == Some(true)).collect()
+        reversed.into_iter().map(|t| t == Some(true)).collect()
     }
 }

@@ -1,4 +1,4 @@
-//! Which elements share faces: neighbours, outer faces, components.
+//! Topology of a scaffold: neighbours, outer faces, components.
 //!
 //! Faces are the same if their corner nodes are. Mid nodes follow from the corners in a conforming
 //! mesh; where they do not, the face is torn and the report lists it.
@@ -15,10 +15,10 @@ pub struct FaceRef {
     pub face: u8,
 }
 
-/// What lies beyond a face.
+/// The neighbour across a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Neighbour {
-    /// Nothing: an outer face.
+    /// None: an outer face.
     Outside,
     /// The face of another element with the same corner nodes.
     Face(FaceRef),
@@ -115,7 +115,7 @@ impl Topology {
 }
 
 impl Scaffold {
-    /// What lies beyond a face of an element.
+    /// The neighbour across a face of an element.
     pub fn neighbour(&self, f: FaceRef) -> Neighbour {
         self.topology.get(f)
     }
@@ -136,7 +136,7 @@ impl Scaffold {
             })
     }
 
-    /// Faces with nothing beyond, in order.
+    /// Faces without a neighbour, in order.
     pub fn outer_faces(&self) -> impl Iterator<Item = FaceRef> + '_ {
         (0..self.len())
             .flat_map(|e| self.faces_of(e))

@@ -67,8 +67,9 @@ enum Plan {
     LevelSet(Repair),
 }
 
-/// Range of the greatest value of a fog that counts as density 1.
+/// A fog whose greatest value lies in this range has densities from 0 to 1.
 const FULL_FOG: [f32; 2] = [0.9, 1.1];
+
 impl Volume {
     /// Voxel edge (in the file's unit) and half width (voxels) of the grid's level set, or of its resampling to cubes.
     pub fn voxels(&self) -> (f64, f64) {
@@ -123,7 +124,7 @@ impl Volume {
                     half_width: repair.half_width,
                     grid: self.grid,
                 };
-                // Large offsets may leave gaps of single pairs in files of Druse; their meshes are closed, and
+                // Large offsets may leave gaps of single voxel pairs in files of Druse; their meshes are closed, and
                 // `druse check` counts the pairs.
                 if !how.allow_torn && !is_own {
                     let gaps = solid.band_gaps().map_err(failed)?;

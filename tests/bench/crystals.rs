@@ -37,7 +37,7 @@ fn main() {
                 let mut interpreter = Interpreter::new(&NoFiles);
                 script.run(&mut interpreter, None).unwrap();
                 seconds = seconds.min(start.elapsed().as_secs_f64());
-                mesh = interpreter.shared();
+                mesh = interpreter.shared_mesh();
             }
             let mesh = mesh.unwrap();
             let start = Instant::now();

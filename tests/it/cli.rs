@@ -1,6 +1,7 @@
 //! The program as its users meet it: exit codes, what goes to stdout and stderr, bad input, signals.
 
 mod cells;
+mod designs;
 mod homogenize;
 mod hybrid;
 mod meshes;

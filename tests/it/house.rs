@@ -53,6 +53,17 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "homogenize",
         &["beams", "cell", "field", "frame", "simd", "progress"],
     ),
+    (
+        "inverse",
+        &[
+            "cell",
+            "field",
+            "frame",
+            "homogenize",
+            "progress",
+            "symmetry",
+        ],
+    ),
     ("band", &["field", "frame", "progress", "simd"]),
     ("slice", &["field", "frame"]),
     (
@@ -91,6 +102,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "scaffold",
             "tiling",
             "homogenize",
+            "inverse",
             "band",
             "mesher",
             "slice",
@@ -119,6 +131,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "symmetry",
             "polymesh",
             "homogenize",
+            "inverse",
         ],
     ),
 ];

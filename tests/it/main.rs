@@ -8,6 +8,7 @@ mod certificate;
 mod field;
 mod homogenize;
 mod house;
+mod inverse;
 mod io;
 mod malformed;
 mod mesh;

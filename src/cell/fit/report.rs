@@ -1,6 +1,6 @@
 //! The report of a fit.
 
-use crate::cell::SourceKind;
+use crate::cell::{DesignReport, SourceKind};
 use serde::{Deserialize, Serialize};
 
 /// The accuracy of a cell relative to the geometry of its fit. Lengths are in reference units.
@@ -46,7 +46,10 @@ pub struct FitReport {
     /// The source, if it is more than a function.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source: Option<SourceReport>,
-    /// Warnings for the user.
+    /// How it was designed, if a target made it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub design: Option<DesignReport>,
+    /// What the user should look at.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }

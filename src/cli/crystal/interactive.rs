@@ -1,4 +1,4 @@
-//! A conversation: steps from stdin, what they make on stdout.
+//! The interactive mode: steps from stdin, results on stdout.
 
 use super::super::{Failure, Session};
 use crate::polymesh::{Interpreter, PolyMesh, Script, VERBS};
@@ -12,12 +12,12 @@ draw X.png           a picture; any other output (.obj, .dlfl, .stl, .vdb) as we
 help, quit
 Steps may be several on a line (;) and loops may run over lines:";
 
-/// Reads steps and commands until stdin ends or says `quit`. A step that fails changes nothing.
-pub(super) fn converse(
+/// Reads steps and commands until stdin ends or the command `quit`. A step that fails changes nothing.
+pub(super) fn run_session(
     interpreter: &mut Interpreter,
     session: &Session,
     draw: &dyn Fn(&PolyMesh, &Path) -> Result<u64, Failure>,
-    met: &dyn Fn(&PolyMesh) -> Option<String>,
+    intersections: &dyn Fn(&PolyMesh) -> Option<String>,
 ) -> Result<(), Failure> {
     let prompt = std::io::stdin().is_terminal();
     let mut pending = String::new();
@@ -38,7 +38,7 @@ pub(super) fn converse(
             continue;
         }
         let text = std::mem::take(&mut pending);
-        match reply(text.trim(), interpreter, draw, met) {
+        match reply(text.trim(), interpreter, draw, intersections) {
             None => return Ok(()),
             Some(answer) if session.json() || answer.is_empty() => {}
             Some(answer) => {
@@ -50,12 +50,12 @@ pub(super) fn converse(
     }
 }
 
-/// The answer to a line; `None` ends the conversation.
+/// The reply to a line; `None` ends the session.
 fn reply(
     text: &str,
     interpreter: &mut Interpreter,
     draw: &dyn Fn(&PolyMesh, &Path) -> Result<u64, Failure>,
-    met: &dyn Fn(&PolyMesh) -> Option<String>,
+    intersections: &dyn Fn(&PolyMesh) -> Option<String>,
 ) -> Option<String> {
     let mut words = text.split_whitespace();
     let first = words.next().unwrap_or_default();
@@ -71,7 +71,7 @@ fn reply(
             format!("{HELP}{}", verbs.collect::<String>())
         }
         ("undo" | "redo", Some(times)) => {
-            let mut said = Vec::new();
+            let mut lines = Vec::new();
             for _ in 0..times {
                 let history = interpreter.history();
                 let step = if first == "undo" {
@@ -80,39 +80,39 @@ fn reply(
                     history.redo()
                 };
                 let Some(step) = step else {
-                    said.push(format!("nothing to {first}"));
+                    lines.push(format!("nothing to {first}"));
                     break;
                 };
-                said.push(format!("{first}: {step}"));
+                lines.push(format!("{first}: {step}"));
             }
-            said.push(state(interpreter));
-            said.join("\n")
+            lines.push(state(interpreter));
+            lines.join("\n")
         }
         ("show", _) => state(interpreter),
         ("steps", _) => interpreter.steps().join("\n"),
         ("draw", _) => match (second, interpreter.mesh()) {
             (Some(path), Some(mesh)) => match draw(mesh, Path::new(path)) {
                 Ok(bytes) => format!("{path}  {}", super::super::run::size(bytes)),
-                Err(e) => format!("error: {}", e.said()),
+                Err(e) => format!("error: {}", e.one_line()),
             },
             (None, _) => "error: draw needs a file, as in draw x.png".into(),
             (_, None) => "error: there is no mesh yet".into(),
         },
         _ => {
             let done = Script::parse(text).and_then(|script| script.run(interpreter, None));
-            let mut said: Vec<String> = interpreter
+            let mut lines: Vec<String> = interpreter
                 .take_notes()
                 .iter()
                 .map(|n| format!("note: {}", n.text))
                 .collect();
             match done {
                 Ok(()) => {
-                    said.push(state(interpreter));
-                    said.extend(interpreter.mesh().and_then(met));
+                    lines.push(state(interpreter));
+                    lines.extend(interpreter.mesh().and_then(intersections));
                 }
-                Err(e) => said.push(format!("error: {e}")),
+                Err(e) => lines.push(format!("error: {e}")),
             }
-            said.join("\n")
+            lines.join("\n")
         }
     })
 }

@@ -4,8 +4,8 @@
 //! path begins with 128 random bits, and requests under another host name are refused, so that a foreign
 //! page in the same browser cannot reach it. It writes into one directory only (`Sandbox`).
 //!
-//! The page is `view/page.*`; it draws with twgl.js 7.0.0 (npm, MIT: `view/twgl.LICENSE.md`), of which
-//! `view/twgl.js` is the release file `dist/7.x/twgl.js`, unchanged. Nothing is fetched from elsewhere.
+//! The page is `view/page.*`; it draws with twgl.js 7.0.0 (npm, MIT: `view/twgl.LICENSE.md`). `view/twgl.js` is
+//! the unchanged release file `dist/7.x/twgl.js`. The page loads nothing from the network.
 
 use super::super::{Answer, Failure, Session};
 use super::{Parameters, Source};

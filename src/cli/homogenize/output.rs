@@ -7,8 +7,8 @@ use crate::homogenize::{
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// Degrees between the directions of a table of moduli.
-const STEP: usize = 5;
+/// Angle between the directions of a table of moduli, degrees.
+const ANGLE_STEP_DEGREES: usize = 5;
 
 /// The solid, as it was given.
 pub(super) struct Material {
@@ -18,8 +18,8 @@ pub(super) struct Material {
     pub void: f64,
 }
 
-/// All that is known of a period.
-pub(super) struct Found<'a> {
+/// The results of a period.
+pub(super) struct PeriodResults<'a> {
     pub name: &'a str,
     pub period: &'a Period,
     pub level: f64,
@@ -52,13 +52,13 @@ fn extrapolated<const N: usize>(fine: &[[f64; N]; N], coarse: &[[f64; N]; N]) ->
         .collect()
 }
 
-impl Found<'_> {
+impl PeriodResults<'_> {
     /// Hydraulic diameter of the void: four times its volume over its surface, reference lengths.
     fn hydraulic_diameter(&self) -> Option<f64> {
         (self.surface > 0.0).then(|| 4.0 * (1.0 - self.fine.volume_fraction) / self.surface)
     }
 
-    /// The bulk modulus that its bound is for: of a planar period that of the plane.
+    /// The bulk modulus to compare with its bound; for a planar period that of the plane.
     fn bulk(&self, e: &EngineeringConstants) -> f64 {
         match &self.fine.plane_strain {
             Some(c) => (c[0][0] + c[1][1] + 2.0 * c[0][1]) / 4.0,
@@ -366,14 +366,14 @@ impl Found<'_> {
     }
 }
 
-/// A share of a bound in words.
+/// A ratio to a bound as text.
 fn of_bound(share: Option<f64>) -> String {
     share.map_or("no bound".to_owned(), |s| {
         format!("{s:.3} of the Hashin-Shtrikman bound")
     })
 }
 
-/// Five digits.
+/// A number in five significant digits.
 fn short(v: f64) -> String {
     if v == 0.0 {
         return "0".to_owned();
@@ -386,7 +386,7 @@ fn short(v: f64) -> String {
     }
 }
 
-/// Rows of a matrix; entries that rounding leaves are 0.
+/// Writes the rows of a matrix; entries of the size of rounding errors are 0.
 fn matrix<const N: usize>(text: &mut String, m: &[[f64; N]; N]) {
     let greatest = m.iter().flatten().fold(0.0, |a: f64, v| a.max(v.abs()));
     for row in m {
@@ -403,8 +403,8 @@ fn matrix<const N: usize>(text: &mut String, m: &[[f64; N]; N]) {
 /// modulus.
 pub(super) fn modulus_table(compliance: &Voigt) -> String {
     let mut text = "theta,phi,x,y,z,E\n".to_owned();
-    for theta in (0..=180).step_by(STEP) {
-        for phi in (0..360).step_by(STEP) {
+    for theta in (0..=180).step_by(ANGLE_STEP_DEGREES) {
+        for phi in (0..360).step_by(ANGLE_STEP_DEGREES) {
             let [polar, around] = [theta, phi].map(|d: usize| (d as f64).to_radians());
             let n = Vec3::new(
                 libm::sin(polar) * libm::cos(around),

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use std::fmt::Write;
 use std::str::FromStr;
 
-/// Most steps of a sweep: more are a slip of the keyboard.
+/// Maximum number of steps of a sweep.
 const MAX_STEPS: usize = 1000;
 
 /// Volume fractions in steps.
@@ -19,6 +19,11 @@ const MAX_STEPS: usize = 1000;
 pub(in crate::cli) struct Sweep(Vec<f64>);
 
 impl Sweep {
+    /// All volume fractions, ascending.
+    pub fn into_fractions(self) -> Vec<f64> {
+        self.0
+    }
+
     /// The first volume fraction.
     pub fn first(&self) -> f64 {
         self.0[0]
@@ -45,7 +50,7 @@ impl FromStr for Sweep {
         if count > MAX_STEPS {
             return Err(format!("found {count} steps; expected at most {MAX_STEPS}"));
         }
-        // Rounded, so that the table shows the numbers that were meant.
+        // Rounded, so that the table shows the decimal fractions of the argument.
         let value = |n: usize| ((from + n as f64 * step) * 1e12).round() / 1e12;
         Ok(Self((0..count).map(value).collect()))
     }
@@ -81,7 +86,7 @@ const COLUMNS: [&str; 19] = [
 ];
 
 impl Line {
-    /// Numbers in the order of [`COLUMNS`]; what was not computed is not a number.
+    /// Numbers in the order of [`COLUMNS`]; NaN where nothing was computed.
     fn numbers(&self) -> [f64; 19] {
         let missing = f64::NAN;
         let mut row = [missing; 19];
@@ -108,7 +113,7 @@ impl Line {
     }
 }
 
-/// Walks through the volume fractions, from one solution to the next.
+/// Solves for each volume fraction, starting from the previous solution.
 pub(super) fn answer(
     p: &Parameters,
     source: &CellPeriod,
@@ -202,7 +207,7 @@ fn table(lines: &[Line]) -> String {
     text
 }
 
-/// What the picture shows: shares of the solid's properties and of the bounds.
+/// The curves of the picture: properties relative to those of the solid and to the bounds.
 fn curves(lines: &[Line], p: &Parameters, settings: &Settings) -> Vec<SweepCurve> {
     let (young, kappa) = (p.young.unwrap_or(1.0), settings.kappa);
     let shown = [

@@ -4,8 +4,8 @@ use crate::cli::{Failure, Session};
 use crate::homogenize::{Period, Properties};
 use crate::pipeline::{CellPeriod, Warning};
 
-/// Voxels across the thinnest beam below which a warning is given.
-const THIN_BEAM: f64 = 3.0;
+/// Minimum number of voxels across the thinnest beam without a warning.
+const MIN_VOXELS_PER_DIAMETER: f64 = 3.0;
 
 /// Warns of disconnected phases and of beams that the grid does not resolve.
 pub(super) fn warn_of(
@@ -21,12 +21,17 @@ pub(super) fn warn_of(
     if let Some(diameter) = source.period.least_diameter() {
         let diameter = diameter + 2.0 * growth;
         let across = diameter * n as f64;
-        if across < THIN_BEAM {
+        if across < MIN_VOXELS_PER_DIAMETER {
             let message = format!(
-                "{}: struts of diameter {diameter:.4} are {across:.1} voxels wide; {THIN_BEAM} or more resolve \
+                "{}: struts of diameter {diameter:.4} are {across:.1} voxels wide; {MIN_VOXELS_PER_DIAMETER} or more resolve \
                  them: --resolution {}",
                 source.name,
-                (THIN_BEAM / diameter.max(1e-9)).ceil().min(1e6) as usize / 2 * 2 + 2
+                (MIN_VOXELS_PER_DIAMETER / diameter.max(1e-9))
+                    .ceil()
+                    .min(1e6) as usize
+                    / 2
+                    * 2
+                    + 2
             );
             session.warn_of(Warning::THIN_WALLS, message)?;
         }
@@ -34,7 +39,7 @@ pub(super) fn warn_of(
     Ok(())
 }
 
-/// What is singular about a period's phases.
+/// A description of phases that are disconnected or missing.
 fn disconnected(period: &Period, found: &Properties) -> Option<String> {
     let axes = |percolates: [bool; 3]| -> Vec<&str> {
         let used = if period.element().dimension() == 2 {

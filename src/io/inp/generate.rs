@@ -137,7 +137,7 @@ fn point(words: &[&str], place: usize, source: &Source) -> Result<Option<[f64; 3
     Ok(Some(at))
 }
 
-/// A number shifted_number an increment.
+/// A number plus an increment.
 pub(super) fn shifted_number(
     number: u64,
     increment: i64,

@@ -1,16 +1,17 @@
 //! Schemes that put points at the corners within every face.
 
 use super::weight::{doo_sabin as doo_sabin_weight, honeycomb, weighted};
-use super::{Made, NO_PARENT, Old, Sketch};
+use super::{MeshBuilder, NO_PARENT, Old, RuleResult};
 use crate::frame::Vec3;
 
-/// A point a corner: faces, quads over edges, faces round vertices; those of two corners are left out.
-fn over(old: &Old, points: Vec<Vec3>) -> Sketch {
-    let mut s = Sketch::new(points);
+/// One point per corner; makes faces, quads over edges and faces round vertices. Faces with two corners are
+/// left out.
+fn over(old: &Old, points: Vec<Vec3>) -> MeshBuilder {
+    let mut s = MeshBuilder::new(points);
     for f in 0..old.faces() {
         s.face(1, f as u32, old.span(f).map(|c| c as u32));
     }
-    for c in old.halves() {
+    for c in old.edge_corners() {
         let t = old.twin(c);
         s.face(
             2,
@@ -35,17 +36,17 @@ fn by_weight(old: &Old, own: impl Fn(usize) -> f64) -> Vec<Vec3> {
 }
 
 /// Doo and Sabin, 1978. V' = 2E, E' = 4E, F' = F + E + V.
-pub(super) fn doo_sabin(old: &Old, _: &[f64]) -> Made {
+pub(super) fn doo_sabin(old: &Old, _: &[f64]) -> RuleResult {
     Ok(over(old, by_weight(old, doo_sabin_weight)))
 }
 
-/// The same with a chosen own weight.
-pub(super) fn corner_cutting(old: &Old, p: &[f64]) -> Made {
+/// Doo and Sabin's rule with a given own weight.
+pub(super) fn corner_cutting(old: &Old, p: &[f64]) -> RuleResult {
     Ok(over(old, by_weight(old, |_| p[0])))
 }
 
-/// The same with every edge of a face moved inward by half a thickness (in the model's unit).
-pub(super) fn modified_corner_cutting(old: &Old, p: &[f64]) -> Made {
+/// Doo and Sabin's topology, with every edge of a face moved inward by half the thickness (in the model's unit).
+pub(super) fn modified_corner_cutting(old: &Old, p: &[f64]) -> RuleResult {
     let point = |c: usize| {
         let v = old.ring.at(c);
         let out = (old.along(c, 1.0) - v).normalize();
@@ -58,10 +59,10 @@ pub(super) fn modified_corner_cutting(old: &Old, p: &[f64]) -> Made {
 
 /// Old vertices and inner corners: inner faces, hexagons over edges. V' = V + 2E, E' = 4E, F' = F + E.
 ///
-/// Inner corners are means with a honeycomb's own weight w, raised by `tension` to w + tension (1 - w), of
-/// points at `twist` along the edges.
-pub(super) fn root4(old: &Old, p: &[f64]) -> Made {
-    let mut s = Sketch::keeping(old);
+/// Inner corners are weighted means of the points at `twist` along the edges. The own weight is that of a
+/// honeycomb, w, raised by `tension` to w + tension (1 - w).
+pub(super) fn root4(old: &Old, p: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
     let mut points = Vec::with_capacity(old.corners());
     for f in 0..old.faces() {
         let start: Vec<Vec3> = old.span(f).map(|c| old.along(c, p[1])).collect();
@@ -72,7 +73,7 @@ pub(super) fn root4(old: &Old, p: &[f64]) -> Made {
     for f in 0..old.faces() {
         s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
     }
-    for c in old.halves() {
+    for c in old.edge_corners() {
         let t = old.twin(c);
         let (x, y) = (old.ring.vertex(c) as u32, old.ring.vertex(t) as u32);
         let [f, g] = [c, t].map(|c| [inner + c as u32, inner + old.ring.next[c]]);
@@ -81,9 +82,9 @@ pub(super) fn root4(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// Thirds of the edges of every face scaled about their mean: faces of twice the corners, quads over edges,
-/// faces of twice the degree round vertices. V' = 4E, E' = 6E, F' = F + E + V.
-pub(super) fn dual_twelve_six_four(old: &Old, p: &[f64]) -> Made {
+/// The third points of the edges of every face, scaled about their mean: faces with twice the corners, quads
+/// over edges, faces of twice the degree round vertices. V' = 4E, E' = 6E, F' = F + E + V.
+pub(super) fn dual_twelve_six_four(old: &Old, p: &[f64]) -> RuleResult {
     let mut points = Vec::with_capacity(2 * old.corners());
     for f in 0..old.faces() {
         let thirds: Vec<Vec3> = old
@@ -93,12 +94,12 @@ pub(super) fn dual_twelve_six_four(old: &Old, p: &[f64]) -> Made {
         let mean = thirds.iter().sum::<Vec3>() / thirds.len() as f64;
         points.extend(thirds.iter().map(|t| mean + p[0] * (t - mean)));
     }
-    let mut s = Sketch::new(points);
+    let mut s = MeshBuilder::new(points);
     let (near, far) = (|c: usize| 2 * c as u32, |c: usize| 2 * c as u32 + 1);
     for f in 0..old.faces() {
         s.face(1, f as u32, old.span(f).flat_map(|c| [near(c), far(c)]));
     }
-    for c in old.halves() {
+    for c in old.edge_corners() {
         let t = old.twin(c);
         s.face(2, NO_PARENT, [far(c), near(c), far(t), near(t)]);
     }
@@ -109,17 +110,17 @@ pub(super) fn dual_twelve_six_four(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// The scheme dual to the last between two duals. V' = V + E + F, E' = 6E, F' = 4E.
-pub(super) fn twelve_six_four(old: &Old, p: &[f64]) -> Made {
+/// The dual of [`dual_twelve_six_four`] applied to the dual mesh. V' = V + E + F, E' = 6E, F' = 4E.
+pub(super) fn twelve_six_four(old: &Old, p: &[f64]) -> RuleResult {
     let inner = super::face::dual(old, &[])?.mesh()?;
     let middle = dual_twelve_six_four(&Old::new(&inner), p)?.mesh()?;
     super::face::dual(&Old::new(&middle), &[])
 }
 
-/// Every edge split in the middle.
-fn halved(old: &Old) -> Made {
-    let mut s = Sketch::keeping(old);
-    let middle = s.points(old.halves().map(|c| old.along(c, 0.5)));
+/// Every edge split at its midpoint.
+fn halved(old: &Old) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
+    let middle = s.points(old.edge_corners().map(|c| old.along(c, 0.5)));
     for f in 0..old.faces() {
         let pair = |c: usize| [old.ring.vertex(c) as u32, middle + old.edge(c)];
         s.face(1, f as u32, old.span(f).flat_map(pair));
@@ -127,26 +128,26 @@ fn halved(old: &Old) -> Made {
     Ok(s)
 }
 
-/// Edges split, then Doo and Sabin's rule, the faces of two corners left out.
+/// Edges split, then Doo and Sabin's rule without the faces of two corners.
 /// V' = 4E, E' = 7E, F' = F + 2E + V.
-pub(super) fn doo_sabin_bc(old: &Old, _: &[f64]) -> Made {
+pub(super) fn doo_sabin_bc(old: &Old, _: &[f64]) -> RuleResult {
     let mesh = halved(old)?.mesh()?;
     doo_sabin(&Old::new(&mesh), &[])
 }
 
-/// The same with the old vertices kept: pentagons in place of quads and of faces round vertices.
+/// [`doo_sabin_bc`] with the old vertices kept: pentagons replace quads and the faces round vertices.
 /// V' = V + 4E, E' = 7E, F' = F + 2E.
-pub(super) fn doo_sabin_bc_new(old: &Old, _: &[f64]) -> Made {
+pub(super) fn doo_sabin_bc_new(old: &Old, _: &[f64]) -> RuleResult {
     let mesh = halved(old)?.mesh()?;
     let split = Old::new(&mesh);
-    let mut s = Sketch::keeping(old);
+    let mut s = MeshBuilder::with_old_vertices(old);
     let inner = s.points(by_weight(&split, doo_sabin_weight));
     let first_middle = old.vertices();
     for f in 0..split.faces() {
         s.face(1, f as u32, split.span(f).map(|c| inner + c as u32));
     }
-    for c in split.halves() {
-        // From an old vertex to a middle, whichever way the half was seen first.
+    for c in split.edge_corners() {
+        // The half edges run from an old vertex to a midpoint, in either direction.
         let c = if split.ring.vertex(c) < first_middle {
             c
         } else {
@@ -162,8 +163,8 @@ pub(super) fn doo_sabin_bc_new(old: &Old, _: &[f64]) -> Made {
 }
 
 /// An inner face in every face, scaled about its centre and lifted. V' = V + 2E, E' = 5E, F' = F + 2E.
-pub(super) fn loft(old: &Old, p: &[f64]) -> Made {
-    let mut s = Sketch::keeping(old);
+pub(super) fn loft(old: &Old, p: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
     let mut points = Vec::with_capacity(old.corners());
     for f in 0..old.faces() {
         let (centre, top) = (old.mesh.centre(f), old.lifted(f, p[1]));

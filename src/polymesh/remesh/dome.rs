@@ -1,7 +1,7 @@
 //! Domes: edges quartered, then seven rings after Doo and Sabin's rule, each scaled and lifted.
 
 use super::weight::{doo_sabin, weighted};
-use super::{Made, Old, Sketch};
+use super::{MeshBuilder, Old, RuleResult};
 use crate::frame::Vec3;
 
 /// Heights of the rings in mean edges of the face, and their scales.
@@ -16,10 +16,10 @@ const RINGS: [(f64, f64); 7] = [
 ];
 
 /// V' = V + 59E, E' = 116E, F' = F + 56E.
-pub(super) fn dome(old: &Old, p: &[f64]) -> Made {
-    let mut s = Sketch::keeping(old);
+pub(super) fn dome(old: &Old, p: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
     let quarter = s.points(
-        old.halves()
+        old.edge_corners()
             .flat_map(|c| [0.25, 0.5, 0.75].map(|t| old.along(c, t))),
     );
     let mut caps = Vec::new();

@@ -2,13 +2,13 @@
 
 use super::face::neighbours;
 use super::weight::{honeycomb as honeycomb_weight, weighted};
-use super::{Made, NO_PARENT, Old, Sketch};
+use super::{MeshBuilder, NO_PARENT, Old, RuleResult};
 use crate::frame::Vec3;
 use std::f64::consts::TAU;
 
-/// Middles joined round faces and vertices. V' = E, E' = 2E, F' = F + V.
-pub(super) fn simplest(old: &Old, _: &[f64]) -> Made {
-    let mut s = Sketch::new(old.halves().map(|c| old.along(c, 0.5)).collect());
+/// Midpoints of edges joined round faces and vertices. V' = E, E' = 2E, F' = F + V.
+pub(super) fn simplest(old: &Old, _: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::new(old.edge_corners().map(|c| old.along(c, 0.5)).collect());
     for f in 0..old.faces() {
         s.face(1, f as u32, old.span(f).map(|c| old.edge(c)));
     }
@@ -19,8 +19,8 @@ pub(super) fn simplest(old: &Old, _: &[f64]) -> Made {
 }
 
 /// Corners cut off at a share of the edges. V' = 2E, E' = 3E, F' = F + V.
-pub(super) fn vertex_truncation(old: &Old, p: &[f64]) -> Made {
-    let mut s = Sketch::new(old.both(p[0]).collect());
+pub(super) fn vertex_truncation(old: &Old, p: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::new(old.edge_point_pairs(p[0]).collect());
     for f in 0..old.faces() {
         let ends = |c: usize| [old.side(c), old.side(old.twin(c))];
         s.face(1, f as u32, old.span(f).flat_map(ends));
@@ -33,13 +33,13 @@ pub(super) fn vertex_truncation(old: &Old, p: &[f64]) -> Made {
 
 /// A polygon from weighted middles in every face, polygons of twice the degree round vertices.
 /// V' = 2E, E' = 3E, F' = F + V.
-pub(super) fn honeycomb(old: &Old, _: &[f64]) -> Made {
+pub(super) fn honeycomb(old: &Old, _: &[f64]) -> RuleResult {
     let mut vertices = Vec::with_capacity(old.corners());
     for f in 0..old.faces() {
         let middles: Vec<Vec3> = old.span(f).map(|c| old.along(c, 0.5)).collect();
         vertices.extend(weighted(&middles, honeycomb_weight(middles.len())));
     }
-    let mut s = Sketch::new(vertices);
+    let mut s = MeshBuilder::new(vertices);
     for f in 0..old.faces() {
         s.face(1, f as u32, old.span(f).map(|c| c as u32));
     }
@@ -50,22 +50,22 @@ pub(super) fn honeycomb(old: &Old, _: &[f64]) -> Made {
     Ok(s)
 }
 
-/// Middles joined in every face: triangles at the corners. V' = V + E, E' = 4E, F' = F + 2E.
+/// Midpoints joined in every face: triangles at the corners. V' = V + E, E' = 4E, F' = F + 2E.
 ///
 /// Old vertices move to `length` v + (1 - `length`) mean(middles around).
-pub(super) fn loop_style(old: &Old, p: &[f64]) -> Made {
+pub(super) fn loop_style(old: &Old, p: &[f64]) -> RuleResult {
     let vertices = (0..old.vertices()).map(|v| {
         let point = old.mesh.vertices()[v];
         let mean = (neighbours(old, v).0 + point) / 2.0;
         p[0] * point + (1.0 - p[0]) * mean
     });
-    let mut s = Sketch::new(vertices.collect());
-    let middle = s.points(old.halves().map(|c| old.along(c, 0.5)));
+    let mut s = MeshBuilder::new(vertices.collect());
+    let middle = s.points(old.edge_corners().map(|c| old.along(c, 0.5)));
     split(&mut s, old, middle);
     Ok(s)
 }
 
-fn split(s: &mut Sketch, old: &Old, middle: u32) {
+fn split(s: &mut MeshBuilder, old: &Old, middle: u32) {
     for f in 0..old.faces() {
         s.face(1, f as u32, old.span(f).map(|c| middle + old.edge(c)));
     }
@@ -76,16 +76,16 @@ fn split(s: &mut Sketch, old: &Old, middle: u32) {
     }
 }
 
-/// The same faces smoothed (Loop, 1987): edge points 3/8 (a + b) + 1/16 of the four face neighbours, vertices
+/// Loop's scheme (1987): edge points 3/8 (a + b) + 1/16 of the four face neighbours, vertices
 /// (1 - k w) v + w sum(neighbours), w = (5/8 - (3/8 + cos(2 pi/k)/4)^2)/k.
-pub(super) fn loop_smooth(old: &Old, _: &[f64]) -> Made {
+pub(super) fn loop_smooth(old: &Old, _: &[f64]) -> RuleResult {
     let vertices = (0..old.vertices()).map(|v| {
         let (mean, k) = neighbours(old, v);
         let w = 0.625 - (0.375 + 0.25 * (TAU / k).cos()).powi(2);
         (1.0 - w) * old.mesh.vertices()[v] + w * mean
     });
-    let mut s = Sketch::new(vertices.collect());
-    let middle = s.points(old.halves().map(|c| {
+    let mut s = MeshBuilder::new(vertices.collect());
+    let middle = s.points(old.edge_corners().map(|c| {
         let beside = |c: usize| {
             let (before, after) = (old.ring.prior(c), old.ring.after(old.ring.after(c)));
             old.ring.at(before) + old.ring.at(after)
@@ -99,12 +99,12 @@ pub(super) fn loop_smooth(old: &Old, _: &[f64]) -> Made {
 /// Two points an edge, an inner polygon in every face, quads between: a checkerboard.
 /// V' = V + 4E, E' = 9E, F' = F + 4E.
 ///
-/// The inner corner of v is v + t (before - v) + t (after - v); at a reflex corner the shift is turned round, at
-/// a straight one it is t times the mean edge, at right angles inward.
-pub(super) fn checkerboard(old: &Old, p: &[f64]) -> Made {
+/// The inner corner of v is v + t (before - v) + t (after - v). At a reflex corner the shift is reversed; at a
+/// straight corner it points inward, normal to the edge, by t times the mean edge length.
+pub(super) fn checkerboard(old: &Old, p: &[f64]) -> RuleResult {
     let t = p[0];
-    let mut s = Sketch::keeping(old);
-    let point = s.points(old.both(t));
+    let mut s = MeshBuilder::with_old_vertices(old);
+    let point = s.points(old.edge_point_pairs(t));
     let mut inner_points = Vec::with_capacity(old.corners());
     for f in 0..old.faces() {
         let normal = old.mesh.normal(f);
@@ -143,11 +143,11 @@ pub(super) fn checkerboard(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// Middles, and those scaled about their mean, in every face: pentagons at the corners.
+/// Midpoints, and the midpoints scaled about their mean, in every face: pentagons at the corners.
 /// V' = V + 3E, E' = 6E, F' = F + 2E.
-pub(super) fn pentagon_preserving(old: &Old, p: &[f64]) -> Made {
-    let mut s = Sketch::keeping(old);
-    let middle = s.points(old.halves().map(|c| old.along(c, 0.5)));
+pub(super) fn pentagon_preserving(old: &Old, p: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
+    let middle = s.points(old.edge_corners().map(|c| old.along(c, 0.5)));
     let mut inner_points = Vec::with_capacity(old.corners());
     for f in 0..old.faces() {
         let middles: Vec<Vec3> = old.span(f).map(|c| old.along(c, 0.5)).collect();

@@ -1,12 +1,12 @@
 //! Schemes that put a point in every face: duals, stellations, quads about corners.
 
-use super::{Made, NO_PARENT, Old, Sketch};
+use super::{MeshBuilder, NO_PARENT, Old, RuleResult};
 use crate::frame::Vec3;
 use std::f64::consts::TAU;
 
-/// A vertex a face, a face a vertex. V' = F, E' = E, F' = V.
-pub(super) fn dual(old: &Old, _: &[f64]) -> Made {
-    let mut s = Sketch::new(old.centres().collect());
+/// The dual mesh: a vertex for each face, a face for each vertex. V' = F, E' = E, F' = V.
+pub(super) fn dual(old: &Old, _: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::new(old.centres().collect());
     for v in 0..old.vertices() {
         s.face(1, NO_PARENT, old.ring.around(v).map(|c| old.ring.face[c]));
     }
@@ -14,17 +14,17 @@ pub(super) fn dual(old: &Old, _: &[f64]) -> Made {
 }
 
 /// A pyramid on every face. V' = V + F, E' = 3E, F' = 2E.
-pub(super) fn stellate(old: &Old, p: &[f64]) -> Made {
+pub(super) fn stellate(old: &Old, p: &[f64]) -> RuleResult {
     stellated(old, |_| true, p[0])
 }
 
-/// A pyramid of height 0 on every face that is no triangle; groups stay.
-pub(super) fn triangulate(old: &Old, _: &[f64]) -> Made {
+/// A pyramid of height 0 on every face that is not a triangle; groups stay.
+pub(super) fn triangulate(old: &Old, _: &[f64]) -> RuleResult {
     stellated(old, |n| n > 3, 0.0)
 }
 
-fn stellated(old: &Old, which: fn(usize) -> bool, height: f64) -> Made {
-    let mut s = Sketch::keeping(old);
+fn stellated(old: &Old, which: fn(usize) -> bool, height: f64) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
     for f in 0..old.faces() {
         let corners = old.span(f);
         let loops = old.mesh.face(f);
@@ -40,8 +40,8 @@ fn stellated(old: &Old, which: fn(usize) -> bool, height: f64) -> Made {
     Ok(s)
 }
 
-/// Stellated twice, the first points lifted. V' = V + F + 2E, E' = 9E, F' = 6E.
-pub(super) fn star(old: &Old, p: &[f64]) -> Made {
+/// Stellated twice, with the first apexes lifted. V' = V + F + 2E, E' = 9E, F' = 6E.
+pub(super) fn star(old: &Old, p: &[f64]) -> RuleResult {
     let first = stellate(old, p)?;
     let parents = first.parents.clone();
     let mesh = first.mesh()?;
@@ -52,11 +52,11 @@ pub(super) fn star(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// Stellated, then every old edge turned: triangles (a, `c_g`, `c_f`). V' = V + F, E' = 3E, F' = 2E.
+/// Stellated, then every old edge flipped: triangles (a, `c_g`, `c_f`). V' = V + F, E' = 3E, F' = 2E.
 ///
 /// With `smooth` old vertices move to (1 - w) v + w mean(neighbours), w = (4 - 2 cos(2 pi/k))/9 (Kobbelt,
 /// *sqrt(3)-subdivision*, 2000).
-pub(super) fn root3(old: &Old, p: &[f64]) -> Made {
+pub(super) fn root3(old: &Old, p: &[f64]) -> RuleResult {
     let mut vertices = old.mesh.vertices().to_vec();
     if p[0] > 0.5 {
         for (v, point) in vertices.iter_mut().enumerate() {
@@ -65,9 +65,9 @@ pub(super) fn root3(old: &Old, p: &[f64]) -> Made {
             *point = (1.0 - w) * *point + w * mean;
         }
     }
-    let mut s = Sketch::new(vertices);
+    let mut s = MeshBuilder::new(vertices);
     let centre = s.points(old.centres());
-    for c in old.halves() {
+    for c in old.edge_corners() {
         let (f, g) = (old.ring.face[c], old.ring.face[old.twin(c)]);
         let (a, b) = (
             old.ring.vertex(c) as u32,
@@ -79,11 +79,11 @@ pub(super) fn root3(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// Stellated, then every old edge taken away: quads (a, `c_g`, b, `c_f`). V' = V + F, E' = 2E, F' = E.
-pub(super) fn edge_removal(old: &Old, p: &[f64]) -> Made {
-    let mut s = Sketch::keeping(old);
+/// Stellated, then every old edge removed: quads (a, `c_g`, b, `c_f`). V' = V + F, E' = 2E, F' = E.
+pub(super) fn edge_removal(old: &Old, p: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
     let centre = s.points((0..old.faces()).map(|f| old.lifted(f, p[0])));
-    for c in old.halves() {
+    for c in old.edge_corners() {
         let (f, g) = (old.ring.face[c], old.ring.face[old.twin(c)]);
         let (a, b) = (
             old.ring.vertex(c) as u32,
@@ -95,12 +95,12 @@ pub(super) fn edge_removal(old: &Old, p: &[f64]) -> Made {
 }
 
 /// Stellated, then edges removed from the stellation. V' = V + F + 2E, E' = 6E, F' = 3E.
-pub(super) fn double_stellate(old: &Old, p: &[f64]) -> Made {
+pub(super) fn double_stellate(old: &Old, p: &[f64]) -> RuleResult {
     let mesh = stellate(old, p)?.mesh()?;
     edge_removal(&Old::new(&mesh), &[0.0])
 }
 
-/// Mean of the neighbours of a vertex, and how many they are.
+/// The mean of the neighbours of a vertex, and their number.
 pub(super) fn neighbours(old: &Old, v: usize) -> (Vec3, f64) {
     let mut sum = Vec3::zeros();
     let mut count = 0.0;
@@ -111,16 +111,16 @@ pub(super) fn neighbours(old: &Old, v: usize) -> (Vec3, f64) {
     (sum / count, count)
 }
 
-/// Quads (v, middle, centre, middle). V' = V + E + F, E' = 4E, F' = 2E.
-pub(super) fn linear(old: &Old, _: &[f64]) -> Made {
-    let mut s = Sketch::keeping(old);
-    let middle = s.points(old.halves().map(|c| old.along(c, 0.5)));
+/// Quads (v, midpoint, centre, midpoint). V' = V + E + F, E' = 4E, F' = 2E.
+pub(super) fn linear(old: &Old, _: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
+    let middle = s.points(old.edge_corners().map(|c| old.along(c, 0.5)));
     let centre = s.points(old.centres());
     quads(&mut s, old, middle, centre);
     Ok(s)
 }
 
-fn quads(s: &mut Sketch, old: &Old, middle: u32, centre: u32) {
+fn quads(s: &mut MeshBuilder, old: &Old, middle: u32, centre: u32) {
     for c in 0..old.corners() {
         let f = old.ring.face[c];
         let v = old.ring.vertex(c) as u32;
@@ -129,9 +129,9 @@ fn quads(s: &mut Sketch, old: &Old, middle: u32, centre: u32) {
     }
 }
 
-/// The same quads smoothed (Catmull and Clark, 1978): edge points are means of both ends and both centres,
-/// vertices (Q + 2R + (k - 3) v)/k with Q the mean of the centres and R that of the middles around.
-pub(super) fn catmull_clark(old: &Old, _: &[f64]) -> Made {
+/// Catmull and Clark's scheme (1978): edge points are means of both ends and both centres, vertices are
+/// (Q + 2R + (k - 3) v)/k with Q the mean of the adjacent centres and R that of the adjacent midpoints.
+pub(super) fn catmull_clark(old: &Old, _: &[f64]) -> RuleResult {
     let centres: Vec<Vec3> = old.centres().collect();
     let centre_of = |c: usize| centres[old.ring.face[c] as usize];
     let vertices = (0..old.vertices()).map(|v| {
@@ -140,9 +140,9 @@ pub(super) fn catmull_clark(old: &Old, _: &[f64]) -> Made {
         let q: Vec3 = old.ring.around(v).map(centre_of).sum::<Vec3>() / k;
         (q + (mean + p) + (k - 3.0) * p) / k
     });
-    let mut s = Sketch::new(vertices.collect());
+    let mut s = MeshBuilder::new(vertices.collect());
     let middle = s.points(
-        old.halves()
+        old.edge_corners()
             .map(|c| (2.0 * old.along(c, 0.5) + centre_of(c) + centre_of(old.twin(c))) / 4.0),
     );
     let centre = s.points(centres.iter().copied());
@@ -153,10 +153,10 @@ pub(super) fn catmull_clark(old: &Old, _: &[f64]) -> Made {
 /// Pentagons (centre, third, third, v, third): left-handed or right-handed. V' = V + 2E + F, E' = 5E, F' = 2E.
 ///
 /// `offset` moves the first third of each half-edge towards the centre of its face.
-pub(super) fn pentagonal(old: &Old, p: &[f64]) -> Made {
-    let mut s = Sketch::keeping(old);
+pub(super) fn pentagonal(old: &Old, p: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
     let centres: Vec<Vec3> = old.centres().collect();
-    let third = s.points(old.halves().flat_map(|c| {
+    let third = s.points(old.edge_corners().flat_map(|c| {
         [c, old.twin(c)].map(|c| {
             let q = old.along(c, 1.0 / 3.0);
             q + p[0] * (centres[old.ring.face[c] as usize] - q)
@@ -179,10 +179,10 @@ pub(super) fn pentagonal(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// The same pentagons, every vertex moved to the mean of the centres of its faces.
-pub(super) fn cubic_pentagonal(old: &Old, p: &[f64]) -> Made {
+/// [`pentagonal`], then every vertex moved to the mean of the centres of its faces.
+pub(super) fn cubic_pentagonal(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = pentagonal(old, p)?;
-    let mesh = Sketch {
+    let mesh = MeshBuilder {
         vertices: s.vertices.clone(),
         faces: s.faces.clone(),
         classes: Vec::new(),
@@ -202,13 +202,13 @@ pub(super) fn cubic_pentagonal(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// Middles joined in every face, the middle polygon a pyramid. V' = V + E + F, E' = 6E, F' = 4E.
+/// Midpoints joined in every face, with a pyramid on the inner polygon. V' = V + E + F, E' = 6E, F' = 4E.
 ///
-/// The pyramid's height is `offset` sqrt(max(0, m^2 - a^2)), with m the distance of neighbouring middles and a
-/// half the distance across the face, from a middle to the opposite middle or corner; both are means.
-pub(super) fn fractal(old: &Old, p: &[f64]) -> Made {
-    let mut s = Sketch::keeping(old);
-    let middle = s.points(old.halves().map(|c| old.along(c, 0.5)));
+/// The height of the pyramid is `offset` sqrt(max(0, m^2 - a^2)), with m the mean distance of neighbouring
+/// midpoints and a half the mean distance from a midpoint to the opposite midpoint or corner.
+pub(super) fn fractal(old: &Old, p: &[f64]) -> RuleResult {
+    let mut s = MeshBuilder::with_old_vertices(old);
+    let middle = s.points(old.edge_corners().map(|c| old.along(c, 0.5)));
     let tips: Vec<Vec3> = (0..old.faces())
         .map(|f| {
             let corners: Vec<usize> = old.span(f).collect();
@@ -222,7 +222,7 @@ pub(super) fn fractal(old: &Old, p: &[f64]) -> Made {
             let side = mean(&|k| (half(k + 1) - half(k)).norm());
             let across = mean(&|k| (opposite(k) - half(k)).norm()) / 2.0;
             let square = side * side - across * across;
-            // What is zero but for rounding must not become a height by its root.
+            // The square root would amplify rounding errors of a zero.
             let square = if square > 1e-12 * side * side {
                 square
             } else {

@@ -1,17 +1,17 @@
-//! The table of schemes.
+//! The table of remeshing schemes.
 
-use super::{Made, Old, Parameter, corner, dome, edge, face};
+use super::{Old, Parameter, RuleResult, corner, dome, edge, face};
 
-/// A row.
+/// A row of the table: one scheme.
 pub(super) struct Row {
     pub name: &'static str,
     pub aliases: &'static [&'static str],
     pub parameters: &'static [Parameter],
     /// Names of the classes of new faces.
     pub classes: &'static [&'static str],
-    /// At most how many new corners an old one makes.
+    /// Maximum number of new corners per old corner.
     pub growth: u64,
-    pub rule: fn(&Old, &[f64]) -> Made,
+    pub rule: fn(&Old, &[f64]) -> RuleResult,
 }
 
 const fn parameter(

@@ -1,7 +1,7 @@
 //! New points of a face as weighted means of old ones.
 //!
-//! Weights of Doo and Sabin: own weight a for the corner itself, (1 - a) (3 + 2 cos(2 pi (i - j)/n)) / (3n - 5)
-//! for corner j. Their own choice is a = 1/4 + 5/(4n).
+//! Doo and Sabin's weights: a for the corner itself (its own weight), (1 - a) (3 + 2 cos(2 pi (i - j)/n)) /
+//! (3n - 5) for corner j. They chose a = 1/4 + 5/(4n).
 
 use crate::frame::Vec3;
 use std::f64::consts::TAU;
@@ -11,7 +11,7 @@ pub(super) fn doo_sabin(n: usize) -> f64 {
     0.25 + 5.0 / (4.0 * n as f64)
 }
 
-/// The own weight of honeycombs: sqrt(1/2) - 1/4 + 5/(4n).
+/// The own weight of the honeycomb scheme: sqrt(1/2) - 1/4 + 5/(4n).
 pub(super) fn honeycomb(n: usize) -> f64 {
     0.5f64.sqrt() - 0.5 + doo_sabin(n)
 }

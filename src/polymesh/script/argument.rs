@@ -13,7 +13,7 @@ pub(super) struct Word {
     pub column: usize,
 }
 
-/// A step as it is written.
+/// A step as written in the script.
 #[derive(Clone, Debug)]
 pub(super) struct Statement {
     pub verb: String,
@@ -38,7 +38,7 @@ impl Statement {
     }
 }
 
-/// Value of an expression that may name parameters.
+/// The value of an expression, which may name parameters.
 pub(super) fn number(
     expression: &Expression,
     interpreter: &Interpreter,
@@ -91,16 +91,16 @@ impl<'s, 'w> Arguments<'s, 'w> {
     }
 
     /// The next word without a key.
-    pub fn bare(&mut self) -> Option<&'s Word> {
+    pub fn positional(&mut self) -> Option<&'s Word> {
         let n = (0..self.used.len())
             .find(|&n| !self.used[n] && split(&self.statement.words[n].text).is_none())?;
         self.used[n] = true;
         Some(&self.statement.words[n])
     }
 
-    /// The next word without a key, which must be there.
-    pub fn needed(&mut self, what: &str) -> Result<&'s Word, ScriptError> {
-        self.bare()
+    /// The next word without a key; an error if there is none.
+    pub fn required(&mut self, what: &str) -> Result<&'s Word, ScriptError> {
+        self.positional()
             .ok_or_else(|| self.fault(format!("expected {what}")))
     }
 
@@ -125,7 +125,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         Ok(found)
     }
 
-    /// Keys in square brackets with their values: planes and distances.
+    /// Planes [h,k,l] as keys, with their distances as values.
     pub fn planes(&mut self) -> Result<Vec<([i32; 3], f64)>, ScriptError> {
         let mut planes = Vec::new();
         for (n, word) in self.statement.words.iter().enumerate() {
@@ -156,7 +156,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         indices
             .and_then(|i| <[i32; 3]>::try_from(i).ok())
             .ok_or_else(|| {
-                let message = format!("{} is no plane; expected [h,k,l]", word.text);
+                let message = format!("{} is not a plane; expected [h,k,l]", word.text);
                 self.at(word, message)
             })
     }
@@ -192,7 +192,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         }
     }
 
-    /// A whole number of a key from 0.
+    /// The whole number of a key, from 0.
     pub fn count(&mut self, key: &'static str) -> Result<Option<usize>, ScriptError> {
         let Some(word) = self.value(key)? else {
             return Ok(None);
@@ -201,7 +201,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         self.whole(&word, value).map(Some)
     }
 
-    /// A whole number from 0 that a word stands for.
+    /// The value of a word as a whole number from 0.
     pub fn whole(&self, word: &Word, value: f64) -> Result<usize, ScriptError> {
         if value.fract() == 0.0 && (0.0..=1e9).contains(&value) {
             return Ok(value as usize);
@@ -210,7 +210,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         Err(self.at(word, message))
     }
 
-    /// Yes or no.
+    /// A logical value of a key.
     pub fn flag(&mut self, key: &'static str) -> Result<bool, ScriptError> {
         match self.value(key)? {
             None => Ok(false),
@@ -279,7 +279,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
             let text = format!("group == ({})", word.text);
             (word, text, -("group == (".len() as i64))
         } else {
-            let word = self.bare().cloned();
+            let word = self.positional().cloned();
             let message = "expected its faces: group=N, faces(...), all, top or last";
             let word = word.ok_or_else(|| self.fault(message))?;
             let inner = word
@@ -349,7 +349,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
     }
 }
 
-/// A word as key and value; comparisons and what stands in brackets are none.
+/// A word as key and value; an `=` of a comparison or within brackets does not separate them.
 fn split(word: &str) -> Option<(&str, &str)> {
     let mut depth = 0;
     let bytes = word.as_bytes();

@@ -1,10 +1,10 @@
-//! The text of a script as items.
+//! The parser of scripts.
 
 use super::argument::{Statement, Word};
 use super::{Expression, Item, Script, ScriptError, VERBS, is_verb, nearest, seed};
 
-/// Deepest nesting of loops.
-const DEPTH: usize = 20;
+/// Maximum nesting depth of loops.
+const MAX_DEPTH: usize = 20;
 
 pub(super) fn script(text: &str) -> Result<Script, ScriptError> {
     let mut reader = Reader {
@@ -104,7 +104,10 @@ impl Reader<'_> {
                 let good = name.starts_with(|c: char| c.is_ascii_alphabetic())
                     && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
                 if !good {
-                    return Err(fault(place, format!("{name:?} is no name for a parameter")));
+                    return Err(fault(
+                        place,
+                        format!("{name:?} is not a valid name of a parameter"),
+                    ));
                 }
                 let column = rest.column + rest.text.find('=').unwrap_or(0) + 1;
                 Ok(Item::Parameter {
@@ -115,8 +118,11 @@ impl Reader<'_> {
                 })
             }
             "repeat" => {
-                if depth >= DEPTH {
-                    return Err(fault(place, format!("loops nest more than {DEPTH} deep")));
+                if depth >= MAX_DEPTH {
+                    return Err(fault(
+                        place,
+                        format!("loops nest more than {MAX_DEPTH} deep"),
+                    ));
                 }
                 let count = self.raw(&['{', '\n', ';'])?;
                 if self.peek() != Some('{') {
@@ -137,7 +143,7 @@ impl Reader<'_> {
                     verb
                 } else {
                     self.solid(verb)
-                        .ok_or_else(|| unknown(place, verb, &self.whole_name(verb)))?
+                        .ok_or_else(|| unknown(place, verb, &self.full_name(verb)))?
                 };
                 let mut words = Vec::new();
                 loop {
@@ -158,7 +164,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The solid whose name begins with a word that has been read; a name may have several.
+    /// The solid whose name begins with the word just read; a name may have several words.
     fn solid(&mut self, first: &str) -> Option<&'static str> {
         let mut name = first.to_owned();
         let mut found = seed::canonical(&name).map(|n| (n, self.at));
@@ -181,8 +187,8 @@ impl Reader<'_> {
         Some(solid)
     }
 
-    /// A word that has been read with those after it that may belong to a name.
-    fn whole_name(&self, first: &str) -> String {
+    /// The word just read, with the words after it that may belong to a name.
+    fn full_name(&self, first: &str) -> String {
         let rest = &self.text[self.at..];
         let line = rest.split(['\n', ';', '#', '{', '}']).next().unwrap_or("");
         let is_word = |w: &&str| {
@@ -211,13 +217,16 @@ impl Reader<'_> {
                         self.bump();
                     }
                     if self.peek() != Some('"') {
-                        return Err(fault((line, column), "a quotation mark without its pair"));
+                        return Err(fault((line, column), "a quotation mark is not closed"));
                     }
                 }
                 '(' => open.push(')'),
                 '[' => open.push(']'),
                 ')' | ']' if open.pop() != Some(c) => {
-                    return Err(fault(self.place(), format!("{c:?} without its pair")));
+                    return Err(fault(
+                        self.place(),
+                        format!("{c:?} without an opening bracket"),
+                    ));
                 }
                 '\n' | ';' | '#' => break,
                 _ => {}
@@ -227,7 +236,7 @@ impl Reader<'_> {
         if let Some(c) = open.pop() {
             return Err(fault(
                 (line, column),
-                format!("a bracket without its {c:?}"),
+                format!("a bracket is not closed; expected {c:?}"),
             ));
         }
         if self.at == start {
@@ -244,7 +253,7 @@ impl Reader<'_> {
         })
     }
 
-    /// Text up to one of some characters, or a comment.
+    /// Text up to one of the characters `ends`, or to a comment.
     fn raw(&mut self, ends: &[char]) -> Result<Word, ScriptError> {
         while self.peek().is_some_and(|c| c == ' ' || c == '\t') {
             self.bump();

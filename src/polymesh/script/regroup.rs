@@ -1,14 +1,14 @@
-//! Steps that change groups and start vertices and leave the geometry alone.
+//! Steps that change groups and start vertices and keep the geometry.
 
 use super::argument::{Arguments, Word};
-use super::step::{Done, Outcome, mesh_of};
+use super::step::{Outcome, StepResult, mesh_of};
 use super::{Interpreter, ScriptError};
 use crate::frame::Mat3;
 use crate::polymesh::PolyMesh;
 use crate::polymesh::form::cartesian_group;
 
-/// Entries of matrices that differ by less are the same.
-const SAME_MATRIX: f64 = 1e-6;
+/// Largest difference of the entries of equal matrices.
+const MATRIX_TOLERANCE: f64 = 1e-6;
 
 fn group_number(a: &Arguments, word: &Word) -> Result<u32, ScriptError> {
     let value = a.evaluate(word)?;
@@ -18,10 +18,10 @@ fn group_number(a: &Arguments, word: &Word) -> Result<u32, ScriptError> {
     }
 }
 
-pub(super) fn assign(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+pub(super) fn assign(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
-    let word = a.needed("a group number, or new")?;
+    let word = a.required("a group number, or new")?;
     let id = match word.text.as_str() {
         "new" => mesh.greatest_group().saturating_add(1),
         _ => group_number(a, word)?,
@@ -34,10 +34,10 @@ pub(super) fn assign(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     ))
 }
 
-pub(super) fn merge(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+pub(super) fn merge(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let mut ids = Vec::new();
-    while let Some(word) = a.bare() {
+    while let Some(word) = a.positional() {
         let id = group_number(a, word)?;
         if !mesh.groups().contains(&id) {
             return Err(a.fault(format!("no face is in group {id}")));
@@ -57,7 +57,7 @@ pub(super) fn merge(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     ))
 }
 
-pub(super) fn renumber(a: &Arguments, interpreter: &Interpreter) -> Done {
+pub(super) fn renumber(a: &Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let counts = mesh.group_counts();
     let order: Vec<u32> = counts.into_keys().collect();
@@ -69,7 +69,7 @@ pub(super) fn renumber(a: &Arguments, interpreter: &Interpreter) -> Done {
     ))
 }
 
-pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
     let toward = match a.value("toward")? {
@@ -77,7 +77,7 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Done
         None => None,
     };
     let at = a.count("at")?;
-    let lowest = match a.bare() {
+    let lowest = match a.positional() {
         None => false,
         Some(word) if word.text == "lowest" => true,
         Some(word) => {
@@ -113,13 +113,15 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Done
     ))
 }
 
-pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let rotations = a.flag("rotations")?;
-    let group = a.bare();
+    let group = a.positional();
     let mesh = mesh_of(a, interpreter)?;
-    let pieces = mesh.pieces().1;
-    if pieces != 1 {
-        return Err(a.fault(format!("the mesh has {pieces} pieces; expected one")));
+    let components = mesh.components().1;
+    if components != 1 {
+        return Err(a.fault(format!(
+            "the mesh has {components} components; expected one"
+        )));
     }
     let (made, order) = match group {
         None => mesh.symmetrized(rotations),
@@ -132,31 +134,33 @@ pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     Ok(outcome)
 }
 
-/// A mesh symmetrized by a group that it has.
+/// A mesh symmetrized by a subgroup of its symmetries.
 fn symmetrized_by(
     a: &Arguments,
     mesh: &PolyMesh,
     name: &str,
     rotations: bool,
 ) -> Result<(PolyMesh, usize), ScriptError> {
-    let sets = cartesian_group(name).map_err(|e| {
+    let orientations = cartesian_group(name).map_err(|e| {
         let mut error = a.fault(e.to_string());
-        error.hint = (name == "trigonal").then(|| super::step::TRIGONAL.to_owned());
+        error.hint = (name == "trigonal").then(|| super::step::TRIGONAL_HINT.to_owned());
         error
     })?;
     let own = mesh.symmetries();
-    let is_own = |m: &Mat3| own.iter().any(|s| (s.matrix - m).amax() < SAME_MATRIX);
-    let found = sets.iter().find(|set| set.iter().all(is_own));
-    let Some(set) = found else {
+    let is_own = |m: &Mat3| own.iter().any(|s| (s.matrix - m).amax() < MATRIX_TOLERANCE);
+    let found = orientations.iter().find(|group| group.iter().all(is_own));
+    let Some(group) = found else {
         return Err(a.fault(format!(
-            "the mesh does not have the group {name} about its middle, along the axes x, y, z; found {} \
-             symmetries of the mesh, expected the {} of the group among them: turn the mesh, or leave the \
-             group out, which takes all that it has",
+            "the mesh does not have the group {name} about its centre, along the axes x, y, z; found {} \
+             symmetries of the mesh, expected the {} of the group among them: turn the mesh, or omit the \
+             group to use all symmetries of the mesh",
             own.len(),
-            sets[0].len()
+            orientations[0].len()
         )));
     };
     Ok(mesh.symmetrized_by(rotations, |s| {
-        set.iter().any(|m| (s.matrix - m).amax() < SAME_MATRIX)
+        group
+            .iter()
+            .any(|m| (s.matrix - m).amax() < MATRIX_TOLERANCE)
     }))
 }

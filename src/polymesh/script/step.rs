@@ -1,4 +1,4 @@
-//! The steps of a script, carried out on the model.
+//! The steps of a script, applied to the model.
 
 use super::argument::{Arguments, Statement, Word};
 use super::{GroupBy, Interpreter, LoadOptions, ScriptError, nearest, regroup};
@@ -12,16 +12,16 @@ use crate::polymesh::{
 use std::path::Path;
 use std::sync::Arc;
 
-pub(super) type Done = Result<Outcome, ScriptError>;
+pub(super) type StepResult = Result<Outcome, ScriptError>;
 
-/// What a step leaves behind.
+/// The result of a step.
 pub(super) struct Outcome {
     pub model: Model,
     pub notes: Vec<String>,
 }
 
 impl Outcome {
-    /// A new mesh, all of it made by this step.
+    /// A new mesh, made by this step as a whole.
     pub fn mesh(mesh: PolyMesh) -> Self {
         Self {
             model: Model {
@@ -32,7 +32,7 @@ impl Outcome {
         }
     }
 
-    /// The same faces with something changed about them.
+    /// A mesh with the same faces, changed in groups, start vertices or positions.
     pub fn changed(old: &Model, mesh: PolyMesh) -> Self {
         Self {
             model: Model {
@@ -45,8 +45,8 @@ impl Outcome {
     }
 }
 
-/// Carries a step out; on an error the model stays.
-pub(super) fn carry_out(
+/// Runs a step; on an error the model stays unchanged.
+pub(super) fn run_step(
     statement: &Statement,
     interpreter: &mut Interpreter,
 ) -> Result<(), ScriptError> {
@@ -80,7 +80,7 @@ pub(super) fn carry_out(
     Ok(())
 }
 
-/// The mesh, which must be there.
+/// The current mesh; an error if there is none.
 pub(super) fn mesh_of<'w>(
     a: &Arguments,
     interpreter: &'w Interpreter,
@@ -89,17 +89,17 @@ pub(super) fn mesh_of<'w>(
     interpreter.mesh().ok_or_else(|| a.fault(message))
 }
 
-fn solid(a: &mut Arguments, name: &str) -> Done {
+fn solid(a: &mut Arguments, name: &str) -> StepResult {
     let edge = a.number("edge")?.unwrap_or(1.0);
     if !(edge.is_finite() && edge > 0.0) {
         return Err(a.fault(format!("edge = {edge}; expected a length more than 0")));
     }
     let made = seed::solid(name, edge);
     made.map(Outcome::mesh)
-        .ok_or_else(|| a.fault("the edge is too long for numbers"))
+        .ok_or_else(|| a.fault("the edge is too long for finite coordinates"))
 }
 
-fn ngon(a: &mut Arguments) -> Done {
+fn ngon(a: &mut Arguments) -> StepResult {
     let kind = a.statement.verb.as_str();
     let n = a.count("n")?.unwrap_or(match kind {
         "polygon" => 5,
@@ -134,7 +134,7 @@ fn counts<const N: usize>(
         .ok_or_else(|| a.fault(format!("counts: expected {N} whole numbers")))
 }
 
-fn grid(a: &mut Arguments) -> Done {
+fn grid(a: &mut Arguments) -> StepResult {
     let counts = counts(a, [2; 3])?;
     let edge = a.number("edge")?.unwrap_or(1.0);
     seed::grid(counts, edge)
@@ -142,7 +142,7 @@ fn grid(a: &mut Arguments) -> Done {
         .map_err(|e| a.fault(e.to_string()))
 }
 
-fn torus(a: &mut Arguments) -> Done {
+fn torus(a: &mut Arguments) -> StepResult {
     let counts = counts(a, [16, 8])?;
     let major = a.number("major")?.unwrap_or(2.0);
     let minor = a.number("minor")?.unwrap_or(0.5);
@@ -151,13 +151,13 @@ fn torus(a: &mut Arguments) -> Done {
         .map_err(|e| a.fault(e.to_string()))
 }
 
-/// Where the trigonal groups are, which have no lattice of their own name.
-pub(super) const TRIGONAL: &str = "trigonal crystals stand on the axes of the lattice system rhombohedral, or on \
+/// Hint for trigonal groups, which have no lattice system of this name.
+pub(super) const TRIGONAL_HINT: &str = "trigonal crystals refer to the axes of the lattice system rhombohedral, or to \
      those of hexagonal, with one of the groups 3, -3, 32, 3m, -3m";
 
-fn form(a: &mut Arguments) -> Done {
+fn form(a: &mut Arguments) -> StepResult {
     let systems = SYSTEMS.map(|row| row.0);
-    let word = a.needed(&format!("a lattice system: {}", systems.join(", ")))?;
+    let word = a.required(&format!("a lattice system: {}", systems.join(", ")))?;
     let system = word.text.as_str();
     let mut axes = Vec::new();
     for name in ["a", "b", "c", "alpha", "beta", "gamma"] {
@@ -169,7 +169,7 @@ fn form(a: &mut Arguments) -> Done {
     let fault = |a: &Arguments, e: crate::polymesh::form::FormError| {
         let mut error = a.fault(e.to_string());
         error.hint = if [Some(system), group.as_deref()].contains(&Some("trigonal")) {
-            Some(TRIGONAL.to_owned())
+            Some(TRIGONAL_HINT.to_owned())
         } else {
             nearest(system, &systems)
                 .filter(|w| *w != system)
@@ -204,13 +204,13 @@ fn crystal(form: Form) -> Result<Outcome, crate::polymesh::form::FormError> {
     Ok(outcome)
 }
 
-fn push(a: &mut Arguments, interpreter: &Interpreter) -> Done {
-    let plane = a.needed("a plane [h,k,l]")?;
+fn push(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
+    let plane = a.required("a plane [h,k,l]")?;
     let hkl = a.indices(plane)?;
-    let by = a.needed("a distance")?;
+    let by = a.required("a distance")?;
     let by = a.evaluate(by)?;
     let Some(mut form) = interpreter.model().form.clone() else {
-        return Err(a.fault("the model is no crystal form any more; push right after form"));
+        return Err(a.fault("the model is no crystal form any more; push directly after form"));
     };
     form.push(hkl, by).map_err(|e| a.fault(e.to_string()))?;
     crystal(form).map_err(|e| a.fault(e.to_string()))
@@ -221,8 +221,8 @@ fn file(word: &Word) -> &Path {
     Path::new(word.text.trim_matches('"'))
 }
 
-fn load(a: &mut Arguments, interpreter: &Interpreter) -> Done {
-    let word = a.needed("a file")?;
+fn load(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
+    let word = a.required("a file")?;
     let group_by = match a.value("group_by")? {
         None => GroupBy::Material,
         Some(word) => match word.text.as_str() {
@@ -259,8 +259,8 @@ fn load(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     Ok(outcome)
 }
 
-fn save(a: &mut Arguments, interpreter: &Interpreter) -> Done {
-    let word = a.needed("a file")?;
+fn save(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
+    let word = a.required("a file")?;
     let mesh = mesh_of(a, interpreter)?;
     interpreter
         .files
@@ -272,8 +272,8 @@ fn save(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     })
 }
 
-fn extrude(a: &mut Arguments, interpreter: &Interpreter) -> Done {
-    let word = a.needed("an extrusion such as cubical")?;
+fn extrude(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
+    let word = a.required("an extrusion such as cubical")?;
     let Some((kind, operator)) = extrusion_named(&word.text) else {
         let names = extrusion_names();
         let known: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -330,8 +330,8 @@ fn extrude(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     })
 }
 
-fn remesh(a: &mut Arguments, interpreter: &Interpreter) -> Done {
-    let word = a.needed("a scheme such as checkerboard")?;
+fn remesh(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
+    let word = a.required("a scheme such as checkerboard")?;
     let mut scheme = Remesh::named(&word.text).map_err(|e| {
         let names = scheme_names();
         let mut error = a.fault(e.to_string());
@@ -379,7 +379,7 @@ fn remesh(a: &mut Arguments, interpreter: &Interpreter) -> Done {
         .map_err(|e| a.fault(e.to_string()))
 }
 
-fn subdivide(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+fn subdivide(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let chosen = a.faces()?;
     let into = match a.value("into")?.as_ref().map(|w| w.text.as_str()) {
         None | Some("quads") => Parts::Quads,
@@ -396,18 +396,18 @@ fn subdivide(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     Ok(outcome)
 }
 
-fn place(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+fn place(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let moved = match a.statement.verb.as_str() {
         "move" => {
-            let by = a.needed("a shift [x, y, z]")?;
+            let by = a.required("a shift [x, y, z]")?;
             let by = a.vector_of(by)?;
             mesh.mapped(|v| v + by)
         }
         "turn" => {
-            let axis = a.needed("an axis [x, y, z]")?;
+            let axis = a.required("an axis [x, y, z]")?;
             let axis = a.vector_of(axis)?;
-            let angle = a.needed("an angle in degrees")?;
+            let angle = a.required("an angle in degrees")?;
             let angle = a.evaluate(angle)?;
             let axis = nalgebra::Unit::try_new(axis, f64::MIN_POSITIVE)
                 .ok_or_else(|| a.fault("the axis [0, 0, 0]; expected a direction"))?;
@@ -415,7 +415,7 @@ fn place(a: &mut Arguments, interpreter: &Interpreter) -> Done {
             mesh.mapped(|v: Vec3| turn * v)
         }
         _ => {
-            let word = a.needed("a factor")?;
+            let word = a.required("a factor")?;
             let factor = a.evaluate(word)?;
             if factor <= 0.0 {
                 return Err(a.fault(format!("{factor}; expected a factor more than 0")));

@@ -104,7 +104,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
     Ok(())
 }
 
-/// Which grids a file may hold.
+/// Rules of the grids of a file.
 fn grids(
     sections: &Sections,
     output: &Output,
@@ -173,7 +173,7 @@ fn grids(
     Ok(())
 }
 
-/// What beams may be.
+/// Rules of beam outputs.
 fn beams(
     sections: &Sections,
     output: &Output,
@@ -257,7 +257,7 @@ fn of_deck(sections: &Sections, output: &Output, key: &str, source: &Source) -> 
         .map_err(|message| fault("element_size", message))
 }
 
-/// What a mesh may be.
+/// Rules of mesh outputs.
 fn of_mesh(
     sections: &Sections,
     output: &Output,

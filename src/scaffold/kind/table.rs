@@ -1,9 +1,9 @@
-//! The table of kinds: what each one is. Nodes in VTK order.
+//! The table of kinds of elements, with nodes in VTK order.
 
 use super::FaceNodes;
 use crate::frame::Element;
 
-/// What a kind is.
+/// A row of the table: one kind.
 pub(super) struct Row {
     pub name: &'static str,
     pub shape: Element,
@@ -140,7 +140,7 @@ const QUAD9_LATTICE: [[u8; 3]; 9] = [
     [0, 1, 0],
     [1, 1, 0],
 ];
-const IN_ORDER: [u8; 9] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
+const IDENTITY_ORDER: [u8; 9] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
 
 const PYRAMID_EDGES: [[u8; 2]; 8] = [
     [0, 1],
@@ -292,7 +292,7 @@ pub(super) const TABLE: [Row; 16] = [
             face(&[1, 2, 5, 4], &[], None),
             face(&[2, 0, 3, 5], &[], None),
         ],
-        gmsh_order: IN_ORDER.split_at(6).0,
+        gmsh_order: IDENTITY_ORDER.split_at(6).0,
     },
     Row {
         name: "Wedge15",
@@ -343,7 +343,7 @@ pub(super) const TABLE: [Row; 16] = [
             face(&[2, 3, 4], &[], None),
             face(&[3, 0, 4], &[], None),
         ],
-        gmsh_order: IN_ORDER.split_at(5).0,
+        gmsh_order: IDENTITY_ORDER.split_at(5).0,
     },
     Row {
         name: "Pyramid13",
@@ -389,7 +389,7 @@ pub(super) const TABLE: [Row; 16] = [
         lattice: &[[0, 0, 0], [1, 0, 0], [0, 1, 0]],
         edges: &TRI_EDGES,
         faces: &[],
-        gmsh_order: IN_ORDER.split_at(3).0,
+        gmsh_order: IDENTITY_ORDER.split_at(3).0,
     },
     Row {
         name: "Tri6",
@@ -400,7 +400,7 @@ pub(super) const TABLE: [Row; 16] = [
         lattice: &TRI6_LATTICE,
         edges: &TRI_EDGES,
         faces: &[],
-        gmsh_order: IN_ORDER.split_at(6).0,
+        gmsh_order: IDENTITY_ORDER.split_at(6).0,
     },
     Row {
         name: "Quad4",
@@ -411,7 +411,7 @@ pub(super) const TABLE: [Row; 16] = [
         lattice: HEX8_LATTICE.split_at(4).0,
         edges: &QUAD_EDGES,
         faces: &[],
-        gmsh_order: IN_ORDER.split_at(4).0,
+        gmsh_order: IDENTITY_ORDER.split_at(4).0,
     },
     Row {
         name: "Quad8",
@@ -422,7 +422,7 @@ pub(super) const TABLE: [Row; 16] = [
         lattice: QUAD9_LATTICE.split_at(8).0,
         edges: &QUAD_EDGES,
         faces: &[],
-        gmsh_order: IN_ORDER.split_at(8).0,
+        gmsh_order: IDENTITY_ORDER.split_at(8).0,
     },
     Row {
         name: "Quad9",
@@ -433,6 +433,6 @@ pub(super) const TABLE: [Row; 16] = [
         lattice: &QUAD9_LATTICE,
         edges: &QUAD_EDGES,
         faces: &[],
-        gmsh_order: &IN_ORDER,
+        gmsh_order: &IDENTITY_ORDER,
     },
 ];

@@ -20,19 +20,19 @@ use crate::scaffold::map::{PAIRS, bend, newton};
 use std::f64::consts::SQRT_2;
 use std::sync::OnceLock;
 
-/// Shape functions of the kind with most nodes.
-const TERMS: usize = 14;
-/// Splits of one part at most, one after the other.
-const DEPTH: usize = 24;
+/// Maximum number of shape functions.
+const MAX_TERMS: usize = 14;
+/// Maximum depth of splits.
+const MAX_SPLIT_DEPTH: usize = 24;
 /// Relative slack that covers rounding.
-const ROUNDING: f64 = 1e-12;
+const ROUNDING_SLACK: f64 = 1e-12;
 
 /// A box of parametric coordinates: least and greatest corner.
 type Span = (Vec3, Vec3);
 
 /// The terms 1, h, ah, bh, abh, then h^2 times 1, a, b, a^2, b^2, ab, a^2 b, a b^2, a^2 b^2, and their
 /// gradients by x, y and h.
-fn terms(a: f64, b: f64, h: f64) -> ([f64; TERMS], [Vec3; TERMS]) {
+fn terms(a: f64, b: f64, h: f64) -> ([f64; MAX_TERMS], [Vec3; MAX_TERMS]) {
     let (x, y, ab) = (a * h, b * h, a * b);
     let v = Vec3::new;
     (
@@ -72,7 +72,7 @@ fn terms(a: f64, b: f64, h: f64) -> ([f64; TERMS], [Vec3; TERMS]) {
 }
 
 /// The terms' factors, from the values at the 27 lattice points of the collapsed cube.
-fn factors<T: Coefficient>(values: &[T]) -> [T; TERMS] {
+fn factors<T: Coefficient>(values: &[T]) -> [T; MAX_TERMS] {
     let at = |i: usize, j: usize, k: usize| values[index(Family::Tensor, 2, [i, j, k])];
     let apex = at(0, 0, 2);
     // h * linear + h^2 * quadratic at h = 1 and h = 1/2.
@@ -139,8 +139,8 @@ pub(in crate::scaffold) fn complete<T: Copy>(
 }
 
 /// Each shape function's factors of the terms.
-fn table(kind: Kind) -> &'static [[f64; TERMS]] {
-    static TABLES: [OnceLock<Vec<[f64; TERMS]>>; 2] = [const { OnceLock::new() }; 2];
+fn table(kind: Kind) -> &'static [[f64; MAX_TERMS]] {
+    static TABLES: [OnceLock<Vec<[f64; MAX_TERMS]>>; 2] = [const { OnceLock::new() }; 2];
     TABLES[usize::from(kind == Kind::Pyramid14)].get_or_init(|| {
         let unit = |node: usize| -> Vec<f64> {
             let all = 0..kind.node_count();
@@ -157,15 +157,15 @@ fn table(kind: Kind) -> &'static [[f64; TERMS]] {
 pub(in crate::scaffold) fn shape_functions(kind: Kind, xi: CellPoint<3>) -> Vec<f64> {
     let (a, b, h) = ratios(xi);
     let (values, _) = terms(a, b, h);
-    let one = |row: &[f64; TERMS]| row.iter().zip(values).map(|(c, v)| c * v).sum();
+    let one = |row: &[f64; MAX_TERMS]| row.iter().zip(values).map(|(c, v)| c * v).sum();
     table(kind).iter().map(one).collect()
 }
 
-/// Their gradients by the cell's coordinates; on the axis at the apex.
+/// Gradients of the shape functions by the cell's coordinates; at the apex the limit along the axis.
 pub(in crate::scaffold) fn shape_gradients(kind: Kind, xi: CellPoint<3>) -> Vec<Vec3> {
     let (a, b, h) = ratios(xi);
     let (_, slopes) = terms(a, b, h);
-    let one = |row: &[f64; TERMS]| {
+    let one = |row: &[f64; MAX_TERMS]| {
         let g: Vec3 = row.iter().zip(slopes).map(|(c, g)| g * *c).sum();
         Vec3::new(g.x, g.y, -SQRT_2 * g.z)
     };
@@ -177,7 +177,7 @@ pub(in crate::scaffold) struct Collapsed {
     kind: Kind,
     /// The map over the collapsed cube.
     pub net: Net<Vec3>,
-    factors: [Vec3; TERMS],
+    factors: [Vec3; MAX_TERMS],
     /// The map of the corners without their twist, to start Newton's steps.
     affine: Affine,
 }
@@ -272,7 +272,7 @@ impl Collapsed {
             .or_else(|_| newton(map, x, centroid, self.affine.origin))
     }
 
-    /// A box around what of the closed cell maps into `world`; `None` if nothing does.
+    /// A box around the points of the closed cell that map into `world`; `None` if there are none.
     ///
     /// Parts of the collapsed cube are contracted around the preimage and split, until they are small beside
     /// the box in the cell frame, where all of them meet in the apex.
@@ -287,7 +287,7 @@ impl Collapsed {
             };
             let covered = (0..3).all(|a| found.min[a] <= own.min[a] && own.max[a] <= found.max[a]);
             let size = (own.max - own.min).max();
-            if settled || covered || size <= fine || depth == DEPTH {
+            if settled || covered || size <= fine || depth == MAX_SPLIT_DEPTH {
                 found.min = found.min.inf(&own.min);
                 found.max = found.max.sup(&own.max);
                 continue;
@@ -348,7 +348,7 @@ impl Collapsed {
                 let times = if j == k { 0.5 } else { 1.0 };
                 rest += b * (times * radius[j] * radius[k]);
             }
-            let rounding = ROUNDING * (x.amax() + target.amax());
+            let rounding = ROUNDING_SLACK * (x.amax() + target.amax());
             let spread = (half + rest).add_scalar(rounding);
             // dr / dxi, from x = a h, y = b h, z = (1 - h) / sqrt 2.
             let by_cell = Mat3::new(

@@ -28,7 +28,7 @@ pub(super) struct BlockSpan {
 #[derive(Clone, Copy)]
 pub(super) struct Block {
     /// Index of the block along each axis.
-    block_index: [u32; 3],
+    indices: [u32; 3],
     part: u32,
     /// The samples that exist among the eight of a block: a bit each.
     pub sample_mask: u8,
@@ -136,7 +136,7 @@ impl Block {
             }
         }
         Self {
-            block_index: first.map(|i| (i / BLOCK_EDGE) as u32),
+            indices: first.map(|i| (i / BLOCK_EDGE) as u32),
             part: part as u32,
             sample_mask,
             radius: context.lattice.step * BOX_DIAGONALS[edges] / 2.0,
@@ -153,7 +153,7 @@ impl Block {
     /// Coordinates of its first and its last sample, by axis.
     #[inline]
     pub fn ends(&self, context: &FillContext) -> [[f64; BLOCK_EDGE]; 3] {
-        let [i, j, k] = self.block_index.map(|i| i as usize);
+        let [i, j, k] = self.indices.map(|i| i as usize);
         let [x, y, z] = context.along;
         [x[i].ends, y[j].ends, z[k].ends]
     }
@@ -161,7 +161,7 @@ impl Block {
     /// Its centre.
     #[inline]
     pub fn centre(&self, context: &FillContext) -> [f64; 3] {
-        let [i, j, k] = self.block_index.map(|i| i as usize);
+        let [i, j, k] = self.indices.map(|i| i as usize);
         let [x, y, z] = context.along;
         [x[i].centre, y[j].centre, z[k].centre]
     }

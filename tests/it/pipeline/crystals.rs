@@ -216,7 +216,7 @@ fn wrong_crystals_are_refused_with_a_way_out() {
     );
     let inside = error(&with("cube; save a.obj; polygon n=4", 0.1, UNION));
     assert!(
-        inside.contains("expected a surface that looks outward"),
+        inside.contains("expected a surface with outward normals"),
         "{inside}"
     );
     let set = with("cube", 0.1, UNION).replace("steps =", "set = { k = 2 }\nsteps =");

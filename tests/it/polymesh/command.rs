@@ -231,7 +231,7 @@ fn errors_have_their_place_and_code() {
     .unwrap();
     let met = druse(place.path(), &["b.crystal"], "");
     assert!(
-        text(&met.stdout).contains("the surface meets itself"),
+        text(&met.stdout).contains("the surface intersects itself"),
         "{}",
         text(&met.stdout)
     );

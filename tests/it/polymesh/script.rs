@@ -13,7 +13,7 @@ fn refuse(text: &str) -> ScriptError {
 }
 
 fn run(text: &str) -> Result<Interpreter<'static>, ScriptError> {
-    let mut interpreter = Interpreter::remembering(&NoFiles, 100);
+    let mut interpreter = Interpreter::with_history(&NoFiles, 100);
     Script::parse(text)?.run(&mut interpreter, None)?;
     Ok(interpreter)
 }
@@ -411,7 +411,7 @@ proptest! {
 
     #[test]
     fn undo_and_redo_restore_models_bit_for_bit(steps in prop::collection::vec(step(), 1..6), back in 1usize..8) {
-        let mut interpreter = Interpreter::remembering(&NoFiles, 50);
+        let mut interpreter = Interpreter::with_history(&NoFiles, 50);
         let mut models = vec![interpreter.model().clone()];
         let all = std::iter::once("tetrahedron").chain(steps.iter().copied());
         for step in all {
@@ -446,7 +446,7 @@ proptest! {
 
 #[test]
 fn a_history_is_bounded() {
-    let mut interpreter = Interpreter::remembering(&NoFiles, 3);
+    let mut interpreter = Interpreter::with_history(&NoFiles, 3);
     for _ in 0..9 {
         Script::parse("cube")
             .unwrap()

@@ -1,4 +1,4 @@
-// The model on a canvas: faces in the colours of their groups, edges, and which face is under a point.
+// Drawing of the model on a canvas: faces in the colours of their groups, edges, and picking of faces.
 "use strict";
 
 const FACES = [`#version 300 es
@@ -39,7 +39,7 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => { const l = Math.hypot(...a) || 1; return a.map((c) => c / l); };
 
-// A model from the bytes of the server.
+// Decodes a model from the bytes of the server.
 function unpack(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const about = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
@@ -68,7 +68,7 @@ class Drawing {
     Object.assign(this, { turn: 0.6, tilt: 0.45, away: 3.2, hovered: -1, chosen: 0, centre: [0, 0, 0], size: 1 });
   }
 
-  // Takes a model; the view follows it when asked to.
+  // Sets the model; fits the view to it if required.
   show(model, look) {
     for (const old of [this.solid, this.wire]) {
       if (old) deleteGeometry(this.gl, old);
@@ -102,7 +102,7 @@ class Drawing {
     this.draw();
   }
 
-  // The whole model in view.
+  // Fits the view to the whole model.
   home() {
     const { positions, triangles } = this.model;
     const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
@@ -168,7 +168,7 @@ class Drawing {
     return pixel[0] + 256 * pixel[1] + 65536 * pixel[2] - 1;
   }
 
-  // Draws with another face or group lit up.
+  // Draws with another face or group highlighted.
   light(face, group) {
     if (face === this.hovered && group === this.chosen) return;
     const kept = this.stale;

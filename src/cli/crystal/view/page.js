@@ -1,10 +1,10 @@
-// The page: what is asked of the server, and what it answers.
+// The page: requests to the server and their responses.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
 const drawing = new Drawing($("canvas"));
 let words = { extrusions: [], schemes: [] };
-// The extrusion that the sliders change: how its faces are chosen, once it is done.
+// The extrusion that the sliders change, with the selection of its faces.
 let pending = null;
 let busy = false;
 
@@ -13,7 +13,7 @@ function say(text, wrong) {
   $("message").className = wrong ? "wrong" : "";
 }
 
-// Asks the server; gives its answer, or shows why there is none.
+// Sends a request; returns the response, or shows the error.
 async function ask(what, body) {
   try {
     const answer = await fetch(what, body === undefined ? {} : { method: "POST", body });
@@ -25,7 +25,7 @@ async function ask(what, body) {
   return null;
 }
 
-// Asks for a model and shows it; whether it came.
+// Requests a model and shows it; returns whether it arrived.
 async function change(what, body, look) {
   if (busy) return false;
   busy = true;
@@ -121,13 +121,13 @@ async function extrude(face) {
   if (await change("step", extrusion(faces))) pending = faces;
 }
 
-// Any other change ends the sliders' hold on the last extrusion.
+// After any other change the sliders no longer change the last extrusion.
 function other(what, body, look) {
   pending = null;
   return change(what, body, look);
 }
 
-// The pointer: a drag turns the model, a click extrudes, without buttons it lights a face up.
+// The pointer: a drag rotates the model, a click extrudes a face, a hover highlights a face.
 let drag = null;
 const canvas = $("canvas");
 canvas.onpointerdown = (e) => {

@@ -1,4 +1,4 @@
-//! Files of the viewer: written beside its script only, and once it is open read there only.
+//! File access of the viewer, restricted to the directory of its script.
 
 use crate::io::{read_polymesh, write_polymesh};
 use crate::polymesh::{Files, LoadOptions, Loaded, PolyMesh};
@@ -34,7 +34,7 @@ impl Sandbox {
     /// The path of a plain name within the directory; links that lead out of it are refused.
     ///
     /// # Errors
-    /// What is wrong with the name, and what may be one.
+    /// What was found and expected.
     pub fn inside(&self, name: &Path) -> Result<PathBuf, String> {
         let shown = self.directory.display();
         let expected = format!("expected the plain name of a file in {shown}");

@@ -1,4 +1,4 @@
-//! A model in bytes for the page: a line of JSON, then arrays.
+//! The binary form of a model for the page: JSON text, then arrays.
 //!
 //! Little-endian: the length of the JSON text as u32; the text, padded with blanks to a multiple of 4; then
 //! positions (f32, 3 a vertex), triangles (u32, 3 each), the face of each triangle (u32), the two vertices of
@@ -7,7 +7,7 @@
 use crate::polymesh::{PolyMesh, group_color};
 use serde_json::{Value, json};
 
-/// Triangles beyond which a model is not drawn.
+/// Maximum number of triangles that are drawn.
 const MAX_DRAWN_TRIANGLES: usize = 2_000_000;
 
 /// A model with its description.

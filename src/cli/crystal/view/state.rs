@@ -1,7 +1,7 @@
 //! The state of the viewer: the model that is edited, its history, and the script that reproduces it.
 
 use super::super::super::{Failure, Session};
-use super::super::{Source, begin, touching};
+use super::super::{Source, begin, self_intersections};
 use super::sandbox::Sandbox;
 use super::scene;
 use crate::io::DiskFiles;
@@ -64,7 +64,7 @@ impl<'a> ViewState<'a> {
         sandbox: &'a Sandbox,
         session: &'a Session,
     ) -> Result<Self, Failure> {
-        let mut interpreter = Interpreter::remembering(sandbox, MAX_UNDO_STEPS);
+        let mut interpreter = Interpreter::with_history(sandbox, MAX_UNDO_STEPS);
         begin(&mut interpreter, source, None, session)?;
         Ok(Self {
             opened: interpreter.steps(),
@@ -157,7 +157,7 @@ impl<'a> ViewState<'a> {
             status: 403,
             message,
         })?;
-        let Some(mesh) = self.interpreter.shared() else {
+        let Some(mesh) = self.interpreter.shared_mesh() else {
             return Err(Refused::new("there is no mesh yet"));
         };
         if name.extension().is_none_or(|e| e != "crystal") {
@@ -187,11 +187,11 @@ impl<'a> ViewState<'a> {
 
     /// The model for the page.
     pub fn scene(&mut self) -> Vec<u8> {
-        let mesh = self.interpreter.shared();
+        let mesh = self.interpreter.shared_mesh();
         let mut notes = self.notes.clone();
         let small = |m: &&PolyMesh| m.face_count() <= MAX_CHECKED_FACES;
         if let Some(mesh) = mesh.as_deref().filter(small) {
-            let met = touching(mesh, self.session).ok().flatten();
+            let met = self_intersections(mesh, self.session).ok().flatten();
             notes.extend(met.map(|(line, _)| line));
         }
         let history = self.interpreter.history();

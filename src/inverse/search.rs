@@ -1,0 +1,377 @@
+//! Several starts in parallel, from a coarse grid with wide interfaces to a finer one with narrow ones.
+//!
+//! After each stage the better half of the starts goes on. Starts are independent and the sums of each are in
+//! a fixed order, so that the result does not depend on the number of threads.
+
+use super::InverseError;
+use super::design::{Prepared, StartChoice, candidates};
+use super::medium::Medium;
+use super::objective::Objective;
+use super::optimise::optimise;
+use super::problem::{Evaluation, Interface, Problem};
+use super::samples::SampledBasis;
+use super::space::{self, Space};
+use super::start::{self, Start};
+use super::verify;
+use crate::cell::{Cell, DesignProperties, DesignReport, DesignStep, FitReport};
+use crate::homogenize::{Control, HomogenizeError};
+use crate::progress::{Progress, Silent};
+use rayon::prelude::*;
+
+/// Residual of the solver in a search; a stiffness errs by its square.
+const SEARCH_RESIDUAL: f64 = 1e-4;
+/// Corrections of the goals of a target with ratios or a stiffness.
+const CORRECTIONS: usize = 2;
+/// Part of the last stage's evaluations that each correction has.
+const CORRECTION_SHARE: f64 = 0.4;
+
+/// A start on its way through the stages.
+struct Candidate {
+    start: String,
+    unknowns: Vec<f64>,
+    /// The best connected cell.
+    best: Option<Evaluation>,
+    /// The last cell, connected or not: voxels of a finer grid may connect it.
+    any: Option<Evaluation>,
+    /// The objective, with goals that corrections have moved.
+    objective: Objective,
+}
+
+impl Candidate {
+    fn cost(&self) -> f64 {
+        self.best.as_ref().map_or(f64::INFINITY, |b| b.cost)
+    }
+}
+
+/// What a design made.
+pub struct Designed {
+    /// The cell; its report holds target, history and properties.
+    pub cell: Cell,
+    /// Whether the user stopped the search: the cell is the best so far.
+    pub is_stopped: bool,
+}
+
+impl Prepared {
+    /// The starts of the design.
+    fn starts(&self, sampled: &SampledBasis) -> Result<Vec<Start>, InverseError> {
+        let (design, basis) = (&self.design, &self.basis);
+        let seeds = |count: usize| (0..count as u64).map(|n| design.seed.wrapping_add(n));
+        let near = |first: Start| {
+            let mut all = vec![first];
+            for seed in seeds(design.starts - 1) {
+                let next = start::perturbed(basis, &all[0], seed);
+                all.push(next);
+            }
+            all
+        };
+        match &design.start {
+            StartChoice::Several if !design.matched.is_empty() => {
+                let cell = &design.matched[0];
+                let own = space::coefficients_of(design.element, basis, sampled, cell)?;
+                Ok(near(Start {
+                    name: cell.name().to_owned(),
+                    coefficients: own,
+                }))
+            }
+            StartChoice::Several => Ok(start::of_design(
+                design.element,
+                basis,
+                sampled,
+                design.solid,
+                (design.starts, design.seed),
+            )),
+            StartChoice::Surface(name) => {
+                Ok(near(start::of_surface(design.element, sampled, name)?))
+            }
+            StartChoice::Cell(cell) => Ok(near(start::of_cell(design.element, sampled, cell)?)),
+            StartChoice::Random => Ok(seeds(design.starts)
+                .map(|seed| start::random(basis, seed))
+                .collect()),
+        }
+    }
+
+    fn problem<'a>(
+        &'a self,
+        stage: usize,
+        sampled: &'a SampledBasis,
+        space: &'a Space,
+        objective: &'a Objective,
+    ) -> Problem<'a> {
+        let own = &self.design.stages[stage];
+        // Distances are those of the period; a tet of it is smaller than the reference element.
+        let scale = self.design.element.edge();
+        let half = self.design.min_feature.map(|d| 0.5 * d / scale);
+        Problem {
+            sampled,
+            space,
+            objective,
+            solid: self.design.solid,
+            fraction: self.design.volume_fraction,
+            interface: Interface {
+                width: own.width / self.grids[stage] as f64,
+                power: own.power,
+            },
+            erosions: half.map_or_else(|| vec![0.0], |h| vec![h, -h]),
+        }
+    }
+
+    fn media(&self, problem: &Problem) -> Vec<Medium> {
+        let control = Control {
+            tolerance: SEARCH_RESIDUAL,
+            ..Control::default()
+        };
+        problem
+            .erosions
+            .iter()
+            .map(|_| {
+                Medium::new(
+                    problem.sampled.grid(),
+                    self.settings.solid,
+                    self.settings.void,
+                    problem.sampled.is_cubic(),
+                    control,
+                )
+            })
+            .collect()
+    }
+
+    /// Improves all candidates in one stage; whether the user stopped it.
+    fn advance(
+        &self,
+        (stage, title, evaluations): (usize, &str, usize),
+        all: &mut [Candidate],
+        space: &Space,
+        report: &mut DesignReport,
+        progress: &dyn Progress,
+    ) -> Result<bool, InverseError> {
+        let sampled = self.sampled(self.grids[stage])?;
+        let best = all
+            .iter()
+            .map(Candidate::cost)
+            .fold(f64::INFINITY, f64::min);
+        let shown = if best.is_finite() {
+            format!(", objective {best:.4}")
+        } else {
+            String::new()
+        };
+        let title = format!(
+            "{title}, {} starts, {} voxels{shown}",
+            all.len(),
+            self.grids[stage]
+        );
+        progress.stage(&title, Some((evaluations * all.len()) as u64));
+        let found: Vec<_> = all
+            .par_iter()
+            .map(|c| {
+                let problem = self.problem(stage, &sampled, space, &c.objective);
+                let media = self.media(&problem);
+                optimise(&problem, c.unknowns.clone(), media, evaluations, progress)
+            })
+            .collect();
+        let mut is_stopped = false;
+        for (candidate, (found, failure)) in all.iter_mut().zip(found) {
+            report.history.push(DesignStep {
+                stage: stage + 1,
+                start: candidate.start.clone(),
+                voxels: self.grids[stage],
+                evaluations: found.evaluations,
+                objective: found.best.as_ref().map(|b| b.1.cost),
+            });
+            match failure {
+                Some(e) if e.is_cancelled() => is_stopped = true,
+                Some(e) => return Err(e),
+                None => {}
+            }
+            if let Some((unknowns, own)) = found.best {
+                (candidate.unknowns, candidate.best) = (unknowns, Some(own));
+            } else if let Some((unknowns, own)) = found.any
+                && !is_stopped
+            {
+                candidate.unknowns = unknowns;
+                (candidate.best, candidate.any) = (None, Some(own));
+            }
+        }
+        Ok(is_stopped)
+    }
+
+    /// Searches, from the cell of an earlier search if there is one.
+    ///
+    /// # Errors
+    /// [`InverseError::Disconnected`] where no start led to a connected cell, [`InverseError::Start`], and those of
+    /// the solver. A user's stop is an error only before the first connected cell.
+    pub fn search(
+        &self,
+        earlier: Option<&Cell>,
+        progress: &dyn Progress,
+    ) -> Result<Designed, InverseError> {
+        let last = self.sampled(self.design.voxels)?;
+        let space = self.space(&last)?;
+        let mut report = DesignReport {
+            target: self.design.target.describe(),
+            volume_fraction: self.design.volume_fraction,
+            ..DesignReport::default()
+        };
+        let count = self.design.stages.len();
+        let mut first_stage = 0;
+        let starts = match earlier {
+            None => self.starts(&last)?,
+            Some(cell) => {
+                let own = cell.report().and_then(|r| r.design.as_ref());
+                if let Some(own) = own {
+                    report.history.clone_from(&own.history);
+                    first_stage = own.stages.min(count - 1);
+                }
+                let mut start = start::of_cell(self.design.element, &last, cell)?;
+                if let Some(own) = own {
+                    start.name.clone_from(&own.start);
+                }
+                vec![start]
+            }
+        };
+        let mut all: Vec<Candidate> = starts
+            .into_iter()
+            .map(|s| Candidate {
+                unknowns: space.unknowns(&s.coefficients),
+                start: s.name,
+                best: None,
+                any: None,
+                objective: self.objective.clone(),
+            })
+            .collect();
+        let mut is_stopped = false;
+        for stage in first_stage..count {
+            let title = format!("design {} of {count}", stage + 1);
+            let effort = (stage, title.as_str(), self.stage_evaluations(stage));
+            is_stopped = self.advance(effort, &mut all, &space, &mut report, progress)?;
+            // The sort is stable: of equals the earlier start goes on.
+            all.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+            if is_stopped {
+                break;
+            }
+            report.stages = stage + 1;
+            if stage + 1 < count {
+                all.truncate(candidates(self.design.starts, stage + 1));
+            }
+        }
+        if !is_stopped && self.design.target.has_goals() {
+            is_stopped = self.correct(&mut all, &space, &mut report, progress)?;
+        }
+        report.complete = !is_stopped;
+        self.finish(&all, &space, report, progress)
+    }
+
+    /// Moves the goals of ratios and of a stiffness by what sharp voxels miss them by, and continues; whether the
+    /// user stopped it.
+    fn correct(
+        &self,
+        all: &mut [Candidate],
+        space: &Space,
+        report: &mut DesignReport,
+        progress: &dyn Progress,
+    ) -> Result<bool, InverseError> {
+        let stage = self.design.stages.len() - 1;
+        let share = CORRECTION_SHARE * self.stage_evaluations(stage) as f64;
+        for round in 0..CORRECTIONS {
+            for candidate in all.iter_mut() {
+                let Some(best) = candidate.best.as_ref().or(candidate.any.as_ref()) else {
+                    continue;
+                };
+                let cell = self.cell(&best.coefficients, best.level, space)?;
+                let fine = 2 * self.design.voxels;
+                match verify::figures(&cell, fine, &self.settings, progress) {
+                    Ok((_, found)) => {
+                        candidate.objective = self.objective.corrected(
+                            &self.design.target,
+                            &best.effective.stiffness,
+                            &found.stiffness,
+                        );
+                    }
+                    Err(e) if e.is_cancelled() => return Ok(true),
+                    Err(e) => return Err(e),
+                }
+            }
+            let title = format!("correction {} of {CORRECTIONS}", round + 1);
+            let effort = (stage, title.as_str(), share.ceil() as usize);
+            if self.advance(effort, all, space, report, progress)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// The candidate whose sharp voxels are connected and have the least objective on the finer grid.
+    fn finish(
+        &self,
+        all: &[Candidate],
+        space: &Space,
+        mut report: DesignReport,
+        progress: &dyn Progress,
+    ) -> Result<Designed, InverseError> {
+        let is_stopped = !report.complete;
+        let fine = 2 * self.design.voxels;
+        // A stopped search still tests whether its cell is connected.
+        let watched: &dyn Progress = if is_stopped { &Silent } else { progress };
+        if !is_stopped {
+            progress.stage(&format!("figures, {fine} voxels"), None);
+        }
+        let mut fault = InverseError::Disconnected("no level gives the volume fraction".to_owned());
+        let mut chosen: Option<(f64, Cell, &Candidate, Option<DesignProperties>)> = None;
+        for candidate in all {
+            let Some(best) = candidate.best.as_ref().or(candidate.any.as_ref()) else {
+                continue;
+            };
+            let cell = self.cell(&best.coefficients, best.level, space)?;
+            match verify::check_connected(&cell, fine, watched) {
+                Ok(()) => {}
+                Err(e @ InverseError::Disconnected(_)) => {
+                    fault = e;
+                    continue;
+                }
+                Err(e) => return Err(e),
+            }
+            let (cost, properties) = if is_stopped {
+                (best.cost, None)
+            } else {
+                let (own, found) = verify::figures(&cell, fine, &self.settings, progress)?;
+                let cost = self
+                    .objective
+                    .cost(&found)
+                    .map_or(f64::INFINITY, |c| c.value);
+                (cost, Some(own))
+            };
+            if chosen.as_ref().is_none_or(|c| cost < c.0) {
+                chosen = Some((cost, cell, candidate, properties));
+            }
+        }
+        let Some((cost, cell, candidate, properties)) = chosen else {
+            if is_stopped {
+                return Err(HomogenizeError::Cancelled(crate::progress::Cancelled).into());
+            }
+            return Err(fault);
+        };
+        report.start.clone_from(&candidate.start);
+        report.objective = cost;
+        if let Some(own) = properties {
+            let coarse =
+                verify::properties_of(&cell, self.design.voxels, &self.settings, progress)?;
+            report.properties = vec![own, coarse];
+            if let Some(d) = self.design.min_feature {
+                report.narrow = Some(verify::narrow_shares(&cell, fine, d, progress)?);
+            }
+        }
+        let report = FitReport {
+            method: "target".to_owned(),
+            solver: "l-bfgs".to_owned(),
+            lattice: self.basis.lattice().name().unwrap_or_default().to_owned(),
+            band_limit: self.basis.radius(),
+            degrees_of_freedom: space.unknowns_count(),
+            kept_energy: 1.0,
+            design: Some(report),
+            ..FitReport::default()
+        };
+        Ok(Designed {
+            cell: cell.with_report(report),
+            is_stopped,
+        })
+    }
+}

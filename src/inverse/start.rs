@@ -1,0 +1,183 @@
+//! Where an optimisation starts: named surfaces, cells, random coefficients.
+
+use super::InverseError;
+use super::samples::SampledBasis;
+use crate::cell::{Cell, Solid, Surface};
+use crate::field::Field;
+use crate::frame::{CellPoint, Element};
+use crate::symmetry::Basis;
+use std::f64::consts::TAU;
+
+/// Least share of a start's mean square that the band and the group must keep.
+const MIN_KEPT_ENERGY: f64 = 0.05;
+
+/// Surfaces that a design without a start begins with.
+const SURFACES: [Surface; 5] = [
+    Surface::SchwarzP,
+    Surface::Iwp,
+    Surface::FRd,
+    Surface::Neovius,
+    Surface::Diamond,
+];
+
+/// The first coefficients of an optimisation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// Its name in reports.
+    pub name: String,
+    /// Real coefficients.
+    pub coefficients: Vec<f64>,
+}
+
+/// A generator of random numbers (Steele, Lea and Flood 2014).
+struct SplitMix(u64);
+
+impl SplitMix {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^= z >> 31;
+        (z >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// A number of the normal distribution (Box and Muller).
+    fn normal(&mut self) -> f64 {
+        let (u, v) = (1.0 - self.next(), self.next());
+        (-2.0 * u.ln()).sqrt() * libm::cos(TAU * v)
+    }
+}
+
+/// Random coefficients that fall off with the frequency.
+pub fn random(basis: &Basis<3>, seed: u64) -> Start {
+    let mut numbers = SplitMix(seed.wrapping_mul(0x2545_f491_4f6c_dd1d).wrapping_add(1));
+    let coefficients = basis
+        .frequencies()
+        .into_iter()
+        .map(|f| numbers.normal() / (1.0 + f * f))
+        .collect();
+    Start {
+        name: format!("seed {seed}"),
+        coefficients,
+    }
+}
+
+/// Coefficients near those of another start.
+pub fn perturbed(basis: &Basis<3>, start: &Start, seed: u64) -> Start {
+    let own = random(basis, seed);
+    let size = |v: &[f64]| v.iter().skip(1).map(|c| c * c).sum::<f64>().sqrt();
+    let factor = 0.3 * size(&start.coefficients) / size(&own.coefficients).max(f64::MIN_POSITIVE);
+    let sum = start.coefficients.iter().zip(&own.coefficients);
+    Start {
+        name: format!("{} with seed {seed}", start.name),
+        coefficients: sum.map(|(a, b)| a + factor * b).collect(),
+    }
+}
+
+/// The part of a cell that a basis holds; a cell that is solid above its level is negated.
+///
+/// # Errors
+/// [`InverseError::Start`] for another element, or where almost nothing is kept.
+pub fn of_cell(
+    element: Element,
+    sampled: &SampledBasis,
+    cell: &Cell,
+) -> Result<Start, InverseError> {
+    if cell.element() != element {
+        return Err(InverseError::Start(format!(
+            "found the start {}, a cell of a {}; expected one of a {}",
+            cell.name(),
+            cell.element().name(),
+            element.name()
+        )));
+    }
+    let sign = match cell.solid() {
+        Solid::Above | Solid::Channels => -1.0,
+        Solid::Below | Solid::Sheet => 1.0,
+    };
+    // All voxels, since the cell may have fewer symmetries than the basis.
+    let grid = sampled.grid();
+    let n = grid.counts()[0];
+    let values: Vec<f64> = if cell.fits_any_numbering() {
+        let own = sampled.points().iter();
+        own.map(|p| sign * cell.expression().value(*p)).collect()
+    } else {
+        let all: Vec<f64> = (0..grid.voxels())
+            .map(|v| {
+                let at = [v / (n * n), v / n % n, v % n];
+                let p = at.map(|j| (j as f64 + 0.5) / n as f64 - 0.5);
+                sign * cell.expression().value(CellPoint(p.into()))
+            })
+            .collect();
+        let sums = sampled.gathered(&all);
+        sums.iter()
+            .zip(sampled.counts())
+            .map(|(s, c)| s / c)
+            .collect()
+    };
+    let (coefficients, kept) = sampled.projected(&values);
+    let size: f64 = coefficients.iter().skip(1).map(|c| c * c).sum();
+    if kept < MIN_KEPT_ENERGY || size < 1e-12 {
+        return Err(InverseError::Start(format!(
+            "found the start {}; the band and the group keep {:.1} % of it; expected a cell of that \
+             symmetry, or a smaller group",
+            cell.name(),
+            100.0 * kept.max(0.0)
+        )));
+    }
+    Ok(Start {
+        name: cell.name().to_owned(),
+        coefficients,
+    })
+}
+
+/// A surface by its name.
+///
+/// # Errors
+/// [`InverseError::Start`] for an unknown name, and as [`of_cell`].
+pub fn of_surface(
+    element: Element,
+    sampled: &SampledBasis,
+    name: &str,
+) -> Result<Start, InverseError> {
+    let Some(surface) = Surface::from_name(name) else {
+        let known: Vec<&str> = Surface::CATALOGUE.map(Surface::name).to_vec();
+        return Err(InverseError::Start(format!(
+            "found the start {name:?}; expected a .cell file or one of {}",
+            known.join(", ")
+        )));
+    };
+    of_cell(element, sampled, &surface.cell(element)?)
+}
+
+/// The starts of a design that names none: surfaces, both sides of them where they differ, and random ones.
+pub fn of_design(
+    element: Element,
+    basis: &Basis<3>,
+    sampled: &SampledBasis,
+    solid: Solid,
+    (count, seed): (usize, u64),
+) -> Vec<Start> {
+    let mut all = Vec::new();
+    for surface in SURFACES {
+        let Ok(cell) = surface.cell(element) else {
+            continue;
+        };
+        let Ok(start) = of_cell(element, sampled, &cell) else {
+            continue;
+        };
+        if !solid.is_symmetric() && surface != Surface::SchwarzP {
+            all.push(Start {
+                name: format!("{}, other side", start.name),
+                coefficients: start.coefficients.iter().map(|c| -c).collect(),
+            });
+        }
+        all.push(start);
+    }
+    let random_count = count.saturating_sub(all.len()).max(count.div_ceil(3));
+    all.truncate(count.saturating_sub(random_count).max(1));
+    let rest = count.saturating_sub(all.len());
+    all.extend((0..rest as u64).map(|n| random(basis, seed.wrapping_add(n))));
+    all
+}

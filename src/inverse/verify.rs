@@ -1,0 +1,180 @@
+//! Figures of a finished cell, by voxels that are wholly solid or void, on two grids.
+//!
+//! Shares of solid in wide interfaces overestimate moduli; sharp voxels keep all bounds.
+
+use super::InverseError;
+use super::objective::Effective;
+use super::problem::is_connected;
+use crate::cell::{Cell, DesignProperties};
+use crate::field::Field;
+use crate::frame::Element;
+use crate::homogenize::{
+    Grid, Packing, Period, Properties, Settings, cubic_means, properties, sharpened,
+};
+use crate::progress::Progress;
+
+/// Samples along each edge of a voxel, from which it is solid or void.
+const FINENESS: usize = 2;
+
+/// Properties on a grid, of sharp voxels.
+///
+/// # Errors
+/// [`InverseError`] of the solver, or the user stopped it.
+pub fn properties_of(
+    cell: &Cell,
+    n: usize,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<DesignProperties, InverseError> {
+    Ok(figures(cell, n, settings, progress)?.0)
+}
+
+/// The same, and the tensors.
+///
+/// # Errors
+/// As [`properties_of`].
+pub(super) fn figures(
+    cell: &Cell,
+    n: usize,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<(DesignProperties, Effective), InverseError> {
+    let period = Period::of_cell(cell.clone(), Packing::Bcc)?;
+    let samples = period.samples(n, FINENESS, progress)?;
+    let shares = sharpened(&samples.shares());
+    let found = properties(samples.grid(), &shares, settings, &Quiet(progress))?;
+    let own = summary(&found);
+    let tensors = Effective {
+        stiffness: found.stiffness.unwrap_or_default(),
+        conductivity: found.conductivity.unwrap_or_default(),
+        permeability: own.permeability.unwrap_or(0.0),
+    };
+    Ok((own, tensors))
+}
+
+/// A progress that shows no stages of its own.
+struct Quiet<'a>(&'a dyn Progress);
+
+impl Progress for Quiet<'_> {
+    fn stage(&self, _: &str, _: Option<u64>) {}
+    fn advance(&self, _: u64) {}
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+}
+
+fn summary(found: &Properties) -> DesignProperties {
+    let mean = |k: &[[f64; 3]; 3]| (k[0][0] + k[1][1] + k[2][2]) / 3.0;
+    let mut own = DesignProperties {
+        voxels: found.voxels[0],
+        volume_fraction: found.volume_fraction,
+        conductivity: found.conductivity.as_ref().map_or(0.0, mean),
+        permeability: found.permeability.as_ref().map(mean),
+        bulk_over_bound: found.over_bounds.bulk.unwrap_or(0.0),
+        shear_over_bound: found.over_bounds.shear.unwrap_or(0.0),
+        conductivity_over_bound: found.over_bounds.conductivity.unwrap_or(0.0),
+        ..DesignProperties::default()
+    };
+    if let Some(c) = &found.stiffness {
+        let [c11, c12, c44] = cubic_means(c);
+        own.c44 = c44;
+        own.poisson = c12 / (c11 + c12);
+        own.bulk = (c11 + 2.0 * c12) / 3.0;
+    }
+    if let Some(e) = &found.engineering {
+        own.shear = e.shear_reuss;
+        own.zener = e.zener;
+        own.young = e.young.iter().sum::<f64>() / 3.0;
+    }
+    own
+}
+
+/// Refuses a cell whose sharp voxels are not connected on a grid.
+///
+/// # Errors
+/// [`InverseError::Disconnected`], or the user stopped it.
+pub fn check_connected(cell: &Cell, n: usize, progress: &dyn Progress) -> Result<(), InverseError> {
+    let (grid, shares, field) = sharp(cell, n, progress)?;
+    is_connected(grid, cell.solid(), &shares, &field).map_err(InverseError::Disconnected)
+}
+
+/// Sharp voxels of a cell, and the values of its function in their middles.
+fn sharp(
+    cell: &Cell,
+    n: usize,
+    progress: &dyn Progress,
+) -> Result<(Grid, Vec<f64>, Vec<f64>), InverseError> {
+    let period = Period::of_cell(cell.clone(), Packing::Bcc)?;
+    let samples = period.samples(n, FINENESS, progress)?;
+    let shares = sharpened(&samples.shares());
+    let field = if cell.solid().is_symmetric() {
+        (0..n * n * n)
+            .map(|v| {
+                let at = [v / (n * n), v / n % n, v % n];
+                let p = at.map(|j| (j as f64 + 0.5) / n as f64 - 0.5);
+                cell.expression().value(period.reference(p.into()))
+            })
+            .collect()
+    } else {
+        vec![0.0; shares.len()]
+    };
+    Ok((samples.grid(), shares, field))
+}
+
+/// Share of the solid, and of the void, that an opening by a ball of this diameter removes: what is narrower.
+///
+/// # Errors
+/// As [`check_connected`].
+pub fn narrow_shares(
+    cell: &Cell,
+    n: usize,
+    diameter: f64,
+    progress: &dyn Progress,
+) -> Result<[f64; 2], InverseError> {
+    let (_, shares, _) = sharp(cell, n, progress)?;
+    // A tet of the packing is smaller than the reference element.
+    let scale = if cell.element() == Element::Tet {
+        Packing::Bcc.shrinkage()
+    } else {
+        1.0
+    };
+    let radius = 0.5 * diameter * scale * n as f64;
+    let solid: Vec<bool> = shares.iter().map(|s| *s >= 0.5).collect();
+    let void: Vec<bool> = solid.iter().map(|s| !s).collect();
+    Ok([&solid, &void].map(|phase| narrow_share(phase, n, radius)))
+}
+
+fn narrow_share(phase: &[bool], n: usize, radius: f64) -> f64 {
+    let reach = radius.floor() as i64;
+    let mut ball = Vec::new();
+    for x in -reach..=reach {
+        for y in -reach..=reach {
+            for z in -reach..=reach {
+                if ((x * x + y * y + z * z) as f64) <= radius * radius {
+                    ball.push([x, y, z]);
+                }
+            }
+        }
+    }
+    let beside = |v: usize, by: [i64; 3]| {
+        let at = [v / (n * n), v / n % n, v % n];
+        let [i, j, k]: [usize; 3] =
+            std::array::from_fn(|a| (at[a] as i64 + by[a]).rem_euclid(n as i64) as usize);
+        (i * n + j) * n + k
+    };
+    let mut opened = vec![false; phase.len()];
+    for v in 0..phase.len() {
+        if phase[v] && ball.iter().all(|b| phase[beside(v, *b)]) {
+            for b in &ball {
+                opened[beside(v, *b)] = true;
+            }
+        }
+    }
+    let all = phase.iter().filter(|p| **p).count().max(1);
+    let lost = phase
+        .iter()
+        .zip(&opened)
+        .filter(|(p, o)| **p && !**o)
+        .count();
+    lost as f64 / all as f64
+}
