@@ -33,12 +33,19 @@ mod redistance;
 mod sinks;
 mod smooth;
 
-pub use attributes::{AttributeFileWriter, AttributeStore};
+pub(crate) use attributes::AttributeFileWriter;
+pub use attributes::AttributeStore;
 pub use estimate::{Estimate, Sampling};
-pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
-pub use leaf_file::{LeafFileError, LeafFileHead, LeafFileWriter};
+#[doc(hidden)]
+pub use leaf::BLOCK;
+pub(crate) use leaf::LEAF;
+pub use leaf::{LeafBatch, LeafSink, SinkError, VOXELS};
+#[doc(hidden)]
+pub use leaf_file::LeafFileWriter;
+pub use leaf_file::{LeafFileError, LeafFileHead};
 pub use leaf_store::{LeafStore, StoreError, UpperNode};
-pub use redistance::{ClosestPointField, MovedLeaf, SurfacePoints};
+pub(crate) use redistance::ClosestPointField;
+pub use redistance::SurfacePoints;
 pub use sinks::{Leaf, LeafCounter, LeafCounts, LeafMap};
 pub use smooth::{LeafRef, Smoother};
 

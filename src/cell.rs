@@ -38,22 +38,29 @@ mod thickness;
 mod trig_products;
 pub use thickness::NearestLevel;
 mod face_trace;
+#[doc(hidden)]
 pub use face_trace::face_trace;
 mod trig_sum;
-pub use compatibility::{default_group, groups, lattices, operators_of, rank, symmetry};
+#[doc(hidden)]
+pub use compatibility::operators_of;
+pub use compatibility::{default_group, groups, lattices, rank, symmetry};
 pub use constraint::Constraint;
 pub use design::{DesignProperties, DesignReport, DesignStep};
 pub use error::CellError;
 pub use expression::{Expression, Node};
 pub use file::CellTextError;
+#[doc(hidden)]
+pub use fit::least_squares;
 pub use fit::{
     Components, Distance, Filter, FitError, FitOptions, FitReport, Hausdorff, Method, Placement,
     Sample, Solver, SourceReport, Spectrum, Symmetrise, Transform, band_of_samples, fit,
     fit_matched, fit_mesh, fit_samples, fit_samples_least_squares, fit_source,
-    fourier_coefficients, lanczos, largest_band, least_squares,
+    fourier_coefficients, lanczos, largest_band,
 };
 pub use hybrid::Join;
-pub use icosahedral::{Icosahedral, lifted};
+pub use icosahedral::Icosahedral;
+#[doc(hidden)]
+pub use icosahedral::lifted;
 pub use level_search::Density;
 pub use series::{Coefficient, Series};
 pub use solid::{Fold, SmoothFunction, Solid};

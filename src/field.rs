@@ -23,11 +23,12 @@ mod offset;
 mod primitive;
 mod revolved;
 pub use combine::{Complement, Intersection, Union};
-pub use contact::{CONTACT_TOLERANCE, contact_value, leaf_contacts};
-pub use cut_cube::cube_share;
+pub(crate) use contact::leaf_contacts;
+pub(crate) use cut_cube::cube_share;
 pub use formula::{Formula, FormulaError};
 pub use leaf::{LeafBits, LeafParts, Leaves};
-pub use offset::{ExactIntersection, Offset};
+pub(crate) use offset::ExactIntersection;
+pub use offset::Offset;
 pub use primitive::{BoxSolid, Sphere};
 pub use revolved::{Capsule, Cylinder, HalfSpace};
 
@@ -120,6 +121,7 @@ impl<const D: usize> Point for CellPoint<D> {
 
 /// A lattice of sample points `origin + step (i, j, k)`, `0 <= (i, j, k) < counts`.
 #[derive(Clone, Copy, Debug)]
+#[doc(hidden)]
 pub struct SampleLattice<P> {
     /// The first sample.
     pub origin: P,

@@ -4,12 +4,10 @@
 //! and [`Conduction`] solve for unit mean strains and gradients by conjugate gradients in the space of
 //! displacements, preconditioned by the Green operator of the solid in Fourier space (Moulinec and Suquet 1998;
 //! Zeman and others 2010), on Willot's rotated scheme (2015), which suits voids. [`Stokes`] solves for creeping
-//! flow on a staggered grid. [`properties()`] does all three; [`by_coefficients`] gives derivatives by the
-//! coefficients of a cell.
+//! flow on a staggered grid. [`by_coefficients`] gives derivatives by the coefficients of a cell.
 //!
-//! Voxels that the surface cuts have moduli mixed arithmetically by the share of solid (Voigt). On lattices
-//! laminates across the interface come no closer (Lucarini, Cobian, Voitus and Segurado 2021; the tests compare
-//! both). Where interfaces are wider than a voxel an arithmetic mean overestimates stiffness: [`sharpened`]
+//! Voxels that the surface cuts have moduli mixed arithmetically by the share of solid (Voigt), which on lattices
+//! is as accurate as laminates (Lucarini, Cobian, Voitus and Segurado 2021). Where interfaces are wider than a voxel an arithmetic mean overestimates stiffness: [`sharpened`]
 //! shares keep all bounds.
 //!
 //! Conventions: Voigt order 11 22 33 23 13 12 with engineering shear; moduli in the unit of those given;
@@ -55,21 +53,24 @@ pub use cg::Control;
 pub use conductivity::{Conduction, Conductivity};
 pub use connectivity::Connectivity;
 pub use derivative::Scheme;
-pub use elasticity::{Elasticity, LOADS, Stiffness};
+pub(crate) use elasticity::LOADS;
+pub use elasticity::{Elasticity, Stiffness};
 pub use gradient::{Derivatives, Sensitivities, by_coefficients};
 pub use grid::Grid;
 pub use material::{Isotropic, laminate};
 pub use packing::Packing;
 pub use period::Period;
-pub use phases::{Samples, mean, sharpened};
+#[doc(hidden)]
+pub use phases::sharpened;
+pub use phases::{Samples, mean};
 pub use properties::{
     BoundDistances, Properties, Settings, Start, bytes_per_voxel, properties, properties_from,
 };
 pub use stokes::{Permeability, Stokes};
 pub use tensor::{
-    EngineeringConstants, PAIRS, Voigt, compliance, cubic_means, directional_modulus, engineering,
-    rotated, symmetrised,
+    EngineeringConstants, PAIRS, Voigt, cubic_means, engineering, rotated, symmetrised,
 };
+pub(crate) use tensor::{compliance, directional_modulus};
 
 /// Why properties cannot be computed.
 #[derive(Debug, thiserror::Error)]

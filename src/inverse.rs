@@ -37,13 +37,18 @@ mod target;
 mod verify;
 
 pub use design::{Design, Prepared, Stage, StartChoice};
+#[doc(hidden)]
 pub use medium::{Medium, Needs};
+#[doc(hidden)]
 pub use objective::{Cost, Effective, Objective};
+#[doc(hidden)]
 pub use problem::{Evaluation, Interface, Problem};
 pub use samples::SampledBasis;
 pub use search::Designed;
+#[doc(hidden)]
 pub use space::Space;
 pub use target::{Property, Target, UpperBounds};
+#[doc(hidden)]
 pub use verify::properties_of;
 
 /// Why a cell cannot be designed.

@@ -50,19 +50,22 @@ mod unpack_limit;
 mod unv;
 mod vtk;
 
+#[doc(hidden)]
+pub use beams::is_strut_file;
 pub use beams::{
-    Beam, BeamCap, BeamClip, BeamLattice, BeamPart, FileBeam, SolidFile, is_strut_file, read_solid,
-    write_beams,
+    Beam, BeamCap, BeamClip, BeamLattice, BeamPart, FileBeam, SolidFile, read_solid, write_beams,
 };
 pub use cell::{read_cell, write_cell};
-pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
-pub use crystal::{DiskFiles, read_crystal, read_script, run_script, script_error};
+pub(crate) use cloud::TEXT_CLOUDS;
+pub use cloud::{PointFile, read_points};
+pub use crystal::read_crystal;
+pub(crate) use crystal::{DiskFiles, read_script, run_script, script_error};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
-pub use fe_deck::{DeckCounts, DeckMaterial, VoxelMesh, write_voxel_deck};
-pub use graph::{read_skeleton, read_skeleton_noted};
-pub use mesh_file::{
-    MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, stated_unit, write_mesh,
-};
+pub(crate) use fe_deck::{DeckMaterial, VoxelMesh, write_voxel_deck};
+pub use graph::read_skeleton;
+pub(crate) use graph::read_skeleton_noted;
+pub(crate) use mesh_file::is_point_cloud;
+pub use mesh_file::{MeshFile, MeshFormat, read_mesh, stated_unit, write_mesh};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
 pub use npy::{NpyArray, read_npy};
@@ -71,7 +74,9 @@ pub use scaffold::{
     DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,
     read_elements, read_scaffold,
 };
-pub use source::{Source, quote};
-pub use stl::StlStream;
-pub use table::{ScatteredValue, column_names, read_columns, read_scattered};
+pub use source::Source;
+pub(crate) use source::quote;
+pub(crate) use stl::StlStream;
+pub use table::read_columns;
+pub(crate) use table::{column_names, read_scattered};
 pub use vtk::write_vtu;

@@ -20,11 +20,15 @@
 //! | elements | nodes in VTK order; other orders are converted on reading |
 //! | offsets | `shift` changes a field by a constant; `dilate`, `erode` move the surface by a distance |
 
+// The command line and the pipeline use what a library without them does not.
+#![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
+
 pub mod band;
 pub mod beams;
 pub mod cell;
 #[cfg(feature = "cli")]
 #[cfg(feature = "vdb")]
+#[doc(hidden)]
 pub mod cli;
 pub mod field;
 pub mod frame;
@@ -40,7 +44,9 @@ pub mod polymesh;
 pub mod progress;
 pub mod recipe;
 pub mod scaffold;
+#[doc(hidden)]
 pub mod simd;
+#[doc(hidden)]
 pub mod slice;
 pub mod symmetry;
 pub mod tiling;

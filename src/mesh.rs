@@ -43,14 +43,15 @@ mod unite;
 mod winding;
 
 pub(crate) use bvh::Bvh;
-pub use check::{Defect, Finding, MeshReport, check, check_with};
+pub(crate) use check::check_with;
+pub use check::{Defect, Finding, MeshReport, check};
 pub use cloud::{CloudError, CloudSolid};
 pub use openness::{Hole, NoSolidError, Openness};
 pub use projection::{ProjectionOptions, ProjectionSummary, VertexProjection};
 pub use quads::QuadMesh;
 pub(crate) use quads::split_quads;
 pub use repair::{Repair, RepairKind, ShellReport};
-pub use shells::count_bodies;
+pub(crate) use shells::count_bodies;
 pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
 pub use soup::ClosestPoint;

@@ -26,7 +26,9 @@ mod patch;
 mod quads;
 mod vertex_position;
 
-pub use patch::{Patch, Welder};
+pub use patch::Patch;
+#[doc(hidden)]
+pub use patch::Welder;
 pub(crate) use quads::RegionQuads;
 pub use vertex_position::move_off_voxels;
 

@@ -72,36 +72,37 @@ mod volumes;
 mod voxels;
 
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
-pub use cells::{make_cell, one_element, own_element, read_source, with_level};
-pub use crystals::{CrystalScript, crystal_script};
+pub(crate) use cells::{make_cell, one_element, read_source};
+pub use cells::{own_element, with_level};
+pub(crate) use crystals::crystal_script;
 pub use error::RunError;
 pub use estimate::Estimate;
-pub use fit_options::fit_options;
-pub use group::{group_fault, read_group};
-pub use homogenize::{
-    CellPeriod, beam_period, cell_period, free_memory, period_fault, recipe_period,
-};
-pub use lattice::solid_picture;
-pub use plot::{
-    Curve, Plot, SweepCurve, contact_sheet, contact_sheet_columns, modulus_picture, plot,
-    sweep_picture,
-};
+pub(crate) use fit_options::fit_options;
+pub(crate) use group::{group_fault, read_group};
+pub(crate) use homogenize::{CellPeriod, beam_period, cell_period, free_memory, recipe_period};
+pub(crate) use lattice::solid_picture;
+pub use plot::{Curve, Plot, contact_sheet, contact_sheet_columns, plot};
+pub(crate) use plot::{SweepCurve, modulus_picture, sweep_picture};
 pub use report::{
     BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetMethod, OffsetReport,
     OutputFile, Report, RequestedThickness, ScaffoldReport, SolidReport, Stage, ThicknessReport,
     Warning,
 };
-pub use requirements::{Requirement, judge_level_set, judge_mesh};
-pub use sampling::{FieldSample, Probe};
+pub use requirements::Requirement;
+pub(crate) use requirements::{judge_level_set, judge_mesh};
+pub(crate) use sampling::FieldSample;
+#[doc(hidden)]
+pub use sampling::Probe;
 pub use slices::{SliceOptions, SliceSummary, slice};
-pub use source::{CellFault, set_source};
+pub use source::CellFault;
+pub(crate) use source::set_source;
 pub use targets::design;
 
 use cut_faces::CutFaces;
 use inputs::Inputs;
 use least_wall::Phase;
 use level_set_ops::StageContext;
-use thickness::{SolidGeometry, Thickness, VoxelLattice, sampled_walls};
+use thickness::{SolidGeometry, Thickness, sampled_walls};
 
 /// How a recipe is run.
 #[derive(Clone, Debug, Default)]
@@ -219,7 +220,8 @@ pub fn run(
     };
     let measured_mesh = mesh.as_ref().filter(|_| outputs.needs_thickness());
     let thickness = measured_mesh.map(|mesh| {
-        let thickness = Thickness::of_mesh(context, mesh, solid_geometry(context, &solid, mesh)?)?;
+        let thickness =
+            Thickness::of_mesh(context, mesh, SolidGeometry::of(context, &solid, mesh)?)?;
         timer.end_stage("thickness")?;
         Ok::<_, RunError>(thickness)
     });
@@ -367,7 +369,7 @@ fn measure(
     if !needs_walls {
         return Ok(Some(mesh));
     }
-    let geometry = solid_geometry(context, solid, &mesh)?;
+    let geometry = SolidGeometry::of(context, solid, &mesh)?;
     let walls = sampled_walls(context, &mesh, geometry, Phase::Solid)?;
     let cut = CutFaces::new(inputs, context.scale.voxel_size);
     report.add_walls(walls, inputs.target_thickness(), &cut, context.threads);
@@ -377,23 +379,6 @@ fn measure(
         timer.end_stage("requirements")?;
     }
     Ok(Some(mesh))
-}
-
-/// The properties of a solid that wall thickness is measured with.
-fn solid_geometry(
-    context: StageContext,
-    solid: &crate::vdb::LevelSet,
-    mesh: &crate::mesh::TriMesh,
-) -> Result<SolidGeometry, RunError> {
-    let counted = solid.active_voxels();
-    Ok(SolidGeometry {
-        lattice: VoxelLattice {
-            origin: solid.origin(),
-            voxel_size: context.scale.voxel_size,
-        },
-        active_voxels: counted.map_err(RunError::level_set("counting"))?,
-        extent: mesh.bounds().size().max() / context.scale.voxel_size,
-    })
 }
 
 /// Outputs with their paths.

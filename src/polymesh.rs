@@ -53,8 +53,9 @@ pub use kind::{Dihedral, Kind, Operator, from_name as extrusion_named, names as 
 pub use measure::Summary;
 pub use picture::group_color;
 pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
+pub(crate) use script::VERBS;
 pub use script::{
-    Files, GroupBy, Interpreter, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError, VERBS,
+    Files, GroupBy, Interpreter, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError,
 };
 pub use subdivide::Parts;
 pub use surface::SurfaceError;

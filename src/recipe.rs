@@ -65,12 +65,13 @@ pub use operand::{Ball, Block, Grid, Mask, Onto, Operand, Plane, Rod, Side, Sing
 pub use output::{
     Compression, Cut, Decimate, MesherWord, Output, OutputKind, PictureSize, Segments,
 };
-pub use quantity::{
-    Finite, Fraction, HalfWidth, Length, Portion, Positive, QuantityError, Scale, Size, Unit, Width,
-};
+#[doc(hidden)]
+pub use quantity::{Finite, Fraction, Positive};
+pub(crate) use quantity::{HalfWidth, Portion};
+pub use quantity::{Length, QuantityError, Scale, Size, Unit, Width};
 pub use reference::reference;
 pub use require::RequireSection;
-pub use require_file::RequireFile;
+pub(crate) use require_file::RequireFile;
 pub use scaffold::{
     BandSection, Boundary, BoxKind, BoxScaffold, CylinderScaffold, Distance, FillKind,
     FillScaffold, Plate, ScaffoldSection, Shell, SphereScaffold,
@@ -82,7 +83,7 @@ pub use tiling::{
 };
 
 /// The version of recipes that this program reads.
-pub const VERSION: i64 = 1;
+pub(crate) const VERSION: i64 = 1;
 
 /// The sections of a recipe, in the order of the pipeline.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]

@@ -59,7 +59,7 @@ use topology::Topology;
 /// Maximum coordinate: the squares of larger ones overflow in single precision.
 const MAX_COORDINATE: f64 = 1e18;
 /// Largest distance outside the face planes of an element at which a point still belongs to it, in the cell frame.
-pub const INSIDE_TOLERANCE: f64 = 1e-9;
+pub(crate) const INSIDE_TOLERANCE: f64 = 1e-9;
 
 /// Why nodes and elements are not a scaffold.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

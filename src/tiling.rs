@@ -51,7 +51,7 @@ pub use distribution::{Graded, Interpolation, Weights};
 pub use error::TilingError;
 pub(crate) use interface::FaceJoins;
 pub use source::{CellField, Filling, fills};
-pub use transition_connectivity::{TransitionCheck, check_transition};
+pub(crate) use transition_connectivity::{TransitionCheck, check_transition};
 pub use visits::Visits;
 
 use affine::Quantity;

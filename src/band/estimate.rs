@@ -47,7 +47,7 @@ pub struct Estimate {
     pub crossings: f64,
     /// Leaves that were evaluated for the estimate.
     pub leaves_sampled: u64,
-    /// LeafSample seconds per evaluated leaf and thread; the only field that differs between runs.
+    /// Measured seconds per evaluated leaf and thread; the only field that differs between runs.
     pub seconds_per_leaf: f64,
 }
 

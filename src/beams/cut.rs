@@ -48,7 +48,7 @@ impl ScaffoldSolid {
         }
     }
 
-    /// Raises values to the distances from the scaffold, minus `by`.
+    /// Replaces each value by its maximum with the distance from the scaffold minus `by`.
     fn raise(&self, lattice: &SampleLattice<WorldPoint>, by: f32, out: &mut [f32]) {
         let mut outer = vec![0.0; out.len()];
         self.fill(lattice, &mut outer);
@@ -146,23 +146,25 @@ impl Field for Cut<'_> {
             let found = self
                 .beams
                 .leaf(origin.0, step, (by, background), values, &mut scratch);
-            let with_layer = lattice.span().dilated(step);
-            let ends = match found {
+            // The leaf and its neighbouring samples.
+            let with_neighbours = lattice.span().dilated(step);
+            let distance = match found {
                 LeafContent::Outside => Interval::REAL_LINE,
-                _ => self.solid.bound(&with_layer),
+                _ => self.solid.bound(&with_neighbours),
             };
-            let is_out = matches!(found, LeafContent::Outside) || ends.lo - by >= background;
-            let is_whole = ends.hi - by <= -background;
-            leaves.bits[n] = if is_out {
+            let is_outside =
+                matches!(found, LeafContent::Outside) || distance.lo - by >= background;
+            let is_uncut = distance.hi - by <= -background;
+            leaves.bits[n] = if is_outside {
                 without_band(false)
-            } else if is_whole && matches!(found, LeafContent::Inside) {
+            } else if is_uncut && matches!(found, LeafContent::Inside) {
                 without_band(true)
             } else {
                 evaluated += 512;
                 if matches!(found, LeafContent::Inside) {
                     values.fill(-leaves.background);
                 }
-                if !is_whole {
+                if !is_uncut {
                     self.solid.raise(&lattice, leaves.by, values);
                 }
                 LeafBits {
@@ -184,6 +186,7 @@ impl Field for Cut<'_> {
         if outside == u64::MAX {
             return Some([inside, outside]);
         }
+        // The bits are the cubes of 8^3 samples in a cube of 32^3.
         let whole = self.solid.bound(&cube(first.0, 32.0));
         if whole.hi <= band[0] {
             return Some([inside, outside]);

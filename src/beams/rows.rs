@@ -1,4 +1,4 @@
-//! Distances from a few parts at the samples of a box, eight samples at a time.
+//! Distances from a few beams and plates at the samples of a box, eight samples at a time.
 //!
 //! Coordinates are in single precision relative to the middle of the samples. The axis of a beam starts at
 //! its point nearest to that middle, so that coordinates are as small as the box and its surroundings for
@@ -17,12 +17,17 @@ pub(super) const ROW_LEN: usize = 8;
 /// A beam near the samples.
 #[derive(Clone, Copy)]
 struct NearAxis {
+    /// The point of the axis that is nearest to the middle.
     from: [f32; 3],
+    /// Unit vector of the axis.
     along: [f32; 3],
     /// Coordinates of the ends along the axis.
     ends: [f32; 2],
+    /// Radius at `from`.
     radius: f32,
+    /// Decrease of the radius per length of the axis.
     slope: f32,
+    /// Displacement of the foot point against `along` per distance from the axis, due to the taper.
     shift: f32,
 }
 
@@ -46,9 +51,12 @@ impl NearAxis {
 #[derive(Clone, Copy)]
 struct NearSlab {
     normal: [f32; 3],
+    /// Signed distance of the middle from the mid-plane.
     height: f32,
+    /// Cosine of the angle between the faces and the mid-plane.
     cosine: f32,
     radius_gradient: [f32; 3],
+    /// Radius at the middle, continued linearly.
     radius: f32,
     /// Gradients of the barycentric coordinates, their values at the middle, and their increase with height.
     barycentric: [([f32; 3], f32, f32); 3],
@@ -171,10 +179,10 @@ fn to_axis<L: Lanes>(l: L, axis: &NearAxis, at: [f32; 2], zs: L::F, tapers: bool
     let (x, y) = (at[0] - axis.from[0], at[1] - axis.from[1]);
     let z = l.sub(zs, l.splat(axis.from[2]));
     let h = l.fused(z, l.splat(uz), l.splat(x * ux + y * uy));
-    let minus = l.sub(l.splat(0.0), h);
-    let vx = l.fused(minus, l.splat(ux), l.splat(x));
-    let vy = l.fused(minus, l.splat(uy), l.splat(y));
-    let vz = l.fused(minus, l.splat(uz), z);
+    let minus_h = l.sub(l.splat(0.0), h);
+    let vx = l.fused(minus_h, l.splat(ux), l.splat(x));
+    let vy = l.fused(minus_h, l.splat(uy), l.splat(y));
+    let vz = l.fused(minus_h, l.splat(uz), z);
     let across = l.fused(vz, vz, l.fused(vy, vy, l.mul(vx, vx)));
     let mut t = h;
     if tapers {
@@ -192,21 +200,17 @@ fn to_axis<L: Lanes>(l: L, axis: &NearAxis, at: [f32; 2], zs: L::F, tapers: bool
 /// Distances of a row from the interior of a plate; `otherwise` where the foot point is outside it.
 #[inline(always)]
 fn to_slab<L: Lanes>(l: L, slab: &NearSlab, at: [f32; 2], zs: L::F, otherwise: L::F) -> L::F {
-    let over = affine(l, slab.normal, at, zs, slab.height);
-    let size = l.magnitude(over);
-    let radius_gradient = affine(l, slab.radius_gradient, at, zs, slab.radius);
-    let mut d = l.fused(
-        size,
-        l.splat(slab.cosine),
-        l.sub(l.splat(0.0), radius_gradient),
-    );
+    let height = l.magnitude(affine(l, slab.normal, at, zs, slab.height));
+    let radius = affine(l, slab.radius_gradient, at, zs, slab.radius);
+    let mut d = l.fused(height, l.splat(slab.cosine), l.sub(l.splat(0.0), radius));
     for (gradient, value, gain) in slab.barycentric {
-        let w = l.fused(size, l.splat(gain), affine(l, gradient, at, zs, value));
+        let w = l.fused(height, l.splat(gain), affine(l, gradient, at, zs, value));
         d = l.select_below(w, l.splat(0.0), otherwise, d);
     }
     d
 }
 
+/// The affine function with gradient `by` and value `value` at the middle, over a row.
 #[inline(always)]
 fn affine<L: Lanes>(l: L, by: [f32; 3], at: [f32; 2], zs: L::F, value: f32) -> L::F {
     let rest = by[0] * at[0] + by[1] * at[1] + value;

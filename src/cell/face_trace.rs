@@ -1,12 +1,12 @@
 //! Traces: the restrictions of a basis to the faces of its element.
 //!
 //! On a face the plane waves of a series become waves in the plane, one for each in-plane projection p of
-//! the frequencies: `T_p` = sum over the f with projection p of exp(2 pi i f.x0) C, with x0 the face's
-//! centre. In the coordinates of a common face of edge 1 (triangle or square), `T_p` of a tet, a wedge
-//! and a pyramid refer to the same wave. Two cells agree on a common face, for any numbering of its
-//! corners, exactly if their `T_p` are equal and have the full symmetry of the face (D3, D4). These
-//! conditions are linear in the coefficients. They are imposed on waves, not on samples of the face,
-//! whose system would have condition number 1e8.
+//! the frequencies: `T_p` = sum over the f with projection p of exp(2 pi i f.x0) C, with C the coefficient
+//! of f and x0 the face's centre. In the coordinates of a common face of edge 1 (triangle or square), `T_p` of
+//! a tet, a wedge and a pyramid refer to the same wave. Two cells agree on a common face, for any numbering of
+//! its corners, exactly if their `T_p` are equal and have the full symmetry of the face (D3, D4). These
+//! conditions are linear in the coefficients. They are imposed on waves; a system of samples of the face
+//! would have condition number 1e8.
 
 use super::Constraint;
 use super::face_normal::{self, ProjectionKey, projection_key};
@@ -22,7 +22,7 @@ type Waves = BTreeMap<ProjectionKey<2>, (Vector2<f64>, [DVector<f64>; 2])>;
 /// The trace of a basis on one kind of face.
 struct Trace {
     /// Index of the basis.
-    owner: usize,
+    basis_index: usize,
     corners: usize,
     waves: Waves,
 }
@@ -38,24 +38,26 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
     let traces: Vec<Trace> = bases
         .iter()
         .enumerate()
-        .flat_map(|(owner, (element, basis))| traces(owner, *element, basis))
+        .flat_map(|(basis_index, (element, basis))| traces(basis_index, *element, basis))
         .collect();
     let mut rows = Vec::new();
     for corners in [3, 4] {
-        let mut own = traces.iter().filter(|t| t.corners == corners);
-        let Some(first) = own.next() else { continue };
-        let at =
+        let mut of_kind = traces.iter().filter(|t| t.corners == corners);
+        let Some(first) = of_kind.next() else {
+            continue;
+        };
+        let add =
             |t: &Trace, p: ProjectionKey<2>, part: usize, sign: f64, row: &mut DVector<f64>| {
                 if let Some((_, parts)) = t.waves.get(&p) {
-                    let mut place = row.rows_mut(starts[t.owner], parts[part].len());
+                    let mut place = row.rows_mut(starts[t.basis_index], parts[part].len());
                     place.axpy(sign, &parts[part], 1.0);
                 }
             };
         let mut equal = |(s, p): (&Trace, ProjectionKey<2>), (t, q): (&Trace, ProjectionKey<2>)| {
             for part in 0..2 {
                 let mut row = DVector::zeros(unknowns);
-                at(s, p, part, 1.0, &mut row);
-                at(t, q, part, -1.0, &mut row);
+                add(s, p, part, 1.0, &mut row);
+                add(t, q, part, -1.0, &mut row);
                 rows.push(row);
             }
         };
@@ -68,7 +70,7 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
                 equal((first, p), (first, image));
             }
         }
-        for other in own {
+        for other in of_kind {
             let all: BTreeSet<_> = first.waves.keys().chain(other.waves.keys()).collect();
             for &p in all {
                 equal((first, p), (other, p));
@@ -81,6 +83,7 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
 /// The equations under which a function of a solid element's basis vanishes on all faces: two functions whose
 /// difference fulfils them have the same trace.
 pub fn face_trace(element: Element, basis: &Basis<3>) -> Constraint {
+    // With zero for the second of two functions.
     let both = [(element, basis.clone()), (element, basis.clone())];
     let first: Vec<usize> = (0..basis.len()).collect();
     equations(&both).restricted(&first)
@@ -94,7 +97,7 @@ fn symmetries(corners: usize) -> [Matrix2<f64>; 2] {
 }
 
 /// The traces of a basis on one face of each kind.
-fn traces(owner: usize, element: Element, basis: &Basis<3>) -> Vec<Trace> {
+fn traces(basis_index: usize, element: Element, basis: &Basis<3>) -> Vec<Trace> {
     let vertices = element.vertices();
     let operators = basis.group().cartesian(basis.lattice());
     let mut chosen: Vec<Vec3> = Vec::new();
@@ -141,7 +144,7 @@ fn traces(owner: usize, element: Element, basis: &Basis<3>) -> Vec<Trace> {
             })
             .collect();
         found.push(Trace {
-            owner,
+            basis_index,
             corners: corners.len(),
             waves,
         });

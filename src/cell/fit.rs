@@ -1,11 +1,11 @@
 //! Fitting a cell to geometry by weighted least squares over the element.
 //!
 //! The fit minimises (1/V) int w (Phi - g)^2 + lambda sum (1 + |f|^2) a^2 over the real orthonormal
-//! coefficients a, where g is the signed distance to the geometry (negative inside). The mean is that over
-//! the element's interior plus 0.3 times that over its faces plus 0.1 times that over its edges (0.03 and
-//! 0.01 for face-normal cells). Nothing outside the element is used: this is a Fourier extension, whose
-//! normal equations are ill-conditioned but whose regularised solution is accurate. On the lattice spanned
-//! by the tet's edges it is continuous across elements without reflection.
+//! coefficients a of the cell's function Phi, where g is the signed distance to the geometry (negative
+//! inside). The mean is that over the element's interior plus 0.3 times that over its faces plus 0.1 times
+//! that over its edges (0.03 and 0.01 for face-normal cells). Nothing outside the element is used: this is
+//! a Fourier extension, whose normal equations are ill-conditioned but whose regularised solution is
+//! accurate. On the lattice spanned by the tet's edges it is continuous across elements without reflection.
 //!
 //! By symmetry only the fundamental simplex is sampled. Geometry without the element's symmetry is averaged
 //! over its images, which is the orthogonal projection; the report gives the kept energy and the residual.
@@ -96,8 +96,8 @@ pub fn fit(
 ///
 /// The samples lie at u = j/N - 1/2 in lattice coordinates, the last axis fastest. An infinite band limit
 /// keeps every orbit whose members k all have `|k_i| < N/2` on each axis, which N samples can represent.
-/// On skew lattices an orbit with a member outside that box is dropped as a whole. A finite band limit keeps
-/// the ball |f| <= R of these and is at most [`largest_band`]. `method` and `samples` of the options are
+/// On skew lattices an orbit with a member outside that box is dropped as a whole. A finite band limit R
+/// keeps those of them with |f| <= R; it is at most [`largest_band`]. `method` and `samples` of the options are
 /// ignored. The report compares the cell with the trilinear interpolant of the samples.
 ///
 /// # Errors
@@ -252,13 +252,13 @@ fn fit_with(
         return job(options);
     };
     let max_band_limit = options.band_limit;
-    let mut own = FitOptions {
+    let mut trial = FitOptions {
         band_limit: INITIAL_BAND_LIMIT.min(max_band_limit),
         measure: true,
         ..options.clone()
     };
     loop {
-        let result = job(&own);
+        let result = job(&trial);
         let distance = match &result {
             Ok(cell) => cell.report().and_then(|r| r.hausdorff).map(Hausdorff::max),
             // With a coarse band the surface may vanish.
@@ -268,16 +268,16 @@ fn fit_with(
         if distance.is_some_and(|d| d <= tolerance) {
             return result;
         }
-        if own.band_limit >= max_band_limit {
+        if trial.band_limit >= max_band_limit {
             let mut cell = result?;
             cell.warn(format!(
                 "the surfaces are {} apart at band limit {}, the largest allowed; the tolerance \
                  was {tolerance}",
                 distance.map_or_else(|| "an unknown distance".to_owned(), |d| format!("{d:.4}")),
-                own.band_limit
+                trial.band_limit
             ));
             return Ok(cell);
         }
-        own.band_limit = (own.band_limit * BAND_LIMIT_FACTOR).min(max_band_limit);
+        trial.band_limit = (trial.band_limit * BAND_LIMIT_FACTOR).min(max_band_limit);
     }
 }

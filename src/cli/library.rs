@@ -93,13 +93,13 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             )));
         }
         let report = made.cell.report().and_then(|r| r.design.clone());
-        let over = report
+        let bulk_over_bound = report
             .as_ref()
             .and_then(|r| r.properties.first())
             .map_or(0.0, |f| f.bulk_over_bound);
         let _ = writeln!(
             text,
-            "{}  volume fraction {fraction}, bulk modulus {over:.3} of its bound, {}",
+            "{}  volume fraction {fraction}, bulk modulus {bulk_over_bound:.3} of its bound, {}",
             path.display(),
             super::run::size(bytes)
         );

@@ -1,4 +1,4 @@
-//! `druse mesh IN.vdb -o X.stl`.
+//! `druse mesh IN.vdb -o X.stl`: makes a mesh, or a finite-element deck, of a level set.
 
 use super::vdb_commands::{
     Draft, GridChoice, answer as report_answer, extent, length, output_key, path_value, table,

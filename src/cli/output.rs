@@ -39,6 +39,7 @@ impl Answer {
             format!("{}\n", self.text)
         };
         match write_stdout(text.as_bytes()) {
+            // EX_IOERR of sysexits.h.
             Err(e) if e.kind() != io::ErrorKind::BrokenPipe => 74,
             _ => self.code,
         }

@@ -33,6 +33,8 @@ struct Candidate {
     best: Option<Evaluation>,
     /// The last cell, connected or not: voxels of a finer grid may connect it.
     any: Option<Evaluation>,
+    /// The best connected cells of earlier stages: a finer grid may find the last one disconnected.
+    earlier: Vec<Evaluation>,
     /// The objective, with goals that corrections have moved.
     objective: Objective,
 }
@@ -183,12 +185,14 @@ impl Prepared {
                 None => {}
             }
             if let Some((unknowns, own)) = found.best {
+                candidate.earlier.extend(candidate.best.take());
                 (candidate.unknowns, candidate.best) = (unknowns, Some(own));
             } else if let Some((unknowns, own)) = found.any
                 && !is_stopped
             {
                 candidate.unknowns = unknowns;
-                (candidate.best, candidate.any) = (None, Some(own));
+                candidate.earlier.extend(candidate.best.take());
+                candidate.any = Some(own);
             }
         }
         Ok(is_stopped)
@@ -235,6 +239,7 @@ impl Prepared {
                 start: s.name,
                 best: None,
                 any: None,
+                earlier: Vec::new(),
                 objective: self.objective.clone(),
             })
             .collect();
@@ -317,18 +322,22 @@ impl Prepared {
         let mut fault = InverseError::Disconnected("no level gives the volume fraction".to_owned());
         let mut chosen: Option<(f64, Cell, &Candidate, Option<DesignProperties>)> = None;
         for candidate in all {
-            let Some(best) = candidate.best.as_ref().or(candidate.any.as_ref()) else {
+            let last = candidate.best.as_ref().or(candidate.any.as_ref());
+            let mut connected = None;
+            for evaluation in last.into_iter().chain(candidate.earlier.iter().rev()) {
+                let cell = self.cell(&evaluation.coefficients, evaluation.level, space)?;
+                match verify::check_connected(&cell, fine, watched) {
+                    Ok(()) => {
+                        connected = Some((evaluation, cell));
+                        break;
+                    }
+                    Err(e @ InverseError::Disconnected(_)) => fault = e,
+                    Err(e) => return Err(e),
+                }
+            }
+            let Some((best, cell)) = connected else {
                 continue;
             };
-            let cell = self.cell(&best.coefficients, best.level, space)?;
-            match verify::check_connected(&cell, fine, watched) {
-                Ok(()) => {}
-                Err(e @ InverseError::Disconnected(_)) => {
-                    fault = e;
-                    continue;
-                }
-                Err(e) => return Err(e),
-            }
             let (cost, properties) = if is_stopped {
                 (best.cost, None)
             } else {

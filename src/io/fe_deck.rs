@@ -1,4 +1,4 @@
-//! Finite-element decks of voxel meshes: linear hexahedra for CalculiX and Abaqus (`.inp`).
+//! Finite-element decks of voxel meshes: linear hexahedra for `CalculiX` and Abaqus (`.inp`).
 //!
 //! Elements are cubes of one lattice. Nodes are numbered plane by plane along x, so that only two planes of node
 //! numbers are in memory. The deck holds nodes, elements, node sets and element surfaces of the six sides of the
@@ -113,13 +113,12 @@ impl VoxelMesh<'_> {
         let mut layers = self.layers().peekable();
         let mut low: Option<NodePlane> = None;
         while let Some((x, cubes)) = layers.next() {
-            let below = match low.take() {
-                Some(below) => below,
-                None => {
-                    let below = numbered(x, &[cubes]);
-                    plane(&below)?;
-                    below
-                }
+            let below = if let Some(below) = low.take() {
+                below
+            } else {
+                let below = numbered(x, &[cubes]);
+                plane(&below)?;
+                below
             };
             let adjacent = layers.peek().filter(|l| l.0 == x + 1).map(|l| l.1);
             let above = numbered(x + 1, &[cubes, adjacent.unwrap_or(&[])]);

@@ -61,7 +61,7 @@ impl Patch {
         }
         for &n in others {
             for_each_edge(crossed, n as usize, |seam_vertex, _| {
-                upper.push(seam_vertex)
+                upper.push(seam_vertex);
             });
         }
         Self {

@@ -103,7 +103,8 @@ impl Crystal {
         let volume = self.mesh.volume();
         if volume <= 0.0 {
             let volume = crate::frame::figures(volume);
-            let message = format!("its volume is {volume}; expected a surface that looks outward");
+            let message =
+                format!("its volume is {volume}; expected a surface with outward normals");
             return Err(fault(recipe, frame, &message));
         }
         let cut = self.mesh.triangulated();

@@ -384,7 +384,7 @@ fn find_field<'a>(
             let e = invalid(format!("no field {name:?}{at_text}"), expected);
             if let Some(other) = named.first() {
                 let at = location_word(other.at);
-                return Err(e.with_hint(format!("{name:?} is at the {at}: at =  {at:?}")));
+                return Err(e.with_hint(format!("{name:?} is at the {at}: at = {at:?}")));
             }
             if has_extension(path, &["msh"]) {
                 let hint =

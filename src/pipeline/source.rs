@@ -34,7 +34,7 @@ pub enum CellFault {
     /// A target that cannot be met.
     #[error(transparent)]
     Target(#[from] crate::inverse::InverseError),
-    /// What the recipe asks for cannot be.
+    /// The recipe's request cannot be met.
     #[error("{0}")]
     Rule(String),
 }

@@ -1,4 +1,4 @@
-//! From the words of `[cell.NAME] target` to a design, and to its cell.
+//! Designs of cells with a `target` in `[cell.NAME]`, and the cells made from them.
 
 use super::source::{CellFault, SourceFault, has_extension};
 use crate::cell::{Cell, Solid};
@@ -15,7 +15,7 @@ const STIFFNESS_WEIGHT: f64 = 10.0;
 /// Voxels along the period of a sheet, whose walls are thinner than those of a network.
 const SHEET_VOXELS: usize = 32;
 
-/// A path of a section as one that can be opened.
+/// Makes a path in a section one that can be opened.
 type Resolve<'a> = &'a dyn Fn(&Path) -> PathBuf;
 
 fn property(word: TargetProperty) -> Property {
@@ -46,7 +46,8 @@ fn target(table: &TargetTable) -> Result<Target, CellFault> {
     })
 }
 
-/// The design that a section with a target describes; `matched` are the cells that it names.
+/// The design that a section with a target describes; `matched` are the cells
+/// whose trace on the faces the design keeps.
 ///
 /// # Errors
 /// [`CellFault`]: keys that exclude each other; a start that cannot be read.
@@ -90,7 +91,7 @@ pub fn design(
     }
     design.voxels = match table.voxels {
         Some(n) => n as usize,
-        // Four voxels for the shortest wave.
+        // At least four voxels for the shortest wave, and an even number.
         None => if design.solid == Solid::Sheet {
             SHEET_VOXELS
         } else {

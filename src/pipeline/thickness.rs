@@ -22,6 +22,7 @@ use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
 use crate::progress::Cancelled;
+use crate::vdb::LevelSet;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -144,6 +145,21 @@ pub(super) struct SolidGeometry {
     pub active_voxels: u64,
     /// Length of its longest side, voxels.
     pub extent: f64,
+}
+
+impl SolidGeometry {
+    /// The geometry of a solid and its mesh.
+    pub fn of(context: StageContext, solid: &LevelSet, mesh: &TriMesh) -> Result<Self, RunError> {
+        let counted = solid.active_voxels();
+        Ok(Self {
+            lattice: VoxelLattice {
+                origin: solid.origin(),
+                voxel_size: context.scale.voxel_size,
+            },
+            active_voxels: counted.map_err(RunError::level_set("counting"))?,
+            extent: mesh.bounds().size().max() / context.scale.voxel_size,
+        })
+    }
 }
 
 /// The thickness at points of a surface, searched by the nearest point.

@@ -60,7 +60,7 @@ pub enum SurfaceRef<'a> {
 }
 
 impl<'a> SurfaceRef<'a> {
-    /// The one of two keys that is given.
+    /// The surface of the key that is given, `mesh` before `crystal`.
     pub(super) fn of(
         mesh: Option<&'a Brief<FileFrame>>,
         crystal: Option<&'a CrystalRef>,
@@ -78,6 +78,7 @@ impl<'a> SurfaceRef<'a> {
     }
 }
 
+/// Rules of `[crystal.NAME]`, and of the keys that name a mesh or a crystal.
 pub(super) fn check(sections: &Sections, source: &Source) -> Result<(), RecipeError> {
     for (name, crystal) in &sections.crystal {
         let key = format!("crystal.{name}");
@@ -143,22 +144,22 @@ fn pairs(sections: &Sections) -> Vec<(String, usize)> {
 /// Every key that names a crystal, and the name.
 fn references<'a>(sections: &'a Sections) -> Vec<(String, &'a str)> {
     let mut found: Vec<(String, &str)> = Vec::new();
-    let mut note = |key: String, crystal: Option<&'a CrystalRef>| {
+    let mut add = |key: String, crystal: Option<&'a CrystalRef>| {
         found.extend(crystal.map(|c| (key, c.name.as_str())));
     };
     for (name, cell) in &sections.cell {
-        note(format!("cell.{name}.crystal"), cell.crystal.as_ref());
+        add(format!("cell.{name}.crystal"), cell.crystal.as_ref());
     }
     if let Some(scaffold) = &sections.scaffold {
-        note("scaffold.crystal".into(), scaffold.crystal.as_ref());
+        add("scaffold.crystal".into(), scaffold.crystal.as_ref());
         let fill = scaffold.fill.as_ref().and_then(|f| f.crystal.as_ref());
-        note("scaffold.fill.crystal".into(), fill);
+        add("scaffold.fill.crystal".into(), fill);
     }
     for (n, op) in sections.op.iter().enumerate() {
         let key = |end: &str| format!("op.{n}.{}.{end}", op.name());
         match op.operand() {
-            Some(Operand::Crystal(c)) => note(key("crystal"), Some(c)),
-            Some(Operand::Skin(skin)) => note(key("skin.crystal"), skin.crystal.as_ref()),
+            Some(Operand::Crystal(c)) => add(key("crystal"), Some(c)),
+            Some(Operand::Skin(skin)) => add(key("skin.crystal"), skin.crystal.as_ref()),
             _ => {}
         }
     }

@@ -1,8 +1,8 @@
 //! The map of one element: cell frame to world and back.
 //!
-//! x = F(xi) = sum `N_a(xi)` `X_a`, evaluated in powers of xi and bounded by Bernstein control points. Elements whose map is
-//! affine within 1e-12 of their size (every Tet4, straight Tet10, parallelepipeds) take a closed
-//! form; the others invert F by damped Newton steps.
+//! x = F(xi) = sum `N_a(xi)` `X_a`, evaluated in powers of xi and bounded by Bernstein control points. F is inverted in
+//! closed form for elements whose map is affine within 1e-12 of their size (every Tet4, straight Tet10,
+//! parallelepipeds), for the others by damped Newton steps.
 
 use super::basis::Basis;
 use super::bernstein::{Net, Part, index, lattice};
@@ -21,6 +21,7 @@ const AFFINE_TOLERANCE: f64 = 1e-12;
 /// Bounds and map of an element.
 pub(super) struct Geometry {
     pub bounds: Aabb,
+    /// Bounds of the singular values of the Jacobian.
     pub stretch: (f64, f64),
     pub map: Map,
 }
@@ -46,12 +47,13 @@ pub(super) struct Affine {
 pub(super) struct Curved {
     pub kind: Kind,
     pub net: Net<Vec3>,
-    /// Bounds of the second derivatives of F by xi over the cell, per component; as in [`PAIRS`].
+    /// Bounds of the second derivatives of F by xi over the cell, per component; in the order of [`PAIRS`].
     pub bend: [Vec3; 6],
     /// The same map in powers of xi.
     pub polynomial: Polynomial,
-    /// The point and the inverse Jacobian at the centre, to start Newton's steps.
+    /// The point at the centre of the cell.
     origin: Vec3,
+    /// The inverse Jacobian at the centre, for the first guess of the inverse.
     start: Mat3,
 }
 
@@ -210,14 +212,14 @@ impl Curved {
     }
 }
 
-/// Bounds of the singular values of a Jacobian: |sigma(J) - sigma(J0)| <= |J - J0|, cell
-/// split until the lower bound is above half the values seen or 64 parts are used; also
-/// `sigma_min >= |det J| / sigma_max^2`.
+/// Bounds of the singular values sigma of a Jacobian J. On each part of the cell, with J0 the mean over its net,
+/// |sigma(J) - sigma(J0)| <= |J - J0|. A part is split while its lower bound is below half of the least sigma(J0),
+/// at most 64 times in all. Also, `sigma_min >= |det J| / sigma_max^2`.
 pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64) {
     let whole = Part::whole(jacobian.family);
     let mut open = vec![(jacobian, whole)];
     let (mut least, mut greatest) = (f64::INFINITY, 0f64);
-    let mut budget = 64;
+    let mut splits_left = 64;
     while let Some((net, part)) = open.pop() {
         let centre = net.mean();
         let eta = net
@@ -227,8 +229,8 @@ pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64)
             .fold(0.0, f64::max);
         let s = centre.singular_values();
         let low = s.min() - eta;
-        if low < 0.5 * s.min() && budget > 0 {
-            budget -= 1;
+        if low < 0.5 * s.min() && splits_left > 0 {
+            splits_left -= 1;
             let way = part.longest_way();
             open.extend(net.split(way).into_iter().zip(part.split(way)));
         } else {
@@ -241,8 +243,8 @@ pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64)
     (least.max(by_volume).max(0.0), greatest)
 }
 
-/// Newton steps from `start`, halved while the residual grows; gives the residual where
-/// they do not arrive.
+/// The inverse of `map` at `x` by Newton steps from `start`, halved while the residual grows; the error is the residual
+/// if they do not converge. The coordinates of `x` and `origin` determine the rounding error.
 pub(super) fn newton(
     map: impl Fn(CellPoint<3>) -> (Vec3, Mat3),
     x: Vec3,
@@ -325,12 +327,13 @@ pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
     }
 }
 
-/// Bernstein coefficients of the second derivative by parameters j and k; on cubes of a lower
-/// degree along them.
+/// Bernstein coefficients of the second derivative by parameters j and k. Its degree is lower along these axes, in a
+/// simplex in all.
 fn second(net: &Net<Vec3>, j: usize, k: usize) -> impl Iterator<Item = Vec3> + '_ {
     let n = net.degree;
     let (family, c) = (net.family, &net.coefficients);
-    // The factor of a second step along the same axis, and in a simplex along any.
+    // The first derivative has one degree less along its axis, in a simplex along all axes; the second derivative has
+    // that degree as a factor.
     let in_simplex = match family {
         Family::Simplex => true,
         Family::Tensor => false,

@@ -1,10 +1,11 @@
-//! Rule Q for lattices among affine elements: rows of samples are located in an element without a search.
+//! Rule Q (module `rule`) on lattices of samples among affine elements, whose maps are inverted without a search.
 //!
-//! Samples are grouped in blocks of 2^3. The field at a block's centre decides most blocks: with L the slope
-//! bound and R the block's half diagonal, |F| >= L (R + w) there implies |F| >= L w at all samples, whatever
-//! elements they are in. F is continuous except where a scaffold overlaps itself, where the centre is in
-//! several elements. The other blocks go through rule Q, eight at a time. Samples outside the scaffold are
-//! collected and evaluated at the closest points of the boundary, 64 at a time.
+//! Samples are grouped in blocks of 2^3. The field F at a block's centre decides most blocks: with L the slope
+//! bound, R the block's half diagonal and w the half width of the band, |F| >= L (R + w) there implies
+//! |F| >= L w at all samples, whatever elements they are in. F is continuous except where a scaffold overlaps
+//! itself, where the centre is in several elements. The other blocks go through rule Q, eight at a time.
+//! Samples outside the scaffold are collected and evaluated at the closest points of the boundary, 64 at a
+//! time.
 
 mod block;
 mod distances;
@@ -36,13 +37,16 @@ pub(super) struct AffineBuffers {
     parts: Vec<Part>,
     blocks: Vec<Block>,
     batch: SampleBatch,
+    /// At the centres of blocks.
     centres: BatchEvaluation,
+    /// At the samples of undecided blocks.
     samples: BatchEvaluation,
     /// Indices of the near elements within reach of a batch.
     near_indices: Vec<u32>,
     exterior: Vec<ExteriorSample>,
     /// Boundary triangles that may affect a part, part by part.
     part_triangles: Vec<u32>,
+    /// Spans of the blocks along each axis.
     along: [Vec<BlockSpan>; 3],
     /// Elements near a part, where many elements are near the lattice.
     candidates: NearElements,
@@ -159,7 +163,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     ) {
         let w = self.options.half_width;
         let away = NEIGHBOUR_DISTANCE * step;
-        // A neighbour may be in an element further away.
+        // The neighbour may be in another element, so the greatest slope of all elements counts.
         let change = self.max_slope_sup * away;
         buffers.has_unproved_sign = quantity == Quantity::Signs
             || depth.hi > -w
@@ -168,16 +172,21 @@ impl<F: Filling> TiledSolid<'_, F> {
         buffers.samples.change = change;
     }
 
-    /// Bounds of the distance to the boundary over a part of a lattice, within those of the whole lattice.
-    fn part_depth(&self, context: &FillContext, part: &PartOfLattice, whole: Interval) -> Interval {
-        if whole.hi <= -self.options.half_width {
-            return whole;
+    /// Bounds of the distance to the boundary over a part of a lattice; `lattice_depth` holds those over all of it.
+    fn part_depth(
+        &self,
+        context: &FillContext,
+        part: &PartOfLattice,
+        lattice_depth: Interval,
+    ) -> Interval {
+        if lattice_depth.hi <= -self.options.half_width {
+            return lattice_depth;
         }
         let around = (context.boundary_triangles, &*context.near.patches);
         self.boundary_range(
             context.component,
             &part.span(context.lattice),
-            whole,
+            lattice_depth,
             around,
         )
     }
@@ -243,7 +252,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let w = self.options.half_width;
         let reach = match context.quantity {
             Quantity::Distances => w,
-            // More than rounding errors.
+            // Larger than rounding errors.
             Quantity::Signs => 1e-3 * step,
         };
         let mut values = [0.0; MAX_SAMPLES];
@@ -264,23 +273,23 @@ impl<F: Filling> TiledSolid<'_, F> {
             self.evaluate_owned(context.near, &mut buffers.centres, &mut values);
             let single = buffers.centres.single;
             buffers.evaluations += u64::from(buffers.centres.owned.count_ones());
-            let mut is_far = 0u64;
+            let mut far = 0u64;
             for (n, (block, value)) in blocks.iter().zip(&values).enumerate() {
                 let threshold = self.max_change(context.near, block.radius + reach);
-                is_far |= u64::from(value.abs() >= threshold) << n;
+                far |= u64::from(value.abs() >= threshold) << n;
             }
-            let mut open = buffers.batch.active & !(is_far & single);
-            for n in bits(is_far & single) {
+            let mut undecided = buffers.batch.active & !(far & single);
+            for n in bits(far & single) {
                 let block = &blocks[n];
                 let part = &buffers.parts[block.part()];
-                // All of a deep block is in elements. Any other block must lie in one element, and no other element
-                // may reach into it.
+                // A deep block lies wholly within elements. Any other block must lie in one element, and no other
+                // element may reach into it.
                 let is_in_one_element = || {
                     let mut all = buffers.centres.locations[..context.near.patches.len()].iter();
                     all.all(|p| p.outside(n).abs() >= block.radius)
                 };
                 if !(part.is_deep || is_in_one_element()) {
-                    open |= 1 << n;
+                    undecided |= 1 << n;
                     continue;
                 }
                 let d = if values[n] < 0.0 { -w } else { w };
@@ -295,17 +304,17 @@ impl<F: Filling> TiledSolid<'_, F> {
                 }
             }
             let mut numbers = [0; MAX_SAMPLES];
-            for (to, n) in numbers.iter_mut().zip(bits(open)) {
+            for (to, n) in numbers.iter_mut().zip(bits(undecided)) {
                 *to = n;
             }
-            for group in numbers[..open.count_ones() as usize].chunks(MAX_SAMPLES / VOLUME) {
+            for group in numbers[..undecided.count_ones() as usize].chunks(MAX_SAMPLES / VOLUME) {
                 self.fill_group(context, (blocks, group), buffers, out);
             }
         }
         buffers.blocks = all;
     }
 
-    /// Cuts the distance `d` of a sample with the boundary.
+    /// The distance of a sample after the cut at the boundary; `d` is that before it.
     #[inline]
     fn cut_sample(
         &self,

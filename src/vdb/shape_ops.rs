@@ -164,7 +164,7 @@ impl LevelSet {
     /// minimum min(a, b) - max(r - |a - b|, 0)^2 / (4 r).
     ///
     /// # Errors
-    /// As [`LevelSet::union`], and [`VdbError::Parameter`] unless the radius is check_positive and finite.
+    /// As [`LevelSet::union`], and [`VdbError::Parameter`] unless the radius is positive and finite.
     pub fn blend(
         &mut self,
         mut operand: Self,

@@ -82,7 +82,7 @@ impl SolidCubes {
             self.add_box(within.map_or(whole, |r| common(r, whole)))?;
         }
         self.sum();
-        self.check_count(self.cubes.len() as u64)
+        Self::check_count(self.cubes.len() as u64)
     }
 
     /// Adds the cells that begin in a box of voxels as solid.
@@ -94,7 +94,7 @@ impl SolidCubes {
         let first = solid.min.0.map(|c| c.div_euclid(edge));
         let last = solid.max.0.map(|c| c.div_euclid(edge));
         let counts: [u64; 3] = std::array::from_fn(|a| (last[a] - first[a] + 1) as u64);
-        self.check_count(self.cubes.len() as u64 + counts.iter().product::<u64>())?;
+        Self::check_count(self.cubes.len() as u64 + counts.iter().product::<u64>())?;
         let overlap = |a: usize, c: i32| {
             let (low, high) = (c * edge, c * edge + edge);
             (high.min(solid.max[a] + 1) - low.max(solid.min[a])) as u64
@@ -111,7 +111,7 @@ impl SolidCubes {
         Ok(())
     }
 
-    fn check_count(&self, count: u64) -> Result<(), VdbError> {
+    fn check_count(count: u64) -> Result<(), VdbError> {
         if count > MAX_CUBES {
             return Err(VdbError::TooManyCubes(count));
         }

@@ -190,7 +190,7 @@ impl Volume {
     ///
     /// # Errors
     /// [`VdbError::Parameter`] for a value that is not finite or a half width (voxels) below 1, [`VdbError::Open`] if
-    /// the values end at the surface, [`VdbError::Cancelled`], or errors of OpenVDB.
+    /// the values end at the surface, which is then not closed, [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn isosurface(
         &self,
         value: f64,
@@ -264,14 +264,14 @@ impl Volume {
         } else {
             (1.0, [0.0; 3])
         };
-        // None stands for a background that is not a number.
+        // The background is `None` if it is not a number.
         let background = info.background.unwrap_or(f64::NAN) as f32;
         let grid = ffi::grid_new_of_class(edge, &origin, background, &info.class)?;
         Ok(VolumeBuilder { grid })
     }
 }
 
-/// The kind of the values of other types than floats and doubles, and the remedy.
+/// What the values of a type other than floats and doubles are, and the remedy.
 fn other_type(name: &str) -> (&'static str, &'static str) {
     let name = name.strip_prefix("Tree_").unwrap_or(name);
     let kind = name.split('_').next().unwrap_or(name);
@@ -306,6 +306,7 @@ pub(super) struct VolumeBuilder {
 }
 
 impl VolumeBuilder {
+    /// Adds a leaf.
     pub fn leaf(
         &mut self,
         origin: Coord,
@@ -315,6 +316,7 @@ impl VolumeBuilder {
         ffi::grid_put_leaf(self.grid.pin_mut(), &origin.0, mask, values)
     }
 
+    /// Adds a tile: a cube of `edge` voxels with one value.
     pub fn tile(
         &mut self,
         origin: Coord,

@@ -41,7 +41,13 @@ fn recipes_of_the_guide_run() {
             let options = RunOptions::default();
             plan(&recipe, &options, &Silent).unwrap_or_else(|e| panic!("{context}\n{e}"));
             let place = tempfile::tempdir().unwrap();
-            let coarse = recipe.sections().band.voxel_size.resolve(recipe.scale()) * 1.5;
+            // Elements of a deck are whole voxels, which are twice as large here.
+            let factor = if text.contains("element_size") {
+                2.0
+            } else {
+                1.5
+            };
+            let coarse = recipe.sections().band.voxel_size.resolve(recipe.scale()) * factor;
             let overrides = [format!("band.voxel_size={coarse}")];
             let recipe = Recipe::parse(&text, &overrides).unwrap();
             let options = RunOptions {

@@ -1,5 +1,7 @@
 //! The house's own rules: who may use whom, how long a file may be, where `unsafe` stands.
 
+mod words;
+
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};

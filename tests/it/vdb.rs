@@ -234,10 +234,7 @@ fn bad_leaves_are_errors() {
     }
     for origin in [Coord::new(128, 0, 0), Coord::new(3, 0, 0)] {
         let error = builder.block(block, &leaf(origin, 1.0)).unwrap_err();
-        assert!(
-            error.to_string().contains("is no leaf of its block"),
-            "{error}"
-        );
+        assert!(error.to_string().contains("is not in its block"), "{error}");
     }
     let error = builder.block(Coord::new(8, 0, 0), &leaf(block, 1.0));
     assert!(error.unwrap_err().to_string().contains("multiple of 128"));

@@ -18,7 +18,7 @@ const TOLERANCE: f32 = 1e-3;
 /// Indices of the eight SIMD lanes.
 const LANE_INDICES: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
-/// Coordinates of points.
+/// Coordinates of points, by axis.
 pub(super) type Places<'a> = [&'a [f32]; 3];
 
 /// A cube of voxels.
@@ -40,7 +40,7 @@ impl Cube {
         }
     }
 
-    /// The same as seen from somewhere else.
+    /// The same cube in coordinates relative to a position.
     pub fn relative_to(self, [x, y, z]: [f32; 3]) -> Self {
         let [a, b, c] = self.centre;
         Self {
@@ -50,7 +50,7 @@ impl Cube {
     }
 }
 
-/// The nearest point to the middle of a cube, and the square of its distance.
+/// The nearest point to the centre of a cube, and the square of its distance.
 #[derive(Clone, Copy)]
 pub(super) struct Middle {
     pub at: [f32; 3],
@@ -63,7 +63,7 @@ impl Middle {
         square: f32::INFINITY,
     };
 
-    /// The same as seen from somewhere else.
+    /// The same point in coordinates relative to a position.
     pub fn relative_to(self, [x, y, z]: [f32; 3]) -> Self {
         let [a, b, c] = self.at;
         Self {
@@ -72,19 +72,19 @@ impl Middle {
         }
     }
 
-    /// The nearest of some points.
+    /// The nearest of some points to the centre of `cube`.
     #[inline(always)]
     pub fn of<L: Lanes>(l: L, at: Places, cube: Cube) -> Self {
         let [a, b, c] = cube.centre;
         let centre = [l.splat(a), l.splat(b), l.splat(c)];
         let [(xs, x), (ys, y), (zs, z)] = at.map(|at| at.as_chunks::<8>());
         let (mut least, mut place) = (l.splat(f32::INFINITY), l.splat(0.0));
-        let (mut here, eight) = (l.load(&LANE_INDICES), l.splat(8.0));
+        let (mut index, eight) = (l.load(&LANE_INDICES), l.splat(8.0));
         for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
             let square = squares(l, [x, y, z], centre);
-            place = l.select_below(square, least, here, place);
+            place = l.select_below(square, least, index, place);
             least = l.min(square, least);
-            here = l.add(here, eight);
+            index = l.add(index, eight);
         }
         let (mut row, mut places) = ([0.0; 8], [0.0; 8]);
         l.store(least, &mut row);
@@ -123,7 +123,8 @@ pub(super) struct Reach {
 impl Reach {
     /// The squared greatest distance of a relevant point from the centre.
     #[inline(always)]
-    fn far(&self) -> f32 {
+    fn max_square(&self) -> f32 {
+        // The half diagonal of a cube is sqrt(3) times its half edge.
         let far = self.most + 1.7321 * self.cube.half + TOLERANCE;
         far * far
     }
@@ -136,29 +137,31 @@ impl Reach {
         let x = l.magnitude(l.sub(l.load(x), l.splat(p)));
         let y = l.magnitude(l.sub(l.load(y), l.splat(q)));
         let z = l.magnitude(l.sub(l.load(z), l.splat(r)));
-        let along = l.add(l.add(x, y), z);
+        let sum = l.add(l.add(x, y), z);
         let edge = l.splat(2.0 * self.cube.half);
-        let limit = l.fused(edge, along, l.splat(self.middle.square + TOLERANCE));
-        l.below(square, l.min(limit, l.splat(self.far())))
+        let limit = l.fused(edge, sum, l.splat(self.middle.square + TOLERANCE));
+        l.below(square, l.min(limit, l.splat(self.max_square())))
     }
 
     /// Whether one point is a candidate.
     #[inline(always)]
     fn holds_one(&self, [x, y, z]: [f32; 3]) -> bool {
         let [p, q, r] = self.middle.at;
-        let along = (x - p).abs() + (y - q).abs() + (z - r).abs();
-        let limit = self.middle.square + TOLERANCE + 2.0 * self.cube.half * along;
-        square([x, y, z], self.cube.centre) < limit.min(self.far())
+        let sum = (x - p).abs() + (y - q).abs() + (z - r).abs();
+        let limit = self.middle.square + TOLERANCE + 2.0 * self.cube.half * sum;
+        square([x, y, z], self.cube.centre) < limit.min(self.max_square())
     }
 }
 
-/// Coordinates of points, relative to a leaf's least voxel, and their numbers.
+/// Points with their numbers.
 #[derive(Default)]
 pub(super) struct List {
+    /// Coordinates relative to a leaf's least voxel, by axis.
     pub at: [Vec<f32>; 3],
+    /// Numbers of the points.
     pub of: Vec<u32>,
     /// Indices of the selected points of another list.
-    taken: Vec<u32>,
+    selected: Vec<u32>,
 }
 
 impl List {
@@ -176,12 +179,12 @@ impl List {
 
     /// Adds the candidates among some points, displaced by `away`; the first point has number `first`.
     pub fn add(&mut self, at: Places, reach: Reach, away: [f32; 3], first: u32) {
-        let count = self.take(at, reach);
-        let taken = &self.taken[..count];
+        let count = self.select(at, reach);
+        let selected = &self.selected[..count];
         for ((to, from), away) in self.at.iter_mut().zip(at).zip(away) {
-            to.extend(taken.iter().map(|&n| from[n as usize] + away));
+            to.extend(selected.iter().map(|&n| from[n as usize] + away));
         }
-        self.of.extend(taken.iter().map(|n| first + n));
+        self.of.extend(selected.iter().map(|n| first + n));
     }
 
     /// Replaces the list by the candidates of another list for a cube, at most `most` away, padded to a multiple
@@ -191,23 +194,28 @@ impl List {
         let middle = run(Nearest { at, cube });
         self.clear();
         let reach = Reach { cube, middle, most };
-        let count = self.take(at, reach);
-        let taken = &self.taken[..count];
+        let count = self.select(at, reach);
+        let selected = &self.selected[..count];
         for (to, from) in self.at.iter_mut().zip(at) {
-            to.extend(taken.iter().map(|&n| from[n as usize]));
+            to.extend(selected.iter().map(|&n| from[n as usize]));
             to.resize(count.next_multiple_of(8), f32::INFINITY);
         }
-        self.of.extend(taken.iter().map(|&n| wide.of[n as usize]));
+        self.of
+            .extend(selected.iter().map(|&n| wide.of[n as usize]));
         self.of.resize(count.next_multiple_of(8), 0);
     }
 
     /// Selects the candidates of some points; returns their number.
-    fn take(&mut self, at: Places, reach: Reach) -> usize {
-        if self.taken.len() < at[0].len() {
-            self.taken.resize(at[0].len(), 0);
+    fn select(&mut self, at: Places, reach: Reach) -> usize {
+        if self.selected.len() < at[0].len() {
+            self.selected.resize(at[0].len(), 0);
         }
-        let taken = &mut self.taken;
-        run(Held { at, reach, taken })
+        let selected = &mut self.selected;
+        run(SelectCandidates {
+            at,
+            reach,
+            selected,
+        })
     }
 }
 
@@ -227,7 +235,7 @@ fn square([x, y, z]: [f32; 3], centre: [f32; 3]) -> f32 {
     x * x + y * y + z * z
 }
 
-/// The nearest of points to the middle of a cube.
+/// Finds the nearest of some points to the centre of a cube.
 pub(super) struct Nearest<'a> {
     pub at: Places<'a>,
     pub cube: Cube,
@@ -243,13 +251,13 @@ impl SimdKernel for Nearest<'_> {
 }
 
 /// Selects the candidates of some points.
-struct Held<'a> {
+struct SelectCandidates<'a> {
     at: Places<'a>,
     reach: Reach,
-    taken: &'a mut [u32],
+    selected: &'a mut [u32],
 }
 
-impl SimdKernel for Held<'_> {
+impl SimdKernel for SelectCandidates<'_> {
     /// Number of candidates.
     type Output = usize;
 
@@ -260,7 +268,7 @@ impl SimdKernel for Held<'_> {
         for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
             let mut bits = self.reach.holds(l, [x, y, z]);
             while bits != 0 {
-                self.taken[count] = first + bits.trailing_zeros();
+                self.selected[count] = first + bits.trailing_zeros();
                 count += 1;
                 bits &= bits - 1;
             }
@@ -268,7 +276,7 @@ impl SimdKernel for Held<'_> {
         }
         for ((&x, &y), &z) in x.iter().zip(y).zip(z) {
             if self.reach.holds_one([x, y, z]) {
-                self.taken[count] = first;
+                self.selected[count] = first;
                 count += 1;
             }
             first += 1;

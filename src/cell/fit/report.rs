@@ -49,7 +49,7 @@ pub struct FitReport {
     /// How it was designed, if a target made it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub design: Option<DesignReport>,
-    /// What the user should look at.
+    /// Warnings for the user.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }

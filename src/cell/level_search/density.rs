@@ -5,8 +5,8 @@ use super::super::domain::{Domain, Flag, SimplexGrid};
 use crate::frame::{CellPoint, Mat3, Vec3};
 use rayon::prelude::*;
 
-/// Parts per edge of a flag. On each tetrahedron of that grid the density is quadratic, which suffices
-/// for curved elements, where it is a polynomial of low degree.
+/// Parts per edge of a flag, a simplex of the cell's fundamental domain. On each tetrahedron of that grid the density
+/// is quadratic, which suffices for curved elements, where it is a polynomial of low degree.
 const DENSITY_PARTS: usize = 3;
 
 /// A positive density over a cell's element, averaged over the cell's group. The average suffices for the
@@ -24,7 +24,8 @@ impl Density {
         let scaled = coordinates.map(|c| c * DENSITY_PARTS as f64);
         let low = scaled.map(|c| (c.floor() as usize).min(DENSITY_PARTS - 1));
         let rest: [f64; 3] = std::array::from_fn(|a| scaled[a] - low[a] as f64);
-        // The tetrahedron that takes the axes in order of decreasing remainder stays in the simplex.
+        // The tetrahedron that contains the point: its corners follow the axes in order of decreasing remainder. The
+        // sort is stable, so that it lies in the simplex where remainders are equal, too.
         let mut order = [0, 1, 2];
         order.sort_by(|&a, &b| rest[b].total_cmp(&rest[a]));
         let [a, b, c] = order.map(|axis| rest[axis]);
@@ -35,15 +36,15 @@ impl Density {
             corners[step + 1][axis] += 1;
         }
         let values = &self.values[flag];
-        let middle = |i: usize, j: usize| {
+        let value_between = |i: usize, j: usize| {
             let place = std::array::from_fn(|a| corners[i][a] + corners[j][a]);
             values[SimplexGrid::index(place)]
         };
         let mut sum = 0.0;
         for i in 0..4 {
-            sum += shares[i] * (2.0 * shares[i] - 1.0) * middle(i, i);
+            sum += shares[i] * (2.0 * shares[i] - 1.0) * value_between(i, i);
             for j in 0..i {
-                sum += 4.0 * shares[i] * shares[j] * middle(i, j);
+                sum += 4.0 * shares[i] * shares[j] * value_between(i, j);
             }
         }
         sum

@@ -27,8 +27,8 @@ pub(super) fn fraction_below(mut v: [f64; 4], t: f64) -> (f64, f64) {
     }
 }
 
-/// The sum of the shares below `t` over the tetrahedra of one layer, and its derivative. The grid uses
-/// every `skip`-th point per edge of `values`; `weight` gives the weight of each cube.
+/// The sum of the shares below `t` over the tetrahedra of layer `i` (the cubes with first index `i`), and its
+/// derivative. The grid uses every `skip`-th point per edge of `values`; `weight` gives the weight of each cube.
 pub(super) fn layer_below(
     i: usize,
     t: f64,
@@ -40,7 +40,7 @@ pub(super) fn layer_below(
     let mut sum = (0.0, 0.0);
     for j in 0..=i {
         for k in 0..=j {
-            // Most cubes lie on one side of the level.
+            // Most whole cubes, of six tetrahedra, lie on one side of the level.
             if i > j && j > k {
                 let mut range = (f64::INFINITY, f64::NEG_INFINITY);
                 for (i, j) in [(i, j), (i, j + 1), (i + 1, j), (i + 1, j + 1)] {

@@ -19,7 +19,7 @@ use std::f32::consts::TAU;
 const MAX_DIRECT_PRODUCTS: usize = 8;
 
 impl Table {
-    /// Selects evaluation from products, if the function has few enough of them.
+    /// Selects evaluation from products if the function is a sum of few products.
     pub(super) fn prefer_products(&mut self) {
         let (Some(products), Function::Single(leaf)) = (&self.products, &self.function) else {
             return;
@@ -56,17 +56,17 @@ pub(super) struct Samples<'a>(
 /// The functions along each axis for a group of at most eight points.
 #[inline(always)]
 fn functions<L: Lanes>(l: L, products: &Products, points: &[CellPoint<3>]) -> [Along<L::F>; 3] {
-    let two = l.wide();
-    let half = two.splat_eight(0.5);
-    let [x, y, z] = two.transpose_eight(&group(points));
+    let wide = l.wide();
+    let half = wide.splat_eight(0.5);
+    let [x, y, z] = wide.transpose_eight(&group(points));
     // Fractions of a period, from -1/2 to 1/2.
-    let x = two.sub_eight(x, two.floor_eight(two.add_eight(x, half)));
-    let y = two.sub_eight(y, two.floor_eight(two.add_eight(y, half)));
-    let z = two.sub_eight(z, two.floor_eight(two.add_eight(z, half)));
+    let x = wide.sub_eight(x, wide.floor_eight(wide.add_eight(x, half)));
+    let y = wide.sub_eight(y, wide.floor_eight(wide.add_eight(y, half)));
+    let z = wide.sub_eight(z, wide.floor_eight(wide.add_eight(z, half)));
     [
-        products.axis_functions_of(l, two.narrow_eight(x)),
-        products.axis_functions_of(l, two.narrow_eight(y)),
-        products.axis_functions_of(l, two.narrow_eight(z)),
+        products.axis_functions_of(l, wide.narrow_eight(x)),
+        products.axis_functions_of(l, wide.narrow_eight(y)),
+        products.axis_functions_of(l, wide.narrow_eight(z)),
     ]
 }
 

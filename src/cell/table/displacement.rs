@@ -1,8 +1,8 @@
-//! The displacement of the surface by a table, measured at sample points.
+//! The displacement of a cell's surface when a table replaces the cell, measured at sample points.
 //!
-//! At points spread over the element, the difference of table and cell is divided by the mean slope. That is
-//! the displacement wherever a grading, a blend or an offset puts the surface. At points of the surface
-//! itself, the difference is divided by the local slope.
+//! At points spread over the element, the difference of table and cell is divided by the mean slope: a grading,
+//! a blend or an offset may put the surface anywhere. At points of the cell's own surface, the difference is
+//! divided by the local slope.
 
 use super::{Cell, Table};
 use crate::field::Field;
@@ -17,12 +17,13 @@ const MAX_EXPONENTIALS: usize = 20_000_000;
 const MIN_POINTS: usize = 128;
 /// Newton steps towards the surface.
 const NEWTON_STEPS: usize = 6;
-/// Largest accepted distance of a surface point from the surface, in reference lengths by the mean slope.
+/// Largest accepted distance of a surface point from the surface, in reference lengths: the value divided by the
+/// mean slope.
 const FOOT_TOLERANCE: f64 = 1e-3;
 /// Smallest slope, relative to the mean, by which a difference is divided. Where the surface intersects
 /// itself the slope vanishes and a displacement is undefined.
 const MIN_RELATIVE_SLOPE: f64 = 0.25;
-/// Low-discrepancy sequence: multiples of powers of 1/x modulo 1, where x^4 = x + 1.
+/// Steps of a low-discrepancy sequence by axis: 1/x, 1/x^2 and 1/x^3, where x^4 = x + 1.
 const SEQUENCE_STEPS: [f64; 3] = [
     0.819_172_513_396_164_4,
     0.671_043_606_703_789_2,
@@ -85,8 +86,8 @@ impl DisplacementProbe {
 
     /// The largest displacement by a table, in reference lengths.
     pub fn displacement(&self, table: &Table) -> f64 {
-        let off = |p: &SamplePoint| (table.value(p.position) - p.value).abs() / p.slope;
-        self.points.iter().map(off).fold(0.0, f64::max)
+        let displacement = |p: &SamplePoint| (table.value(p.position) - p.value).abs() / p.slope;
+        self.points.iter().map(displacement).fold(0.0, f64::max)
     }
 }
 

@@ -12,7 +12,8 @@ use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 /// adds [`POSITION_ERROR`] times the slope.
 const ROUNDING: f64 = 3e-6;
 /// Bound of the rounding error of a gradient, relative to the largest coefficient over the sample distance.
-/// Rounding of the position adds twice the slope over that distance, the largest curvature of the spline.
+/// Rounding of the position adds [`POSITION_ERROR`] times the largest curvature of the spline, which is twice the slope
+/// over that distance.
 const SLOPE_ROUNDING: f64 = 1e-5;
 
 /// A series as a spline. If operators of its group do not map the grid onto itself (those of order 3 about
@@ -24,10 +25,13 @@ pub(super) struct Leaf {
     gradient_bounds: GradientBounds,
     /// Bounds of the rounding error of a value and of a gradient component.
     rounding: [f64; 2],
+    /// Operators over whose images of a point the value is the mean; the first is the identity.
     rotations: Vec<Mat3>,
+    /// Whether the function does not depend on z.
     planar: bool,
     /// |f| of the shortest wave; `None` for a function that is not a sum of waves.
     frequency: Option<f64>,
+    /// Bounds of the error of the spline, without rounding: of a value, and of a gradient component.
     error: (f64, f64),
 }
 
@@ -43,7 +47,7 @@ impl Leaf {
         let coefficients = spectrum.coefficients(&grid);
         let pyramid = Pyramid::new(&coefficients, &grid);
         let all = (&*coefficients, pyramid.largest());
-        let max_slope = gradient_bounds_over(all, &grid, (element, whole_group), surface);
+        let gradient_bounds = gradient_bounds_over(all, &grid, (element, whole_group), surface);
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
         let largest = f64::from(pyramid.largest());
         let slope = f64::from(pyramid.query([0; 3], grid.samples).max_slope);
@@ -51,7 +55,7 @@ impl Leaf {
         let gradient_rounding = (SLOPE_ROUNDING * largest + 2.0 * position_error * slope) * scale;
         let rounding = ROUNDING * largest + position_error * slope;
         Self {
-            gradient_bounds: max_slope.widened(rounding, 1e-6 * slope + gradient_rounding),
+            gradient_bounds: gradient_bounds.widened(rounding, 1e-6 * slope + gradient_rounding),
             rounding: [rounding, gradient_rounding],
             pyramid,
             spline: Spline::new(&coefficients, grid, spectrum.symmetry),
@@ -103,6 +107,7 @@ impl Leaf {
         sum / self.rotations.len() as f64
     }
 
+    /// The value and the gradient.
     pub fn slope(&self, p: Vec3) -> (f64, Vec3) {
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
         for q in &self.rotations {
@@ -178,7 +183,7 @@ impl Leaf {
         self.frequency
     }
 
-    /// The largest number of samples over the axes.
+    /// The largest number of samples along an axis.
     pub fn samples(&self) -> usize {
         self.spline.grid().samples.into_iter().max().unwrap_or(1)
     }

@@ -1,4 +1,4 @@
-//! `druse crystal --view`: one page on the loopback interface that shows the model and takes steps.
+//! `druse crystal --view`: one page on the loopback interface that shows the model and runs modelling steps.
 //!
 //! Only a client that has the address may run steps and save. The server listens on 127.0.0.1 only, every
 //! path begins with 128 random bits, and requests under another host name are refused, so that a foreign
@@ -118,10 +118,10 @@ fn answer(request: &mut Request, port: u16, token: &str, state: &mut ViewState) 
     }
     let url = request.url().to_owned();
     let inner = url.strip_prefix('/').and_then(|u| u.strip_prefix(token));
-    let Some(what) = inner.and_then(|u| u.strip_prefix('/')) else {
+    let Some(path) = inner.and_then(|u| u.strip_prefix('/')) else {
         return (text(403, "expected the address that druse printed"), false);
     };
-    let reply = match (request.method(), what) {
+    let reply = match (request.method(), path) {
         (Method::Get, "") => (200, "text/html; charset=utf-8", PAGE.into()),
         (Method::Get, "page.css") => (200, "text/css; charset=utf-8", STYLE.into()),
         (Method::Get, "page.js") => (200, "text/javascript; charset=utf-8", SCRIPT.into()),
@@ -131,7 +131,7 @@ fn answer(request: &mut Request, port: u16, token: &str, state: &mut ViewState) 
         (Method::Get, "model") => model(state),
         (Method::Post, "quit") => return (text(200, "bye"), true),
         (Method::Post, "step" | "again" | "undo" | "redo" | "save") => {
-            match body(request).and_then(|body| act(state, what, &body)) {
+            match body(request).and_then(|body| act(state, path, &body)) {
                 Ok(reply) => reply,
                 Err(refused) => text(refused.status, refused.message),
             }
@@ -142,8 +142,8 @@ fn answer(request: &mut Request, port: u16, token: &str, state: &mut ViewState) 
 }
 
 /// Executes the action of a request.
-fn act(state: &mut ViewState, what: &str, body: &str) -> Result<Reply, Refused> {
-    match what {
+fn act(state: &mut ViewState, action: &str, body: &str) -> Result<Reply, Refused> {
+    match action {
         "step" => state.step(body)?,
         "again" => state.again(body)?,
         "undo" => state.undo()?,

@@ -10,7 +10,7 @@ use crate::frame::{Coord, Vec3};
 use crate::recipe::Output;
 use std::path::Path;
 
-/// Voxels around a brick, of which those next to it give slopes at its border.
+/// Voxels around a brick that its border cells need.
 const HALO: i32 = 8;
 
 /// Writes the deck of a solid in bricks. The cubes of all bricks are in memory together.

@@ -64,7 +64,7 @@ impl RegionalSurface for BrickSurface<'_> {
     }
 }
 
-/// The thickness of a solid, equal to that of a run in memory.
+/// The thickness of a solid in bricks, equal to that of a run in memory.
 pub(super) fn thickness(brick_run: &BrickRun, solid: &StoredSolid) -> Result<Thickness, RunError> {
     let lattice = VoxelLattice {
         origin: Vec3::zeros(),
@@ -72,7 +72,7 @@ pub(super) fn thickness(brick_run: &BrickRun, solid: &StoredSolid) -> Result<Thi
     };
     let [min, max] = solid.store.bounds().unwrap_or([Coord([0; 3]); 2]);
     let sides = (0..3).map(|a| f64::from(max[a]) - f64::from(min[a]) + 1.0);
-    let measured = SolidGeometry {
+    let geometry = SolidGeometry {
         lattice,
         active_voxels: solid.store.active_voxels(),
         extent: sides.fold(0.0, f64::max),
@@ -83,5 +83,5 @@ pub(super) fn thickness(brick_run: &BrickRun, solid: &StoredSolid) -> Result<Thi
         lattice,
     };
     let context = solid.bricks.context(brick_run, brick_run.progress);
-    Thickness::new(context, &surface, measured)
+    Thickness::new(context, &surface, geometry)
 }

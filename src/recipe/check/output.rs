@@ -59,8 +59,8 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
         }
         let (vdb, mesh, picture) = (OutputKind::Vdb, OutputKind::Mesh, OutputKind::Picture);
         let deck = OutputKind::Deck;
-        // Keys, whether they are given, and the files that they are for.
-        let owned: [(&str, bool, &[OutputKind]); 21] = [
+        // Keys, whether they are given, and the kinds of outputs that they are for.
+        let keys: [(&str, bool, &[OutputKind]); 21] = [
             ("fog", output.fog, &[vdb]),
             ("lod", output.lod.is_some(), &[vdb]),
             ("segments", output.segments.is_some(), &[vdb]),
@@ -83,7 +83,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             ("young", output.young.is_some(), &[deck]),
             ("poisson", output.poisson.is_some(), &[deck]),
         ];
-        let wrong = owned
+        let wrong = keys
             .into_iter()
             .find(|(_, given, owners)| *given && !owners.contains(&kind));
         if let Some((word, _, owners)) = wrong {
@@ -104,7 +104,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
     Ok(())
 }
 
-/// Rules of the grids of a file.
+/// Rules of the keys that choose and store the grids of a volume or the attributes of a .ply mesh.
 fn grids(
     sections: &Sections,
     output: &Output,
@@ -166,15 +166,15 @@ fn grids(
     if words.is_empty() && kind == OutputKind::Vdb && output.lod.is_none() {
         return fault("grids", "no grid; expected at least one".into());
     }
-    let divided = output.segments.is_some();
-    if divided && words.iter().any(|w| *w != GridWord::Surface) {
+    let has_segments = output.segments.is_some();
+    if has_segments && words.iter().any(|w| *w != GridWord::Surface) {
         return fault("segments", "pieces have the grid surface only".into());
     }
     Ok(())
 }
 
 /// Rules of beam outputs.
-fn beams(
+fn of_beams(
     sections: &Sections,
     output: &Output,
     extension: &str,
@@ -207,13 +207,13 @@ fn beams(
     if is_round {
         return Ok(());
     }
-    let alone = tiling.filter(|t| {
+    let ungraded = tiling.filter(|t| {
         t.cell.is_some()
             && t.level.is_none()
             && t.volume_fraction.is_none()
             && t.thickness.is_none()
     });
-    let cell = alone
+    let cell = ungraded
         .and_then(|t| t.cell.as_ref())
         .and_then(|c| sections.cell.get(c));
     match cell {
@@ -239,7 +239,7 @@ fn of_deck(sections: &Sections, output: &Output, key: &str, source: &Source) -> 
         let message = format!("found {poisson}, expected a Poisson's ratio below 0.5");
         return Err(fault("poisson", message));
     }
-    // Operations may change the voxels; then the run checks the size.
+    // Resampling changes the voxel size; then the run checks `element_size`.
     if sections.op.iter().any(|op| matches!(op, Op::Resample(_))) {
         return Ok(());
     }
@@ -267,7 +267,7 @@ fn of_mesh(
 ) -> Checked {
     let fault = |word: &str, message: String| Err(source.fault(&format!("{key}.{word}"), message));
     if output.beams {
-        return beams(sections, output, extension, key, source);
+        return of_beams(sections, output, extension, key, source);
     }
     if output.quads && !matches!(extension, "ply" | "obj") {
         return fault(
@@ -279,12 +279,12 @@ fn of_mesh(
         let message = "decimate makes triangles; expected it without quads";
         return fault("decimate", message.into());
     }
-    let quads = output.quads || output.sharp || output.merging() > 0.0;
-    if output.mesher == Some(MesherWord::Druse) && quads {
+    let needs_openvdb = output.quads || output.sharp || output.merging() > 0.0;
+    if output.mesher == Some(MesherWord::Druse) && needs_openvdb {
         let message = "quads, sharp and adaptivity are OpenVDB's; expected mesher without them";
         return fault("mesher", message.into());
     }
-    let exact = match (output.sharp, output.project) {
+    let exact_key = match (output.sharp, output.project) {
         (true, _) => "sharp",
         (_, true) => "project",
         _ => return Ok(()),
@@ -294,27 +294,29 @@ fn of_mesh(
             "merged faces cannot follow the exact field; expected none of project and sharp";
         return fault("adaptivity", message.into());
     }
-    let blurred = sections.op.iter().enumerate().find(|(_, op)| {
+    // The first operation that leaves voxels only.
+    let voxels_only = sections.op.iter().enumerate().find(|(_, op)| {
         let sampled = matches!(op.operand(), Some(Operand::Vdb(_)));
-        let stays = op.is_pointwise()
+        let keeps_field = op.is_pointwise()
             || matches!(
                 op,
                 Op::KeepLargest(_) | Op::DropSmall(_) | Op::FillVoids(_) | Op::Prune(_)
             );
-        sampled || !stays
+        sampled || !keeps_field
     });
-    let after = |n: usize| sections.op[..n].iter().any(|op| !op.is_pointwise());
+    // The first pointwise operation that follows another kind.
+    let follows_other = |n: usize| sections.op[..n].iter().any(|op| !op.is_pointwise());
     let late = sections
         .op
         .iter()
         .enumerate()
-        .find(|(n, op)| op.is_pointwise() && after(*n));
-    if let Some((n, op)) = blurred.or(late) {
+        .find(|(n, op)| op.is_pointwise() && follows_other(*n));
+    if let Some((n, op)) = voxels_only.or(late) {
         let name = op.name();
         return fault(
-            exact,
+            exact_key,
             format!(
-                "{exact} needs the exact field, and op.{n}.{name} makes the solid one of voxels only; \
+                "{exact_key} needs the exact field, and op.{n}.{name} makes the solid one of voxels only; \
                  expected intersect, union, subtract and trim without grids of files, then at most \
                  keep_largest, drop_small, fill_voids, prune"
             ),

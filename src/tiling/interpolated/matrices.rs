@@ -16,7 +16,8 @@ pub(super) struct Matrices {
     pub count: usize,
     /// Positions of the nodes, voxels from the leaf's first sample.
     pub positions: [f64; MAX_NODES],
-    /// `weights[order][node][sample]`: weight of a node's value in the derivative at a sample, by voxels.
+    /// `weights[order][node][sample]`: weight of a node's value in the derivative of an order at a
+    /// sample, per voxel.
     pub weights: [[[f32; EDGE]; MAX_NODES]; ORDERS],
 }
 
@@ -30,35 +31,35 @@ impl Matrices {
     /// Chebyshev nodes, which nearly minimise the interpolation error.
     fn new(count: usize) -> Self {
         let middle = (EDGE - 1) as f64 / 2.0;
-        let mut at = [0.0; MAX_NODES];
-        for (n, at) in at[..count].iter_mut().enumerate() {
-            let turn = std::f64::consts::PI * (2 * n + 1) as f64 / (2 * count) as f64;
-            *at = middle * (1.0 - libm::cos(turn));
+        let mut positions = [0.0; MAX_NODES];
+        for (n, position) in positions[..count].iter_mut().enumerate() {
+            let angle = std::f64::consts::PI * (2 * n + 1) as f64 / (2 * count) as f64;
+            *position = middle * (1.0 - libm::cos(angle));
         }
-        let mut by = [[[0.0; EDGE]; MAX_NODES]; ORDERS];
+        let mut weights = [[[0.0; EDGE]; MAX_NODES]; ORDERS];
         for node in 0..count {
             for sample in 0..EDGE {
-                let all = basis(&at[..count], node, sample as f64);
-                for (by, v) in by.iter_mut().zip(all) {
-                    by[node][sample] = v as f32;
+                let derivatives = basis(&positions[..count], node, sample as f64);
+                for (weights, v) in weights.iter_mut().zip(derivatives) {
+                    weights[node][sample] = v as f32;
                 }
             }
         }
         Self {
             count,
-            positions: at,
-            weights: by,
+            positions,
+            weights,
         }
     }
 }
 
 /// Value and derivatives at `x` of the Lagrange polynomial of a node.
-fn basis(at: &[f64], node: usize, x: f64) -> [f64; ORDERS] {
-    let others = at.iter().enumerate().filter(|(n, _)| *n != node);
+fn basis(positions: &[f64], node: usize, x: f64) -> [f64; ORDERS] {
+    let others = positions.iter().enumerate().filter(|(n, _)| *n != node);
     let mut all = [1.0, 0.0, 0.0];
     for (_, other) in others {
-        // Product rule with the factor (x - other) / (own - other).
-        let rate = 1.0 / (at[node] - other);
+        // Product rule with the factor (x - other) / (node - other).
+        let rate = 1.0 / (positions[node] - other);
         let factor = (x - other) * rate;
         for order in (0..ORDERS).rev() {
             let below = order.checked_sub(1).map_or(0.0, |o| all[o]);
@@ -79,7 +80,7 @@ mod tests {
             for n in 0..matrices.count as i32 {
                 let power = |t: f64, n: i32| if n < 0 { 0.0 } else { (t - 3.0).powi(n) };
                 for sample in 0..EDGE {
-                    let leaf = matrices.weights.map(|by| {
+                    let found = matrices.weights.map(|by| {
                         let all = by.iter().zip(&matrices.positions).take(matrices.count);
                         all.map(|(by, &t)| f64::from(by[sample]) * power(t, n))
                             .sum::<f64>()
@@ -91,7 +92,7 @@ mod tests {
                         d * power(t, n - 1),
                         d * (d - 1.0) * power(t, n - 2),
                     ];
-                    for (a, b) in leaf.into_iter().zip(expected) {
+                    for (a, b) in found.into_iter().zip(expected) {
                         assert!(
                             (a - b).abs() < 1e-3 * (1.0 + b.abs()),
                             "{n} {sample} {a} {b}"

@@ -1,4 +1,4 @@
-//! EmptySpace space on disk: cubes of 128 and 4096 voxels without leaves, and their connected components.
+//! Empty space on disk: cubes of 128 and 4096 voxels without leaves, and their connected components.
 
 use super::super::components::{ComponentStats, Side};
 use super::step;

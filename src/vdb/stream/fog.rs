@@ -1,4 +1,4 @@
-//! The fog volume of a level set on disk, fog_leaves leaf by leaf; equal to that of `LevelSet::to_fog`.
+//! The fog volume of a level set on disk, made leaf by leaf; equal to that of `LevelSet::to_fog`.
 //!
 //! With m the least value of the level set, a voxel of value v < 0 has density v / m and is active. Other voxels
 //! have density 0; leaves without active voxels are omitted. Inside tiles have density 1.

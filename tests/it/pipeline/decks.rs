@@ -35,7 +35,7 @@ fn parse(path: &Path) -> Deck {
     let mut keyword = String::new();
     for line in text.lines() {
         if line.starts_with('*') {
-            keyword = line.to_owned();
+            line.clone_into(&mut keyword);
             continue;
         }
         let words: Vec<&str> = line

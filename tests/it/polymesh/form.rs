@@ -103,9 +103,11 @@ fn what_makes_no_crystal_is_named() {
     assert!(error("form cubik [1,0,0]=1").contains("did you mean \"cubic\"?"));
     assert!(error("form cubic [0,0,0]=1").contains("indices that are not all 0"));
     assert!(error("form cubic [1,0,0]=-1").contains("more than 0"));
-    assert!(error("form cubic group=6/mmm [1,0,0]=1").contains("is none of this cubic lattice"));
+    assert!(
+        error("form cubic group=6/mmm [1,0,0]=1").contains("is no symmetry of this cubic lattice")
+    );
     assert!(error("form cubic group=4m [1,0,0]=1").contains("no point group is named \"4m\""));
-    assert!(error("form cubic group=1 [1,0,0]=1").contains("enclose nothing"));
+    assert!(error("form cubic group=1 [1,0,0]=1").contains("enclose no bounded volume"));
     assert!(error("form cubic").contains("planes with their distances"));
     assert!(error("form cubic c=2 [1,0,0]=1").contains("no free axis or angle is named \"c\""));
     assert!(error("form cubic [1,0,0]=1\npush [1,1,1] 0.1").contains("no form {1 1 1}"));

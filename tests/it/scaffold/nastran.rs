@@ -191,13 +191,13 @@ fn coordinate_systems_that_lead_nowhere_are_refused() {
     let loop_of_two =
         "CORD2R,5,6,0.,0.,0.,0.,0.,1.,+\n+,1.,0.,0.\nCORD2R,6,5,0.,0.,0.,0.,0.,1.,+\n+,1.,0.,0.";
     let e = refusal(loop_of_two, 5);
-    assert!(e.found().contains("by itself"), "{e}");
+    assert!(e.found().contains("defined in itself"), "{e}");
     let e = refusal("CORD2R,5,0,0.,0.,0.,0.,0.,1.,+\n+,0.,0.,7.", 5);
     assert!(e.found().contains("one line"), "{e}");
     let e = refusal("CORD1R,5,1,2,77", 5);
     assert!(e.found().contains("grid point 77"), "{e}");
     let e = refusal("CORD1R,5,1,2,3", 5);
-    assert!(e.found().contains("by itself"), "{e}");
+    assert!(e.found().contains("defined in itself"), "{e}");
     let e = refusal("CORD3G,5,1,2,3", 5);
     assert!(e.found().contains("CORD3G"), "{e}");
     let e = refusal("CORD1R,5,1,2,3\nCORD1R,5,1,2,4", 5);

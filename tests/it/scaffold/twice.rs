@@ -188,7 +188,11 @@ fn faces_of_surfaces_too() {
     for (name, text) in [("a.off", off), ("a.obj", obj)] {
         let file = surface(name, text);
         assert_eq!(file.surface.kinds(), [(Kind::Tri3, 1), (Kind::Quad4, 1)]);
-        assert!(file.notes[0].starts_with("2 elements"), "{:?}", file.notes);
+        assert!(
+            file.notes[0].starts_with("2 duplicate elements"),
+            "{:?}",
+            file.notes
+        );
         let plate = file.surface.plate(2.0).unwrap();
         assert!((plate.elements().map(|e| e.volume()).sum::<f64>() - 3.0).abs() < 1e-12);
         if name == "a.obj" {

@@ -35,7 +35,7 @@ fn elements_of_two_groups_make_the_same_solid() {
     let scaffold = twice.scaffold.unwrap();
     assert_eq!(scaffold.volume, 2.0);
     assert!(
-        scaffold.notes[0].contains("1 elements are given again"),
+        scaffold.notes[0].contains("1 duplicate elements were merged"),
         "{:?}",
         scaffold.notes
     );

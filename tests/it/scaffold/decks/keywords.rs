@@ -225,7 +225,10 @@ fn copies_of_nodes_and_elements() {
             "*NCOPY, CHANGE NUMBER=10, OLD SET=NONE, SHIFT\n1,0,0\n",
             "NONE",
         ),
-        ("*NCOPY, CHANGE NUMBER=10, OLD SET=OLD\n1,0,0\n", "no way"),
+        (
+            "*NCOPY, CHANGE NUMBER=10, OLD SET=OLD\n1,0,0\n",
+            "no copy mode",
+        ),
         ("*NCOPY, OLD SET=OLD, SHIFT\n1,0,0\n", "CHANGE NUMBER"),
         (
             "*NCOPY, CHANGE NUMBER=1, OLD SET=OLD, SHIFT\n1,0,.5\n",

@@ -209,10 +209,7 @@ fn elements_on_many_lines_and_given_again() {
         (group(&file, "A"), group(&file, "B")),
         (Some(vec![0]), Some(vec![0]))
     );
-    assert!(
-        file.notes[0].contains("1 elements are given again")
-            && file.notes[0].ends_with("elements 7")
-    );
+    assert!(file.notes[0].contains("1 duplicate elements were merged: elements 7"));
     let e = refusal(&(nodes.clone() + "*NODE\n1,0,0,.1\n"));
     assert!(e.found().contains("second node"), "{e}");
     let e = refusal(&(nodes + "*ELEMENT, TYPE=C3D4\n7,1,2,3,5\n7,1,2,3,6\n"));
