@@ -254,5 +254,5 @@ impl Rows<'_> {
     }
 }
 
-/// A placeholder for a word that is no number; no text parses to these bits.
+/// Marks a word that is not a number; no text parses to these bits.
 const NOT_A_NUMBER: f64 = f64::from_bits(0x7ff8_dead_0000_0001);

@@ -374,7 +374,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         }
         let required = self.attribute(e, "requiredextensions")?.unwrap_or_default();
         for prefix in required.split_whitespace() {
-            // A dummy element resolves the prefix to its namespace.
+            // The reader resolves prefixes of element names only, so the prefix is given a local name.
             let name = format!("{prefix}:x");
             let (result, _) = self.reader.resolve_element(QName(name.as_bytes()));
             let ResolveResult::Bound(namespace) = result else {
