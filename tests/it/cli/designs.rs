@@ -1,6 +1,7 @@
 //! `druse fit --target`: its files, its plan, its refusals, what an interrupt leaves.
 
 use super::{Place, json, refuse, text};
+use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -181,7 +182,7 @@ fn an_interrupted_search_keeps_its_best_cell_and_continues() {
     let long = [
         "fit",
         "--target",
-        "{ maximise = \"bulk\", starts = 2, evaluations = 4000, voxels = 16 }",
+        "{ maximise = \"bulk\", starts = 20, evaluations = 4000, voxels = 32 }",
         "--volume-fraction",
         "0.3",
         "-o",
@@ -197,7 +198,12 @@ fn an_interrupted_search_keeps_its_best_cell_and_continues() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    std::thread::sleep(Duration::from_millis(1500));
+    // However fast the machine is, the first steps are made then and the last one is minutes away.
+    let begun = BufReader::new(child.stderr.take().unwrap())
+        .lines()
+        .map_while(Result::ok)
+        .any(|line| line.contains("design 1 of") && !line.contains(" 0 %"));
+    assert!(begun);
     let id = child.id().to_string();
     let sent = Command::new("kill").args(["-INT", &id]).status().unwrap();
     assert!(sent.success());
