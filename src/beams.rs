@@ -161,7 +161,7 @@ impl Beams {
         };
         let far = radius + reach;
         // Fillets extend to farther parts.
-        let rounding = self.rounding_reach(radius);
+        let rounding = self.fillet_reach(radius);
         let mut least = f64::INFINITY;
         self.tree
             .overlapping(&point_box.dilated(far.max(0.0)), |slot| {
@@ -178,7 +178,7 @@ impl Beams {
 
     /// Distance from the centre of a ball below which parts affect fillets in the ball; negative infinity
     /// without fillets.
-    fn rounding_reach(&self, radius: f64) -> f64 {
+    fn fillet_reach(&self, radius: f64) -> f64 {
         if self.fillet > 0.0 {
             self.fillet + radius
         } else {
@@ -188,7 +188,7 @@ impl Beams {
 
     /// Maximal decrease of values by fillets in a ball, from the parts around its centre.
     fn depth_of_fillets(&self, radius: f64, found: &[(f64, u32)]) -> f64 {
-        let reach = self.rounding_reach(radius);
+        let reach = self.fillet_reach(radius);
         let is_corner = found.iter().filter(|f| f.0 < reach).count() > 1;
         if is_corner { self.fillet } else { 0.0 }
     }
@@ -204,7 +204,7 @@ impl Beams {
         if self.depth_of_fillets(radius, &scratch.found) == 0.0 {
             return;
         }
-        let reach = self.rounding_reach(radius);
+        let reach = self.fillet_reach(radius);
         scratch.found.retain(|f| f.0 < reach);
         let Scratch { found, close, .. } = scratch;
         for (n, value) in values.iter_mut().enumerate() {
@@ -216,7 +216,7 @@ impl Beams {
         }
     }
 
-    /// Values of a leaf, minus `by`, clamped to the background.
+    /// Values of a leaf moved outwards by `by`, clamped to the background.
     fn leaf(
         &self,
         origin: Vec3,
@@ -332,7 +332,8 @@ fn without_band(inside: bool) -> LeafBits {
     }
 }
 
-/// Whether samples beyond the background have the sign of their neighbours, as a slope of at most 1 implies.
+/// Whether a sample outside the band has the sign of all 26 neighbours: the slope is at most 1, and a neighbour
+/// is at most sqrt(3) steps away.
 fn is_settled(background: f64, step: f64) -> bool {
     background >= 1.75 * step
 }
@@ -443,9 +444,9 @@ impl Field for Beams {
     }
 
     fn sides(&self, first: WorldPoint, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
-        // Each leaf is divided into eight parts of 4^3 samples, 5^3 with the layer around the leaf. These are
-        // the positions of the parts' middles among the 32 samples of the cube along an axis.
-        const MIDDLES: [f64; 8] = [1.0, 6.0, 9.0, 14.0, 17.0, 22.0, 25.0, 30.0];
+        // The cube has 4^3 leaves, 32 samples along an axis. Each leaf is divided into eight parts of 4^3
+        // samples, 5^3 with the layer around the leaf. These are the positions of the parts' centres along an axis.
+        const CENTRES: [f64; 8] = [1.0, 6.0, 9.0, 14.0, 17.0, 22.0, 25.0, 30.0];
         let half = 15.5;
         let centre = first.0.add_scalar(half * step);
         let reach = (2.0 * 3f64.sqrt() + ROUNDING_MARGIN) * step;
@@ -460,7 +461,7 @@ impl Field for Beams {
         for &(_, slot) in &scratch.found {
             scratch.near.push(&self.parts[slot as usize], centre);
         }
-        let at = MIDDLES.map(|m| ((m - half) * step) as f32);
+        let at = CENTRES.map(|m| ((m - half) * step) as f32);
         scratch.values.fill((outer + reach) as f32);
         rows::lower_to_distances(&scratch.near, &at, &at, &at, &mut scratch.values);
         let (mut not_inside, mut not_outside) = (0u64, 0u64);

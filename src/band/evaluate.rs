@@ -35,9 +35,9 @@ impl Band<'_> {
         self.evaluate_within(Region::EVERYWHERE, threads, progress, sink)
     }
 
-    /// Evaluates only the leaves that meet a region. Values do not depend on the region. Active voxels do
-    /// not either, except those that are active only by a change of sign towards a voxel outside a region
-    /// that is not a union of blocks.
+    /// Evaluates only the leaves that meet a region. Values do not depend on the region, nor do active
+    /// voxels if it is a union of blocks. Otherwise voxels at its boundary that are active only because of a
+    /// change of sign across it may differ.
     ///
     /// # Errors
     /// As [`Band::evaluate`].
@@ -79,8 +79,8 @@ impl Band<'_> {
 
 /// Evaluates one block: culls, then evaluates, activates and delivers its leaves slab by slab.
 ///
-/// A leaf's mask depends on the signs of its neighbours, so that the values of two slabs are in memory at
-/// a time: the slab to deliver, and the next one, whose signs it needs. A slab of complete leaves is
+/// A leaf's mask depends on the signs of its neighbours, so two slabs of values are in memory at a
+/// time: the slab to deliver, and the next one, whose signs it needs. A slab of complete leaves is
 /// delivered at once, while its values are in the cache. Leaves proved to have no active voxels have no
 /// values.
 fn evaluate_block(
@@ -203,7 +203,7 @@ pub(super) fn batch_values(
 /// The state of a leaf's mask.
 #[derive(Clone, Copy, PartialEq)]
 enum LeafState {
-    /// More voxels may become active by a neighbour beyond the band with the other sign.
+    /// More voxels may become active, next to a voxel of the other sign outside the band.
     Pending,
     /// The mask is final.
     Complete,
@@ -289,7 +289,8 @@ impl<'a> Block<'a> {
                     states[n] = if bits.is_out() {
                         LeafState::Inactive
                     } else if bits.settled || bits.within == [u64::MAX; 8] {
-                        // Neighbours can only activate inactive voxels; here there are none.
+                        // A settled leaf has no voxel outside the band next to a change of sign; a full mask leaves nothing
+                        // to activate.
                         LeafState::Complete
                     } else {
                         LeafState::Pending

@@ -1,4 +1,4 @@
-//! Sinks in memory: a counter of leaves, and a map of all leaves.
+//! Sinks in memory: one counts leaves, one collects them by origin.
 
 use super::{LeafBatch, LeafSink, SinkError, VOXELS};
 use crate::frame::Coord;

@@ -11,14 +11,15 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
-/// Distance of nodes that are merged, as a share of half the scaffold's diagonal.
+/// Spacing of the grid to which nodes are rounded before merging, as a share of half the scaffold's diagonal.
 const NODE_SPACING: f64 = 1e-7;
-/// Largest distance of the images of a node in two elements, as a share of that distance.
+/// Largest distance between the images of one node in two elements, as a share of [`NODE_SPACING`].
 const NODE_TOLERANCE: f64 = 0.01;
 /// Tolerance of an element's faces, reference lengths.
 const FACE_TOLERANCE: f64 = 1e-9;
-/// Maximal number of bisections of a curved strut, and of parts along the side of a curved plate.
+/// Maximal number of successive bisections of a curved strut.
 const MAX_BISECTIONS: u32 = 10;
+/// Maximal number of parts along the side of a curved plate.
 const MAX_PLATE_PARTS: f64 = 64.0;
 /// Elements mapped per batch.
 const BATCH_SIZE: usize = 1 << 14;
@@ -27,7 +28,9 @@ const BATCH_SIZE: usize = 1 << 14;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NetworkError {
     /// More nodes than 32-bit indices.
-    #[error("more than 4 billion nodes of beams; expected fewer: a coarser scaffold or graph")]
+    #[error(
+        "the network has more than 4 billion nodes; expected fewer: use a coarser scaffold, or a cell with fewer struts"
+    )]
     TooMany,
     /// No strut and no plate in any element.
     #[error("no strut and no plate lies in an element; expected at least one")]
@@ -118,12 +121,12 @@ fn clip_segment(element: Element, [a, b]: [Vec3; 2]) -> Option<[Vec3; 2]> {
 
 /// The part of a convex polygon inside an element.
 fn clip_polygon(element: Element, corners: &[Vec3]) -> Vec<Vec3> {
-    let mut left = corners.to_vec();
+    let mut remaining = corners.to_vec();
     for face in element.faces() {
         let over = |p: &Vec3| face.normal.dot(p) - face.offset;
         let mut next = Vec::new();
-        for (n, p) in left.iter().enumerate() {
-            let q = left[(n + 1) % left.len()];
+        for (n, p) in remaining.iter().enumerate() {
+            let q = remaining[(n + 1) % remaining.len()];
             let (u, v) = (over(p), over(&q));
             if u <= FACE_TOLERANCE {
                 next.push(*p);
@@ -134,9 +137,9 @@ fn clip_polygon(element: Element, corners: &[Vec3]) -> Vec<Vec3> {
                 next.push(p + (q - p) * (u / (u - v)));
             }
         }
-        left = next;
+        remaining = next;
     }
-    left
+    remaining
 }
 
 /// A straight segment of a strut.

@@ -75,14 +75,14 @@ impl Domain {
             differs.map_or(std::cmp::Ordering::Equal, |i| b[i].total_cmp(&a[i]))
         });
         let mut chosen: Vec<([Vec3; 4], Vec3)> = Vec::new();
-        for (corners, mark) in flags {
+        for (corners, interior_point) in flags {
             let seen = chosen.iter().any(|(_, other)| {
                 operators
                     .iter()
-                    .any(|q| (q * other - mark).norm_squared() < 1e-16)
+                    .any(|q| (q * other - interior_point).norm_squared() < 1e-16)
             });
             if !seen {
-                chosen.push((corners, mark));
+                chosen.push((corners, interior_point));
             }
         }
         let total: f64 = all_flags(element)
@@ -152,7 +152,7 @@ pub(super) fn point(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
     CellPoint(flag[0] + (flag[1] - flag[0]) * a + (flag[2] - flag[1]) * b + (flag[3] - flag[2]) * c)
 }
 
-/// The lattice of points (i, j, k)/n, n >= i >= j >= k >= 0, of the fundamental simplex.
+/// The lattice of points (i, j, k)/n, n >= i >= j >= k >= 0, of the simplex 1 >= a >= b >= c >= 0.
 pub(super) struct SimplexGrid {
     n: usize,
 }
@@ -208,8 +208,8 @@ impl SimplexGrid {
         }
     }
 
-    /// The tetrahedra of the cube whose lowest corner is (i, j, k)/n. There are six; where the cube crosses
-    /// the boundary of the simplex (unless i > j > k), those outside the simplex are omitted.
+    /// The tetrahedra of the cube whose lowest corner is (i, j, k)/n. There are six if i > j > k;
+    /// otherwise those outside the simplex are omitted.
     pub fn cube(least: [usize; 3], mut visit: impl FnMut([[usize; 3]; 4])) {
         let ordered = |c: &[usize; 3]| c[0] >= c[1] && c[1] >= c[2];
         for path in CUBE_TETRAHEDRA {

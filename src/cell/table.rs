@@ -22,16 +22,16 @@ mod displacement;
 mod gradient_bound;
 mod grid;
 mod hull;
-mod leaf;
-mod pyramid;
 mod resolution;
 mod spline;
+mod spline_series;
 mod window;
+mod window_ranges;
 use build::Spectrum;
 use gradient_bound::{GradientBounds, SurfaceValues};
 use grid::Grid;
-use leaf::Leaf;
 use spline::Spline;
+use spline_series::SplineSeries;
 
 /// Maximal number of samples per axis in [`Table::new`]: 9 MiB for each series of a hex.
 const MAX_SAMPLES: usize = 160;
@@ -43,18 +43,17 @@ const SAMPLES_PER_WAVE: usize = 8;
 /// The interpolated function.
 enum Function {
     /// One series in space, on a grid that its group maps onto itself: the fast path.
-    Single(Box<Leaf>),
+    Single(Box<SplineSeries>),
     /// An expression and its leaves from left to right.
-    Expression(Expression, Vec<Leaf>),
+    Expression(Expression, Vec<SplineSeries>),
 }
 
 /// A tabulated cell. As a [`Field`] it is negative inside the solid.
 ///
 /// A single series is evaluated from one spline, an expression from one spline per series. A cell of the
 /// ball is sampled over a box; its table is for the hex that is the cube around the ball. The gradient is
-/// that of the interpolant. Bounds follow from the Bernstein coefficients of the spline, since it is their
-/// convex combination. They are rigorous for the interpolant, not for the series; [`Table::error_bound`]
-/// bounds the difference. Points are best evaluated in batches ([`Table::values`]).
+/// that of the interpolant. Bounds follow from the Bernstein coefficients of the spline and hold for the
+/// interpolant; [`Table::error_bound`] bounds its difference from the series.
 pub struct Table {
     element: Element,
     fits_any_numbering: bool,
@@ -128,10 +127,10 @@ impl Table {
         } else {
             0.0
         };
-        let mut leaves: Vec<Leaf> = leaves
+        let mut leaves: Vec<SplineSeries> = leaves
             .into_iter()
             .map(|(s, g)| {
-                Leaf::new(
+                SplineSeries::new(
                     s,
                     g,
                     (element, any_numbering),
@@ -142,8 +141,11 @@ impl Table {
             })
             .collect();
         let mut remaining = leaves.iter();
-        let [error_bound, gradient_error_bound, _] = expression
-            .error_bound_with(&mut |_| remaining.next().map_or([f64::INFINITY; 3], Leaf::errors));
+        let [error_bound, gradient_error_bound, _] = expression.error_bound_with(&mut |_| {
+            remaining
+                .next()
+                .map_or([f64::INFINITY; 3], SplineSeries::errors)
+        });
         let mut remaining = leaves.iter();
         let bounding_box = element.cell_box();
         let (_, gradient_sup) = expression.bound_with(&mut |_| {
@@ -217,7 +219,7 @@ impl Table {
         self.fits_any_numbering
     }
 
-    fn leaves(&self) -> &[Leaf] {
+    fn leaves(&self) -> &[SplineSeries] {
         match &self.function {
             Function::Single(leaf) => std::slice::from_ref(leaf),
             Function::Expression(_, leaves) => leaves,
@@ -226,12 +228,16 @@ impl Table {
 
     /// The largest number of samples per period over all axes and series.
     pub fn samples(&self) -> usize {
-        self.leaves().iter().map(Leaf::samples).max().unwrap_or(0)
+        self.leaves()
+            .iter()
+            .map(SplineSeries::samples)
+            .max()
+            .unwrap_or(0)
     }
 
     /// Memory of the table in bytes.
     pub fn bytes(&self) -> usize {
-        self.leaves().iter().map(Leaf::bytes).sum()
+        self.leaves().iter().map(SplineSeries::bytes).sum()
     }
 
     /// Number of exponentials of the cell that the table omits, see [`Table::for_displacement`].
@@ -444,13 +450,17 @@ fn spectra(expression: &Expression) -> Result<Vec<Spectrum>, CellError> {
 }
 
 #[inline(never)]
-fn expression_value(expression: &Expression, leaves: &[Leaf], p: Vec3) -> f32 {
+fn expression_value(expression: &Expression, leaves: &[SplineSeries], p: Vec3) -> f32 {
     let mut remaining = leaves.iter();
     expression.value_with(&mut |_| remaining.next().map_or(f64::NAN, |leaf| leaf.value(p))) as f32
 }
 
 #[inline(never)]
-fn expression_gradient(expression: &Expression, leaves: &[Leaf], p: Vec3) -> (f32, [f32; 3]) {
+fn expression_gradient(
+    expression: &Expression,
+    leaves: &[SplineSeries],
+    p: Vec3,
+) -> (f32, [f32; 3]) {
     let mut remaining = leaves.iter();
     let (v, g) = expression.gradient_with(&mut |_| {
         remaining
@@ -481,10 +491,9 @@ impl Field for Table {
 
     fn bound(&self, region: &CellBox<3>) -> Interval {
         let (raw, _) = self.range(region);
+        let half = f64::from(self.half_thickness);
         match self.solid {
-            Solid::Below | Solid::Sheet | Solid::Channels => {
-                self.solid.interval(raw, f64::from(self.half_thickness))
-            }
+            Solid::Below | Solid::Sheet | Solid::Channels => self.solid.interval(raw, half),
             Solid::Above => raw.negated(),
         }
     }

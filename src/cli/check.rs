@@ -226,7 +226,7 @@ fn level_set(
     let mut problems = check.problems();
     if !grid.cubic {
         problems.push(format!(
-            "{}, which are no cubes along the axes: commands take it with --resample",
+            "{}, which are not cubes along the axes: commands read it with --resample",
             grid.shape()
         ));
     }

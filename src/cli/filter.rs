@@ -1,4 +1,4 @@
-//! `druse filter IN.vdb -o OUT OP...`.
+//! `druse filter IN.vdb -o OUT OP...`: applies operations of a recipe to a grid of a file.
 
 use super::vdb_commands::{
     Draft, GridChoice, answer as report_answer, extent, output_key, path_value,
@@ -25,7 +25,7 @@ pub(super) struct Parameters {
     /// Grids of the output file, separated by commas: surface, density, thickness [default: surface].
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     grids: Vec<GridWord>,
-    /// Also write N copies on voxels of 2, 4, 8 ... times the edge.
+    /// Also write N coarser copies, with voxel edges 2, 4, 8 ... times as long.
     #[arg(long, value_name = "N")]
     lod: Option<u8>,
     /// Write each connected component separately, as grids of the file or as files.
@@ -39,7 +39,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Operations without parameters.
+/// Operations that a recipe enables by `true`; others without a value get an empty table, for the defaults.
 const FLAGS: [&str; 4] = ["keep_largest", "fill_voids", "prune", "fog"];
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
@@ -76,7 +76,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(report_answer(&report, &lines))
 }
 
-/// An operation of the command line as the entry of a recipe.
+/// Parses an operation of the command line into the name and the value of a recipe's entry.
 fn operation(text: &str) -> Result<(&str, Value), Failure> {
     let Some((name, value)) = text.split_once('=') else {
         let value = if FLAGS.contains(&text) {
@@ -98,6 +98,6 @@ fn operation(text: &str) -> Result<(&str, Value), Failure> {
         Ok(mut table) if table.len() == 1 => table.remove("value"),
         _ => None,
     };
-    let text = || Value::String(text.split_once('=').map_or("", |t| t.1).to_owned());
-    Ok((name, value.unwrap_or_else(text)))
+    let as_string = || Value::String(text.split_once('=').map_or("", |t| t.1).to_owned());
+    Ok((name, value.unwrap_or_else(as_string)))
 }

@@ -1,4 +1,5 @@
-//! `druse cell plot X.cell -o X.png [--source INPUT]`.
+//! `druse cell plot X.cell -o X.png [--source INPUT]`: draws a cell, optionally beside its source, and lists
+//! its rms error by the number of coefficients.
 
 use super::{Answer, Failure, Session};
 use crate::io::atomic::write_bytes;
@@ -11,7 +12,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// The .cell file, or the name of a surface.
+    /// The .cell file, or the name of a built-in surface.
     cell: PathBuf,
     /// The picture to write (.png).
     #[arg(short, long, value_name = "X.png")]
@@ -51,8 +52,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
                     ..CellSection::default()
                 };
                 let (section, _) = super::fit::section(input, &flags)?;
-                let tools = crate::vdb::Session::new(&threads, session);
-                let source = pipeline::read_source(&section, cell.element(), tools);
+                let vdb_session = crate::vdb::Session::new(&threads, session);
+                let source = pipeline::read_source(&section, cell.element(), vdb_session);
                 Some(source.map_err(|e| super::fit::of_input(e, input))?)
             }
         };
@@ -61,7 +62,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let bytes = write_bytes(&p.output, &plot.image.png()?)?;
     let mut text = String::new();
     for (count, rms) in &plot.curve {
-        let _ = writeln!(text, "{count:>6} coefficients: rms {rms:.3e}");
+        let _ = writeln!(text, "{count:>6} coefficients: rms error {rms:.3e}");
     }
     let path = p.output.display().to_string();
     let _ = write!(text, "{path}  {}", super::run::size(bytes));

@@ -84,7 +84,7 @@ pub(super) fn unchecked(
     session: vdb::Session<'_>,
 ) -> Result<Result<Adopted, FileError>, Failure> {
     let how = GridReading {
-        cubes: Cubes::Numbers,
+        cubes: Cubes::IndexSpace,
         allow_torn: true,
         ..GridReading::default()
     };

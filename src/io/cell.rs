@@ -31,7 +31,7 @@ pub fn read_cell(path: impl AsRef<Path>) -> Result<Cell, ReadError> {
         ReadError::data(
             path,
             Place::Byte(byte),
-            "bytes that are no UTF-8",
+            "bytes that are not valid UTF-8",
             "JSON text",
         )
     })?;

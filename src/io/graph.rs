@@ -144,7 +144,7 @@ fn read_text(
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let byte = Place::Byte(e.utf8_error().valid_up_to() as u64);
-        ReadError::data(path, byte, "bytes that are no UTF-8", "text")
+        ReadError::data(path, byte, "bytes that are not valid UTF-8", "text")
     })?;
     let expected = "a graph: nodes, edges, radius, faces, thickness";
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");

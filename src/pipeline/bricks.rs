@@ -5,6 +5,12 @@
 //! together are the band; attribute files beside them hold the values that shade it. Measures and
 //! outputs are computed brick by brick. No value depends on the bricks: the content hash equals that of
 //! a run in memory, for any brick size, number of threads and number of interruptions.
+//!
+//! A run in memory is not the run of one brick. That takes 1.7 to 2.6 times its CPU time (examples
+//! `strut_block`, `bracket` and `schwarz_block`), because every stage would read leaves from disk. Both share the
+//! code of each step: sampling ([`Shape`]), operations ([`level_set_ops`]), thickness (`RegionalSurface`), inscribed
+//! balls, rows of attributes, decimation, decks, welding and the file writers. Only the loops around them differ:
+//! components and fog are found on a tree or per block, meshes and attributes come whole or in patches.
 
 use super::error::RunError;
 use super::estimate::{self, Counts};

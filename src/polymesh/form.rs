@@ -167,7 +167,7 @@ pub enum FormError {
     },
     /// A group that does not keep the lattice.
     #[error(
-        "the group {group} is no symmetry of this {system} lattice: {operator} changes its axes"
+        "the group {group} is not a symmetry of this {system} lattice: {operator} changes its axes"
     )]
     Group {
         /// The group.

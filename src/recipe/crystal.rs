@@ -17,7 +17,7 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CrystalSection {
-    /// The script: one step a line, or several with ";" between them.
+    /// The script: one step per line, or several separated by ";".
     pub steps: Option<String>,
     /// A script's file (.crystal).
     pub file: Option<PathBuf>,
@@ -28,8 +28,8 @@ pub struct CrystalSection {
 /// A crystal of the recipe: its name, or a table.
 pub type CrystalRef = Brief<CrystalFrame>;
 
-/// A crystal of the recipe, placed. Its numbers are in the recipe's unit; as the source of a cell in the
-/// element's reference coordinates.
+/// A crystal of the recipe, placed. Its lengths are in the recipe's unit or, if it is the source of a cell, in
+/// the element's reference coordinates.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CrystalFrame {
@@ -60,7 +60,7 @@ pub enum SurfaceRef<'a> {
 }
 
 impl<'a> SurfaceRef<'a> {
-    /// The surface of the key that is given, `mesh` before `crystal`.
+    /// The surface given by `mesh` or, without it, by `crystal`.
     pub(super) fn of(
         mesh: Option<&'a Brief<FileFrame>>,
         crystal: Option<&'a CrystalRef>,
@@ -87,7 +87,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Result<(), RecipeEr
             (None, Some(_)) => continue,
             (steps, _) => {
                 let found = if steps.is_some() { "both" } else { "none" };
-                let message = format!("{key} needs exactly one of steps, file; found {found}");
+                let message = format!("{key} needs exactly one of steps and file; found {found}");
                 return Err(source.fault(&key, message));
             }
         };
@@ -96,7 +96,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Result<(), RecipeEr
     for (key, found) in pairs(sections) {
         if found != 1 {
             let message = format!(
-                "{key} needs exactly one of mesh, crystal; found {}",
+                "{key} needs exactly one of mesh and crystal; found {}",
                 ["none", "", "both"][found]
             );
             return Err(source.fault(&key, message));

@@ -34,7 +34,7 @@ pub enum RecipeFault {
 /// A recipe that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecipeError {
-    /// The family of the fault.
+    /// The kind of fault.
     pub fault: RecipeFault,
     /// The recipe's file.
     pub file: Option<Box<Path>>,
@@ -95,7 +95,7 @@ impl RecipeError {
         }
     }
 
-    /// The place of the first byte that is not UTF-8.
+    /// An error at the first byte that is not valid UTF-8.
     pub(super) fn not_text(path: &Path, error: &std::string::FromUtf8Error) -> Self {
         let (before, after) = error.as_bytes().split_at(error.utf8_error().valid_up_to());
         let start = before
@@ -112,12 +112,14 @@ impl RecipeError {
             }),
             ..Self::invalid(
                 Some(path),
-                format!("found the byte {found:#04x}, which is no UTF-8; expected a text"),
+                format!(
+                    "found the byte {found:#04x}, which is not valid UTF-8; expected UTF-8 text"
+                ),
             )
         }
     }
 
-    /// Translates an error of the TOML reader: its place, and the nearest known word.
+    /// Converts an error of the TOML reader, with its place and, for an unknown word, the most similar known one.
     pub(super) fn toml(source: &Source, error: &toml::de::Error) -> Self {
         let mut message = error.message().trim_end().replace('\n', "; ");
         let mut hint = None;

@@ -47,7 +47,7 @@ pub enum Cubes {
     /// The grid is resampled to cubes of this edge, in the file's unit.
     Edge(f64),
     /// The level set stays in index space: edge 1, origin 0.
-    Numbers,
+    IndexSpace,
 }
 
 /// A converted level set and its repairs.

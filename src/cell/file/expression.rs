@@ -61,8 +61,8 @@ pub(super) struct Shifted {
     by: f64,
 }
 
-/// The text and the number of series and coefficients that are already read, which locate errors: each
-/// series has the same keys, so the key of the n-th series is the n-th occurrence.
+/// Reads the function of a file. The counts of series and coefficients that are already read locate errors: the
+/// n-th series has the n-th occurrence of each key.
 pub(super) struct Reader<'a> {
     pub text: &'a str,
     pub element: Element,
@@ -165,14 +165,14 @@ impl Reader<'_> {
         })?;
         let of_lattice = |e: SymmetryError| self.on("lattice", e.to_string());
         let lattice = Lattice::new(vectors).map_err(of_lattice)?;
-        // A named lattice is exact, independent of the file's digits.
+        // The exact named lattice replaces the rounded vectors of the file.
         let lattice: Lattice<D> = match lattice.name() {
             Some(name) => Lattice::named(name).map_err(of_lattice)?,
             None => {
                 return Err(self.on(
                     "lattice",
                     format!(
-                        "the lattice {:?} does not go with a {}; expected {}",
+                        "the lattice {:?} is not compatible with a {}; expected {}",
                         entry.lattice,
                         self.element.name(),
                         lattices(self.element).join(" or ")

@@ -33,22 +33,23 @@ pub fn fit_matched(
     progress: &dyn Progress,
 ) -> Result<Vec<Cell>, FitError> {
     let fail = |what: &str| {
-        let text = format!("cells of a mixed mesh are matched {what}");
+        let text = format!("cells of a mixed mesh {what}");
         Err(FitError::Cell(CellError::Expression(text)))
     };
     let Some(first) = cells.first() else {
         return Ok(Vec::new());
     };
     if cells.iter().any(|c| c.element().dimension() != 3) {
-        return fail("in space, not in the plane");
+        return fail("must be three-dimensional; found a planar one");
     }
     if cells.iter().any(|c| c.solid() != first.solid()) {
-        return fail("if all are solid on the same side");
+        return fail("must be solid on the same side of the level; found both sides");
     }
     let mut bases = Vec::new();
     for cell in cells {
         let element = cell.element();
-        // A larger ball lets waves of odd order inside a triangle extend to its edges.
+        // Waves of odd order on a triangle reach its edges only with frequencies up to sqrt(band_limit^2 + 1/3)
+        // cycles per edge.
         let on_square = element == Element::Hex;
         let least = if on_square { 0.0 } else { 1.0 / 3.0 };
         let radius = (options.band_limit.powi(2) + least).sqrt() / element.edge();
@@ -80,7 +81,7 @@ pub fn fit_matched(
     let real = NormalEquations::joined(equations).solve(Some(&constraint))?;
     let half = cells
         .iter()
-        .map(|c| c.level() / edges_per_unit(c))
+        .map(|c| c.level() / field_units_per_edge(c))
         .sum::<f64>()
         / cells.len() as f64;
     let mut rest = &real[..];
@@ -129,7 +130,7 @@ fn too_large(band_limit: f64, unknowns: usize) -> FitError {
 }
 
 /// Units of a cell's field per edge length, on its surface.
-fn edges_per_unit(cell: &Cell) -> f64 {
+fn field_units_per_edge(cell: &Cell) -> f64 {
     cell.gamma() * cell.element().edge()
 }
 
@@ -148,7 +149,7 @@ fn targets(
     let parts_per_edge = parts_per_edge(element, &domain, basis.len(), options.samples);
     let (quadrature_points, interior) =
         quadrature_points(element, &domain, parts_per_edge, options.weights());
-    let scale = edges_per_unit(cell).recip();
+    let scale = field_units_per_edge(cell).recip();
     let value = |p: CellPoint<3>| {
         if cell.solid().is_symmetric() {
             cell.expression().value(p)

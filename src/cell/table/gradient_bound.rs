@@ -8,7 +8,7 @@
 
 use super::grid::Grid;
 use super::hull::{CELLS_PER_BATCH, cell_ranges};
-use super::pyramid::Range;
+use super::window_ranges::Range;
 use crate::frame::{Element, Face, Vec3};
 use rayon::prelude::*;
 use std::cmp::Ordering;
@@ -48,7 +48,8 @@ impl GradientBounds {
         self.bounds[DISTANCE_SHARES.len() - 1].1
     }
 
-    /// A bound L over the points of the element whose values are within L `reach` of the surface's values.
+    /// A bound L over the points of the element whose values differ by at most L times `reach` from
+    /// those on the surface.
     pub fn near_surface(&self, reach: f64) -> f64 {
         let holds = |&&(level, slope): &&(f64, f64)| slope * reach <= level;
         let found = self.bounds.iter().find(holds);
@@ -64,7 +65,7 @@ impl GradientBounds {
     }
 }
 
-/// The values of the surface: `half` and -`half`.
+/// The values of the field on the surface: `half` and -`half` for a sheet, both 0 for a single surface.
 #[derive(Clone, Copy)]
 pub(super) struct SurfaceValues {
     pub half: f32,
@@ -86,8 +87,8 @@ struct BoundedCell {
 }
 
 /// Bounds of the gradient's length over the spline cells that meet the element. Arguments are the padded
-/// coefficients with their largest magnitude, and whether the cell is independent of the numbering of the
-/// nodes. The element's symmetries, including the rotations of a series, map the element onto itself.
+/// coefficients with their largest magnitude, and whether the function has the full symmetry of the element, so
+/// that one sector suffices.
 pub(super) fn gradient_bounds_over(
     (coefficients, largest): (&[f32], f32),
     grid: &Grid,
@@ -110,17 +111,17 @@ pub(super) fn gradient_bounds_over(
     };
     let [xs, ys, zs] = [cells(0), cells(1), cells(2)];
     // The full group maps the part of a tet or a hex with x >= |y|, |z| onto the rest.
-    let wedge = whole_group && matches!(element, Element::Tet | Element::Hex);
-    let in_wedge = |i: i64, c: i64| !wedge || (i >= -1 && c.abs() <= i + 2);
+    let use_sector = whole_group && matches!(element, Element::Tet | Element::Hex);
+    let in_sector = |i: i64, c: i64| !use_sector || (i >= -1 && c.abs() <= i + 2);
     let in_slab = |i: i64| {
         let (mut max_slope, mut found) = (
             [0f32; DISTANCE_SHARES.len()],
             [(); DISTANCE_SHARES.len()].map(|()| Vec::new()),
         );
-        for j in ys.clone().filter(|&j| in_wedge(i, j)) {
+        for j in ys.clone().filter(|&j| in_sector(i, j)) {
             // The ranges of the last bounded batch of cells in this row.
             let (mut last, mut ranges) = (usize::MAX, [Range::JOIN_IDENTITY; CELLS_PER_BATCH]);
-            for k in zs.clone().filter(|&k| in_wedge(i, k)) {
+            for k in zs.clone().filter(|&k| in_sector(i, k)) {
                 let at = [i, j, k];
                 let lo = Vec3::from_fn(|a, _| at[a] as f64).component_mul(&step);
                 if faces.iter().all(|f| meets(f, lo, step)) {
@@ -291,7 +292,7 @@ impl SubBox {
                 per_unit,
             };
         }
-        // Derivatives, raised to the third degree.
+        // Partial derivatives, degree-elevated to cubics.
         let [x, y, z] = [0, 1, 2].map(|axis| {
             map_lines(&coefficients, STRIDES[axis], |[a, b, c, d]| {
                 let by = per_unit[axis];

@@ -15,7 +15,7 @@ impl Grid {
         std::array::from_fn(|a| self.samples[a] as f64 / self.periods[a])
     }
 
-    /// Sizes of the padded coefficients, which repeat three layers per axis.
+    /// Array sizes of the coefficients, padded periodically by three layers per axis.
     pub fn padded(&self) -> [usize; 3] {
         self.samples.map(|n| n + 3)
     }
@@ -30,7 +30,7 @@ pub(super) struct GridSymmetry {
     pub twofold: bool,
     /// Whether a shift by half a period along any two axes is a symmetry.
     pub centred: bool,
-    /// Whether the exchange of x and y is a symmetry, and that of y and z. Used only where both axes are
-    /// folded equally.
+    /// Whether exchanging x and y, and exchanging y and z, are symmetries. Used only where both axes have the
+    /// same other symmetries.
     pub exchanged: [bool; 2],
 }

@@ -10,7 +10,7 @@
 #![allow(clippy::inline_always)]
 
 use super::grid::Grid;
-use super::pyramid::Range;
+use super::window_ranges::Range;
 use crate::simd::{self, Lanes, SimdKernel};
 
 /// Spline cells per batch.

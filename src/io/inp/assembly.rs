@@ -366,7 +366,7 @@ impl Missing {
                 .map(|s| quote(s))
                 .collect();
             collector.warnings.push(format!(
-                "{} members of element sets are no elements of the deck: sets {}",
+                "{} members of element sets are not among the elements of the deck: sets {}",
                 self.count,
                 names.join(", ")
             ));

@@ -125,7 +125,7 @@ fn grids(
     if output.half && extension == "nvdb" {
         return fault(
             "half",
-            "a .nvdb holds whole floats; expected half with .vdb".into(),
+            "a .nvdb stores 32-bit floats; half needs a .vdb".into(),
         );
     }
     let Some(words) = &output.grids else {
@@ -140,10 +140,14 @@ fn grids(
     }
     for (n, word) in words.iter().enumerate() {
         if words[..n].contains(word) {
-            return fault("grids", format!("{word} stands there twice"));
+            return fault(
+                "grids",
+                format!("{word} is listed twice; expected each grid once"),
+            );
         }
         if ply && !word.is_attribute() {
-            let message = format!("{word} is no number of a vertex; expected it in a .vdb");
+            let message =
+                format!("{word} has no value at a vertex of a mesh; expected it in a .vdb");
             return fault("grids", message);
         }
         if word.needs_scaffold() && sections.scaffold.is_none() {
@@ -168,7 +172,7 @@ fn grids(
     }
     let has_segments = output.segments.is_some();
     if has_segments && words.iter().any(|w| *w != GridWord::Surface) {
-        return fault("segments", "pieces have the grid surface only".into());
+        return fault("segments", "segments are written with the grid surface alone; expected grids = [\"surface\"] or no grids".into());
     }
     Ok(())
 }
@@ -188,7 +192,7 @@ fn of_beams(
     let of_triangles = output.project || output.sharp || output.merging() > 0.0;
     if of_triangles || output.decimate.is_some() || output.quads {
         return fault(
-            "beams are no triangles; expected none of quads, project, sharp, adaptivity, decimate"
+            "beams are written as beams, not as triangles; remove quads, project, sharp, adaptivity and decimate"
                 .into(),
         );
     }
@@ -316,7 +320,7 @@ fn of_mesh(
         return fault(
             exact_key,
             format!(
-                "{exact_key} needs the exact field, and op.{n}.{name} makes the solid one of voxels only; \
+                "{exact_key} needs the exact field, and after op.{n}.{name} the solid is known at voxels alone; \
                  expected intersect, union, subtract and trim without grids of files, then at most \
                  keep_largest, drop_small, fill_voids, prune"
             ),

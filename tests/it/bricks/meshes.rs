@@ -63,7 +63,9 @@ fn vertices_on_the_exact_field_and_their_numbers_are_those_of_memory() {
 /// the bricks and the threads. The other outputs keep at most a share of the first.
 fn assert_fewer_in_all_bricks(voxel: &str, outputs: &str, shares: &[(&str, f64)]) {
     let directory = tempfile::tempdir().unwrap();
-    let text = TILED.replace("voxel_size = 0.25", &format!("voxel_size = {voxel}"));
+    let text = TILED
+        .replace("voxel_size = 0.25", &format!("voxel_size = {voxel}"))
+        .replace("[16, 16, 16]", "[16, 8, 8]");
     let all = "[[output]]\nmesh = \"all.stl\"\n";
     let recipe = Recipe::parse(&format!("{text}{all}{outputs}"), &[]).unwrap();
     let made: Vec<_> = [(1, 2), (2, 1), (3, 2)]
@@ -219,7 +221,7 @@ fn faces_on_the_exact_field_are_the_same_in_all_bricks() {
 fn thin_bands_are_meshed_in_bricks_as_in_memory() {
     let directory = tempfile::tempdir().unwrap();
     let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));
-    let text = "druse = 1\nunit = \"mm\"\n[cell.g]\nsurface = \"gyroid\"\nvolume_fraction = 0.4\n[scaffold]\nbox = { size = [19.8, 16.5, 16.5], cell_size = 3.3, origin = [0, 0, 0] }\n[tiling]\ncell = \"g\"\n[band]\nvoxel_size = 0.1\nhalf_width = 1.5\n[[op]]\ndilate = \"2vx\"\n[[output]]\nmesh = \"a.obj\"\n";
+    let text = "druse = 1\nunit = \"mm\"\n[cell.g]\nsurface = \"gyroid\"\nvolume_fraction = 0.4\n[scaffold]\nbox = { size = [19.8, 6.6, 6.6], cell_size = 3.3, origin = [0, -3.3, -3.3] }\n[tiling]\ncell = \"g\"\n[band]\nvoxel_size = 0.1\nhalf_width = 1.5\n[[op]]\ndilate = \"2vx\"\n[[output]]\nmesh = \"a.obj\"\n";
     let recipe = Recipe::parse(text, &[]).unwrap();
     let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
     let two = run(&recipe, &options(&parts, Some(1), 2), &Silent).unwrap();

@@ -198,7 +198,9 @@ fn wrong_crystals_are_refused_with_a_way_out() {
     );
     assert!(unknown.contains("did you mean \"gem\"?"), "{unknown}");
     let two = "[[op]]\nunion = { skin = { crystal = \"gem\", mesh = \"a.stl\", thickness = 1 } }";
-    assert!(refuse(&with("cube", 0.1, two)).contains("exactly one of mesh, crystal; found both"));
+    assert!(
+        refuse(&with("cube", 0.1, two)).contains("exactly one of mesh and crystal; found both")
+    );
     let none = "[[op]]\nunion = { skin = { thickness = 1 } }";
     assert!(refuse(&with("cube", 0.1, none)).contains("found none"));
     let thin = format!("[scaffold]\ncrystal = \"gem\"\n{CELL}");

@@ -266,7 +266,7 @@ fn wishes_that_cannot_be_met_are_refused_with_the_reason() {
         ),
         (
             "[[output]]\nmesh = \"a.ply\"\ngrids = [\"density\"]\n",
-            "no number of a vertex",
+            "no value at a vertex",
         ),
         (
             "[[output]]\nvdb = \"a.vdb\"\ngrids = [\"surface\", \"surface\"]\n",

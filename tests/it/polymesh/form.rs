@@ -104,7 +104,8 @@ fn what_makes_no_crystal_is_named() {
     assert!(error("form cubic [0,0,0]=1").contains("indices that are not all 0"));
     assert!(error("form cubic [1,0,0]=-1").contains("more than 0"));
     assert!(
-        error("form cubic group=6/mmm [1,0,0]=1").contains("is no symmetry of this cubic lattice")
+        error("form cubic group=6/mmm [1,0,0]=1")
+            .contains("is not a symmetry of this cubic lattice")
     );
     assert!(error("form cubic group=4m [1,0,0]=1").contains("no point group is named \"4m\""));
     assert!(error("form cubic group=1 [1,0,0]=1").contains("enclose no bounded volume"));

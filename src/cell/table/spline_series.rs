@@ -3,8 +3,8 @@
 use super::build::Spectrum;
 use super::gradient_bound::{GradientBounds, SurfaceValues, gradient_bounds_over};
 use super::grid::Grid;
-use super::pyramid::Pyramid;
 use super::spline::{POSITION_ERROR, Spline};
+use super::window_ranges::WindowRanges;
 use crate::field::Interval;
 use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 
@@ -18,9 +18,9 @@ const SLOPE_ROUNDING: f64 = 1e-5;
 
 /// A series as a spline. If operators of its group do not map the grid onto itself (those of order 3 about
 /// z on a grid along x and y), the value is the mean over the rotated points.
-pub(super) struct Leaf {
+pub(super) struct SplineSeries {
     pub spline: Spline,
-    pyramid: Pyramid,
+    ranges: WindowRanges,
     /// Bounds of the gradient's length over the element.
     gradient_bounds: GradientBounds,
     /// Bounds of the rounding error of a value and of a gradient component.
@@ -35,7 +35,7 @@ pub(super) struct Leaf {
     error: (f64, f64),
 }
 
-impl Leaf {
+impl SplineSeries {
     /// The leaf on a grid that represents its waves, for an element. `whole_group` states that the cell is
     /// independent of the numbering of the nodes. The surface is where the function has the values `surface`.
     pub fn new(
@@ -45,19 +45,19 @@ impl Leaf {
         surface: SurfaceValues,
     ) -> Self {
         let coefficients = spectrum.coefficients(&grid);
-        let pyramid = Pyramid::new(&coefficients, &grid);
-        let all = (&*coefficients, pyramid.largest());
+        let ranges = WindowRanges::new(&coefficients, &grid);
+        let all = (&*coefficients, ranges.largest());
         let gradient_bounds = gradient_bounds_over(all, &grid, (element, whole_group), surface);
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
-        let largest = f64::from(pyramid.largest());
-        let slope = f64::from(pyramid.query([0; 3], grid.samples).max_slope);
+        let largest = f64::from(ranges.largest());
+        let slope = f64::from(ranges.query([0; 3], grid.samples).max_slope);
         let position_error = POSITION_ERROR * grid.periods.into_iter().fold(0.0, f64::max);
         let gradient_rounding = (SLOPE_ROUNDING * largest + 2.0 * position_error * slope) * scale;
         let rounding = ROUNDING * largest + position_error * slope;
         Self {
             gradient_bounds: gradient_bounds.widened(rounding, 1e-6 * slope + gradient_rounding),
             rounding: [rounding, gradient_rounding],
-            pyramid,
+            ranges,
             spline: Spline::new(&coefficients, grid, spectrum.symmetry),
             error: spectrum.error_bounds(&grid),
             frequency: spectrum.max_frequency(),
@@ -72,7 +72,7 @@ impl Leaf {
     }
 
     pub fn bytes(&self) -> usize {
-        self.spline.bytes() + self.pyramid.bytes()
+        self.spline.bytes() + self.ranges.bytes()
     }
 
     /// Bound of the rounding error of a value.
@@ -87,7 +87,7 @@ impl Leaf {
 
     /// Bounds of the error of a value, of the error of a gradient component, and of the gradient's length.
     pub fn errors(&self) -> [f64; 3] {
-        let whole_period = self.pyramid.query([0; 3], self.spline.grid().samples);
+        let whole_period = self.ranges.query([0; 3], self.spline.grid().samples);
         [
             self.error.0 + self.rounding(),
             self.error.1 + self.gradient_rounding(),
@@ -140,7 +140,7 @@ impl Leaf {
                 }
             };
             let (from, count) = self.spline_cells(&image);
-            let range = self.pyramid.query(from, count);
+            let range = self.ranges.query(from, count);
             lo += f64::from(range.least);
             hi += f64::from(range.greatest);
             max_slope += f64::from(range.max_slope);

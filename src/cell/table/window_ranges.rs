@@ -1,4 +1,4 @@
-//! Range queries on a spline: a pyramid of overlapping windows with the ranges of spline cells.
+//! Range queries on a spline: overlapping windows of all sizes, each with the range of its spline cells.
 
 use super::grid::Grid;
 use super::hull::{CELLS_PER_BATCH, cell_ranges};
@@ -104,7 +104,7 @@ impl Level {
 }
 
 /// Windows of all sizes. A few of them cover any box, at most one stride too wide on each side.
-pub(super) struct Pyramid {
+pub(super) struct WindowRanges {
     samples: [usize; 3],
     largest: f32,
     units: Units,
@@ -115,8 +115,8 @@ pub(super) struct Pyramid {
 /// Maximal number of window look-ups per query, beyond which wider windows are used.
 const MAX_LOOK_UPS: usize = 64;
 
-impl Pyramid {
-    /// The pyramid of the padded coefficients of a grid.
+impl WindowRanges {
+    /// The windows over the padded coefficients of a grid.
     pub fn new(coefficients: &[f32], grid: &Grid) -> Self {
         let largest = coefficients.iter().fold(0f32, |m, c| m.max(c.abs()));
         let (units, base) = base(coefficients, grid, largest);
