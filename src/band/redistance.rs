@@ -2,14 +2,15 @@
 //!
 //! Each crossing of the surface with a lattice edge is a point with a normal and second derivatives from
 //! the voxels around it. The distance of a voxel x is that to the surface through its nearest point q. With
-//! h the component of x - q along the normal n, t the tangential component, and k = t H t / |t|^2 the
-//! curvature of the Hessian H of the distance in that direction,
+//! h the component of x - q along the normal n, t the tangential component, and k = t·H t / |t|^2 the normal
+//! curvature in the direction of t (H is the Hessian of the distance),
 //!
 //! `d = h + k |t|^2 / (2 (1 + h k))`,
 //!
 //! which is exact to second order in |t| and at most |x - q|; for |t| beyond a voxel it is |x - q|. Points
-//! at sharp edges and corners use the distance to the planes that meet there, in closed form. Signs are
-//! those of the level set. The error does not grow with the distance. A leaf depends only on the points
+//! at sharp edges and corners use the distance to the planes that meet there, in closed form; corners are
+//! points too. No distance is shorter than |x - q| by more than a limit, which keeps offset bands free of
+//! gaps. Signs are those of the level set. The error does not grow with the distance. A leaf depends only on the points
 //! within its reach, so that results depend neither on threads nor on bricks with a halo of that width.
 
 use super::index::LeafIndex;
@@ -21,20 +22,20 @@ use rayon::prelude::*;
 mod block;
 mod cache;
 mod candidates;
+mod corner;
 mod field;
 mod search;
 mod surface_points;
+mod vector;
 mod wedge;
 
 pub use field::ClosestPointField;
 
-use block::Move;
+use block::OffsetLengths;
+use corner::Corner;
 use search::Search;
 use surface_points::{NO_WEDGE, Point, Stencils};
 use wedge::Wedge;
-
-/// Minimum half width, voxels, of a band that determines surface points: stencils extend two voxels beyond it.
-const MIN_HALF_WIDTH: f32 = 3.0;
 
 /// Points of the surface of a level set, ordered by the leaves that contain them.
 pub struct SurfacePoints {
@@ -61,7 +62,8 @@ pub struct MovedLeaf {
 }
 
 impl MovedLeaf {
-    /// Restores the old active values of the leaf that are below the old background (world units).
+    /// Restores the old active values of the leaf that are smaller in magnitude than the old background (world
+    /// units).
     pub fn keep(&mut self, before: &LeafRef<'_>, background: f32) {
         let near = background * (1.0 - 1e-5);
         for (n, v) in before.values.iter().enumerate() {
@@ -74,12 +76,17 @@ impl MovedLeaf {
 }
 
 impl SurfacePoints {
+    /// Minimum half width, voxels, of a band that determines surface points: stencils extend two voxels from the voxels of a crossing.
+    pub const MIN_HALF_WIDTH: f64 = 3.0;
+    /// Greatest distance of a corner of the surface from the crossing that determines it, voxels.
+    pub const MAX_CORNER_OFFSET: f64 = wedge::MAX_CORNER_OFFSET as f64;
+
     /// Whether a band of this half width (voxels) is wide enough.
     pub fn suffices(half_width: f64) -> bool {
-        half_width as f32 >= MIN_HALF_WIDTH
+        half_width as f32 >= Self::MIN_HALF_WIDTH as f32
     }
 
-    /// The points of a closed band. `leaf` returns leaf 0 to `count - 1` in ascending order of origin, from any
+    /// The points of the band of a closed surface. `leaf` returns leaf 0 to `count - 1` in ascending order of origin, from any
     /// thread. `voxel_size` and `background` (half width times voxel size) are in world units. Runs on the
     /// caller's thread pool.
     pub fn new<'a>(
@@ -126,7 +133,8 @@ impl SurfacePoints {
             voxel_size,
             background,
         };
-        for mut leaf in found.into_iter().filter(|f| !f.points.is_empty()) {
+        let found = found.into_iter().filter(|f| !f.points.is_empty());
+        for mut leaf in corner::placed(found.collect()) {
             let first = surface.points.len() as u32;
             let first_wedge = surface.wedges.len() as u32;
             for point in leaf.points.iter_mut().filter(|p| p.wedge != NO_WEDGE) {
@@ -137,9 +145,14 @@ impl SurfacePoints {
                 at.extend(leaf.points.iter().map(|p| p.at[a]));
             }
             surface.points.extend(leaf.points);
-            surface.index.insert(leaf.origin, surface.leaves.len());
-            let range = first..surface.points.len() as u32;
-            surface.leaves.push((leaf.origin, range));
+            let end = surface.points.len() as u32;
+            match surface.leaves.last_mut() {
+                Some((origin, range)) if *origin == leaf.origin => range.end = end,
+                _ => {
+                    surface.index.insert(leaf.origin, surface.leaves.len());
+                    surface.leaves.push((leaf.origin, first..end));
+                }
+            }
         }
         surface
     }
@@ -152,7 +165,7 @@ impl SurfacePoints {
             + self.index.bytes()
     }
 
-    /// Sets the background (world units) of the band to make.
+    /// Sets the background (world units) of the band that [`Self::moved`] returns.
     #[must_use]
     pub fn with_background(self, background: f32) -> Self {
         Self { background, ..self }
@@ -160,9 +173,9 @@ impl SurfacePoints {
 
     /// Sets all curvatures to zero.
     #[must_use]
-    pub fn straightened(mut self) -> Self {
+    pub fn without_curvature(mut self) -> Self {
         for point in &mut self.points {
-            point.bend = [0.0; 6];
+            point.hessian = [0.0; 6];
         }
         self
     }
@@ -226,14 +239,14 @@ impl SurfacePoints {
     /// The leaf at `origin` after an offset of the surface outwards by `by` world units (inwards if negative).
     /// `inside` holds the voxels that were inside, laid out as a mask.
     pub fn moved(&self, origin: Coord, inside: &[u64; 8], by: f64) -> MovedLeaf {
-        let lengths = Move {
+        let lengths = OffsetLengths {
             by: by as f32 / self.voxel_size,
             half_width: self.background / self.voxel_size,
             voxel_size: self.voxel_size,
             background: self.background,
         };
         let mut search = Search::new(inside, lengths);
-        let radius = search.most();
+        let radius = search.max_distance();
         if radius > 0.0 {
             let steps = search::around(radius);
             for step in &steps {
@@ -268,17 +281,18 @@ fn points_of<'a>(
     lengths: (f32, f32),
 ) -> LeafPoints {
     let own = leaf(n);
-    let (mut points, mut wedges) = (Vec::new(), Vec::new());
+    let (mut points, mut wedges, mut corners) = (Vec::new(), Vec::new(), Vec::new());
     if own.mask != [0; 8] {
         let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
         stencils.gather(&own, values, lengths.0, lengths.1);
         points = stencils.points();
-        wedge::find(&mut points, &mut wedges, &own, values, lengths);
+        corners = wedge::find(&mut points, &mut wedges, &own, values, lengths);
     }
     LeafPoints {
         origin: own.origin,
         points,
         wedges,
+        corners,
     }
 }
 
@@ -289,6 +303,8 @@ pub(super) struct LeafPoints {
     points: Vec<Point>,
     /// Wedges; points refer to them by index.
     wedges: Vec<Wedge>,
+    /// Corners, which become points of the leaves that contain them.
+    corners: Vec<Corner>,
 }
 
 impl LeafPoints {
@@ -297,5 +313,6 @@ impl LeafPoints {
         size_of::<Self>()
             + self.points.len() * size_of::<Point>()
             + self.wedges.len() * size_of::<Wedge>()
+            + self.corners.len() * size_of::<Corner>()
     }
 }

@@ -139,7 +139,7 @@ pub(super) fn apply(
 
 /// The session of an operation. OpenVDB's tools move the surface only on request.
 fn session_of<'a>(op: &Op, context: StageContext<'a>) -> Session<'a> {
-    let uses_points = super::offsets::uses_surface_points(op, context.half_width);
+    let uses_points = super::offsets::uses_surface_points(op);
     let scheme = if op.is_precise() && !uses_points {
         Scheme::Weno5
     } else {

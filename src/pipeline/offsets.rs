@@ -8,16 +8,15 @@
 //!
 //! The field must be a distance: up to half the least wall inward and half the least gap outward, where
 //! surfaces meet. [`foot_error`] measures it on the offset field. If the error exceeds
-//! [`MAX_FOOT_ERROR`], distances are rebuilt from the surface of the level set ([`SurfacePoints`]); so
-//! are later moves and those of files. OpenVDB's filters serve masks, `scheme = "openvdb"` and bands
-//! under 3 voxels. Moves in one direction add up. A move back does not undo one (a dilation closes
+//! [`MAX_FOOT_ERROR`], distances are rebuilt from the surface of the level set ([`SurfacePoints`](crate::band::SurfacePoints)); so
+//! are later moves and those of files. OpenVDB's filters serve masks and `scheme = "openvdb"`. Moves in one direction add up. A move back does not undo one (a dilation closes
 //! gaps), so `open`, `close` and reversals act on the level set.
 
 use super::error::RunError;
 use super::field_ops::{Shape, field_operations, shape_with};
 use super::inputs::Inputs;
 use super::report::{OffsetMethod, OffsetReport};
-use crate::band::{Band, SurfacePoints};
+use crate::band::Band;
 use crate::frame::{Transform, WorldPoint};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Op, Operand, Side};
@@ -130,14 +129,10 @@ pub(super) fn field_offsets(
     let mut is_field = !is_file && !ops[..first].iter().any(from_files);
     let mut offsets = Offsets::default();
     let mut reports = Vec::new();
-    let mut half_width = inputs.recipe.sections().band.half_width.0;
     for (n, op) in ops.iter().enumerate().skip(first) {
         let next = offsets.with(op, scale).filter(|_| is_field);
         is_field = next.is_some();
-        let (mut method, mut error_voxels, mut why) = level_set_method(op, half_width);
-        if let Op::Resample(resample) = op {
-            half_width = resample.half_width.map_or(half_width, |w| w.0);
-        }
+        let (mut method, mut error_voxels, mut why) = level_set_method(op);
         if let Some(next) = next {
             // Sheets measure distances by closest points, as far as needed.
             let is_metric = inputs
@@ -184,24 +179,23 @@ fn is_move(op: &Op) -> bool {
 }
 
 /// The method of an operation that moves the surface of a level set, and the reason.
-fn level_set_method(op: &Op, half_width: f64) -> (OffsetMethod, Option<f64>, &'static str) {
-    if uses_surface_points(op, half_width) {
+fn level_set_method(op: &Op) -> (OffsetMethod, Option<f64>, &'static str) {
+    if uses_surface_points(op) {
         (
             OffsetMethod::Points,
             None,
             "the solid is a level set at that step",
         )
     } else {
-        let why = "the recipe requests it, or the operation has a mask, or the band is narrower than 3 voxels";
+        let why = "the recipe requests it, or the operation has a mask";
         (OffsetMethod::Filter, None, why)
     }
 }
 
-/// Whether an operation moves the surface of a level set by distances from points of it; `half_width` is
-/// in voxels.
-pub(super) fn uses_surface_points(op: &Op, half_width: f64) -> bool {
+/// Whether an operation moves the surface of a level set by distances from points of it.
+pub(super) fn uses_surface_points(op: &Op) -> bool {
     let is_masked = op.mask().is_some() && matches!(op, Op::Dilate(_) | Op::Erode(_));
-    is_move(op) && !is_masked && !op.is_by_filter() && SurfacePoints::suffices(half_width)
+    is_move(op) && !is_masked && !op.is_by_filter()
 }
 
 /// Root mean square, in voxels, of the offset field at the foot points p - s grad s of voxels p of its

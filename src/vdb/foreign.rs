@@ -102,7 +102,6 @@ impl Volume {
         let plan = self.plan(how).map_err(|r| located.refuse(r))?;
         let map = self.info.map;
         let cubes = how.cubes;
-        let is_own = self.meta("druse.content_hash").is_some();
         let (mut solid, notes) = match plan {
             Plan::Isosurface(value) => {
                 let solid = self.isosurface(value, how.half_width, session);
@@ -124,9 +123,7 @@ impl Volume {
                     half_width: repair.half_width,
                     grid: self.grid,
                 };
-                // Large offsets may leave gaps of single voxel pairs in files of Druse; their meshes are closed, and
-                // `druse check` counts the pairs.
-                if !how.allow_torn && !is_own {
+                if !how.allow_torn {
                     let gaps = solid.band_gaps().map_err(failed)?;
                     if gaps.gaps > 0 {
                         return Err(located.refuse(torn(gaps, &self.info)));

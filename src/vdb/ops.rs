@@ -61,7 +61,7 @@ impl LevelSet {
         outwards: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        if self.uses_closest_points(session) {
+        if Self::uses_closest_points(session) {
             return self.offset_by_closest_points(operation, outwards, session);
         }
         let options = smoothing(1, 1, session);

@@ -2,7 +2,7 @@
 
 use super::smooth::{leaf_of, write_leaves};
 use super::{LevelSet, Scheme, Session, Tools, VdbError, ffi};
-use crate::band::{LEAF, LeafBatch, Region, SurfacePoints};
+use crate::band::{LEAF, LeafBatch, Region, SurfacePoints, VOXELS};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use rayon::prelude::*;
@@ -28,10 +28,13 @@ pub(super) struct Rebuild {
 
 impl LevelSet {
     /// Whether closest-point redistancing is used instead of OpenVDB's tracker.
-    pub(super) fn uses_closest_points(&self, session: Session<'_>) -> bool {
-        session.scheme == Scheme::First
-            && session.tools == Tools::Native
-            && SurfacePoints::suffices(self.half_width)
+    pub(super) fn uses_closest_points(session: Session<'_>) -> bool {
+        session.scheme == Scheme::First && session.tools == Tools::Native
+    }
+
+    /// Number of equal steps, of at most [`MAX_STEP_VOXELS`] voxels, of an offset by `voxels`.
+    pub(crate) fn offset_steps(voxels: f64) -> u64 {
+        (voxels.abs() / MAX_STEP_VOXELS).ceil().max(1.0) as u64
     }
 
     /// Makes the band `voxels` wider on each side in leaves that meet a region. Values within the old band do
@@ -54,16 +57,28 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Offsets the surface outwards (inwards if negative) in equal steps of at most [`MAX_STEP_VOXELS`]
-    /// voxels.
+    /// Offsets the surface outwards (inwards if negative) in [`LevelSet::offset_steps`]. A band too narrow to
+    /// determine surface points is wider meanwhile.
     pub(super) fn offset_by_closest_points(
         &mut self,
         operation: &'static str,
         outwards: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        let steps = (outwards.abs() / (MAX_STEP_VOXELS * self.voxel_size())).ceil();
-        let steps = steps.max(1.0) as u64;
+        let own = self.half_width;
+        let is_narrow = !SurfacePoints::suffices(own);
+        if is_narrow {
+            let half_width = SurfacePoints::MIN_HALF_WIDTH;
+            let rebuild = Rebuild {
+                outwards: 0.0,
+                background: (half_width * self.voxel_size()) as f32,
+                known: self.background() as f32,
+                within: Region::EVERYWHERE,
+            };
+            self.rebuild(operation, rebuild, session)?;
+            self.half_width = half_width;
+        }
+        let steps = Self::offset_steps(outwards / self.voxel_size());
         let rebuild = Rebuild {
             outwards: outwards / steps as f64,
             background: self.background() as f32,
@@ -76,6 +91,36 @@ impl LevelSet {
                 break;
             }
         }
+        if is_narrow {
+            self.narrow(operation, own, session)?;
+        }
+        Ok(())
+    }
+
+    /// Cuts the band off at a lesser half width, voxels.
+    fn narrow(
+        &mut self,
+        operation: &'static str,
+        half_width: f64,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        let background = (half_width * self.voxel_size()) as f32;
+        let mut batch = LeafBatch::default();
+        self.for_each_leaf(|leaf| {
+            let cut = |n: usize| leaf.values[n].clamp(-background, background);
+            let values: [f32; VOXELS] = std::array::from_fn(cut);
+            let mut mask = leaf.mask;
+            for n in (0..VOXELS).filter(|&n| values[n].abs() >= background) {
+                mask[n >> 6] &= !(1 << (n & 63));
+            }
+            batch.push(leaf.origin, mask, &values);
+        })?;
+        self.change(operation, session, |mut grid, host| {
+            write_leaves(grid.as_mut(), &batch)?;
+            ffi::grid_set_background(grid.as_mut(), background, host)?;
+            ffi::grid_prune(grid, host)
+        })?;
+        self.half_width = half_width;
         Ok(())
     }
 
@@ -130,7 +175,7 @@ impl LevelSet {
         let surface = if SurfacePoints::suffices(f64::from(known) / self.voxel_size()) {
             surface
         } else {
-            surface.straightened()
+            surface.without_curvature()
         };
         let surface = surface.with_background(background);
         let keeps_known = background > known;

@@ -2,7 +2,7 @@
 
 use super::ffi::{self, Csg, Smoothing};
 use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, Volume};
-use crate::band::{Band, Region};
+use crate::band::{Band, Region, SurfacePoints};
 use crate::field::BoxSolid;
 use crate::frame::Aabb;
 
@@ -75,7 +75,8 @@ impl LevelSet {
         region: Region,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        if voxels > 0 && self.uses_closest_points(session) {
+        let is_determined = SurfacePoints::suffices(self.half_width);
+        if voxels > 0 && is_determined && Self::uses_closest_points(session) {
             return self.widen_by_closest_points(voxels, region, session);
         }
         self.resize(i64::from(voxels), session)
@@ -198,7 +199,7 @@ impl LevelSet {
     /// of OpenVDB.
     pub fn fillet(&mut self, radius: f64, session: Session<'_>) -> Result<(), VdbError> {
         check_positive("radius of the fillet", radius)?;
-        if self.uses_closest_points(session) {
+        if Self::uses_closest_points(session) {
             let before = self.duplicate()?;
             self.close(radius, session)?;
             return self.combine("fillet", Csg::Union, before, session);

@@ -1,7 +1,7 @@
 //! Gaps in a narrow band: pairs of neighbours with different signs and at least one inactive voxel.
 
 use super::index::{FACES, Holder, LeafIndex};
-use super::voxel_mask::select;
+use super::voxel_mask::{Bits, select};
 use super::{LevelSet, VdbError};
 use crate::frame::{Coord, Vec3};
 use rayon::prelude::*;
@@ -33,10 +33,16 @@ impl LevelSet {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, true)?;
         let place = |voxel: Coord| self.transform.world(voxel).0 + self.origin;
+        let negative: Vec<Bits> = index
+            .leaves
+            .par_iter()
+            .with_min_len(64)
+            .map(|leaf| select(leaf.values, |v| v < 0.0))
+            .collect();
         let of_leaves = (0..index.leaves.len())
             .into_par_iter()
             .with_min_len(64)
-            .map(|n| of_leaf(&index, n, place))
+            .map(|n| of_leaf(&index, &negative, n, place))
             .reduce(BandGaps::default, BandGaps::merge);
         let mut found = of_leaves;
         for tile in &index.tiles {
@@ -60,10 +66,16 @@ impl LevelSet {
     }
 }
 
-/// The gaps within a leaf and on its faces; a gap between two leaves counts for the lesser one.
-fn of_leaf(index: &LeafIndex<'_>, n: usize, place: impl Fn(Coord) -> Vec3) -> BandGaps {
+/// The gaps within a leaf and on its faces; a gap between two leaves counts for the lesser one. `negative` holds the
+/// inside voxels of all leaves.
+fn of_leaf(
+    index: &LeafIndex<'_>,
+    negative: &[Bits],
+    n: usize,
+    place: impl Fn(Coord) -> Vec3,
+) -> BandGaps {
     let leaf = &index.leaves[n];
-    let negative = select(leaf.values, |v| v < 0.0);
+    let own = &negative[n];
     let mut found = BandGaps::default();
     let mut add = |word: usize, crossings: u64, both_active: u64| {
         let gaps = crossings & !both_active;
@@ -75,7 +87,7 @@ fn of_leaf(index: &LeafIndex<'_>, n: usize, place: impl Fn(Coord) -> Vec3) -> Ba
             ));
         }
     };
-    for (x, (&signs, &mask)) in negative.iter().zip(&leaf.mask).enumerate() {
+    for (x, (&signs, &mask)) in own.iter().zip(&leaf.mask).enumerate() {
         // Along y and z within the word; its bits are 8 y + z.
         add(x, (signs ^ signs >> 8) & (u64::MAX >> 8), mask & mask >> 8);
         add(
@@ -84,37 +96,36 @@ fn of_leaf(index: &LeafIndex<'_>, n: usize, place: impl Fn(Coord) -> Vec3) -> Ba
             mask & mask >> 1,
         );
         if x < 7 {
-            add(x, signs ^ negative[x + 1], mask & leaf.mask[x + 1]);
+            add(x, signs ^ own[x + 1], mask & leaf.mask[x + 1]);
         }
     }
+    let all = |is_set: bool| [if is_set { u64::MAX } else { 0 }; 8];
     for (face, holder) in index.face_neighbours(n).into_iter().enumerate() {
-        let (stride, ahead) = ([64, 8, 1][face / 2], face % 2 == 1);
-        let other = match holder {
-            Holder::Leaf(other) if ahead => Some(&index.leaves[other]),
+        let (axis, ahead) = (face / 2, face % 2 == 1);
+        let (signs, mask) = match holder {
+            Holder::Leaf(other) if ahead => (negative[other], index.leaves[other].mask),
             Holder::Leaf(_) => continue,
-            _ => None,
-        };
-        let (tile, is_active) = match holder {
-            Holder::Tile(tile) => (index.tiles[tile].value, index.tiles[tile].active),
-            _ => (1.0, false),
-        };
-        for m in 0..512usize {
-            if m / stride % 8 != if ahead { 7 } else { 0 } {
-                continue;
+            Holder::Tile(tile) => {
+                let tile = &index.tiles[tile];
+                (all(tile.value < 0.0), all(tile.active))
             }
-            let (value, active) = match other {
-                Some(other) => (
-                    other.values[m - 7 * stride],
-                    other.is_active(m - 7 * stride),
-                ),
-                None => (tile, is_active),
-            };
-            let differs = (leaf.values[m] < 0.0) != (value < 0.0);
-            let both = leaf.is_active(m) && active;
-            let bit = 1u64 << (m & 63);
-            if differs {
-                add(m >> 6, bit, if both { bit } else { 0 });
-            }
+            Holder::Background => (all(false), all(false)),
+        };
+        // The layer of the leaf at the face: words, the shift of its first bit, and its bits without the shift.
+        let (words, shift, layer) = match (axis, ahead) {
+            (0, true) => (7..8, 0, u64::MAX),
+            (0, false) => (0..1, 0, u64::MAX),
+            (1, true) => (0..8, 56, 0xff),
+            (1, false) => (0..8, 0, 0xff),
+            (_, true) => (0..8, 7, 0x0101_0101_0101_0101),
+            (_, false) => (0..8, 0, 0x0101_0101_0101_0101),
+        };
+        for word in words {
+            // A leaf ahead faces with its first layer; a tile is uniform.
+            let other = if axis == 0 { 7 - word } else { word };
+            let crossings = (own[word] >> shift ^ signs[other]) & layer;
+            let both_active = leaf.mask[word] >> shift & mask[other] & layer;
+            add(word, crossings << shift, both_active << shift);
         }
     }
     found

@@ -9,6 +9,7 @@ mod fits;
 mod foreign_grids;
 mod lattices;
 mod level_set_files;
+mod moved_solids;
 mod offsets;
 mod sheets;
 mod solids;

@@ -3,22 +3,26 @@
 // not be.
 #![allow(clippy::inline_always)]
 
-use super::candidates::{Cube, List, Middle, Reach};
+use super::candidates::{CandidateTest, Cube, NearestToCentre, PointList};
 use super::surface_points::{NO_WEDGE, Point};
 use super::wedge::Wedge;
 use crate::simd::{Lanes, SimdKernel};
 
-/// Lower bound of 1 + h k: beyond the centre of curvature other points are nearer.
-pub(super) const MIN_SPREAD: f32 = 0.3;
+/// Lower bound of 1 + h k (see [`super`]): beyond the centre of curvature other points are nearer.
+pub(super) const MIN_CURVATURE_FACTOR: f32 = 0.3;
 /// Greatest reduction of the distance to the tangent plane by curvature, voxels.
 pub(super) const MAX_CURVATURE_REDUCTION: f32 = 0.25;
 /// Greatest tangential distance of the nearest point on a smooth surface, voxels: points are closer to each
-/// other than this. At twice this distance the point lies on an edge, which has no tangent plane.
+/// other than this. From here to twice this the distance blends to that to the point, which then lies on an edge.
 pub(super) const MAX_TANGENTIAL: f32 = 1.0;
+/// Greatest shortfall, voxels: how much nearer than the nearest point the surface may be. In a cell of the lattice
+/// that the surface crosses, a point lies at most sqrt(3) from any position. Values of neighbours then differ by
+/// less than 3 voxels, the least half width of a band, so that two of different sign are both active.
+pub(super) const MAX_SHORTFALL: f32 = 1.9;
 
 /// Lengths of an offset.
 #[derive(Clone, Copy)]
-pub(super) struct Move {
+pub(super) struct OffsetLengths {
     /// Offset outwards, voxels.
     pub by: f32,
     /// Half width of the band, voxels.
@@ -29,10 +33,10 @@ pub(super) struct Move {
     pub background: f32,
 }
 
-impl Move {
-    /// Greatest distance, voxels, of a relevant point from a group of voxels; not positive if there is none.
-    /// `inside` holds the inside voxels of the group, whose voxels are the bits of `all`.
-    pub fn most<const N: usize>(&self, inside: [u64; N], all: u64) -> f32 {
+impl OffsetLengths {
+    /// Largest distance, voxels, at which a point affects a group of voxels; not positive if none does. `all` has a
+    /// bit for each voxel of the group, `inside` for those inside.
+    pub fn max_distance<const N: usize>(&self, inside: [u64; N], all: u64) -> f32 {
         let outside = self.half_width + self.by;
         let within = self.half_width - self.by;
         if inside == [all; N] {
@@ -46,19 +50,19 @@ impl Move {
 }
 
 /// Computes the values of 2^3 voxels, and a bit for each within the band, from the points of a list that may be
-/// nearest to one of them; none if there are none.
+/// nearest to one of them. `None` if no point is near enough.
 pub(super) struct Block<'a> {
     /// Padded to a multiple of eight.
-    pub list: &'a List,
+    pub list: &'a PointList,
     pub points: &'a [Point],
     pub wedges: &'a [Wedge],
     /// The least voxel.
     pub first: [usize; 3],
     /// Greatest distance of a relevant point, voxels.
-    pub most: f32,
+    pub max_distance: f32,
     /// A bit for each voxel inside.
     pub inside: u8,
-    pub lengths: Move,
+    pub lengths: OffsetLengths,
 }
 
 impl Block<'_> {
@@ -66,10 +70,10 @@ impl Block<'_> {
     #[inline(always)]
     fn nearest<L: Lanes>(&self, l: L, [x, y, z]: [L::F; 3]) -> (L::F, L::F) {
         let cube = Cube::new(self.first, 2);
-        let reach = Reach {
+        let test = CandidateTest {
             cube,
-            middle: Middle::of(l, self.list.places(), cube),
-            most: self.most,
+            nearest_to_centre: NearestToCentre::of(l, self.list.coordinates(), cube),
+            max_distance: self.max_distance,
         };
         let (mut least, mut place) = (l.splat(f32::INFINITY), l.splat(0.0));
         let [xs, ys, zs] = &self.list.at;
@@ -77,7 +81,7 @@ impl Block<'_> {
         let rest = ys.as_chunks::<8>().0.iter().zip(zs.as_chunks::<8>().0);
         let mut number = 0;
         for (px, (py, pz)) in xs.zip(rest) {
-            let mut bits = reach.holds(l, [px, py, pz]);
+            let mut bits = test.accepts(l, [px, py, pz]);
             while bits != 0 {
                 let n = bits.trailing_zeros() as usize & 7;
                 bits &= bits - 1;
@@ -113,18 +117,18 @@ impl SimdKernel for Block<'_> {
         l.store(place, &mut places);
         let mut at = [[0.0; 8]; 3];
         let mut normal = [[0.0; 8]; 3];
-        let mut bend = [[0.0; 8]; 6];
+        let mut hessian = [[0.0; 8]; 6];
         let mut sign = [1.0; 8];
         let mut is_sharp = false;
         for n in 0..8 {
             let place = places[n] as usize;
-            let point = &self.points[self.list.of[place] as usize];
+            let point = &self.points[self.list.numbers[place] as usize];
             for a in 0..3 {
                 at[a][n] = self.list.at[a][place];
                 normal[a][n] = point.normal[a];
             }
             for a in 0..6 {
-                bend[a][n] = point.bend[a];
+                hessian[a][n] = point.hessian[a];
             }
             is_sharp |= point.wedge != NO_WEDGE;
             if self.inside >> n & 1 == 1 {
@@ -137,13 +141,14 @@ impl SimdKernel for Block<'_> {
             l.sub(y, l.load(ay)),
             l.sub(z, l.load(az)),
         ];
-        let d = distances(l, (&normal, &bend), away, square, l.load(&sign));
+        let d = distances(l, (&normal, &hessian), away, square, l.load(&sign));
         let d = if is_sharp {
-            let mut sizes = [0.0; 8];
+            let (mut sizes, mut squares) = ([0.0; 8], [0.0; 8]);
             l.store(d, &mut sizes);
+            l.store(square, &mut squares);
             for n in 0..8 {
                 let place = places[n] as usize;
-                let wedge = self.points[self.list.of[place] as usize].wedge;
+                let wedge = self.points[self.list.numbers[place] as usize].wedge;
                 if wedge == NO_WEDGE {
                     continue;
                 }
@@ -153,13 +158,14 @@ impl SimdKernel for Block<'_> {
                     from[a] = (self.first[a] + voxel[a]) as f32 - at[a][n];
                 }
                 let size = self.wedges[wedge as usize].distance(from) * sign[n];
-                sizes[n] = sign[n] * size.max(0.0);
+                let least = (squares[n].sqrt() - MAX_SHORTFALL).max(0.0);
+                sizes[n] = sign[n] * size.max(least);
             }
             l.load(&sizes)
         } else {
             d
         };
-        let Move {
+        let OffsetLengths {
             by,
             voxel_size,
             background,
@@ -177,7 +183,7 @@ impl SimdKernel for Block<'_> {
 #[inline(always)]
 fn distances<L: Lanes>(
     l: L,
-    (normal, bend): (&[[f32; 8]; 3], &[[f32; 8]; 6]),
+    (normal, hessian): (&[[f32; 8]; 3], &[[f32; 8]; 6]),
     [x, y, z]: [L::F; 3],
     square: L::F,
     sign: L::F,
@@ -186,27 +192,47 @@ fn distances<L: Lanes>(
     let [nx, ny, nz] = [l.load(&normal[0]), l.load(&normal[1]), l.load(&normal[2])];
     let height = l.fused(x, nx, l.fused(y, ny, l.mul(z, nz)));
     let back = l.sub(zero, height);
-    let across = l.max(l.fused(back, height, square), zero);
+    let tangential_square = l.max(l.fused(back, height, square), zero);
     let tx = l.fused(back, nx, x);
     let ty = l.fused(back, ny, y);
     let tz = l.fused(back, nz, z);
     // k |t|^2
-    let [xx, yy, zz] = [l.load(&bend[0]), l.load(&bend[1]), l.load(&bend[2])];
-    let [xy, yz, zx] = [l.load(&bend[3]), l.load(&bend[4]), l.load(&bend[5])];
+    let [xx, yy, zz] = [
+        l.load(&hessian[0]),
+        l.load(&hessian[1]),
+        l.load(&hessian[2]),
+    ];
+    let [xy, yz, zx] = [
+        l.load(&hessian[3]),
+        l.load(&hessian[4]),
+        l.load(&hessian[5]),
+    ];
     let two = l.splat(2.0);
     let bent_x = l.fused(xx, tx, l.mul(two, l.mul(xy, ty)));
     let bent_y = l.fused(yy, ty, l.mul(two, l.mul(yz, tz)));
     let bent_z = l.fused(zz, tz, l.mul(two, l.mul(zx, tx)));
-    let bent = l.fused(tx, bent_x, l.fused(ty, bent_y, l.mul(tz, bent_z)));
-    let curvature = l.select_below(l.splat(1e-12), across, l.div(bent, across), zero);
-    let spread = l.max(l.fused(height, curvature, one), l.splat(MIN_SPREAD));
-    let more = l.mul(l.splat(0.5), l.div(bent, spread));
-    let more = l.min(l.max(more, l.splat(-MAX_CURVATURE_REDUCTION)), one);
-    // A voxel on the other side of the surface than its sign is set to distance zero.
-    let size = l.max(l.mul(l.add(height, more), sign), zero);
-    let straight = l.sqrt(square);
-    let size = l.min(size, straight);
-    let edge = l.sub(l.mul(l.sqrt(across), l.splat(1.0 / MAX_TANGENTIAL)), one);
-    let edge = l.min(l.max(edge, zero), one);
-    l.mul(sign, l.fused(edge, l.sub(straight, size), size))
+    let curvature_term = l.fused(tx, bent_x, l.fused(ty, bent_y, l.mul(tz, bent_z)));
+    let curvature = l.select_below(
+        l.splat(1e-12),
+        tangential_square,
+        l.div(curvature_term, tangential_square),
+        zero,
+    );
+    let factor = l.max(
+        l.fused(height, curvature, one),
+        l.splat(MIN_CURVATURE_FACTOR),
+    );
+    let correction = l.mul(l.splat(0.5), l.div(curvature_term, factor));
+    let correction = l.min(l.max(correction, l.splat(-MAX_CURVATURE_REDUCTION)), one);
+    // If a voxel's sign disagrees with its side of the tangent plane, its distance is zero.
+    let size = l.max(l.mul(l.add(height, correction), sign), zero);
+    let to_point = l.sqrt(square);
+    let size = l.min(size, to_point);
+    let weight = l.sub(
+        l.mul(l.sqrt(tangential_square), l.splat(1.0 / MAX_TANGENTIAL)),
+        one,
+    );
+    let weight = l.min(l.max(weight, zero), one);
+    let size = l.fused(weight, l.sub(to_point, size), size);
+    l.mul(sign, l.max(size, l.sub(to_point, l.splat(MAX_SHORTFALL))))
 }

@@ -19,7 +19,7 @@ const TOLERANCE: f32 = 1e-3;
 const LANE_INDICES: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
 /// Coordinates of points, by axis.
-pub(super) type Places<'a> = [&'a [f32]; 3];
+pub(super) type Coordinates<'a> = [&'a [f32]; 3];
 
 /// A cube of voxels.
 #[derive(Clone, Copy)]
@@ -52,12 +52,12 @@ impl Cube {
 
 /// The nearest point to the centre of a cube, and the square of its distance.
 #[derive(Clone, Copy)]
-pub(super) struct Middle {
+pub(super) struct NearestToCentre {
     pub at: [f32; 3],
     pub square: f32,
 }
 
-impl Middle {
+impl NearestToCentre {
     pub const NO_POINT: Self = Self {
         at: [0.0; 3],
         square: f32::INFINITY,
@@ -74,7 +74,7 @@ impl Middle {
 
     /// The nearest of some points to the centre of `cube`.
     #[inline(always)]
-    pub fn of<L: Lanes>(l: L, at: Places, cube: Cube) -> Self {
+    pub fn of<L: Lanes>(l: L, at: Coordinates, cube: Cube) -> Self {
         let [a, b, c] = cube.centre;
         let centre = [l.splat(a), l.splat(b), l.splat(c)];
         let [(xs, x), (ys, y), (zs, z)] = at.map(|at| at.as_chunks::<8>());
@@ -113,109 +113,113 @@ impl Middle {
 
 /// The condition on candidates for the nearest point to a voxel of a cube.
 #[derive(Clone, Copy)]
-pub(super) struct Reach {
+pub(super) struct CandidateTest {
     pub cube: Cube,
-    pub middle: Middle,
-    /// Greatest distance of a relevant point from a voxel.
-    pub most: f32,
+    pub nearest_to_centre: NearestToCentre,
+    /// Points farther than this from every voxel do not affect the values, voxels.
+    pub max_distance: f32,
 }
 
-impl Reach {
+impl CandidateTest {
     /// The squared greatest distance of a relevant point from the centre.
     #[inline(always)]
     fn max_square(&self) -> f32 {
         // The half diagonal of a cube is sqrt(3) times its half edge.
-        let far = self.most + 1.7321 * self.cube.half + TOLERANCE;
+        let far = self.max_distance + 1.7321 * self.cube.half + TOLERANCE;
         far * far
     }
 
     /// Bits of the candidates among eight points.
     #[inline(always)]
-    pub fn holds<L: Lanes>(&self, l: L, [x, y, z]: [&[f32; 8]; 3]) -> u8 {
-        let ([a, b, c], [p, q, r]) = (self.cube.centre, self.middle.at);
+    pub fn accepts<L: Lanes>(&self, l: L, [x, y, z]: [&[f32; 8]; 3]) -> u8 {
+        let ([a, b, c], [p, q, r]) = (self.cube.centre, self.nearest_to_centre.at);
         let square = squares(l, [x, y, z], [l.splat(a), l.splat(b), l.splat(c)]);
         let x = l.magnitude(l.sub(l.load(x), l.splat(p)));
         let y = l.magnitude(l.sub(l.load(y), l.splat(q)));
         let z = l.magnitude(l.sub(l.load(z), l.splat(r)));
         let sum = l.add(l.add(x, y), z);
         let edge = l.splat(2.0 * self.cube.half);
-        let limit = l.fused(edge, sum, l.splat(self.middle.square + TOLERANCE));
+        let limit = l.fused(
+            edge,
+            sum,
+            l.splat(self.nearest_to_centre.square + TOLERANCE),
+        );
         l.below(square, l.min(limit, l.splat(self.max_square())))
     }
 
     /// Whether one point is a candidate.
     #[inline(always)]
-    fn holds_one(&self, [x, y, z]: [f32; 3]) -> bool {
-        let [p, q, r] = self.middle.at;
+    fn accepts_one(&self, [x, y, z]: [f32; 3]) -> bool {
+        let [p, q, r] = self.nearest_to_centre.at;
         let sum = (x - p).abs() + (y - q).abs() + (z - r).abs();
-        let limit = self.middle.square + TOLERANCE + 2.0 * self.cube.half * sum;
+        let limit = self.nearest_to_centre.square + TOLERANCE + 2.0 * self.cube.half * sum;
         square([x, y, z], self.cube.centre) < limit.min(self.max_square())
     }
 }
 
 /// Points with their numbers.
 #[derive(Default)]
-pub(super) struct List {
+pub(super) struct PointList {
     /// Coordinates relative to a leaf's least voxel, by axis.
     pub at: [Vec<f32>; 3],
     /// Numbers of the points.
-    pub of: Vec<u32>,
+    pub numbers: Vec<u32>,
     /// Indices of the selected points of another list.
     selected: Vec<u32>,
 }
 
-impl List {
+impl PointList {
     pub fn clear(&mut self) {
-        self.of.clear();
+        self.numbers.clear();
         for at in &mut self.at {
             at.clear();
         }
     }
 
-    pub fn places(&self) -> Places<'_> {
+    pub fn coordinates(&self) -> Coordinates<'_> {
         let [x, y, z] = &self.at;
         [x, y, z]
     }
 
     /// Adds the candidates among some points, displaced by `away`; the first point has number `first`.
-    pub fn add(&mut self, at: Places, reach: Reach, away: [f32; 3], first: u32) {
-        let count = self.select(at, reach);
+    pub fn add(&mut self, at: Coordinates, test: CandidateTest, away: [f32; 3], first: u32) {
+        let count = self.select(at, test);
         let selected = &self.selected[..count];
         for ((to, from), away) in self.at.iter_mut().zip(at).zip(away) {
             to.extend(selected.iter().map(|&n| from[n as usize] + away));
         }
-        self.of.extend(selected.iter().map(|n| first + n));
+        self.numbers.extend(selected.iter().map(|n| first + n));
     }
 
-    /// Replaces the list by the candidates of another list for a cube, at most `most` away, padded to a multiple
+    /// Replaces the list by the candidates of another list for a cube, at most `max_distance` away, padded to a multiple
     /// of eight with points at infinity.
-    pub fn narrow(&mut self, wide: &Self, cube: Cube, most: f32) {
-        let at = wide.places();
-        let middle = run(Nearest { at, cube });
+    pub fn narrow(&mut self, wide: &Self, cube: Cube, max_distance: f32) {
+        let at = wide.coordinates();
+        let nearest_to_centre = run(Nearest { at, cube });
         self.clear();
-        let reach = Reach { cube, middle, most };
-        let count = self.select(at, reach);
+        let test = CandidateTest {
+            cube,
+            nearest_to_centre,
+            max_distance,
+        };
+        let count = self.select(at, test);
         let selected = &self.selected[..count];
         for (to, from) in self.at.iter_mut().zip(at) {
             to.extend(selected.iter().map(|&n| from[n as usize]));
             to.resize(count.next_multiple_of(8), f32::INFINITY);
         }
-        self.of
-            .extend(selected.iter().map(|&n| wide.of[n as usize]));
-        self.of.resize(count.next_multiple_of(8), 0);
+        self.numbers
+            .extend(selected.iter().map(|&n| wide.numbers[n as usize]));
+        self.numbers.resize(count.next_multiple_of(8), 0);
     }
 
     /// Selects the candidates of some points; returns their number.
-    fn select(&mut self, at: Places, reach: Reach) -> usize {
+    fn select(&mut self, at: Coordinates, test: CandidateTest) -> usize {
         if self.selected.len() < at[0].len() {
             self.selected.resize(at[0].len(), 0);
         }
         let selected = &mut self.selected;
-        run(SelectCandidates {
-            at,
-            reach,
-            selected,
-        })
+        run(SelectCandidates { at, test, selected })
     }
 }
 
@@ -237,23 +241,23 @@ fn square([x, y, z]: [f32; 3], centre: [f32; 3]) -> f32 {
 
 /// Finds the nearest of some points to the centre of a cube.
 pub(super) struct Nearest<'a> {
-    pub at: Places<'a>,
+    pub at: Coordinates<'a>,
     pub cube: Cube,
 }
 
 impl SimdKernel for Nearest<'_> {
-    type Output = Middle;
+    type Output = NearestToCentre;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Middle {
-        Middle::of(l, self.at, self.cube)
+    fn run<L: Lanes>(self, l: L) -> NearestToCentre {
+        NearestToCentre::of(l, self.at, self.cube)
     }
 }
 
 /// Selects the candidates of some points.
 struct SelectCandidates<'a> {
-    at: Places<'a>,
-    reach: Reach,
+    at: Coordinates<'a>,
+    test: CandidateTest,
     selected: &'a mut [u32],
 }
 
@@ -266,7 +270,7 @@ impl SimdKernel for SelectCandidates<'_> {
         let [(xs, x), (ys, y), (zs, z)] = self.at.map(|at| at.as_chunks::<8>());
         let (mut first, mut count) = (0, 0);
         for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
-            let mut bits = self.reach.holds(l, [x, y, z]);
+            let mut bits = self.test.accepts(l, [x, y, z]);
             while bits != 0 {
                 self.selected[count] = first + bits.trailing_zeros();
                 count += 1;
@@ -275,7 +279,7 @@ impl SimdKernel for SelectCandidates<'_> {
             first += 8;
         }
         for ((&x, &y), &z) in x.iter().zip(y).zip(z) {
-            if self.reach.holds_one([x, y, z]) {
+            if self.test.accepts_one([x, y, z]) {
                 self.selected[count] = first;
                 count += 1;
             }

@@ -1,10 +1,11 @@
 //! The signed distance to another field's zero set, at any point, from points of that surface.
 //!
 //! The source field is sampled on the voxel lattice in a thin band around its zero set. Distances are
-//! those of [`SurfacePoints`], so they are metric as far as `reach`, whatever the source's values are.
-//! Samples are made on demand, in blocks of [`BLOCK_EDGE`] voxels, and so are the surface's points in a block, of
-//! the samples in it and about it. A block of distances holds all points within reach of its voxels, on one
-//! lattice for all of space, so values depend neither on which blocks are kept nor on threads nor on bricks.
+//! those of [`SurfacePoints`], so they are true distances up to `reach`, whatever the source's values are.
+//! Samples are made on demand in blocks of [`BLOCK_EDGE`] voxels. The points of the surface in a block are found on
+//! demand too, from the samples in it and one leaf around it. A block of distances uses all points within reach of
+//! its voxels, and all blocks share one lattice. So values depend neither on which blocks are kept nor on threads
+//! nor on bricks.
 //!
 //! phi < 0 where the source is negative. Lengths are in world units.
 
@@ -38,7 +39,7 @@ pub struct ClosestPointField<'a> {
     source: Box<WorldField<'a>>,
     bounds: Box<WorldField<'a>>,
     /// The solid within which distances are requested.
-    room: Option<Box<WorldField<'a>>>,
+    region_of_interest: Option<Box<WorldField<'a>>>,
     transform: Transform,
     reach: f64,
     samples: PositionCache<Option<Samples>>,
@@ -93,7 +94,7 @@ impl<'a> ClosestPointField<'a> {
     /// Memory that kept blocks take, bytes: those of three kinds, and what is being made.
     pub const BYTES_KEPT: usize = 4 * MAX_CACHE_BYTES;
 
-    /// The distance to the zero set of `source`, which needs distances of three voxels only. `bounds` is
+    /// The distance to the zero set of `source`, which needs to be accurate within three voxels only. `bounds` is
     /// a field with the same zero set whose bounds hold as far as `reach`.
     pub fn new(
         source: Box<WorldField<'a>>,
@@ -104,7 +105,7 @@ impl<'a> ClosestPointField<'a> {
         Self {
             source,
             bounds,
-            room: None,
+            region_of_interest: None,
             transform,
             reach,
             samples: PositionCache::new(KEPT_PER_THREAD, MAX_CACHE_BYTES, |samples| {
@@ -123,9 +124,9 @@ impl<'a> ClosestPointField<'a> {
     /// Requests distances only within a solid and the reach around it: points of the surface farther outside
     /// are omitted.
     #[must_use]
-    pub fn near(self, room: Box<WorldField<'a>>) -> Self {
+    pub fn near(self, region: Box<WorldField<'a>>) -> Self {
         Self {
-            room: Some(room),
+            region_of_interest: Some(region),
             ..self
         }
     }
@@ -133,11 +134,11 @@ impl<'a> ClosestPointField<'a> {
     /// Whether a cube may be within reach of the solid in which distances are requested.
     fn is_requested(&self, cube: Region) -> bool {
         let corners = [cube.min, cube.max].map(|c| self.transform.world(c).0);
-        let far = |room: &WorldField<'a>| room.bound(&Aabb::of(corners)).lo > self.reach;
-        !self.room.as_deref().is_some_and(far)
+        let is_far = |region: &WorldField<'a>| region.bound(&Aabb::of(corners)).lo > self.reach;
+        !self.region_of_interest.as_deref().is_some_and(is_far)
     }
 
-    /// The block of points at an origin; without any where the source has a value that is not finite.
+    /// The block of points at an origin; `None` where the source has a value that is not finite.
     fn block(&self, origin: Coord) -> SharedValue<Option<Block>> {
         self.blocks.get(origin, || self.make_block(origin))
     }
@@ -161,13 +162,13 @@ impl<'a> ClosestPointField<'a> {
             leaves.extend(culler.leaves(block).unknown);
         }
         leaves.retain(|&leaf| self.is_requested(Region::cube(leaf, LEAF)));
-        let mut room = vec![[0.0; VOXELS]; LEAVES_AT_ONCE];
+        let mut buffer = vec![[0.0; VOXELS]; LEAVES_AT_ONCE];
         for group in leaves.chunks(LEAVES_AT_ONCE) {
             let mut bits = [LeafBits::default(); LEAVES_AT_ONCE];
-            let (room, bits) = (&mut room[..group.len()], &mut bits[..group.len()]);
-            batch_values(&culler, group, room, bits).ok()?;
+            let (buffer, bits) = (&mut buffer[..group.len()], &mut bits[..group.len()]);
+            batch_values(&culler, group, buffer, bits).ok()?;
             // Values are contiguous; leaves out of the band have none.
-            let mut own = room.iter();
+            let mut own = buffer.iter();
             for (&origin, bits) in group.iter().zip(bits) {
                 let leaf = if bits.is_out() {
                     SampledLeaf {
@@ -233,8 +234,9 @@ impl<'a> ClosestPointField<'a> {
             let leaves = samples.get()?.as_ref()?.leaves.iter();
             inside.extend(leaves.map(|leaf| (leaf.origin, leaf.inside)));
         }
-        // A point lies up to a voxel beyond its leaf.
-        let reach = own.grown((self.reach / h).ceil() as i32 + 1);
+        // A crossing lies up to a voxel beyond its leaf, and a corner farther.
+        let reach =
+            own.grown((self.reach / h + 1.0 + SurfacePoints::MAX_CORNER_OFFSET).ceil() as i32);
         let mut found: Vec<LeafPoints> = Vec::new();
         for block in reach.cubes(BLOCK_EDGE) {
             let points = self.points.get(block, || self.points_in(block));
@@ -376,7 +378,7 @@ mod tests {
     use super::*;
     use crate::field::Sphere;
 
-    /// A ball whose values are no distances, so that only its zero set counts.
+    /// A ball whose values are not distances, so that only its zero set counts.
     struct Cubic(Sphere);
 
     impl Field for Cubic {

@@ -2,8 +2,8 @@
 
 use super::super::leaf::LEAF;
 use super::MovedLeaf;
-use super::block::{Block, Move};
-use super::candidates::{Cube, List, Middle, Nearest, Places, Reach};
+use super::block::{Block, OffsetLengths};
+use super::candidates::{CandidateTest, Coordinates, Cube, Nearest, NearestToCentre, PointList};
 use super::surface_points::Point;
 use super::wedge::Wedge;
 use crate::simd::run;
@@ -17,8 +17,8 @@ pub(super) fn around(reach: f32) -> Vec<[i32; 3]> {
         1 => (LEAF * s) as f32 - 7.0,
         _ => (LEAF * -s) as f32 - 8.0,
     };
-    let most = ((reach + 8.0) / LEAF as f32).floor() as i32;
-    let all = || -most..=most;
+    let max_steps = ((reach + 8.0) / LEAF as f32).floor() as i32;
+    let all = || -max_steps..=max_steps;
     let steps = all().flat_map(|x| all().flat_map(move |y| all().map(move |z| [x, y, z])));
     let near = |s: &[i32; 3]| {
         // Both directions: the leaf may contain the voxel or the point.
@@ -32,8 +32,8 @@ pub(super) fn around(reach: f32) -> Vec<[i32; 3]> {
 /// The lists of a search, reused to save allocations.
 #[derive(Default)]
 struct Lists {
-    own: List,
-    part: List,
+    own: PointList,
+    part: PointList,
 }
 
 thread_local! {
@@ -43,13 +43,13 @@ thread_local! {
 /// The search of the nearest points for a leaf.
 pub(super) struct Search<'a> {
     inside: &'a [u64; 8],
-    lengths: Move,
+    lengths: OffsetLengths,
     /// Points of nearby leaves: coordinates in their leaf, number of the first, and displacement of the leaf.
-    parts: Vec<(Places<'a>, u32, [f32; 3])>,
+    parts: Vec<(Coordinates<'a>, u32, [f32; 3])>,
 }
 
 impl<'a> Search<'a> {
-    pub fn new(inside: &'a [u64; 8], lengths: Move) -> Self {
+    pub fn new(inside: &'a [u64; 8], lengths: OffsetLengths) -> Self {
         Self {
             inside,
             lengths,
@@ -58,34 +58,34 @@ impl<'a> Search<'a> {
     }
 
     /// Greatest distance of a relevant point from the leaf's voxels; not positive if there is none.
-    pub fn most(&self) -> f32 {
-        self.lengths.most(*self.inside, u64::MAX)
+    pub fn max_distance(&self) -> f32 {
+        self.lengths.max_distance(*self.inside, u64::MAX)
     }
 
     /// Adds the points of a leaf at a displacement in voxels.
-    pub fn enter(&mut self, at: Places<'a>, first: u32, away: [i32; 3]) {
+    pub fn enter(&mut self, at: Coordinates<'a>, first: u32, away: [i32; 3]) {
         self.parts.push((at, first, away.map(|c| c as f32)));
     }
 
     /// Collects the candidates for the voxels of the leaf.
-    fn near(&self, most: f32, list: &mut List) {
+    fn near(&self, max_distance: f32, list: &mut PointList) {
         let cube = Cube::new([0; 3], LEAF as usize);
-        let mut middle = Middle::NO_POINT;
+        let mut nearest_to_centre = NearestToCentre::NO_POINT;
         for (at, _, away) in &self.parts {
             let cube = cube.relative_to(*away);
             let own = run(Nearest { at: *at, cube });
-            if own.square < middle.square {
-                middle = own.relative_to(away.map(|c| -c));
+            if own.square < nearest_to_centre.square {
+                nearest_to_centre = own.relative_to(away.map(|c| -c));
             }
         }
         list.clear();
         for (at, first, away) in &self.parts {
-            let reach = Reach {
+            let test = CandidateTest {
                 cube: cube.relative_to(*away),
-                middle: middle.relative_to(*away),
-                most,
+                nearest_to_centre: nearest_to_centre.relative_to(*away),
+                max_distance,
             };
-            list.add(*at, reach, *away, *first);
+            list.add(*at, test, *away, *first);
         }
     }
 
@@ -101,15 +101,15 @@ impl<'a> Search<'a> {
         };
         let mut lists = LISTS.take().unwrap_or_default();
         let Lists { own, part } = &mut *lists;
-        self.near(self.most(), own);
-        for n in (0..8).filter(|_| !own.of.is_empty()) {
+        self.near(self.max_distance(), own);
+        for n in (0..8).filter(|_| !own.numbers.is_empty()) {
             let corner = [n >> 2, n >> 1 & 1, n & 1].map(|c| 4 * c);
-            let most = self.most_of::<4>(corner, 0x0f0f_0f0f);
-            if most <= 0.0 {
+            let max_distance = self.most_of::<4>(corner, 0x0f0f_0f0f);
+            if max_distance <= 0.0 {
                 continue;
             }
-            part.narrow(own, Cube::new(corner, 4), most);
-            if !part.of.is_empty() {
+            part.narrow(own, Cube::new(corner, 4), max_distance);
+            if !part.numbers.is_empty() {
                 self.part(part, (points, wedges), corner, &mut leaf);
             }
         }
@@ -117,17 +117,17 @@ impl<'a> Search<'a> {
         leaf
     }
 
-    /// [`Search::most`] for N^3 voxels at a corner; `all` holds their bits in a word for corner (0, 0, 0).
+    /// [`Search::max_distance`] for N^3 voxels at a corner; `all` holds their bits in a word for corner (0, 0, 0).
     fn most_of<const N: usize>(&self, [x, y, z]: [usize; 3], all: u64) -> f32 {
         let all = all << (8 * y + z);
         let inside: [u64; N] = std::array::from_fn(|n| self.inside[x + n] & all);
-        self.lengths.most(inside, all)
+        self.lengths.max_distance(inside, all)
     }
 
     /// Computes the values of 4^3 voxels.
     fn part(
         &self,
-        list: &List,
+        list: &PointList,
         (points, wedges): (&[Point], &[Wedge]),
         corner: [usize; 3],
         leaf: &mut MovedLeaf,
@@ -138,8 +138,8 @@ impl<'a> Search<'a> {
                 corner[1] + 2 * (n >> 1 & 1),
                 corner[2] + 2 * (n & 1),
             ];
-            let most = self.most_of::<2>([x, y, z], 0b11_0000_0011);
-            if most <= 0.0 {
+            let max_distance = self.most_of::<2>([x, y, z], 0b11_0000_0011);
+            if max_distance <= 0.0 {
                 continue;
             }
             let bit = 8 * y + z;
@@ -152,7 +152,7 @@ impl<'a> Search<'a> {
                 points,
                 wedges,
                 first: [x, y, z],
-                most,
+                max_distance,
                 inside: four(x) | four(x + 1) << 4,
                 lengths: self.lengths,
             });

@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use super::super::smooth::LeafRef;
-use super::block::{MAX_CURVATURE_REDUCTION, MAX_TANGENTIAL, MIN_SPREAD};
+use super::block::{MAX_CURVATURE_REDUCTION, MAX_SHORTFALL, MAX_TANGENTIAL, MIN_CURVATURE_FACTOR};
 use crate::frame::{Coord, Mat3, Vec3};
 use crate::simd::{Lanes, SimdKernel, run};
 use std::ops::Range;
@@ -33,7 +33,7 @@ pub(super) struct Point {
     /// Outward unit normal.
     pub normal: [f32; 3],
     /// Second derivatives of the distance: x x, y y, z z, x y, y z, z x.
-    pub bend: [f32; 6],
+    pub hessian: [f32; 6],
     /// Number of the point's wedge, or [`NO_WEDGE`].
     pub wedge: u32,
 }
@@ -43,14 +43,14 @@ impl Point {
     /// unit vector away from the surface; by the same formula as for the voxels of a leaf.
     pub fn distance(&self, away: Vec3) -> (f64, Vec3) {
         let normal = Vec3::from(self.normal.map(f64::from));
-        let [xx, yy, zz, xy, yz, zx] = self.bend.map(f64::from);
+        let [xx, yy, zz, xy, yz, zx] = self.hessian.map(f64::from);
         let hessian = Mat3::new(xx, xy, zx, xy, yy, yz, zx, yz, zz);
         let height = away.dot(&normal);
         let tangential = away - normal * height;
         let across = tangential.norm_squared();
         let bent = tangential.dot(&(hessian * tangential));
         let curvature = if across > 1e-12 { bent / across } else { 0.0 };
-        let spread = (1.0 + height * curvature).max(f64::from(MIN_SPREAD));
+        let spread = (1.0 + height * curvature).max(f64::from(MIN_CURVATURE_FACTOR));
         let more = (0.5 * bent / spread).clamp(-f64::from(MAX_CURVATURE_REDUCTION), 1.0);
         let straight = away.norm();
         let size = (height + more).abs().min(straight);
@@ -62,7 +62,8 @@ impl Point {
         let apart = away.try_normalize(1e-9).unwrap_or(smooth * side);
         let direction = smooth * (side * (1.0 - edge)) + apart * edge;
         let direction = direction.try_normalize(1e-9).unwrap_or(apart);
-        (size + edge * (straight - size), direction)
+        let size = size + edge * (straight - size);
+        (size.max(straight - f64::from(MAX_SHORTFALL)), direction)
     }
 }
 
@@ -195,7 +196,7 @@ impl Stencils {
         let mut point = Point {
             at: place.map(|c| c as f32),
             normal: gradient.map(|c| c / size),
-            bend: [
+            hessian: [
                 twice(0),
                 twice(1),
                 twice(2),
@@ -226,8 +227,8 @@ impl Stencils {
         let [p, q] = [bends[0] / 2.0, (bends[1] - bends[0]) / 6.0];
         let mut share = straight;
         for _ in 0..STEPS {
-            let bend = share * (share - 1.0) * (p + q * (share + 1.0));
-            share = (first + bend) / (first - last);
+            let cubic = share * (share - 1.0) * (p + q * (share + 1.0));
+            share = (first + cubic) / (first - last);
         }
         share.clamp(0.0, 1.0)
     }

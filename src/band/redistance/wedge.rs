@@ -4,9 +4,13 @@
 //! across the edge do not determine its planes. Such a point takes its planes from voxels up to [`WINDOW`]
 //! voxels away whose differences do not cross the edge. Two or three planes, all convex or all concave, have a
 //! distance in closed form. In all other cases (a round edge, a thin wall, a saddle) the point has no wedge.
+//! A corner with three planes becomes a point too.
 
 use super::super::smooth::LeafRef;
+use super::block::MAX_SHORTFALL;
+use super::corner::Corner;
 use super::surface_points::Point;
+use super::vector::{Vector, difference, dot, dual, sum, unit};
 use crate::frame::{Coord, Vec3};
 
 /// Greatest distance at which planes are searched, voxels along each axis.
@@ -36,8 +40,13 @@ const CHECK_RADIUS: f32 = 1.5;
 const MAX_ERROR: f32 = 0.1;
 /// Farthest that a point lies from the edge or corner, voxels.
 const MAX_OFFSET: f32 = 12.0;
-
-type Vector = [f32; 3];
+/// Half the length of an edge with two planes, voxels: other points continue it, and its ends are unknown.
+const HALF_LENGTH: f32 = 1.5;
+/// Range of the distance from a point to its corner, voxels, for which the corner is a point of its own: nearer
+/// points represent it, and values around a more distant one are unknown.
+const CORNER_OFFSETS: [f32; 2] = [0.3, MAX_CORNER_OFFSET];
+/// Greatest distance of a corner that is a point of its own from the point that determines it, voxels.
+pub(super) const MAX_CORNER_OFFSET: f32 = 4.0;
 
 /// Planes that meet at an edge or a corner, all convex or all concave.
 #[derive(Clone, Copy, Debug)]
@@ -69,7 +78,15 @@ impl Wedge {
             }
         };
         let Some(dual) = self.dual else {
-            return self.sign * of_pair(0, 1);
+            let (u, v) = (heights[0], heights[1]);
+            let c = dot(self.normals[0], self.normals[1]);
+            let size = of_pair(0, 1);
+            if u <= c * v || v <= c * u {
+                return self.sign * size;
+            }
+            let square = dot(y, y) - size * size;
+            let beyond = (square.max(0.0).sqrt() - HALF_LENGTH).max(0.0);
+            return self.sign * (size * size + beyond * beyond).sqrt();
         };
         let size = if dual.iter().all(|d| dot(*d, y) > 0.0) {
             dot(y, y).sqrt()
@@ -78,9 +95,7 @@ impl Wedge {
         };
         self.sign * size
     }
-}
 
-impl Wedge {
     /// The unsigned distance, voxels, of the position at displacement `away` from the point, and the unit vector
     /// away from the surface.
     pub fn distance_and_direction(&self, away: Vec3) -> (f64, Vec3) {
@@ -92,33 +107,80 @@ impl Wedge {
         };
         let d = at(away);
         let slope = Vec3::new(slope(0), slope(1), slope(2)) * 1f64.copysign(d);
-        (d.abs(), slope.try_normalize(1e-9).unwrap_or(Vec3::x()))
+        let least = away.norm() - f64::from(MAX_SHORTFALL);
+        let direction = slope.try_normalize(1e-9).unwrap_or(Vec3::x());
+        (d.abs().max(least), direction)
+    }
+
+    /// The outward normal of one of its planes.
+    pub fn normal(&self) -> Vector {
+        self.normals[0].map(|n| n * self.sign)
+    }
+
+    /// The corner as a point of its own; `p` is the surface point of this wedge. None near a point, or where
+    /// values disagree: other planes may end its edges before the corner.
+    fn corner(&self, p: Vector, v: &[f32]) -> Option<Corner> {
+        self.dual?;
+        let square = dot(self.offset, self.offset);
+        let at = difference(p, self.offset);
+        let known = [
+            CHECK_RADIUS - PADDING as f32,
+            (EDGE as i32 - PADDING - 1) as f32 - CHECK_RADIUS,
+        ];
+        let is_known = |c: &f32| (known[0]..=known[1]).contains(c);
+        let is_apart = (CORNER_OFFSETS[0].powi(2)..CORNER_OFFSETS[1].powi(2)).contains(&square);
+        let is_corner = is_apart
+            && at.iter().all(is_known)
+            && values_around(at, v).all(|(place, value)| {
+                // Level sets of intersections hold less than the distance on the convex side, and a voxel at the
+                // corner, whose sign is ambiguous, may hold the distance to other voxels.
+                let away = difference(place, p);
+                let value = value * self.sign;
+                let least = self.farthest_plane(away);
+                let most = self.distance(away) * self.sign;
+                let apart = difference(place, at);
+                dot(apart, apart) < MAX_ERROR.powi(2)
+                    || (least - MAX_ERROR..=most + MAX_ERROR).contains(&value)
+            });
+        let offset = [0.0; 3];
+        is_corner.then_some(Corner {
+            at,
+            wedge: Self { offset, ..*self },
+        })
+    }
+
+    /// Greatest of the distances to the planes, positive on the convex side.
+    fn farthest_plane(&self, away: Vector) -> f32 {
+        let y = sum(away, self.offset);
+        let heights = self.normals.map(|n| dot(n, y));
+        heights.into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
 
     /// Whether the values about a point are those of its wedge: inside a convex one, outside a concave one, where
     /// also the larger or lesser of two distances is that of the planes. A round edge has others.
     fn agrees(&self, p: Vector, v: &[f32]) -> bool {
-        let range = |c: f32| {
-            let first = (c - CHECK_RADIUS).ceil() as i32;
-            first..=(c + CHECK_RADIUS).floor() as i32
-        };
-        for x in range(p[0]) {
-            for y in range(p[1]) {
-                for z in range(p[2]) {
-                    let [i, j, k] = [x, y, z].map(|c| (c + PADDING) as usize);
-                    let value = v[i * STRIDES[0] + j * STRIDES[1] + k];
-                    if value * self.sign > 0.0 || value.abs() > MAX_DISTANCE {
-                        continue;
-                    }
-                    let at = [x, y, z].map(|c| c as f32);
-                    if (self.distance(difference(at, p)) - value).abs() > MAX_ERROR {
-                        return false;
-                    }
-                }
-            }
-        }
-        true
+        values_around(p, v).all(|(at, value)| {
+            value * self.sign > 0.0
+                || value.abs() > MAX_DISTANCE
+                || (self.distance(difference(at, p)) - value).abs() <= MAX_ERROR
+        })
     }
+}
+
+/// The voxels within [`CHECK_RADIUS`] of a position along each axis, and their values.
+fn values_around(p: Vector, v: &[f32]) -> impl Iterator<Item = (Vector, f32)> {
+    let range = |c: f32| {
+        let first = (c - CHECK_RADIUS).ceil() as i32;
+        first..=(c + CHECK_RADIUS).floor() as i32
+    };
+    let [xs, ys, zs] = p.map(range);
+    let rows = xs.flat_map(move |x| ys.clone().map(move |y| (x, y)));
+    let voxels = rows.flat_map(move |(x, y)| zs.clone().map(move |z| [x, y, z]));
+    voxels.map(|voxel| {
+        let [i, j, k] = voxel.map(|c| (c + PADDING) as usize);
+        let value = v[i * STRIDES[0] + j * STRIDES[1] + k];
+        (voxel.map(|c| c as f32), value)
+    })
 }
 
 /// A point that may define a plane.
@@ -135,16 +197,18 @@ struct Plane {
     normal: Vector,
 }
 
-/// Assigns wedges to the points of a leaf at sharp edges, numbered from the end of `wedges`.
+/// Assigns wedges to the points of a leaf at sharp edges, numbered from the end of `wedges`; returns corners that
+/// are points of their own.
 pub(super) fn find<'a>(
     points: &mut [Point],
     wedges: &mut Vec<Wedge>,
     leaf: &LeafRef<'a>,
     values: impl Fn(Coord) -> Option<&'a [f32]>,
     (voxel_size, background): (f32, f32),
-) {
+) -> Vec<Corner> {
+    let mut corners = Vec::new();
     if !points.iter().any(is_bent) {
-        return;
+        return corners;
     }
     let all = gather(leaf, values, 1.0 / voxel_size, background);
     // Voxels whose feet may lie in a window.
@@ -162,12 +226,15 @@ pub(super) fn find<'a>(
         if let Some(wedge) = wedge(point.at, &samples).filter(|w| w.agrees(point.at, &all)) {
             point.wedge = wedges.len() as u32;
             wedges.push(wedge);
+            let corner = wedge.corner(point.at, &all);
+            corners.extend(corner.filter(|c| !corners.iter().any(|other| c.is_at(other))));
         }
     }
+    corners
 }
 
 fn is_bent(point: &Point) -> bool {
-    point.bend.iter().any(|b| b.abs() > MIN_BEND)
+    point.hessian.iter().any(|b| b.abs() > MIN_BEND)
 }
 
 /// The voxels of a leaf and those about it, in voxels; what no leaf holds has the sign of the leaf's nearest
@@ -345,38 +412,6 @@ fn plane_of(about: Vector, near: &[Sample]) -> Option<(Plane, usize)> {
     let normal = unit(normal)?;
     let is_flat = |s: &Sample| dot(normal, difference(s.at, at)).abs() < MAX_RESIDUAL;
     own().all(is_flat).then_some((Plane { at, normal }, count))
-}
-
-/// The dual basis of three vectors; none if they are nearly coplanar.
-fn dual([a, b, c]: [Vector; 3]) -> Option<[Vector; 3]> {
-    let volume = dot(a, cross(b, c));
-    (volume.abs() > 0.05)
-        .then(|| [cross(b, c), cross(c, a), cross(a, b)].map(|v| v.map(|x| x / volume)))
-}
-
-fn dot(a: Vector, b: Vector) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn sum(a: Vector, b: Vector) -> Vector {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-fn difference(a: Vector, b: Vector) -> Vector {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn cross(a: Vector, b: Vector) -> Vector {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn unit(v: Vector) -> Option<Vector> {
-    let size = dot(v, v).sqrt();
-    (size > 0.9).then(|| v.map(|c| c / size))
 }
 
 #[cfg(test)]

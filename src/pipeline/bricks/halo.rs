@@ -5,8 +5,9 @@ use super::super::level_set_ops::unwanted;
 use super::super::offsets::uses_surface_points;
 use super::super::voxels::{Resampling, Voxels};
 use super::voxels::{HALO_MARGIN, SURFACE_POINT_REACH, whole_leaves};
+use crate::band::SurfacePoints;
 use crate::recipe::{Kernel, Op, Recipe, Size};
-use crate::vdb::{ComponentSelection, REMOVAL_REACH};
+use crate::vdb::{ComponentSelection, LevelSet, REMOVAL_REACH};
 use std::ops::Range;
 
 /// Reach of a tracking step with the scheme of first and of fifth order, voxels: three sweeps of the
@@ -154,11 +155,15 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
     let Voxels { scale, half_width } = on;
     let track = TRACKING_REACH[usize::from(op.is_precise())];
     let voxels = |size: &Size| size.resolve(scale).abs() / scale.voxel_size;
-    // Distances from surface points need the offset plus the half width; filters move in tracked steps
-    // of half a voxel.
+    // Distances from surface points need the offset plus, in each step, the half width and the values that
+    // determine a point; a narrow band is widened first, as in another step. Filters move in tracked
+    // steps of half a voxel.
     let offset = |v: f64, track: f64| {
-        if uses_surface_points(op, half_width) {
-            v + half_width + SURFACE_POINT_REACH
+        if uses_surface_points(op) {
+            let widenings = u64::from(!SurfacePoints::suffices(half_width));
+            let steps = (LevelSet::offset_steps(v) + widenings) as f64;
+            let half_width = half_width.max(SurfacePoints::MIN_HALF_WIDTH);
+            v + steps * (half_width + SURFACE_POINT_REACH)
         } else {
             (2.0 * v).ceil().max(1.0) * track
         }

@@ -6,8 +6,9 @@ use crate::frame::{Aabb, Coord, Transform};
 
 /// Safety margin of halos, voxels.
 pub(super) const HALO_MARGIN: f64 = 8.0;
-/// Reach of the stencil that locates a surface point, voxels.
-pub(super) const SURFACE_POINT_REACH: f64 = 5.0;
+/// Reach of the values that determine a surface point, voxels: those of the stencil that locates a crossing, and
+/// of a corner beyond it.
+pub(super) const SURFACE_POINT_REACH: f64 = 5.0 + SurfacePoints::MAX_CORNER_OFFSET;
 /// Reach of OpenVDB's widening of a band by one voxel: six sweeps of fifth order, voxels.
 const WIDENING_REACH: f64 = 38.0;
 /// Edges of the cubes that divide a block if it cannot be resampled at once, voxels.

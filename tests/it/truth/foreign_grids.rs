@@ -372,7 +372,7 @@ fn commands_and_recipes_take_them_as_their_hints_say() {
         (out.status.code(), String::from_utf8(out.stdout).unwrap())
     };
     for (name, word) in [
-        ("turned_ball", "turned, which are no cubes"),
+        ("turned_ball", "turned, which are not cubes"),
         ("inside_out", "inside out"),
         ("torn", "the first torn pair is at"),
         ("unsigned", "an unsigned distance"),

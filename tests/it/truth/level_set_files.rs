@@ -5,7 +5,7 @@ use druse::frame::{Coord, LengthUnit, Transform, Vec3};
 use druse::pipeline::{Report, RunOptions, SliceOptions, run, slice};
 use druse::progress::{Silent, Threads};
 use druse::recipe::{Length, Recipe};
-use druse::vdb::{LevelSetBuilder, Session, VdbWriter};
+use druse::vdb::{GridReading, LevelSetBuilder, Session, VdbWriter, Volume};
 use std::path::Path;
 use std::process::Command;
 
@@ -20,6 +20,11 @@ fn made(directory: &Path, text: &str) -> Report {
 /// Writes a box of 2 x 1.6 x 1.2 on voxels of 0.1 whose distances are cut off at so many voxels inside and at
 /// 3 outside; all voxels of its leaves are active where `is_dense`.
 fn write_box(path: &Path, inside: f64, is_dense: bool) {
+    write_cut_box(path, |_| inside, is_dense);
+}
+
+/// The same, cut off inside at a number of voxels that depends on the position.
+fn write_cut_box(path: &Path, inside: impl Fn(Vec3) -> f64, is_dense: bool) {
     let h = 0.1;
     let transform = Transform::new(h).unwrap();
     let builder = LevelSetBuilder::new(transform, 3.0).unwrap();
@@ -32,7 +37,7 @@ fn write_box(path: &Path, inside: f64, is_dense: bool) {
             let at = origin.offset((m >> 6) as i32, (m >> 3 & 7) as i32, (m & 7) as i32);
             let q = transform.world(at).0.abs() - half;
             let d = q.sup(&Vec3::zeros()).norm() + q.max().min(0.0);
-            let cut = d.clamp(-inside * h, 3.0 * h);
+            let cut = d.clamp(-inside(transform.world(at).0) * h, 3.0 * h);
             values[m] = cut as f32;
             if is_dense || cut == d {
                 mask[m >> 6] |= 1 << (m & 63);
@@ -60,6 +65,20 @@ fn write_box(path: &Path, inside: f64, is_dense: bool) {
     let mut file = VdbWriter::new(path, session).unwrap();
     file.level_set("surface", &solid).unwrap();
     file.write().unwrap();
+}
+
+#[test]
+fn torn_files_of_druse_are_refused_like_others() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("torn.vdb");
+    write_cut_box(&path, |p| if p.x > 0.5 { 0.01 } else { 3.0 }, false);
+    let volume = Volume::read(&path, None).unwrap();
+    assert!(volume.meta("druse.content_hash").is_some());
+    let threads = Threads::new(1).unwrap();
+    let session = Session::new(&threads, &Silent);
+    let error = volume.solid(&path, &GridReading::default(), session);
+    let error = error.err().unwrap().to_string();
+    assert!(error.contains("a torn surface"), "{error}");
 }
 
 #[test]
