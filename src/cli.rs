@@ -28,6 +28,7 @@ mod excerpt;
 mod failure;
 mod filter;
 mod fit;
+mod grade;
 mod homogenize;
 mod info;
 mod job;
@@ -103,6 +104,8 @@ commands! {
     Crystal => crystal,
     /// Inspect or check a scaffold.
     Scaffold => scaffold,
+    /// Grade a recipe's tiling by results of its finite-element deck.
+    Grade => grade,
     /// Evaluate the tiled field of a recipe at given points.
     Eval => eval,
     /// Turn a closed or dirty mesh into a level set.

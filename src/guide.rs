@@ -21,6 +21,8 @@ pub mod crystals {}
 pub mod files {}
 #[doc = include_str!("guide/formats.md")]
 pub mod formats {}
+#[doc = include_str!("guide/grading.md")]
+pub mod grading {}
 #[doc = include_str!("guide/accuracy.md")]
 pub mod accuracy {}
 #[doc = include_str!("guide/performance.md")]

@@ -15,10 +15,9 @@
 //! ```
 
 use crate::band::BandStats;
-use crate::progress::{Cancelled, Progress, Threads};
+use crate::progress::{Progress, Threads};
 use crate::recipe::{OutputKind, Recipe};
 use std::path::{Path, PathBuf};
-use std::time::{Instant, SystemTime};
 
 mod attributes;
 mod beams;
@@ -28,6 +27,7 @@ mod crystals;
 mod cut_faces;
 mod decimate;
 mod deck;
+mod effective;
 mod error;
 mod estimate;
 mod field_data;
@@ -35,6 +35,7 @@ mod field_grid;
 mod field_ops;
 mod fit_options;
 mod fractions;
+mod grade;
 mod grading;
 mod group;
 mod homogenize;
@@ -43,6 +44,7 @@ mod inputs;
 mod lattice;
 mod least_wall;
 mod level_set_ops;
+mod macro_deck;
 mod memory;
 mod meshing;
 mod nearest;
@@ -63,6 +65,7 @@ mod slices;
 mod source;
 mod spatial_bins;
 mod spatial_value;
+mod stage_timer;
 mod standalone;
 mod targets;
 mod thickness;
@@ -78,9 +81,11 @@ pub(crate) use crystals::crystal_script;
 pub use error::RunError;
 pub use estimate::Estimate;
 pub(crate) use fit_options::fit_options;
+pub use grade::{GradeOptions, GradeReport, GradeRule, grade};
 pub(crate) use group::{group_fault, read_group};
 pub(crate) use homogenize::{CellPeriod, beam_period, cell_period, free_memory, recipe_period};
 pub(crate) use lattice::solid_picture;
+pub use macro_deck::{MacroDeckFacts, MacroLawFacts};
 pub use plot::{Curve, Plot, contact_sheet, contact_sheet_columns, plot};
 pub(crate) use plot::{SweepCurve, modulus_picture, sweep_picture};
 pub use report::{
@@ -102,6 +107,7 @@ use cut_faces::CutFaces;
 use inputs::Inputs;
 use least_wall::Phase;
 use level_set_ops::StageContext;
+use stage_timer::StageTimer;
 use thickness::{SolidGeometry, Thickness, sampled_walls};
 
 /// How a recipe is run.
@@ -141,6 +147,9 @@ pub fn plan(
 ) -> Result<Estimate, RunError> {
     let threads = threads(options)?;
     let inputs = Inputs::load(recipe, &threads, options, progress)?;
+    if needs_no_voxels(recipe) {
+        return estimate::of_macro_decks(&inputs);
+    }
     let mut estimate = estimate::estimate(&inputs, &threads, progress)?;
     match bricks::plan_if_needed(&inputs, &threads, options, progress) {
         Ok(Some(plan)) => {
@@ -154,6 +163,7 @@ pub fn plan(
         ) => {}
         Err(other) => return Err(other),
     }
+    estimate.add_macro_decks(&inputs)?;
     Ok(estimate)
 }
 
@@ -173,6 +183,11 @@ pub fn run(
     let mut inputs = Inputs::load(recipe, &threads, options, progress)?;
     let outputs = output_targets(&inputs, options.out.as_deref())?;
     timer.end_stage("inputs")?;
+    if needs_no_voxels(recipe) {
+        let context = StageContext::new(recipe, &threads, progress);
+        let results = macro_deck::write_all(context, &inputs, &outputs, &mut timer)?;
+        return finish_report(inputs, results, (&threads, true), &outputs, timer);
+    }
 
     let needs_bricks = bricks::plan_if_needed(&inputs, &threads, options, progress)?;
     timer.end_stage("estimate")?;
@@ -278,7 +293,9 @@ fn finish_report(
         continuity = Some(ContinuityReport::from(&found));
         timer.end_stage("certificate")?;
     }
-    for message in results.outputs.iter().filter_map(deck::dropped) {
+    let dropped = results.outputs.iter().filter_map(deck::dropped);
+    let notes = results.outputs.iter().flat_map(macro_deck::warnings);
+    for message in dropped.chain(notes) {
         inputs.warn(Warning::DECK, message)?;
     }
     if let Some(message) = continuity.as_ref().and_then(ContinuityReport::warning) {
@@ -311,6 +328,19 @@ fn finish_report(
         crate::io::atomic::write_bytes(path, format!("{text}\n").as_bytes())?;
     }
     Ok(report)
+}
+
+/// Whether all files of a recipe are decks of the scaffold's elements, and nothing needs the solid.
+fn needs_no_voxels(recipe: &Recipe) -> bool {
+    let sections = recipe.sections();
+    let mut files = sections
+        .output
+        .iter()
+        .filter(|o| o.report.is_none())
+        .peekable();
+    files.peek().is_some()
+        && files.all(crate::recipe::Output::is_macro_deck)
+        && sections.require.is_none()
 }
 
 /// Whether the recipe requests the continuity certificate.
@@ -444,44 +474,4 @@ fn output_targets<'a>(inputs: &Inputs<'a>, out: Option<&Path>) -> Result<Targets
         }
     }
     Ok(targets)
-}
-
-/// Times the stages of a run and checks for cancellation after each.
-struct StageTimer<'a> {
-    progress: &'a dyn Progress,
-    began: SystemTime,
-    last: Instant,
-    stages: Vec<Stage>,
-}
-
-impl<'a> StageTimer<'a> {
-    fn new(progress: &'a dyn Progress) -> Self {
-        Self {
-            progress,
-            began: SystemTime::now(),
-            last: Instant::now(),
-            stages: Vec::new(),
-        }
-    }
-
-    /// Ends a stage. Consecutive stages of one name are merged.
-    fn end_stage(&mut self, name: &str) -> Result<(), Cancelled> {
-        let seconds = self.last.elapsed().as_secs_f64();
-        self.last = Instant::now();
-        match self.stages.last_mut() {
-            Some(stage) if stage.name == name => {
-                stage.seconds += seconds;
-                stage.peak_memory_bytes = memory::peak();
-            }
-            _ => self.stages.push(Stage {
-                name: name.to_owned(),
-                seconds,
-                peak_memory_bytes: memory::peak(),
-            }),
-        }
-        if self.progress.cancelled() {
-            return Err(Cancelled);
-        }
-        Ok(())
-    }
 }

@@ -2,7 +2,7 @@
 
 use super::{Answer, Failure, Session};
 use crate::frame::figures;
-use crate::pipeline::{self, Estimate, Report, RunOptions, plan, run};
+use crate::pipeline::{self, Estimate, MacroDeckFacts, Report, RunOptions, plan, run};
 use crate::recipe::Recipe;
 use clap::Args;
 use serde_json::json;
@@ -155,6 +155,15 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
             ));
         }
     }
+    for o in &report.outputs {
+        if let Some(deck) = &o.macro_deck {
+            session.note(&deck_summary(
+                deck,
+                &o.path,
+                o.unit.as_deref().unwrap_or(""),
+            ));
+        }
+    }
     session.note(&summary(report));
     let mut lines: Vec<String> = report
         .outputs
@@ -182,12 +191,33 @@ fn summary(report: &Report) -> String {
         1 => "1 component, ".to_owned(),
         n => format!("{n} components, "),
     };
+    if report.band.active_voxels == 0 {
+        return format!(
+            "no voxels, {seconds:.1} s, {}",
+            size(report.peak_memory_bytes)
+        );
+    }
     format!(
         "{} active voxels, volume {} {unit}^3, area {} {unit}^2, {components}{seconds:.1} s, {}",
         grouped(report.band.active_voxels),
         figures(solid.volume),
         figures(solid.area),
         size(report.peak_memory_bytes)
+    )
+}
+
+/// One line about a deck of the scaffold's elements.
+fn deck_summary(deck: &MacroDeckFacts, path: &str, unit: &str) -> String {
+    let materials: usize = deck.laws.iter().map(|l| l.materials).sum();
+    let mass = deck
+        .mass
+        .map_or(String::new(), |m| format!(", mass {}", figures(m)));
+    format!(
+        "{path}: {} elements, {materials} materials from {} homogenised cells, {} of {} {unit}^3 solid{mass}",
+        grouped(deck.elements),
+        deck.laws.iter().map(|l| l.points).sum::<usize>(),
+        figures(deck.solid_volume),
+        figures(deck.volume)
     )
 }
 
@@ -202,11 +232,17 @@ fn prediction(e: &Estimate) -> String {
         ("on disk", size(e.disk_bytes)),
         ("bricks", grouped(e.bricks)),
         ("their size", size(e.brick_bytes)),
+        (
+            "homogenised",
+            format!("{} cells", grouped(e.homogenised_cells)),
+        ),
         ("time", format!("{:.1} s", e.seconds)),
     ];
     let shown = lines.iter().filter(|(name, _)| match *name {
         "bricks" | "their size" => e.bricks > 0,
         "tables" => e.table_bytes > 0,
+        "blocks" | "leaves" | "active voxels" => e.leaves > 0 || e.homogenised_cells == 0,
+        "homogenised" => e.homogenised_cells > 0,
         _ => true,
     });
     let shown: Vec<String> = shown

@@ -21,6 +21,11 @@ impl Packing {
         }
     }
 
+    /// One tet of the packing; the others are its images under the packing's symmetry.
+    pub(crate) fn tet(self) -> [Vec3; 4] {
+        self.tets()[0]
+    }
+
     /// The tets of one period around the origin, by their vertices.
     pub(super) fn tets(self) -> Vec<[Vec3; 4]> {
         let e = |a: usize| Vec3::ith(a, 1.0);

@@ -158,6 +158,14 @@ impl Period {
         }
     }
 
+    /// A length in the period per reference length, for elements of the same volume; 1 but for tets.
+    pub(crate) fn length_scale(&self) -> f64 {
+        match self.element {
+            Element::Tet => self.packing.scales()[1],
+            _ => 1.0,
+        }
+    }
+
     /// A description of the period.
     pub fn describe(&self) -> String {
         match self.element {

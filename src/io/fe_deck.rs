@@ -26,7 +26,7 @@ const CORNERS: [[i32; 3]; 8] = [
 ];
 
 /// Sides of the box: name, axis, whether it is the upper one, face of a C3D8.
-const SIDES: [(&str, usize, bool, &str); 6] = [
+pub(super) const SIDES: [(&str, usize, bool, &str); 6] = [
     ("XMIN", 0, false, "S6"),
     ("XMAX", 0, true, "S4"),
     ("YMIN", 1, false, "S3"),
@@ -42,6 +42,8 @@ pub struct DeckMaterial {
     pub young: f64,
     /// Poisson's ratio.
     pub poisson: f64,
+    /// Mass per volume in the deck's units.
+    pub density: Option<f64>,
 }
 
 /// A mesh of equal cubes.
@@ -200,18 +202,42 @@ impl VoxelMesh<'_> {
         }
         writeln!(out, "*MATERIAL, NAME=SOLID_MATERIAL")?;
         writeln!(out, "*ELASTIC\n{:e}, {}", material.young, material.poisson)?;
+        if let Some(density) = material.density {
+            writeln!(out, "*DENSITY\n{density:e}")?;
+        }
         writeln!(out, "*SOLID SECTION, ELSET=SOLID, MATERIAL=SOLID_MATERIAL")?;
         Ok(nodes)
     }
 }
 
-fn write_set(out: &mut impl Write, kind: &str, name: &str, numbers: &[u64]) -> io::Result<()> {
+pub(super) fn write_set(
+    out: &mut impl Write,
+    kind: &str,
+    name: &str,
+    numbers: &[u64],
+) -> io::Result<()> {
     writeln!(out, "*{kind}, {kind}={name}")?;
     for line in numbers.chunks(SET_COLUMNS) {
         let words: Vec<String> = line.iter().map(ToString::to_string).collect();
         writeln!(out, "{},", words.join(", "))?;
     }
     Ok(())
+}
+
+pub(super) fn refused(path: &Path, reason: &str) -> WriteError {
+    WriteError::Format {
+        path: path.to_owned(),
+        reason: reason.to_owned(),
+    }
+}
+
+/// Refuses other extensions than that of a deck.
+pub(super) fn check_extension(path: &Path) -> Result<(), WriteError> {
+    let extension = path.extension();
+    if extension.is_some_and(|e| e.eq_ignore_ascii_case("inp")) {
+        return Ok(());
+    }
+    Err(refused(path, "not the extension of a deck; expected .inp"))
 }
 
 /// Writes a mesh of cubes as a deck; `heading` becomes the lines under `*HEADING`.
@@ -225,18 +251,9 @@ pub fn write_voxel_deck(
     heading: &[String],
     material: DeckMaterial,
 ) -> Result<DeckCounts, WriteError> {
-    let refused = |reason: &str| WriteError::Format {
-        path: path.to_owned(),
-        reason: reason.to_owned(),
-    };
-    if !path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("inp"))
-    {
-        return Err(refused("not the extension of a deck; expected .inp"));
-    }
+    check_extension(path)?;
     if mesh.cubes.is_empty() {
-        return Err(refused("no elements"));
+        return Err(refused(path, "no elements"));
     }
     let mut file = AtomicFile::create(path)?;
     let written = mesh.write(&mut file, heading, material);

@@ -73,7 +73,7 @@ const MAX_PART_EDGE: i32 = 4096;
 const LEAVES_PER_BATCH: usize = 256;
 
 /// Progress that forwards cancellation and hides stages: a brick is one unit of its run's progress.
-struct CancelOnly<'a>(&'a dyn Progress);
+pub(super) struct CancelOnly<'a>(pub &'a dyn Progress);
 
 impl Progress for CancelOnly<'_> {
     fn stage(&self, _: &str, _: Option<u64>) {}

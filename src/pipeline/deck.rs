@@ -14,7 +14,7 @@ use std::path::Path;
 /// Least share of solid in an element, unless the output sets another.
 const SOLID_SHARE: f64 = 0.5;
 /// Poisson's ratio, unless the output sets another.
-const POISSON: f64 = 0.3;
+pub(super) const POISSON: f64 = 0.3;
 
 /// No cubes yet, of the output's element size on the voxels of `context`.
 pub(super) fn cubes(
@@ -73,6 +73,7 @@ pub(super) fn write_cubes(
     let material = DeckMaterial {
         young: output.young.map_or(1.0, |y| y.0),
         poisson: output.poisson.map_or(POISSON, |p| p.0),
+        density: output.density.map(|d| d.0),
     };
     let written = write_voxel_deck(path, mesh, &heading(recipe, edge, unit), material)?;
     Ok(OutputFile {

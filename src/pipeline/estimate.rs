@@ -20,14 +20,17 @@ use crate::recipe::{GridWord, Op, Output, OutputKind, Scale};
 use serde::Serialize;
 
 mod costs;
+mod macro_decks;
 
 pub(super) use costs::{
     DECIMATION_BYTES_PER_POINT, PROJECTION_BYTES_PER_POINT, attribute_values_per_vertex,
+    share_of_copies,
 };
 use costs::{
     ELEMENT_BYTES, ELEMENT_DISK_BYTES, WIDENING_NS, cost, deck_elements, file_bytes_per_point,
     grids_in_memory, grids_on_disk, memory_bytes_per_point, pixels, spooled_bytes_per_point,
 };
+pub(super) use macro_decks::of_macro_decks;
 
 /// Predicted needs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -50,6 +53,8 @@ pub struct Estimate {
     pub bricks: u64,
     /// Bytes of the bricks' files, which the run removes at its end.
     pub brick_bytes: u64,
+    /// Homogenised cells for decks of the scaffold's elements.
+    pub homogenised_cells: u64,
     /// Wall time; the least accurate of these numbers.
     pub seconds: f64,
 }
@@ -320,11 +325,6 @@ fn level_set_operations<'a>(inputs: &'a Inputs) -> impl Iterator<Item = (&'a Op,
     })
 }
 
-/// Share of a solid's leaves that its coarser copies (voxels of twice, four times ... the edge) have.
-pub(super) fn share_of_copies(levels: u8) -> f64 {
-    (1..=i32::from(levels)).map(|n| 4f64.powi(-n)).sum()
-}
-
 /// Counts on voxels of 2^level times the recipe's edge.
 fn counts_at_level(
     inputs: &Inputs,
@@ -485,6 +485,7 @@ fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimate {
         disk_bytes: disk as u64,
         bricks: 0,
         brick_bytes: 0,
+        homogenised_cells: 0,
         seconds,
     }
 }

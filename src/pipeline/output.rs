@@ -66,6 +66,14 @@ pub(super) fn write(
                 ..file_entry(path, Some(unit))?
             }]
         }
+        OutputKind::Deck if output.is_macro_deck() => {
+            vec![super::macro_deck::write(
+                context,
+                done.inputs,
+                output,
+                path,
+            )?]
+        }
         OutputKind::Deck => {
             vec![super::deck::write(
                 context,
@@ -108,6 +116,7 @@ pub(super) fn file_entry(path: &Path, unit: Option<LengthUnit>) -> Result<Output
         content_hash: None,
         mesh: None,
         deck: None,
+        macro_deck: None,
     })
 }
 

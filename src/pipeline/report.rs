@@ -2,6 +2,7 @@
 
 use super::cut_faces::CutFaces;
 use super::least_wall::WallSamples;
+use super::macro_deck::MacroDeckFacts;
 use super::requirements::Requirement;
 use crate::frame::Aabb;
 use crate::progress::Threads;
@@ -391,6 +392,9 @@ pub struct OutputFile {
     /// Of a finite-element deck.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deck: Option<DeckFacts>,
+    /// Of a deck of the scaffold's elements.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub macro_deck: Option<MacroDeckFacts>,
 }
 
 /// Counts of a finite-element deck; lengths are in the deck's unit.

@@ -88,6 +88,11 @@ impl SheetThickness {
         self.range
     }
 
+    /// The thickness at the interpolation's points.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
     /// Whether the solid is the complement of the sheet.
     pub fn is_inverted(&self) -> bool {
         self.is_inverted

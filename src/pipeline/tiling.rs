@@ -25,10 +25,12 @@ use crate::vdb::Session;
 use rayon::prelude::*;
 
 mod cell_weights;
+mod graded;
 mod thickness;
 mod weights;
 
 pub(super) use cell_weights::CellWeights;
+pub(super) use graded::{Graded, GradedQuantity};
 use thickness::is_metric_sheet;
 
 /// A scaffold tiled with cells.
@@ -46,6 +48,8 @@ pub(super) struct CellTiling {
     weights: Vec<f64>,
     /// By point; empty without a grading.
     grading: Vec<f64>,
+    /// The values that the recipe gives the graded quantity at the points.
+    graded: Option<Graded>,
     follow_volume: bool,
     /// Beams and plates in world space, if the cells are made of them; the palette then holds names
     /// only.
@@ -112,6 +116,7 @@ impl CellTiling {
             counts,
             weights: Vec::new(),
             grading: Vec::new(),
+            graded: None,
             // A blend of mid-surfaces has no volume.
             follow_volume: section.follow_volume.unwrap_or(true) && !is_sheet,
             sheets: None,
@@ -138,12 +143,14 @@ impl CellTiling {
             let round = RoundBeams::load(files, &tiling, section, &spatial)?;
             tiling.target_thickness = Some(round.diameters());
             tiling.target_fraction = round_beams::fraction(files.recipe, section);
+            tiling.graded = tiling.graded_diameters(files, section, &spatial)?;
             tiling.round = Some(round);
             return Ok(tiling);
         }
         if is_sheet {
             let sheets = tiling.sheet_thickness(files, section, &spatial)?;
             tiling.target_thickness = Some(sheets.range());
+            tiling.graded = Some(Graded::thickness(sheets.values().to_vec()));
             tiling.sheets = Some(sheets);
         } else {
             tiling.grade(files, section, &spatial)?;
@@ -213,6 +220,7 @@ impl CellTiling {
             _ => return Ok(()),
         };
         let mut values = self.values(files, &spatial(key), varying)?;
+        self.graded = Some(Graded::of_key(key, values.clone()));
         if key == "tiling.thickness" {
             let used = (0..values.len()).filter(|&n| self.counts[n]);
             let targets = used.map(|n| [values[n]; 2]);

@@ -24,8 +24,9 @@ pub struct Output {
     pub vdb: Option<PathBuf>,
     /// A triangle mesh: .stl, .ply, .obj or .3mf.
     pub mesh: Option<PathBuf>,
-    /// A finite-element deck (.inp) of the finished part for `CalculiX` and Abaqus: nodes, elements, sets and
-    /// surfaces of the six sides of its box, a material. Loads and steps are left to the deck that includes it.
+    /// A finite-element deck (.inp) for `CalculiX` and Abaqus: nodes, elements, sets and surfaces of the six sides
+    /// of its box, materials. With `kind` its elements are voxels of the finished part; without, they are those
+    /// of the scaffold, with homogenised stiffnesses. Loads and steps are left to the deck that includes it.
     pub fe: Option<PathBuf>,
     /// A shaded picture (.png).
     pub picture: Option<PathBuf>,
@@ -71,7 +72,8 @@ pub struct Output {
     /// whole beams that nothing cuts, round ones in curved elements as polylines; fitted graphs for one cell
     /// over a scaffold of straight elements.
     pub beams: bool,
-    /// Elements of the deck: "hex8", cubes of whole voxels. Required with `fe`.
+    /// Elements of the deck: "hex8", cubes of whole voxels of the finished part. When left out, the deck has the
+    /// hexahedra and tetrahedra of the scaffold, each with the effective stiffness of its cell.
     pub kind: Option<DeckKind>,
     /// Edge of the deck's elements, a whole number of voxels; one voxel when left out.
     pub element_size: Option<Size>,
@@ -82,6 +84,11 @@ pub struct Output {
     pub young: Option<Positive>,
     /// Poisson's ratio of the deck's material, below 0.5; 0.3 when left out.
     pub poisson: Option<Fraction>,
+    /// Density of the deck's material, mass per volume in the deck's units; the deck has none when left out.
+    pub density: Option<Positive>,
+    /// Voxels along the period for the effective stiffness of cells, an even number; 32 when left out.
+    #[schemars(range(min = 8, max = 256))]
+    pub resolution: Option<u32>,
     /// Width and height of the picture in pixels: [1000, 800] or "1000x800".
     pub size: Option<PictureSize>,
     /// A cut plane of the picture, as in "x=0" (recipe's unit).
@@ -208,6 +215,11 @@ impl Output {
     /// Whether OpenVDB makes its mesh.
     pub fn is_meshed_by_openvdb(&self) -> bool {
         self.merging() > 0.0 || self.quads || self.sharp || self.mesher == Some(MesherWord::OpenVdb)
+    }
+
+    /// Whether it is a deck of the scaffold's elements, which needs no voxels.
+    pub fn is_macro_deck(&self) -> bool {
+        self.fe.is_some() && self.kind.is_none()
     }
 
     /// Whether it holds the local thickness.

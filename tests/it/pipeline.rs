@@ -2,6 +2,7 @@
 
 mod crystals;
 mod decks;
+mod macro_decks;
 mod offsets;
 mod outputs;
 mod require;

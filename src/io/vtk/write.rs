@@ -20,16 +20,34 @@ pub fn write_vtu(
     scaffold: &Scaffold,
     fields: &[(&str, &[f64])],
 ) -> Result<u64, WriteError> {
+    write_vtu_fields(path, scaffold, &[], fields)
+}
+
+/// As [`write_vtu`], with fields of one number per node too.
+///
+/// # Errors
+/// When the file cannot be written, or a field has another number of values.
+pub fn write_vtu_fields(
+    path: impl AsRef<Path>,
+    scaffold: &Scaffold,
+    node_fields: &[(&str, &[f64])],
+    fields: &[(&str, &[f64])],
+) -> Result<u64, WriteError> {
     let path = path.as_ref();
-    if let Some((name, values)) = fields.iter().find(|f| f.1.len() != scaffold.len()) {
-        return Err(WriteError::Format {
-            path: path.to_owned(),
-            reason: format!(
-                "field {name:?} has {} values; expected one for each of {} elements",
-                values.len(),
-                scaffold.len()
-            ),
-        });
+    let nodes = scaffold.nodes().len();
+    for (all, count, what) in [
+        (node_fields, nodes, "nodes"),
+        (fields, scaffold.len(), "elements"),
+    ] {
+        if let Some((name, values)) = all.iter().find(|f| f.1.len() != count) {
+            return Err(WriteError::Format {
+                path: path.to_owned(),
+                reason: format!(
+                    "field {name:?} has {} values; expected one for each of {count} {what}",
+                    values.len()
+                ),
+            });
+        }
     }
     let elements = scaffold.connectivity();
     let mut ends = Vec::with_capacity(elements.len());
@@ -47,6 +65,17 @@ pub fn write_vtu(
     }
     let mut out = Sections::default();
     let count = points.len();
+    if !node_fields.is_empty() {
+        out.text.push_str("<PointData>\n");
+        for (name, values) in node_fields {
+            // The added nodes of pyramids have no values of their own.
+            let added = std::iter::repeat_n(f64::NAN, count - values.len());
+            let all = values.iter().copied().chain(added);
+            let bytes = all.flat_map(f64::to_le_bytes).collect();
+            out.array(name, "Float64", 1, bytes);
+        }
+        out.text.push_str("</PointData>\n");
+    }
     let points: Vec<u8> = points
         .into_iter()
         .flat_map(|p| [p.x, p.y, p.z])

@@ -3,6 +3,7 @@
 use super::super::cut_faces::CutFaces;
 use super::super::error::RunError;
 use super::super::least_wall::Phase;
+use super::super::macro_deck;
 use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
 use super::super::{StageResults, StageTimer, Targets, output};
 use super::BrickRun;
@@ -72,6 +73,11 @@ pub(super) fn merge_and_write(
             picture(brick_run, &solid, (output, path), found.frame)?;
             outputs.push(output::file_entry(path, None)?);
             timer.end_stage("picture")?;
+            continue;
+        }
+        if output.is_macro_deck() {
+            outputs.push(macro_deck::write(context, brick_run.inputs, output, path)?);
+            timer.end_stage("write")?;
             continue;
         }
         if output.fe.is_some() {

@@ -53,6 +53,11 @@ pub(super) fn file_bytes_per_point(output: &Output, path: &Path) -> f64 {
 /// these.
 const BLOCK_BORDER_SHARE: f64 = 0.02;
 
+/// Share of a solid's leaves that its coarser copies (voxels of twice, four times ... the edge) have.
+pub(in super::super) fn share_of_copies(levels: u8) -> f64 {
+    (1..=i32::from(levels)).map(|n| 4f64.powi(-n)).sum()
+}
+
 /// Share of its points that an output's mesh keeps. Where decimation has an error limit, the share is
 /// unknown and counts as 1.
 fn share_of_points(output: &Output) -> f64 {
@@ -155,6 +160,9 @@ const DECK_FILL: f64 = 0.6;
 
 /// Elements of a deck. How much of its box a solid fills is not sampled, so that this is an upper estimate.
 pub(super) fn deck_elements(output: &Output, c: &Counts, on: Voxels) -> f64 {
+    if output.is_macro_deck() {
+        return 0.0;
+    }
     let edge = f64::from(output.element_voxels(on.scale).unwrap_or(1));
     DECK_FILL * c.extent_blocks * f64::from(BLOCK).powi(3) / edge.powi(3)
 }

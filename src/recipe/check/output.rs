@@ -2,12 +2,16 @@
 
 use super::{Checked, large_enough};
 use crate::recipe::Sections;
+use crate::recipe::error::RecipeError;
 use crate::recipe::grid_word::GridWord;
 use crate::recipe::op::Op;
 use crate::recipe::operand::Operand;
 use crate::recipe::output::{MesherWord, Output, OutputKind};
 use crate::recipe::quantity::Scale;
 use crate::recipe::source::Source;
+
+/// Voxels along the period of a homogenised cell.
+const DECK_RESOLUTIONS: std::ops::RangeInclusive<u32> = 8..=256;
 
 pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
     let mut seen = Vec::new();
@@ -60,7 +64,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
         let (vdb, mesh, picture) = (OutputKind::Vdb, OutputKind::Mesh, OutputKind::Picture);
         let deck = OutputKind::Deck;
         // Keys, whether they are given, and the kinds of outputs that they are for.
-        let keys: [(&str, bool, &[OutputKind]); 21] = [
+        let keys: [(&str, bool, &[OutputKind]); 23] = [
             ("fog", output.fog, &[vdb]),
             ("lod", output.lod.is_some(), &[vdb]),
             ("segments", output.segments.is_some(), &[vdb]),
@@ -82,6 +86,8 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             ("solid_share", output.solid_share.is_some(), &[deck]),
             ("young", output.young.is_some(), &[deck]),
             ("poisson", output.poisson.is_some(), &[deck]),
+            ("density", output.density.is_some(), &[deck]),
+            ("resolution", output.resolution.is_some(), &[deck]),
         ];
         let wrong = keys
             .into_iter()
@@ -234,17 +240,17 @@ fn of_beams(
 fn of_deck(sections: &Sections, output: &Output, key: &str, source: &Source) -> Checked {
     let fault = |word: &str, message: String| source.fault(&format!("{key}.{word}"), message);
     if output.kind.is_none() {
-        return Err(fault(
-            "fe",
-            "a deck needs the kind of its elements; expected kind = \"hex8\"".into(),
-        ));
+        of_macro_deck(sections, output, &fault)?;
+    } else if output.resolution.is_some() {
+        let message = "resolution is of homogenised cells; expected it without kind";
+        return Err(fault("resolution", message.into()));
     }
     if let Some(poisson) = output.poisson.filter(|p| p.0 >= 0.5) {
         let message = format!("found {poisson}, expected a Poisson's ratio below 0.5");
         return Err(fault("poisson", message));
     }
     // Resampling changes the voxel size; then the run checks `element_size`.
-    if sections.op.iter().any(|op| matches!(op, Op::Resample(_))) {
+    if output.kind.is_none() || sections.op.iter().any(|op| matches!(op, Op::Resample(_))) {
         return Ok(());
     }
     let unknown = Scale {
@@ -259,6 +265,36 @@ fn of_deck(sections: &Sections, output: &Output, key: &str, source: &Source) -> 
         .element_voxels(scale)
         .map(|_| ())
         .map_err(|message| fault("element_size", message))
+}
+
+/// Rules of a deck of the scaffold's elements.
+fn of_macro_deck(
+    sections: &Sections,
+    output: &Output,
+    fault: &dyn Fn(&str, String) -> RecipeError,
+) -> Checked {
+    if sections.scaffold.is_none() || sections.tiling.is_none() {
+        let message = "found neither kind nor a [scaffold] with a [tiling]; expected kind = \"hex8\" for the \
+                       voxels of the solid, or a tiled scaffold for a deck of its elements";
+        return Err(fault("fe", message.into()));
+    }
+    for (word, given) in [
+        ("element_size", output.element_size.is_some()),
+        ("solid_share", output.solid_share.is_some()),
+    ] {
+        if given {
+            let message =
+                format!("{word} belongs to a deck of voxels; expected kind = \"hex8\" with it");
+            return Err(fault(word, message));
+        }
+    }
+    match output.resolution {
+        Some(n) if !DECK_RESOLUTIONS.contains(&n) || n % 2 == 1 => Err(fault(
+            "resolution",
+            format!("found {n}; expected an even number from 8 to 256"),
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Rules of mesh outputs.
