@@ -12,6 +12,7 @@
 //! | 65 | bad input data | 130 | interrupted |
 //! | 66 | input missing | 143 | terminated |
 
+use crate::vdb::subprocess::Program;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::ffi::OsString;
 use std::panic::AssertUnwindSafe;
@@ -55,7 +56,7 @@ mod vdb_commands;
 mod voxelize;
 
 use context::{GlobalOptions, Session};
-use failure::Failure;
+pub use failure::Failure;
 use output::Answer;
 
 /// Symmetric implicit microstructures over unstructured meshes, as OpenVDB level sets.
@@ -142,6 +143,15 @@ fn grammar() -> clap::Command {
 
 /// Runs the program on its arguments (the first is its name) and returns its exit code.
 pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    ExitCode::from(run_program(arguments, None))
+}
+
+/// As [`main`], for a program that is not this process's executable: `reader` starts it as the child that reads
+/// `.vdb` files.
+pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option<Program>) -> u8 {
+    if let Some(reader) = reader {
+        vdb::set_reader(reader);
+    }
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let json = arguments.iter().any(|a| a == "--json");
     let cli = match Cli::try_parse_from(&arguments) {
@@ -161,12 +171,11 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let answered = answered.unwrap_or_else(|_| Err(Failure::bug()));
     // A signal during unwinding decides the exit code, whatever the error is, unless the run can be
     // resumed.
-    let code = match (answered, session.signals.exit_code()) {
+    match (answered, session.signals.exit_code()) {
         (Ok(answer), _) => answer.print(&session),
         (Err(failure), Some(code)) if !failure.is_resumable() => {
             Failure::stopped(code).print(&session)
         }
         (Err(failure), _) => failure.print(&session),
-    };
-    ExitCode::from(code)
+    }
 }

@@ -27,5 +27,7 @@ pub mod grading {}
 pub mod accuracy {}
 #[doc = include_str!("guide/performance.md")]
 pub mod performance {}
+#[doc = include_str!("guide/python.md")]
+pub mod python {}
 #[doc = include_str!("guide/recipe.md")]
 pub mod recipe {}

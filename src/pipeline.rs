@@ -17,6 +17,7 @@
 use crate::band::BandStats;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{OutputKind, Recipe};
+use crate::vdb::LevelSet;
 use std::path::{Path, PathBuf};
 
 mod attributes;
@@ -75,13 +76,14 @@ mod volumes;
 mod voxels;
 
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
-pub(crate) use cells::{make_cell, one_element, read_source};
-pub use cells::{own_element, with_level};
+pub use cells::{make_cell, own_element, with_level};
+pub(crate) use cells::{one_element, read_source};
 pub(crate) use crystals::crystal_script;
 pub use error::RunError;
 pub use estimate::Estimate;
 pub(crate) use fit_options::fit_options;
 pub use grade::{GradeOptions, GradeReport, GradeRule, grade};
+pub use grading::{GradedQuantity, level_shifts};
 pub(crate) use group::{group_fault, read_group};
 pub(crate) use homogenize::{CellPeriod, beam_period, cell_period, free_memory, recipe_period};
 pub(crate) use lattice::solid_picture;
@@ -99,8 +101,7 @@ pub(crate) use sampling::FieldSample;
 #[doc(hidden)]
 pub use sampling::Probe;
 pub use slices::{SliceOptions, SliceSummary, slice};
-pub use source::CellFault;
-pub(crate) use source::set_source;
+pub use source::{CellFault, set_source};
 pub use targets::design;
 
 use cut_faces::CutFaces;
@@ -131,8 +132,7 @@ pub struct RunOptions {
     /// The child process that opens `.vdb` input files. Without one, this process reads them, and a
     /// damaged file can crash it.
     pub isolated: Option<crate::vdb::subprocess::Program>,
-    /// A grid of such a file that is in memory already; the run uses it and does not read the file
-    /// again.
+    /// A grid of such a file that is in memory already; the run does not read it again.
     pub opened: Option<crate::vdb::subprocess::PrefetchedGrid>,
 }
 
@@ -170,13 +170,24 @@ pub fn plan(
 /// Runs a recipe and writes its outputs.
 ///
 /// # Errors
-/// [`RunError`]: a fault of the recipe, an input, an output or the solid; too little memory,
-/// found before any large allocation; or cancellation.
+/// [`RunError`]: a fault of the recipe, an input, an output or the solid; too little memory; cancellation.
 pub fn run(
     recipe: &Recipe,
     options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<Report, RunError> {
+    run_keeping_solid(recipe, options, progress).map(|r| r.0)
+}
+
+/// As [`run`]; also returns the level set, unless the run goes through bricks.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_keeping_solid(
+    recipe: &Recipe,
+    options: &RunOptions,
+    progress: &dyn Progress,
+) -> Result<(Report, Option<LevelSet>), RunError> {
     let threads = threads(options)?;
     let sections = recipe.sections();
     let mut timer = StageTimer::new(progress);
@@ -186,14 +197,16 @@ pub fn run(
     if needs_no_voxels(recipe) {
         let context = StageContext::new(recipe, &threads, progress);
         let results = macro_deck::write_all(context, &inputs, &outputs, &mut timer)?;
-        return finish_report(inputs, results, (&threads, true), &outputs, timer);
+        let report = finish_report(inputs, results, (&threads, true), &outputs, timer)?;
+        return Ok((report, None));
     }
 
     let needs_bricks = bricks::plan_if_needed(&inputs, &threads, options, progress)?;
     timer.end_stage("estimate")?;
     if let Some(plan) = needs_bricks {
         let results = bricks::run(&inputs, plan, options, &threads, &outputs, &mut timer)?;
-        return finish_report(inputs, results, (&threads, options.brief), &outputs, timer);
+        let report = finish_report(inputs, results, (&threads, options.brief), &outputs, timer)?;
+        return Ok((report, None));
     }
 
     let mut context = StageContext::new(recipe, &threads, progress);
@@ -260,7 +273,8 @@ pub fn run(
         bricks: None,
         outputs: written,
     };
-    finish_report(inputs, results, (&threads, options.brief), &outputs, timer)
+    let report = finish_report(inputs, results, (&threads, options.brief), &outputs, timer)?;
+    Ok((report, Some(solid)))
 }
 
 /// Results of the stages of a run.
@@ -359,7 +373,7 @@ fn threads(options: &RunOptions) -> Result<Threads, RunError> {
 fn measure(
     context: StageContext,
     inputs: &Inputs,
-    solid: &crate::vdb::LevelSet,
+    solid: &LevelSet,
     report: &mut SolidReport,
     (needs_mesh, needs_walls): (bool, bool),
     timer: &mut StageTimer,
@@ -444,8 +458,7 @@ impl Targets<'_> {
     }
 }
 
-/// Resolves the paths of the outputs, refuses those that would overwrite an input, and creates the
-/// output directory.
+/// Resolves the paths of the outputs, refuses to overwrite an input, and creates the output directory.
 fn output_targets<'a>(inputs: &Inputs<'a>, out: Option<&Path>) -> Result<Targets<'a>, RunError> {
     let recipe = inputs.recipe;
     let mut targets = Targets {

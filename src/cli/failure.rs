@@ -9,7 +9,6 @@ use crate::vdb::{FileError, VdbError};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write;
-use std::process::ExitCode;
 use std::sync::Mutex;
 
 /// Exit codes of failures.
@@ -21,9 +20,9 @@ const EXIT_CREATE: u8 = 73;
 const EXIT_IO: u8 = 74;
 const EXIT_RESUMABLE: u8 = 75;
 
-/// Why a command failed, ready to be shown.
+/// Why a command failed, ready to be shown: the words of the command line for every error of the library.
 #[derive(Debug, Default)]
-pub(super) struct Failure {
+pub struct Failure {
     code: u8,
     message: String,
     file: Option<String>,
@@ -35,6 +34,36 @@ pub(super) struct Failure {
 }
 
 impl Failure {
+    /// The exit code of the program.
+    pub fn code(&self) -> u8 {
+        self.code
+    }
+
+    /// What was found and what was expected.
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+
+    /// The file at fault.
+    pub fn file(&self) -> Option<&str> {
+        self.file.as_deref()
+    }
+
+    /// Line and column in it, from 1.
+    pub fn place(&self) -> (Option<u64>, Option<u64>) {
+        (self.line, self.column)
+    }
+
+    /// The element or other item at fault, in the file's numbering.
+    pub fn element(&self) -> Option<u64> {
+        self.element
+    }
+
+    /// What to do.
+    pub fn advice(&self) -> Option<&str> {
+        self.hint.as_deref()
+    }
+
     /// A failure of bad data in a file.
     pub(super) fn data(file: &std::path::Path, message: impl Into<String>) -> Self {
         Self {
@@ -178,7 +207,7 @@ impl Failure {
 }
 
 /// Arguments that do not parse. `--help` and `--version` arrive here too; they are not errors.
-pub(super) fn usage(error: &clap::Error, json: bool) -> ExitCode {
+pub(super) fn usage(error: &clap::Error, json: bool) -> u8 {
     let code = error.exit_code() as u8;
     let _ = error.print();
     if json && code != 0 {
@@ -194,7 +223,7 @@ pub(super) fn usage(error: &clap::Error, json: bool) -> ExitCode {
         };
         let _ = writeln!(std::io::stdout(), "{}", failure.json());
     }
-    ExitCode::from(code)
+    code
 }
 
 /// The message of the last panic, kept for [`Failure::bug`].

@@ -6,6 +6,7 @@ use crate::vdb::{self, Adopted, Cubes, FileError, FileInfo, GridReading, LevelSe
 use clap::{Args, ValueEnum};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 /// Name of the hidden command that the child runs.
 pub(super) const CHILD: &str = "inspect-vdb";
@@ -46,8 +47,19 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failu
     Ok(super::Answer::new(line, serde_json::Value::Null))
 }
 
+/// The program of the child, where it is not this process's executable.
+static READER: OnceLock<Program> = OnceLock::new();
+
+/// Sets the program of the child, once for the process.
+pub(super) fn set_reader(program: Program) {
+    let _ = READER.set(program);
+}
+
 /// The command that starts this program as the child.
 pub(super) fn reader() -> Result<Program, Failure> {
+    if let Some(program) = READER.get() {
+        return Ok(program.clone());
+    }
     let path = std::env::current_exe()
         .map_err(|e| crate::io::ReadError::io(Path::new("the program itself"), e))?;
     Ok(Program {

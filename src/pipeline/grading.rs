@@ -1,11 +1,12 @@
 //! Gradings: level shifts of a cell's field for a target level, volume fraction or thickness.
 
 use super::error::RunError;
-use super::palette::PaletteCell;
+use super::fractions;
+use crate::cell::{Cell, Density, Table};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
-use crate::tiling::CellField;
+use crate::tiling::{CellField, TilingError};
 
 /// Number of grades that tabulate the range of a quantity.
 const GRADE_COUNT: usize = 9;
@@ -36,15 +37,87 @@ pub(super) struct Grade {
     pub shift: f64,
 }
 
+/// A cell whose level is graded.
+#[derive(Clone, Copy)]
+pub(super) struct GradedCell<'a> {
+    pub name: &'a str,
+    pub cell: &'a Cell,
+    /// Density of the elements that the cell fills, unless all are affine.
+    pub density: Option<&'a Density>,
+    /// Root mean square of the gradient on its surface.
+    pub slope: f64,
+}
+
+/// A quantity that sets the level of a cell at every node of a scaffold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GradedQuantity {
+    /// The level, in units of the cell's field.
+    Level,
+    /// The solid's share of the element.
+    VolumeFraction,
+    /// The full local thickness, world units.
+    Thickness,
+}
+
+/// Shifts of a cell's normalised field at the nodes of a scaffold, as [`crate::tiling::Blend::graded`] expects
+/// them, that give the cell the values of a quantity there, as `[tiling]` of a recipe does. `table` is the table
+/// of the cell that fills the scaffold.
+///
+/// # Errors
+/// [`RunError::Tiling`] unless there is one value for each node, [`RunError::Cell`] if no level gives a value.
+pub fn level_shifts(
+    scaffold: &Scaffold,
+    (cell, table): (&Cell, &Table),
+    quantity: GradedQuantity,
+    mut values: Vec<f64>,
+) -> Result<Vec<f64>, RunError> {
+    let (found, expected) = (values.len(), scaffold.nodes().len());
+    if found != expected {
+        let e = TilingError::WeightCount { found, expected };
+        return Err(RunError::Tiling(e.to_string()));
+    }
+    let key = match quantity {
+        GradedQuantity::Level => "tiling.level",
+        GradedQuantity::VolumeFraction => "tiling.volume_fraction",
+        GradedQuantity::Thickness => "tiling.thickness",
+    };
+    if quantity == GradedQuantity::Thickness {
+        for (v, s) in values.iter_mut().zip(node_scales(scaffold, cell.element())) {
+            *v /= s;
+        }
+    }
+    let is_corner = super::spatial_value::corner_nodes(scaffold);
+    let used = values.iter().zip(&is_corner).filter(|v| *v.1);
+    let range = used.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (v, _)| {
+        (a.min(*v), b.max(*v))
+    });
+    let density = fractions::density(scaffold, cell);
+    let graded = GradedCell {
+        name: cell.name(),
+        cell,
+        density: density.as_ref(),
+        slope: CellField::gradient_rms(table),
+    };
+    let grades = grade_shifts(graded, key, range)?;
+    let shift = |(v, is_corner): (f64, bool)| {
+        if is_corner {
+            interpolated_shift(&grades, v)
+        } else {
+            0.0
+        }
+    };
+    Ok(values.into_iter().zip(is_corner).map(shift).collect())
+}
+
 /// Shifts of the normalised field that give a cell the quantity, tabulated over its range.
 pub(super) fn grade_shifts(
-    palette_cell: &PaletteCell,
+    graded: GradedCell<'_>,
     key: &str,
     (low, high): (f64, f64),
 ) -> Result<Vec<Grade>, RunError> {
-    let cell = &palette_cell.cells[0];
+    let cell = graded.cell;
     let fault = |e: crate::cell::CellError| RunError::Cell {
-        key: format!("{key} of cell.{}", palette_cell.name),
+        key: format!("{key} of cell.{}", graded.name),
         fault: e.into(),
     };
     let steps = if high - low > 1e-9 * high.abs().max(1e-9) {
@@ -59,7 +132,7 @@ pub(super) fn grade_shifts(
         let mut nearest = None;
         let level = match key {
             "tiling.level" => at,
-            "tiling.volume_fraction" => match &palette_cell.densities[0] {
+            "tiling.volume_fraction" => match graded.density {
                 Some(density) => cell.level_for_weighted_volume_fraction(at, density),
                 None => cell.level_for_volume_fraction(at),
             }
@@ -80,7 +153,7 @@ pub(super) fn grade_shifts(
         found.push(Grade {
             target: at,
             nearest,
-            shift: shift / CellField::gradient_rms(&palette_cell.tables[0]),
+            shift: shift / graded.slope,
         });
     }
     Ok(found)

@@ -6,6 +6,7 @@
 use super::cells;
 use super::error::{RunError, short_number};
 use super::fractions;
+use super::grading::GradedCell;
 use super::input_files::InputFiles;
 use super::report::Warning;
 use super::source::SourceFault;
@@ -83,6 +84,16 @@ impl PaletteCell {
             cells: Vec::new(),
             tables: Vec::new(),
             densities: Vec::new(),
+        }
+    }
+
+    /// The cell of the first shape, whose level is graded.
+    pub fn graded(&self) -> GradedCell<'_> {
+        GradedCell {
+            name: &self.name,
+            cell: &self.cells[0],
+            density: self.densities[0].as_ref(),
+            slope: self.tables[0].gradient_rms(),
         }
     }
 }

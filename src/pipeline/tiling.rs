@@ -261,7 +261,7 @@ impl CellTiling {
             if used.is_empty() {
                 continue;
             }
-            let grades = grade_shifts(entry, key, range)?;
+            let grades = grade_shifts(entry.graded(), key, range)?;
             for &n in &used {
                 grading[n] += weight(n) * interpolated_shift(&grades, values[n]);
             }

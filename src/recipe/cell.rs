@@ -1,10 +1,12 @@
 //! `[cell.NAME]`: where a unit cell comes from and how it is fitted, levelled and placed.
 
 use super::crystal::CrystalRef;
+use super::error::RecipeError;
 use super::file::{FileRef, Similarity};
 use super::fit::{Filter, FitMethod, Solver, Symmetrise};
 use super::hybrid::{Ingredient, Surroundings};
 use super::quantity::{Finite, Fraction, Length, Positive, Size};
+use super::source::Source;
 use super::target::TargetWord;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -367,6 +369,23 @@ impl JsonSchema for Place {
 }
 
 impl CellSection {
+    /// Reads a section from the text of its keys (TOML), without a table's name. Paths start from the working
+    /// directory.
+    ///
+    /// # Errors
+    /// [`RecipeError`]: an unknown key or a value that is not valid.
+    ///
+    /// ```
+    /// use druse::recipe::CellSection;
+    /// let section = CellSection::parse("graph = \"octet\"\nradius = 0.08\n").unwrap();
+    /// assert_eq!(section.sources(), ["graph"]);
+    /// let error = CellSection::parse("raduis = 0.08\n").unwrap_err();
+    /// assert_eq!(error.hint.as_deref(), Some("did you mean \"radius\"?"));
+    /// ```
+    pub fn parse(text: &str) -> Result<Self, RecipeError> {
+        Source::new(None, text.to_owned(), &[]).deserialize()
+    }
+
     /// The element that the section names, or that its group has to itself: Ih that of the ball.
     pub fn own_element(&self) -> Option<crate::frame::Element> {
         use crate::frame::Element;

@@ -198,7 +198,8 @@ fn modules_use_only_what_stands_below_them() {
         let relative = path.strip_prefix(&source).unwrap();
         let first = relative.iter().next().unwrap().to_str().unwrap();
         let module = first.trim_end_matches(".rs");
-        if matches!(module, "lib" | "main" | "guide") {
+        // The Python module is a crate of its own, which sees the public interface alone.
+        if matches!(module, "lib" | "main" | "guide" | "python") {
             continue;
         }
         let (_, allowed) = MAY_USE
@@ -229,6 +230,28 @@ fn files_have_at_most_500_lines() {
         })
         .collect();
     assert!(long.is_empty(), "{long:#?}");
+}
+
+/// The Python module stands on the public interface, and its version is that of the library.
+#[test]
+fn the_python_module_is_a_crate_of_its_own() {
+    let manifest = |path: &str| fs::read_to_string(root().join(path)).unwrap();
+    let version = |text: &str| {
+        let line = text.lines().find(|l| l.starts_with("version = "));
+        line.unwrap().to_owned()
+    };
+    let (own, library) = (manifest("src/python/Cargo.toml"), manifest("Cargo.toml"));
+    assert_eq!(version(&own), version(&library));
+    assert!(own.contains("unsafe_code = \"deny\""), "{own}");
+    for path in files(&root().join("src/python"), &["rs"]) {
+        let hidden = ["druse::simd", "druse::slice"];
+        let text = code(&path);
+        assert!(
+            hidden.iter().all(|name| !text.contains(name)),
+            "{}",
+            path.display()
+        );
+    }
 }
 
 /// A unit test is compiled with all that it reaches: of a run that is the whole program, a second time.
