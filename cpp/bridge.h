@@ -167,6 +167,9 @@ void grid_blend(Grid&, std::unique_ptr<Grid> operand, double radius, Smoothing s
 void grid_fillet(Grid&, double radius, Smoothing smoothing, const Host&);
 void grid_prune(Grid&, const Host&);
 
+// coarse.cc
+std::unique_ptr<Grid> grid_coarse(Grid&, std::int32_t step, bool release);
+
 // csg.cc
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);
 
@@ -180,7 +183,7 @@ double grid_volume(const Grid&, const Host&);
 double grid_area(const Grid&, const Host&);
 
 // file.cc
-std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path);
+std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path, bool delayed);
 std::unique_ptr<Grid> file_read(FileIn&, std::size_t index);
 std::unique_ptr<FileOut> file_new();
 std::size_t file_add(FileOut&, const Grid&, rust::Str name, double scale, bool half, const Host&);
@@ -189,6 +192,8 @@ void file_tag_grid(FileOut&, std::size_t index, rust::Str key, rust::Str value);
 std::int32_t file_write(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
 
 // nano.cc
+rust::Vec<rust::String> nano_names(rust::Slice<const std::uint8_t> path);
+std::unique_ptr<Grid> nano_read(rust::Slice<const std::uint8_t> path, std::size_t index);
 std::int32_t file_write_nano(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
 
 // stream.cc

@@ -1,10 +1,11 @@
-// Writing of NanoVDB files: each grid is one block of memory, as a GPU uses it.
+// NanoVDB files: each grid is one block of memory, as a GPU uses it.
 #include "file.h"
 
 #define NANOVDB_USE_BLOSC
 #define NANOVDB_USE_OPENVDB
 #define NANOVDB_USE_ZIP
 #include <nanovdb/util/IO.h>
+#include <nanovdb/util/NanoToOpenVDB.h>
 #include <nanovdb/util/OpenToNanoVDB.h>
 
 using namespace openvdb;
@@ -21,7 +22,26 @@ nanovdb::GridHandle<nanovdb::HostBuffer> nano(const GridBase& base) {
   throw std::invalid_argument("the grid \"" + base.getName() + "\" holds neither floats nor vectors");
 }
 
+std::string name_of(rust::Slice<const std::uint8_t> path) {
+  return std::string(reinterpret_cast<const char*>(path.data()), path.size());
+}
+
 }  // namespace
+
+rust::Vec<rust::String> nano_names(rust::Slice<const std::uint8_t> path) {
+  rust::Vec<rust::String> names;
+  for (const auto& grid : nanovdb::io::readGridMetaData(name_of(path))) {
+    names.push_back(rust::String::lossy(grid.gridName));
+  }
+  return names;
+}
+
+std::unique_ptr<Grid> nano_read(rust::Slice<const std::uint8_t> path, std::size_t index) {
+  const auto handle = nanovdb::io::readGrid(name_of(path), index);
+  GridBase::Ptr grid = nanovdb::nanoToOpenVDB(handle);
+  if (!grid) throw std::runtime_error("the grid could not be read");
+  return wrap(grid);
+}
 
 std::int32_t file_write_nano(const FileOut& out, std::int32_t descriptor, std::uint32_t compression,
                              const Host& host) {

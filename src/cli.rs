@@ -53,6 +53,7 @@ mod signals;
 mod slice;
 mod vdb;
 mod vdb_commands;
+mod view;
 mod voxelize;
 
 use context::{GlobalOptions, Session};
@@ -123,6 +124,8 @@ commands! {
     Check => check,
     /// Draw a shaded picture of a level set, mesh, cell or scaffold.
     Preview => preview,
+    /// Write a page that shows a level set, mesh, cell or scaffold in a browser.
+    View => view,
     /// Write a commented recipe to start from.
     New => new,
     /// Print the JSON schema of recipes.

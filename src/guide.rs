@@ -23,6 +23,8 @@ pub mod files {}
 pub mod formats {}
 #[doc = include_str!("guide/grading.md")]
 pub mod grading {}
+#[doc = include_str!("guide/views.md")]
+pub mod views {}
 #[doc = include_str!("guide/accuracy.md")]
 pub mod accuracy {}
 #[doc = include_str!("guide/performance.md")]

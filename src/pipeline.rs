@@ -72,6 +72,7 @@ mod targets;
 mod thickness;
 mod tiling;
 mod usda;
+mod view;
 mod volumes;
 mod voxels;
 
@@ -103,6 +104,7 @@ pub use sampling::Probe;
 pub use slices::{SliceOptions, SliceSummary, slice};
 pub use source::{CellFault, set_source};
 pub use targets::design;
+pub(crate) use view::{cell_block, few_triangles, wall_thickness};
 
 use cut_faces::CutFaces;
 use inputs::Inputs;

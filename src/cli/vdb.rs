@@ -18,6 +18,9 @@ pub(super) struct Parameters {
     milliseconds: u64,
     requested: Requested,
     grid: Option<String>,
+    /// Active voxels above which a level set is sent as a coarse copy.
+    #[arg(long)]
+    voxels: Option<u64>,
 }
 
 /// The data that a child returns.
@@ -39,7 +42,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failu
         Requested::Info => subprocess::report(&p.file, limits),
         Requested::Grid => {
             let out = std::io::stdout().lock();
-            subprocess::send(&p.file, p.grid.as_deref(), limits, out)
+            subprocess::send(&p.file, p.grid.as_deref(), p.voxels, limits, out)
                 .map_err(|e| crate::io::ReadError::io(&p.file, e))?;
             String::new()
         }

@@ -78,6 +78,15 @@ pub(super) fn decimated(mesh: &TriMesh, decimation: Decimation) -> Result<TriMes
     TriMesh::new(vertices, triangles).map_err(|e| RunError::Decimate(e.to_string()))
 }
 
+/// About `count` triangles over the same vertices.
+pub(super) fn triangles_to_count(mesh: &TriMesh, count: usize) -> Result<Vec<[u32; 3]>, RunError> {
+    let decimation = Decimation {
+        share: count as f64 / mesh.triangles().len().max(1) as f64,
+        error: None,
+    };
+    decimation.simplified(mesh.vertices(), mesh.triangles(), SimplifyOptions::None)
+}
+
 /// Decimates a patch of a mesh and keeps its border, so that patches still fit. `last` is the greatest x
 /// of the regions of the same brick.
 pub(super) fn decimated_patch(

@@ -127,7 +127,7 @@ pub(super) fn sample_walls(
 }
 
 /// The balls that touch a mesh at some of its vertices.
-fn balls(
+pub(super) fn balls(
     mesh: &TriMesh,
     samples: &[u32],
     max_radius: f64,

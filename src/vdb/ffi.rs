@@ -236,6 +236,8 @@ mod bridge {
             masks: &[u64],
             values: &[f32],
         ) -> Result<()>;
+        /// A level set with means of `step`^3 voxels, 2, 4 or 8. `release` frees the values that were read.
+        fn grid_coarse(grid: Pin<&mut Grid>, step: i32, release: bool) -> Result<UniquePtr<Grid>>;
         /// 3 indices per value.
         fn grid_values(grid: &Grid, voxels: &[i32], values: &mut [f32]) -> Result<()>;
         /// 3 world coordinates per value; interpolation is trilinear, or quadratic along each axis.
@@ -342,12 +344,17 @@ mod bridge {
         fn grid_area(grid: &Grid, host: &Host<'_>) -> Result<f64>;
 
         /// `path` as bytes.
-        fn file_open(path: &[u8]) -> Result<UniquePtr<FileIn>>;
+        fn file_open(path: &[u8], delayed: bool) -> Result<UniquePtr<FileIn>>;
         fn version(self: &FileIn) -> u32;
         fn writer(self: &FileIn) -> Result<String>;
         fn metadata(self: &FileIn) -> Result<Vec<MetaEntry>>;
         fn names(self: &FileIn) -> Result<Vec<String>>;
         fn file_read(file: Pin<&mut FileIn>, index: usize) -> Result<UniquePtr<Grid>>;
+
+        /// Names of the grids of a .nvdb file; `path` as bytes.
+        fn nano_names(path: &[u8]) -> Result<Vec<String>>;
+        /// A grid of a .nvdb file as a grid of OpenVDB.
+        fn nano_read(path: &[u8], index: usize) -> Result<UniquePtr<Grid>>;
 
         fn file_new() -> Result<UniquePtr<FileOut>>;
         /// Shares the grid's tree if `scale` is 1, else copies it; the grid must not change until the file is

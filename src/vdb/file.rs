@@ -136,7 +136,7 @@ fn lookup(metadata: &[(String, String)], key: &str) -> Option<String> {
 /// [`FileError::Io`] for a missing file, [`FileError::Damaged`] for an incomplete one.
 pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
-    let mut file = open(path)?;
+    let mut file = open(path, false)?;
     let names = file.names().map_err(damaged)?;
     let mut hash = Some(ContentHash::default());
     let mut grids = Vec::with_capacity(names.len());
@@ -201,13 +201,20 @@ pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<Lev
 }
 
 /// Reads one grid of any type. Without a name: `surface`, else the only level set, else the only grid
-/// of floats.
+/// of floats. With `delayed`, values are read from the file when they are used.
 pub(super) fn pick(
     path: &Path,
     name: Option<&str>,
+    delayed: bool,
 ) -> Result<(String, UniquePtr<ffi::Grid>), FileError> {
+    if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"))
+    {
+        return pick_nano(path, name);
+    }
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
-    let mut file = open(path)?;
+    let mut file = open(path, delayed)?;
     let names = file.names().map_err(damaged)?;
     let no_grid = |present| FileError::NoGrid {
         path: path.to_owned(),
@@ -243,8 +250,28 @@ pub(super) fn pick(
     Ok((names[index].clone(), grid))
 }
 
+/// As [`pick`], from a .nvdb file.
+fn pick_nano(path: &Path, name: Option<&str>) -> Result<(String, UniquePtr<ffi::Grid>), FileError> {
+    let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
+    File::open(path).map_err(|e| FileError::io(path, e))?;
+    let bytes = path.as_os_str().as_bytes();
+    ffi::initialize().map_err(damaged)?;
+    let names = ffi::nano_names(bytes).map_err(damaged)?;
+    let index = names.iter().position(|n| n == name.unwrap_or("surface"));
+    let index = index.or((name.is_none() && names.len() == 1).then_some(0));
+    let Some(index) = index else {
+        return Err(FileError::NoGrid {
+            path: path.to_owned(),
+            requested: name.unwrap_or("surface").to_owned(),
+            present: names,
+        });
+    };
+    let grid = ffi::nano_read(bytes, index).map_err(damaged)?;
+    Ok((names[index].clone(), grid))
+}
+
 /// Opens a file after a check of its first bytes: OpenVDB's messages about them are cryptic.
-fn open(path: &Path) -> Result<UniquePtr<ffi::FileIn>, FileError> {
+fn open(path: &Path, delayed: bool) -> Result<UniquePtr<ffi::FileIn>, FileError> {
     let io = |e| FileError::io(path, e);
     let mut head = Vec::new();
     let file = File::open(path).map_err(io)?;
@@ -269,7 +296,8 @@ fn open(path: &Path) -> Result<UniquePtr<ffi::FileIn>, FileError> {
     if version > 224 {
         return Err(damaged(format!("it is of format {version}")));
     }
-    let opened = ffi::initialize().and_then(|()| ffi::file_open(path.as_os_str().as_bytes()));
+    let opened =
+        ffi::initialize().and_then(|()| ffi::file_open(path.as_os_str().as_bytes(), delayed));
     opened.map_err(|e| FileError::damaged(path, &e))
 }
 

@@ -39,16 +39,30 @@ enum Head {
 const BUFFER_BYTES: usize = 1 << 18;
 /// Bytes of a leaf's record after its letter.
 const LEAF_BYTES: usize = 12 + 64 + 2048;
+/// Size of the largest file that is read at once for a coarse copy.
+const MAX_LOADED_BYTES: u64 = 256 << 20;
 /// Greatest length of the head; metadata may be long.
 const MAX_HEAD_BYTES: u64 = 64 << 20;
 
-/// Child: reads one grid of a file and writes it to `out`.
+/// Child: reads one grid of a file and writes it to `out`, with `max_voxels` as a coarse copy where it has more.
 ///
 /// # Errors
 /// Only errors of `out`; errors of the file are sent to the receiver.
-pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Result<()> {
+pub(super) fn send(
+    path: &Path,
+    name: Option<&str>,
+    max_voxels: Option<u64>,
+    out: impl Write,
+) -> io::Result<()> {
     let mut out = BufWriter::with_capacity(BUFFER_BYTES, out);
-    let volume = super::file::pick(path, name).and_then(|(n, g)| Volume::wrap(path, &n, g));
+    let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
+    let delayed = max_voxels.is_some() && bytes > MAX_LOADED_BYTES;
+    let volume = super::file::pick(path, name, delayed)
+        .and_then(|(n, g)| Volume::wrap(path, &n, g))
+        .and_then(|volume| match max_voxels {
+            Some(count) => volume.coarse(path, count, true),
+            None => Ok(volume),
+        });
     let head = match &volume {
         Ok(volume) => Head::Grid(Box::new(GridInfo {
             name: volume.name().to_owned(),

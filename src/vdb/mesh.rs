@@ -311,7 +311,7 @@ impl LevelSet {
 }
 
 /// The leaves as input of the mesher.
-fn leaf_values<'a>(leaves: &'a super::Leaves<'_>) -> Vec<LeafValues<'a>> {
+pub(super) fn leaf_values<'a>(leaves: &'a super::Leaves<'_>) -> Vec<LeafValues<'a>> {
     let value = |leaf: super::LeafView<'a>| LeafValues {
         origin: leaf.origin,
         values: leaf.values,

@@ -106,10 +106,36 @@ impl Program {
     ///
     /// # Errors
     /// As [`Program::inspect`]; [`FileError::NoGrid`], and [`FileError::NotALevelSet`] for other types
-    /// and for voxels that are no cubes.
+    /// and for voxels that are not cubes.
     pub fn fetch(&self, path: &Path, name: Option<&str>) -> Result<Volume, FileError> {
+        self.fetch_with(path, name, None)
+    }
+
+    /// Reads one grid of floats, as [`Program::fetch`] does; a level set of more than `max_voxels` active voxels as a
+    /// coarse copy ([`Volume::coarse_step`]). Values of a large file are read when they are used, so that it may be
+    /// larger than memory.
+    ///
+    /// # Errors
+    /// As [`Program::fetch`].
+    pub fn fetch_coarse(
+        &self,
+        path: &Path,
+        name: Option<&str>,
+        max_voxels: u64,
+    ) -> Result<Volume, FileError> {
+        self.fetch_with(path, name, Some(max_voxels))
+    }
+
+    fn fetch_with(
+        &self,
+        path: &Path,
+        name: Option<&str>,
+        max_voxels: Option<u64>,
+    ) -> Result<Volume, FileError> {
         let limits = Limits::for_file(path)?;
+        let coarse = max_voxels.map(|count| format!("--voxels={count}"));
         let mut request = vec!["grid"];
+        request.extend(coarse.as_deref());
         request.extend(name);
         let child = self.command(path, limits, &request);
         run_child(child, path, limits, |pipe| ipc::receive(path, pipe, limits))
@@ -171,7 +197,8 @@ pub fn report(path: &Path, limits: Limits) -> String {
     serde_json::to_string(&report).unwrap_or_default()
 }
 
-/// Child: limits its memory, reads one grid of floats and sends it through `out`. Changes the limits of the
+/// Child: limits its memory, reads one grid of floats and sends it through `out`; a level set of more than
+/// `max_voxels` active voxels as a coarse copy. Changes the limits of the
 /// process; only for a process that does nothing else.
 ///
 /// # Errors
@@ -179,11 +206,12 @@ pub fn report(path: &Path, limits: Limits) -> String {
 pub fn send(
     path: &Path,
     name: Option<&str>,
+    max_voxels: Option<u64>,
     limits: Limits,
     out: impl Write,
 ) -> std::io::Result<()> {
     limits.impose();
-    ipc::send(path, name, out)
+    ipc::send(path, name, max_voxels, out)
 }
 
 /// Parent: runs `child`, which must print [`report`] of the same path and limits; kills it at the time limit.

@@ -6,8 +6,15 @@ use super::resample::on_cubes;
 use super::value_survey::Survey;
 use super::{FileError, GridInfo, IndexMap, LevelSet, Session, VdbError, ffi};
 use crate::frame::{Coord, Transform, Vec3, WorldPoint};
+use crate::mesh::TriMesh;
+use crate::mesher::Mesher;
 use cxx::UniquePtr;
 use std::path::Path;
+
+/// Metadata key of a coarse copy: how many voxels of the file are along an edge of its voxels.
+const COARSE_STEP_KEY: &str = "druse.view_step";
+/// Greatest such number.
+const MAX_COARSE_STEP: u32 = 4096;
 
 /// A grid of floats without the guarantees of a level set, as in files of other programs.
 pub struct Volume {
@@ -234,6 +241,71 @@ impl Volume {
         Ok(solid)
     }
 
+    /// A level set of at most `max_voxels` active voxels for views: means over cubes of voxels, 2, 4, 8, ... along
+    /// each edge. Thinner walls than such a cube vanish. Other grids, and those of fewer voxels, stay as they are.
+    ///
+    /// # Errors
+    /// Only errors of OpenVDB; `path` is the name in them.
+    pub(super) fn coarse(
+        mut self,
+        path: &Path,
+        max_voxels: u64,
+        release: bool,
+    ) -> Result<Self, FileError> {
+        if self.info.class != "level set"
+            || !self.info.cubic
+            || self.info.active_voxels <= max_voxels
+        {
+            return Ok(self);
+        }
+        let failed = |e: cxx::Exception| FileError::damaged(path, &e);
+        let mut step = 1u32;
+        let mut active = self.info.active_voxels;
+        let mut is_own = release;
+        while active > max_voxels && step < MAX_COARSE_STEP {
+            // Halving the resolution leaves about a fifth of the active voxels, halving it again a sixth of these.
+            let by = match active / max_voxels.max(1) {
+                0..5 => 2,
+                5..30 => 4,
+                _ => 8,
+            };
+            self.grid = ffi::grid_coarse(self.grid.pin_mut(), by, is_own).map_err(failed)?;
+            is_own = true;
+            step *= by as u32;
+            active = ffi::grid_active_voxels(&self.grid).map_err(failed)?;
+        }
+        let facts = GridInfo::from_facts(ffi::grid_facts(&self.grid).map_err(failed)?);
+        let mut metadata = std::mem::take(&mut self.info.metadata);
+        metadata.push((COARSE_STEP_KEY.to_owned(), step.to_string()));
+        *self.info = GridInfo {
+            name: self.name.clone(),
+            metadata,
+            ..facts
+        };
+        Ok(self)
+    }
+
+    /// Voxels of the file along an edge of a voxel: more than 1 for a coarse copy.
+    pub fn coarse_step(&self) -> u32 {
+        self.meta(COARSE_STEP_KEY)
+            .and_then(|s| s.parse().ok())
+            .unwrap_or(1)
+    }
+
+    /// The triangles of a coarse copy.
+    ///
+    /// # Errors
+    /// [`VdbError::Cancelled`], [`VdbError::Mesher`], or errors of OpenVDB.
+    pub fn coarse_mesh(&self, session: Session<'_>) -> Result<TriMesh, VdbError> {
+        let (transform, origin) = self.frame()?;
+        let leaves = self.leaves()?;
+        let values = super::mesh::leaf_values(&leaves);
+        let mesher = Mesher::new(transform).with_origin(origin).in_double();
+        Ok(session
+            .threads
+            .install(|| mesher.mesh(&values, session.progress))?)
+    }
+
     /// Values at voxels.
     ///
     /// # Errors
@@ -253,7 +325,7 @@ impl Volume {
     /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or
     /// [`FileError::NotALevelSet`] for other types than floats and doubles.
     pub fn read(path: &Path, name: Option<&str>) -> Result<Self, FileError> {
-        let (name, grid) = super::file::pick(path, name)?;
+        let (name, grid) = super::file::pick(path, name, false)?;
         Self::adopt(path, &name, grid)
     }
 

@@ -6,6 +6,7 @@ mod homogenize;
 mod hybrid;
 mod meshes;
 mod portable;
+mod view;
 mod words;
 
 use std::fs;

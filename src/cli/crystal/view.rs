@@ -4,8 +4,7 @@
 //! path begins with 128 random bits, and requests under another host name are refused, so that a foreign
 //! page in the same browser cannot reach it. It writes into one directory only (`Sandbox`).
 //!
-//! The page is `view/page.*`; it draws with twgl.js 7.0.0 (npm, MIT: `view/twgl.LICENSE.md`). `view/twgl.js` is
-//! the unchanged release file `dist/7.x/twgl.js`. The page loads nothing from the network.
+//! The page is `view/page.*`; it draws by WebGL 2 (`../view/webgl.js`). It loads nothing from the network.
 
 use super::super::{Answer, Failure, Session};
 use super::{Parameters, Source};
@@ -31,7 +30,7 @@ const PAGE: &str = include_str!("view/page.html");
 const STYLE: &str = include_str!("view/page.css");
 const SCRIPT: &str = include_str!("view/page.js");
 const DRAWING: &str = include_str!("view/drawing.js");
-const WEBGL: &str = include_str!("view/webgl.js");
+const WEBGL: &str = include_str!("../view/webgl.js");
 
 /// The response to a request: status, content type, bytes.
 type Reply = (u16, &'static str, Vec<u8>);

@@ -26,38 +26,66 @@ function createProgram(gl, sources) {
   };
 }
 
-// Vertex buffers from arrays of floats by attribute name; `sizes` has the components of each, 3 where it has none.
-function createGeometry(gl, arrays, sizes = {}) {
-  const buffers = {};
-  let count = 0;
-  for (const [name, data] of Object.entries(arrays)) {
-    const [buffer, size] = [gl.createBuffer(), sizes[name] ?? 3];
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-    buffers[name] = { buffer, size };
-    count = data.length / size;
+// The types of arrays as vertex attributes; integers are shares of their greatest value.
+function attributeType(gl, data) {
+  if (data instanceof Uint16Array) return [gl.UNSIGNED_SHORT, true];
+  if (data instanceof Int8Array) return [gl.BYTE, true];
+  return [gl.FLOAT, false];
+}
+
+function createBuffer(gl, target, data) {
+  const buffer = gl.createBuffer();
+  gl.bindBuffer(target, buffer);
+  gl.bufferData(target, data, gl.STATIC_DRAW);
+  return buffer;
+}
+
+// Vertex buffers from arrays by attribute name; `sizes` has the components of each, 3 where it has none. `index` has
+// the vertices to draw, if they are not all in order.
+function createGeometry(gl, arrays, sizes = {}, index = null) {
+  const geometry = { buffers: {}, count: 0, index: null };
+  for (const [name, data] of Object.entries(arrays)) setAttribute(gl, geometry, name, data, sizes[name] ?? 3);
+  if (index) {
+    geometry.index = createBuffer(gl, gl.ELEMENT_ARRAY_BUFFER, index);
+    geometry.count = index.length;
   }
-  return { buffers, count };
+  return geometry;
+}
+
+// Adds or replaces an attribute.
+function setAttribute(gl, geometry, name, data, size) {
+  if (geometry.buffers[name]) gl.deleteBuffer(geometry.buffers[name].buffer);
+  const [type, normalized] = attributeType(gl, data);
+  geometry.buffers[name] = { buffer: createBuffer(gl, gl.ARRAY_BUFFER, data), size, type, normalized };
+  if (!geometry.index) geometry.count = data.length / size;
 }
 
 function deleteGeometry(gl, geometry) {
   Object.values(geometry.buffers).forEach(({ buffer }) => gl.deleteBuffer(buffer));
+  if (geometry.index) gl.deleteBuffer(geometry.index);
 }
 
-// Draws a geometry as gl.TRIANGLES or gl.LINES. Uniforms are numbers and 4 x 4 matrices in order of columns.
+// Draws a geometry as gl.TRIANGLES or gl.LINES. Uniforms are numbers, vectors, and 4 x 4 matrices in order of columns.
 function drawGeometry(gl, { program, attributes, uniforms }, geometry, values, mode) {
   gl.useProgram(program);
   for (const [name, place] of attributes) {
-    const { buffer, size } = geometry.buffers[name];
+    const { buffer, size, type, normalized } = geometry.buffers[name];
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.enableVertexAttribArray(place);
-    gl.vertexAttribPointer(place, size, gl.FLOAT, false, 0, 0);
+    gl.vertexAttribPointer(place, size, type, normalized, 0, 0);
   }
   for (const [name, place] of uniforms) {
-    if (typeof values[name] === "number") gl.uniform1f(place, values[name]);
-    else gl.uniformMatrix4fv(place, false, values[name]);
+    const value = values[name];
+    if (typeof value === "number") gl.uniform1f(place, value);
+    else if (value.length === 16) gl.uniformMatrix4fv(place, false, value);
+    else gl[`uniform${value.length}fv`](place, value);
   }
-  gl.drawArrays(mode, 0, geometry.count);
+  if (geometry.index) {
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, geometry.index);
+    gl.drawElements(mode, geometry.count, gl.UNSIGNED_INT, 0);
+  } else {
+    gl.drawArrays(mode, 0, geometry.count);
+  }
   for (const [, place] of attributes) gl.disableVertexAttribArray(place);
 }
 

@@ -1,0 +1,168 @@
+//! `druse view FILE -o page.html`: one self-contained page that shows a file in a browser.
+//!
+//! The page needs no server and no network: style, scripts and geometry are in the file, and its content security
+//! policy forbids every request. It runs in browsers with WebGL 2 and `DecompressionStream`: Chrome and Edge 80,
+//! Firefox 113, Safari 16.4, or newer.
+
+use super::kind::FileKind;
+use super::{Answer, Failure, Session};
+use crate::progress::Progress;
+use clap::Args;
+use scene::Scene;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+mod elements;
+mod load;
+mod page;
+mod scene;
+mod surface;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// A .vdb or .nvdb, mesh, scaffold or cell, or the name of a surface.
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// The page to write (.html).
+    #[arg(short, long, value_name = "PAGE.html")]
+    output: PathBuf,
+    /// Most triangles of the page, as in 400k or 2M. A level set with more is meshed on coarser voxels, a mesh is
+    /// simplified; walls thinner than a coarse voxel vanish, which the page states.
+    #[arg(long, value_name = "COUNT", default_value = "400k", value_parser = triangle_count)]
+    triangles: usize,
+    /// Grid of a .vdb to show [default: "surface", the only level set, or the only grid of floats].
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Grids of a .vdb to colour by, separated by commas [default: all grids of floats of a file below 256 MiB].
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    values: Option<Vec<String>>,
+    /// Leave out the wall thickness, which takes the longest.
+    #[arg(long)]
+    no_thickness: bool,
+    /// Print what the page would show, and stop; nothing is meshed.
+    #[arg(long)]
+    dry_run: bool,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+/// Bounds of `--triangles`: browsers and their memory end there.
+const TRIANGLE_RANGE: std::ops::RangeInclusive<usize> = 1_000..=4_000_000;
+
+fn triangle_count(text: &str) -> Result<usize, String> {
+    let (digits, factor) = match text.strip_suffix(['k', 'K']) {
+        Some(digits) => (digits, 1e3),
+        None => text
+            .strip_suffix('M')
+            .map_or((text, 1.0), |digits| (digits, 1e6)),
+    };
+    let count = digits.parse::<f64>().ok().map(|n| (n * factor).round());
+    let count = count
+        .filter(|n| *n >= 0.0 && *n <= 1e12)
+        .map(|n| n as usize);
+    count
+        .filter(|n| TRIANGLE_RANGE.contains(n))
+        .ok_or_else(|| "expected a number of triangles from 1k to 4M, as in 400k".to_owned())
+}
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let extension = p
+        .output
+        .extension()
+        .map(|e| e.to_string_lossy().to_lowercase());
+    if !matches!(extension.as_deref(), Some("html" | "htm")) {
+        return Err(Failure::usage(format!(
+            "found the output {}; expected a name with the extension .html",
+            p.output.display()
+        )));
+    }
+    let threads = super::context::threads(p.threads)?;
+    let tools = crate::vdb::Session::new(&threads, session);
+    if p.dry_run {
+        let found = load::foresee(p)?;
+        return Ok(Answer::new(prediction(&found), found));
+    }
+    let scene = threads.install(|| load::scene(p, tools, session))?;
+    if scene.triangles() == 0 {
+        return Err(Failure::data(
+            &p.file,
+            "found no surface; expected a solid or elements",
+        ));
+    }
+    session.stage("page", None);
+    let title = p.file.file_name().unwrap_or_default().to_string_lossy();
+    let page = page::write(&p.output, &title, &scene)?;
+    session.finish();
+    for note in &scene.notes {
+        session.note(note);
+    }
+    Ok(reported(p, &scene, page))
+}
+
+fn prediction(found: &Value) -> String {
+    let count = |key: &str| super::run::grouped(found[key].as_u64().unwrap_or(0));
+    let mut text = format!(
+        "{}: {}\n{} triangles of {}; a page of about {}\n",
+        found["path"].as_str().unwrap_or_default(),
+        found["kind"].as_str().unwrap_or_default(),
+        count("triangles"),
+        count("source_triangles"),
+        super::run::size(found["page_bytes"].as_u64().unwrap_or(0)),
+    );
+    if let Some(step) = found["step"].as_u64().filter(|s| *s > 1) {
+        let _ = writeln!(text, "meshed on every {step} voxels");
+    }
+    text
+}
+
+fn reported(p: &Parameters, scene: &Scene, bytes: u64) -> Answer {
+    let path = p.output.display().to_string();
+    let size = scene.bounds().size();
+    let mut text = format!("{path}  {}\n", super::run::size(bytes));
+    let mut bodies = Vec::new();
+    for body in &scene.bodies {
+        let names: Vec<&str> = body.fields.iter().map(|f| f.name.as_str()).collect();
+        let _ = writeln!(
+            text,
+            "{}: {} triangles, {} {}{}; coloured by {}",
+            body.name,
+            super::run::grouped(body.triangles.len() as u64),
+            body.part_count,
+            if body.numbers.is_empty() {
+                "component"
+            } else {
+                "element"
+            },
+            if body.part_count == 1 { "" } else { "s" },
+            if names.is_empty() {
+                "nothing".into()
+            } else {
+                names.join(", ")
+            },
+        );
+        let fields = body
+            .fields
+            .iter()
+            .map(|f| json!({ "name": f.name, "unit": f.unit, "range": f.range() }));
+        bodies.push(json!({
+            "name": body.name, "triangles": body.triangles.len(), "vertices": body.positions.len(),
+            "parts": body.part_count, "closed": body.is_closed, "fields": fields.collect::<Vec<_>>(),
+        }));
+    }
+    let facts = json!({
+        "kind": "view", "path": path, "bytes": bytes, "file": p.file.display().to_string(),
+        "file_kind": scene.kind, "unit": scene.unit, "size": <[f64; 3]>::from(size),
+        "triangles": scene.triangles(), "bodies": bodies, "notes": scene.notes,
+    });
+    Answer::new(text, facts)
+}
+
+/// The kinds of files that a page shows.
+const KINDS: [FileKind; 4] = [
+    FileKind::Vdb,
+    FileKind::Mesh,
+    FileKind::Cell,
+    FileKind::Scaffold,
+];

@@ -1,0 +1,211 @@
+//! The body of a scaffold: the faces of its elements, with quality, groups and the fields of the file.
+
+use super::scene::{At, Body, Field, normal_bytes};
+use crate::frame::{CellPoint, Vec3};
+use crate::io::{DataField, FieldAt, ScaffoldFile};
+use crate::scaffold::{ElementMap, Neighbour};
+
+/// Parts of the sides of curved faces, where there are few enough triangles.
+const CURVED_PARTS: usize = 4;
+
+/// The body, and whether it has only the outer faces because all would be more than `max_triangles`.
+pub(super) fn body(file: &ScaffoldFile, max_triangles: usize) -> (Body, bool) {
+    let scaffold = &file.scaffold;
+    let per_part = |of: usize| of * of;
+    let count = |parts: usize, inner: bool| -> usize {
+        let faces = (0..scaffold.len()).flat_map(|e| scaffold.faces_of(e).map(move |f| (e, f)));
+        faces
+            .filter(|(_, f)| inner || scaffold.neighbour(*f) == Neighbour::Outside)
+            .map(|(e, f)| {
+                let element = scaffold.element(e);
+                let corners = element.kind().faces()[f.face as usize].corners.len();
+                (corners - 2) * per_part(if element.is_affine() { 1 } else { parts })
+            })
+            .sum()
+    };
+    let is_outer = count(1, true) > max_triangles;
+    let parts = [CURVED_PARTS, 2]
+        .into_iter()
+        .find(|&n| count(n, !is_outer) <= max_triangles);
+    let parts = parts.unwrap_or(1);
+    let point_fields: Vec<&DataField> = file
+        .fields
+        .iter()
+        .filter(|f| f.at == FieldAt::Points)
+        .collect();
+    let mut body = Body {
+        name: "elements".into(),
+        has_elements: !is_outer,
+        part_count: scaffold.len(),
+        numbers: (0..scaffold.len())
+            .map(|e| scaffold.number(e) as u32)
+            .collect(),
+        ..Body::default()
+    };
+    let mut at_points: Vec<Vec<f32>> = point_fields.iter().map(|_| Vec::new()).collect();
+    for e in 0..scaffold.len() {
+        let element = scaffold.element(e);
+        let corners = element.kind().reference_nodes();
+        let sign = element.volume().signum();
+        for face in scaffold.faces_of(e) {
+            if is_outer && scaffold.neighbour(face) != Neighbour::Outside {
+                continue;
+            }
+            let nodes = element.kind().faces()[face.face as usize].corners;
+            let side: Vec<Vec3> = nodes.iter().map(|&n| corners[n as usize].0).collect();
+            let parts = if element.is_affine() { 1 } else { parts };
+            add_face(&mut body, &element, &side, (parts, sign), |xi| {
+                for (field, out) in point_fields.iter().zip(&mut at_points) {
+                    out.push(at_point(field, &element, xi));
+                }
+            });
+        }
+    }
+    body.fields.push(Field {
+        name: "quality".into(),
+        unit: String::new(),
+        at: At::Parts,
+        values: scaffold.elements().map(|e| e.quality() as f32).collect(),
+        labels: None,
+    });
+    groups(&mut body, file);
+    let cells = file.fields.iter().filter(|f| f.at == FieldAt::Cells);
+    for field in cells {
+        let values = field
+            .values
+            .chunks_exact(field.components.max(1))
+            .map(magnitude);
+        body.fields
+            .push(number_field(field, At::Parts, values.collect()));
+    }
+    for (field, values) in point_fields.into_iter().zip(at_points) {
+        body.fields.push(number_field(field, At::Vertices, values));
+    }
+    (body, is_outer)
+}
+
+fn number_field(field: &DataField, at: At, values: Vec<f32>) -> Field {
+    let name = if field.components > 1 {
+        format!("magnitude of {}", field.name)
+    } else {
+        field.name.clone()
+    };
+    Field {
+        name,
+        unit: String::new(),
+        at,
+        values,
+        labels: None,
+    }
+}
+
+/// One number, or the length of several.
+fn magnitude(values: &[f64]) -> f32 {
+    match values {
+        [one] => *one as f32,
+        many => many.iter().map(|v| v * v).sum::<f64>().sqrt() as f32,
+    }
+}
+
+/// A field of the nodes at a point of an element.
+fn at_point(field: &DataField, element: &ElementMap, xi: CellPoint<3>) -> f32 {
+    let width = field.components.max(1);
+    let mut sum = vec![0.0; width];
+    for (&node, weight) in element
+        .nodes()
+        .iter()
+        .zip(element.kind().shape_functions(xi))
+    {
+        for (k, s) in sum.iter_mut().enumerate() {
+            *s += weight
+                * field
+                    .values
+                    .get(node as usize * width + k)
+                    .copied()
+                    .unwrap_or(f64::NAN);
+        }
+    }
+    magnitude(&sum)
+}
+
+/// The groups as a category; an element belongs to the first that has it.
+fn groups(body: &mut Body, file: &ScaffoldFile) {
+    if file.groups.is_empty() {
+        return;
+    }
+    let mut values = vec![f32::NAN; file.scaffold.len()];
+    for (n, group) in file.groups.iter().enumerate().rev() {
+        for &e in &group.elements {
+            values[e as usize] = n as f32;
+        }
+    }
+    body.fields.push(Field {
+        name: "group".into(),
+        unit: String::new(),
+        at: At::Parts,
+        values,
+        labels: Some(file.groups.iter().map(|g| g.name.clone()).collect()),
+    });
+}
+
+/// Adds a face in `parts` parts a side, with its outline; `visit` is called for each vertex.
+fn add_face(
+    body: &mut Body,
+    element: &ElementMap,
+    side: &[Vec3],
+    (parts, sign): (usize, f64),
+    mut visit: impl FnMut(CellPoint<3>),
+) {
+    let first = body.positions.len() as u32;
+    let n = parts;
+    let is_quad = side.len() == 4;
+    let mut add = |xi: Vec3| {
+        let (x, jacobian) = element.map_and_jacobian(CellPoint(xi));
+        let (u, v) = (side[1] - side[0], side[side.len() - 1] - side[0]);
+        let normal = (jacobian * u).cross(&(jacobian * v)) * sign;
+        body.positions.push(x.0);
+        body.normals.push(normal_bytes(normal));
+        body.parts.push(element.index() as u32);
+        visit(CellPoint(xi));
+    };
+    let mut rows = Vec::new();
+    let mut count = 0u32;
+    for j in 0..=n {
+        let last = if is_quad { n } else { n - j };
+        rows.push(count);
+        for i in 0..=last {
+            let (s, t) = (i as f64 / n as f64, j as f64 / n as f64);
+            add(if is_quad {
+                (side[0] * (1.0 - s) + side[1] * s) * (1.0 - t)
+                    + (side[3] * (1.0 - s) + side[2] * s) * t
+            } else {
+                side[0] * (1.0 - s - t) + side[1] * s + side[2] * t
+            });
+            count += 1;
+        }
+    }
+    let at = |i: usize, j: usize| first + rows[j] + i as u32;
+    let mut put = |t: [u32; 3]| {
+        body.triangles
+            .push(if sign < 0.0 { [t[0], t[2], t[1]] } else { t });
+    };
+    for j in 0..n {
+        let last = if is_quad { n } else { n - j };
+        for i in 0..last {
+            put([at(i, j), at(i + 1, j), at(i, j + 1)]);
+            if is_quad || i + 1 < last {
+                put([at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]);
+            }
+        }
+    }
+    for k in 0..n {
+        body.lines.push([at(k, 0), at(k + 1, 0)]);
+        body.lines.push([at(0, k), at(0, k + 1)]);
+        if is_quad {
+            body.lines.push([at(k, n), at(k + 1, n)]);
+            body.lines.push([at(n, k), at(n, k + 1)]);
+        } else {
+            body.lines.push([at(n - k, k), at(n - k - 1, k + 1)]);
+        }
+    }
+}

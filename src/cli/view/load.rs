@@ -1,0 +1,419 @@
+//! From a file to the scene of its page.
+
+use super::scene::{At, Field, Scene};
+use super::surface::{SurfaceOptions, body};
+use super::{KINDS, Parameters, elements};
+use crate::cell::Cell;
+use crate::cli::kind::FileKind;
+use crate::cli::{Failure, Session, run};
+use crate::frame::{Vec3, WorldPoint, figures};
+use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
+use crate::mesh::{TriMesh, mesh_components};
+use crate::pipeline;
+use crate::progress::Progress;
+use crate::vdb::{self, Cubes, GridReading, Volume};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Triangles that are meshed for one that remains: walls survive the simplification better than coarse voxels.
+const SIMPLIFICATION_RATIO: usize = 6;
+/// Active voxels of a band of three voxels' half width for a triangle.
+const VOXELS_PER_TRIANGLE: f64 = 3.0;
+/// Size of the largest .vdb whose other grids are read.
+const MAX_INSPECTED_BYTES: u64 = 256 << 20;
+/// Bytes of a triangle in a page.
+const BYTES_PER_TRIANGLE: f64 = 12.0;
+/// Bytes of the page without geometry.
+const PAGE_BYTES: u64 = 60_000;
+/// Voxels along one element of a cell, and along an element of a block.
+const ELEMENT_VOXELS: [f64; 2] = [160.0, 72.0];
+/// Elements along an edge of the block.
+const BLOCK_ELEMENTS: usize = 3;
+/// Half width of the bands, voxels.
+const BAND_HALF_WIDTH: f64 = 3.0;
+/// Voxels along the longest side of beams.
+const BEAM_VOXELS: f64 = 400.0;
+
+/// Reads a file and makes its scene.
+pub(super) fn scene(
+    p: &Parameters,
+    tools: vdb::Session,
+    session: &Session,
+) -> Result<Scene, Failure> {
+    if let Some(cell) = crate::cli::fit::surface(&p.file, None)? {
+        return cell_scene(p, &cell, tools, session);
+    }
+    match kind_of(&p.file)? {
+        FileKind::Vdb => level_set(p, tools, session),
+        FileKind::Mesh => mesh_scene(p, tools, session),
+        FileKind::Scaffold => scaffold(p, session),
+        _ => cell_scene(p, &read_cell(&p.file)?, tools, session),
+    }
+}
+
+/// Whether a file is one of NanoVDB, which no other command reads.
+fn is_nano(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"))
+}
+
+fn kind_of(path: &Path) -> Result<FileKind, Failure> {
+    if is_nano(path) {
+        return Ok(FileKind::Vdb);
+    }
+    FileKind::of(path, &KINDS)
+}
+
+fn options(p: &Parameters) -> SurfaceOptions {
+    SurfaceOptions {
+        max_triangles: p.triangles,
+        has_thickness: !p.no_thickness,
+    }
+}
+
+/// The most active voxels of a level set that is meshed as it is.
+fn max_voxels(p: &Parameters) -> u64 {
+    (VOXELS_PER_TRIANGLE * (SIMPLIFICATION_RATIO * p.triangles) as f64) as u64
+}
+
+/// The unit that lengths are shown in, and its number in a unit of the file: millimetres for small parts in metres.
+fn shown_unit(stated: Option<&str>, longest: f64) -> (&str, f64) {
+    match stated {
+        Some("m") if longest < 1.0 => ("mm", 1000.0),
+        Some(unit) => (unit, 1.0),
+        None => ("", 1.0),
+    }
+}
+
+fn level_set(p: &Parameters, tools: vdb::Session, session: &Session) -> Result<Scene, Failure> {
+    session.stage("reading", None);
+    let reader = crate::cli::vdb::reader()?;
+    let volume = reader.fetch_coarse(&p.file, p.grid.as_deref(), max_voxels(p))?;
+    let (step, own) = (volume.coarse_step(), volume.name().to_owned());
+    let stated = volume.meta("druse.unit").map(str::to_owned);
+    let info = volume.info().clone();
+    let mut notes = Vec::new();
+    session.stage("meshing", None);
+    let mesh = if step > 1 {
+        without_crumbs(&volume.coarse_mesh(tools)?, info.voxel_size[0])?
+    } else {
+        let how = GridReading {
+            cubes: Cubes::Edge(info.cube_edge()),
+            ..GridReading::default()
+        };
+        let adopted = volume.solid(&p.file, &how, tools)?;
+        notes.extend(adopted.notes);
+        adopted.solid.to_mesh(tools)?
+    };
+    let (unit, factor) = shown_unit(stated.as_deref(), mesh.bounds().size().max());
+    let mesh = mesh.mapped(|x| x * factor);
+    let edge = factor * info.voxel_size[0];
+    if step > 1 {
+        notes.push(format!(
+            "meshed on voxels of {} {unit}, {step} times those of the file: thinner walls may be missing; \
+             --triangles with a larger number shows more",
+            figures(edge)
+        ));
+    }
+    let grids = values(p, &own, &mut notes)?;
+    let mut sampled = |points: &[Vec3]| {
+        let points: Vec<WorldPoint> = points.iter().map(|&x| WorldPoint(x / factor)).collect();
+        let field = |grid: &Volume| -> Result<Field, Failure> {
+            let mut values = grid.samples(&points)?;
+            let is_length = grid.name().contains("thickness");
+            if is_length {
+                for v in &mut values {
+                    *v *= factor as f32;
+                }
+            }
+            Ok(Field {
+                name: grid.name().to_owned(),
+                unit: if is_length {
+                    unit.to_owned()
+                } else {
+                    String::new()
+                },
+                at: At::Vertices,
+                values,
+                labels: None,
+            })
+        };
+        grids
+            .iter()
+            .map(field)
+            .collect::<Result<Vec<Field>, Failure>>()
+    };
+    let found = mesh.triangles().len();
+    let (body, components) = body(&own, &mesh, (options(p), unit), &mut sampled, session)?;
+    simplified(found, body.triangles.len(), &mut notes);
+    let mut facts = vec![
+        ["grid".into(), own.clone()],
+        ["voxel".into(), with_unit(edge / f64::from(step), unit)],
+    ];
+    if step == 1 {
+        facts.push(["active voxels".into(), run::grouped(info.active_voxels)]);
+    }
+    if body.is_closed {
+        let volume: f64 = components.iter().map(|c| c.volume).sum();
+        facts.push(["volume".into(), volume_text(volume, unit)]);
+    }
+    Ok(Scene {
+        kind: "level set",
+        unit: unit.to_owned(),
+        bodies: vec![body],
+        facts,
+        notes,
+    })
+}
+
+/// A mesh without components smaller than a voxel, which averages over voxels leave of thin walls.
+fn without_crumbs(mesh: &TriMesh, voxel: f64) -> Result<TriMesh, Failure> {
+    let (components, component_of) = mesh_components(mesh);
+    let is_kept = |t: &&[u32; 3]| {
+        let component = &components[component_of[t[0] as usize] as usize];
+        component.volume.abs() >= voxel.powi(3)
+    };
+    let kept = mesh.triangles().iter().filter(is_kept).copied().collect();
+    TriMesh::new(mesh.vertices().to_vec(), kept).map_err(|e| Failure::usage(e.to_string()))
+}
+
+fn with_unit(value: f64, unit: &str) -> String {
+    format!("{} {unit}", figures(value)).trim_end().to_owned()
+}
+
+fn volume_text(volume: f64, unit: &str) -> String {
+    let cubed = if unit.is_empty() { "" } else { "³" };
+    with_unit(volume, &format!("{unit}{cubed}"))
+}
+
+fn simplified(found: usize, kept: usize, notes: &mut Vec<String>) {
+    if kept < found {
+        notes.push(format!(
+            "simplified to {} of {} triangles",
+            run::grouped(kept as u64),
+            run::grouped(found as u64)
+        ));
+    }
+}
+
+/// The grids that colour a level set.
+fn values(p: &Parameters, own: &str, notes: &mut Vec<String>) -> Result<Vec<Volume>, Failure> {
+    let reader = crate::cli::vdb::reader()?;
+    let names: Vec<String> = match &p.values {
+        Some(names) => names.clone(),
+        None if is_nano(&p.file) => Vec::new(),
+        None => {
+            let bytes =
+                std::fs::metadata(&p.file).map_err(|e| crate::io::ReadError::io(&p.file, e))?;
+            if bytes.len() > MAX_INSPECTED_BYTES {
+                notes.push("the file is large: --values names the grids to colour by".into());
+                return Ok(Vec::new());
+            }
+            let info = crate::cli::vdb::inspect(&p.file)?;
+            let floats = info
+                .grids
+                .iter()
+                .filter(|g| g.grid_type.contains("_float_") && g.cubic);
+            floats
+                .map(|g| g.name.clone())
+                .filter(|n| n != own)
+                .collect()
+        }
+    };
+    let fetch = |name: &String| -> Result<Volume, Failure> {
+        Ok(reader
+            .fetch(&p.file, Some(name.as_str()))?
+            .require_cubes(&p.file)?)
+    };
+    names.iter().map(fetch).collect()
+}
+
+fn mesh_scene(p: &Parameters, tools: vdb::Session, session: &Session) -> Result<Scene, Failure> {
+    session.stage("reading", None);
+    let solid = read_solid(&p.file)?;
+    let unit = solid
+        .file
+        .unit
+        .map_or_else(String::new, |u| u.symbol().to_owned());
+    let mut notes = solid.file.warnings.clone();
+    let mesh = if solid.beams.is_empty() {
+        solid.file.mesh
+    } else {
+        let voxel = solid.bounds().size().max() / BEAM_VOXELS;
+        notes.push(format!("beams meshed on voxels of {}", figures(voxel)));
+        let level_set = pipeline::solid_picture(&p.file, &solid, [voxel, BAND_HALF_WIDTH], tools)?;
+        level_set.to_mesh(tools)?
+    };
+    surface_scene(p, &mesh, (unit, notes), session)
+}
+
+fn surface_scene(
+    p: &Parameters,
+    mesh: &TriMesh,
+    (unit, mut notes): (String, Vec<String>),
+    session: &Session,
+) -> Result<Scene, Failure> {
+    let mut none = |_: &[Vec3]| Ok::<Vec<Field>, Failure>(Vec::new());
+    let (body, components) = body("surface", mesh, (options(p), &unit), &mut none, session)?;
+    simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
+    let mut facts = vec![[
+        "triangles in the file".into(),
+        run::grouped(mesh.triangles().len() as u64),
+    ]];
+    if body.is_closed {
+        let volume: f64 = components.iter().map(|c| c.volume).sum();
+        facts.push(["volume".into(), volume_text(volume, &unit)]);
+    } else {
+        notes.push(
+            "the surface is not closed: cuts are not filled, wall thickness is not measured".into(),
+        );
+    }
+    Ok(Scene {
+        kind: "mesh",
+        unit,
+        bodies: vec![body],
+        facts,
+        notes,
+    })
+}
+
+fn scaffold(p: &Parameters, session: &Session) -> Result<Scene, Failure> {
+    session.stage("reading", None);
+    let file = match read_elements(&p.file)? {
+        ElementFile::Solids(file) => file,
+        ElementFile::Surface(_) => {
+            let file = read_mesh(&p.file)?;
+            let unit = file
+                .unit
+                .map_or_else(String::new, |u| u.symbol().to_owned());
+            return surface_scene(p, &file.mesh, (unit, file.warnings), session);
+        }
+    };
+    session.stage("faces", None);
+    let report = file.scaffold.report();
+    let mut notes = file.warnings.clone();
+    notes.extend(report.warnings());
+    let (body, is_outer) = elements::body(&file, p.triangles);
+    if is_outer {
+        notes.push(format!(
+            "only outer faces: all faces would be more than {} triangles; --triangles with a larger number shows all",
+            run::grouped(p.triangles as u64)
+        ));
+    }
+    let kinds: Vec<String> = report
+        .kinds
+        .iter()
+        .map(|(k, n)| format!("{n} {}", k.name()))
+        .collect();
+    let facts = vec![
+        ["elements".into(), kinds.join(", ")],
+        ["nodes".into(), run::grouped(report.nodes as u64)],
+        ["volume".into(), figures(report.volume)],
+        [
+            "quality".into(),
+            format!(
+                "{} on average, worst {} (element {})",
+                figures(report.mean_quality),
+                figures(report.worst_quality.0),
+                report.worst_quality.1
+            ),
+        ],
+        [
+            "inverted, degenerate".into(),
+            format!("{}, {}", report.folded.len(), report.degenerate.len()),
+        ],
+    ];
+    Ok(Scene {
+        kind: "scaffold",
+        unit: String::new(),
+        bodies: vec![body],
+        facts,
+        notes,
+    })
+}
+
+fn cell_scene(
+    p: &Parameters,
+    cell: &Cell,
+    tools: vdb::Session,
+    session: &Session,
+) -> Result<Scene, Failure> {
+    let failed = |e: pipeline::RunError| match e {
+        pipeline::RunError::Cancelled(_) => Failure::stopped(130),
+        e => Failure::data(&p.file, e.to_string()),
+    };
+    let [fine, coarse] = ELEMENT_VOXELS.map(|n| 1.0 / n);
+    let one = pipeline::one_element(cell, fine, BAND_HALF_WIDTH, tools).map_err(failed)?;
+    let block = (coarse, BAND_HALF_WIDTH);
+    let block = pipeline::cell_block(cell, BLOCK_ELEMENTS, block, tools).map_err(failed)?;
+    let solids = [("one element", Some(one)), ("block of 3 x 3 x 3", block)];
+    let share = SurfaceOptions {
+        max_triangles: p.triangles / solids.len(),
+        ..options(p)
+    };
+    let (mut bodies, mut notes) = (Vec::new(), Vec::new());
+    for (name, solid) in solids {
+        let Some(solid) = solid else { continue };
+        let mesh = solid.to_mesh(tools)?;
+        let mut none = |_: &[Vec3]| Ok::<Vec<Field>, Failure>(Vec::new());
+        let (body, _) = body(name, &mesh, (share, ""), &mut none, session)?;
+        simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
+        bodies.push(body);
+    }
+    let text = crate::cli::cell::describe(cell);
+    let facts = text
+        .lines()
+        .take(1)
+        .map(|line| ["cell".into(), line.to_owned()])
+        .collect();
+    Ok(Scene {
+        kind: "cell",
+        unit: String::new(),
+        bodies,
+        facts,
+        notes,
+    })
+}
+
+/// What the page of a file would hold, without making meshes.
+pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
+    let is_surface = crate::cli::fit::surface(&p.file, None)?.is_some();
+    let mut step = 1u64;
+    let (kind, found) = if is_surface {
+        ("cell", p.triangles)
+    } else {
+        match kind_of(&p.file)? {
+            FileKind::Vdb => {
+                let volume = crate::cli::vdb::reader()?.fetch_coarse(
+                    &p.file,
+                    p.grid.as_deref(),
+                    max_voxels(p),
+                )?;
+                step = volume.coarse_step().into();
+                let triangles = volume.info().active_voxels as f64 / VOXELS_PER_TRIANGLE;
+                ("level set", triangles as usize)
+            }
+            FileKind::Mesh => ("mesh", read_solid(&p.file)?.file.mesh.triangles().len()),
+            FileKind::Scaffold => match read_elements(&p.file)? {
+                ElementFile::Solids(file) => (
+                    "scaffold",
+                    elements::body(&file, p.triangles).0.triangles.len(),
+                ),
+                ElementFile::Surface(_) => ("mesh", read_mesh(&p.file)?.mesh.triangles().len()),
+            },
+            _ => {
+                read_cell(&p.file)?;
+                ("cell", p.triangles)
+            }
+        }
+    };
+    let triangles = found.min(p.triangles);
+    Ok(json!({
+        "kind": kind, "path": path_text(&p.file), "source_triangles": found, "triangles": triangles,
+        "step": step, "page_bytes": PAGE_BYTES + (BYTES_PER_TRIANGLE * triangles as f64) as u64,
+    }))
+}
+
+fn path_text(path: &Path) -> String {
+    path.display().to_string()
+}

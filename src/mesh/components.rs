@@ -1,0 +1,67 @@
+//! Connected components of a mesh with their volumes, and whether it is closed, in one pass over large meshes.
+
+use super::TriMesh;
+use crate::frame::Aabb;
+use crate::union_find::UnionFind;
+use rayon::prelude::*;
+
+/// A connected component of a mesh.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MeshComponent {
+    /// Number of its triangles.
+    pub(crate) triangles: usize,
+    /// Signed volume; negative for the surface of a cavity. Without meaning where the component is open.
+    pub(crate) volume: f64,
+    /// Its box.
+    pub(crate) bounds: Aabb,
+}
+
+/// The components of a mesh, largest volume first, and the component of each vertex.
+pub(crate) fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
+    let mut sets = UnionFind::new(mesh.vertices().len());
+    for &[a, b, c] in mesh.triangles() {
+        sets.union(a as usize, b as usize);
+        sets.union(b as usize, c as usize);
+    }
+    let used = mesh.triangles().iter().flatten().map(|&v| v as usize);
+    let (labels, count) = sets.labels(used);
+    let none = MeshComponent {
+        triangles: 0,
+        volume: 0.0,
+        bounds: Aabb::EMPTY,
+    };
+    let mut found = vec![none; count];
+    let origin = mesh.vertices().first().copied().unwrap_or_default();
+    for (t, corners) in mesh.triangles().iter().zip(mesh.iter_corners()) {
+        let component = &mut found[labels[t[0] as usize] as usize];
+        let [a, b, c] = corners.map(|p| p - origin);
+        component.triangles += 1;
+        component.volume += a.dot(&b.cross(&c)) / 6.0;
+        component.bounds = component.bounds.union(Aabb::of(corners));
+    }
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&a, &b| found[b].volume.abs().total_cmp(&found[a].volume.abs()));
+    let mut rank = vec![0; count];
+    for (place, &component) in order.iter().enumerate() {
+        rank[component] = place as u32;
+    }
+    let labels = labels.into_iter();
+    let labels = labels.map(|l| rank.get(l as usize).copied().unwrap_or(0));
+    let labels = labels.collect();
+    (order.into_iter().map(|c| found[c]).collect(), labels)
+}
+
+/// Whether every edge of a mesh has as many triangles on one side as on the other, so that a cut can be filled.
+pub(crate) fn is_closed(mesh: &TriMesh) -> bool {
+    let mut sides: Vec<(u64, i32)> = Vec::with_capacity(3 * mesh.triangles().len());
+    for &[a, b, c] in mesh.triangles() {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let key = u64::from(from.min(to)) << 32 | u64::from(from.max(to));
+            sides.push((key, if from < to { 1 } else { -1 }));
+        }
+    }
+    sides.par_sort_unstable();
+    let edges = sides.chunk_by(|a, b| a.0 == b.0);
+    let balanced = |e: &[(u64, i32)]| e.iter().map(|s| s.1).sum::<i32>() == 0;
+    !mesh.is_empty() && edges.into_iter().all(balanced)
+}

@@ -1,0 +1,99 @@
+//! Meshes for interactive views: few triangles, wall thickness at their vertices, and blocks of cells.
+
+use super::decimate::triangles_to_count;
+use super::error::RunError;
+use super::field_ops::Shape;
+use super::least_wall::{Phase, TouchingBall, balls};
+use super::level_set_ops::StageContext;
+use crate::cell::{Cell, Table};
+use crate::frame::{Element, LengthUnit, Vec3};
+use crate::mesh::TriMesh;
+use crate::progress::Progress;
+use crate::recipe::Scale;
+use crate::scaffold::{Kind, Scaffold};
+use crate::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
+use crate::vdb::{LevelSet, Session};
+
+/// Diameter of the thickest wall that is measured, over the longest side of the part: of a small mesh, and of a large
+/// one. Balls in thicker walls touch much of the part, which takes long.
+const MAX_WALL_SHARES: [f64; 2] = [0.5, 0.25];
+/// Vertices of the largest mesh that counts as small.
+const MAX_SMALL_VERTICES: usize = 100_000;
+
+/// At most about `max_triangles` triangles over the vertices of a mesh; all of them if there are fewer.
+///
+/// # Errors
+/// Only errors of the decimation.
+pub fn few_triangles(mesh: &TriMesh, max_triangles: usize) -> Result<Vec<[u32; 3]>, RunError> {
+    if mesh.triangles().len() <= max_triangles {
+        return Ok(mesh.triangles().to_vec());
+    }
+    triangles_to_count(mesh, max_triangles)
+}
+
+/// The wall thickness of a closed mesh at some of its vertices: not a number where no ball is inscribed, up to a share
+/// of the longest side.
+///
+/// # Errors
+/// Cancellation.
+pub fn wall_thickness(
+    mesh: &TriMesh,
+    samples: &[u32],
+    progress: &dyn Progress,
+) -> Result<Vec<f32>, RunError> {
+    let is_large = mesh.vertices().len() > MAX_SMALL_VERTICES;
+    let thickest = MAX_WALL_SHARES[usize::from(is_large)] * mesh.bounds().size().max();
+    let found = balls(mesh, samples, thickest / 2.0, Phase::Solid, progress)?;
+    let value = |ball: TouchingBall| match ball {
+        TouchingBall::Inscribed(wall) => wall.thickness as f32,
+        TouchingBall::Wider | TouchingBall::Pierced => f32::NAN,
+    };
+    Ok(found.into_iter().map(value).collect())
+}
+
+/// A cell in `count` elements along each axis of a box, as a level set; `None` for a cell of the ball, which tiles
+/// no box. Each element is one reference length wide; planar cells fill prisms. `voxel_size` is in reference lengths.
+///
+/// # Errors
+/// A cell without a surface; an error of the band or of OpenVDB.
+pub fn cell_block(
+    cell: &Cell,
+    count: usize,
+    (voxel_size, half_width): (f64, f64),
+    session: Session,
+) -> Result<Option<LevelSet>, RunError> {
+    let kind = match cell.element() {
+        Element::Tet => Kind::Tet4,
+        Element::Tri | Element::Wedge => Kind::Wedge6,
+        Element::Pyramid => Kind::Pyramid5,
+        Element::Quad | Element::Hex => Kind::Hex8,
+        Element::Ball => return Ok(None),
+    };
+    let failed = |e: String| RunError::Tiling(e);
+    let size = Vec3::repeat(count as f64);
+    let scaffold = Scaffold::box_grid(size, [count; 3], kind).map_err(|e| failed(e.to_string()))?;
+    let table = Table::new(cell).map_err(|e| failed(e.to_string()))?;
+    let options = TilingOptions {
+        voxel_size,
+        half_width: half_width * voxel_size,
+        distance: Distance::Fast,
+        boundary: Boundary::Cut,
+    };
+    let solid = TiledSolid::new(&scaffold, &table, options).map_err(|e| failed(e.to_string()))?;
+    let shape = Shape {
+        extent: scaffold.bounds(),
+        field: Box::new(solid),
+        name: "the block".into(),
+    };
+    let context = StageContext {
+        threads: session.threads,
+        progress: session.progress,
+        scale: Scale {
+            unit: LengthUnit::default(),
+            voxel_size,
+        },
+        half_width,
+        region: None,
+    };
+    Ok(Some(context.sample(&shape, "band")?.0))
+}
