@@ -45,6 +45,8 @@ mod plot;
 mod points;
 mod preview;
 mod progress;
+mod repeat;
+mod report;
 mod require;
 mod run;
 mod scaffold;
@@ -122,6 +124,8 @@ commands! {
     Info => info,
     /// Check a mesh or a level set; exit code 1 if the check fails.
     Check => check,
+    /// Make one HTML page of a run's report: requirements, walls, gaps, inputs and how to make it again.
+    Report => report,
     /// Draw a shaded picture of a level set, mesh, cell or scaffold.
     Preview => preview,
     /// Write a page that shows a level set, mesh, cell or scaffold in a browser.

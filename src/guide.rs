@@ -13,6 +13,8 @@ pub mod cells {}
 pub mod scaffolds {}
 #[doc = include_str!("guide/operations.md")]
 pub mod operations {}
+#[doc = include_str!("guide/printing.md")]
+pub mod printing {}
 #[doc = include_str!("guide/large_parts.md")]
 pub mod large_parts {}
 #[doc = include_str!("guide/crystals.md")]
@@ -21,10 +23,10 @@ pub mod crystals {}
 pub mod files {}
 #[doc = include_str!("guide/formats.md")]
 pub mod formats {}
-#[doc = include_str!("guide/grading.md")]
-pub mod grading {}
 #[doc = include_str!("guide/views.md")]
 pub mod views {}
+#[doc = include_str!("guide/grading.md")]
+pub mod grading {}
 #[doc = include_str!("guide/accuracy.md")]
 pub mod accuracy {}
 #[doc = include_str!("guide/performance.md")]

@@ -18,11 +18,13 @@ use crate::band::BandStats;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{OutputKind, Recipe};
 use crate::vdb::LevelSet;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 mod attributes;
 mod beams;
 mod bricks;
+mod cavities;
 mod cells;
 mod crystals;
 mod cut_faces;
@@ -39,6 +41,7 @@ mod fractions;
 mod grade;
 mod grading;
 mod group;
+mod histogram;
 mod homogenize;
 mod input_files;
 mod inputs;
@@ -75,8 +78,10 @@ mod usda;
 mod view;
 mod volumes;
 mod voxels;
+mod warning;
 
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
+pub use cavities::{CavitiesReport, CavityReport};
 pub use cells::{make_cell, own_element, with_level};
 pub(crate) use cells::{one_element, read_source};
 pub(crate) use crystals::crystal_script;
@@ -86,6 +91,7 @@ pub(crate) use fit_options::fit_options;
 pub use grade::{GradeOptions, GradeReport, GradeRule, grade};
 pub use grading::{GradedQuantity, level_shifts};
 pub(crate) use group::{group_fault, read_group};
+pub use histogram::Histogram;
 pub(crate) use homogenize::{CellPeriod, beam_period, cell_period, free_memory, recipe_period};
 pub(crate) use lattice::solid_picture;
 pub use macro_deck::{MacroDeckFacts, MacroLawFacts};
@@ -97,7 +103,7 @@ pub use report::{
     Warning,
 };
 pub use requirements::Requirement;
-pub(crate) use requirements::{judge_level_set, judge_mesh};
+pub(crate) use requirements::{judge_level_set, judge_mesh, level_set_cavities};
 pub(crate) use sampling::FieldSample;
 #[doc(hidden)]
 pub use sampling::Probe;
@@ -121,10 +127,9 @@ pub struct RunOptions {
     /// Memory that the run may use, bytes; by default what the machine has available.
     pub memory: Option<u64>,
     /// Edge of a brick in blocks of 128 voxels. With a value the run always goes through bricks. Without
-    /// one it does so only if it needs more memory than it may use, and it chooses bricks that fit.
+    /// one it does so only if it needs more memory than it may use.
     pub bricks: Option<u32>,
-    /// Directory of the outputs; by default the recipe's own. With it the run always writes
-    /// `report.json`.
+    /// Directory of the outputs and of `report.json`; by default the recipe's own, without a report.
     pub out: Option<PathBuf>,
     /// Whether a warning ends the run.
     pub strict: bool,
@@ -136,6 +141,8 @@ pub struct RunOptions {
     pub isolated: Option<crate::vdb::subprocess::Program>,
     /// A grid of such a file that is in memory already; the run does not read it again.
     pub opened: Option<crate::vdb::subprocess::PrefetchedGrid>,
+    /// Hashes that the inputs must have, by the recipe's key; empty for any inputs.
+    pub expected_inputs: BTreeMap<String, String>,
 }
 
 /// Predicts what [`run`] needs and writes, in a few seconds.
@@ -194,6 +201,7 @@ pub fn run_keeping_solid(
     let sections = recipe.sections();
     let mut timer = StageTimer::new(progress);
     let mut inputs = Inputs::load(recipe, &threads, options, progress)?;
+    inputs.expect(&options.expected_inputs)?;
     let outputs = output_targets(&inputs, options.out.as_deref())?;
     timer.end_stage("inputs")?;
     if needs_no_voxels(recipe) {

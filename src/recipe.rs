@@ -143,6 +143,16 @@ impl Recipe {
         Self::load(Source::new(None, text.to_owned(), overrides))
     }
 
+    /// Reads the text that a run's file carries: overrides are comments at its end. `file` is that file;
+    /// relative paths start from its folder.
+    ///
+    /// # Errors
+    /// [`RecipeError`]: no valid recipe.
+    pub fn embedded(file: &Path, text: &str) -> Result<Self, RecipeError> {
+        let (text, overrides) = Source::split_overrides(text);
+        Self::load(Source::new(Some(file), text, &overrides))
+    }
+
     fn load(mut source: Source) -> Result<Self, RecipeError> {
         let sections: Sections = source.deserialize()?;
         check::check(&sections, &source)?;

@@ -19,6 +19,9 @@ pub(super) struct Parameters {
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
+    /// List the cavities of a level set, closed or not, with the radius of the largest ball that can leave.
+    #[arg(long)]
+    cavities: bool,
     #[command(flatten)]
     require: super::require::Parameters,
 }
@@ -34,6 +37,11 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
 
 fn mesh(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let path = &p.file;
+    if p.cavities {
+        let found = "found --cavities for a mesh; expected a level set";
+        return Err(Failure::data(path, found)
+            .hint("druse voxelize MESH -o PART.vdb makes one, with voxels of a third of the escape radius"));
+    }
     let require = p.require.read()?;
     let solid = read_solid(path)?;
     let report = crate::mesh::check_with(&solid.file.mesh, true, session)
@@ -286,7 +294,13 @@ fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answ
         }
         let facts = match super::vdb::unchecked(path, &grid.name, session)? {
             Ok(adopted) => {
-                let facts = level_set(&adopted, (grid, &unit), &mut text, session)?;
+                let mut facts = level_set(&adopted, (grid, &unit), &mut text, session)?;
+                if p.cavities {
+                    let part = (path.as_path(), &adopted.solid, unit.as_str());
+                    let (lines, list) = super::require::list_cavities(part, threads, shown)?;
+                    text.push_str(&lines);
+                    facts["cavities"] = list;
+                }
                 if let Some(require) = require.as_ref().filter(|_| requirements.is_empty()) {
                     let part = (path.as_path(), &adopted.solid, unit.as_str());
                     requirements = super::require::of_level_set(require, part, threads, shown)?;

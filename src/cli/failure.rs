@@ -392,6 +392,10 @@ impl From<RunError> for Failure {
             | RunError::Tiling(_)
             | RunError::Decimate(_)
             | RunError::Slices(_) => (EXIT_DATA, None),
+            RunError::ChangedInputs(_) => (
+                EXIT_DATA,
+                Some("restore these files, or name their folder with --from DIR".into()),
+            ),
             RunError::Overwrite(_) => (EXIT_CREATE, Some("name it otherwise, or use --out DIR".into())),
             RunError::Threads(_) => (EXIT_IO, None),
             RunError::Band { .. } | RunError::LevelSet { .. } | RunError::Strict { .. } => {

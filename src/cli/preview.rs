@@ -116,6 +116,24 @@ fn picture(
     Ok((image, Some(range)))
 }
 
+/// A picture of a file as PNG.
+pub(super) fn png(
+    path: &Path,
+    [width, height]: [usize; 2],
+    threads: usize,
+    session: &Session,
+) -> Result<Vec<u8>, Failure> {
+    let threads = super::context::threads(threads)?;
+    let tools = vdb::Session::new(&threads, session);
+    let solid = solid_of(path, session, tools)?;
+    let view = Picture {
+        width,
+        height,
+        ..Picture::default()
+    };
+    Ok(solid.render(&view, tools)?.png()?)
+}
+
 /// The solid of a file, as a level set.
 fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<LevelSet, Failure> {
     use FileKind::{Mesh, Scaffold, Vdb};

@@ -4,7 +4,7 @@ use super::{Answer, Failure};
 use crate::frame::LengthUnit;
 use crate::io::SolidFile;
 use crate::mesh::{MeshReport, count_bodies};
-use crate::pipeline::{Requirement, judge_level_set, judge_mesh};
+use crate::pipeline::{Requirement, judge_level_set, judge_mesh, level_set_cavities};
 use crate::progress::{Progress, Threads};
 use crate::recipe::RequireFile;
 use crate::vdb::LevelSet;
@@ -58,6 +58,7 @@ impl Parameters {
         for (name, needs) in [
             ("least_wall", r.least_wall.is_some()),
             ("least_gap", r.least_gap.is_some()),
+            ("escape_radius", r.escape_radius.is_some()),
         ] {
             if needs {
                 let message =
@@ -95,13 +96,35 @@ pub(super) fn of_level_set(
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<Vec<Requirement>, Failure> {
-    let unit = unit.parse().map_err(|_| {
+    let unit = length_unit(path, unit)?;
+    Ok(judge_level_set(require, (solid, unit), threads, progress)?)
+}
+
+/// The unit of a file's lengths.
+fn length_unit(path: &Path, unit: &str) -> Result<LengthUnit, Failure> {
+    unit.parse().map_err(|_| {
         Failure::data(
             path,
             format!("found the unit {unit:?}; expected one of length"),
         )
-    })?;
-    Ok(judge_level_set(require, (solid, unit), threads, progress)?)
+    })
+}
+
+/// Lists the cavities of a level set as text and as an object.
+pub(super) fn list_cavities(
+    (path, solid, unit): (&Path, &LevelSet, &str),
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<(String, Value), Failure> {
+    let unit = length_unit(path, unit)?;
+    let found = level_set_cavities((solid, unit), threads, progress)?;
+    let facts = json!(found);
+    // Text shows parts in metres in millimetres, the unit of printers.
+    let shown = match unit {
+        LengthUnit::Metre => LengthUnit::Millimetre,
+        other => other,
+    };
+    Ok((found.scaled(unit.to(shown)).text(shown), facts))
 }
 
 /// Lines of text about requirements.

@@ -1,4 +1,4 @@
-//! `druse run RECIPE`, and `druse run PLAN --brick N`.
+//! `druse run RECIPE`, and `druse run PLAN --brick N`. `druse run FILE.vdb` is in `repeat`.
 
 use super::{Answer, Failure, Session};
 use crate::frame::figures;
@@ -11,38 +11,53 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// The recipe (.toml), or a plan (.json) whose bricks are to be made.
-    recipe: PathBuf,
+    /// The recipe (.toml), a plan (.json) whose bricks are to be made, or a .vdb that a run wrote: the run is
+    /// repeated and the content hashes are compared.
+    pub(super) recipe: PathBuf,
     /// Override a key of the recipe, as in tiling.cell=octet or op.2.dilate=0.2 (entries of arrays
     /// are numbered from 0).
     #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    pub(super) set: Vec<String>,
     /// Directory for the outputs [default: the recipe's own].
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub(super) out: Option<PathBuf>,
     /// Print an estimate of voxels, memory, disk and time, and stop.
     #[arg(long)]
-    dry_run: bool,
+    pub(super) dry_run: bool,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
-    threads: usize,
+    pub(super) threads: usize,
     /// Memory that the run may use, as in 2G; a part that needs more is made in bricks on the disk
     /// [default: the memory of the machine].
     #[arg(long, value_name = "SIZE", value_parser = memory)]
-    memory: Option<u64>,
+    pub(super) memory: Option<u64>,
     /// Make the part in bricks of N blocks of 128 voxels a side, regardless of the memory.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
-    bricks: Option<u32>,
+    pub(super) bricks: Option<u32>,
     /// The brick of a plan to make, or several as in 0-7; may be given again. Existing complete bricks are
     /// kept.
     #[arg(long, value_name = "N", value_parser = bricks)]
     brick: Vec<Range<usize>>,
+    /// Folder that the relative paths of a .vdb's recipe start from [default: the folder of the file].
+    #[arg(long, value_name = "DIR")]
+    pub(super) from: Option<PathBuf>,
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let is_plan = p.recipe.extension().is_some_and(|e| e == "json");
     if is_plan || !p.brick.is_empty() {
         return make_bricks(p, is_plan, session);
+    }
+    if p.recipe
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
+    {
+        return super::repeat::answer(p, session);
+    }
+    if p.from.is_some() {
+        return Err(Failure::usage(
+            "found --from with a recipe; expected it with a .vdb only",
+        ));
     }
     let recipe = Recipe::read(&p.recipe, &p.set)?;
     for cell in recipe.sections().cell.values() {
@@ -58,7 +73,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         strict: session.strict(),
         brief: false,
         isolated: Some(super::vdb::reader()?),
-        opened: None,
+        ..RunOptions::default()
     };
     if p.dry_run {
         let estimate = plan(&recipe, &options, session)?;

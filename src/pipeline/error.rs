@@ -213,6 +213,9 @@ pub enum RunError {
     /// An output would overwrite an input.
     #[error("the output {} would overwrite an input of the recipe", .0.display())]
     Overwrite(PathBuf),
+    /// Inputs are not those of the run that is repeated: key and path of each.
+    #[error("found inputs that have changed since the run: {}; expected the same bytes", .0.join(", "))]
+    ChangedInputs(Vec<String>),
     /// Worker threads could not be started.
     #[error("cannot start threads: {0}")]
     Threads(String),

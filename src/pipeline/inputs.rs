@@ -395,6 +395,20 @@ impl<'a> Inputs<'a> {
         self.tiling.as_ref()?.target_thickness()
     }
 
+    /// Checks the hashes of the inputs against those of an earlier run.
+    pub fn expect(&self, hashes: &BTreeMap<String, String>) -> Result<(), RunError> {
+        let found = &self.files.inputs;
+        let changed = hashes.iter().filter_map(|(key, expected)| {
+            let input = found.iter().find(|i| i.key == *key)?;
+            (input.hash != *expected).then(|| format!("{key}: {}", input.path))
+        });
+        let changed: Vec<String> = changed.collect();
+        if changed.is_empty() {
+            return Ok(());
+        }
+        Err(RunError::ChangedInputs(changed))
+    }
+
     /// The part of the report that describes the inputs.
     pub fn report(&self) -> Report {
         let path = self.recipe.source().path.as_ref();

@@ -11,6 +11,7 @@
 //! the part. A ball counts if it is inscribed: no other part of the surface reaches into it. In convex
 //! edges one does; they have no wall thickness.
 
+use super::histogram::Histogram;
 use super::nearest::Site;
 use super::spatial_bins::Bins;
 use crate::frame::Vec3;
@@ -93,6 +94,13 @@ impl WallSamples {
     /// All measured walls, and the number of thicker ones.
     pub fn all(&self) -> (&[Wall], usize) {
         (&self.walls, self.thicker)
+    }
+
+    /// The samples by diameter; `None` without any.
+    pub fn histogram(&self) -> Option<Histogram> {
+        let mut all: Vec<f64> = self.walls.iter().map(|w| w.thickness).collect();
+        all.sort_unstable_by(f64::total_cmp);
+        Histogram::of(&all, self.thicker as u64)
     }
 
     /// The first percentile, if it is in the measured range.

@@ -1,9 +1,12 @@
 //! The report of a run: the content of `report.json`.
 
+use super::cavities::CavitiesReport;
 use super::cut_faces::CutFaces;
+use super::histogram::Histogram;
 use super::least_wall::WallSamples;
 use super::macro_deck::MacroDeckFacts;
 use super::requirements::Requirement;
+pub use super::warning::Warning;
 use crate::frame::Aabb;
 use crate::progress::Threads;
 use crate::tiling::{Certificate, Discontinuity, FaceStatistics, Kernel};
@@ -257,6 +260,9 @@ pub struct SolidReport {
     /// Number of closed cavities; where a requirement counts them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub closed_cavities: Option<u64>,
+    /// Closed cavities and those with a narrow way out; where `escape_radius` is required.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cavities: Option<CavitiesReport>,
     /// Components that `keep_largest` and `drop_small` removed.
     pub dropped_components: u64,
     /// Their volume.
@@ -270,6 +276,9 @@ pub struct SolidReport {
     pub least_wall: Option<f64>,
     /// The centre of that ball.
     pub least_wall_place: Option<[f64; 3]>,
+    /// Diameters of inscribed balls by number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub walls: Option<Histogram>,
     /// First percentile of the diameters of balls in the void that touch opposite walls; where a
     /// requirement limits gaps. A run in bricks measures balls of at most 24 voxels.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -277,6 +286,9 @@ pub struct SolidReport {
     /// The centre of that ball.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub least_gap_place: Option<[f64; 3]>,
+    /// Diameters of balls in the void that touch opposite walls, by number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gaps: Option<Histogram>,
     /// Mass in grams; where a requirement gives the density.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass: Option<f64>,
@@ -336,6 +348,7 @@ impl SolidReport {
             p50,
             p95,
         });
+        self.walls = walls.histogram();
         let wall = walls.least();
         self.least_wall = wall.map(|w| w.thickness);
         self.least_wall_place = wall.map(|w| w.centre.into());
@@ -343,6 +356,7 @@ impl SolidReport {
 
     /// Enters the samples of the gaps between its walls.
     pub(super) fn add_gaps(&mut self, gaps: WallSamples) {
+        self.gaps = gaps.histogram();
         let gap = gaps.least();
         self.least_gap = gap.map(|g| g.thickness);
         self.least_gap_place = gap.map(|g| g.centre.into());
@@ -428,56 +442,6 @@ pub struct MeshFacts {
     /// Greatest magnitude of the exact field at the other vertices, recipe units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<f64>,
-}
-
-/// A warning: a probable fault that does not stop a run.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Warning {
-    /// Stable code, as in `W101`.
-    pub code: &'static str,
-    /// The text.
-    pub message: String,
-}
-
-impl Warning {
-    /// W101: the boxes of two inputs differ more than a hundredfold.
-    pub const UNITS: &'static str = "W101";
-    /// W102: walls thinner than two voxels.
-    pub const THIN_WALLS: &'static str = "W102";
-    /// W103: a mesh with defects that were repaired.
-    pub const MESH: &'static str = "W103";
-    /// W104: a cell that fits its source badly.
-    pub const CELL: &'static str = "W104";
-    /// W105: a scaffold with doubtful elements.
-    pub const SCAFFOLD: &'static str = "W105";
-    /// W106: a solid of several components.
-    pub const COMPONENTS: &'static str = "W106";
-    /// W107: a picture's cut that misses the part.
-    pub const MISSED_CUT: &'static str = "W107";
-    /// W108: operations that remove components removed more than a hundredth of the solid.
-    pub const REMOVED_COMPONENTS: &'static str = "W108";
-    /// W109: weights that count as 0.
-    pub const WEIGHTS: &'static str = "W109";
-    /// W110: a transition along which the solid becomes disconnected.
-    pub const TRANSITION: &'static str = "W110";
-    /// W111: a level set of other voxels than the recipe's, resampled.
-    pub const RESAMPLED: &'static str = "W111";
-    /// W112: a table that displaces the surface by more than the recipe allows.
-    pub const TABLE: &'static str = "W112";
-    /// W113: shells of a mesh that overlap or contain each other, united.
-    pub const OVERLAP: &'static str = "W113";
-    /// W114: a field that jumps across faces that elements share.
-    pub const CONTINUITY: &'static str = "W114";
-    /// W130: a phase of a period that is disconnected, or percolates along no axis.
-    pub const DISCONNECTED: &'static str = "W130";
-    /// W115: a thickness that no level of a cell gives; the nearest level is used.
-    pub const THICKNESS: &'static str = "W115";
-    /// W116: a graph that stays fitted although a thickness in units of length is requested.
-    pub const SECTION: &'static str = "W116";
-    /// W117: a grid of a file that deviates from its format, and how it was interpreted.
-    pub const GRID: &'static str = "W117";
-    /// W118: elements of a finite-element deck that are left out, since they share no face with the rest.
-    pub const DECK: &'static str = "W118";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

@@ -3,6 +3,7 @@
 //! Every requirement is judged by a number of the report. Gaps, cavities and mass are measured here, and
 //! only where a requirement needs them.
 
+use super::cavities::{self, CavitiesReport};
 use super::error::{RunError, short_number};
 use super::least_wall::{MAX_BRICK_WALL, Phase};
 use super::level_set_ops::StageContext;
@@ -73,10 +74,58 @@ pub(super) fn measure(
         let cavities = cavities.map_err(RunError::level_set("cavities"))?;
         report.closed_cavities = Some(cavities.len() as u64);
     }
+    if require.escape_radius.is_some() {
+        let reach = cavities::reach(require, context.scale);
+        report.cavities = Some(cavities_of(context, solid, reach)?);
+    }
     if require.least_gap.is_some() {
         report.add_gaps(sampled_walls(context, mesh, geometry, Phase::Void)?);
     }
     Ok(())
+}
+
+fn cavities_of(
+    context: StageContext,
+    solid: &LevelSet,
+    reach: i32,
+) -> Result<CavitiesReport, RunError> {
+    let found = solid.cavities(reach, context.session());
+    let found = found.map_err(RunError::level_set("cavities"))?;
+    Ok(CavitiesReport::new(
+        &found,
+        solid.origin(),
+        solid.voxel_size(),
+    ))
+}
+
+/// The cavities of a file's level set, in the file's unit.
+///
+/// # Errors
+/// [`RunError`]: cancellation.
+pub fn level_set_cavities(
+    (solid, unit): (&LevelSet, LengthUnit),
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<CavitiesReport, RunError> {
+    let context = file_context((solid, unit), threads, progress);
+    cavities_of(context, solid, crate::vdb::DEFAULT_CAVITY_REACH)
+}
+
+fn file_context<'a>(
+    (solid, unit): (&LevelSet, LengthUnit),
+    threads: &'a Threads,
+    progress: &'a dyn Progress,
+) -> StageContext<'a> {
+    StageContext {
+        threads,
+        progress,
+        scale: Scale {
+            unit,
+            voxel_size: solid.voxel_size(),
+        },
+        half_width: solid.half_width(),
+        region: None,
+    }
 }
 
 /// Mass in grams of a solid whose lengths are in `unit`.
@@ -132,13 +181,7 @@ pub fn judge_level_set(
     let session = Session::new(threads, progress);
     let failed = RunError::level_set("measure");
     let voxel_size = solid.voxel_size();
-    let context = StageContext {
-        threads,
-        progress,
-        scale: Scale { unit, voxel_size },
-        half_width: solid.half_width(),
-        region: None,
-    };
+    let context = file_context((solid, unit), threads, progress);
     let mesh = solid.to_mesh(session).map_err(&failed)?;
     if mesh.is_empty() {
         return Err(RunError::Empty("reading".into()));
@@ -200,6 +243,7 @@ fn judge_file(
     let factor = unit.to(file.unit);
     let scaled = |v: Option<f64>| v.map(|v| v * factor);
     let moved = |p: Option<[f64; 3]>| p.map(|p| p.map(|c| c * factor));
+    report.cavities = report.cavities.map(|c| c.scaled(factor));
     report.least_wall = scaled(report.least_wall);
     report.least_gap = scaled(report.least_gap);
     report.least_wall_place = moved(report.least_wall_place);
@@ -252,6 +296,10 @@ impl Judge {
         if let Some(most) = r.closed_cavities {
             self.count("closed_cavities", ("at most", most), solid.closed_cavities);
             self.advise("fill_voids = true fills them; open cells drain them");
+        }
+        if let Some(least) = r.escape_radius {
+            self.escape(least, solid.cavities.as_ref());
+            self.advise("widen the way out, or drill one: subtract a cylinder there");
         }
         if let Some(range) = r.volume_fraction {
             self.within("volume_fraction", range, "", solid.volume_fraction);
@@ -321,6 +369,31 @@ impl Judge {
             value: None,
             met: unmeasured_from.is_none(),
             place: None,
+            hint: None,
+        });
+    }
+
+    fn escape(&mut self, least: Size, cavities: Option<&CavitiesReport>) {
+        let limit = least.resolve(self.scale);
+        let narrowest = cavities.and_then(|c| c.list.first());
+        let value = narrowest.map(|c| c.escape_radius);
+        let measured = cavities.map_or(0.0, |c| c.limit);
+        self.list.push(Requirement {
+            name: "escape_radius",
+            required: format!("at least {}", self.length(limit)),
+            found: match narrowest {
+                Some(c) if c.throat.is_none() => "a closed cavity".into(),
+                Some(c) => self.length(c.escape_radius),
+                None => format!(
+                    "no cavity that a ball of {} cannot leave",
+                    self.length(measured)
+                ),
+            },
+            value,
+            met: value.unwrap_or(measured) >= limit,
+            place: narrowest
+                .filter(|c| c.escape_radius < limit)
+                .map(|c| c.throat.unwrap_or(c.place)),
             hint: None,
         });
     }

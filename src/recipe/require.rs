@@ -19,6 +19,9 @@ pub struct RequireSection {
     pub components: Option<u64>,
     /// Maximum number of enclosed cavities.
     pub closed_cavities: Option<u64>,
+    /// Minimum escape radius of all cavities: the radius of the largest ball that can leave. It is 0 for a
+    /// closed cavity. Radii up to 96 voxels are measured.
+    pub escape_radius: Option<Size>,
     /// Minimum and maximum share of the envelope, or of the scaffold where there is none.
     pub volume_fraction: Option<[f64; 2]>,
     /// Minimum and maximum mass, grams; needs `density`.

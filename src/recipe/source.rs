@@ -23,6 +23,9 @@ pub struct Source {
     places: BTreeMap<String, Range<usize>>,
 }
 
+/// Comment that holds an override in the text of a run's files.
+const OVERRIDE_PREFIX: &str = "# --set ";
+
 impl Source {
     pub(super) fn new(path: Option<&Path>, text: String, overrides: &[String]) -> Self {
         Self {
@@ -40,11 +43,27 @@ impl Source {
             text.push('\n');
         }
         for o in &self.overrides {
-            text.push_str("# --set ");
+            text.push_str(OVERRIDE_PREFIX);
             text.push_str(&o.replace('\n', " "));
             text.push('\n');
         }
         text
+    }
+
+    /// The text and the overrides of [`Source::text`].
+    pub(super) fn split_overrides(text: &str) -> (String, Vec<String>) {
+        let mut rest = text;
+        let mut overrides = Vec::new();
+        while let Some(body) = rest.strip_suffix('\n') {
+            let start = body.rfind('\n').map_or(0, |n| n + 1);
+            let Some(value) = body[start..].strip_prefix(OVERRIDE_PREFIX) else {
+                break;
+            };
+            overrides.push(value.to_owned());
+            rest = &rest[..start];
+        }
+        overrides.reverse();
+        (rest.to_owned(), overrides)
     }
 
     /// Its overrides, as `KEY=VALUE`.

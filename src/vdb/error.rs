@@ -249,11 +249,12 @@ impl FileError {
 /// Greatest length of a message of OpenVDB, characters: it may quote the contents of a damaged file.
 const MAX_REASON_CHARS: usize = 200;
 
-/// The message of OpenVDB without the class of the exception, on one line and of bounded length.
+/// The message of OpenVDB or NanoVDB without the class of the exception, on one line and of bounded length.
 pub(super) fn reason(error: &cxx::Exception) -> String {
     let what = error.what();
     let words = match what.split_once(": ") {
         Some((class, words)) if class.ends_with("Error") && !class.contains(' ') => words,
+        Some((class, words)) if class.ends_with(" error") => words,
         _ => what,
     };
     let shown = words

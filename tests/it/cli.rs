@@ -6,6 +6,7 @@ mod homogenize;
 mod hybrid;
 mod meshes;
 mod portable;
+mod reports;
 mod view;
 mod words;
 

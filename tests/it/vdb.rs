@@ -11,6 +11,7 @@ use std::f64::consts::PI;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+mod cavities;
 mod components;
 mod figures;
 mod files;

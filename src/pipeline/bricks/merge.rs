@@ -1,5 +1,6 @@
 //! The merge of bricks: from leaf files to the outputs, without the whole tree in memory.
 
+use super::super::cavities::{self, CavitiesReport};
 use super::super::cut_faces::CutFaces;
 use super::super::error::RunError;
 use super::super::least_wall::Phase;
@@ -13,7 +14,8 @@ use super::measure::{measure, picture};
 use super::meshes::Meshes;
 use super::thickness::thickness;
 use super::volumes::Volumes;
-use crate::vdb::{stored_components, stored_voids};
+use crate::frame::Vec3;
+use crate::vdb::{stored_cavities, stored_components, stored_voids};
 use std::path::Path;
 
 /// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file if bricks were
@@ -34,6 +36,13 @@ pub(super) fn merge_and_write(
     if require.is_some_and(|r| r.closed_cavities.is_some()) {
         let cavities = stored_voids(&solid.store, context.scale.voxel_size, context.session())?;
         report.closed_cavities = Some(cavities.len() as u64);
+        timer.end_stage("cavities")?;
+    }
+    if let Some(require) = require.filter(|r| r.escape_radius.is_some()) {
+        let h = context.scale.voxel_size;
+        let reach = cavities::reach(require, context.scale);
+        let found = stored_cavities(&solid.store, (h, reach), context.session())?;
+        report.cavities = Some(CavitiesReport::new(&found, Vec3::zeros(), h));
         timer.end_stage("cavities")?;
     }
     let thickness = if targets.needs_thickness() {

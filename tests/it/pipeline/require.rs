@@ -114,6 +114,58 @@ fn the_jump_of_a_continuous_field_is_required_and_certified() {
     assert!(report.meets_requirements(), "{:#?}", report.requirements);
 }
 
+/// A box with a room of 4^3 and a duct of 1.4 x 1.4 to the outside, on several blocks of voxels, and a closed
+/// ball of radius 1.
+const ROOM: &str = "druse = 1\n[band]\nvoxel_size = 0.2\n\
+    [[op]]\nunion = { box = { size = [12, 8, 8] } }\n\
+    [[op]]\nsubtract = { box = { size = [4, 4, 4] } }\n\
+    [[op]]\nsubtract = { box = { size = [8, 1.4, 1.4], centre = [5, 0, 0] } }\n";
+
+#[test]
+fn the_escape_radius_is_that_of_the_duct_in_memory_and_in_bricks() {
+    let closed = "[[op]]\nsubtract = { sphere = { radius = 1, centre = [-4, 0, 0] } }\n";
+    let text = |ops: &str, least: f64| format!("{ROOM}{ops}[require]\nescape_radius = {least}\n");
+    let mut reports = Vec::new();
+    for bricks in [None, Some(1), Some(2)] {
+        let options = RunOptions {
+            bricks,
+            ..RunOptions::default()
+        };
+        let report = run(&recipe(&text("", 0.6)), &options, &Silent).unwrap();
+        let [verdict] = &report.requirements[..] else {
+            panic!("{:?}", report.requirements)
+        };
+        assert!(verdict.met, "{verdict}");
+        let radius = verdict.value.unwrap();
+        assert!((radius - 0.7).abs() < 0.06, "{radius}");
+        let both = run(&recipe(&text(closed, 0.6)), &options, &Silent).unwrap();
+        let verdict = &both.requirements[0];
+        assert!(
+            !verdict.met && verdict.found == "a closed cavity",
+            "{verdict}"
+        );
+        let found = both.solid.cavities.unwrap();
+        assert_eq!((found.count, found.closed), (2, 1));
+        let ball = 4.0 / 3.0 * std::f64::consts::PI;
+        assert!(
+            (found.list[0].volume / ball - 1.0).abs() < 0.05,
+            "{found:?}"
+        );
+        reports.push(found);
+    }
+    assert!(reports.iter().all(|r| *r == reports[0]), "{reports:#?}");
+    let options = RunOptions::default();
+    let narrow = run(&recipe(&text("", 0.8)), &options, &Silent).unwrap();
+    let verdict = &narrow.requirements[0];
+    let [x, y, z] = verdict.place.unwrap();
+    assert!(
+        !verdict.met && x > 1.9 && y.abs() < 0.8 && z.abs() < 0.8,
+        "{verdict}"
+    );
+    let wide = run(&recipe(&text("", 40.0)), &options, &Silent).unwrap();
+    assert!(!wide.requirements[0].met);
+}
+
 #[test]
 fn contradictions_are_refused_with_their_key() {
     for (require, key, words) in [
@@ -188,6 +240,24 @@ fn the_program_ends_with_1_and_writes_its_files_all_the_same() {
     let text = String::from_utf8_lossy(&out.stdout).into_owned();
     assert_eq!(out.status.code(), Some(0), "{text}");
     assert_eq!(text.matches(": met:").count(), 6, "{text}");
+    write("escape.toml", "[require]\nescape_radius = 0.5\n");
+    let arguments = [
+        "check",
+        "a.vdb",
+        "--cavities",
+        "--require",
+        "escape.toml",
+        "--json",
+    ];
+    let out = druse(place.path(), &arguments);
+    assert_eq!(out.status.code(), Some(1));
+    let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    let cavities = &json["grids"][0]["cavities"];
+    assert_eq!(
+        (&cavities["count"], &cavities["closed"]),
+        (&1.into(), &1.into())
+    );
+    assert_eq!(json["requirements"][0]["found"], "a closed cavity");
     write("one.toml", "unit = \"cm\"\n[require]\nleast_gap = 0.15\n");
     let out = druse(place.path(), &["check", "a.vdb", "--require", "one.toml"]);
     let text = String::from_utf8_lossy(&out.stdout).into_owned();
@@ -222,6 +292,7 @@ fn the_program_ends_with_1_and_writes_its_files_all_the_same() {
             &["check", "a.stl", "--require", "all.toml"],
             "druse voxelize",
         ),
+        (&["check", "a.stl", "--cavities"], "druse voxelize"),
         (&["check", "a.vdb", "--require", "r2.toml"], "No such file"),
         (&["check", "a.vdb", "--require", "empty.toml"], "[require]"),
         (&["check", "a.vdb", "--require", "runs.toml"], "druse run"),

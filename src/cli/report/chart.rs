@@ -1,0 +1,120 @@
+//! Histograms as inline SVG.
+
+use super::html::{escaped, number};
+use serde_json::{Value, json};
+use std::fmt::Write;
+
+/// Size of the drawing and of the area of the bars, in its own units.
+const WIDTH: f64 = 460.0;
+const HEIGHT: f64 = 190.0;
+const PLOT_LEFT: f64 = 44.0;
+const PLOT_WIDTH: f64 = 400.0;
+const PLOT_TOP: f64 = 14.0;
+const PLOT_HEIGHT: f64 = 130.0;
+/// Number of labels along the axis.
+const LABELS: usize = 4;
+
+/// A limit that the chart marks.
+pub(super) struct Limit {
+    pub value: f64,
+    pub is_met: bool,
+}
+
+/// A histogram of the report; `None` if the report has none. `label` names the axis.
+pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Option<String> {
+    let floats =
+        |v: &Value| -> Option<Vec<f64>> { v.as_array()?.iter().map(Value::as_f64).collect() };
+    let (edges, counts) = (floats(&value["edges"])?, floats(&value["counts"])?);
+    let top = *edges.last().filter(|e| **e > 0.0)?;
+    let above = value["above"].as_f64().unwrap_or(0.0);
+    let total = counts.iter().sum::<f64>() + above;
+    let highest = counts.iter().fold(0.0f64, |a, b| a.max(*b));
+    if edges.len() != counts.len() + 1 || highest <= 0.0 {
+        return None;
+    }
+    // A limit beyond the samples lies on the axis too.
+    let end = limit.map_or(top, |l| top.max(1.05 * l.value));
+    let x = |v: f64| PLOT_LEFT + v / end * PLOT_WIDTH;
+    let bottom = PLOT_TOP + PLOT_HEIGHT;
+    let mut svg = format!(
+        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
+        escaped(label)
+    );
+    let share = 100.0 * highest / total;
+    let _ = write!(
+        svg,
+        "<line class=\"axis\" x1=\"{PLOT_LEFT}\" y1=\"{bottom}\" x2=\"{}\" y2=\"{bottom}\"/>\
+         <line class=\"grid\" x1=\"{PLOT_LEFT}\" y1=\"{PLOT_TOP}\" x2=\"{}\" y2=\"{PLOT_TOP}\"/>\
+         <text class=\"tick\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{share:.0} %</text>",
+        PLOT_LEFT + PLOT_WIDTH,
+        PLOT_LEFT + PLOT_WIDTH,
+        PLOT_LEFT - 6.0,
+        PLOT_TOP + 4.0,
+    );
+    for (bin, &count) in edges.windows(2).zip(&counts) {
+        let height = count / highest * PLOT_HEIGHT;
+        let is_below = limit.is_some_and(|l| bin[1] <= l.value);
+        let _ = write!(
+            svg,
+            "<rect class=\"{}\" x=\"{:.2}\" y=\"{:.2}\" width=\"{:.2}\" height=\"{height:.2}\">\
+             <title>{} to {}: {:.1} %</title></rect>",
+            if is_below { "bar low" } else { "bar" },
+            x(bin[0]) + 0.5,
+            bottom - height,
+            (x(bin[1]) - x(bin[0]) - 1.0).max(0.5),
+            number(&json!(bin[0])),
+            number(&json!(bin[1])),
+            100.0 * count / total,
+        );
+    }
+    let step = round_step(end / LABELS as f64);
+    let mut tick = 0.0;
+    while tick <= end * (1.0 + 1e-9) {
+        let _ = write!(
+            svg,
+            "<line class=\"axis\" x1=\"{0:.2}\" y1=\"{bottom}\" x2=\"{0:.2}\" y2=\"{1}\"/>\
+             <text class=\"tick\" x=\"{0:.2}\" y=\"{2}\" text-anchor=\"middle\">{3}</text>",
+            x(tick),
+            bottom + 4.0,
+            bottom + 17.0,
+            number(&json!(tick)),
+        );
+        tick += step;
+    }
+    if let Some(limit) = limit {
+        let _ = write!(
+            svg,
+            "<line class=\"limit {2}\" x1=\"{0:.2}\" y1=\"{1}\" x2=\"{0:.2}\" y2=\"{bottom}\"/>\
+             <text class=\"tick {2}\" x=\"{0:.2}\" y=\"{3}\" text-anchor=\"middle\">required {4}</text>",
+            x(limit.value),
+            PLOT_TOP - 2.0,
+            if limit.is_met { "met" } else { "missed" },
+            PLOT_TOP - 5.0,
+            number(&json!(limit.value)),
+        );
+    }
+    let mut caption = escaped(label);
+    if above > 0.0 {
+        let _ = write!(
+            caption,
+            "; {:.1} % of the samples are above {}",
+            100.0 * above / total,
+            number(&json!(top))
+        );
+    }
+    let _ = write!(
+        svg,
+        "<text class=\"label\" x=\"{}\" y=\"{}\" text-anchor=\"middle\">{caption}</text></svg>",
+        PLOT_LEFT + PLOT_WIDTH / 2.0,
+        HEIGHT - 8.0,
+    );
+    Some(svg)
+}
+
+/// A number with one leading digit 1, 2 or 5, at least `value`.
+fn round_step(value: f64) -> f64 {
+    let power = 10f64.powf(value.log10().floor());
+    let digit = value / power;
+    let rounded = [1.0, 2.0, 5.0].into_iter().find(|d| *d >= digit - 1e-9);
+    power * rounded.unwrap_or(10.0)
+}

@@ -1,0 +1,435 @@
+//! Cavities of the void around a solid, and the largest ball that can leave each.
+//!
+//! The **escape radius** of a point of the void is the greatest r for which a ball of radius r moves from
+//! there to the outside: the maximin of the distance to the surface over all paths. It is found by uniting
+//! voxels in falling distance, from which the outside grows inwards. A component that meets the outside at
+//! the level s, and is deeper than s, is a cavity with escape radius s; a component that never meets it is
+//! closed. Each voxel belongs to the cavity that its steepest ascent ends in.
+//!
+//! Blocks of 128^3 voxels are processed separately, with a halo as wide as the greatest distance. A block
+//! keeps its local maxima and the edges of its maximum spanning forest; faces of blocks add edges. A solid in
+//! memory and a solid on disk have the same blocks, and so the same cavities.
+
+use super::index::LeafIndex;
+use super::{FileError, LevelSet, Session, VdbError};
+use crate::band::{BLOCK, LEAF, LeafStore, Region, StoreError, VOXELS};
+use crate::frame::Coord;
+use crate::progress::{Cancelled, Progress};
+use crate::union_find::UnionFind;
+use std::collections::BTreeMap;
+
+mod basins;
+mod blocks;
+mod distances;
+
+use basins::{Basin, Edge};
+use blocks::VoidGraph;
+
+/// Default of the greatest distance that is measured, voxels.
+pub const DEFAULT_CAVITY_REACH: i32 = 32;
+/// Greatest distance that can be measured, voxels: a block's halo is one block at most.
+pub const MAX_CAVITY_REACH: i32 = 96;
+/// Least excess of a cavity's inscribed ball over its escape radius, voxels. Distances at voxels vary by up to
+/// half of this along a straight channel.
+const MIN_PROMINENCE: f32 = 1.0;
+/// Least depth of a closed cavity, voxels, as for components.
+const MIN_DEPTH: f32 = 1e-3;
+
+/// A cavity. Radii are in world units, sampled at voxel centres, so that they are up to 0.9 voxels less
+/// than those of the continuous void.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cavity {
+    /// Number of voxels.
+    pub voxels: u64,
+    /// Volume of the voxels, world units cubed.
+    pub volume: f64,
+    /// The voxel farthest from the solid.
+    pub place: Coord,
+    /// Distance of that voxel from the solid, at most the limit of [`Cavities`].
+    pub radius: f64,
+    /// Radius of the largest ball that can leave; 0 for a closed cavity.
+    pub escape_radius: f64,
+    /// The narrowest voxel on the widest way out; `None` for a closed cavity.
+    pub throat: Option<Coord>,
+}
+
+/// The cavities of a solid, narrowest first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cavities {
+    /// Cavities with a smaller escape radius, by escape radius, then falling volume, then place.
+    pub list: Vec<Cavity>,
+    /// The greatest distance that was measured, world units. A void that a ball of this radius can leave
+    /// is no cavity.
+    pub limit: f64,
+}
+
+impl Cavities {
+    /// Number of closed cavities.
+    pub fn closed(&self) -> usize {
+        self.list.iter().filter(|c| c.throat.is_none()).count()
+    }
+
+    /// The cavity with the least escape radius.
+    pub fn narrowest(&self) -> Option<&Cavity> {
+        self.list.first()
+    }
+}
+
+/// A solid that provides its leaves region by region.
+trait LeafSource: Sync {
+    type Error: From<Cancelled> + Send;
+
+    /// Blocks with leaves, ascending.
+    fn blocks(&self) -> Vec<Coord>;
+
+    /// The box of the leaves.
+    fn bounds(&self) -> Option<Region>;
+
+    /// Calls `visit` with origin and values of the leaves that meet a region.
+    fn visit_leaves(
+        &self,
+        region: Region,
+        visit: &mut dyn FnMut(Coord, &[f32; VOXELS]),
+    ) -> Result<(), Self::Error>;
+
+    /// Cubes without leaves that lie inside and meet a region: least voxel and edge.
+    fn inside_cubes(&self, region: Region) -> Vec<(Coord, i32)>;
+}
+
+/// Voxel size and half width of a band, and the greatest distance to measure, in voxels.
+#[derive(Clone, Copy)]
+struct Measure {
+    voxel_size: f64,
+    background: f32,
+    reach: i32,
+    /// The box of all leaves.
+    bounds: Region,
+}
+
+/// Leaves and inside tiles of a level set by block.
+struct MemorySource<'a> {
+    index: &'a LeafIndex<'a>,
+    leaves: BTreeMap<Coord, Vec<usize>>,
+    /// Tiles of at most a block.
+    tiles: BTreeMap<Coord, Vec<(Coord, i32)>>,
+    large_tiles: Vec<(Coord, i32)>,
+}
+
+impl<'a> MemorySource<'a> {
+    fn new(index: &'a LeafIndex<'a>) -> Self {
+        let mut leaves: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
+        for (n, leaf) in index.leaves.iter().enumerate() {
+            if leaf.any_active() {
+                leaves
+                    .entry(leaf.origin.aligned(BLOCK))
+                    .or_default()
+                    .push(n);
+            }
+        }
+        let mut tiles: BTreeMap<Coord, Vec<(Coord, i32)>> = BTreeMap::new();
+        let mut large_tiles = Vec::new();
+        for tile in index.tiles.iter().filter(|t| t.value < 0.0) {
+            let cube = (tile.origin, tile.edge);
+            if tile.edge > BLOCK {
+                large_tiles.push(cube);
+            } else {
+                let block = tile.origin.aligned(BLOCK);
+                tiles.entry(block).or_default().push(cube);
+            }
+        }
+        Self {
+            index,
+            leaves,
+            tiles,
+            large_tiles,
+        }
+    }
+}
+
+impl LeafSource for MemorySource<'_> {
+    type Error = VdbError;
+
+    fn blocks(&self) -> Vec<Coord> {
+        self.leaves.keys().copied().collect()
+    }
+
+    fn bounds(&self) -> Option<Region> {
+        let origins = || {
+            self.leaves
+                .values()
+                .flatten()
+                .map(|&n| self.index.leaves[n].origin)
+        };
+        let cube = |o: Coord| Region::cube(o, LEAF);
+        origins().map(cube).reduce(|a, b| Region {
+            min: Coord([0, 1, 2].map(|i| a.min[i].min(b.min[i]))),
+            max: Coord([0, 1, 2].map(|i| a.max[i].max(b.max[i]))),
+        })
+    }
+
+    fn visit_leaves(
+        &self,
+        region: Region,
+        visit: &mut dyn FnMut(Coord, &[f32; VOXELS]),
+    ) -> Result<(), VdbError> {
+        for block in region.cubes(BLOCK) {
+            for &n in self.leaves.get(&block).into_iter().flatten() {
+                let leaf = &self.index.leaves[n];
+                if region.meets(leaf.origin, LEAF) {
+                    visit(leaf.origin, leaf.values);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn inside_cubes(&self, region: Region) -> Vec<(Coord, i32)> {
+        let near = region.cubes(BLOCK).filter_map(|b| self.tiles.get(&b));
+        let all = near.flatten().chain(&self.large_tiles).copied();
+        all.filter(|&(origin, edge)| region.meets(origin, edge))
+            .collect()
+    }
+}
+
+impl LeafSource for LeafStore {
+    type Error = FileError;
+
+    fn blocks(&self) -> Vec<Coord> {
+        self.blocks().collect()
+    }
+
+    fn bounds(&self) -> Option<Region> {
+        let [min, max] = self.bounds()?;
+        Some(Region {
+            min: min.aligned(LEAF),
+            max: Region::cube(max.aligned(LEAF), LEAF).max,
+        })
+    }
+
+    fn visit_leaves(
+        &self,
+        region: Region,
+        visit: &mut dyn FnMut(Coord, &[f32; VOXELS]),
+    ) -> Result<(), FileError> {
+        for block in self.blocks_in(region) {
+            let batch = self.read(block, region).map_err(StoreError::from)?;
+            for (&origin, values) in batch.origins.iter().zip(&batch.values) {
+                visit(origin, values);
+            }
+        }
+        Ok(())
+    }
+
+    fn inside_cubes(&self, region: Region) -> Vec<(Coord, i32)> {
+        self.inside_cubes(region)
+    }
+}
+
+impl LevelSet {
+    /// The cavities of the void that a ball of `reach` voxels cannot leave, narrowest first. The reach is at most
+    /// [`MAX_CAVITY_REACH`].
+    ///
+    /// # Errors
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
+    pub fn cavities(&self, reach: i32, session: Session<'_>) -> Result<Cavities, VdbError> {
+        let leaves = self.leaves()?;
+        let index = LeafIndex::new(self, &leaves, false)?;
+        let measure = Measure {
+            voxel_size: self.voxel_size(),
+            background: self.background() as f32,
+            reach,
+            bounds: Region::EVERYWHERE,
+        };
+        find(&MemorySource::new(&index), measure, session)
+    }
+}
+
+/// The cavities of a solid on disk, as [`LevelSet::cavities`] returns them.
+///
+/// # Errors
+/// As there, and a changed leaf file.
+pub fn stored_cavities(
+    store: &LeafStore,
+    (voxel_size, reach): (f64, i32),
+    session: Session<'_>,
+) -> Result<Cavities, FileError> {
+    let measure = Measure {
+        voxel_size,
+        background: store.background(),
+        reach,
+        bounds: Region::EVERYWHERE,
+    };
+    find(store, measure, session)
+}
+
+fn find<S: LeafSource>(
+    source: &S,
+    measure: Measure,
+    session: Session<'_>,
+) -> Result<Cavities, S::Error> {
+    // Halos are whole leaves.
+    let reach = measure.reach.clamp(1, MAX_CAVITY_REACH);
+    let reach = (reach + LEAF - 1) / LEAF * LEAF;
+    let Some(bounds) = source.bounds() else {
+        return Ok(Cavities {
+            list: Vec::new(),
+            limit: f64::from(reach) * measure.voxel_size,
+        });
+    };
+    let measure = Measure {
+        reach,
+        bounds,
+        ..measure
+    };
+    let graph = VoidGraph::new(source, measure, session)?;
+    Ok(graph.cavities(measure, session.progress)?)
+}
+
+/// No owner yet.
+const UNOWNED: u32 = u32::MAX;
+/// The owner of basins that open to the outside; cavities follow from 1.
+const OUTSIDE: u32 = 0;
+
+/// Components of basins while edges are added in falling level.
+struct Growth {
+    sets: UnionFind,
+    basins: Vec<Basin>,
+    /// Members of a component, by its representative.
+    members: Vec<Vec<u32>>,
+    /// The deepest basin of a component, by its representative.
+    deepest: Vec<u32>,
+    owner: Vec<u32>,
+    /// Level and place at which each cavity meets the outside, and its deepest basin.
+    throats: Vec<(f32, Option<Coord>, u32)>,
+}
+
+impl Growth {
+    fn new(basins: Vec<Basin>) -> Self {
+        let count = basins.len();
+        let mut owner = vec![UNOWNED; count];
+        if let Some(first) = owner.first_mut() {
+            *first = OUTSIDE;
+        }
+        Self {
+            sets: UnionFind::new(count),
+            basins,
+            members: (0..count as u32).map(|n| vec![n]).collect(),
+            deepest: (0..count as u32).collect(),
+            owner,
+            throats: Vec::new(),
+        }
+    }
+
+    /// The deeper of two basins; of equal ones that with the lower place.
+    fn deeper(&self, a: u32, b: u32) -> u32 {
+        let [x, y] = [a, b].map(|n| &self.basins[n as usize]);
+        let order = x.depth.total_cmp(&y.depth).then(y.place.cmp(&x.place));
+        if order.is_ge() { a } else { b }
+    }
+
+    /// Joins the ends of an edge.
+    fn join(&mut self, edge: &Edge) {
+        let [a, b] = [edge.ends[0] as usize, edge.ends[1] as usize];
+        let (ra, rb) = (self.sets.find(a), self.sets.find(b));
+        if ra == rb {
+            return;
+        }
+        let outside = self.sets.find(0);
+        if ra == outside {
+            self.open(rb, a, edge);
+        } else if rb == outside {
+            self.open(ra, b, edge);
+        }
+        self.sets.union(ra, rb);
+        let root = self.sets.find(ra);
+        let other = ra + rb - root;
+        let mut moved = std::mem::take(&mut self.members[other]);
+        if moved.len() > self.members[root].len() {
+            std::mem::swap(&mut moved, &mut self.members[root]);
+        }
+        self.members[root].extend(moved);
+        self.deepest[root] = self.deeper(self.deepest[root], self.deepest[other]);
+    }
+
+    /// Gives the basins of a component that meets the outside at a basin their owner.
+    fn open(&mut self, component: usize, outer: usize, edge: &Edge) {
+        let deepest = self.deepest[component];
+        let is_cavity = self.basins[deepest as usize].depth - edge.level >= MIN_PROMINENCE;
+        let owner = if is_cavity {
+            self.throats.push((edge.level, Some(edge.place), deepest));
+            self.throats.len() as u32
+        } else {
+            self.owner[outer]
+        };
+        for &n in &self.members[component] {
+            self.owner[n as usize] = owner;
+        }
+    }
+
+    /// Makes cavities of the components that have not met the outside.
+    fn close(&mut self) {
+        let outside = self.sets.find(0);
+        for root in 0..self.basins.len() {
+            if self.sets.find(root) != root || root == outside {
+                continue;
+            }
+            let deepest = self.deepest[root];
+            let is_cavity = self.basins[deepest as usize].depth >= MIN_DEPTH;
+            if is_cavity {
+                self.throats.push((0.0, None, deepest));
+                for &n in &self.members[root] {
+                    self.owner[n as usize] = self.throats.len() as u32;
+                }
+            }
+        }
+    }
+}
+
+impl VoidGraph {
+    /// The cavities, narrowest first.
+    fn cavities(
+        mut self,
+        measure: Measure,
+        progress: &dyn Progress,
+    ) -> Result<Cavities, Cancelled> {
+        let order = |e: &Edge| (std::cmp::Reverse(e.level.to_bits()), e.ends);
+        self.edges.sort_unstable_by_key(order);
+        let mut growth = Growth::new(self.basins);
+        for (n, edge) in self.edges.iter().enumerate() {
+            if n.is_multiple_of(1 << 16) && progress.cancelled() {
+                return Err(Cancelled);
+            }
+            growth.join(edge);
+        }
+        growth.close();
+        let mut voxels = vec![0u64; growth.throats.len() + 1];
+        for (basin, &owner) in growth.basins.iter().zip(&growth.owner) {
+            if let Some(sum) = voxels.get_mut(owner as usize) {
+                *sum += basin.voxels;
+            }
+        }
+        let h = measure.voxel_size;
+        let cavities = growth.throats.iter().zip(&voxels[1..]);
+        let mut list: Vec<Cavity> = cavities
+            .map(|(&(level, throat, deepest), &voxels)| {
+                let basin = &growth.basins[deepest as usize];
+                Cavity {
+                    voxels,
+                    volume: voxels as f64 * h.powi(3),
+                    place: basin.place,
+                    radius: f64::from(basin.depth) * h,
+                    escape_radius: f64::from(level) * h,
+                    throat,
+                }
+            })
+            .collect();
+        list.sort_by(|a, b| {
+            let size = b.voxels.cmp(&a.voxels).then(a.place.cmp(&b.place));
+            a.escape_radius.total_cmp(&b.escape_radius).then(size)
+        });
+        Ok(Cavities {
+            list,
+            limit: f64::from(measure.reach) * h,
+        })
+    }
+}
