@@ -138,7 +138,7 @@ def resolved(druse, work):
         common = f'{HEADER.format(h=0.05)}[cell.c]\nsurface = "schwarz_p"\n' \
                  f"[scaffold]\nbox = {{ size = [{cells}, 1, 1], cell_size = 1 }}\n" \
                  f'[tiling]\ncell = "c"\nvolume_fraction = {grading}\n'
-        macro = common + f'[[output]]\nfe = "{name}_macro.inp"\nresolution = 32\n{MATERIAL}'
+        macro = common + f'[[output]]\nfe = "{name}_macro.inp"\nresolution = 24\n{MATERIAL}'
         facts = deck(druse, work, f"{name}_macro_recipe", macro)["outputs"][0]["macro_deck"]
         voxels = common + f'[[output]]\nfe = "{name}_voxels.inp"\nkind = "hex8"\n{MATERIAL}'
         part = deck(druse, work, f"{name}_voxel_recipe", voxels)["outputs"][0]["deck"]

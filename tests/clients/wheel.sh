@@ -4,6 +4,7 @@
 #
 #     tests/clients/wheel.sh WORK TARGET PYTHON [full]
 #
+# With full, also the notebooks, the types by mypy and the archive of the sources, which take minutes.
 # WORK is emptied; TARGET keeps the environments from one run to the next.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -36,7 +37,8 @@ echo "$(basename "$wheel"): $bytes bytes"
 echo "figure: Python: wheel of $((bytes / 1000000)) MB, OpenVDB inside"
 [ "$bytes" -lt $max_wheel_bytes ]
 
-packages=(numpy==2.4.6 pytest==9.2.0 hypothesis==6.170.17 mypy==2.4.1)
+packages=(numpy==2.4.6 pytest==9.2.0 hypothesis==6.170.17)
+[ "$mode" != full ] || packages+=(mypy==2.4.1)
 environment wheel-bare "${packages[@]}"
 bare=$(realpath "$target/wheel-bare/bin")
 "$bare/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
@@ -54,21 +56,20 @@ hidden() { # COMMAND...: with an empty file in the place of every OpenVDB of the
     fi
 }
 
-# Notebooks need more packages.
-environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0
-notebooks=$(realpath "$target/wheel-notebooks/bin")
 program=$(realpath "$target/release/druse") # beside the package: the same content hashes
-"$notebooks/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
+# From a folder without sources, so that the installed package is tested.
+tests=$PWD/tests/python
+cd "$work"
+hidden "$bare/python" -m pytest -q -p no:cacheprovider -s --ignore "$tests/test_notebooks.py" "$tests"
+DRUSE=$program "$bare/python" -m pytest -q -p no:cacheprovider -k content_hash "$tests/test_recipe.py"
 if [ "$mode" = full ]; then
+    "$bare/python" -m mypy --strict --cache-dir "$work/mypy" --config-file "" "$tests/typed_use.py"
+    cd "$tests/../.."
+    environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0
+    notebooks=$(realpath "$target/wheel-notebooks/bin")
+    "$notebooks/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
+    "$notebooks/python" -m pytest -q -p no:cacheprovider "$tests/test_notebooks.py"
     # The archive of the sources builds too.
     "$tools/maturin" sdist --out "$work/sdist"
     "$tools/python" -m pip wheel -q --disable-pip-version-check --no-deps -w "$work/from_sdist" "$work"/sdist/*.tar.gz
 fi
-
-# From a folder without sources, so that the installed package is tested.
-tests=$PWD/tests/python
-cd "$work"
-hidden "$bare/python" -m pytest -q -p no:cacheprovider -s "$tests"
-DRUSE=$program "$notebooks/python" -m pytest -q -p no:cacheprovider -k "notebook or content_hash" \
-    "$tests/test_notebooks.py" "$tests/test_recipe.py"
-"$bare/python" -m mypy --strict --cache-dir "$work/mypy" --config-file "" "$tests/typed_use.py"
