@@ -61,11 +61,11 @@ fn vertices_on_the_exact_field_and_their_numbers_are_those_of_memory() {
 
 /// Blocks are decimated each for itself and keep what they share: the whole is closed, and the same whatever
 /// the bricks and the threads. The other outputs keep at most a share of the first.
-fn assert_fewer_in_all_bricks(voxel: &str, outputs: &str, shares: &[(&str, f64)]) {
+fn assert_fewer_in_all_bricks([voxel, size]: [&str; 2], outputs: &str, shares: &[(&str, f64)]) {
     let directory = tempfile::tempdir().unwrap();
     let text = TILED
         .replace("voxel_size = 0.25", &format!("voxel_size = {voxel}"))
-        .replace("[16, 16, 16]", "[16, 8, 8]");
+        .replace("[16, 16, 16]", size);
     let all = "[[output]]\nmesh = \"all.stl\"\n";
     let recipe = Recipe::parse(&format!("{text}{all}{outputs}"), &[]).unwrap();
     let made: Vec<_> = [(1, 2), (2, 1), (3, 2)]
@@ -116,7 +116,11 @@ fn assert_fewer_in_all_bricks(voxel: &str, outputs: &str, shares: &[(&str, f64)]
 #[test]
 fn fewer_triangles_are_the_same_in_all_bricks() {
     let outputs = "[[output]]\nmesh = \"few.ply\"\ndecimate = { share = 0.02, error = \"0.5vx\" }\nproject = true\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"half.stl\"\ndecimate = 0.5\n";
-    assert_fewer_in_all_bricks("0.06", outputs, &[("few.ply", 0.2), ("half.stl", 0.51)]);
+    assert_fewer_in_all_bricks(
+        ["0.06", "[16, 8, 8]"],
+        outputs,
+        &[("few.ply", 0.2), ("half.stl", 0.51)],
+    );
 }
 
 /// Some vertices of these have all their faces in other blocks.
@@ -124,7 +128,7 @@ fn fewer_triangles_are_the_same_in_all_bricks() {
 fn fewer_triangles_of_open_vdb_are_the_same_in_all_bricks() {
     let outputs = "[[output]]\nmesh = \"o.stl\"\nmesher = \"openvdb\"\ndecimate = 0.3\n[[output]]\nmesh = \"m.ply\"\nadaptivity = 0.1\ndecimate = 0.5\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"s.stl\"\nsharp = true\ndecimate = 0.3\n";
     let shares = [("o.stl", 0.33), ("m.ply", 0.5), ("s.stl", 0.33)];
-    assert_fewer_in_all_bricks("0.13", outputs, &shares);
+    assert_fewer_in_all_bricks(["0.13", "[16, 16, 16]"], outputs, &shares);
 }
 
 /// The faces of an `.obj` by the words of their corners, each from its least on; all sorted.
