@@ -148,8 +148,10 @@ def resolved(druse, work):
             file = f"{name}_{kind}"
             found = solve(work, f"{file}_load", CONFINE % (file, STRETCH * cells, elements))
             forces[kind] = [found["total force"][0][0], found["total force"][1][1]]
-        check(f"Schwarz P, {name}: reaction, macro and resolved", forces["macro"][0], forces["voxels"][0], 0.04)
-        check(f"Schwarz P, {name}: sideways reaction", forces["macro"][1], forces["voxels"][1], 0.05)
+        # Over two cells a gradient and a cell are of one size: the law of the cell holds less well there.
+        limit, sideways = (0.04, 0.05) if name == "uniform" else (0.12, 0.2)
+        check(f"Schwarz P, {name}: reaction, macro and resolved", forces["macro"][0], forces["voxels"][0], limit)
+        check(f"Schwarz P, {name}: sideways reaction", forces["macro"][1], forces["voxels"][1], sideways)
 
 
 def turned(druse, work):

@@ -182,7 +182,7 @@ fn an_interrupted_search_keeps_its_best_cell_and_continues() {
     let long = [
         "fit",
         "--target",
-        "{ maximise = \"bulk\", starts = 20, evaluations = 4000, voxels = 32 }",
+        "{ maximise = \"bulk\", starts = 20, evaluations = 4000, voxels = 16 }",
         "--volume-fraction",
         "0.3",
         "-o",
@@ -209,7 +209,7 @@ fn an_interrupted_search_keeps_its_best_cell_and_continues() {
     assert!(sent.success());
     let start = Instant::now();
     let code = child.wait().unwrap().code();
-    assert!(start.elapsed() < Duration::from_secs(10));
+    assert!(start.elapsed() < Duration::from_secs(20));
     assert_eq!(code, Some(75));
     let cell = std::fs::read_to_string(place.0.path().join("a.cell")).unwrap();
     assert!(cell.contains("\"complete\":false"), "{cell}");
