@@ -275,7 +275,7 @@ fn wishes_that_cannot_be_met_are_refused_with_the_reason() {
         ("[[output]]\nvdb = \"a.vdb\"\nlod = 9\n", "1 to 8"),
         (
             "[[output]]\nvdb = \"a.nvdb\"\nhalf = true\n",
-            "whole floats",
+            "32-bit floats",
         ),
         (
             "[[output]]\nvdb = \"a.nvdb\"\nusda = true\n",
