@@ -212,19 +212,19 @@ fn moved_polyhedra_have_distances_in_closed_form() {
             Polyhedron::tetrahedron(),
             &[5.0, 20.0, 44.0, 60.0][..],
             // Its corner lies at a voxel, whose value is zero: no crossing determines a corner there.
-            [0.9, 0.15],
+            [1.2, 0.15],
         ),
         (
             "rotated tetrahedron",
             Polyhedron::rotated_tetrahedron(),
             &[5.0, 20.0, 44.0][..],
-            [0.9, 0.06],
+            [1.2, 0.06],
         ),
         (
             "regular tetrahedron",
             Polyhedron::regular_tetrahedron(),
             &[5.0, 20.0, 44.0][..],
-            [0.9, 0.06],
+            [1.2, 0.06],
         ),
         (
             "cube",
@@ -236,7 +236,7 @@ fn moved_polyhedra_have_distances_in_closed_form() {
             "octahedron",
             Polyhedron::octahedron(),
             &[5.0, 20.0, -5.0][..],
-            [1.1, 0.25],
+            [1.6, 0.25],
         ),
     ] {
         let solid = body.level_set();
