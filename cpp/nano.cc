@@ -22,6 +22,18 @@ nanovdb::GridHandle<nanovdb::HostBuffer> nano(const GridBase& base) {
   throw std::invalid_argument("the grid \"" + base.getName() + "\" holds neither floats nor vectors");
 }
 
+// The first of the types that the grid holds, as OpenVDB's grid; null if it holds none. Converting every type that
+// NanoVDB knows takes a compiler minutes.
+template <typename... Values>
+GridBase::Ptr open(const nanovdb::GridHandle<nanovdb::HostBuffer>& handle) {
+  GridBase::Ptr found;
+  const auto convert = [&](const auto* grid) {
+    if (grid && !found) found = nanovdb::nanoToOpenVDB(*grid);
+  };
+  (convert(handle.grid<Values>()), ...);
+  return found;
+}
+
 std::string name_of(rust::Slice<const std::uint8_t> path) {
   return std::string(reinterpret_cast<const char*>(path.data()), path.size());
 }
@@ -38,8 +50,9 @@ rust::Vec<rust::String> nano_names(rust::Slice<const std::uint8_t> path) {
 
 std::unique_ptr<Grid> nano_read(rust::Slice<const std::uint8_t> path, std::size_t index) {
   const auto handle = nanovdb::io::readGrid(name_of(path), index);
-  GridBase::Ptr grid = nanovdb::nanoToOpenVDB(handle);
-  if (!grid) throw std::runtime_error("the grid could not be read");
+  using nanovdb::Fp16, nanovdb::Fp4, nanovdb::Fp8, nanovdb::FpN;
+  const auto grid = open<float, double, Fp4, Fp8, Fp16, FpN, nanovdb::Vec3f>(handle);
+  if (!grid) throw std::runtime_error("the grid holds neither floats nor vectors of floats");
   return wrap(grid);
 }
 
