@@ -288,7 +288,15 @@ mod bridge {
             smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
-        /// Multiplies the change since `before` by the mask's weight.
+        /// Blends values: those of `before` where the mask's weight is 0, the grid's own where it is 1.
+        fn grid_mix(
+            grid: Pin<&mut Grid>,
+            before: &Grid,
+            mask: &Grid,
+            range: Range,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        /// The same, with distances restored afterwards.
         fn grid_restrict_change(
             grid: Pin<&mut Grid>,
             before: &Grid,
