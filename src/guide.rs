@@ -17,6 +17,8 @@ pub mod operations {}
 pub mod printing {}
 #[doc = include_str!("guide/large_parts.md")]
 pub mod large_parts {}
+#[doc = include_str!("guide/film.md")]
+pub mod film {}
 #[doc = include_str!("guide/crystals.md")]
 pub mod crystals {}
 #[doc = include_str!("guide/files.md")]

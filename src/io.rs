@@ -38,6 +38,7 @@ mod obj;
 mod obj_groups;
 mod off;
 mod outer_faces;
+mod pc2;
 mod ply;
 mod polygon;
 mod polygons;
@@ -73,6 +74,7 @@ pub use mesh_file::{MeshFile, MeshFormat, read_mesh, stated_unit, write_mesh};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
 pub use npy::{NpyArray, read_npy};
+pub use pc2::PointCache;
 pub use polymesh::{read_polymesh, write_legacy_obj, write_polymesh};
 pub use scaffold::{
     DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,

@@ -7,7 +7,7 @@
 //! [`inverse`] (a cell with target properties), [`band`] (which 8^3 leaves matter, and
 //! their values), [`mesher`] (the band's surface in triangles), [`vdb`] (level sets in OpenVDB),
 //! [`recipe`] and [`pipeline`] (one document from sources to files). [`frame`], [`field`] and [`mesh`]
-//! are what all of them stand on; [`io`] reads and writes.
+//! are what all of them stand on; [`sequence`] holds frames of films, [`io`] reads and writes.
 //!
 //! # Conventions
 //! | what | convention |
@@ -44,6 +44,7 @@ pub mod polymesh;
 pub mod progress;
 pub mod recipe;
 pub mod scaffold;
+pub mod sequence;
 #[doc(hidden)]
 pub mod simd;
 #[doc(hidden)]

@@ -16,10 +16,10 @@
 
 use crate::band::BandStats;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{OutputKind, Recipe};
+use crate::recipe::Recipe;
 use crate::vdb::LevelSet;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 mod attributes;
 mod beams;
@@ -38,6 +38,7 @@ mod field_grid;
 mod field_ops;
 mod fit_options;
 mod fractions;
+mod frames;
 mod grade;
 mod grading;
 mod group;
@@ -51,9 +52,11 @@ mod level_set_ops;
 mod macro_deck;
 mod memory;
 mod meshing;
+mod motion;
 mod nearest;
 mod offsets;
 mod output;
+mod output_targets;
 mod palette;
 mod period_samples;
 mod plot;
@@ -80,14 +83,19 @@ mod volumes;
 mod voxels;
 mod warning;
 
+pub(crate) use bricks::relative_path;
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
 pub use cavities::{CavitiesReport, CavityReport};
 pub use cells::{make_cell, own_element, with_level};
 pub(crate) use cells::{one_element, read_source};
-pub(crate) use crystals::crystal_script;
+pub(crate) use crystals::{clock_parameters, crystal_script};
 pub use error::RunError;
 pub use estimate::Estimate;
 pub(crate) use fit_options::fit_options;
+pub use frames::{
+    check_frames, check_output_tokens, check_series, finished_frame, frame_report,
+    write_sequence_scenes,
+};
 pub use grade::{GradeOptions, GradeReport, GradeRule, grade};
 pub use grading::{GradedQuantity, level_shifts};
 pub(crate) use group::{group_fault, read_group};
@@ -116,6 +124,7 @@ use cut_faces::CutFaces;
 use inputs::Inputs;
 use least_wall::Phase;
 use level_set_ops::StageContext;
+use output_targets::{Targets, output_targets};
 use stage_timer::StageTimer;
 use thickness::{SolidGeometry, Thickness, sampled_walls};
 
@@ -131,6 +140,8 @@ pub struct RunOptions {
     pub bricks: Option<u32>,
     /// Directory of the outputs and of `report.json`; by default the recipe's own, without a report.
     pub out: Option<PathBuf>,
+    /// The report of a run whose recipe names none; `report.json` in `out` when left out.
+    pub report: Option<PathBuf>,
     /// Whether a warning ends the run.
     pub strict: bool,
     /// Whether to skip slow measures that no output needs: wall thickness, and the mesh of a run that
@@ -197,12 +208,13 @@ pub fn run_keeping_solid(
     options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<(Report, Option<LevelSet>), RunError> {
+    check_frames(recipe, &[recipe.clock().frame])?;
     let threads = threads(options)?;
     let sections = recipe.sections();
     let mut timer = StageTimer::new(progress);
     let mut inputs = Inputs::load(recipe, &threads, options, progress)?;
     inputs.expect(&options.expected_inputs)?;
-    let outputs = output_targets(&inputs, options.out.as_deref())?;
+    let outputs = output_targets(&inputs, options.out.as_deref(), options.report.as_deref())?;
     timer.end_stage("inputs")?;
     if needs_no_voxels(recipe) {
         let context = StageContext::new(recipe, &threads, progress);
@@ -433,68 +445,4 @@ fn measure(
         timer.end_stage("requirements")?;
     }
     Ok(Some(mesh))
-}
-
-/// Outputs with their paths.
-struct Targets<'a> {
-    files: Vec<(&'a crate::recipe::Output, PathBuf)>,
-    reports: Vec<PathBuf>,
-}
-
-impl Targets<'_> {
-    /// Outputs of one kind.
-    fn of_kind(
-        &self,
-        kind: OutputKind,
-    ) -> impl Iterator<Item = (&crate::recipe::Output, &PathBuf)> {
-        let has_kind = move |o: &crate::recipe::Output| o.named().iter().any(|n| n.0 == kind);
-        let files = self
-            .files
-            .iter()
-            .filter(move |(output, _)| has_kind(output));
-        files.map(|(output, path)| (*output, path))
-    }
-
-    fn needs_mesh(&self) -> bool {
-        self.needs_thickness() || self.writes_meshes()
-    }
-
-    fn writes_meshes(&self) -> bool {
-        self.files.iter().any(|(output, _)| output.mesh.is_some())
-    }
-
-    fn needs_thickness(&self) -> bool {
-        self.files.iter().any(|(o, _)| o.holds_thickness())
-    }
-}
-
-/// Resolves the paths of the outputs, refuses to overwrite an input, and creates the output directory.
-fn output_targets<'a>(inputs: &Inputs<'a>, out: Option<&Path>) -> Result<Targets<'a>, RunError> {
-    let recipe = inputs.recipe;
-    let mut targets = Targets {
-        files: Vec::new(),
-        reports: Vec::new(),
-    };
-    for output in &recipe.sections().output {
-        for (kind, path) in output.named() {
-            let path = output::target(recipe, out, path);
-            if inputs.is_input(&path) {
-                return Err(RunError::Overwrite(path));
-            }
-            match kind {
-                OutputKind::Report => targets.reports.push(path),
-                _ => targets.files.push((output, path)),
-            }
-        }
-    }
-    if let Some(out) = out {
-        std::fs::create_dir_all(out).map_err(|e| crate::io::WriteError::Create {
-            path: out.to_owned(),
-            reason: e.to_string(),
-        })?;
-        if targets.reports.is_empty() {
-            targets.reports.push(out.join("report.json"));
-        }
-    }
-    Ok(targets)
 }

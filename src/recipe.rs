@@ -18,6 +18,7 @@
 //! ```
 
 use crate::frame::LengthUnit;
+use crate::sequence::Clock;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -31,8 +32,10 @@ mod deck;
 mod error;
 mod file;
 mod fit;
+mod frames;
 mod grid_word;
 mod hybrid;
+mod motion;
 mod op;
 mod operand;
 mod output;
@@ -57,6 +60,7 @@ pub use file::{FileFrame, FileRef, Similarity, Up};
 pub use fit::{Filter, FitMethod, Solver, Symmetrise};
 pub use grid_word::GridWord;
 pub use hybrid::{Hybrid, Ingredient, Surroundings};
+pub use motion::Motion;
 pub use op::{
     Blend, DropSmall, Fillet, Flow, Hollow, Iterations, Kernel, Move, Op, Renormalise, Resample,
     Trim, UpTo,
@@ -85,6 +89,9 @@ pub use tiling::{
 /// The version of recipes that this program reads.
 pub(crate) const VERSION: i64 = 1;
 
+/// Frames per second of a recipe without `fps`.
+const DEFAULT_FPS: f64 = 24.0;
+
 /// The sections of a recipe, in the order of the pipeline.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -95,6 +102,12 @@ pub struct Sections {
     /// Unit of every length without a unit.
     #[serde(default)]
     pub unit: Unit,
+    /// Frame of the run; `--frames` sets it.
+    #[serde(default = "default_frame")]
+    pub frame: i32,
+    /// Frames per second.
+    #[serde(default = "default_fps")]
+    pub fps: Positive,
     /// The palette of unit cells, by name.
     #[serde(default)]
     pub cell: BTreeMap<String, CellSection>,
@@ -115,6 +128,14 @@ pub struct Sections {
     pub output: Vec<Output>,
     /// Requirements on the finished part.
     pub require: Option<RequireSection>,
+}
+
+fn default_frame() -> i32 {
+    frames::DEFAULT_FRAME
+}
+
+fn default_fps() -> Positive {
+    Positive(DEFAULT_FPS)
 }
 
 /// A valid recipe: its sections and its text.
@@ -172,6 +193,14 @@ impl Recipe {
     /// The unit of its lengths.
     pub fn unit(&self) -> LengthUnit {
         self.sections.unit.0
+    }
+
+    /// The frame of the run and the rate of frames.
+    pub fn clock(&self) -> Clock {
+        Clock {
+            frame: self.sections.frame,
+            fps: self.sections.fps.0,
+        }
     }
 
     /// The unit and the voxel size that its lengths refer to.

@@ -161,6 +161,13 @@ impl Session {
         Ok(())
     }
 
+    /// Stops a command of several steps after a signal.
+    pub(super) fn require_running(&self) -> Result<(), Failure> {
+        self.signals
+            .exit_code()
+            .map_or(Ok(()), |code| Err(Failure::stopped(code)))
+    }
+
     /// Removes the progress display from the terminal.
     pub(super) fn finish(&self) {
         self.display.finish();

@@ -7,9 +7,10 @@ use crate::io::{
     DiskFiles, read_polymesh, read_script, write_legacy_obj, write_mesh, write_polymesh,
 };
 use crate::mesh::MeshReport;
-use crate::pipeline::crystal_script;
+use crate::pipeline::{clock_parameters, crystal_script};
 use crate::polymesh::{Interpreter, LoadOptions, PolyMesh, Script, Triangulated};
 use crate::recipe::{Length, PictureSize, Recipe, Scale};
+use crate::sequence::{Clock, FrameList};
 use crate::vdb::{self, Image, LevelSet, VdbWriter};
 use clap::Args;
 use serde_json::{Value, json};
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 mod interactive;
 mod view;
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub(super) struct Parameters {
     /// A script (.crystal), a recipe with [crystal.NAME] (.toml), or a polygon mesh (.obj, .dlfl, .stl, .ply);
     /// optional with --interactive and with --view, which then starts from a cube.
@@ -71,11 +72,20 @@ pub(super) struct Parameters {
     /// Width and height of a picture in pixels.
     #[arg(long, value_name = "WxH", default_value = "1000x800")]
     size: PictureSize,
+    /// Frames, as in 1001-1240, 1-24x2 or 1,5,9-20x2: the outputs of each, with a frame token ($F4,
+    /// $F, ####, %04d) in their names; parameters of the script that are named frame, time or fps are set.
+    #[arg(long, value_name = "FRAMES", value_parser = super::frames::parse, allow_hyphen_values = true)]
+    frames: Option<FrameList>,
+    /// The frame of one run of several.
+    #[arg(skip)]
+    frame: Option<i32>,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
 }
 
+/// Frames per second of a script without a recipe.
+const SCRIPT_FPS: f64 = 24.0;
 /// Default number of voxels along the longest side.
 const DEFAULT_RESOLUTION: f64 = 200.0;
 /// Half width of the band, voxels.
@@ -93,6 +103,29 @@ struct Source {
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let Some(frames) = &p.frames else {
+        return one_crystal(p, session);
+    };
+    if p.interactive || p.view {
+        return Err(Failure::usage(
+            "found --frames with --interactive or --view; expected one of them",
+        ));
+    }
+    super::frames::check_paths(frames, &p.input, &p.output)?;
+    super::frames::each(frames, session, |frame| {
+        let at = |path: &PathBuf| super::frames::path_at(path, frame);
+        let input = p.input.as_ref().map(at).transpose()?;
+        let own = Parameters {
+            frame: Some(frame),
+            output: p.output.iter().map(at).collect::<Result<_, _>>()?,
+            input,
+            ..p.clone()
+        };
+        one_crystal(&own, session)
+    })
+}
+
+fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let source = source(p)?;
     if p.view {
@@ -197,13 +230,23 @@ fn source(p: &Parameters) -> Result<Source, Failure> {
     let directory = path.parent().unwrap_or(Path::new("")).to_owned();
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     match extension.as_deref() {
-        Some("crystal") => Ok(Source {
-            path: path.clone(),
-            text: read_script(path)?,
-            directory,
-            parameters: p.set.clone(),
-            unit,
-        }),
+        Some("crystal") => {
+            let text = read_script(path)?;
+            let clock = p.frame.map(|frame| Clock {
+                frame,
+                fps: SCRIPT_FPS,
+            });
+            let clock = clock.map(|clock| clock_parameters(&text, clock));
+            let pairs = clock.into_iter().flatten().map(|(k, v)| format!("{k}={v}"));
+            Ok(Source {
+                path: path.clone(),
+                // What the user sets comes last and holds.
+                parameters: pairs.chain(p.set.iter().cloned()).collect(),
+                text,
+                directory,
+                unit,
+            })
+        }
         Some("toml") => of_recipe(p, path),
         _ => {
             // A mesh is a script of one step; reading it here gives the better error.
@@ -226,7 +269,8 @@ fn source(p: &Parameters) -> Result<Source, Failure> {
 /// The script of a recipe's crystal.
 fn of_recipe(p: &Parameters, path: &Path) -> Result<Source, Failure> {
     let dotted = |pair: &&String| pair.split('=').next().is_some_and(|key| key.contains('.'));
-    let overrides: Vec<String> = p.set.iter().filter(dotted).cloned().collect();
+    let frame = p.frame.map(|frame| format!("frame={frame}"));
+    let overrides: Vec<String> = p.set.iter().filter(dotted).cloned().chain(frame).collect();
     let recipe = Recipe::read(path, &overrides)?;
     let crystals = &recipe.sections().crystal;
     let names: Vec<&String> = crystals.keys().collect();

@@ -1,6 +1,5 @@
-//! Job files for the bricks of a plan and their merge, for common queue systems.
+//! Job files for the items of a plan (bricks, frames) and their merge, for common queue systems.
 
-use crate::pipeline::BrickPlan;
 use clap::ValueEnum;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -16,9 +15,17 @@ pub(super) enum Queue {
     Parallel,
 }
 
+/// The items of a plan: bricks, or frames and bricks of frames.
+pub(super) struct Items {
+    /// How many; they are numbered from 0.
+    pub count: usize,
+    /// Memory of the greatest, bytes.
+    pub memory_bytes: u64,
+}
+
 /// The job file of a plan: its name, beside the plan, and its text.
-pub(super) fn of(queue: Queue, path: &Path, plan: &BrickPlan, threads: usize) -> (PathBuf, String) {
-    let last = plan.bricks.len().saturating_sub(1);
+pub(super) fn of(queue: Queue, path: &Path, items: &Items, threads: usize) -> (PathBuf, String) {
+    let last = items.count.saturating_sub(1);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let threads_flag = match threads {
@@ -33,7 +40,10 @@ pub(super) fn of(queue: Queue, path: &Path, plan: &BrickPlan, threads: usize) ->
             SLURM
                 .replace("@LAST", &last.to_string())
                 .replace("@CPUS", &threads.max(1).to_string())
-                .replace("@MEGABYTES", &(plan.memory_bytes >> 20).max(64).to_string())
+                .replace(
+                    "@MEGABYTES",
+                    &(items.memory_bytes >> 20).max(64).to_string(),
+                )
                 .replace("@THREADS", &format!(" --threads {}", threads.max(1)))
                 .replace("@PLAN", &word(&name)),
         ),

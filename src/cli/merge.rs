@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// The plan (.json) whose bricks have been made.
+    /// The plan (.json) whose bricks or frames have been made.
     plan: PathBuf,
     /// Directory for the outputs [default: the plan's, or the recipe's own].
     #[arg(long, value_name = "DIR")]
@@ -25,6 +25,9 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         isolated: Some(super::vdb::reader()?),
         ..RunOptions::default()
     };
+    if super::sequence_plan::is_sequence(&p.plan) {
+        return super::sequence_plan::merge(&p.plan, options, session);
+    }
     let report = merge_bricks(&p.plan, &options, session)?;
     Ok(super::run::reported(&report, session))
 }

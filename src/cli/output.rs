@@ -29,6 +29,16 @@ impl Answer {
         }
     }
 
+    /// Whether its checks passed.
+    pub(super) fn passed(&self) -> bool {
+        self.code == 0
+    }
+
+    /// Its text and its object.
+    pub(super) fn into_parts(self) -> (String, Value) {
+        (self.text, self.json)
+    }
+
     /// Prints the result and returns the exit code. A closed pipe is no error.
     pub(super) fn print(self, session: &Session) -> u8 {
         let text = if session.json() {

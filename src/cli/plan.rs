@@ -1,33 +1,38 @@
 //! `druse plan RECIPE -o PLAN`.
 
-use super::job::{self, Queue};
+use super::job::{self, Items, Queue};
 use super::run::{grouped, memory, size};
 use super::{Answer, Failure, Session};
 use crate::pipeline::{RunOptions, brick_plan};
 use crate::recipe::Recipe;
+use crate::sequence::FrameList;
 use clap::Args;
 use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Parameters {
     /// The recipe (.toml).
-    recipe: PathBuf,
+    pub(super) recipe: PathBuf,
     /// The plan (.json). Bricks go into a directory beside it, `PLAN.bricks`; paths in it are relative
     /// to it, so that it may be moved together with the recipe and its inputs.
     #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     /// Override a key of the recipe, as in tiling.cell=octet.
     #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    pub(super) set: Vec<String>,
     /// Directory for the outputs of the merge [default: the recipe's own].
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub(super) out: Option<PathBuf>,
     /// Memory of each machine; it determines the size of bricks.
     #[arg(long, value_name = "SIZE", value_parser = memory, default_value = "2G")]
     memory: u64,
     /// Edge of a brick in blocks of 128 voxels [default: the largest that fits the memory].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
-    bricks: Option<u32>,
+    pub(super) bricks: Option<u32>,
+    /// Frames to plan, as in 1001-1240, 1-24x2 or 1,5,9-20x2: one item of the plan per frame, and per brick where a
+    /// frame needs bricks.
+    #[arg(long, value_name = "FRAMES", value_parser = super::frames::parse, allow_hyphen_values = true)]
+    frames: Option<FrameList>,
     /// Also write a job file for a queue beside the plan; may be given again.
     #[arg(long, value_name = "QUEUE", value_enum)]
     emit: Vec<Queue>,
@@ -43,7 +48,6 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             p.output.display()
         )));
     }
-    let recipe = Recipe::read(&p.recipe, &p.set)?;
     let options = RunOptions {
         threads: p.threads,
         memory: Some(p.memory),
@@ -53,13 +57,17 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         isolated: Some(super::vdb::reader()?),
         ..RunOptions::default()
     };
+    if let Some(frames) = &p.frames {
+        return sequence(p, frames, &options, session);
+    }
+    let recipe = Recipe::read(&p.recipe, &p.set)?;
     let plan = brick_plan(&recipe, &p.output, &options, session)?;
     let mut files = vec![p.output.clone()];
-    for queue in &p.emit {
-        let (file, text) = job::of(*queue, &p.output, &plan, p.threads);
-        crate::io::atomic::write_bytes(&file, text.as_bytes())?;
-        files.push(file);
-    }
+    let items = Items {
+        count: plan.bricks.len(),
+        memory_bytes: plan.memory_bytes,
+    };
+    files.extend(job_files(p, &items)?);
     session.finish();
     session.note(&format!(
         "{} bricks of {} voxels a side, halo {} voxels, about {} of leaf files and {} of memory",
@@ -76,6 +84,45 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         "halo": plan.halo,
         "leaf_bytes": plan.leaf_bytes,
         "memory_bytes": plan.memory_bytes,
+        "files": lines,
+    });
+    Ok(Answer::new(lines.join("\n"), json))
+}
+
+/// Writes the job files of a plan and returns their paths.
+fn job_files(p: &Parameters, items: &Items) -> Result<Vec<PathBuf>, Failure> {
+    let mut files = Vec::new();
+    for queue in &p.emit {
+        let (file, text) = job::of(*queue, &p.output, items, p.threads);
+        crate::io::atomic::write_bytes(&file, text.as_bytes())?;
+        files.push(file);
+    }
+    Ok(files)
+}
+
+/// The plan of a sequence.
+fn sequence(
+    p: &Parameters,
+    frames: &FrameList,
+    options: &RunOptions,
+    session: &Session,
+) -> Result<Answer, Failure> {
+    let planned = super::sequence_plan::plan(p, frames, options, session)?;
+    let mut files = planned.files;
+    files.extend(job_files(p, &planned.items)?);
+    session.finish();
+    let (count, frames) = (planned.items.count, frames.frames().len());
+    session.note(&format!(
+        "{} items of {} frames, about {} of memory each",
+        grouped(count as u64),
+        grouped(frames as u64),
+        size(planned.items.memory_bytes)
+    ));
+    let lines: Vec<String> = files.iter().map(|f| f.display().to_string()).collect();
+    let json = serde_json::json!({
+        "items": count,
+        "frames": frames,
+        "memory_bytes": planned.items.memory_bytes,
         "files": lines,
     });
     Ok(Answer::new(lines.join("\n"), json))

@@ -9,13 +9,14 @@ use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use crate::mesh::TriMesh;
 use crate::pipeline;
 use crate::recipe::{Cut, PictureSize};
+use crate::sequence::FrameList;
 use crate::vdb::{self, Image, LevelSet, Picture};
 use clap::Args;
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub(super) struct Parameters {
     /// A .vdb, mesh, cell or scaffold, or the name of a surface; several files make a contact sheet.
     #[arg(required = true, value_name = "FILE")]
@@ -29,6 +30,10 @@ pub(super) struct Parameters {
     /// Cut away the part in front of a plane, as in x=0 (unit of the file).
     #[arg(long, value_name = "AXIS=VALUE")]
     cut: Option<Cut>,
+    /// Frames, as in 1001-1240, 1-24x2 or 1,5,9-20x2: a picture of each, with a frame token ($F4, $F,
+    /// ####, %04d) in the names of files and output.
+    #[arg(long, value_name = "FRAMES", value_parser = super::frames::parse, allow_hyphen_values = true)]
+    frames: Option<FrameList>,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -40,6 +45,22 @@ const PREVIEW_RESOLUTION: f64 = 240.0;
 const BAND_HALF_WIDTH: f64 = 3.0;
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let Some(frames) = &p.frames else {
+        return one_picture(p, session);
+    };
+    super::frames::check_paths(frames, &p.files, [&p.output])?;
+    super::frames::each(frames, session, |frame| {
+        let at = |path: &PathBuf| super::frames::path_at(path, frame);
+        let own = Parameters {
+            files: p.files.iter().map(at).collect::<Result<_, _>>()?,
+            output: at(&p.output)?,
+            ..p.clone()
+        };
+        one_picture(&own, session)
+    })
+}
+
+fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let tools = vdb::Session::new(&threads, session);
     if p.output.extension().is_none_or(|e| e != "png") {

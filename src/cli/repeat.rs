@@ -15,9 +15,9 @@ const FOLDER_PREFIX: &str = ".druse-repeat-";
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let path = &p.recipe;
-    if !p.set.is_empty() || p.dry_run {
+    if !p.set.is_empty() || p.dry_run || p.frames.is_some() {
         return Err(Failure::usage(
-            "found --set or --dry-run with a .vdb; expected a recipe for these",
+            "found --set, --frames or --dry-run with a .vdb; expected a recipe for these",
         )
         .hint("druse info FILE --json prints the recipe of the file"));
     }

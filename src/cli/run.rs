@@ -4,6 +4,7 @@ use super::{Answer, Failure, Session};
 use crate::frame::figures;
 use crate::pipeline::{self, Estimate, MacroDeckFacts, Report, RunOptions, plan, run};
 use crate::recipe::Recipe;
+use crate::sequence::FrameList;
 use clap::Args;
 use serde_json::json;
 use std::ops::Range;
@@ -34,10 +35,15 @@ pub(super) struct Parameters {
     /// Make the part in bricks of N blocks of 128 voxels a side, regardless of the memory.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(super) bricks: Option<u32>,
+    /// Frames to make, as in 1001-1240, 1-24x2 or 1,5,9-20x2: the recipe is run at each of them, with frame tokens
+    /// ($F4, $F, ####, %04d) in its file names and frame, time and fps in its formulas. Frames whose recipe and
+    /// inputs have not changed are left as they are.
+    #[arg(long, value_name = "FRAMES", value_parser = super::frames::parse, allow_hyphen_values = true)]
+    pub(super) frames: Option<FrameList>,
     /// The brick of a plan to make, or several as in 0-7; may be given again. Existing complete bricks are
     /// kept.
     #[arg(long, value_name = "N", value_parser = bricks)]
-    brick: Vec<Range<usize>>,
+    pub(super) brick: Vec<Range<usize>>,
     /// Folder that the relative paths of a .vdb's recipe start from [default: the folder of the file].
     #[arg(long, value_name = "DIR")]
     pub(super) from: Option<PathBuf>,
@@ -45,6 +51,9 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let is_plan = p.recipe.extension().is_some_and(|e| e == "json");
+    if is_plan && super::sequence_plan::is_sequence(&p.recipe) {
+        return super::sequence_plan::make_items(p, session);
+    }
     if is_plan || !p.brick.is_empty() {
         return make_bricks(p, is_plan, session);
     }
@@ -54,18 +63,62 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     {
         return super::repeat::answer(p, session);
     }
+    if let Some(frames) = &p.frames {
+        return sequence(p, frames, session);
+    }
     if p.from.is_some() {
         return Err(Failure::usage(
             "found --from with a recipe; expected it with a .vdb only",
         ));
     }
     let recipe = Recipe::read(&p.recipe, &p.set)?;
+    inspect_voxels(&recipe)?;
+    let options = options(p, session)?;
+    if p.dry_run {
+        let estimate = plan(&recipe, &options, session)?;
+        let json = serde_json::to_value(estimate).unwrap_or_default();
+        return Ok(Answer::new(prediction(&estimate), json));
+    }
+    let report = run(&recipe, &options, session)?;
+    Ok(reported(&report, session))
+}
+
+/// The recipe at several frames.
+fn sequence(p: &Parameters, frames: &FrameList, session: &Session) -> Result<Answer, Failure> {
+    let options = options(p, session)?;
+    let sequence = super::frames::Sequence {
+        recipe: &p.recipe,
+        set: &p.set,
+        frames,
+        options: &options,
+    };
+    let first = sequence.checked()?;
+    inspect_voxels(&first)?;
+    if p.dry_run {
+        let estimate = plan(&first, &options, session)?;
+        let count = frames.frames().len();
+        let text = format!(
+            "each of {count} frames, as the first\n{}",
+            prediction(&estimate)
+        );
+        let json = json!({ "frames": frames.frames(), "each": estimate });
+        return Ok(Answer::new(text, json));
+    }
+    sequence.run(session)
+}
+
+/// Opens the grids of cells within limits before the run does.
+fn inspect_voxels(recipe: &Recipe) -> Result<(), Failure> {
     for cell in recipe.sections().cell.values() {
         if let Some(file) = &cell.voxels {
             super::vdb::inspect_voxels(&recipe.resolve(&file.path))?;
         }
     }
-    let options = RunOptions {
+    Ok(())
+}
+
+fn options(p: &Parameters, session: &Session) -> Result<RunOptions, Failure> {
+    Ok(RunOptions {
         threads: p.threads,
         memory: p.memory,
         bricks: p.bricks,
@@ -74,14 +127,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         brief: false,
         isolated: Some(super::vdb::reader()?),
         ..RunOptions::default()
-    };
-    if p.dry_run {
-        let estimate = plan(&recipe, &options, session)?;
-        let json = serde_json::to_value(estimate).unwrap_or_default();
-        return Ok(Answer::new(prediction(&estimate), json));
-    }
-    let report = run(&recipe, &options, session)?;
-    Ok(reported(&report, session))
+    })
 }
 
 /// Some bricks of a plan.

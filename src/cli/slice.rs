@@ -7,13 +7,14 @@ use crate::frame::LengthUnit;
 use crate::io::atomic::{AtomicFile, write_bytes};
 use crate::pipeline::{RunError, RunOptions, SliceOptions, SliceSummary, slice};
 use crate::recipe::{Length, Recipe, Size};
+use crate::sequence::FrameList;
 use crate::slice::{Layer, cli_head, cli_layer, cli_tail, grey_png, svg_head, svg_layer, svg_tail};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub(super) struct Parameters {
     /// An OpenVDB file, or a recipe; the exact field of a recipe is cut without making a volume.
     file: PathBuf,
@@ -37,6 +38,10 @@ pub(super) struct Parameters {
     /// Override a key of the recipe, as in `band.voxel_size=0.2`.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Frames, as in 1001-1240, 1-24x2 or 1,5,9-20x2: the layers of each, with a frame token ($F4,
+    /// $F, ####, %04d) in the name of the output; a recipe takes its frame, a .vdb has a token too.
+    #[arg(long, value_name = "FRAMES", value_parser = super::frames::parse, allow_hyphen_values = true)]
+    frames: Option<FrameList>,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -61,6 +66,30 @@ enum Format {
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let Some(frames) = &p.frames else {
+        return one_stack(p, session);
+    };
+    super::frames::check_paths(frames, [&p.file], [&p.output])?;
+    super::frames::each(frames, session, |frame| {
+        let file = super::frames::path_at(&p.file, frame)?;
+        let is_recipe = file
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        let own = Parameters {
+            file,
+            output: super::frames::path_at(&p.output, frame)?,
+            set: if is_recipe {
+                super::frames::overrides(&p.set, frame)
+            } else {
+                p.set.clone()
+            },
+            ..p.clone()
+        };
+        one_stack(&own, session)
+    })
+}
+
+fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let (recipe, opened) = match FileKind::of(&p.file, &[FileKind::Vdb, FileKind::Recipe])? {
         FileKind::Vdb => {
             let (mut draft, _) = Draft::of_file(&p.file, &p.choice)?;

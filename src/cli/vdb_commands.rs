@@ -10,7 +10,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 /// The surface of an OpenVDB file to use.
-#[derive(Args, Default)]
+#[derive(Args, Clone, Default)]
 pub(super) struct GridChoice {
     /// Name of the grid [default: "surface", the only level set, or the only grid of floats].
     #[arg(long, value_name = "NAME")]

@@ -81,7 +81,19 @@ impl Formula {
     /// [`FormulaError`]: a syntax error, an unknown name, a wrong number of arguments, more than 4096
     /// bytes, or more than 64 nested parentheses.
     pub fn parse(text: &str, variables: &[&str]) -> Result<Self, FormulaError> {
-        let steps = parse::steps(text, variables)?;
+        Self::with_constants(text, variables, &[])
+    }
+
+    /// As [`Formula::parse`], with more constants than `pi`, `tau` and `e`: names and values.
+    ///
+    /// # Errors
+    /// As [`Formula::parse`].
+    pub fn with_constants(
+        text: &str,
+        variables: &[&str],
+        constants: &[(&str, f64)],
+    ) -> Result<Self, FormulaError> {
+        let steps = parse::steps(text, variables, constants)?;
         Ok(Self {
             text: text.to_owned(),
             steps,

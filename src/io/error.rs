@@ -112,6 +112,17 @@ impl ReadError {
         e
     }
 
+    /// A file, or a part of one, that is missing (66).
+    pub fn missing(
+        path: impl AsRef<Path>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        let mut e = Self::data(path, Place::File, found, expected);
+        e.0.class = ErrorClass::Missing;
+        e
+    }
+
     /// Adds a hint: a sentence in lower case with what to do.
     #[must_use]
     pub fn with_hint(mut self, hint: impl Into<String>) -> Self {

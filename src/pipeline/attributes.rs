@@ -83,6 +83,14 @@ impl<'a> Attributes<'a> {
                         let t = self.thickness.map_or(0.0, |t| t.at(p));
                         out.push(t * self.factor);
                     }
+                    (GridWord::Vel, Some((f, place))) => {
+                        let velocity = &f.tiling.loaded.motion.velocity;
+                        out.extend(f.interpolated(velocity, *place, self.factor));
+                    }
+                    (GridWord::Rest, Some((f, place))) => {
+                        let rest = &f.tiling.loaded.motion.rest;
+                        out.extend(f.interpolated(rest, *place, self.factor));
+                    }
                     (GridWord::CellId, Some(_)) => out.push(index_of_greatest(weights.as_deref())),
                     (GridWord::ElementId, Some((f, (e, _)))) => {
                         out.push(f.tiling.loaded.scaffold.number(*e) as f32);
@@ -195,6 +203,26 @@ fn index_of_greatest(weights: Option<&[f64]>) -> f32 {
 }
 
 impl TilingAttributes<'_> {
+    /// The value of a vector field of the nodes at a reference point of an element, times a factor.
+    fn interpolated(
+        &self,
+        nodes: &[Vec3],
+        (element, xi): (usize, CellPoint<3>),
+        factor: f32,
+    ) -> [f32; 3] {
+        let element = self.tiling.loaded.scaffold.element(element);
+        let weights = element.kind().shape_functions(xi);
+        let pairs = element.nodes().iter().zip(weights);
+        let sum = pairs.fold(Vec3::zeros(), |sum, (&n, w)| {
+            sum + nodes.get(n as usize).copied().unwrap_or_default() * w
+        });
+        [
+            sum.x as f32 * factor,
+            sum.y as f32 * factor,
+            sum.z as f32 * factor,
+        ]
+    }
+
     /// The element at a point and its reference point; outside the scaffold, those of the closest
     /// boundary point.
     fn locate(&self, p: Vec3) -> Option<(usize, CellPoint<3>)> {

@@ -54,6 +54,7 @@ mod thickness;
 mod volumes;
 mod voxels;
 
+pub(crate) use farm::relative_path;
 pub use farm::{brick_plan, make_bricks, merge_bricks};
 pub use plan::BrickPlan;
 

@@ -5,8 +5,9 @@ use super::input_files::hash_text;
 use crate::frame::Vec3;
 use crate::io::{DiskFiles, read_script, run_script, script_error};
 use crate::mesh::TriMesh;
-use crate::polymesh::PolyMesh;
+use crate::polymesh::{PolyMesh, Script};
 use crate::recipe::{CrystalFrame, Recipe, Similarity};
+use crate::sequence::Clock;
 use std::path::{Path, PathBuf};
 
 /// The script of a crystal and the context to execute it in.
@@ -35,24 +36,45 @@ pub fn crystal_script(recipe: &Recipe, name: &str) -> Result<CrystalScript, RunE
         return Err(recipe.source().fault("crystal", message).into());
     };
     let own = |(k, v): (&String, &crate::recipe::Finite)| (k.clone(), v.0.to_string());
-    let set = section.set.iter().map(own).collect();
+    let own = section.set.iter().map(own);
+    let with_clock = |text: &str| {
+        // What the recipe sets comes last and holds.
+        let clock = clock_parameters(text, recipe.clock());
+        clock.into_iter().chain(own.clone()).collect()
+    };
     Ok(match &section.file {
         Some(file) => {
             let file = recipe.resolve(file);
+            let text = read_script(&file)?;
             CrystalScript {
-                text: read_script(&file)?,
+                set: with_clock(&text),
+                text,
                 directory: file.parent().unwrap_or(Path::new("")).to_owned(),
                 file: Some(file),
-                set,
             }
         }
-        None => CrystalScript {
-            text: section.steps.clone().unwrap_or_default(),
-            directory: recipe.source().directory().to_owned(),
-            file: None,
-            set,
-        },
+        None => {
+            let text = section.steps.clone().unwrap_or_default();
+            CrystalScript {
+                set: with_clock(&text),
+                text,
+                directory: recipe.source().directory().to_owned(),
+                file: None,
+            }
+        }
     })
+}
+
+/// The parameters `frame`, `time` and `fps` that a script declares, with their values.
+pub(crate) fn clock_parameters(text: &str, clock: Clock) -> Vec<(String, String)> {
+    // A script with errors is refused where it is executed.
+    let script = Script::parse(text).ok();
+    let declared = script.as_ref().map(Script::parameters).unwrap_or_default();
+    let constants = clock.constants().into_iter();
+    let known = constants.filter(|(name, _)| declared.contains(name));
+    known
+        .map(|(name, v)| (name.to_owned(), v.to_string()))
+        .collect()
 }
 
 /// A crystal after its script has been executed.

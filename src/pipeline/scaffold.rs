@@ -1,7 +1,8 @@
 //! Scaffolds of a recipe, from a file or a parametric shape.
 
 use super::error::RunError;
-use super::input_files::{InputFiles, frame_map};
+use super::input_files::InputFiles;
+use super::motion::{FileNodes, NodeMotion, Pose, deformed, node_motion};
 use super::report::{ScaffoldReport, Warning};
 use crate::frame::{Aabb, Vec3};
 use crate::io::{ElementFile, Group};
@@ -24,6 +25,8 @@ pub(super) struct LoadedScaffold {
     pub groups: Vec<Group>,
     /// The mesh that bounds the solid, where cubes fill it.
     pub envelope: Option<Arc<MeshSolid>>,
+    /// Velocity and place at rest of its nodes, where an output needs them.
+    pub motion: NodeMotion,
 }
 
 /// A scaffold as its source describes it, before subdivision.
@@ -71,9 +74,35 @@ pub(super) fn load(
     files: &mut InputFiles,
     section: &ScaffoldSection,
 ) -> Result<LoadedScaffold, RunError> {
-    let mut source = source_scaffold(files, section)?;
+    let source = divided_scaffold(files, section, &Pose::current(files.recipe))?;
+    let mut report = validate(files, &source.scaffold, source.path.as_deref())?;
+    report.notes = source.notes;
+    let motion = node_motion(files, section, &source.scaffold, |files, pose| {
+        Ok(divided_scaffold(files, section, pose)?.scaffold)
+    })?;
+    Ok(LoadedScaffold {
+        scaffold: source.scaffold,
+        report,
+        groups: source.groups,
+        envelope: source.envelope,
+        motion,
+    })
+}
+
+/// The scaffold of a section in a pose, with its elements divided as the section wants them.
+fn divided_scaffold(
+    files: &mut InputFiles,
+    section: &ScaffoldSection,
+    pose: &Pose,
+) -> Result<SourceScaffold, RunError> {
+    let mut source = source_scaffold(files, section, pose)?;
     let path = source.path.clone();
     let fail = |e: ScaffoldError| failed(path.as_deref(), &e);
+    if source.path.is_none() && section.motion.is_some() {
+        let nodes = source.scaffold.nodes().to_vec();
+        let nodes = deformed(files.recipe, section, pose, nodes)?;
+        source.scaffold = with_nodes(&source.scaffold, nodes).map_err(fail)?;
+    }
     if section.skip_inverted {
         source = without_inverted(files, source)?;
     }
@@ -93,14 +122,7 @@ pub(super) fn load(
         let divided = source.scaffold.repeated(times).map_err(fail)?;
         source = source.divided(divided);
     }
-    let mut report = validate(files, &source.scaffold, path.as_deref())?;
-    report.notes = source.notes;
-    Ok(LoadedScaffold {
-        scaffold: source.scaffold,
-        report,
-        groups: source.groups,
-        envelope: source.envelope,
-    })
+    Ok(source)
 }
 
 fn failed(path: Option<&Path>, error: &ScaffoldError) -> RunError {
@@ -114,6 +136,7 @@ fn failed(path: Option<&Path>, error: &ScaffoldError) -> RunError {
 fn source_scaffold(
     files: &mut InputFiles,
     section: &ScaffoldSection,
+    pose: &Pose,
 ) -> Result<SourceScaffold, RunError> {
     let scale = files.recipe.scale();
     let made = |s: Result<Scaffold, ScaffoldError>| {
@@ -158,16 +181,15 @@ fn source_scaffold(
     let Some(file) = &section.file else {
         return Err(RunError::Empty("no scaffold".into()));
     };
-    let path = files.recipe.resolve(&file.path);
+    let path = pose.path(files.recipe, file);
     let fail = |e: ScaffoldError| failed(Some(&path), &e);
-    let map = frame_map(file, file.unit.map(|u| u.0), files.recipe.unit());
     let read = crate::io::read_elements(&path)?;
     for warning in read.warnings() {
         files.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
     }
     let notes = read.notes().to_vec();
     let source = match read {
-        ElementFile::Solids(file) => {
+        ElementFile::Solids(read) => {
             if section.shell.is_some() || section.plate.is_some() {
                 return Err(RunError::Scaffold {
                     file: Some(path),
@@ -176,17 +198,31 @@ fn source_scaffold(
                         .into(),
                 });
             }
-            let scaffold = moved(&file.scaffold, map).map_err(fail)?;
+            let nodes = FileNodes {
+                nodes: read.scaffold.nodes(),
+                numbers: &read.node_numbers,
+                unused: read.unused_nodes,
+                fields: &read.fields,
+            };
+            let nodes = nodes.posed(files, section, pose, (file, &path))?;
+            let scaffold = with_nodes(&read.scaffold, nodes).map_err(fail)?;
             SourceScaffold {
                 scaffold,
-                groups: file.groups,
+                groups: read.groups,
                 path: Some(path.clone()),
                 envelope: None,
                 notes,
             }
         }
-        ElementFile::Surface(file) => {
-            let surface = file.surface.mapped(map).map_err(fail)?;
+        ElementFile::Surface(read) => {
+            let nodes = FileNodes {
+                nodes: read.surface.nodes(),
+                numbers: &read.node_numbers,
+                unused: read.unused_nodes,
+                fields: &read.fields,
+            };
+            let nodes = nodes.posed(files, section, pose, (file, &path))?;
+            let surface = read.surface.with_nodes(nodes).map_err(fail)?;
             let scaffold = match (&section.shell, &section.plate) {
                 (Some(shell), _) => surface.shell(shell.thickness.resolve(scale)),
                 (_, Some(plate)) => {
@@ -217,14 +253,17 @@ fn source_scaffold(
             };
             SourceScaffold {
                 scaffold: scaffold.map_err(fail)?,
-                groups: file.groups,
+                groups: read.groups,
                 path: Some(path.clone()),
                 envelope: None,
                 notes,
             }
         }
     };
-    files.record("scaffold.file", &path, source.scaffold.bounds())?;
+    let key = pose.key();
+    if files.inputs.iter().all(|i| i.key != key) {
+        files.record(&key, &path, source.scaffold.bounds())?;
+    }
     Ok(source)
 }
 
@@ -425,7 +464,11 @@ fn without_unused_nodes(
 
 /// A scaffold with its nodes moved; its elements keep their numbers.
 fn moved(scaffold: &Scaffold, map: impl Fn(Vec3) -> Vec3) -> Result<Scaffold, ScaffoldError> {
-    let nodes = scaffold.nodes().iter().map(|&v| map(v)).collect();
+    with_nodes(scaffold, scaffold.nodes().iter().map(|&v| map(v)).collect())
+}
+
+/// A scaffold with other nodes; its elements keep their numbers.
+fn with_nodes(scaffold: &Scaffold, nodes: Vec<Vec3>) -> Result<Scaffold, ScaffoldError> {
     let numbers = (0..scaffold.len()).map(|e| scaffold.number(e)).collect();
     let elements = scaffold.connectivity().clone();
     Ok(Scaffold::new(nodes, elements)?.with_numbers(numbers))

@@ -220,7 +220,10 @@ impl SourceReader<'_> {
             Source::mesh(element, &mesh, &place, caps)?
         } else {
             let text = section.formula.as_deref().unwrap_or_default();
-            let formula = Formula::parse(text, &["x", "y", "z"]).map_err(CellFault::from)?;
+            let clock = self.recipe.map(|r| r.clock().constants());
+            let constants = clock.as_ref().map_or(&[][..], |c| c);
+            let formula = Formula::with_constants(text, &["x", "y", "z"], constants)
+                .map_err(CellFault::from)?;
             Source::formula(element, formula, &place)?
         };
         let report = source.report();

@@ -8,6 +8,7 @@ use crate::frame::{Aabb, Vec3};
 use crate::mesh::MeshSolid;
 use crate::recipe::{FieldRef, Varying};
 use crate::scaffold::{Kind, Scaffold};
+use crate::sequence::Clock;
 
 /// The geometry that the variables of formulas relate to.
 pub(super) struct SpatialContext<'a> {
@@ -17,6 +18,8 @@ pub(super) struct SpatialContext<'a> {
     pub envelope: Option<&'a MeshSolid>,
     /// The recipe's key, for messages.
     pub key: String,
+    /// The frame of the run.
+    pub clock: Clock,
 }
 
 /// Names of a formula's variables, in the order of [`Setting::variables`].
@@ -42,8 +45,8 @@ impl SpatialContext<'_> {
 
     /// Values of a formula at points, all finite.
     pub fn formula(&self, text: &str, points: &[Vec3]) -> Result<Vec<f64>, RunError> {
-        let formula =
-            Formula::parse(text, &VARIABLE_NAMES).map_err(|e| self.fail(e.to_string()))?;
+        let formula = Formula::with_constants(text, &VARIABLE_NAMES, &self.clock.constants())
+            .map_err(|e| self.fail(e.to_string()))?;
         let values: Vec<f64> = points
             .iter()
             .map(|&p| formula.value(&self.variables(p)))

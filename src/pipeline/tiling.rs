@@ -132,6 +132,7 @@ impl CellTiling {
             bounds,
             envelope,
             key: key.to_owned(),
+            clock: files.recipe.clock(),
         };
         if !section.transition.is_empty() {
             tiling.weights = tiling.transition_weights(files, section, &spatial)?;

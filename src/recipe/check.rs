@@ -11,6 +11,7 @@ use crate::frame::{LengthUnit, Transform};
 /// Maximum number of cells that one tiling blends.
 const MAX_CELLS: usize = 8;
 
+mod motion;
 mod output;
 mod require;
 
@@ -31,6 +32,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
     cells(sections, source)?;
     super::crystal::check(sections, source)?;
     scaffold(sections, source)?;
+    motion::motion(sections, source)?;
     if let Length::Voxels(_) = sections.band.voxel_size.0 {
         return Err(source.fault(
             "band.voxel_size",
@@ -71,7 +73,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 ),
             ));
         }
-        parts(cell, &key, source)?;
+        parts(sections, cell, &key, source)?;
         let levels = cell.levels();
         if levels.len() > 1 {
             let found = list(&levels);
@@ -104,7 +106,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
 }
 
 /// Rules of keys that describe struts or plates, or hold a formula.
-fn parts(cell: &CellSection, key: &str, source: &Source) -> Checked {
+fn parts(sections: &Sections, cell: &CellSection, key: &str, source: &Source) -> Checked {
     let own = |f: &Option<FileRef>| {
         f.as_ref().is_some_and(|f| {
             let extension = f.path.extension().and_then(|e| e.to_str()).unwrap_or("");
@@ -128,7 +130,11 @@ fn parts(cell: &CellSection, key: &str, source: &Source) -> Checked {
         ));
     }
     if let Some(text) = &cell.formula {
-        crate::field::Formula::parse(text, &["x", "y", "z"])
+        let clock = crate::sequence::Clock {
+            frame: sections.frame,
+            fps: sections.fps.0,
+        };
+        crate::field::Formula::with_constants(text, &["x", "y", "z"], &clock.constants())
             .map_err(|e| source.fault(&format!("{key}.formula"), e.to_string()))?;
     }
     Ok(())

@@ -27,13 +27,17 @@ pub enum GridWord {
     /// Folded reference coordinates, continuous over every face whatever the numbering: the three
     /// greatest barycentric coordinates of a tet, |u| of a hex in falling order.
     Fold,
+    /// Velocity of the material, the file's unit per second.
+    Vel,
+    /// Place of the material at the rest frame, the file's unit.
+    Rest,
 }
 
 impl GridWord {
     /// Numbers at each voxel: one or three.
     pub const fn components(&self) -> usize {
         match self {
-            Self::Uvw | Self::Fold => 3,
+            Self::Uvw | Self::Fold | Self::Vel | Self::Rest => 3,
             _ => 1,
         }
     }
@@ -41,6 +45,16 @@ impl GridWord {
     /// Whether it needs a scaffold.
     pub const fn needs_scaffold(&self) -> bool {
         !matches!(self, Self::Surface | Self::Density | Self::Thickness)
+    }
+
+    /// Whether its values are lengths, which follow the unit of a file.
+    pub const fn has_lengths(&self) -> bool {
+        matches!(self, Self::Thickness | Self::Vel | Self::Rest)
+    }
+
+    /// Whether it needs other frames of the scaffold.
+    pub const fn needs_motion(&self) -> bool {
+        matches!(self, Self::Vel | Self::Rest)
     }
 
     /// Whether it is an attribute of the surface and not the solid itself.
@@ -60,6 +74,8 @@ impl fmt::Display for GridWord {
             Self::Thickness => "thickness",
             Self::Uvw => "uvw",
             Self::Fold => "fold",
+            Self::Vel => "vel",
+            Self::Rest => "rest",
         })
     }
 }
@@ -75,6 +91,8 @@ impl FromStr for GridWord {
             Self::Thickness,
             Self::Uvw,
             Self::Fold,
+            Self::Vel,
+            Self::Rest,
         ];
         if let Some(cell) = s.strip_prefix("weight_").filter(|c| !c.is_empty()) {
             return Ok(Self::Weight(cell.to_owned()));
@@ -104,7 +122,7 @@ impl JsonSchema for GridWord {
         json_schema!({
             "description": "A grid of an output.",
             "type": "string",
-            "pattern": "^(surface|density|cell_id|element_id|thickness|uvw|fold|weight_.+)$"
+            "pattern": "^(surface|density|cell_id|element_id|thickness|uvw|fold|vel|rest|weight_.+)$"
         })
     }
 }

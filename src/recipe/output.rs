@@ -37,8 +37,8 @@ pub struct Output {
     /// Also write the fog volume "density" into the .vdb.
     pub fog: bool,
     /// Grids of the .vdb: "surface", "density", and to shade by `cell_id`, `element_id`, `weight_NAME`,
-    /// "thickness", "uvw", "fold"; the latter also as vertex attributes of a .ply. "surface" alone when
-    /// left out.
+    /// "thickness", "uvw", "fold", and of a scaffold that moves "vel" (velocity of the material) and "rest" (its place
+    /// at the rest frame); all but the first two also as vertex attributes of a .ply. "surface" alone when left out.
     pub grids: Option<Vec<GridWord>>,
     /// Number of copies of the level set on voxels of 2, 4, 8 ... times the edge: `surface_lod_1` and so on.
     #[schemars(range(min = 1, max = 8))]

@@ -22,8 +22,10 @@ Made by `druse schema --reference` from the recipe's JSON schema. A key that is 
 out. Lengths without a unit are in the recipe's `unit`. Every key can be set on the command line, as in
 `--set band.voxel_size=0.2mm` or `--set op.2.dilate=0.2`; entries of arrays are numbered from 0.
 
-The top level has two keys: `druse = 1`, the version of the recipe, and `unit`, the unit of bare lengths
-(`um`, `mm`, `cm`, `m`, `in`, `ft`; `mm` when left out).
+The top level has four keys: `druse = 1`, the version of the recipe, `unit`, the unit of bare lengths
+(`um`, `mm`, `cm`, `m`, `in`, `ft`; `mm` when left out), `frame`, the frame of the run (1 when left out; `--frames`
+sets it), and `fps`, frames per second (24 when left out). Frame tokens (`$F4`, `$F`, `####`, `%04d`) in file names
+are replaced by the frame; formulas may use `frame`, `time` = (frame - 1) / fps and `fps`.
 ";
 
 /// The recipe reference: one chapter a section, then the words that they use.

@@ -2,6 +2,7 @@
 
 use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::FileRef;
+use super::motion::Motion;
 use super::quantity::{HalfWidth, Length, Size};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -41,6 +42,8 @@ pub struct ScaffoldSection {
     pub refine: u32,
     /// Cut every hex into this many parts along each axis.
     pub repeat: Option<u32>,
+    /// How its nodes move from frame to frame.
+    pub motion: Option<Motion>,
     /// "cut": the scaffold's outer faces bound the solid; "extend": only the envelope does.
     pub boundary: Boundary,
 }

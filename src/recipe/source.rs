@@ -5,6 +5,7 @@
 //! errors there name the override instead of a line.
 
 use super::error::{Place, RecipeError};
+use super::frames::{Templates, expand_tokens};
 use crate::polymesh::ScriptError;
 use serde::de::DeserializeOwned;
 use serde_spanned::Spanned;
@@ -21,6 +22,7 @@ pub struct Source {
     text: String,
     overrides: Vec<String>,
     places: BTreeMap<String, Range<usize>>,
+    templates: Templates,
 }
 
 /// Comment that holds an override in the text of a run's files.
@@ -33,6 +35,7 @@ impl Source {
             text,
             overrides: overrides.to_vec(),
             places: BTreeMap::new(),
+            templates: Templates::new(),
         }
     }
 
@@ -69,6 +72,19 @@ impl Source {
     /// Its overrides, as `KEY=VALUE`.
     pub fn overrides(&self) -> &[String] {
         &self.overrides
+    }
+
+    /// Strings with frame tokens as they stand in the text, by key.
+    pub fn templates(&self) -> &BTreeMap<String, String> {
+        &self.templates
+    }
+
+    /// The path with frame tokens that a key gives, as a string or as a table with `path`; nothing without tokens.
+    pub fn template(&self, key: &str) -> Option<&str> {
+        let found = self.templates.get(key);
+        found
+            .or_else(|| self.templates.get(&format!("{key}.path")))
+            .map(String::as_str)
     }
 
     /// The directory that relative paths start from; empty for the working directory.
@@ -174,6 +190,8 @@ impl Source {
         let mut places = BTreeMap::new();
         record_table(&mut places, "", root.get_ref());
         self.places = places;
+        self.templates =
+            expand_tokens(root.get_mut()).map_err(|(key, e)| self.fault(&key, e.to_string()))?;
         T::deserialize(toml::Deserializer::from(root)).map_err(|e| RecipeError::toml(self, &e))
     }
 }

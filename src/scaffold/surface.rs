@@ -91,7 +91,14 @@ impl Surface {
     /// # Errors
     /// [`ScaffoldError::BadNode`] where a moved node is no usable point.
     pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3) -> Result<Self, ScaffoldError> {
-        let nodes = self.nodes.iter().map(|&v| map(v)).collect();
+        self.with_nodes(self.nodes.iter().map(|&v| map(v)).collect())
+    }
+
+    /// The same surface with other nodes, as many as it has.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadNode`] where a node is no usable point.
+    pub fn with_nodes(&self, nodes: Vec<Vec3>) -> Result<Self, ScaffoldError> {
         Ok(Self::new(nodes, self.elements.clone())?.with_numbers(self.numbers.clone()))
     }
 

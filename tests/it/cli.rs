@@ -2,6 +2,7 @@
 
 mod cells;
 mod designs;
+mod frames;
 mod homogenize;
 mod hybrid;
 mod meshes;

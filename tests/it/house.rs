@@ -6,12 +6,13 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Modules and what each may use; the first four use nothing.
+/// Modules and what each may use; the first five use nothing.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("progress", &[]),
     ("union_find", &[]),
     ("simd", &[]),
+    ("sequence", &[]),
     ("field", &["frame", "simd"]),
     (
         "mesh",
@@ -89,6 +90,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "recipe",
         &[
             "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "polymesh",
+            "sequence",
         ],
     ),
     (
@@ -113,6 +115,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "recipe",
             "symmetry",
             "polymesh",
+            "sequence",
         ],
     ),
     (
@@ -132,6 +135,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "pipeline",
             "symmetry",
             "polymesh",
+            "sequence",
             "homogenize",
             "inverse",
         ],

@@ -16,6 +16,7 @@ mod mesher;
 mod polymesh;
 mod recipe;
 mod scaffold;
+mod sequence;
 mod strategy;
 mod symmetry;
 mod tiling;

@@ -3,6 +3,7 @@
 mod crystals;
 mod decks;
 mod macro_decks;
+mod motion;
 mod offsets;
 mod outputs;
 mod require;

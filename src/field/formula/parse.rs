@@ -70,13 +70,18 @@ struct Parser<'a> {
     text: &'a [char],
     at: usize,
     variables: &'a [&'a str],
+    constants: &'a [(&'a str, f64)],
     steps: Vec<Step>,
     /// Height of the stack after the steps so far.
     height: usize,
     depth: usize,
 }
 
-pub(super) fn steps(text: &str, variables: &[&str]) -> Result<Vec<Step>, FormulaError> {
+pub(super) fn steps(
+    text: &str,
+    variables: &[&str],
+    constants: &[(&str, f64)],
+) -> Result<Vec<Step>, FormulaError> {
     if text.len() > MAX_LENGTH {
         return Err(FormulaError {
             column: 1,
@@ -89,6 +94,7 @@ pub(super) fn steps(text: &str, variables: &[&str]) -> Result<Vec<Step>, Formula
         text: &characters,
         at: 0,
         variables,
+        constants,
         steps: Vec::new(),
         height: 0,
         depth: 0,
@@ -284,11 +290,13 @@ impl Parser<'_> {
         if let Some(n) = self.variables.iter().position(|v| *v == word) {
             return self.push(Step::Variable(n as u16));
         }
-        if let Some((_, value)) = CONSTANTS.iter().find(|c| c.0 == word) {
+        let mut constants = CONSTANTS.iter().chain(self.constants);
+        if let Some((_, value)) = constants.find(|c| c.0 == word) {
             return self.push(Step::Number(*value));
         }
         self.at = start;
-        let constants = CONSTANTS.map(|c| c.0).join(", ");
+        let constants = CONSTANTS.iter().chain(self.constants).map(|c| c.0);
+        let constants = constants.collect::<Vec<_>>().join(", ");
         Err(self.error(format!(
             "one of the variables {}, or the constants {constants}",
             self.variables.join(", ")

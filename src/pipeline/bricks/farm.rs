@@ -39,8 +39,8 @@ pub fn brick_plan(
     let mut plan = make_plan(&inputs, &found, &counts, &threads, progress)?;
     let base = plan_directory(path);
     let file = recipe.source().path.clone().unwrap_or_default();
-    plan.recipe = relative(&file, base);
-    plan.out = options.out.as_deref().map(|out| relative(out, base));
+    plan.recipe = relative_path(&file, base);
+    plan.out = options.out.as_deref().map(|out| relative_path(out, base));
     let text = serde_json::to_string_pretty(&plan).map_err(|e| plan_error(path, e.to_string()))?;
     crate::io::atomic::write_bytes(path, format!("{text}\n").as_bytes())?;
     Ok(plan)
@@ -108,7 +108,7 @@ pub fn merge_bricks(
         .as_ref()
         .map(|out| plan_directory(path).join(out));
     let out = options.out.clone().or(planned);
-    let outputs = output_targets(&inputs, out.as_deref())?;
+    let outputs = output_targets(&inputs, out.as_deref(), options.report.as_deref())?;
     timer.end_stage("inputs")?;
     let bricks = brick_bytes(&inputs, brick_run.plan.leaf_bytes);
     let remaining = bricks.saturating_sub(size_of(&brick_run.directory));
@@ -201,7 +201,7 @@ fn open_run<'a>(
 }
 
 /// A path relative to a directory; unchanged if one of the two cannot be made absolute.
-fn relative(path: &Path, from: &Path) -> PathBuf {
+pub(crate) fn relative_path(path: &Path, from: &Path) -> PathBuf {
     let absolute = |p: &Path| std::path::absolute(p).ok();
     let (Some(absolute_path), Some(from)) = (absolute(path), absolute(from)) else {
         return path.to_owned();

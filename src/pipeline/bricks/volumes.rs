@@ -161,7 +161,7 @@ impl<'a> Volumes<'a> {
         }
         for (word, shape, own) in &attributes {
             file.attribute(&word.to_string(), shape)?;
-            let factor = if **word == GridWord::Thickness {
+            let factor = if word.has_lengths() {
                 recipe.unit().to(unit) as f32
             } else {
                 1.0

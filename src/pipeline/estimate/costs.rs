@@ -84,7 +84,7 @@ pub(super) fn grids_on_disk(words: &[GridWord], c: &Counts) -> f64 {
         GridWord::Density => 0.6 * surface,
         GridWord::CellId | GridWord::ElementId => masks + 0.4 * c.active,
         GridWord::Weight(_) => masks + c.active,
-        GridWord::Uvw | GridWord::Fold => masks + 7.0 * c.active,
+        GridWord::Uvw | GridWord::Fold | GridWord::Vel | GridWord::Rest => masks + 7.0 * c.active,
     });
     bytes.sum()
 }

@@ -162,6 +162,12 @@ fn grids(
                 format!("{word} needs a [scaffold], and the recipe has none"),
             );
         }
+        if word.needs_motion() && !super::motion::moves(sections, source) {
+            let message = format!(
+                "{word} needs a scaffold that moves: a frame token in scaffold.file, or [scaffold.motion]"
+            );
+            return fault("grids", message);
+        }
         let cells = sections.tiling.as_ref().map_or(Vec::new(), |t| t.cells());
         if let GridWord::Weight(cell) = word
             && !cells.iter().any(|c| c == cell)

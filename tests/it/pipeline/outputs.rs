@@ -31,7 +31,7 @@ fn lattice(outputs: &str) -> String {
 }
 
 /// Numbers of a PLY's vertices by property, as the file gives them: names and rows.
-fn ply_rows(path: &Path) -> (Vec<String>, Vec<Vec<f32>>) {
+pub(super) fn ply_rows(path: &Path) -> (Vec<String>, Vec<Vec<f32>>) {
     let bytes = std::fs::read(path).unwrap();
     let end = bytes
         .windows(11)

@@ -1,0 +1,286 @@
+//! Plans of sequences: one item per frame, and per brick where a frame has bricks.
+//!
+//! The plan of a sequence is a `.json` file that lists its items. Frames in bricks have plans of their own beside it.
+//! `druse run PLAN --brick N` makes item N, `druse merge PLAN` completes the frames, as for a plan of bricks.
+
+use super::frames::{Sequence, overrides, summary};
+use super::job::Items;
+use super::plan::Parameters;
+use super::{Answer, Failure, Session};
+use crate::pipeline::{
+    RunError, RunOptions, brick_plan, finished_frame, frame_report, make_bricks, merge_bricks,
+};
+use crate::recipe::Recipe;
+use crate::sequence::FrameList;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Version of the format.
+const VERSION: u32 = 1;
+
+/// The plan of a sequence; paths are relative to its folder.
+#[derive(Serialize, Deserialize)]
+pub(super) struct SequencePlan {
+    /// Version of the format.
+    druse_sequence: u32,
+    recipe: PathBuf,
+    set: Vec<String>,
+    out: Option<PathBuf>,
+    /// The items, in order of frame and brick.
+    items: Vec<Item>,
+}
+
+/// A part of the work that one machine does.
+#[derive(Clone, Serialize, Deserialize)]
+struct Item {
+    frame: i32,
+    /// The plan of a frame in bricks and the brick.
+    plan: Option<PathBuf>,
+    brick: Option<usize>,
+}
+
+/// Whether a file is the plan of a sequence.
+pub(super) fn is_sequence(path: &Path) -> bool {
+    read(path).is_ok()
+}
+
+fn read(path: &Path) -> Result<SequencePlan, Failure> {
+    let text = std::fs::read_to_string(path).map_err(|e| crate::io::ReadError::io(path, e))?;
+    let plan: SequencePlan = serde_json::from_str(&text).map_err(|e| {
+        Failure::data(
+            path,
+            format!("{e}; expected a plan made by druse plan --frames"),
+        )
+    })?;
+    if plan.druse_sequence != VERSION {
+        let found = plan.druse_sequence;
+        return Err(Failure::data(
+            path,
+            format!("found version {found} of the plan; expected {VERSION}"),
+        ));
+    }
+    Ok(plan)
+}
+
+/// A plan of a sequence and its files.
+pub(super) struct Planned {
+    pub items: Items,
+    pub files: Vec<PathBuf>,
+}
+
+/// Plans a sequence and writes its file.
+pub(super) fn plan(
+    p: &Parameters,
+    frames: &FrameList,
+    options: &RunOptions,
+    session: &Session,
+) -> Result<Planned, Failure> {
+    let sequence = Sequence {
+        recipe: &p.recipe,
+        set: &p.set,
+        frames,
+        options,
+    };
+    sequence.checked()?;
+    let folder = p.output.parent().unwrap_or(Path::new(""));
+    let mut items = Vec::new();
+    let mut files = vec![p.output.clone()];
+    let mut memory_bytes = 0;
+    for &frame in frames.frames() {
+        session.require_running()?;
+        let recipe = sequence.at(frame)?;
+        let path = frame_plan_path(&p.output, frame);
+        let found = match brick_plan(&recipe, &path, options, session) {
+            Ok(plan) => {
+                memory_bytes = memory_bytes.max(plan.memory_bytes);
+                plan.bricks.len()
+            }
+            // In one piece, as a run would make it.
+            Err(RunError::BricksUnsupported { needed, .. }) if p.bricks.is_none() => {
+                memory_bytes = memory_bytes.max(needed);
+                0
+            }
+            Err(e) => return Err(e.into()),
+        };
+        if found <= 1 && p.bricks.is_none() {
+            if found == 1 {
+                std::fs::remove_file(&path).map_err(|e| crate::io::ReadError::io(&path, e))?;
+            }
+            items.push(Item {
+                frame,
+                plan: None,
+                brick: None,
+            });
+            continue;
+        }
+        let name = PathBuf::from(path.file_name().unwrap_or_default());
+        items.extend((0..found).map(|brick| Item {
+            frame,
+            plan: Some(name.clone()),
+            brick: Some(brick),
+        }));
+        files.push(path);
+    }
+    let plan = SequencePlan {
+        druse_sequence: VERSION,
+        recipe: crate::pipeline::relative_path(&p.recipe, folder),
+        set: p.set.clone(),
+        out: p
+            .out
+            .as_deref()
+            .map(|out| crate::pipeline::relative_path(out, folder)),
+        items,
+    };
+    let text = serde_json::to_string_pretty(&plan).unwrap_or_default();
+    crate::io::atomic::write_bytes(&p.output, format!("{text}\n").as_bytes())?;
+    Ok(Planned {
+        items: Items {
+            count: plan.items.len(),
+            memory_bytes,
+        },
+        files,
+    })
+}
+
+/// `seq.json` at frame 7 is `seq.0007.json`.
+fn frame_plan_path(plan: &Path, frame: i32) -> PathBuf {
+    let stem = plan.file_stem().unwrap_or_default().to_string_lossy();
+    let sign = if frame < 0 { "-" } else { "" };
+    plan.with_file_name(format!("{stem}.{sign}{:04}.json", frame.unsigned_abs()))
+}
+
+/// A plan with its recipe and the options of its runs.
+struct Opened {
+    plan: SequencePlan,
+    folder: PathBuf,
+    recipe: PathBuf,
+    options: RunOptions,
+    frames: FrameList,
+}
+
+impl Opened {
+    fn new(path: &Path, options: RunOptions) -> Result<Self, Failure> {
+        let plan = read(path)?;
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        let planned = plan.out.as_ref().map(|out| folder.join(out));
+        let out = options.out.clone().or(planned);
+        let frames = FrameList::of(plan.items.iter().map(|i| i.frame));
+        if frames.frames().is_empty() {
+            return Err(Failure::data(
+                path,
+                "found no items; expected at least one frame",
+            ));
+        }
+        Ok(Self {
+            recipe: folder.join(&plan.recipe),
+            options: RunOptions { out, ..options },
+            frames,
+            folder,
+            plan,
+        })
+    }
+
+    fn sequence(&self) -> Sequence<'_> {
+        Sequence {
+            recipe: &self.recipe,
+            set: &self.plan.set,
+            frames: &self.frames,
+            options: &self.options,
+        }
+    }
+}
+
+/// `druse run PLAN --brick N` on the plan of a sequence.
+pub(super) fn make_items(p: &super::run::Parameters, session: &Session) -> Result<Answer, Failure> {
+    if p.brick.is_empty()
+        || p.dry_run
+        || !p.set.is_empty()
+        || p.bricks.is_some()
+        || p.frames.is_some()
+    {
+        return Err(Failure::usage(
+            "a plan is run by --brick N; keys, frames and sizes of bricks are fixed in it",
+        ));
+    }
+    let options = RunOptions {
+        threads: p.threads,
+        memory: p.memory,
+        out: p.out.clone(),
+        strict: session.strict(),
+        isolated: Some(super::vdb::reader()?),
+        ..RunOptions::default()
+    };
+    let opened = Opened::new(&p.recipe, options)?;
+    let count = opened.plan.items.len();
+    let (mut made, mut left, mut passed) = (0, 0, true);
+    for n in p.brick.iter().flat_map(Clone::clone) {
+        session.require_running()?;
+        let Some(item) = opened.plan.items.get(n) else {
+            return Err(Failure::data(
+                &p.recipe,
+                format!(
+                    "found item {n} in the request; expected numbers from 0 to {}",
+                    count - 1
+                ),
+            ));
+        };
+        let is_new = if let (Some(plan), Some(brick)) = (&item.plan, item.brick) {
+            let plan = opened.folder.join(plan);
+            make_bricks(&plan, &[brick..brick + 1], &opened.options, session)? == 0
+        } else {
+            let (_, answer, is_new) = opened.sequence().make(item.frame, session)?;
+            passed &= answer.passed();
+            is_new
+        };
+        session.finish();
+        made += usize::from(is_new);
+        left += usize::from(!is_new);
+    }
+    let text = format!("{made} items made, {left} were there");
+    Ok(Answer::new(text, json!({ "made": made, "left": left })).verdict(passed))
+}
+
+/// `druse merge PLAN` on the plan of a sequence: merges frames in bricks and writes the scenes.
+pub(super) fn merge(
+    path: &Path,
+    options: RunOptions,
+    session: &Session,
+) -> Result<Answer, Failure> {
+    let opened = Opened::new(path, options)?;
+    let mut reports: Vec<(i32, Value)> = Vec::new();
+    let mut lines = Vec::new();
+    let (mut made, mut passed) = (0, true);
+    for &frame in opened.frames.frames() {
+        session.require_running()?;
+        let recipe = Recipe::read(&opened.recipe, &overrides(&opened.plan.set, frame))?;
+        let report_path = frame_report(&recipe, opened.options.out.as_deref());
+        if let Some(report) = finished_frame(&recipe, &report_path) {
+            reports.push((frame, report));
+            continue;
+        }
+        let item = opened.plan.items.iter().find(|i| i.frame == frame);
+        let Some(plan) = item.and_then(|i| i.plan.as_ref()) else {
+            return Err(Failure::data(
+                path,
+                format!(
+                    "found no files of frame {frame}, or files of other inputs; \
+                expected those that druse run {} --brick N makes",
+                    path.display()
+                ),
+            ));
+        };
+        let options = RunOptions {
+            report: Some(report_path),
+            ..opened.options.clone()
+        };
+        let report = merge_bricks(&opened.folder.join(plan), &options, session)?;
+        reports.push((frame, serde_json::to_value(&report).unwrap_or_default()));
+        let answer = super::run::reported(&report, session);
+        passed &= answer.passed();
+        lines.push(answer.into_parts().0);
+        made += 1;
+    }
+    let scenes = opened.sequence().scenes(&reports)?;
+    Ok(summary(&reports, made, &scenes, lines).verdict(passed))
+}

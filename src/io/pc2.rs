@@ -1,0 +1,131 @@
+//! Point caches (.pc2): the points of a mesh at every sample, as single floats.
+//!
+//! The head is `POINTCACHE2` and a zero byte, then, little-endian, the version (1), the number of points, the frame
+//! of the first sample and the frames between samples (both `f32`), and the number of samples.
+
+use super::{Place, ReadError};
+use crate::frame::Vec3;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+const MAGIC: &[u8; 12] = b"POINTCACHE2\0";
+const HEAD_BYTES: u64 = 32;
+/// Difference of frames below which they are equal.
+const FRAME_TOLERANCE: f64 = 1e-3;
+
+/// A point cache; samples are read when they are needed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointCache {
+    path: PathBuf,
+    points: usize,
+    start: f64,
+    step: f64,
+    samples: usize,
+}
+
+impl PointCache {
+    /// Opens a file and checks its head and its length.
+    ///
+    /// # Errors
+    /// [`ReadError`]: no such file, another format, a step of zero between samples, or missing data.
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        let failed = |e| ReadError::io(path, e);
+        let invalid =
+            |found: String, expected: &str| ReadError::data(path, Place::File, found, expected);
+        let mut file = File::open(path).map_err(failed)?;
+        let length = file.metadata().map_err(failed)?.len();
+        if length < HEAD_BYTES {
+            return Err(invalid(format!("{length} bytes"), "a point cache (.pc2)"));
+        }
+        let mut head = [0; HEAD_BYTES as usize];
+        file.read_exact(&mut head).map_err(failed)?;
+        let word = |n: usize| [head[n], head[n + 1], head[n + 2], head[n + 3]];
+        let count = |n: usize| i32::from_le_bytes(word(n));
+        let number = |n: usize| f64::from(f32::from_le_bytes(word(n)));
+        if &head[..12] != MAGIC || count(12) != 1 {
+            let found = "another kind of file".to_owned();
+            return Err(invalid(found, "a point cache (.pc2) of version 1"));
+        }
+        let (points, samples) = (count(16), count(28));
+        let (start, step) = (number(20), number(24));
+        if points < 1 || samples < 1 {
+            let found = format!("{points} points in {samples} samples");
+            return Err(invalid(found, "at least one of each"));
+        }
+        if !(step.is_finite() && step > 0.0 && start.is_finite()) {
+            let found = format!("a time step of {step} frames between samples");
+            return Err(invalid(found, "a positive number of frames"));
+        }
+        if length < HEAD_BYTES + 12 * points as u64 * samples as u64 {
+            let found = format!("{length} bytes for {samples} samples of {points} points");
+            return Err(invalid(found, "all of its samples").with_hint("export the cache again"));
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            points: points as usize,
+            start,
+            step,
+            samples: samples as usize,
+        })
+    }
+
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// The frame of a sample.
+    pub fn frame(&self, sample: usize) -> f64 {
+        self.start + sample as f64 * self.step
+    }
+
+    /// The sample at a frame.
+    ///
+    /// # Errors
+    /// [`ReadError`] with the nearest frame if there is none.
+    pub fn sample_at(&self, frame: f64) -> Result<usize, ReadError> {
+        let place = (frame - self.start) / self.step;
+        let nearest = place.round().clamp(0.0, (self.samples - 1) as f64) as usize;
+        if (self.frame(nearest) - frame).abs() < FRAME_TOLERANCE {
+            return Ok(nearest);
+        }
+        let found = format!("no sample at frame {frame}");
+        let hint = format!(
+            "the nearest is frame {}; the cache spans frames {} to {} in steps of {}",
+            self.frame(nearest),
+            self.start,
+            self.frame(self.samples - 1),
+            self.step
+        );
+        Err(ReadError::missing(&self.path, found, "one for every frame").with_hint(hint))
+    }
+
+    /// The points of a sample, in the file's unit.
+    ///
+    /// # Errors
+    /// [`ReadError`] if the file cannot be read, or a coordinate is not finite.
+    pub fn read(&self, sample: usize) -> Result<Vec<Vec3>, ReadError> {
+        let failed = |e| ReadError::io(&self.path, e);
+        let bytes = 12 * self.points;
+        let mut file = File::open(&self.path).map_err(failed)?;
+        let start = HEAD_BYTES + (bytes * sample) as u64;
+        file.seek(SeekFrom::Start(start)).map_err(failed)?;
+        let mut buffer = vec![0; bytes];
+        file.read_exact(&mut buffer).map_err(failed)?;
+        let number = |b: &[u8]| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        let points: Vec<Vec3> = buffer
+            .chunks_exact(12)
+            .map(|b| Vec3::new(number(b), number(&b[4..]), number(&b[8..])))
+            .collect();
+        match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+            None => Ok(points),
+            Some(n) => Err(ReadError::data(
+                &self.path,
+                Place::Item("point", n as u64),
+                format!("({}, {}, {})", points[n].x, points[n].y, points[n].z),
+                "finite coordinates",
+            )),
+        }
+    }
+}
