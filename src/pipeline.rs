@@ -100,7 +100,11 @@ pub use grade::{GradeOptions, GradeReport, GradeRule, grade};
 pub use grading::{GradedQuantity, level_shifts};
 pub(crate) use group::{group_fault, read_group};
 pub use histogram::Histogram;
-pub(crate) use homogenize::{CellPeriod, beam_period, cell_period, free_memory, recipe_period};
+pub use homogenize::{
+    CellPeriod, CellProperties, PropertyOptions, beam_period, cell_period, cell_properties,
+    period_warnings, resolution_fault,
+};
+pub(crate) use homogenize::{recipe_period, sampled, shares_of};
 pub(crate) use lattice::solid_picture;
 pub use macro_deck::{MacroDeckFacts, MacroLawFacts};
 pub use plot::{Curve, Plot, contact_sheet, contact_sheet_columns, plot};
@@ -124,6 +128,7 @@ use cut_faces::CutFaces;
 use inputs::Inputs;
 use least_wall::Phase;
 use level_set_ops::StageContext;
+use macro_deck::needs_no_voxels;
 use output_targets::{Targets, output_targets};
 use stage_timer::StageTimer;
 use thickness::{SolidGeometry, Thickness, sampled_walls};
@@ -364,19 +369,6 @@ fn finish_report(
         crate::io::atomic::write_bytes(path, format!("{text}\n").as_bytes())?;
     }
     Ok(report)
-}
-
-/// Whether all files of a recipe are decks of the scaffold's elements, and nothing needs the solid.
-fn needs_no_voxels(recipe: &Recipe) -> bool {
-    let sections = recipe.sections();
-    let mut files = sections
-        .output
-        .iter()
-        .filter(|o| o.report.is_none())
-        .peekable();
-    files.peek().is_some()
-        && files.all(crate::recipe::Output::is_macro_deck)
-        && sections.require.is_none()
 }
 
 /// Whether the recipe requests the continuity certificate.

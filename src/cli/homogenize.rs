@@ -4,15 +4,12 @@
 //! at each volume fraction and starts from the previous solution.
 
 use super::{Answer, Failure, Session};
-use crate::cell::Cell;
 use crate::frame::Element;
 use crate::homogenize::{
-    Conduction, Control, Derivatives, Elasticity, HomogenizeError, Isotropic, Packing, Samples,
-    Sensitivities, Settings, Start, by_coefficients, bytes_per_voxel, compliance, properties,
-    properties_from, sharpened,
+    Control, HomogenizeError, Isotropic, Packing, Properties, Settings, compliance,
 };
 use crate::io::atomic::write_bytes;
-use crate::pipeline::{self, CellPeriod, Warning};
+use crate::pipeline::{self, CellPeriod, PropertyOptions, Warning};
 use crate::progress::Threads;
 use crate::recipe::{CellSection, Fraction, Recipe, Section};
 use clap::{Args, ValueEnum};
@@ -20,16 +17,9 @@ use output::{Material, PeriodResults};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 pub(super) use sweep::Sweep;
-use warnings::warn_of;
 
 mod output;
 mod sweep;
-mod warnings;
-
-/// Samples along each edge of a voxel for its share of solid.
-const SAMPLES_PER_VOXEL_EDGE: usize = 2;
-/// Minimum number of voxels along the period.
-const MIN_RESOLUTION: usize = 8;
 
 /// Residual for derivatives; their error is of the order of the residual itself.
 const GRADIENT_RESIDUAL: f64 = 1e-7;
@@ -162,7 +152,9 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         }
     }
     let keeps = p.gradient || p.sweep.is_some();
-    check_resolution(p.resolution, &settings, keeps)?;
+    if let Some(fault) = pipeline::resolution_fault(p.resolution, &settings, keeps) {
+        return Err(Failure::usage(format!("--resolution: {fault}")));
+    }
     let mut source = threads.install(|| source(p, &threads, session))?;
     for Warning { code, message } in std::mem::take(&mut source.warnings) {
         session.warn_of(code, message)?;
@@ -244,30 +236,6 @@ fn check_extension(path: &Path, known: &[&str]) -> Result<(), Failure> {
     )))
 }
 
-/// Refuses grids that are too coarse, odd, or too large for the free memory.
-fn check_resolution(n: usize, settings: &Settings, keeps: bool) -> Result<(), Failure> {
-    let sampling = 8 * (SAMPLES_PER_VOXEL_EDGE as u64).pow(3) + 16;
-    let each = bytes_per_voxel(settings, keeps).max(sampling) as f64;
-    let free = pipeline::free_memory().map(|m| m as f64);
-    let most = free
-        .map_or(1024, |m| (m / each).cbrt() as usize / 2 * 2)
-        .min(1024);
-    let expected = format!("expected an even number from {MIN_RESOLUTION} to {most}");
-    if n < MIN_RESOLUTION || n % 2 == 1 {
-        return Err(Failure::usage(format!(
-            "--resolution: found {n}; {expected}"
-        )));
-    }
-    if n > most {
-        let needed = each * (n as f64).powi(3) / 1e9;
-        let free = free.map_or(String::new(), |m| format!(", {:.1} GB are free", m / 1e9));
-        return Err(Failure::usage(format!(
-            "--resolution: found {n}, which needs {needed:.1} GB{free}; {expected}"
-        )));
-    }
-    Ok(())
-}
-
 /// The period that the arguments name.
 fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPeriod, Failure> {
     let packing = match p.tets {
@@ -314,28 +282,6 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
     pipeline::cell_period(cell, packing, warnings).map_err(|e| super::fit::of_input(e, &p.cell))
 }
 
-/// Samples of a period on one grid, at a given level if there is one.
-fn sampled(
-    source: &CellPeriod,
-    n: usize,
-    level: Option<f64>,
-    session: &Session,
-) -> Result<Samples, Failure> {
-    let samples = source.period.samples(n, SAMPLES_PER_VOXEL_EDGE, session)?;
-    let level = match (level, source.volume_fraction) {
-        (Some(level), _) => level,
-        (None, Some(fraction)) => samples.level_for_volume_fraction(fraction)?,
-        (None, None) => return Ok(samples),
-    };
-    Ok(samples.with_level(level))
-}
-
-/// Shares of solid, rounded if the flags require it.
-fn shares_of(p: &Parameters, samples: &Samples) -> Vec<f64> {
-    let shares = samples.shares();
-    if p.sharp { sharpened(&shares) } else { shares }
-}
-
 /// The properties of one cell, from two grids.
 fn one(
     p: &Parameters,
@@ -343,56 +289,25 @@ fn one(
     settings: &Settings,
     session: &Session,
 ) -> Result<Answer, Failure> {
-    use crate::progress::Progress;
-    let has_series = |c: &Cell| c.series().is_some() || c.planar().is_some();
-    if p.gradient && !source.period.cell().is_some_and(has_series) {
-        return Err(HomogenizeError::NoCoefficients.into());
-    }
-    session.stage("samples", None);
-    let samples = sampled(source, p.resolution, None, session)?;
-    let grid = samples.grid();
-    let level = samples.level();
-    let surface = samples.surface_per_volume();
-    let shares = shares_of(p, &samples);
-    drop(samples);
-    let mut start = p.gradient.then(Start::default);
-    let fine = properties_from(grid, &shares, settings, start.as_mut(), session)?;
-    let gradient = match start {
-        Some(start) => Some(gradient(
-            source,
-            (p, level),
-            (&shares, start),
-            settings,
-            session,
-        )?),
-        None => None,
+    let options = PropertyOptions {
+        resolution: p.resolution,
+        is_sharp: p.sharp,
+        with_gradient: p.gradient,
+        settings: *settings,
     };
-    drop(shares);
-    // The finer grid holds the cell; on one half as fine that has too few voxels there is no error estimate.
-    let half = p.resolution / 2;
-    let coarse = if half >= MIN_RESOLUTION && source.period.band_limit() <= half as f64 / 2.0 {
-        let samples = sampled(source, half, Some(level), session)?;
-        let (grid, shares) = (samples.grid(), shares_of(p, &samples));
-        Some(properties(grid, &shares, settings, session)?)
-    } else {
-        None
-    };
-    warn_of(source, &fine, p.resolution, level, session)?;
+    let computed = pipeline::cell_properties(source, &options, session)?;
+    let fine = &computed.fine;
+    warn_of(source, fine, p.resolution, computed.level, session)?;
     let found = PeriodResults {
-        name: &source.name,
-        period: &source.period,
-        level,
+        source,
         material: Material {
             young: p.young,
             poisson: p.poisson,
             kappa: p.kappa,
             void: p.void,
         },
-        surface,
         is_sharp: p.sharp,
-        fine: &fine,
-        coarse: coarse.as_ref(),
-        gradient: gradient.as_deref(),
+        computed: &computed,
     };
     let mut written = Vec::new();
     if let Some(path) = &p.output {
@@ -434,31 +349,16 @@ fn one(
     Ok(Answer::new(text, facts))
 }
 
-/// Derivatives by every coefficient, from the solutions of all load cases.
-fn gradient(
+/// Warns of disconnected phases and of beams that the grid does not resolve.
+fn warn_of(
     source: &CellPeriod,
-    (p, level): (&Parameters, f64),
-    (shares, start): (&[f64], Start),
-    settings: &Settings,
+    found: &Properties,
+    n: usize,
+    level: f64,
     session: &Session,
-) -> Result<Vec<Derivatives>, Failure> {
-    use crate::progress::Progress;
-    session.stage("gradient", None);
-    let grid = source.period.grid(p.resolution)?;
-    let is_cut = |n: usize| shares[n] > 0.0 && shares[n] < 1.0;
-    let void = settings.solid.scaled(settings.void);
-    let elastic = Elasticity::new(grid, shares, settings.solid, void, settings.scheme)?
-        .sensitivity(&start.displacements, &is_cut);
-    let conduction = Conduction::new(
-        grid,
-        shares,
-        settings.kappa,
-        settings.kappa * settings.void,
-        settings.scheme,
-    )?;
-    let thermal = conduction.sensitivity(&start.potentials, &is_cut);
-    drop(start);
-    let samples = sampled(source, p.resolution, Some(level), session)?;
-    let sensitivities = Sensitivities { elastic, thermal };
-    Ok(by_coefficients(&source.period, &samples, &sensitivities)?)
+) -> Result<(), Failure> {
+    for warning in pipeline::period_warnings(source, found, n, level) {
+        session.warn_of(warning.code, warning.message)?;
+    }
+    Ok(())
 }

@@ -1,17 +1,24 @@
 //! Periods of cells for homogenization: from a section, a finished cell or a cell of a recipe.
 
+use super::RunOptions;
 use super::cells::{make, recipe_element};
 use super::error::RunError;
 use super::input_files::InputFiles;
 use super::report::Warning;
 use super::source::{CellFault, skeleton_by};
-use super::{RunOptions, memory};
 use crate::cell::Cell;
 use crate::frame::Element;
 use crate::homogenize::{HomogenizeError, Packing, Period};
 use crate::recipe::{CellPlace, CellSection, Length, Positive, Recipe, Section, Solid};
 use crate::vdb::Session;
 use std::path::{Path, PathBuf};
+
+mod properties;
+
+pub use properties::{
+    CellProperties, PropertyOptions, cell_properties, period_warnings, resolution_fault,
+};
+pub(crate) use properties::{sampled, shares_of};
 
 /// A period and the volume fraction that its section requests.
 pub struct CellPeriod {
@@ -169,9 +176,4 @@ pub fn recipe_period(
     let mut files = InputFiles::new(recipe, &options);
     let cell = make(&mut files, &key, &section, element, session)?;
     cell_period(cell, packing, files.warnings)
-}
-
-/// Bytes of free memory; `None` where the system does not report it.
-pub fn free_memory() -> Option<u64> {
-    memory::available()
 }

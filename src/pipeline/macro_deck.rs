@@ -17,7 +17,7 @@ use super::{StageResults, Targets};
 use crate::frame::{Element, figures};
 use crate::homogenize::Isotropic;
 use crate::io::{DeckClass, ElementDeck, write_element_deck};
-use crate::recipe::Output;
+use crate::recipe::{Output, Recipe};
 use serde::Serialize;
 use std::path::Path;
 
@@ -306,4 +306,17 @@ fn notes(
         ));
     }
     all
+}
+
+/// Whether all files of a recipe are decks of the scaffold's elements, and nothing needs the solid.
+pub(super) fn needs_no_voxels(recipe: &Recipe) -> bool {
+    let sections = recipe.sections();
+    let mut files = sections
+        .output
+        .iter()
+        .filter(|o| o.report.is_none())
+        .peekable();
+    files.peek().is_some()
+        && files.all(Output::is_macro_deck)
+        && sections.require.is_none()
 }

@@ -59,6 +59,9 @@ pub fn design(
     resolve: &dyn Fn(&Path) -> PathBuf,
 ) -> Result<Design, CellFault> {
     let rule = |message: String| CellFault::Rule(message);
+    if let Some((_, reason)) = section.target_fault() {
+        return Err(rule(reason));
+    }
     let table = section.target.clone().unwrap_or_default().0;
     let fraction = section.volume_fraction.ok_or_else(|| {
         rule(

@@ -10,6 +10,7 @@ use druse::pipeline;
 use druse::recipe::CellSection;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -25,7 +26,7 @@ pub(crate) struct Cell {
 }
 
 impl Cell {
-    fn of(cell: druse::cell::Cell) -> Self {
+    pub(crate) fn of(cell: druse::cell::Cell) -> Self {
         Self {
             cell,
             table: OnceLock::new(),
@@ -138,6 +139,14 @@ impl Cell {
 
     fn thickness(&self, py: Python<'_>) -> PyResult<f64> {
         session::work(py, None, |_| Ok(self.cell.thickness()?))
+    }
+
+    /// Slices through the cell as PNG.
+    fn png<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = session::work(py, None, |_| {
+            Ok(pipeline::plot(&self.cell, None).image.png()?)
+        })?;
+        Ok(PyBytes::new(py, &bytes))
     }
 
     /// Values at reference points; by the series, or by its table.

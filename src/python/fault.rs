@@ -110,6 +110,8 @@ argument!(
     druse::cell::CellTextError,
     druse::cell::FitError,
     druse::cell::VoxelError,
+    druse::homogenize::HomogenizeError,
+    druse::inverse::InverseError,
     druse::mesh::MeshError,
     druse::mesh::NoSolidError,
     druse::pipeline::CellFault,

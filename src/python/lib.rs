@@ -15,6 +15,7 @@ mod cell;
 mod fault;
 mod level_set;
 mod mesh;
+mod properties;
 mod recipe;
 mod scaffold;
 mod session;
@@ -34,6 +35,8 @@ fn _druse(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(level_set::build::from_function, module)?)?;
     module.add_function(wrap_pyfunction!(level_set::build::from_leaves, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::crystal, module)?)?;
+    module.add_function(wrap_pyfunction!(properties::design, module)?)?;
+    module.add_function(wrap_pyfunction!(properties::homogenize, module)?)?;
     module.add_function(wrap_pyfunction!(recipe::main, module)?)?;
     module.add_function(wrap_pyfunction!(recipe::schema, module)?)?;
     module.add_function(wrap_pyfunction!(session::set_threads, module)?)?;

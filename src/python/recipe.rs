@@ -1,12 +1,24 @@
 //! Recipes and the command line.
 
+use crate::arrays::{self, Points};
 use crate::fault::Fault;
 use crate::level_set::{LevelSet, reader};
 use crate::session;
-use druse::pipeline::{RunOptions, plan, run_keeping_solid};
+use druse::pipeline::{Probe, RunOptions, plan, run_keeping_solid};
+use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use std::ffi::OsString;
 use std::path::PathBuf;
+
+/// Samples of a field: phi, gradient, distance, element, reference coordinates, weights of the cells.
+type Samples<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+);
 
 /// A valid recipe.
 #[pyclass(frozen, module = "druse._druse")]
@@ -73,6 +85,37 @@ impl Recipe {
             let (report, solid) = run_keeping_solid(&self.recipe, &options, session.progress)?;
             Ok((serde_json::to_string(&report)?, solid.map(LevelSet::of)))
         })
+    }
+
+    /// The tiled field at points: names of the cells; phi, gradient, distance, element, reference coordinates and
+    /// weights, by point.
+    fn evaluate<'py>(
+        &self,
+        py: Python<'py>,
+        program: Vec<OsString>,
+        points: Points<'py>,
+        exact: bool,
+    ) -> PyResult<(Vec<String>, Samples<'py>)> {
+        let points = arrays::positions(&points).map_err(|e| e.raise(py))?;
+        let (cells, found) = session::work(py, None, |session| {
+            let options = RunOptions {
+                threads: session.threads.count(),
+                isolated: reader(program),
+                ..RunOptions::default()
+            };
+            let probe = Probe::new(&self.recipe, &options, session.progress)?;
+            Ok((probe.cells(), probe.evaluate(points, exact)?))
+        })?;
+        let weights: Vec<f64> = found.iter().flat_map(|s| s.weights.clone()).collect();
+        let samples = (
+            PyArray1::from_vec(py, found.iter().map(|s| s.phi).collect()),
+            arrays::matrix(py, found.iter().map(|s| s.gradient).collect())?,
+            PyArray1::from_vec(py, found.iter().map(|s| s.distance).collect()),
+            PyArray1::from_vec(py, found.iter().map(|s| s.element).collect()),
+            arrays::matrix(py, found.iter().map(|s| s.reference).collect())?,
+            PyArray1::from_vec(py, weights),
+        );
+        Ok((cells, samples))
     }
 
     /// What a run needs and writes, as JSON.

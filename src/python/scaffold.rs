@@ -2,9 +2,11 @@
 
 use crate::arrays::{self, Points};
 use crate::fault::Fault;
+use crate::mesh::Mesh;
 use crate::session;
 use druse::frame::Vec3;
-use druse::io::{FieldAt, read_scaffold};
+use druse::io::{FieldAt, read_scaffold, write_vtu_fields};
+use druse::mesh::TriMesh;
 use druse::scaffold::{Connectivity, Kind};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -21,6 +23,9 @@ type Elements<'py> = (
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray1<u8>>,
 );
+
+/// Names and values of fields of one number.
+type NumberFields<'py> = Vec<(String, PyReadonlyArray1<'py, f64>)>;
 
 /// Solid elements over nodes.
 #[pyclass(frozen, module = "druse._druse")]
@@ -124,6 +129,40 @@ impl Scaffold {
             })?;
             let made = druse::scaffold::Scaffold::box_grid(Vec3::from(size), counts, kind)?;
             Ok(Self::of(made))
+        })
+    }
+
+    /// Writes a .vtu file with fields of one number per node and per element; returns its size.
+    fn save(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        node_fields: NumberFields<'_>,
+        element_fields: NumberFields<'_>,
+    ) -> PyResult<u64> {
+        let lists = |fields: &NumberFields<'_>| -> Result<Vec<(String, Vec<f64>)>, Fault> {
+            let list = |(name, values): &(String, PyReadonlyArray1<'_, f64>)| {
+                Ok((name.clone(), arrays::list(values, name)?.to_vec()))
+            };
+            fields.iter().map(list).collect()
+        };
+        let nodes = lists(&node_fields).map_err(|e| e.raise(py))?;
+        let elements = lists(&element_fields).map_err(|e| e.raise(py))?;
+        session::work(py, None, |_| {
+            let nodes: Vec<_> = nodes.iter().map(|(n, v)| (n.as_str(), &v[..])).collect();
+            let elements: Vec<_> = elements.iter().map(|(n, v)| (n.as_str(), &v[..])).collect();
+            Ok(write_vtu_fields(path, &self.scaffold, &nodes, &elements)?)
+        })
+    }
+
+    /// The outer faces as triangles, within a distance of curved ones.
+    fn surface(&self, py: Python<'_>, error: f64) -> PyResult<Mesh> {
+        session::work(py, None, |_| {
+            let mut surface = TriMesh::default();
+            for component in 0..self.scaffold.components().len() {
+                surface.append(&self.scaffold.boundary(component, error).mesh)?;
+            }
+            Ok(Mesh::of(surface))
         })
     }
 

@@ -4,6 +4,7 @@
 #
 #     tests/clients/wheel.sh WORK TARGET PYTHON [full]
 #
+# DRUSE_WHEEL_PROFILE=dev builds with cargo's profile for development, in a fraction of the time.
 # With full, also the notebooks, the types by mypy and the archive of the sources, which take minutes.
 # WORK is emptied; TARGET keeps the environments from one run to the next.
 set -euo pipefail
@@ -12,6 +13,7 @@ work=$1 target=$2 python=$3 mode=${4:-quick}
 mkdir -p "$work"
 work=$(realpath "$work")
 max_wheel_bytes=20000000
+profile=${DRUSE_WHEEL_PROFILE:-release}
 
 environment() { # NAME PACKAGE...: a virtual environment with these packages, made anew if the list changes
     local name=$1
@@ -29,7 +31,7 @@ tools=$target/wheel-tools/bin
 PATH=$(realpath "$tools"):$PATH
 export PATH
 rm -rf "$work/plain" "$work/wheel"
-"$tools/maturin" build --release --locked --interpreter "$python" --out "$work/plain"
+"$tools/maturin" build --profile "$profile" --locked --interpreter "$python" --out "$work/plain"
 "$tools/auditwheel" repair --strip --wheel-dir "$work/wheel" "$work"/plain/*.whl
 wheel=$(echo "$work"/wheel/*.whl)
 bytes=$(stat -c %s "$wheel")
@@ -56,19 +58,22 @@ hidden() { # COMMAND...: with an empty file in the place of every OpenVDB of the
     fi
 }
 
-program=$(realpath "$target/release/druse") # beside the package: the same content hashes
+# The program beside the package: the same content hashes.
+case $profile in dev) built=debug ;; *) built=$profile ;; esac
+program=$(realpath "$target/$built/druse")
 # From a folder without sources, so that the installed package is tested.
 tests=$PWD/tests/python
 cd "$work"
 hidden "$bare/python" -m pytest -q -p no:cacheprovider -s --ignore "$tests/test_notebooks.py" "$tests"
-DRUSE=$program "$bare/python" -m pytest -q -p no:cacheprovider -k content_hash "$tests/test_recipe.py"
+DRUSE=$program "$bare/python" -m pytest -q -p no:cacheprovider -k command_line "$tests"
 if [ "$mode" = full ]; then
     "$bare/python" -m mypy --strict --cache-dir "$work/mypy" --config-file "" "$tests/typed_use.py"
     cd "$tests/../.."
-    environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0
+    environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0 meshio trimesh
     notebooks=$(realpath "$target/wheel-notebooks/bin")
     "$notebooks/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
     "$notebooks/python" -m pytest -q -p no:cacheprovider "$tests/test_notebooks.py"
+    "$notebooks/python" -m pytest -q -p no:cacheprovider -k real_packages "$tests/test_mesh.py" "$tests/test_tiling.py"
     # The archive of the sources builds too.
     "$tools/maturin" sdist --out "$work/sdist"
     "$tools/python" -m pip wheel -q --disable-pip-version-check --no-deps -w "$work/from_sdist" "$work"/sdist/*.tar.gz

@@ -47,6 +47,23 @@ LEAF = np.full((1, 8, 8, 8), 0.5, dtype=np.float32)
 CELL = druse.Cell.surface("schwarz_p", element="hex")
 BOX = druse.Scaffold.box([2, 2, 2], [1, 1, 1])
 TILING = druse.Tiling(BOX, CELL)
+SHEET = druse.Cell.surface("schwarz_p", element="hex", solid="sheet", volume_fraction=0.3)
+STRUTS = druse.Cell.graph("bcc", element="hex", band_limit=3)
+RECIPE = druse.Recipe({
+    "druse": 1, "cell": {"a": {"surface": "schwarz_p"}}, "scaffold": {"box": {"size": [2, 2, 2], "cell_size": 2}},
+    "tiling": {"cell": "a"}, "band": {"voxel_size": 0.2},
+})
+
+
+class Grid:
+    """A grid of pyvista with random arrays."""
+
+    point_data: dict = {}
+    cell_data: dict = {}
+
+    def __init__(self, points, offset, types):
+        self.points, self.offset, self.celltypes = points, offset, types
+        self.cell_connectivity = np.arange(8)
 
 
 def part():
@@ -68,6 +85,12 @@ calls = st.one_of(
     st.tuples(st.just(lambda v, w: druse.Tiling(BOX, CELL, level=v, interpolation=w)), values, word),
     st.tuples(st.just(lambda v: druse.Tiling(BOX, CELL, thickness=v)), values),
     st.tuples(st.just(lambda v: druse.Tiling(BOX, [CELL, CELL], weights=v)), values),
+    st.tuples(st.just(lambda v, k: druse.Tiling(BOX, SHEET, thickness=v, **k)), values, st.dictionaries(st.sampled_from(["distance", "boundary"]), word, max_size=1)),
+    st.tuples(st.just(lambda v: druse.Tiling(BOX, STRUTS, thickness=v).distance([[1, 1, 1]])), values),
+    st.tuples(st.just(lambda p, o, t: druse.Scaffold.of(Grid(p, o, t))), values, values, st.one_of(values, st.just([12, 11, 5]))),
+    st.tuples(st.just(lambda r, y, v, o: CELL.homogenize(r, young=y, void=v, only=o)), st.sampled_from([8, 8, 9, -1, None, 2.0, np.nan, 2**40, "8"]), st.one_of(anything, st.just(1)), st.one_of(anything, st.just(1e-3)), st.one_of(anything, st.just("conductivity"))),
+    st.tuples(st.just(lambda t, f: druse.design(t, volume_fraction=f, band_limit=0.1)), st.one_of(anything, st.dictionaries(st.sampled_from(["maximise", "zener", "x"]), anything)), anything),
+    st.tuples(st.just(lambda p: RECIPE.evaluate(p)), values),
     st.tuples(st.just(lambda p, h: TILING.distance(p, half_width=h)), values, anything),
     st.tuples(st.just(lambda v: TILING.level_set(max(v, 0.05) if isinstance(v, float) else v)), anything),
     st.tuples(st.just(lambda o, v, a, h: druse.LevelSet.from_leaves(o, v, a, h)), values, st.one_of(st.just(LEAF), values), st.one_of(st.just(LEAF > 0), values), anything),

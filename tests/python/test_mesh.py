@@ -1,6 +1,7 @@
 """Meshes and their level sets."""
 
 import pickle
+import sys
 import types
 
 import numpy as np
@@ -39,6 +40,63 @@ def test_objects_of_others_are_converted(cube_mesh):
         assert druse.Mesh.of(mesh).volume == pytest.approx(8)
     with pytest.raises(druse.ArgumentError, match="expected a Mesh"):
         druse.Mesh.of(3)
+
+
+class _Surface:
+    """What the conversion asks of a pyvista.PolyData."""
+
+    regular_faces = property()
+
+    def __init__(self, points, faces):
+        self.points, self.faces = points, np.insert(faces, 0, 3, axis=1).ravel()
+
+    def extract_surface(self):
+        return self
+
+    def triangulate(self):
+        return self
+
+
+def test_objects_with_quads_and_planes_are_converted(cube_mesh):
+    vertices, faces = cube_mesh
+    assert druse.Mesh.of(_Surface(np.float32(vertices), faces)).volume == pytest.approx(8)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4]]
+    mixed = types.SimpleNamespace(points=vertices, cells_dict={
+        "line": np.array([[0, 1]]), "quad": np.array(quads), "triangle": np.array([[1, 5, 7], [1, 7, 3]]),
+    })
+    assert druse.Mesh.of(mixed).volume == pytest.approx(8)
+    plane = types.SimpleNamespace(points=vertices[:4, :2], cells_dict={"triangle": np.array([[0, 1, 3]])})
+    assert druse.Mesh.of(plane).vertices[:, 2].tolist() == [0, 0, 0, 0]
+    with pytest.raises(druse.ArgumentError, match="expected triangles or quads"):
+        druse.Mesh.of(types.SimpleNamespace(points=vertices, cells_dict={"tetra": np.array([[0, 1, 2, 4]])}))
+
+
+def test_other_packages_get_their_own_objects(cube_mesh, monkeypatch):
+    """Stand-ins for trimesh and meshio, which record what they are made of."""
+    made = lambda *a, **k: types.SimpleNamespace(arguments=a, **k)  # noqa: E731
+    monkeypatch.setitem(sys.modules, "trimesh", types.SimpleNamespace(Trimesh=made))
+    monkeypatch.setitem(sys.modules, "meshio", types.SimpleNamespace(Mesh=made))
+    vertices, faces = cube_mesh.to_trimesh().arguments
+    assert vertices.flags.writeable and np.array_equal(vertices, cube_mesh.vertices) and faces.dtype == np.int64
+    points, ((name, rows),) = cube_mesh.to_meshio().arguments
+    assert name == "triangle" and np.array_equal(rows, cube_mesh.faces) and len(points) == 8
+
+
+def test_meshes_of_the_real_packages(cube_mesh):
+    trimesh = pytest.importorskip("trimesh")
+    assert druse.Mesh.of(trimesh.creation.box((2, 2, 2))).volume == pytest.approx(8)
+    assert cube_mesh.to_trimesh().is_watertight and cube_mesh.to_trimesh().volume == pytest.approx(8)
+    meshio = pytest.importorskip("meshio")
+    again = cube_mesh.to_meshio()
+    assert isinstance(again, meshio.Mesh) and druse.Mesh.of(again).volume == pytest.approx(8)
+    pyvista = pytest.importorskip("pyvista")
+    assert druse.Mesh.of(pyvista.Cube(x_length=2, y_length=2, z_length=2)).volume == pytest.approx(8)
+    assert druse.Mesh.of(cube_mesh.to_pyvista()).volume == pytest.approx(8)
+
+
+def test_pictures_in_notebooks(cube_mesh, schwarz, block):
+    for drawn in (cube_mesh, schwarz, block):
+        assert drawn._repr_png_()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 def test_a_level_set_of_a_mesh(cube_mesh):

@@ -1,5 +1,7 @@
 """Scaffolds and tilings."""
 
+import pickle
+import sys
 import types
 
 import numpy as np
@@ -41,6 +43,56 @@ def test_a_scaffold_of_arrays_and_of_other_packages():
         cell_data={"name": np.array(["a"])},
     )
     assert druse.Scaffold.of(pyvista).volume == pytest.approx(1 / 6)
+
+
+def test_other_elements_are_left_out_and_voxels_are_hexahedra():
+    """A grid of pyvista with a triangle, and a voxel, whose nodes have another order."""
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 2)], dtype=float)
+    grid = types.SimpleNamespace(
+        points=corners,
+        offset=np.array([0, 3, 11]),
+        cell_connectivity=np.array([0, 1, 2, *range(8)]),
+        celltypes=np.array([5, 11], dtype=np.uint8),
+        point_data={"T": np.arange(8.0)},
+        cell_data={"E": np.array([1.0, 7.0])},
+    )
+    own = druse.Scaffold.of(grid)
+    assert len(own) == 1 and own.volume == pytest.approx(2) and own.fields["E"].tolist() == [7]
+    with pytest.raises(druse.ArgumentError, match="VTK type 5"):
+        druse.Scaffold.of(types.SimpleNamespace(
+            points=corners, offset=[0, 3], cell_connectivity=[0, 1, 2], celltypes=[5], point_data={}, cell_data={}
+        ))
+
+
+def test_files_and_surfaces_of_scaffolds(block, tmp_path):
+    rows = block.elements[1].reshape(-1, 8)
+    fields = {"T": np.arange(len(block.nodes)), "S": np.arange(16.0).reshape(8, 2)}
+    druse.Scaffold(block.nodes, {"hexahedron": rows}, fields).save(tmp_path / "block.vtu")
+    read = druse.Scaffold.read(tmp_path / "block.vtu")
+    assert np.array_equal(read.nodes, block.nodes) and np.array_equal(read.fields["T"], fields["T"])
+    assert np.array_equal(read.fields["S_1"], fields["S"][:, 1])
+    surface = block.surface()
+    assert surface.volume == pytest.approx(1000) and surface.area == pytest.approx(600)
+
+
+def test_scaffolds_go_to_meshio(block, monkeypatch):
+    """A stand-in, which records what it is made of."""
+    made = lambda *a, **k: types.SimpleNamespace(points=a[0], blocks=a[1], **k)  # noqa: E731
+    monkeypatch.setitem(sys.modules, "meshio", types.SimpleNamespace(Mesh=made))
+    own = druse.Scaffold(block.nodes, {"hexahedron": block.elements[1].reshape(-1, 8)}, {"E": np.arange(8)})
+    mesh = own.to_meshio()
+    ((name, rows),) = mesh.blocks
+    assert name == "hexahedron" and np.array_equal(rows.ravel(), block.elements[1])
+    assert mesh.cell_data["E"][0].tolist() == list(range(8)) and mesh.point_data == {}
+
+
+def test_scaffolds_of_the_real_packages(block):
+    meshio = pytest.importorskip("meshio")
+    made = block.to_meshio()
+    assert isinstance(made, meshio.Mesh) and druse.Scaffold.of(made).volume == pytest.approx(1000)
+    pyvista = pytest.importorskip("pyvista")
+    assert druse.Scaffold.of(block.to_pyvista()).volume == pytest.approx(1000)
+    assert druse.Scaffold.of(pyvista.ImageData(dimensions=(3, 3, 3))).volume == pytest.approx(8)
 
 
 def test_distances_against_the_formula(block, schwarz):
@@ -91,6 +143,93 @@ def test_thickness_is_in_world_units(block, schwarz):
     # Twice the surface area of Schwarz P, 2.345 a^2 per cell, is that of both sides of the sheet.
     area = 8 * 2.345 * 25
     assert thick.volume - thin.volume == pytest.approx(0.3 * area, rel=0.1)
+
+
+def test_struts_are_round_beams_of_a_diameter_in_space():
+    """An element twice as long along x: the struts stay round."""
+    scaffold = druse.Scaffold.box([20, 10, 10], [1, 1, 1])
+    axes = druse.Cell.graph("axes", element="hex", radius=0.05, band_limit=5)
+    tiling = druse.Tiling(scaffold, axes, thickness=1.5)
+    points = np.random.default_rng(5).uniform([2, 4, 4], [7, 6, 6], (400, 3))
+    exact = np.hypot(points[:, 1] - 5, points[:, 2] - 5) - 0.75
+    assert np.abs(tiling.distance(points, half_width=3.0) - exact).max() < 0.02
+    part = tiling.level_set(voxel_size=0.25)
+    # Three cylinders of lengths 20, 10 and 10. Pairs share 16/3 r^3 each, all three 8 (2 - sqrt 2) r^3.
+    radius = 0.75
+    volume = np.pi * radius**2 * 40 - 3 * 16 / 3 * radius**3 + 8 * (2 - np.sqrt(2)) * radius**3
+    assert part.volume == pytest.approx(volume, rel=0.02)
+    again = pickle.loads(pickle.dumps(axes))
+    assert druse.Tiling(scaffold, again, thickness=1.5).level_set(voxel_size=0.25).content_hash == part.content_hash
+    fitted = druse.Cell.graph("axes", element="hex", radius=0.05, band_limit=5, section="fitted")
+    stretched = druse.Tiling(scaffold, fitted, thickness=1.5).distance(points, half_width=3.0)
+    assert np.abs(stretched - exact).max() > 0.1
+
+
+def test_round_beams_and_sheets_are_those_of_a_recipe(block):
+    """The same bytes as a run of the recipe that says the same."""
+    recipe = {
+        "druse": 1,
+        "cell": {"a": {"graph": "octet"}},
+        "scaffold": {"box": {"size": [10, 10, 10], "cell_size": 5}},
+        "tiling": {"cell": "a", "thickness": "0.8 + 0.05 * x"},
+        "band": {"voxel_size": 0.2},
+    }
+    struts = druse.Cell.graph("octet", element="hex", band_limit=4)
+    own = druse.Tiling(block, struts, thickness=lambda p: 0.8 + 0.05 * p[:, 0]).level_set(voxel_size=0.2)
+    assert own.volume == pytest.approx(druse.run(recipe, brief=True).volume, rel=1e-3)
+    recipe["tiling"]["thickness"] = 0.9
+    constant = druse.Tiling(block, struts, thickness=0.9).level_set(voxel_size=0.2)
+    assert constant.content_hash == druse.run(recipe, brief=True).content_hash
+    recipe["cell"]["a"] = {"surface": "iwp", "element": "hex", "solid": "sheet"}
+    sheet = druse.Cell.surface("iwp", element="hex").sheet(0.2)
+    walls = druse.Tiling(block, sheet, thickness=0.9).level_set(voxel_size=0.2)
+    assert walls.content_hash == druse.run(recipe, brief=True).content_hash
+
+
+def test_graded_struts_and_blends_of_graphs(block):
+    cells = [druse.Cell.graph(name, element="hex", band_limit=4) for name in ("octet", "bcc")]
+    weights = lambda p: np.stack([1 - p[:, 0] / 10, p[:, 0] / 10], axis=1)  # noqa: E731
+    blend = druse.Tiling(block, cells, weights=weights, thickness=0.8)
+    assert blend.level_set(voxel_size=0.25).volume > 0
+    with pytest.raises(druse.ArgumentError, match="without weights"):
+        druse.Tiling(block, cells, thickness=0.8)
+    thin, thick = (druse.Tiling(block, cells[0], thickness=t).level_set(voxel_size=0.25).volume for t in (0.6, 0.9))
+    graded = druse.Tiling(block, cells[0], thickness=lambda p: 0.6 + 0.03 * p[:, 2]).level_set(voxel_size=0.25).volume
+    assert thin < graded < thick
+    struts = druse.Cell.graph("octet", element="hex", band_limit=4, section="round")
+    filled = druse.Tiling(block, struts, volume_fraction=0.25)
+    assert filled.level_set(voxel_size=0.2).volume == pytest.approx(250, rel=0.02)
+    with pytest.raises(druse.Error, match="thickness"):
+        druse.Tiling(block, cells[0], thickness=-1)
+
+
+def test_thickness_of_sheets_holds_in_stretched_elements(schwarz):
+    """An element twice as long along z: the mid-surface lies half a thickness inside the wall everywhere."""
+    scaffold = druse.Scaffold.box([8, 8, 16], [1, 1, 1])
+    tiling = druse.Tiling(scaffold, schwarz.sheet(0.1), thickness=0.5)
+    points, _ = druse.Tiling(scaffold, schwarz).level_set(voxel_size=0.2).mesh()
+    inside = points[(np.abs(points - [4, 4, 8]) < [3.5, 3.5, 7.5]).all(axis=1)]
+    assert np.abs(tiling.distance(inside, half_width=1.0) + 0.25).max() < 0.05
+    assert tiling.level_set(voxel_size=0.2).check()["problems"] == []
+
+
+def test_recipes_evaluate_points():
+    recipe = druse.Recipe({
+        "druse": 1,
+        "cell": {"a": {"surface": "schwarz_p"}},
+        "scaffold": {"box": {"size": [10, 10, 10], "cell_size": 5}},
+        "tiling": {"cell": "a"},
+        "band": {"voxel_size": 0.2},
+    })
+    points = np.random.default_rng(6).uniform(0, 10, (4, 25, 3))
+    found = recipe.evaluate(points, exact=True)
+    exact = np.cos(TAU * (points / 5 - 0.5)).sum(axis=-1)
+    assert np.abs(found["phi"] - exact).max() < 1e-12 and found["gradient"].shape == (4, 25, 3)
+    assert (found["weights"]["a"] == 1).all() and set(np.unique(found["element"])) <= set(range(9))
+    outside = recipe.evaluate([[20.0, 0, 0]])
+    assert outside["element"] == [-1] and np.isnan(outside["phi"]).all()
+    with pytest.raises(druse.Error, match="scaffold"):
+        druse.Recipe({"druse": 1, "band": {"voxel_size": 0.2}}).evaluate([[0, 0, 0]])
 
 
 def test_what_does_not_fit_is_refused(block, schwarz):

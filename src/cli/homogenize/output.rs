@@ -1,9 +1,8 @@
 //! Effective properties as text, JSON and tables.
 
 use crate::frame::Vec3;
-use crate::homogenize::{
-    Derivatives, EngineeringConstants, LOADS, Period, Properties, Voigt, directional_modulus,
-};
+use crate::homogenize::{EngineeringConstants, LOADS, Properties, Voigt, directional_modulus};
+use crate::pipeline::{CellPeriod, CellProperties};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -20,78 +19,29 @@ pub(super) struct Material {
 
 /// The results of a period.
 pub(super) struct PeriodResults<'a> {
-    pub name: &'a str,
-    pub period: &'a Period,
-    pub level: f64,
+    pub source: &'a CellPeriod,
     pub material: Material,
-    /// Area of the surface by volume, per reference length.
-    pub surface: f64,
     pub is_sharp: bool,
-    pub fine: &'a Properties,
-    pub coarse: Option<&'a Properties>,
-    pub gradient: Option<&'a [Derivatives]>,
-}
-
-/// The greatest difference of entries over the greatest entry.
-fn difference<const N: usize>(fine: &[[f64; N]; N], coarse: &[[f64; N]; N]) -> f64 {
-    let greatest = fine.iter().flatten().fold(0.0, |m: f64, v| m.max(v.abs()));
-    let pairs = fine.iter().flatten().zip(coarse.iter().flatten());
-    let difference = pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
-    if greatest > 0.0 {
-        difference / greatest
-    } else {
-        0.0
-    }
-}
-
-/// A matrix on an infinitely fine grid, if the error falls with the edge of a voxel.
-fn extrapolated<const N: usize>(fine: &[[f64; N]; N], coarse: &[[f64; N]; N]) -> Vec<Vec<f64>> {
-    let value = |i: usize, j: usize| 2.0 * fine[i][j] - coarse[i][j];
-    (0..N)
-        .map(|i| (0..N).map(|j| value(i, j)).collect())
-        .collect()
+    pub computed: &'a CellProperties,
 }
 
 impl PeriodResults<'_> {
-    /// Hydraulic diameter of the void: four times its volume over its surface, reference lengths.
-    fn hydraulic_diameter(&self) -> Option<f64> {
-        (self.surface > 0.0).then(|| 4.0 * (1.0 - self.fine.volume_fraction) / self.surface)
+    fn fine(&self) -> &Properties {
+        &self.computed.fine
     }
 
     /// The bulk modulus to compare with its bound; for a planar period that of the plane.
     fn bulk(&self, e: &EngineeringConstants) -> f64 {
-        match &self.fine.plane_strain {
+        match &self.fine().plane_strain {
             Some(c) => (c[0][0] + c[1][1] + 2.0 * c[0][1]) / 4.0,
             None => e.bulk,
         }
     }
 
-    /// Relative errors of stiffness, conductivity and permeability: their differences to a grid half as fine.
-    fn errors(&self) -> [Option<f64>; 3] {
-        let Some(coarse) = self.coarse else {
-            return [None; 3];
-        };
-        let second = |a: &Option<[[f64; 3]; 3]>, b: &Option<[[f64; 3]; 3]>| {
-            a.as_ref().zip(b.as_ref()).map(|(a, b)| difference(a, b))
-        };
-        let stiffness = self.fine.stiffness.as_ref().zip(coarse.stiffness.as_ref());
-        [
-            stiffness.map(|(a, b)| difference(a, b)),
-            second(&self.fine.conductivity, &coarse.conductivity),
-            second(&self.fine.permeability, &coarse.permeability),
-        ]
-    }
-
     pub fn json(&self) -> Value {
-        let fine = self.fine;
-        let mut all = serde_json::to_value(fine).unwrap_or_default();
+        let mut all = self.computed.json(self.source);
         all["kind"] = json!("properties");
-        all["cell"] = json!(self.name);
-        all["element"] = json!(self.period.element().name());
-        all["period"] = json!(self.period.describe());
-        all["level"] = json!(self.level);
         all["sharp"] = json!(self.is_sharp);
-        all["order"] = json!(LOADS);
         all["material"] = json!({
             "E": self.material.young.unwrap_or(1.0),
             "nu": self.material.poisson,
@@ -99,36 +49,13 @@ impl PeriodResults<'_> {
             "void": self.material.void,
             "relative": self.material.young.is_none(),
         });
-        all["surface_per_volume"] = json!(self.surface);
-        all["hydraulic_diameter"] = json!(self.hydraulic_diameter());
-        if let Some(coarse) = self.coarse {
-            let [stiffness, conductivity, permeability] = self.errors();
-            let both = |a: &Option<[[f64; 3]; 3]>, b: &Option<[[f64; 3]; 3]>| {
-                a.as_ref().zip(b.as_ref()).map(|(a, b)| extrapolated(a, b))
-            };
-            let elastic = fine.stiffness.as_ref().zip(coarse.stiffness.as_ref());
-            all["error"] = json!({
-                "coarse_voxels": coarse.voxels,
-                "stiffness": stiffness,
-                "conductivity": conductivity,
-                "permeability": permeability,
-            });
-            all["extrapolated"] = json!({
-                "stiffness": elastic.map(|(a, b)| extrapolated(a, b)),
-                "conductivity": both(&fine.conductivity, &coarse.conductivity),
-                "permeability": both(&fine.permeability, &coarse.permeability),
-            });
-        }
-        if let Some(gradient) = self.gradient {
-            all["gradient"] = serde_json::to_value(gradient).unwrap_or_default();
-        }
         all
     }
 
     /// A table of every number: quantity, row, column, value; of derivatives also the coefficient.
     pub fn csv(&self) -> String {
         let mut text = "quantity,i,j,value\n".to_owned();
-        let fine = self.fine;
+        let fine = self.fine();
         let mut line = |name: &str, i: &str, j: &str, value: f64| {
             let _ = writeln!(text, "{name},{i},{j},{value}");
         };
@@ -196,17 +123,22 @@ impl PeriodResults<'_> {
         }
         for (name, error) in ["stiffness", "conductivity", "permeability"]
             .into_iter()
-            .zip(self.errors())
+            .zip(self.computed.errors())
         {
             if let Some(error) = error {
                 line("error", name, "", error);
             }
         }
-        line("surface_per_volume", "", "", self.surface);
-        if let Some(d) = self.hydraulic_diameter() {
+        line(
+            "surface_per_volume",
+            "",
+            "",
+            self.computed.surface_per_volume,
+        );
+        if let Some(d) = self.computed.hydraulic_diameter() {
             line("hydraulic_diameter", "", "", d);
         }
-        for d in self.gradient.unwrap_or_default() {
+        for d in self.computed.gradient.iter().flatten() {
             let k = d.k.as_ref().map_or(String::new(), |k| {
                 let shown: Vec<String> = k.iter().map(ToString::to_string).collect();
                 format!("({})", shown.join(" "))
@@ -229,13 +161,13 @@ impl PeriodResults<'_> {
     }
 
     pub fn text(&self) -> String {
-        let fine = self.fine;
+        let fine = self.fine();
         let [nx, ny, nz] = fine.voxels;
         let mut text = format!(
             "{}: {} of a {} cell, {nx} x {ny} x {nz} voxels{}, volume fraction {:.5}\n",
-            self.name,
-            self.period.describe(),
-            self.period.element().name(),
+            self.source.name,
+            self.source.period.describe(),
+            self.source.period.element().name(),
             if self.is_sharp { ", sharp" } else { "" },
             fine.volume_fraction,
         );
@@ -304,10 +236,10 @@ impl PeriodResults<'_> {
         }
         let mut parts = Vec::new();
         let names = ["stiffness", "conductivity", "permeability"];
-        for (name, error) in names.into_iter().zip(self.errors()) {
+        for (name, error) in names.into_iter().zip(self.computed.errors()) {
             parts.extend(error.map(|e| format!("{name} {:.2} %", 100.0 * e)));
         }
-        if let (Some(coarse), false) = (self.coarse, parts.is_empty()) {
+        if let (Some(coarse), false) = (&self.computed.coarse, parts.is_empty()) {
             let _ = writeln!(
                 text,
                 "error, as the difference to {} voxels: {}",
@@ -315,8 +247,12 @@ impl PeriodResults<'_> {
                 parts.join(", ")
             );
         }
-        let _ = write!(text, "surface per volume {:.4} / edge", self.surface);
-        if let Some(d) = self.hydraulic_diameter() {
+        let _ = write!(
+            text,
+            "surface per volume {:.4} / edge",
+            self.computed.surface_per_volume
+        );
+        if let Some(d) = self.computed.hydraulic_diameter() {
             let _ = write!(text, ", hydraulic diameter {d:.4} edge");
         }
         text.push('\n');
@@ -327,7 +263,7 @@ impl PeriodResults<'_> {
                 fine.load_cases, fine.iterations[0]
             );
         }
-        if let Some(gradient) = self.gradient {
+        if let Some(gradient) = &self.computed.gradient {
             let _ = writeln!(
                 text,
                 "derivatives: C11, C12, C44, conductivity 11, volume fraction"
@@ -351,8 +287,8 @@ impl PeriodResults<'_> {
 
     /// Title and lines beside a picture.
     pub fn caption(&self) -> (String, Vec<String>) {
-        let fine = self.fine;
-        let title = format!("{}: {}", self.name, self.period.describe());
+        let fine = self.fine();
+        let title = format!("{}: {}", self.source.name, self.source.period.describe());
         let mut lines = vec![format!("volume fraction {:.4}", fine.volume_fraction)];
         if self.material.young.is_none() {
             lines.push("relative to the solid's E".to_owned());

@@ -1,11 +1,10 @@
 //! `--sweep volume_fraction=FROM:TO:STEP`: a table and curves over the volume fraction.
 
-use super::warnings::warn_of;
-use super::{Parameters, sampled, shares_of};
+use super::{Parameters, warn_of};
 use crate::cli::{Answer, Failure, Session};
 use crate::homogenize::{Properties, Settings, Start, cubic_means, properties_from};
 use crate::io::atomic::write_bytes;
-use crate::pipeline::{CellPeriod, SweepCurve, sweep_picture};
+use crate::pipeline::{CellPeriod, SweepCurve, sampled, shares_of, sweep_picture};
 use crate::progress::Progress;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -128,7 +127,7 @@ pub(super) fn answer(
         let samples = sampled(source, p.resolution, None, session)?;
         let level = samples.level_for_volume_fraction(fraction)?;
         let samples = samples.with_level(level);
-        let (grid, shares) = (samples.grid(), shares_of(p, &samples));
+        let (grid, shares) = (samples.grid(), shares_of(p.sharp, &samples));
         drop(samples);
         let found = properties_from(grid, &shares, settings, Some(&mut start), session)?;
         warn_of(source, &found, p.resolution, level, session)?;

@@ -16,6 +16,7 @@ from ._druse import __version__
 from ._errors import ArgumentError, Error, FileError, RecipeError
 from ._level_set import LevelSet
 from ._mesh import Mesh, crystal
+from ._properties import design
 from ._recipe import Recipe, run, schema, set_threads
 from ._scaffold import Scaffold
 from ._tiling import Tiling
@@ -34,6 +35,7 @@ __all__ = [
     "Tiling",
     "__version__",
     "crystal",
+    "design",
     "fit",
     "run",
     "schema",

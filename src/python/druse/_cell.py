@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from . import _druse
 from ._arrays import Floats, Progress, log, numeric, points_of, positive, shaped
 from ._errors import ArgumentError
+from ._properties import homogenize
 from ._toml import table
 
 _LEVEL_KEYS = ("level", "volume_fraction", "thickness", "solid", "invert")
@@ -32,19 +34,23 @@ class Cell:
         raise TypeError("cells are made by Cell.surface, Cell.graph, Cell.load, druse.fit and their like")
 
     @classmethod
-    def _of(cls, cell: _druse.Cell) -> Cell:
+    def _of(cls, cell: _druse.Cell, keys: dict[str, Any] | None = None) -> Cell:
         made = cls.__new__(cls)
         made._cell = cell
+        made._keys = keys
         made._facts_cache = None
         return made
 
     _facts_cache: dict[str, Any] | None
+    # The section of struts or plates, of which round beams are made.
+    _keys: dict[str, Any] | None
 
     @classmethod
     def _make(cls, name: str, source: str | None, progress: Progress | None, keys: dict[str, Any]) -> Cell:
         cell, warnings = _druse.Cell.make(name, source, table(keys), progress)
         log(logging.WARNING, f"cell {name}", warnings)
-        return cls._of(cell)
+        is_skeleton = "graph" in keys or "plates" in keys
+        return cls._of(cell, {k: v for k, v in keys.items() if v is not None} if is_skeleton else None)
 
     @classmethod
     def surface(cls, name: str, **keys: Any) -> Cell:
@@ -56,12 +62,16 @@ class Cell:
 
     @classmethod
     def graph(cls, name: str, **keys: Any) -> Cell:
-        """A cell fitted to struts: a name such as octet, bcc or kelvin, or a file; ``radius`` in reference lengths."""
+        """A cell of struts: a name such as octet, bcc or kelvin, or a file; ``radius`` in reference lengths.
+
+        Its values are those of a fitted series. As in recipes, a `Tiling` with a thickness makes round beams of that
+        diameter, and so does ``section="round"``; ``section="fitted"`` keeps the series.
+        """
         return cls._make(_stem(name), None, None, {"graph": str(name), **keys})
 
     @classmethod
     def plates(cls, name: str, **keys: Any) -> Cell:
-        """A cell fitted to plates: face_plates, sc_plates, bcc_plates, fcc_plates, or a file."""
+        """A cell of plates: face_plates, sc_plates, bcc_plates, fcc_plates, or a file; for tilings as `graph`."""
         return cls._make(_stem(name), None, None, {"plates": str(name), **keys})
 
     @classmethod
@@ -170,7 +180,11 @@ class Cell:
         for key in keys:
             if key not in _LEVEL_KEYS:
                 raise ArgumentError(f"found the key {key!r}; expected one of {', '.join(_LEVEL_KEYS)}")
-        return self._of(self._cell.with_level(table(keys)))
+        made = self._cell.with_level(table(keys))
+        if self._keys is None or not set(keys) <= {"volume_fraction", "thickness"}:
+            return self._of(made)
+        kept = {key: value for key, value in self._keys.items() if key not in _LEVEL_KEYS}
+        return self._of(made, {**kept, **keys})
 
     def with_volume_fraction(self, fraction: float) -> Cell:
         """The same function at the level at which the solid's share of the element is `fraction`."""
@@ -205,6 +219,66 @@ class Cell:
         values, gradients = self._cell.values_and_gradients(own)
         return shaped(values, shape), gradients.reshape((*shape, 3))
 
+    def homogenize(
+        self,
+        resolution: int = 64,
+        *,
+        young: float = 1.0,
+        poisson: float = 0.3,
+        kappa: float = 1.0,
+        void: float = 1e-4,
+        only: str | Iterable[str] | None = None,
+        tets: str = "bcc",
+        sharp: bool = False,
+        fitted: bool = False,
+        gradient: bool = False,
+        residual: float = 1e-4,
+        progress: Progress | None = None,
+    ) -> dict[str, Any]:
+        """Effective properties of the cell repeated without end, as ``druse cell homogenize`` computes them.
+
+        Parameters
+        ----------
+        resolution : int
+            Voxels along the period, an even number from 8 on.
+        young, poisson, kappa : float
+            Young's modulus, Poisson's ratio and conductivity of the solid; results have their units.
+        void : float
+            Moduli and conductivity of the void over those of the solid.
+        only : str or iterable of str, optional
+            Properties to compute: stiffness, conductivity, permeability; all when left out.
+        tets : {"bcc", "kuhn"}
+            Periodic packing of a cell of a tet: twelve or six in a cube.
+        sharp : bool
+            Round voxels to solid or void; results then satisfy all bounds.
+        fitted : bool
+            Use the series of struts and plates instead of round beams.
+        gradient : bool
+            Also compute derivatives by the level and by every coefficient.
+        residual : float
+            Residual at which iterations end, over that of the load.
+        progress : callable, optional
+            Called with stage, done and total.
+
+        Returns
+        -------
+        dict
+            ``stiffness`` [6, 6] (Voigt order 11 22 33 23 13 12, engineering shear), ``conductivity`` [3, 3],
+            ``permeability`` of the void [3, 3] (squares of the period's edge), ``volume_fraction``, ``engineering``
+            constants, Hashin-Shtrikman ``bounds`` (lower, upper) of bulk, shear and conductivity, ``over_bounds``
+            (values over the upper bounds), ``error`` (difference to a grid half as fine) and ``extrapolated``.
+        """
+        return homogenize(
+            self, resolution, young, poisson, kappa, void, only, tets, sharp, fitted, gradient, residual, progress
+        )
+
+    def png(self) -> bytes:
+        """Slices through the cell, and its error over the number of coefficients, as PNG."""
+        return self._cell.png()
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Cell) and self._cell.to_json() == other._cell.to_json()
 
@@ -212,14 +286,14 @@ class Cell:
         return hash(self._cell.to_json())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickle, (self._cell.to_json(),)
+        return _unpickle, (self._cell.to_json(), self._keys)
 
     def __repr__(self) -> str:
         return f"druse.Cell({self.name!r}, element={self.element!r}, solid={self.solid!r}, level={self.level:.6g})"
 
 
-def _unpickle(text: str) -> Cell:
-    return Cell._of(_druse.Cell.from_json(text))
+def _unpickle(text: str, keys: dict[str, Any] | None) -> Cell:
+    return Cell._of(_druse.Cell.from_json(text), keys)
 
 
 def _stem(name: str | os.PathLike[str]) -> str:

@@ -18,6 +18,9 @@ from ._errors import ArgumentError
 if TYPE_CHECKING:
     from ._level_set import LevelSet
 
+# Voxels along the longest edge of a picture's level set.
+_PICTURE_VOXELS = 200
+
 
 class Mesh:
     """Triangles over shared vertices, counter-clockwise seen from outside.
@@ -73,10 +76,11 @@ class Mesh:
             surface = surface.triangulate()
             return cls(surface.points, np.asarray(surface.faces).reshape(-1, 4)[:, 1:])
         if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):  # meshio
-            triangles = mesh.cells_dict.get("triangle")
-            if triangles is None:
-                raise ArgumentError(f"the mesh has {', '.join(mesh.cells_dict)}; expected triangles")
-            return cls(mesh.points, triangles)
+            faces = [np.asarray(rows) for name, rows in mesh.cells_dict.items() if name in ("triangle", "quad")]
+            if not faces:
+                raise ArgumentError(f"the mesh has {', '.join(mesh.cells_dict)}; expected triangles or quads")
+            cut = [rows if rows.shape[1] == 3 else rows[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3) for rows in faces]
+            return cls(_spatial(mesh.points), np.concatenate(cut))
         if isinstance(mesh, tuple) and len(mesh) == 2:
             return cls(*mesh)
         raise ArgumentError(
@@ -143,6 +147,26 @@ class Mesh:
         log(logging.INFO, "mesh", notes)
         return LevelSet._of(made)
 
+    def to_trimesh(self) -> Any:
+        """The mesh as trimesh.Trimesh; needs trimesh."""
+        trimesh: Any = importlib.import_module("trimesh")
+
+        return trimesh.Trimesh(np.array(self.vertices), self.faces.astype(np.int64), process=False)
+
+    def to_meshio(self) -> Any:
+        """The mesh as meshio.Mesh; needs meshio."""
+        meshio: Any = importlib.import_module("meshio")
+
+        return meshio.Mesh(np.array(self.vertices), [("triangle", self.faces.astype(np.int64))])
+
+    def png(self, width: int = 800, height: int = 640) -> bytes:
+        """A shaded picture as PNG, of a level set of the mesh."""
+        size = float((self.bounds[1] - self.bounds[0]).max())
+        return self.level_set(positive(size, "size") / _PICTURE_VOXELS).png(width, height)
+
+    def _repr_png_(self) -> bytes | None:
+        return self.png() if self._mesh.counts()[1] else None
+
     def to_pyvista(self) -> Any:
         """The mesh as pyvista.PolyData; needs pyvista."""
         pyvista: Any = importlib.import_module("pyvista")
@@ -158,6 +182,12 @@ class Mesh:
     def __repr__(self) -> str:
         vertices, faces = self._mesh.counts()
         return f"druse.Mesh({vertices} vertices, {faces} faces)"
+
+
+def _spatial(points: Any) -> Any:
+    """Return points of a plane with z = 0."""
+    array = np.asarray(points)
+    return np.pad(array, ((0, 0), (0, 1))) if array.ndim == 2 and array.shape[1] == 2 else array
 
 
 def crystal(script: str) -> Mesh:

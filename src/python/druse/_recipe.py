@@ -8,8 +8,10 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+import numpy.typing as npt
+
 from . import _druse
-from ._arrays import Progress, count, log
+from ._arrays import Progress, count, log, points_of, shaped
 from ._child import program
 from ._errors import ArgumentError
 from ._level_set import LevelSet
@@ -69,6 +71,36 @@ class Recipe:
         """What a run needs and writes: voxels, memory, disk and time."""
         estimate: dict[str, Any] = json.loads(self._recipe.estimate(program()))
         return estimate
+
+    def evaluate(self, points: npt.ArrayLike, *, exact: bool = False) -> dict[str, Any]:
+        """The tiled field of the recipe's scaffold at points [..., 3], without voxels, as ``druse eval``.
+
+        Parameters
+        ----------
+        points : array_like, shape [..., 3]
+            World coordinates.
+        exact : bool
+            Evaluate the cells' series instead of their tables.
+
+        Returns
+        -------
+        dict
+            ``phi`` [...] and ``gradient`` [..., 3] of the field, ``distance`` [...] to the solid (within the half width
+            of the band), ``element`` [...] (the file's number, -1 outside), ``reference`` [..., 3] coordinates, and
+            ``weights``, a mapping of cells to arrays [...]. All but ``distance`` are NaN outside the scaffold.
+        """
+        own, shape = points_of(points)
+        cells, found = self._recipe.evaluate(program(), own, bool(exact))
+        phi, gradient, distance, element, reference, weights = found
+        by_cell = weights.reshape(-1, len(cells))
+        return {
+            "phi": shaped(phi, shape),
+            "gradient": gradient.reshape((*shape, 3)),
+            "distance": shaped(distance, shape),
+            "element": shaped(element, shape),
+            "reference": reference.reshape((*shape, 3)),
+            "weights": {name: shaped(by_cell[:, n].copy(), shape) for n, name in enumerate(cells)},
+        }
 
     def run(
         self,

@@ -6,14 +6,17 @@ import importlib
 import logging
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _druse
-from ._arrays import Floats, count, log, numeric, points_of, read_only, shaped, vector
+from ._arrays import Floats, count, log, numeric, points_of, positive, read_only, shaped, vector
 from ._errors import ArgumentError
+
+if TYPE_CHECKING:
+    from ._mesh import Mesh
 
 # VTK types by their names in meshio; nodes are in VTK order.
 _TYPES = {
@@ -27,6 +30,10 @@ _TYPES = {
     "pyramid13": 27,
     "hexahedron27": 29,
 }
+# VTK's triquadratic pyramid, and its axis-aligned hexahedron with the places of that one's nodes.
+_PYRAMID14 = 37
+_VOXEL = 11
+_VOXEL_ORDER = [0, 1, 3, 2, 4, 5, 7, 6]
 _BOXES = {"hex": 12, "tet": 10, "wedge": 13, "pyramid": 14}
 
 
@@ -126,13 +133,20 @@ class Scaffold:
 
     @classmethod
     def of(cls, mesh: Any) -> Scaffold:
-        """Convert a mesh of meshio or a pyvista.UnstructuredGrid; the arrays are copied, data become `fields`."""
+        """Convert a mesh of meshio or a grid of pyvista; the arrays are copied, data become `fields`.
+
+        Elements that are not solid (lines, triangles, quads) are left out, with their data.
+        """
         if isinstance(mesh, Scaffold):
             return mesh
+        if not hasattr(mesh, "celltypes") and hasattr(type(mesh), "cast_to_unstructured_grid"):  # other grids of pyvista
+            mesh = mesh.cast_to_unstructured_grid()
         if hasattr(mesh, "celltypes") and hasattr(mesh, "cell_connectivity"):  # pyvista
             made = cls.__new__(cls)
-            fields = {**_numeric_fields(mesh.cell_data), **_numeric_fields(mesh.point_data)}
-            made._build(mesh.points, mesh.offset, mesh.cell_connectivity, mesh.celltypes, fields)
+            own, offsets, connectivity, types = _solids(mesh)
+            data = _numeric_fields(mesh.cell_data).items()
+            cells = {name: values[own] for name, values in data if len(values) == len(own)}
+            made._build(mesh.points, offsets, connectivity, types, {**cells, **_numeric_fields(mesh.point_data)})
             return made
         if hasattr(mesh, "cells") and hasattr(mesh, "points"):  # meshio
             solids = [(n, b) for n, b in enumerate(mesh.cells) if b.type in _TYPES]
@@ -179,6 +193,56 @@ class Scaffold:
         elements, places = self._scaffold.locate(own)
         return shaped(elements, shape), places.reshape((*shape, 3))
 
+    def surface(self, error: float | None = None) -> Mesh:
+        """The outer faces as triangles, within `error` of curved ones (a hundredth of an element when left out)."""
+        from ._mesh import Mesh
+
+        within = self._scaffold.stretch()[0] / 100 if error is None else positive(error, "error")
+        return Mesh._of(self._scaffold.surface(within))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a .vtu file with the fields; a field of several numbers becomes NAME_0, NAME_1 and so on."""
+        nodes: list[tuple[str, Floats]] = []
+        elements: list[tuple[str, Floats]] = []
+        for name, values in self.fields.items():
+            array = numeric(values, f"field {name!r}", np.float64)
+            if array.ndim == 0 or len(array) not in (len(self.nodes), len(self)):
+                raise ArgumentError(
+                    f"field {name!r} has the shape {list(array.shape)}; expected {len(self.nodes)} nodes or "
+                    f"{len(self)} elements"
+                )
+            place = nodes if len(array) == len(self.nodes) else elements
+            if array.ndim == 1:
+                place.append((name, array))
+                continue
+            columns = np.ascontiguousarray(array.reshape(len(array), -1).T)
+            place += [(f"{name}_{n}", column) for n, column in enumerate(columns)]
+        self._scaffold.save(os.fspath(path), nodes, elements)
+
+    def to_meshio(self) -> Any:
+        """The scaffold as meshio.Mesh with its fields; needs meshio."""
+        meshio: Any = importlib.import_module("meshio")
+
+        offsets, connectivity, types = self.elements
+        blocks: list[tuple[str, Any]] = []
+        rows: list[Any] = []
+        for name, kind in _TYPES.items():
+            own = np.flatnonzero(types == kind)
+            if len(own):
+                width = int(offsets[own[0] + 1] - offsets[own[0]])
+                blocks.append((name, connectivity[offsets[own][:, None] + np.arange(width)]))
+                rows.append(own)
+        if sum(len(own) for own in rows) < len(types):
+            raise ArgumentError("the scaffold has pyramids of 14 nodes; meshio has no name for them")
+        at_nodes = {name: values for name, values in self.fields.items() if len(values) == len(self.nodes)}
+        at_elements = {
+            name: [values[own] for own in rows] for name, values in self.fields.items() if name not in at_nodes
+        }
+        return meshio.Mesh(np.array(self.nodes), blocks, point_data=at_nodes, cell_data=at_elements)
+
+    def _repr_png_(self) -> bytes | None:
+        return self.surface()._repr_png_()
+
     def to_pyvista(self) -> Any:
         """The scaffold as pyvista.UnstructuredGrid with its fields; needs pyvista."""
         pyvista: Any = importlib.import_module("pyvista")
@@ -196,6 +260,25 @@ class Scaffold:
 
     def __repr__(self) -> str:
         return f"druse.Scaffold({len(self.nodes)} nodes, {len(self)} elements)"
+
+
+def _solids(mesh: Any) -> tuple[npt.NDArray[np.bool_], Any, Any, Any]:
+    """Return which cells of a grid of pyvista are solid, and their offsets, node numbers and types."""
+    types = numeric(mesh.celltypes, "celltypes", np.int64).ravel()
+    offsets = numeric(mesh.offset, "offset", np.int64).ravel()
+    nodes = numeric(mesh.cell_connectivity, "cell_connectivity", np.int64).ravel()
+    is_solid = np.isin(types, [*_TYPES.values(), _PYRAMID14, _VOXEL])
+    counts = np.diff(offsets)
+    is_sound = len(counts) == len(types) and (counts >= 0).all() and int(counts.sum()) == len(nodes)
+    if not is_sound or not is_solid.any() or (counts[types == _VOXEL] != 8).any():
+        return np.ones(len(types), dtype=bool), offsets, nodes, types
+    nodes = nodes[np.repeat(is_solid, counts)]
+    types, counts = types[is_solid], counts[is_solid]
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    # A voxel is a hexahedron with its nodes in another order.
+    rows = offsets[:-1][types == _VOXEL][:, None] + np.arange(8)
+    nodes[rows] = nodes[rows][:, _VOXEL_ORDER]
+    return is_solid, offsets, nodes, np.where(types == _VOXEL, _TYPES["hexahedron"], types)
 
 
 def _numeric_fields(data: Any) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from ._arrays import Floats, Progress, numeric, points_of, positive, shaped
 from ._cell import Cell
 from ._errors import ArgumentError
 from ._level_set import LevelSet
+from ._metric import MetricTiling, is_metric_sheet, is_round
 from ._scaffold import Scaffold
 
 Graded = float | npt.ArrayLike | Callable[[Floats], object]
@@ -33,8 +34,9 @@ class Tiling:
     cell : Cell or sequence of Cell
         The cell. Several cells are one for each element shape, or with `weights` the members of a blend.
     level, volume_fraction, thickness : number, array_like [nodes], or callable, optional
-        A grading; at most one. Thickness is a full local thickness in world units. A callable is evaluated at the
-        nodes.
+        A grading; at most one. Thickness is a full local thickness in world units: of sheets, and of struts and
+        plates (`Cell.graph`, `Cell.plates`), it holds in space whatever the elements do to the cell, and struts
+        become round beams. A callable is evaluated at the nodes.
     weights : array_like [nodes, cells], or callable, optional
         Weights of the cells of a blend: not negative; they are divided by their sum.
     interpolation : {"linear", "smoothstep"}
@@ -65,6 +67,8 @@ class Tiling:
     ) -> None:
         self.scaffold = Scaffold.of(scaffold)
         self.cells: tuple[Cell, ...] = (cell,) if isinstance(cell, Cell) else tuple(cell)
+        if not self.cells:
+            raise ArgumentError("no cell; expected at least one")
         for own in self.cells:
             if not isinstance(own, Cell):
                 raise ArgumentError(f"found {type(own).__name__}; expected cells")
@@ -73,19 +77,21 @@ class Tiling:
         if len(gradings) > 1:
             raise ArgumentError(f"found {' and '.join(gradings)}; expected at most one of them")
         graded = [(key, self._at_nodes(values, key, ())) for key, values in gradings.items()]
-        if weights is None:
-            own_weights, members = None, [[c._cell for c in self.cells]]
-        else:
-            own_weights = self._at_nodes(weights, "weights", (len(self.cells),))
-            members = [[c._cell] for c in self.cells]
-            if graded and len(members) > 1:
-                raise ArgumentError("found weights and a grading; expected one of them, or a single cell")
+        own_weights = None if weights is None else self._at_nodes(weights, "weights", (len(self.cells),))
+        words = (interpolation, distance, boundary)
+        self._metric: MetricTiling | None = None
+        if is_round(self.cells, gradings) or is_metric_sheet(self.cells, gradings):
+            # One number stays one, which makes beams without tapers.
+            numbers = [(k, float(v[0]) if _is_number(gradings[k]) else v) for k, v in graded]
+            self._metric = MetricTiling(
+                self.scaffold, self.cells, own_weights, numbers[0] if numbers else None, words
+            )
+            return
+        members = [[c._cell for c in self.cells]] if weights is None else [[c._cell] for c in self.cells]
+        if weights is not None and graded and len(members) > 1:
+            raise ArgumentError("found weights and a grading; expected one of them, or a single cell")
         self._tiling = _druse.Tiling(
-            self.scaffold._scaffold,
-            members,
-            own_weights,
-            graded[0] if graded else None,
-            (interpolation, distance, boundary),
+            self.scaffold._scaffold, members, own_weights, graded[0] if graded else None, words
         )
 
     def _at_nodes(self, values: Any, name: str, trailing: tuple[int, ...]) -> Floats:
@@ -122,6 +128,8 @@ class Tiling:
         own, shape = points_of(points)
         size = self._default_voxel_size() if voxel_size is None else positive(voxel_size, "voxel_size")
         clamp = _CLAMP_VOXELS * size if half_width is None else positive(half_width, "half_width")
+        if self._metric is not None:
+            return shaped(self._metric.distance(own, size, clamp), shape)
         return shaped(self._tiling.distances(own, size, clamp), shape)
 
     def _default_voxel_size(self) -> float:
@@ -129,12 +137,14 @@ class Tiling:
 
     def level_set(self, voxel_size: float, half_width: float = 3.0, progress: Progress | None = None) -> LevelSet:
         """The level set of the solid; `voxel_size` in world units, `half_width` of the band in voxels."""
-        made = self._tiling.level_set(
-            positive(voxel_size, "voxel_size"), positive(half_width, "half_width"), progress
-        )
-        return LevelSet._of(made)
+        size, width = positive(voxel_size, "voxel_size"), positive(half_width, "half_width")
+        if self._metric is not None:
+            return self._metric.level_set(size, width, progress)
+        return LevelSet._of(self._tiling.level_set(size, width, progress))
 
     def __repr__(self) -> str:
         return f"druse.Tiling({self.scaffold!r}, {', '.join(repr(c) for c in self.cells)})"
 
 
+def _is_number(values: Any) -> bool:
+    return not callable(values) and np.ndim(values) == 0
