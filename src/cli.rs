@@ -53,6 +53,7 @@ mod run;
 mod scaffold;
 mod schema;
 mod sequence_plan;
+mod server;
 mod signals;
 mod slice;
 mod vdb;

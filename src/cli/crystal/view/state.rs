@@ -1,5 +1,6 @@
 //! The state of the viewer: the model that is edited, its history, and the script that reproduces it.
 
+use super::super::super::server::Refused;
 use super::super::super::{Failure, Session};
 use super::super::{Source, begin, self_intersections};
 use super::sandbox::Sandbox;
@@ -17,21 +18,6 @@ use std::path::Path;
 const MAX_UNDO_STEPS: usize = 500;
 /// Maximum number of faces of a mesh that every step checks for self-intersections.
 const MAX_CHECKED_FACES: usize = 20_000;
-
-/// Why a request is refused: an HTTP status and a message.
-pub(super) struct Refused {
-    pub status: u16,
-    pub message: String,
-}
-
-impl Refused {
-    fn new(message: impl Into<String>) -> Self {
-        Self {
-            status: 422,
-            message: message.into(),
-        }
-    }
-}
 
 /// Names that the page offers.
 pub(super) fn words() -> Value {
