@@ -30,6 +30,7 @@ mod crystals;
 mod cut_faces;
 mod decimate;
 mod deck;
+mod drains;
 mod effective;
 mod error;
 mod estimate;
@@ -50,6 +51,7 @@ mod lattice;
 mod least_wall;
 mod level_set_ops;
 mod macro_deck;
+mod measure;
 mod memory;
 mod meshing;
 mod motion;
@@ -89,6 +91,7 @@ pub use cavities::{CavitiesReport, CavityReport};
 pub use cells::{make_cell, own_element, with_level};
 pub(crate) use cells::{one_element, read_source};
 pub(crate) use crystals::{clock_parameters, crystal_script};
+pub use drains::DrainReport;
 pub use error::RunError;
 pub use estimate::Estimate;
 pub(crate) use fit_options::fit_options;
@@ -124,14 +127,13 @@ pub use source::{CellFault, set_source};
 pub use targets::design;
 pub(crate) use view::{cell_block, few_triangles, wall_thickness};
 
-use cut_faces::CutFaces;
 use inputs::Inputs;
-use least_wall::Phase;
 use level_set_ops::StageContext;
 use macro_deck::needs_no_voxels;
+use measure::measure;
 use output_targets::{Targets, output_targets};
 use stage_timer::StageTimer;
-use thickness::{SolidGeometry, Thickness, sampled_walls};
+use thickness::{SolidGeometry, Thickness};
 
 /// How a recipe is run.
 #[derive(Clone, Debug, Default)]
@@ -380,61 +382,4 @@ fn requests_certificate(recipe: &Recipe) -> bool {
 
 fn threads(options: &RunOptions) -> Result<Threads, RunError> {
     Threads::new(options.threads).map_err(|e| RunError::Threads(e.to_string()))
-}
-
-/// Measures volume, area and components of the solid and, on request, its mesh and wall thickness.
-/// Returns the mesh.
-fn measure(
-    context: StageContext,
-    inputs: &Inputs,
-    solid: &LevelSet,
-    report: &mut SolidReport,
-    (needs_mesh, needs_walls): (bool, bool),
-    timer: &mut StageTimer,
-) -> Result<Option<crate::mesh::TriMesh>, RunError> {
-    let failed = RunError::level_set("measure");
-    let session = context.session();
-    if !needs_mesh {
-        let found = solid.measures(session).map_err(&failed)?;
-        report.volume = found.volume;
-        report.area = found.area;
-        report.components = found.components;
-        report.bounds = Some(found.bounds);
-        timer.end_stage("measure")?;
-        return Ok(None);
-    }
-    context.progress.stage("mesh", None);
-    let mesh = solid.to_mesh(session).map_err(&failed)?;
-    if mesh.is_empty() {
-        let last = inputs.recipe.sections().op.len();
-        return Err(RunError::Empty(match last {
-            0 => "sampling".into(),
-            n => format!("op.{}", n - 1),
-        }));
-    }
-    timer.end_stage("mesh")?;
-    context.progress.stage("measure", None);
-    // The measures are those of the mesh that is written. OpenVDB's own have an error of the same size
-    // and opposite sign.
-    let found = context.threads.install(|| mesh.measures());
-    report.volume = found.volume;
-    report.area = found.area;
-    report.components = solid.components(session).map_err(&failed)?.len() as u64;
-    report.bounds = Some(found.bounds);
-    (report.volume_fraction_target, report.volume_fraction_cell) = inputs.volume_fractions();
-    report.volume_fraction = inputs.reference_volume().map(|whole| report.volume / whole);
-    timer.end_stage("measure")?;
-    if !needs_walls {
-        return Ok(Some(mesh));
-    }
-    let geometry = SolidGeometry::of(context, solid, &mesh)?;
-    let walls = sampled_walls(context, &mesh, geometry, Phase::Solid)?;
-    let cut = CutFaces::new(inputs, context.scale.voxel_size);
-    report.add_walls(walls, inputs.target_thickness(), &cut, context.threads);
-    timer.end_stage("walls")?;
-    if let Some(require) = &inputs.recipe.sections().require {
-        requirements::measure(require, context, (solid, &mesh, geometry), report)?;
-        timer.end_stage("requirements")?;
-    }
-    Ok(Some(mesh))
 }

@@ -29,6 +29,7 @@ mod cell;
 mod check;
 mod crystal;
 mod deck;
+mod drain;
 mod error;
 mod file;
 mod fit;
@@ -53,6 +54,7 @@ pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Section, Soli
 
 pub use crystal::{CrystalFrame, CrystalRef, CrystalSection, SurfaceRef};
 pub use deck::DeckKind;
+pub use drain::{Drain, Drained};
 #[cfg(feature = "vdb")]
 pub(crate) use error::nearest;
 pub use error::{Place, RecipeError, RecipeFault};

@@ -69,8 +69,10 @@ mod write;
 pub use as_field::{MAX_REFINEMENT_RATIO, Placement, SampledLevelSet};
 pub use attribute::Attribute;
 pub use builder::LevelSetBuilder;
-pub(crate) use cavities::stored_cavities;
-pub use cavities::{Cavities, Cavity, DEFAULT_CAVITY_REACH, MAX_CAVITY_REACH};
+pub use cavities::{
+    Cavities, Cavity, Channel, DEFAULT_CAVITY_REACH, DrainRequest, MAX_CAVITY_REACH,
+};
+pub(crate) use cavities::{stored_cavities, stored_drain_channels};
 pub use check::{GradientStatistics, LevelSetCheck};
 pub(crate) use colormap::linear_colour;
 pub use components::Component;
@@ -81,6 +83,7 @@ pub use foreign::{Adopted, Cubes, GridReading};
 pub use index_map::IndexMap;
 pub use leaves::{LeafView, Leaves, TileView};
 pub use level_set_file::LevelSetFile;
+pub use masked::Mask;
 pub use measures::Measures;
 #[doc(hidden)]
 pub use memory::{peak_memory, resident_memory};
@@ -89,7 +92,6 @@ pub(crate) use on_disk::{stored_components, stored_voids};
 pub use remove_components::{ComponentSelection, REMOVAL_REACH, RemovedComponents};
 pub use render::{Image, Picture};
 pub(crate) use render_parts::render_parts;
-pub use masked::Mask;
 pub use shape_ops::WallSide;
 pub use solid_cubes::MAX_CUBES;
 pub(crate) use solid_cubes::{SolidCubes, largest_face_component};

@@ -39,6 +39,7 @@ mod attributes;
 mod budget;
 mod deck;
 mod directory;
+mod drain;
 mod farm;
 mod halo;
 mod least_wall;

@@ -195,6 +195,16 @@ pub enum RunError {
         /// What is wrong.
         message: String,
     },
+    /// A step that the printer needs cannot be done.
+    #[error("{stage}: {message}")]
+    Refused {
+        /// Its key, as in `op.2.drain`.
+        stage: String,
+        /// What is wrong.
+        message: String,
+        /// A remedy.
+        hint: &'static str,
+    },
     /// Decimation failed.
     #[error("decimate: {0}")]
     Decimate(String),

@@ -107,6 +107,7 @@ pub(super) fn apply(
             apply_with_operand(*context, inputs, (n, op), solid, session)?;
         }
         Op::Resample(r) => resample(context, r, solid, &failed)?,
+        Op::Drain(drain) => super::drains::apply(*context, &stage, drain, solid, report)?,
         Op::KeepLargest(true) | Op::DropSmall(_) | Op::FillVoids(_) => {
             if let Some(unwanted) = unwanted(op) {
                 let dropped = solid.remove(unwanted, session).map_err(&failed)?;
@@ -272,7 +273,8 @@ fn apply_with_operand(
 }
 
 impl StageContext<'_> {
-    fn with_half_width(self, half_width: f64) -> Self {
+    /// The context for a band of another half width.
+    pub fn with_half_width(self, half_width: f64) -> Self {
         Self { half_width, ..self }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::cavities::CavitiesReport;
 use super::cut_faces::CutFaces;
+use super::drains::DrainReport;
 use super::histogram::Histogram;
 use super::least_wall::WallSamples;
 use super::macro_deck::MacroDeckFacts;
@@ -271,6 +272,9 @@ pub struct SolidReport {
     pub filled_voids: u64,
     /// Their volume.
     pub filled_volume: f64,
+    /// The channels that `drain` drilled, in order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub drains: Vec<DrainReport>,
     /// First percentile of the diameters of inscribed balls. A run in bricks measures balls of at most
     /// 24 voxels.
     pub least_wall: Option<f64>,

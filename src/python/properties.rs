@@ -130,9 +130,7 @@ pub(crate) fn design(
     let earlier = earlier.as_ref().map(|c| &c.get().cell);
     session::work(py, progress, |session: Session<'_>| {
         let section = CellSection::parse(keys)?;
-        let element = section
-            .own_element()
-            .unwrap_or(druse::frame::Element::Hex);
+        let element = section.own_element().unwrap_or(druse::frame::Element::Hex);
         let matched = matched.iter().map(|c| c.cell.clone()).collect();
         let design = pipeline::design(name, &section, element, matched, &Path::to_path_buf)?;
         let made = design.prepare()?.search(earlier, session.progress)?;

@@ -356,6 +356,20 @@ fn operation(op: &Op, key: &str, source: &Source) -> Checked {
             ),
         ));
     }
+    if let Op::Drain(drain) = op {
+        if drain.toward.is_some_and(|t| t.iter().all(|c| c.0 == 0.0)) {
+            return Err(source.fault(
+                &format!("{key}.drain"),
+                "the direction toward has length 0; expected a direction such as [0, 0, -1]",
+            ));
+        }
+        if drain.at_most == Some(0) {
+            return Err(source.fault(
+                &format!("{key}.drain"),
+                "at_most = 0 admits no channel; expected at least 1",
+            ));
+        }
+    }
     if let Op::Gaussian(k) | Op::Mean(k) | Op::Median(k) = op {
         let Width(width) = k.width;
         if width.number() > 64.0 && !matches!(width, Length::In(..)) {

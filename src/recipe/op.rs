@@ -1,6 +1,7 @@
 //! `[[op]]`: the operations on the solid, in order.
 
 use super::brief::{Brief, Short};
+use super::drain::Drain;
 use super::operand::{Mask, Operand, Side};
 use super::quantity::{Finite, HalfWidth, Length, Positive, Size, Width};
 use schemars::JsonSchema;
@@ -56,6 +57,8 @@ pub enum Op {
     DropSmall(Brief<DropSmall>),
     /// Fill closed voids: all (true), or those up to a volume (cubic recipe units).
     FillVoids(UpTo),
+    /// Drill channels from cavities to the outside, the shortest that drain them; the report lists them.
+    Drain(Brief<Drain>),
     /// Remove redundant nodes of the tree; the surface stays.
     Prune(bool),
     /// Write the fog volume "density" instead of the level set; the last operation.
@@ -87,6 +90,7 @@ impl Op {
             Self::KeepLargest(_) => "keep_largest",
             Self::DropSmall(_) => "drop_small",
             Self::FillVoids(_) => "fill_voids",
+            Self::Drain(_) => "drain",
             Self::Prune(_) => "prune",
             Self::Fog(_) => "fog",
         }

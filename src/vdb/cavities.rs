@@ -21,6 +21,10 @@ use std::collections::BTreeMap;
 mod basins;
 mod blocks;
 mod distances;
+mod drains;
+mod void_map;
+
+pub use drains::{Channel, DrainRequest, stored_drain_channels};
 
 use basins::{Basin, Edge};
 use blocks::VoidGraph;
@@ -262,24 +266,31 @@ pub fn stored_cavities(
     find(store, measure, session)
 }
 
+/// The reach of a measure in whole leaves, as halos are.
+fn whole_reach(measure: Measure) -> i32 {
+    let reach = measure.reach.clamp(1, MAX_CAVITY_REACH);
+    (reach + LEAF - 1) / LEAF * LEAF
+}
+
+/// The measure with the box of all leaves; `None` without any.
+fn prepared<S: LeafSource>(source: &S, measure: Measure) -> Option<Measure> {
+    Some(Measure {
+        reach: whole_reach(measure),
+        bounds: source.bounds()?,
+        ..measure
+    })
+}
+
 fn find<S: LeafSource>(
     source: &S,
     measure: Measure,
     session: Session<'_>,
 ) -> Result<Cavities, S::Error> {
-    // Halos are whole leaves.
-    let reach = measure.reach.clamp(1, MAX_CAVITY_REACH);
-    let reach = (reach + LEAF - 1) / LEAF * LEAF;
-    let Some(bounds) = source.bounds() else {
+    let Some(measure) = prepared(source, measure) else {
         return Ok(Cavities {
             list: Vec::new(),
-            limit: f64::from(reach) * measure.voxel_size,
+            limit: f64::from(whole_reach(measure)) * measure.voxel_size,
         });
-    };
-    let measure = Measure {
-        reach,
-        bounds,
-        ..measure
     };
     let graph = VoidGraph::new(source, measure, session)?;
     Ok(graph.cavities(measure, session.progress)?)

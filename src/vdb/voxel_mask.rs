@@ -43,7 +43,7 @@ pub(super) fn add(bits: &mut Bits, other: &Bits) {
 }
 
 /// The set and its face neighbours.
-fn dilated(bits: &Bits) -> Bits {
+pub(super) fn dilated(bits: &Bits) -> Bits {
     let mut out = [0; 8];
     for x in 0..8 {
         let w = bits[x];
@@ -59,22 +59,28 @@ fn dilated(bits: &Bits) -> Bits {
     out
 }
 
+/// The voxels of a set that are connected to some of its voxels over faces.
+pub(super) fn connected(seeds: Bits, set: &Bits) -> Bits {
+    let mut part: Bits = std::array::from_fn(|x| seeds[x] & set[x]);
+    loop {
+        let mut next = dilated(&part);
+        for (n, s) in next.iter_mut().zip(set) {
+            *n &= s;
+        }
+        if next == part {
+            return part;
+        }
+        part = next;
+    }
+}
+
 /// The parts of a set that are connected over faces, in order of their first voxels.
 pub(super) fn parts(mut set: Bits) -> Vec<Bits> {
     let mut parts = Vec::new();
     while let Some(x) = set.iter().position(|&w| w != 0) {
         let mut part = [0; 8];
         part[x] = 1 << set[x].trailing_zeros();
-        loop {
-            let mut next = dilated(&part);
-            for (n, s) in next.iter_mut().zip(&set) {
-                *n &= s;
-            }
-            if next == part {
-                break;
-            }
-            part = next;
-        }
+        let part = connected(part, &set);
         for (s, p) in set.iter_mut().zip(&part) {
             *s &= !p;
         }

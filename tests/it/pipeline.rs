@@ -2,6 +2,7 @@
 
 mod crystals;
 mod decks;
+mod drains;
 mod macro_decks;
 mod motion;
 mod offsets;

@@ -40,6 +40,14 @@ impl BrickRun<'_> {
             let changed = match &pass.kind {
                 PassKind::Operations => self.operate(number, &solid)?,
                 PassKind::Removal(unwanted) => self.remove(number, *unwanted, &solid, report)?,
+                PassKind::Drain => match self.drain(number, &solid, report)? {
+                    Some(bricks) => {
+                        files = self.files(number, &bricks);
+                        solid.bricks = bricks;
+                        (0..files.len()).collect()
+                    }
+                    None => Vec::new(),
+                },
                 PassKind::Resampling(step) => {
                     let after = &self.passes[number + 1..];
                     let bricks = self.bricks_after(step, before_resampling(after), &solid)?;
@@ -113,7 +121,8 @@ impl BrickRun<'_> {
         let halo = self.passes[number].halo;
         let is_near = |&n: &usize| removal.meets(bricks.region(n).grown(halo));
         let chosen: Vec<usize> = (0..bricks.len()).filter(is_near).collect();
-        self.write_pass(number, &chosen, solid, |context, _, part, first| {
+        let source = (bricks, &solid.store);
+        self.write_pass(number, &chosen, source, |context, _, part, first| {
             let failed = RunError::level_set("removing components");
             removal
                 .apply(part, first, context.session())
@@ -125,18 +134,19 @@ impl BrickRun<'_> {
     /// Applies operations to all bricks. Returns all of them.
     fn operate(&self, number: usize, solid: &StoredSolid) -> Result<Vec<usize>, RunError> {
         let all: Vec<usize> = (0..solid.bricks.len()).collect();
-        self.write_pass(number, &all, solid, |context, pass, part, _| {
+        let source = (&solid.bricks, &solid.store);
+        self.write_pass(number, &all, source, |context, pass, part, _| {
             operate_on(context, self.inputs, pass, part)
         })?;
         Ok(all)
     }
 
-    /// Writes the files of a pass from the solid before it.
-    fn write_pass(
+    /// Writes the files of a pass for some bricks, from the solid before it.
+    pub fn write_pass(
         &self,
         number: usize,
         chosen: &[usize],
-        StoredSolid { bricks, store }: &StoredSolid,
+        (bricks, store): (&Bricks, &LeafStore),
         change: impl Fn(&mut StageContext, &Pass, &mut LevelSet, Coord) -> Result<(), RunError>,
     ) -> Result<(), RunError> {
         let pass = &self.passes[number];

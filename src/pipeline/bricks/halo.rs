@@ -30,6 +30,8 @@ pub(crate) enum PassKind {
     Operations,
     /// Removes components of the whole solid.
     Removal(ComponentSelection),
+    /// Drills channels from the cavities of the whole solid.
+    Drain,
     /// Resamples the solid onto other voxels and other bricks.
     Resampling(Resampling),
 }
@@ -51,6 +53,10 @@ pub(crate) fn passes(inputs: &Inputs) -> Vec<Pass> {
                 steps
                     .map(|step| (PassKind::Resampling(step), step.halo()))
                     .collect()
+            }
+            (Op::Drain(_), _) => {
+                let halo = whole_leaves(HALO_MARGIN + voxels.half_width);
+                vec![(PassKind::Drain, halo)]
             }
             (_, Some(unwanted)) => {
                 vec![(PassKind::Removal(unwanted), removal_halo(voxels.half_width))]

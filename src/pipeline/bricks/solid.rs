@@ -65,6 +65,19 @@ impl Bricks {
         }
     }
 
+    /// These bricks and all others that meet any of some regions.
+    pub fn including(&self, regions: impl Iterator<Item = Region>) -> Self {
+        let own = self.origins.iter().copied();
+        let origins: BTreeSet<Coord> = regions
+            .flat_map(|r| r.cubes(self.edge))
+            .chain(own)
+            .collect();
+        Self {
+            origins: origins.into_iter().collect(),
+            ..self.clone()
+        }
+    }
+
     /// The lowest voxels of all bricks, ascending.
     pub fn origins(&self) -> impl Iterator<Item = Coord> {
         self.origins.iter().copied()

@@ -153,6 +153,7 @@ pub(super) fn cost(op: &Op, on: Voxels) -> (f64, f64) {
         Op::Curvature(f) => (1.0, 320.0 * f64::from(f.iterations.0)),
         Op::Renormalise(r) => (1.0, 50.0 * f64::from(r.iterations.0)),
         Op::KeepLargest(_) | Op::DropSmall(_) | Op::FillVoids(_) => (1.2, 100.0),
+        Op::Drain(_) => (1.2, 150.0),
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::Checked;
 use crate::field::Formula;
-use crate::recipe::{FillKind, FillScaffold, Sections};
 use crate::recipe::source::Source;
+use crate::recipe::{FillKind, FillScaffold, Sections};
 use crate::sequence::Clock;
 
 /// How an Alembic cache is converted.

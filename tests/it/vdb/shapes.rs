@@ -289,7 +289,11 @@ fn masked_moves_of_walls_are_metric() {
             let value = solid.samples(&[WorldPoint(p)]).unwrap()[0];
             greatest = greatest.max((f64::from(value) - height).abs());
         }
-        assert!(greatest < 0.02 * VOXEL, "{outwards}: {} voxels", greatest / VOXEL);
+        assert!(
+            greatest < 0.02 * VOXEL,
+            "{outwards}: {} voxels",
+            greatest / VOXEL
+        );
         assert_eq!(solid.half_width(), 3.0);
     }
 }

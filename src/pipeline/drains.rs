@@ -1,0 +1,132 @@
+//! The operation `drain`: channels from cavities to the outside.
+
+use super::error::{RunError, short_number};
+use super::field_ops::Shape;
+use super::level_set_ops::StageContext;
+use super::report::SolidReport;
+use crate::field::{Capsule, Union, WorldField};
+use crate::frame::{Aabb, Coord, Vec3};
+use crate::recipe::{Drain, Drained, Scale};
+use crate::vdb::{Channel, DrainRequest, LevelSet, MAX_CAVITY_REACH};
+use serde::Serialize;
+
+/// A channel that `drain` drilled: a cylinder with round ends.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct DrainReport {
+    /// Its end in the cavity.
+    pub from: [f64; 3],
+    /// Its end outside, or in a cavity that is drained too.
+    pub to: [f64; 3],
+    /// Its radius.
+    pub radius: f64,
+    /// Distance of the ends.
+    pub length: f64,
+}
+
+/// The request of an operation.
+pub(super) fn request(stage: &str, drain: &Drain, scale: Scale) -> Result<DrainRequest, RunError> {
+    let radius = drain.radius.resolve(scale) / scale.voxel_size;
+    let most = f64::from(MAX_CAVITY_REACH - 2);
+    if !(1.0..=most).contains(&radius) {
+        return Err(RunError::Refused {
+            stage: stage.into(),
+            message: format!(
+                "found a radius of {} voxels; expected 1 to {most}",
+                short_number(radius)
+            ),
+            hint: "another radius, or another band.voxel_size",
+        });
+    }
+    let toward = drain.toward.map(|t| Vec3::from(t.map(|c| c.0)));
+    Ok(DrainRequest {
+        radius,
+        narrow: drain.cavities == Drained::All,
+        toward: toward.and_then(|t| t.try_normalize(0.0)),
+    })
+}
+
+/// Refuses more channels than an operation admits.
+pub(super) fn check_count(
+    stage: &str,
+    drain: &Drain,
+    channels: &[Channel],
+) -> Result<(), RunError> {
+    let found = channels.len() as u64;
+    match drain.at_most {
+        Some(most) if found > most => Err(RunError::Refused {
+            stage: stage.into(),
+            message: format!(
+                "not all cavities can reach the outside: they need {found} channels; at_most = {most}"
+            ),
+            hint: "a greater at_most, or fill_voids = VOLUME before it, which fills the small ones",
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// The channels as one solid in the frame of voxel (0, 0, 0), and its reports; `origin` is the world position of
+/// that voxel.
+pub(super) fn drilled<'a>(
+    channels: &[Channel],
+    radius: f64,
+    (origin, voxel_size): (Vec3, f64),
+) -> (Shape<'a>, Vec<DrainReport>) {
+    let place = |c: Coord| Vec3::from(c.0.map(f64::from)) * voxel_size;
+    let radius = radius * voxel_size;
+    let mut fields: Vec<Box<WorldField>> = Vec::new();
+    let (mut extent, mut reports) = (Aabb::EMPTY, Vec::new());
+    for channel in channels {
+        let ends = channel.map(place);
+        extent = extent.union(Aabb::of(ends).dilated(radius));
+        fields.push(Box::new(Capsule { ends, radius }));
+        let [from, to] = ends.map(|p| (p + origin).into());
+        reports.push(DrainReport {
+            from,
+            to,
+            radius,
+            length: (ends[1] - ends[0]).norm(),
+        });
+    }
+    let shape = Shape {
+        field: Box::new(Union(fields)),
+        extent,
+        name: "the channels".into(),
+    };
+    (shape, reports)
+}
+
+/// Drains the cavities of a solid in memory.
+pub(super) fn apply(
+    context: StageContext,
+    stage: &str,
+    drain: &Drain,
+    solid: &mut LevelSet,
+    report: &mut SolidReport,
+) -> Result<(), RunError> {
+    let request = request(stage, drain, context.scale)?;
+    let failed = RunError::level_set(stage);
+    let found = solid.drain_channels(&request, context.session());
+    let channels = found.map_err(&failed)?;
+    check_count(stage, drain, &channels)?;
+    if channels.is_empty() {
+        return Ok(());
+    }
+    let frame = (solid.origin(), solid.voxel_size());
+    let (shape, reports) = drilled(&channels, request.radius, frame);
+    report.drains.extend(reports);
+    subtract(context, stage, &shape, solid)
+}
+
+/// Subtracts the channels from a solid or a part of one.
+pub(super) fn subtract(
+    context: StageContext,
+    stage: &str,
+    shape: &Shape,
+    solid: &mut LevelSet,
+) -> Result<(), RunError> {
+    let failed = RunError::level_set(stage);
+    let context = context.with_half_width(solid.half_width());
+    let (mut other, _) = context.sample(shape, "drain")?;
+    other.set_origin(solid.origin()).map_err(&failed)?;
+    solid.subtract(other, context.session()).map_err(&failed)
+}

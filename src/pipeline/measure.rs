@@ -1,0 +1,70 @@
+//! The measures of the finished solid in memory.
+
+use super::StageTimer;
+use super::cut_faces::CutFaces;
+use super::error::RunError;
+use super::inputs::Inputs;
+use super::least_wall::Phase;
+use super::level_set_ops::StageContext;
+use super::report::SolidReport;
+use super::requirements;
+use super::thickness::{SolidGeometry, sampled_walls};
+use crate::mesh::TriMesh;
+use crate::vdb::LevelSet;
+
+/// Measures volume, area and components of the solid and, on request, its mesh and wall thickness.
+/// Returns the mesh.
+pub(super) fn measure(
+    context: StageContext,
+    inputs: &Inputs,
+    solid: &LevelSet,
+    report: &mut SolidReport,
+    (needs_mesh, needs_walls): (bool, bool),
+    timer: &mut StageTimer,
+) -> Result<Option<TriMesh>, RunError> {
+    let failed = RunError::level_set("measure");
+    let session = context.session();
+    if !needs_mesh {
+        let found = solid.measures(session).map_err(&failed)?;
+        report.volume = found.volume;
+        report.area = found.area;
+        report.components = found.components;
+        report.bounds = Some(found.bounds);
+        timer.end_stage("measure")?;
+        return Ok(None);
+    }
+    context.progress.stage("mesh", None);
+    let mesh = solid.to_mesh(session).map_err(&failed)?;
+    if mesh.is_empty() {
+        let last = inputs.recipe.sections().op.len();
+        return Err(RunError::Empty(match last {
+            0 => "sampling".into(),
+            n => format!("op.{}", n - 1),
+        }));
+    }
+    timer.end_stage("mesh")?;
+    context.progress.stage("measure", None);
+    // The measures are those of the mesh that is written. OpenVDB's own have an error of the same size
+    // and opposite sign.
+    let found = context.threads.install(|| mesh.measures());
+    report.volume = found.volume;
+    report.area = found.area;
+    report.components = solid.components(session).map_err(&failed)?.len() as u64;
+    report.bounds = Some(found.bounds);
+    (report.volume_fraction_target, report.volume_fraction_cell) = inputs.volume_fractions();
+    report.volume_fraction = inputs.reference_volume().map(|whole| report.volume / whole);
+    timer.end_stage("measure")?;
+    if !needs_walls {
+        return Ok(Some(mesh));
+    }
+    let geometry = SolidGeometry::of(context, solid, &mesh)?;
+    let walls = sampled_walls(context, &mesh, geometry, Phase::Solid)?;
+    let cut = CutFaces::new(inputs, context.scale.voxel_size);
+    report.add_walls(walls, inputs.target_thickness(), &cut, context.threads);
+    timer.end_stage("walls")?;
+    if let Some(require) = &inputs.recipe.sections().require {
+        requirements::measure(require, context, (solid, &mesh, geometry), report)?;
+        timer.end_stage("requirements")?;
+    }
+    Ok(Some(mesh))
+}

@@ -1,0 +1,202 @@
+//! The void as sets of voxels, read block by block when needed.
+
+use super::distances::BlockVoid;
+use super::{LeafSource, Measure};
+use crate::band::{BLOCK, LEAF, Region};
+use crate::frame::Coord;
+use crate::vdb::index::offset;
+use crate::vdb::voxel_mask::{self, Bits};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap, HashMap};
+
+/// Leaves along the edge of a block.
+const SLOTS: i32 = BLOCK / LEAF;
+const ALL: Bits = [u64::MAX; 8];
+
+/// The voxels of a block that belong to the void.
+enum BlockVoxels {
+    Uniform(bool),
+    /// By leaf, in order (x, y, z).
+    Mixed(Vec<Bits>),
+}
+
+/// Voxels by leaf.
+pub(super) type VoxelSet = HashMap<Coord, Bits>;
+
+/// The voxels of the void that are at least `clearance` away from the solid.
+pub(super) struct VoidMap<'a, S> {
+    source: &'a S,
+    measure: Measure,
+    /// Voxels; 0 for all voxels of the void.
+    clearance: f32,
+    blocks: HashMap<Coord, BlockVoxels>,
+}
+
+/// Number of a leaf in its block.
+fn slot(leaf: Coord) -> usize {
+    let [x, y, z] = [0, 1, 2].map(|a| leaf[a].rem_euclid(BLOCK) / LEAF);
+    ((x * SLOTS + y) * SLOTS + z) as usize
+}
+
+/// The neighbour of a leaf across its first or last face on an axis.
+fn beside(leaf: Coord, axis: usize, last: bool) -> Coord {
+    let mut neighbour = leaf;
+    neighbour.0[axis] += if last { LEAF } else { -LEAF };
+    neighbour
+}
+
+/// All faces of a leaf: axis, and whether it is the last one on it.
+fn faces() -> impl Iterator<Item = (usize, bool)> {
+    (0..6).map(|n| (n / 2, n % 2 == 1))
+}
+
+impl<'a, S: LeafSource> VoidMap<'a, S> {
+    pub fn new(source: &'a S, measure: Measure, clearance: f32) -> Self {
+        Self {
+            source,
+            measure,
+            clearance,
+            blocks: HashMap::new(),
+        }
+    }
+
+    /// The voxels of a leaf that belong to it.
+    pub fn leaf(&mut self, leaf: Coord) -> Result<Bits, S::Error> {
+        let block = leaf.aligned(BLOCK);
+        if !self.blocks.contains_key(&block) {
+            let voxels = if self.clearance > 0.0 {
+                self.by_distance(block)?
+            } else {
+                self.by_sign(block)?
+            };
+            self.blocks.insert(block, voxels);
+        }
+        Ok(match &self.blocks[&block] {
+            BlockVoxels::Uniform(true) => ALL,
+            BlockVoxels::Uniform(false) => [0; 8],
+            BlockVoxels::Mixed(leaves) => leaves[slot(leaf)],
+        })
+    }
+
+    fn by_sign(&self, block: Coord) -> Result<BlockVoxels, S::Error> {
+        let region = Region::cube(block, BLOCK);
+        let mut leaves = vec![ALL; SLOTS.pow(3) as usize];
+        for (cube, edge) in self.source.inside_cubes(region) {
+            for leaf in Region::cube(cube, edge).common(region).cubes(LEAF) {
+                leaves[slot(leaf)] = [0; 8];
+            }
+        }
+        self.source.visit_leaves(region, &mut |leaf, values| {
+            leaves[slot(leaf)] = voxel_mask::select(values, |v| v >= 0.0);
+        })?;
+        Ok(match leaves[0] {
+            ALL if leaves.iter().all(|l| *l == ALL) => BlockVoxels::Uniform(true),
+            [0, ..] if leaves.iter().all(voxel_mask::is_empty) => BlockVoxels::Uniform(false),
+            _ => BlockVoxels::Mixed(leaves),
+        })
+    }
+
+    fn by_distance(&self, block: Coord) -> Result<BlockVoxels, S::Error> {
+        let found = match BlockVoid::of(self.source, block, self.measure)? {
+            BlockVoid::Solid => return Ok(BlockVoxels::Uniform(false)),
+            BlockVoid::Wide => return Ok(BlockVoxels::Uniform(true)),
+            BlockVoid::Mixed(found) => found,
+        };
+        // Beyond the box all is far from the solid.
+        let mut leaves = vec![ALL; SLOTS.pow(3) as usize];
+        let [ey, ez] = [found.edges[1], found.edges[2]];
+        for (n, &d) in found.values.iter().enumerate() {
+            if d >= self.clearance {
+                continue;
+            }
+            let at = [n / (ey * ez), n / ez % ey, n % ez];
+            let [x, y, z] = [0, 1, 2].map(|a| (found.low[a] + at[a]) as i32);
+            let voxel = block.offset(x, y, z);
+            let n = offset(voxel);
+            leaves[slot(voxel)][n >> 6] &= !(1 << (n & 63));
+        }
+        Ok(BlockVoxels::Mixed(leaves))
+    }
+
+    /// The voxels of a leaf that share a face with one that does not belong to it.
+    pub fn surface(&mut self, leaf: Coord) -> Result<Bits, S::Error> {
+        let own = self.leaf(leaf)?;
+        if voxel_mask::is_empty(&own) {
+            return Ok(own);
+        }
+        let mut beside_solid = voxel_mask::dilated(&own.map(|w| !w));
+        for (axis, last) in faces() {
+            let other = self.leaf(beside(leaf, axis, last))?.map(|w| !w);
+            let shared = voxel_mask::face(&other, axis, !last);
+            voxel_mask::add(&mut beside_solid, &entering(&shared, axis, last));
+        }
+        Ok([0, 1, 2, 3, 4, 5, 6, 7].map(|x| own[x] & beside_solid[x]))
+    }
+
+    /// The connected voxels from `start` on, and whether they lead outside. It follows the way to the nearest end
+    /// of the solid first, and ends outside or at voxels of `outside`.
+    pub fn flood(
+        &mut self,
+        start: Coord,
+        outside: &VoxelSet,
+    ) -> Result<(BTreeMap<Coord, Bits>, bool), S::Error> {
+        let bounds = self.measure.bounds;
+        let depth = |leaf: Coord| {
+            let to_end = |a: usize| {
+                let [low, high] = [bounds.min[a], bounds.max[a]].map(i64::from);
+                (i64::from(leaf[a]) - low).min(high - i64::from(leaf[a]))
+            };
+            (0..3).map(to_end).min()
+        };
+        let mut found: BTreeMap<Coord, Bits> = BTreeMap::new();
+        let mut seeds: VoxelSet = HashMap::new();
+        let first = start.aligned(LEAF);
+        let mut bit = [0; 8];
+        voxel_mask::insert(&mut bit, offset(start));
+        seeds.insert(first, bit);
+        let mut queue = BinaryHeap::from([Reverse((depth(first), first))]);
+        while let Some(Reverse((_, leaf))) = queue.pop() {
+            let Some(seed) = seeds.remove(&leaf) else {
+                continue;
+            };
+            if !bounds.meets(leaf, LEAF) {
+                return Ok((found, true));
+            }
+            let own = self.leaf(leaf)?;
+            let old = found.get(&leaf).copied().unwrap_or([0; 8]);
+            let reached = voxel_mask::connected(seed, &own);
+            let new: Bits = std::array::from_fn(|x| reached[x] & !old[x]);
+            if voxel_mask::is_empty(&new) {
+                continue;
+            }
+            voxel_mask::add(found.entry(leaf).or_insert([0; 8]), &new);
+            let known = outside.get(&leaf);
+            if known.is_some_and(|o| voxel_mask::intersects(o, &new)) {
+                return Ok((found, true));
+            }
+            for (axis, last) in faces() {
+                let shared = voxel_mask::face(&new, axis, last);
+                if voxel_mask::is_empty(&shared) {
+                    continue;
+                }
+                let neighbour = beside(leaf, axis, last);
+                let entered = entering(&shared, axis, !last);
+                voxel_mask::add(seeds.entry(neighbour).or_insert([0; 8]), &entered);
+                queue.push(Reverse((depth(neighbour), neighbour)));
+            }
+        }
+        Ok((found, false))
+    }
+}
+
+/// Voxels of a face, as [`voxel_mask::face`] gives them, on the first or last face of a leaf.
+fn entering(face: &Bits, axis: usize, last: bool) -> Bits {
+    if !last {
+        return *face;
+    }
+    match axis {
+        0 => [0, 0, 0, 0, 0, 0, 0, face[0]],
+        1 => face.map(|w| w << 56),
+        _ => face.map(|w| w << 7),
+    }
+}
