@@ -131,7 +131,7 @@ commands! {
     Report => report,
     /// Draw a shaded picture of a level set, mesh, cell or scaffold.
     Preview => preview,
-    /// Write a page that shows a level set, mesh, cell or scaffold in a browser.
+    /// Show a recipe, level set, mesh, cell or scaffold in a browser, on a live page or in one file.
     View => view,
     /// Write a commented recipe to start from.
     New => new,

@@ -18,13 +18,12 @@ use crate::band::BandStats;
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use crate::vdb::LevelSet;
-use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 mod attributes;
 mod beams;
 mod bricks;
 mod cavities;
+mod cell_cache;
 mod cells;
 mod crystals;
 mod cut_faces;
@@ -66,6 +65,7 @@ mod precision;
 mod report;
 mod requirements;
 mod round_beams;
+mod run_options;
 mod sampling;
 mod scaffold;
 mod scattered_data;
@@ -88,6 +88,7 @@ mod warning;
 pub(crate) use bricks::relative_path;
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
 pub use cavities::{CavitiesReport, CavityReport};
+pub use cell_cache::CellCache;
 pub use cells::{make_cell, own_element, with_level};
 pub(crate) use cells::{one_element, read_source};
 pub(crate) use crystals::{clock_parameters, crystal_script};
@@ -119,13 +120,14 @@ pub use report::{
 };
 pub use requirements::Requirement;
 pub(crate) use requirements::{judge_level_set, judge_mesh, level_set_cavities};
+pub use run_options::RunOptions;
 pub(crate) use sampling::FieldSample;
 #[doc(hidden)]
 pub use sampling::Probe;
 pub use slices::{SliceOptions, SliceSummary, slice};
 pub use source::{CellFault, set_source};
 pub use targets::design;
-pub(crate) use view::{cell_block, few_triangles, wall_thickness};
+pub(crate) use view::{cell_block, few_triangles, solid_extent, wall_thickness};
 
 use inputs::Inputs;
 use level_set_ops::StageContext;
@@ -134,34 +136,6 @@ use measure::measure;
 use output_targets::{Targets, output_targets};
 use stage_timer::StageTimer;
 use thickness::{SolidGeometry, Thickness};
-
-/// How a recipe is run.
-#[derive(Clone, Debug, Default)]
-pub struct RunOptions {
-    /// Worker threads; 0 means one per core.
-    pub threads: usize,
-    /// Memory that the run may use, bytes; by default what the machine has available.
-    pub memory: Option<u64>,
-    /// Edge of a brick in blocks of 128 voxels. With a value the run always goes through bricks. Without
-    /// one it does so only if it needs more memory than it may use.
-    pub bricks: Option<u32>,
-    /// Directory of the outputs and of `report.json`; by default the recipe's own, without a report.
-    pub out: Option<PathBuf>,
-    /// The report of a run whose recipe names none; `report.json` in `out` when left out.
-    pub report: Option<PathBuf>,
-    /// Whether a warning ends the run.
-    pub strict: bool,
-    /// Whether to skip slow measures that no output needs: wall thickness, and the mesh of a run that
-    /// writes none.
-    pub brief: bool,
-    /// The child process that opens `.vdb` input files. Without one, this process reads them, and a
-    /// damaged file can crash it.
-    pub isolated: Option<crate::vdb::subprocess::Program>,
-    /// A grid of such a file that is in memory already; the run does not read it again.
-    pub opened: Option<crate::vdb::subprocess::PrefetchedGrid>,
-    /// Hashes that the inputs must have, by the recipe's key; empty for any inputs.
-    pub expected_inputs: BTreeMap<String, String>,
-}
 
 /// Predicts what [`run`] needs and writes, in a few seconds.
 ///

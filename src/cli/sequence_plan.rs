@@ -8,7 +8,8 @@ use super::job::Items;
 use super::plan::Parameters;
 use super::{Answer, Failure, Session};
 use crate::pipeline::{
-    RunError, RunOptions, brick_plan, finished_frame, frame_report, make_bricks, merge_bricks,
+    RunOptions, brick_plan, finished_frame, frame_report, make_bricks, merge_bricks,
+    plan as estimate,
 };
 use crate::recipe::Recipe;
 use crate::sequence::FrameList;
@@ -90,32 +91,23 @@ pub(super) fn plan(
     for &frame in frames.frames() {
         session.require_running()?;
         let recipe = sequence.at(frame)?;
-        let path = frame_plan_path(&p.output, frame);
-        let found = match brick_plan(&recipe, &path, options, session) {
-            Ok(plan) => {
-                memory_bytes = memory_bytes.max(plan.memory_bytes);
-                plan.bricks.len()
+        if p.bricks.is_none() {
+            let estimate = estimate(&recipe, options, session)?;
+            if estimate.bricks == 0 {
+                memory_bytes = memory_bytes.max(estimate.peak_memory_bytes);
+                items.push(Item {
+                    frame,
+                    plan: None,
+                    brick: None,
+                });
+                continue;
             }
-            // In one piece, as a run would make it.
-            Err(RunError::BricksUnsupported { needed, .. }) if p.bricks.is_none() => {
-                memory_bytes = memory_bytes.max(needed);
-                0
-            }
-            Err(e) => return Err(e.into()),
-        };
-        if found <= 1 && p.bricks.is_none() {
-            if found == 1 {
-                std::fs::remove_file(&path).map_err(|e| crate::io::ReadError::io(&path, e))?;
-            }
-            items.push(Item {
-                frame,
-                plan: None,
-                brick: None,
-            });
-            continue;
         }
+        let path = frame_plan_path(&p.output, frame);
+        let bricks = brick_plan(&recipe, &path, options, session)?;
+        memory_bytes = memory_bytes.max(bricks.memory_bytes);
         let name = PathBuf::from(path.file_name().unwrap_or_default());
-        items.extend((0..found).map(|brick| Item {
+        items.extend((0..bricks.bricks.len()).map(|brick| Item {
             frame,
             plan: Some(name.clone()),
             brick: Some(brick),

@@ -301,9 +301,9 @@ fn write(stream: &mut TcpStream, reply: &Reply) -> std::io::Result<()> {
         reply.content_type,
         reply.body.len(),
     );
-    stream.write_all(head.as_bytes())?;
-    stream.write_all(&reply.body)?;
-    stream.flush()
+    let mut answer = head.into_bytes();
+    answer.extend(&reply.body[..]);
+    stream.write_all(&answer)
 }
 
 /// Reads the rest of a refused request: a socket that is closed with unread bytes resets the connection, and the

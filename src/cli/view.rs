@@ -1,8 +1,9 @@
-//! `druse view FILE -o page.html`: one self-contained page that shows a file in a browser.
+//! `druse view`: a file or a recipe in a browser, on a live page or in one self-contained file (`-o page.html`).
 //!
-//! The page needs no server and no network: style, scripts and geometry are in the file, and its content security
-//! policy forbids every request. It runs in browsers with WebGL 2 and `DecompressionStream`: Chrome and Edge 80,
-//! Firefox 113, Safari 16.4, or newer.
+//! The self-contained page needs no server and no network: style, scripts and geometry are in the file, and its content
+//! security policy forbids every request. The live page (`live`) comes from a server on this machine; a recipe has
+//! controls there. Both run in browsers with WebGL 2 and `DecompressionStream`: Chrome and Edge 80, Firefox 113,
+//! Safari 16.4, or newer.
 
 use super::kind::FileKind;
 use super::{Answer, Failure, Session};
@@ -11,22 +12,40 @@ use clap::Args;
 use scene::Scene;
 use serde_json::{Value, json};
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 mod elements;
+mod levels;
+mod live;
 mod load;
 mod page;
+mod recipe_text;
+mod sampled;
 mod scene;
+mod schema_words;
 mod surface;
+mod work;
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub(super) struct Parameters {
-    /// A .vdb or .nvdb, mesh, scaffold or cell, or the name of a surface.
+    /// A recipe, .vdb or .nvdb, mesh, scaffold or cell, or the name of a surface.
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The page to write (.html).
+    /// Write a self-contained page (.html) of a file, instead of serving a live one.
     #[arg(short, long, value_name = "PAGE.html")]
-    output: PathBuf,
+    output: Option<PathBuf>,
+    /// Port of the live page [default: a free one].
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        hide_default_value = true,
+        conflicts_with = "output"
+    )]
+    port: u16,
+    /// Directory for the outputs of a recipe's full run from the live page [default: the recipe's own].
+    #[arg(long, value_name = "DIR", conflicts_with = "output")]
+    out: Option<PathBuf>,
     /// Most triangles of the page, as in 400k or 2M. A level set with more is meshed on coarser voxels, a mesh is
     /// simplified; walls thinner than a coarse voxel vanish, which the page states.
     #[arg(long, value_name = "COUNT", default_value = "400k", value_parser = triangle_count)]
@@ -68,23 +87,26 @@ fn triangle_count(text: &str) -> Result<usize, String> {
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let extension = p
-        .output
-        .extension()
-        .map(|e| e.to_string_lossy().to_lowercase());
-    if !matches!(extension.as_deref(), Some("html" | "htm")) {
+    let is_html = |path: &PathBuf| {
+        path.extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("html") || e.eq_ignore_ascii_case("htm"))
+    };
+    if let Some(output) = p.output.as_ref().filter(|path| !is_html(path)) {
         return Err(Failure::usage(format!(
             "found the output {}; expected a name with the extension .html",
-            p.output.display()
+            output.display()
         )));
     }
-    let threads = super::context::threads(p.threads)?;
-    let tools = crate::vdb::Session::new(&threads, session);
     if p.dry_run {
         let found = load::foresee(p)?;
         return Ok(Answer::new(prediction(&found), found));
     }
-    let scene = threads.install(|| load::scene(p, tools, session))?;
+    let Some(output) = &p.output else {
+        return live::serve(p, session);
+    };
+    let threads = super::context::threads(p.threads)?;
+    let tools = crate::vdb::Session::new(&threads, session);
+    let (scene, _) = threads.install(|| load::scene(p, tools, session))?;
     if scene.triangles() == 0 {
         return Err(Failure::data(
             &p.file,
@@ -93,12 +115,12 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
     session.stage("page", None);
     let title = p.file.file_name().unwrap_or_default().to_string_lossy();
-    let page = page::write(&p.output, &title, &scene)?;
+    let page = page::write(output, &title, &scene)?;
     session.finish();
     for note in &scene.notes {
         session.note(note);
     }
-    Ok(reported(p, &scene, page))
+    Ok(reported(p, output, &scene, page))
 }
 
 fn prediction(found: &Value) -> String {
@@ -117,8 +139,8 @@ fn prediction(found: &Value) -> String {
     text
 }
 
-fn reported(p: &Parameters, scene: &Scene, bytes: u64) -> Answer {
-    let path = p.output.display().to_string();
+fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer {
+    let path = output.display().to_string();
     let size = scene.bounds().size();
     let mut text = format!("{path}  {}\n", super::run::size(bytes));
     let mut bodies = Vec::new();

@@ -71,7 +71,10 @@ pub(super) fn make(
         session,
     };
     let mut record = SourceRecord::default();
-    let cell = reader.cell(name, section, element, &mut record);
+    let cell = match files.cells {
+        Some(cache) => cache.cell(&reader, name, (section, element), &mut record),
+        None => reader.cell(name, section, element, &mut record),
+    };
     let cell = cell.map_err(|e| e.of(key))?;
     let mut source_key = key.to_owned();
     if let Some((word, path, bounds)) = record.file {
@@ -84,7 +87,11 @@ pub(super) fn make(
     for Warning { code, message } in record.warnings {
         files.warn(code, format!("{source_key}: {message}"))?;
     }
-    with_level(cell, section).map_err(fail)
+    let levelled = match files.cells {
+        Some(cache) => cache.with_level(&reader, name, (section, cell)),
+        None => with_level(cell, section),
+    };
+    levelled.map_err(fail)
 }
 
 /// The element of a cell without a scaffold: the one that its section names or its file holds, the named

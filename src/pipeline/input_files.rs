@@ -1,6 +1,7 @@
 //! The input files of a run: their frames, hashes, boxes and warnings.
 
 use super::RunOptions;
+use super::cell_cache::CellCache;
 use super::crystals::Crystal;
 use super::error::{RunError, box_text};
 use super::lattice::LatticeSolid;
@@ -25,6 +26,8 @@ pub(super) struct InputFiles<'a> {
     pub reader: Option<&'a Program>,
     /// A grid that is in memory already, if there is one.
     pub opened: Option<&'a PrefetchedGrid>,
+    /// Cells of earlier runs, if there are any.
+    pub cells: Option<&'a CellCache>,
     paths: Vec<PathBuf>,
     strict: bool,
 }
@@ -37,6 +40,7 @@ impl<'a> InputFiles<'a> {
             warnings: Vec::new(),
             reader: options.isolated.as_ref(),
             opened: options.opened.as_ref(),
+            cells: options.cells.as_ref(),
             paths: recipe.source().path.iter().cloned().collect(),
             strict: options.strict,
         }

@@ -237,8 +237,8 @@ fn requested(recipe: &Recipe) -> [bool; 2] {
 pub(super) fn node_motion(
     files: &mut InputFiles,
     section: &ScaffoldSection,
-    scaffold: &Scaffold,
-    load: impl Fn(&mut InputFiles, &Pose) -> Result<Scaffold, RunError>,
+    (scaffold, numbers): (&Scaffold, &[u64]),
+    load: impl Fn(&mut InputFiles, &Pose) -> Result<(Scaffold, Vec<u64>), RunError>,
 ) -> Result<NodeMotion, RunError> {
     let recipe = files.recipe;
     let [needs_velocity, needs_rest] = requested(recipe);
@@ -249,8 +249,8 @@ pub(super) fn node_motion(
         let Some(pose) = pose else {
             return Ok(scaffold.nodes().to_vec());
         };
-        let other = load(files, &pose)?;
-        check_connectivity(recipe, scaffold, &other, &pose)?;
+        let (other, other_numbers) = load(files, &pose)?;
+        check_connectivity(recipe, (scaffold, numbers), (&other, &other_numbers), &pose)?;
         Ok::<_, RunError>(other.nodes().to_vec())
     };
     if needs_velocity {
@@ -340,15 +340,15 @@ fn series_pose(recipe: &Recipe, template: &str, frame: i32) -> Pose {
 
 /// The pose at rest; nothing if it is that of the run.
 fn rest_pose(recipe: &Recipe, section: &ScaffoldSection) -> Result<Option<Pose>, RunError> {
-    let asked = section.motion.as_ref().and_then(|m| m.rest_frame);
+    let requested = section.motion.as_ref().and_then(|m| m.rest_frame);
     let now = recipe.clock().frame;
     let Some((template, frames)) = series(recipe) else {
         return Ok(Some(Pose {
-            frame: asked.map(f64::from),
+            frame: requested.map(f64::from),
             ..Pose::default()
         }));
     };
-    let rest = asked.or(frames.first().copied()).unwrap_or(now);
+    let rest = requested.or(frames.first().copied()).unwrap_or(now);
     if rest == now {
         return Ok(None);
     }
@@ -370,18 +370,25 @@ pub(super) fn nearest_text(frames: &[i32], frame: i32) -> String {
     }
 }
 
-/// Refuses a scaffold whose elements are not those of the run's frame.
+/// Refuses a scaffold whose elements are not those of the run's frame. A scaffold comes with its file's number of each
+/// node.
 fn check_connectivity(
     recipe: &Recipe,
-    here: &Scaffold,
-    there: &Scaffold,
+    (here, here_numbers): (&Scaffold, &[u64]),
+    (there, there_numbers): (&Scaffold, &[u64]),
     pose: &Pose,
 ) -> Result<(), RunError> {
     let (a, b) = (here.connectivity(), there.connectivity());
     let is_equal =
         |e: usize| e < a.len() && e < b.len() && a.kind(e) == b.kind(e) && a.nodes(e) == b.nodes(e);
+    // Readers number nodes as elements use them, so that the numbers of the files count too.
+    let mut pairs = here_numbers.iter().zip(there_numbers);
+    let renumbered = pairs.position(|(a, b)| a != b);
+    let uses = |n: usize| (0..a.len()).find(|&e| a.nodes(e).contains(&(n as u32)));
     let differing = (0..a.len().max(b.len())).find(|&e| !is_equal(e));
-    if differing.is_none() && here.nodes().len() == there.nodes().len() {
+    let differing = differing.or_else(|| renumbered.and_then(uses));
+    let is_same = differing.is_none() && renumbered.is_none();
+    if is_same && here.nodes().len() == there.nodes().len() {
         return Ok(());
     }
     let owner = |e: usize| if e < here.len() { here } else { there };
@@ -390,7 +397,17 @@ fn check_connectivity(
         None => format!("{} nodes", s.nodes().len()),
         Some(e) if e >= s.len() => "no element".into(),
         Some(e) => {
-            let nodes = s.connectivity().nodes(e).iter().map(ToString::to_string);
+            let numbers = if std::ptr::eq(s, here) {
+                here_numbers
+            } else {
+                there_numbers
+            };
+            let name = |n: &u32| numbers.get(*n as usize).copied().unwrap_or(u64::from(*n));
+            let nodes = s
+                .connectivity()
+                .nodes(e)
+                .iter()
+                .map(|n| name(n).to_string());
             let nodes = nodes.collect::<Vec<_>>().join(" ");
             format!("{} [{nodes}]", s.connectivity().kind(e).name())
         }

@@ -33,6 +33,8 @@ pub(super) struct LoadedScaffold {
 struct SourceScaffold {
     scaffold: Scaffold,
     path: Option<PathBuf>,
+    /// The file's number of each node; empty without a file.
+    node_numbers: Vec<u64>,
     groups: Vec<Group>,
     envelope: Option<Arc<MeshSolid>>,
     /// What its file's reader merged or left out.
@@ -44,6 +46,7 @@ impl SourceScaffold {
         Self {
             scaffold,
             path: None,
+            node_numbers: Vec::new(),
             groups: Vec::new(),
             envelope: None,
             notes: Vec::new(),
@@ -77,8 +80,10 @@ pub(super) fn load(
     let source = divided_scaffold(files, section, &Pose::current(files.recipe))?;
     let mut report = validate(files, &source.scaffold, source.path.as_deref())?;
     report.notes = source.notes;
-    let motion = node_motion(files, section, &source.scaffold, |files, pose| {
-        Ok(divided_scaffold(files, section, pose)?.scaffold)
+    let own = (&source.scaffold, &source.node_numbers[..]);
+    let motion = node_motion(files, section, own, |files, pose| {
+        let other = divided_scaffold(files, section, pose)?;
+        Ok((other.scaffold, other.node_numbers))
     })?;
     Ok(LoadedScaffold {
         scaffold: source.scaffold,
@@ -208,6 +213,7 @@ fn source_scaffold(
             let scaffold = with_nodes(&read.scaffold, nodes).map_err(fail)?;
             SourceScaffold {
                 scaffold,
+                node_numbers: read.node_numbers,
                 groups: read.groups,
                 path: Some(path.clone()),
                 envelope: None,
@@ -253,6 +259,7 @@ fn source_scaffold(
             };
             SourceScaffold {
                 scaffold: scaffold.map_err(fail)?,
+                node_numbers: read.node_numbers,
                 groups: read.groups,
                 path: Some(path.clone()),
                 envelope: None,

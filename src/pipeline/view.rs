@@ -1,15 +1,18 @@
-//! Meshes for interactive views: few triangles, wall thickness at their vertices, and blocks of cells.
+//! Geometry for interactive views: few triangles, wall thickness at their vertices, blocks of cells, boxes of solids.
 
+use super::RunOptions;
 use super::decimate::triangles_to_count;
 use super::error::RunError;
-use super::field_ops::Shape;
+use super::field_ops::{Shape, extent_bound};
+use super::inputs::Inputs;
 use super::least_wall::{Phase, TouchingBall, balls};
 use super::level_set_ops::StageContext;
+use super::offsets::predicted_offsets;
 use crate::cell::{Cell, Table};
-use crate::frame::{Element, LengthUnit, Vec3};
+use crate::frame::{Aabb, Element, LengthUnit, Vec3};
 use crate::mesh::TriMesh;
 use crate::progress::Progress;
-use crate::recipe::Scale;
+use crate::recipe::{Recipe, Scale};
 use crate::scaffold::{Kind, Scaffold};
 use crate::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
 use crate::vdb::{LevelSet, Session};
@@ -49,6 +52,23 @@ pub fn wall_thickness(
         TouchingBall::Wider | TouchingBall::Pierced => f32::NAN,
     };
     Ok(found.into_iter().map(value).collect())
+}
+
+/// A box around the solid of a recipe, in its unit; `None` where it begins with a file's level set, or is empty.
+///
+/// # Errors
+/// As [`run`](super::run) while it reads the inputs.
+pub fn solid_extent(
+    recipe: &Recipe,
+    options: &RunOptions,
+    progress: &dyn Progress,
+) -> Result<Option<Aabb>, RunError> {
+    let threads = super::threads(options)?;
+    let inputs = Inputs::load(recipe, &threads, options, progress)?;
+    if inputs.volumes.start().is_some() {
+        return Ok(None);
+    }
+    extent_bound(&inputs, recipe.scale(), predicted_offsets(&inputs))
 }
 
 /// A cell in `count` elements along each axis of a box, as a level set; `None` for a cell of the ball, which tiles

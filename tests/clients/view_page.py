@@ -47,10 +47,10 @@ def browser():
 
 
 class Page:
-    def __init__(self, driver, path, folder):
+    def __init__(self, driver, address, folder):
         self.driver, self.folder = driver, folder
-        driver.get(path.as_uri())
-        WebDriverWait(driver, 20, 0.02).until(lambda d: self.script("return document.documentElement.dataset.ready"))
+        driver.get(address)
+        WebDriverWait(driver, 60, 0.02).until(lambda d: self.script("return document.documentElement.dataset.ready"))
         self.canvas = self.element("canvas")
 
     def script(self, text, *arguments):
@@ -248,8 +248,8 @@ def main():
             subprocess.run([druse, *arguments, "--quiet"], cwd=top, check=True, stdout=subprocess.DEVNULL)
         driver = browser()
         try:
-            work(Page(driver, top / "part.html", folder))
-            work_elements(Page(driver, top / "elements.html", folder))
+            work(Page(driver, (top / "part.html").as_uri(), folder))
+            work_elements(Page(driver, (top / "elements.html").as_uri(), folder))
             logs = [entry["message"] for entry in driver.get_log("browser")]
             assert not logs, logs
             sent = [e["message"] for e in driver.get_log("performance") if '"Network.requestWillBeSent"' in e["message"]]
@@ -260,4 +260,5 @@ def main():
     print("the page turns, cuts, colours, marks, picks and saves; nothing leaves the machine")
 
 
-main()
+if __name__ == "__main__":
+    main()

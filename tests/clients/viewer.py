@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 import urllib.parse
 from pathlib import Path
 
@@ -67,6 +68,7 @@ class Page:
     def point(self, x, y):
         """Moves the pointer to a place counted from the middle of the canvas."""
         ActionChains(self.driver, 20).move_to_element_with_offset(self.canvas, x, y).perform()
+        time.sleep(0.1)
         return self.text("under")
 
     def slide(self, name, value):

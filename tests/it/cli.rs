@@ -5,6 +5,7 @@ mod designs;
 mod frames;
 mod homogenize;
 mod hybrid;
+mod live;
 mod meshes;
 mod portable;
 mod reports;

@@ -1,8 +1,8 @@
 //! `druse crystal --view`: one page that shows the model and runs modelling steps.
 //!
 //! Only a client that has the address may run steps and save: [`Server`] has the rules. It writes into one directory
-//! only (`Sandbox`). The page is `view/page.*`; it draws by WebGL 2 (`../view/webgl.js`). It loads nothing from the
-//! network.
+//! only (`Sandbox`). The page is `view/page.*` and the parts that it shares with `druse view`: style, camera, pointer,
+//! keys and WebGL. It loads nothing from the network.
 
 use super::super::server::{Method, Refused, Reply, Request, Server};
 use super::super::{Answer, Failure, Session};
@@ -15,10 +15,20 @@ mod scene;
 mod state;
 
 const PAGE: &str = include_str!("view/page.html");
-const STYLE: &str = include_str!("view/page.css");
-const SCRIPT: &str = include_str!("view/page.js");
-const DRAWING: &str = include_str!("view/drawing.js");
-const WEBGL: &str = include_str!("../view/webgl.js");
+/// The style sheets, in order.
+const STYLES: [&str; 2] = [
+    include_str!("../view/page.css"),
+    include_str!("view/page.css"),
+];
+/// The scripts, in order.
+const SCRIPTS: [&str; 6] = [
+    include_str!("../view/kit.js"),
+    include_str!("../view/webgl.js"),
+    include_str!("../view/camera.js"),
+    include_str!("../view/controls.js"),
+    include_str!("view/drawing.js"),
+    include_str!("view/page.js"),
+];
 
 /// Serves the page until the page or a signal ends the session.
 pub(super) fn serve(p: &Parameters, source: &Source, session: &Session) -> Result<Answer, Failure> {
@@ -37,10 +47,8 @@ pub(super) fn serve(p: &Parameters, source: &Source, session: &Session) -> Resul
 fn answer(request: &Request, state: &mut ViewState) -> Reply {
     match (request.method, request.path.as_str()) {
         (Method::Get, "") => Reply::html(PAGE),
-        (Method::Get, "page.css") => Reply::style(STYLE),
-        (Method::Get, "page.js") => Reply::script(SCRIPT),
-        (Method::Get, "drawing.js") => Reply::script(DRAWING),
-        (Method::Get, "webgl.js") => Reply::script(WEBGL),
+        (Method::Get, "page.css") => Reply::style(&STYLES.concat()),
+        (Method::Get, "page.js") => Reply::script(&SCRIPTS.concat()),
         (Method::Get, "words") => Reply::json(&state::words()),
         (Method::Get, "model") => Reply::bytes(state.scene()),
         (Method::Post, "quit") => Reply::text(200, "bye").last(),

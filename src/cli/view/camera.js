@@ -23,6 +23,15 @@ class Camera {
     this.reset(wide);
   }
 
+  // Takes another box of the same part; what is seen stays.
+  adopt(low, high) {
+    const size = this.size;
+    this.home = low.map((c, k) => (c + high[k]) / 2);
+    this.half = high.map((c, k) => (c - low[k]) / 2);
+    this.size = Math.hypot(...this.half) || 1;
+    this.away = clamp(this.away * size / this.size, 0.02, 20);
+  }
+
   reset(wide) {
     this.face(-2.1, 0.5, wide);
   }

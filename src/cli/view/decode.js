@@ -3,9 +3,8 @@
 
 const NO_VALUE = 65535;
 
-// The bytes of text in base64 that were compressed by zlib.
-async function inflate(text) {
-  const packed = Uint8Array.from(atob(text.trim()), (c) => c.charCodeAt(0));
+// Bytes that were compressed by zlib.
+async function inflate(packed) {
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
@@ -78,7 +77,7 @@ class Reader {
 }
 
 // All bodies of a page.
-async function decode(about, text) {
-  const reader = new Reader(await inflate(text));
+async function decode(about, packed) {
+  const reader = new Reader(await inflate(packed));
   return about.bodies.map((body) => reader.body(body));
 }

@@ -24,8 +24,8 @@ class Drawing {
     this.drawn = { triangles: 0, calls: 0 };
   }
 
-  // Shows a body.
-  show(body) {
+  // Shows a body; `isSame` keeps the camera, for another state of the same part.
+  show(body, isSame) {
     const gl = this.gl;
     if (this.geometry) {
       if (this.wire) gl.deleteBuffer(this.wire.index);
@@ -42,7 +42,8 @@ class Drawing {
     if (!body.elements) this.geometry.buffers.centre = this.geometry.buffers.position;
     this.boxLines = null;
     const high = body.low.map((c, k) => c + body.size[k]);
-    this.camera.frame(body.low, high, this.wide());
+    if (isSame) this.camera.adopt(body.low, high);
+    else this.camera.frame(body.low, high, this.wide());
     this.request();
   }
 

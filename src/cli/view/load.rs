@@ -1,17 +1,18 @@
 //! From a file to the scene of its page.
 
+use super::sampled::{Grid, Sampled};
 use super::scene::{At, Field, Scene};
 use super::surface::{SurfaceOptions, body};
 use super::{KINDS, Parameters, elements};
 use crate::cell::Cell;
 use crate::cli::kind::FileKind;
-use crate::cli::{Failure, Session, run};
+use crate::cli::{Failure, run};
 use crate::frame::{Vec3, WorldPoint, figures};
 use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use crate::mesh::{TriMesh, mesh_components};
 use crate::pipeline;
 use crate::progress::Progress;
-use crate::vdb::{self, Cubes, GridReading, Volume};
+use crate::vdb::{self, Cubes, GridReading, LevelSet, Volume};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -38,17 +39,62 @@ const BEAM_VOXELS: f64 = 400.0;
 pub(super) fn scene(
     p: &Parameters,
     tools: vdb::Session,
-    session: &Session,
-) -> Result<Scene, Failure> {
+    progress: &dyn Progress,
+) -> Result<(Scene, Option<Sampled>), Failure> {
     if let Some(cell) = crate::cli::fit::surface(&p.file, None)? {
-        return cell_scene(p, &cell, tools, session);
+        return Ok((cell_scene(p, &cell, tools, progress)?, None));
     }
-    match kind_of(&p.file)? {
-        FileKind::Vdb => level_set(p, tools, session),
-        FileKind::Mesh => mesh_scene(p, tools, session),
-        FileKind::Scaffold => scaffold(p, session),
-        _ => cell_scene(p, &read_cell(&p.file)?, tools, session),
+    let scene = match kind_of(&p.file)? {
+        FileKind::Vdb => return level_set(p, tools, progress),
+        FileKind::Mesh => mesh_scene(p, tools, progress),
+        FileKind::Scaffold => scaffold(p, progress),
+        _ => cell_scene(p, &read_cell(&p.file)?, tools, progress),
+    };
+    Ok((scene?, None))
+}
+
+/// Whether a file takes long to read, so that it is read once.
+pub(super) fn is_large(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|found| found.len() > MAX_INSPECTED_BYTES)
+}
+
+/// Refuses a file that no page shows.
+pub(super) fn check(path: &Path) -> Result<(), Failure> {
+    if crate::cli::fit::surface(path, None)?.is_none() {
+        kind_of(path)?;
     }
+    Ok(())
+}
+
+/// The scene of a level set in memory, in its own unit.
+pub(super) fn solid_scene(
+    p: &Parameters,
+    solid: &LevelSet,
+    (unit, has_thickness): (&str, bool),
+    tools: vdb::Session,
+    progress: &dyn Progress,
+) -> Result<Scene, Failure> {
+    let mesh = solid.to_mesh(tools)?;
+    let mut none = |_: &[Vec3]| Ok::<Vec<Field>, Failure>(Vec::new());
+    let how = SurfaceOptions {
+        has_thickness,
+        ..options(p)
+    };
+    let (body, components) = body("surface", &mesh, (how, unit), &mut none, progress)?;
+    let mut notes = Vec::new();
+    simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
+    let mut facts = Vec::new();
+    if body.is_closed {
+        let volume: f64 = components.iter().map(|c| c.volume).sum();
+        facts.push(["volume".into(), volume_text(volume, unit)]);
+    }
+    Ok(Scene {
+        kind: "recipe",
+        unit: unit.to_owned(),
+        bodies: vec![body],
+        facts,
+        notes,
+    })
 }
 
 /// Whether a file is one of NanoVDB, which no other command reads.
@@ -85,17 +131,22 @@ fn shown_unit(stated: Option<&str>, longest: f64) -> (&str, f64) {
     }
 }
 
-fn level_set(p: &Parameters, tools: vdb::Session, session: &Session) -> Result<Scene, Failure> {
-    session.stage("reading", None);
+fn level_set(
+    p: &Parameters,
+    tools: vdb::Session,
+    progress: &dyn Progress,
+) -> Result<(Scene, Option<Sampled>), Failure> {
+    progress.stage("reading", None);
     let reader = crate::cli::vdb::reader()?;
     let volume = reader.fetch_coarse(&p.file, p.grid.as_deref(), max_voxels(p))?;
     let (step, own) = (volume.coarse_step(), volume.name().to_owned());
     let stated = volume.meta("druse.unit").map(str::to_owned);
     let info = volume.info().clone();
     let mut notes = Vec::new();
-    session.stage("meshing", None);
-    let mesh = if step > 1 {
-        without_crumbs(&volume.coarse_mesh(tools)?, info.voxel_size[0])?
+    progress.stage("meshing", None);
+    let (mesh, grid) = if step > 1 {
+        let mesh = without_crumbs(&volume.coarse_mesh(tools)?, info.voxel_size[0])?;
+        (mesh, Grid::Volume(volume))
     } else {
         let how = GridReading {
             cubes: Cubes::Edge(info.cube_edge()),
@@ -103,7 +154,8 @@ fn level_set(p: &Parameters, tools: vdb::Session, session: &Session) -> Result<S
         };
         let adopted = volume.solid(&p.file, &how, tools)?;
         notes.extend(adopted.notes);
-        adopted.solid.to_mesh(tools)?
+        let mesh = adopted.solid.to_mesh(tools)?;
+        (mesh, Grid::LevelSet(adopted.solid))
     };
     let (unit, factor) = shown_unit(stated.as_deref(), mesh.bounds().size().max());
     let mesh = mesh.mapped(|x| x * factor);
@@ -144,7 +196,7 @@ fn level_set(p: &Parameters, tools: vdb::Session, session: &Session) -> Result<S
             .collect::<Result<Vec<Field>, Failure>>()
     };
     let found = mesh.triangles().len();
-    let (body, components) = body(&own, &mesh, (options(p), unit), &mut sampled, session)?;
+    let (body, components) = body(&own, &mesh, (options(p), unit), &mut sampled, progress)?;
     simplified(found, body.triangles.len(), &mut notes);
     let mut facts = vec![
         ["grid".into(), own.clone()],
@@ -157,13 +209,19 @@ fn level_set(p: &Parameters, tools: vdb::Session, session: &Session) -> Result<S
         let volume: f64 = components.iter().map(|c| c.volume).sum();
         facts.push(["volume".into(), volume_text(volume, unit)]);
     }
-    Ok(Scene {
+    let scene = Scene {
         kind: "level set",
         unit: unit.to_owned(),
         bodies: vec![body],
         facts,
         notes,
-    })
+    };
+    let sampled = Sampled {
+        grid,
+        factor,
+        bounds: scene.bounds(),
+    };
+    Ok((scene, Some(sampled)))
 }
 
 /// A mesh without components smaller than a voxel, which averages over voxels leave of thin walls.
@@ -177,7 +235,7 @@ fn without_crumbs(mesh: &TriMesh, voxel: f64) -> Result<TriMesh, Failure> {
     TriMesh::new(mesh.vertices().to_vec(), kept).map_err(|e| Failure::usage(e.to_string()))
 }
 
-fn with_unit(value: f64, unit: &str) -> String {
+pub(super) fn with_unit(value: f64, unit: &str) -> String {
     format!("{} {unit}", figures(value)).trim_end().to_owned()
 }
 
@@ -228,8 +286,12 @@ fn values(p: &Parameters, own: &str, notes: &mut Vec<String>) -> Result<Vec<Volu
     names.iter().map(fetch).collect()
 }
 
-fn mesh_scene(p: &Parameters, tools: vdb::Session, session: &Session) -> Result<Scene, Failure> {
-    session.stage("reading", None);
+fn mesh_scene(
+    p: &Parameters,
+    tools: vdb::Session,
+    progress: &dyn Progress,
+) -> Result<Scene, Failure> {
+    progress.stage("reading", None);
     let solid = read_solid(&p.file)?;
     let unit = solid
         .file
@@ -244,17 +306,17 @@ fn mesh_scene(p: &Parameters, tools: vdb::Session, session: &Session) -> Result<
         let level_set = pipeline::solid_picture(&p.file, &solid, [voxel, BAND_HALF_WIDTH], tools)?;
         level_set.to_mesh(tools)?
     };
-    surface_scene(p, &mesh, (unit, notes), session)
+    surface_scene(p, &mesh, (unit, notes), progress)
 }
 
 fn surface_scene(
     p: &Parameters,
     mesh: &TriMesh,
     (unit, mut notes): (String, Vec<String>),
-    session: &Session,
+    progress: &dyn Progress,
 ) -> Result<Scene, Failure> {
     let mut none = |_: &[Vec3]| Ok::<Vec<Field>, Failure>(Vec::new());
-    let (body, components) = body("surface", mesh, (options(p), &unit), &mut none, session)?;
+    let (body, components) = body("surface", mesh, (options(p), &unit), &mut none, progress)?;
     simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
     let mut facts = vec![[
         "triangles in the file".into(),
@@ -277,8 +339,8 @@ fn surface_scene(
     })
 }
 
-fn scaffold(p: &Parameters, session: &Session) -> Result<Scene, Failure> {
-    session.stage("reading", None);
+fn scaffold(p: &Parameters, progress: &dyn Progress) -> Result<Scene, Failure> {
+    progress.stage("reading", None);
     let file = match read_elements(&p.file)? {
         ElementFile::Solids(file) => file,
         ElementFile::Surface(_) => {
@@ -286,10 +348,10 @@ fn scaffold(p: &Parameters, session: &Session) -> Result<Scene, Failure> {
             let unit = file
                 .unit
                 .map_or_else(String::new, |u| u.symbol().to_owned());
-            return surface_scene(p, &file.mesh, (unit, file.warnings), session);
+            return surface_scene(p, &file.mesh, (unit, file.warnings), progress);
         }
     };
-    session.stage("faces", None);
+    progress.stage("faces", None);
     let report = file.scaffold.report();
     let mut notes = file.warnings.clone();
     notes.extend(report.warnings());
@@ -336,7 +398,7 @@ fn cell_scene(
     p: &Parameters,
     cell: &Cell,
     tools: vdb::Session,
-    session: &Session,
+    progress: &dyn Progress,
 ) -> Result<Scene, Failure> {
     let failed = |e: pipeline::RunError| match e {
         pipeline::RunError::Cancelled(_) => Failure::stopped(130),
@@ -356,7 +418,7 @@ fn cell_scene(
         let Some(solid) = solid else { continue };
         let mesh = solid.to_mesh(tools)?;
         let mut none = |_: &[Vec3]| Ok::<Vec<Field>, Failure>(Vec::new());
-        let (body, _) = body(name, &mesh, (share, ""), &mut none, session)?;
+        let (body, _) = body(name, &mesh, (share, ""), &mut none, progress)?;
         simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
         bodies.push(body);
     }

@@ -1,8 +1,7 @@
 // The page: its controls, what they show, and the link that restores them.
 "use strict";
 
-const $ = (id) => document.getElementById(id);
-const scene = JSON.parse($("scene").textContent);
+let scene = null;
 const numberText = (v) => Number.isFinite(v) ? String(+v.toPrecision(4)) : "none";
 const withUnit = (text, unit) => unit ? `${text} ${unit}` : text;
 let drawing = null;
@@ -10,6 +9,10 @@ let bodies = [];
 let axis = "x";
 let side = 1;
 let mark = null;
+// What a live page adds: keys, parts of the link, and what follows a moved cut.
+const moreKeys = {};
+let moreLink = () => {};
+let onCut = () => {};
 
 function fail(message) {
   $("wait").textContent = message;
@@ -131,28 +134,17 @@ function setCut() {
   $("at-value").textContent = withUnit(axis === "view" ? place : `${axis} = ${place}`, scene.unit);
   $("at").setAttribute("aria-valuetext", $("at-value").textContent);
   drawing.request();
+  onCut();
 }
 
 function flip() {
   setAxis(axis, -side);
 }
 
-function toggle(id) {
-  $(id).checked = !$(id).checked;
-  $(id).dispatchEvent(new Event("change"));
-}
-
 function move(by) {
   if (!$("cut").checked) toggle("cut");
   $("at").value = +$("at").value + by;
   setCut();
-}
-
-function setTheme(dark) {
-  document.documentElement.className = dark ? "dark" : "light";
-  $("dark").checked = dark;
-  drawing.state.theme = dark ? "dark" : "light";
-  drawing.request();
 }
 
 function choose(part) {
@@ -188,16 +180,45 @@ function listParts(body) {
 function show(n) {
   const body = bodies[n];
   drawing.show(body);
+  describeBody(body);
+  colorBy(body.elements || body.numbers.length ? 0 : -1);
+  drawing.state.edges = $("edges").checked = body.lines.length > 0;
+  setAxis(axis);
+}
+
+// Shows another state of the same part: camera, cut, colour and edges stay.
+function refresh(old) {
+  const body = bodies[Math.max(0, bodies.findIndex((b) => b.name === old.name))];
+  const field = old.fields[drawing.state.field];
+  const [low, high, limit] = [$("low"), $("high"), $("mark")].map((i) => i.value);
+  const isUsual = field && !field.labels && usualRange(field).every((v, k) => numberText(v) === [low, high][k]);
+  drawing.show(body, true);
+  describeBody(body);
+  const n = field ? body.fields.findIndex((f) => f.name === field.name) : -1;
+  const lost = field && n < 0 ? field.name : null;
+  lostField = lost ?? (field || !lostField ? null : lostField);
+  const back = lostField ? body.fields.findIndex((f) => f.name === lostField) : -1;
+  if (back >= 0) lostField = null;
+  colorBy(Math.max(n, back));
+  if (n >= 0 && !field.labels) {
+    if (!isUsual) setRange(parseFloat(low), parseFloat(high));
+    $("mark").value = limit;
+    setMark();
+  }
+  setAxis(axis, side);
+}
+
+// The colour that returns with its field: coarse results have no wall thickness.
+let lostField = null;
+
+function describeBody(body) {
   const size = body.size.map(numberText).join(" × ");
   $("kind").textContent = `${scene.kind}, ${withUnit(size, scene.unit)}`;
   const options = body.fields.map((f, k) => new Option(f.name, k));
   $("field").replaceChildren(new Option("nothing", -1), ...options);
-  colorBy(body.elements || body.numbers.length ? 0 : -1);
   $("shrink-line").hidden = !body.elements;
-  drawing.state.edges = $("edges").checked = body.lines.length > 0;
   drawing.state.chosen = -1;
   listParts(body);
-  setAxis(axis);
 }
 
 // The place, value and part under the pointer as text.
@@ -230,24 +251,8 @@ function setMeasure(x, y) {
   pick(x, y);
 }
 
-function drawTriad() {
-  const { right, up, back } = drawing.camera.axes();
-  const ends = [["x", "#d9413a", 0], ["y", "#3c9a3f", 1], ["z", "#3a6fe0", 2]];
-  ends.sort((a, b) => back[a[2]] - back[b[2]]);
-  $("triad").innerHTML = ends.map(([name, color, k]) => {
-    const [x, y] = [24 * right[k], -24 * up[k]];
-    return `<line x2="${x}" y2="${y}" stroke="${color}" stroke-width="2.5" stroke-linecap="round"/>` +
-      `<text x="${1.32 * x}" y="${1.32 * y}" fill="${color}">${name}</text>`;
-  }).join("");
-}
-
 async function savePicture() {
-  const blob = await drawing.picture();
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
-  link.download = `${scene.title.replace(/\.[^.]*$/, "")}.png`;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  download(await drawing.picture(), `${scene.title.replace(/\.[^.]*$/, "")}.png`);
 }
 
 // The link restores camera, cut and colour.
@@ -255,9 +260,11 @@ let kept = 0;
 function keepLink() {
   clearTimeout(kept);
   kept = setTimeout(() => {
+    if (!drawing) return;
     const { state, camera } = drawing;
     const link = new URLSearchParams({ camera: camera.text(), body: bodies.indexOf(drawing.body), color: state.field });
     if (state.cut) link.set("cut", [axis, side, $("at").value].join(","));
+    moreLink(link);
     try { history.replaceState(null, "", `#${link}`); } catch { /* some browsers refuse it for files */ }
   }, 300);
 }
@@ -279,19 +286,9 @@ function restore() {
   }
 }
 
-function view(turn, tilt) {
-  drawing.camera.face(turn, tilt, drawing.wide());
-  drawing.request();
-}
-
 function connect() {
   const on = (id, event, act) => $(id).addEventListener(event, act);
-  const home = () => { drawing.camera.reset(drawing.wide()); drawing.request(); };
-  const views = { 1: () => view(-Math.PI / 2, 0), 2: () => view(0, 0), 3: () => view(-Math.PI / 2, Math.PI / 2) };
-  on("home", "click", home);
-  on("front", "click", views[1]);
-  on("side", "click", views[2]);
-  on("top", "click", views[3]);
+  const views = addViews(drawing, () => drawing.camera.reset(drawing.wide()));
   on("picture", "click", savePicture);
   on("field", "change", (e) => { colorBy(Number(e.target.value)); keepLink(); });
   for (const id of ["low", "high"]) on(id, "change", readRange);
@@ -307,49 +304,58 @@ function connect() {
   on("shrink", "input", (e) => { drawing.state.shrink = e.target.value / 100; $("shrink-value").textContent = `${e.target.value} %`; drawing.request(); });
   on("edges", "change", (e) => { drawing.state.edges = e.target.checked; drawing.request(); });
   on("box", "change", (e) => { drawing.state.box = e.target.checked; drawing.request(); });
-  on("dark", "change", (e) => setTheme(e.target.checked));
+  on("dark", "change", (e) => setTheme(drawing, e.target.checked));
   addPointer($("canvas"), drawing, { pick, mark: setMeasure });
   const cutAlong = (name) => () => { $("cut").checked = true; setAxis(name); };
   addKeys(drawing, {
-    ...views, h: home, p: savePicture, f: flip, "[": () => move(-25), "]": () => move(25), x: cutAlong("x"), y: cutAlong("y"),
-    z: cutAlong("z"), c: () => toggle("cut"), e: () => toggle("edges"), b: () => toggle("box"), d: () => toggle("dark"),
+    ...views, p: savePicture, f: flip, "[": () => move(-25), "]": () => move(25), x: cutAlong("x"), y: cutAlong("y"),
+    z: cutAlong("z"), ...moreKeys, c: () => toggle("cut"), e: () => toggle("edges"), b: () => toggle("box"), d: () => toggle("dark"),
   });
   window.addEventListener("resize", () => { drawing.camera.refit(drawing.wide()); drawing.request(); });
-  drawing.onDraw = () => { drawTriad(); keepLink(); };
+  drawing.onDraw = () => { drawTriad(drawing.camera); keepLink(); };
 }
 
 function describe() {
   $("title").textContent = scene.title;
-  for (const [name, text] of scene.facts) {
+  const facts = scene.facts.flatMap(([name, text]) => {
     const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
     [dt.textContent, dd.textContent] = [name, text];
-    $("facts").append(dt, dd);
-  }
-  for (const note of scene.notes) $("notes").append(Object.assign(document.createElement("li"), { textContent: note }));
+    return [dt, dd];
+  });
+  $("facts").replaceChildren(...facts);
+  $("notes").replaceChildren(...scene.notes.map((note) => Object.assign(document.createElement("li"), { textContent: note })));
   const count = scene.bodies.reduce((sum, b) => sum + b.triangles, 0);
   $("about").textContent = `${count.toLocaleString("en")} triangles · druse ${scene.version}, MIT or Apache-2.0 · nothing is loaded from a network`;
   $("body-box").hidden = bodies.length < 2;
-  bodies.forEach((body, n) => {
+  const rows = bodies.flatMap((body, n) => {
     const label = document.createElement("label");
-    const radio = Object.assign(document.createElement("input"), { type: "radio", name: "body", checked: n === 0 });
+    const isShown = drawing.body ? drawing.body.name === body.name : n === 0;
+    const radio = Object.assign(document.createElement("input"), { type: "radio", name: "body", checked: isShown });
     radio.onchange = () => show(n);
     label.append(radio, ` ${body.name}`);
-    $("bodies").append(label, document.createElement("br"));
+    return [label, document.createElement("br")];
   });
+  $("bodies").replaceChildren(...rows);
 }
 
-async function start() {
+// Shows a scene: a description and compressed numbers. A later one keeps what the user has chosen.
+async function showScene(about, packed) {
   if (typeof DecompressionStream === "undefined") throw new Error("this browser is too old; expected Chrome or Edge 80, Firefox 113, Safari 16.4, or newer");
-  bodies = await decode(scene, $("numbers").textContent);
-  $("numbers").textContent = "";
-  drawing = new Drawing($("canvas"));
+  const fresh = await decode(about, packed);
+  const old = drawing?.body;
+  [scene, bodies] = [about, fresh];
+  if (!drawing) {
+    drawing = new Drawing($("canvas"));
+    connect();
+    setTheme(drawing, matchMedia("(prefers-color-scheme: dark)").matches);
+  }
   describe();
-  connect();
-  setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
+  if (old) {
+    refresh(old);
+    return;
+  }
   show(0);
   restore();
   $("wait").hidden = true;
   document.documentElement.dataset.ready = "yes";
 }
-
-start().catch((e) => fail(e.message));

@@ -1,10 +1,11 @@
 //! The body of a triangle mesh: vertices divided at creases, components, wall thickness.
 
+use super::Failure;
 use super::scene::{At, Body, Field, normal_bytes};
-use super::{Failure, Session};
 use crate::frame::Vec3;
 use crate::mesh::{MeshComponent, TriMesh, is_closed, mesh_components};
 use crate::pipeline;
+use crate::progress::Progress;
 use serde_json::{Value, json};
 
 /// Cosine of the greatest angle between triangles that share a normal.
@@ -31,11 +32,11 @@ pub(super) fn body(
     mesh: &TriMesh,
     (options, unit): (SurfaceOptions, &str),
     sampled: &mut Sampler<'_>,
-    session: &Session,
+    progress: &dyn Progress,
 ) -> Result<(Body, Vec<MeshComponent>), Failure> {
     let is_closed = is_closed(mesh);
     let (components, component_of) = mesh_components(mesh);
-    crate::progress::Progress::stage(session, "simplify", None);
+    progress.stage("simplify", None);
     let triangles = pipeline::few_triangles(mesh, options.max_triangles)?;
     let (mut body, sources) = divided(mesh, &triangles);
     name.clone_into(&mut body.name);
@@ -45,7 +46,7 @@ pub(super) fn body(
     let listed = components.iter().take(MAX_LISTED_COMPONENTS);
     body.rows = listed.map(|c| row(c, is_closed)).collect();
     if options.has_thickness && is_closed {
-        let mut values = pipeline::wall_thickness(mesh, &sources, session)?;
+        let mut values = pipeline::wall_thickness(mesh, &sources, progress)?;
         fill(&mut values, &body.triangles);
         // A part thicker than the measure reaches has no value at all.
         if values.iter().any(|v| v.is_finite()) {

@@ -66,7 +66,7 @@ fn frames_are_made_once_and_again_where_something_changed() {
     // A file that someone replaced is made again; the others stay.
     std::fs::write(place.join("out/bar.0005.vdb"), "").unwrap();
     assert_eq!(facts(place, &run)["made"], 1);
-    // Frames that formulas do not tell apart have the same grids.
+    // Frames for which formulas have equal values have the same grids.
     let still = facts(
         place,
         &[
@@ -129,10 +129,11 @@ fn bad_frames_are_refused() {
     );
     std::fs::write(place.join("m.0002.stl"), "").unwrap();
     std::fs::write(place.join("m.0009.stl"), "").unwrap();
-    let missing = ["--set", "op.0.intersect.mesh=m.####.stl"];
-    run(
-        "2-5",
-        &missing,
+    let cut = format!("{BAR}[[op]]\nintersect = {{ mesh = \"m.####.stl\" }}\n");
+    std::fs::write(place.join("cut.toml"), cut).unwrap();
+    refused(
+        place,
+        &["run", "cut.toml", "--frames", "2-5"],
         66,
         &[
             "no file for frames 3-5",

@@ -43,13 +43,18 @@ fn unbase(text: &str) -> Vec<u8> {
 }
 
 /// Positions and triangles of the first body.
-fn geometry(page: &str) -> (Vec<[f64; 3]>, Vec<[usize; 3]>) {
+fn geometry(page: &str) -> Geometry {
     let packed = unbase(between(page, "id=\"numbers\">", "</script>"));
+    decoded(&about(page), &packed)
+}
+
+/// Positions and triangles.
+type Geometry = (Vec<[f64; 3]>, Vec<[usize; 3]>);
+
+/// Positions and triangles of the first body of a scene.
+pub(super) fn decoded(about: &Value, packed: &[u8]) -> Geometry {
     let mut bytes = Vec::new();
-    ZlibDecoder::new(&packed[..])
-        .read_to_end(&mut bytes)
-        .unwrap();
-    let about = about(page);
+    ZlibDecoder::new(packed).read_to_end(&mut bytes).unwrap();
     let body = &about["bodies"][0];
     let count = body["vertices"].as_u64().unwrap() as usize;
     let mut positions = vec![[0.0; 3]; count];
@@ -89,7 +94,7 @@ fn geometry(page: &str) -> (Vec<[f64; 3]>, Vec<[usize; 3]>) {
     (positions, triangles)
 }
 
-fn volume((positions, triangles): &(Vec<[f64; 3]>, Vec<[usize; 3]>)) -> f64 {
+pub(super) fn volume((positions, triangles): &Geometry) -> f64 {
     let six = triangles.iter().map(|t| {
         let [a, b, c] = t.map(|v| positions[v]);
         a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])

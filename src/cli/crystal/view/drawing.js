@@ -23,8 +23,8 @@ void main() {
   gl_Position.z -= 0.0004 * gl_Position.w;
 }`, `#version 300 es
 precision highp float;
-out vec4 pixel;
-void main() { pixel = vec4(0.1, 0.11, 0.16, 1.0); }`];
+out vec4 pixel; uniform vec3 ink;
+void main() { pixel = vec4(ink, 1.0); }`];
 
 // The number of a face, from 1, in red, green and blue.
 const NUMBERS = [`#version 300 es
@@ -34,9 +34,11 @@ precision highp float;
 flat in int number; out vec4 pixel;
 void main() { pixel = vec4(number & 255, (number >> 8) & 255, (number >> 16) & 255, 255) / 255.0; }`];
 
+const THEMES = { light: { back: [0.957, 0.965, 0.976], ink: [0.1, 0.11, 0.16] }, dark: { back: [0.086, 0.098, 0.122], ink: [0.02, 0.025, 0.035] } };
+// Where the camera stands at first.
+const HOME = [0.6, 0.45];
+
 const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => { const l = Math.hypot(...a) || 1; return a.map((c) => c / l); };
 
 // Decodes a model from the bytes of the server.
@@ -65,7 +67,7 @@ class Drawing {
     const program = (shaders) => createProgram(this.gl, shaders);
     [this.faces, this.edges, this.numbers] = [FACES, EDGES, NUMBERS].map(program);
     this.hidden = createFramebuffer(this.gl);
-    Object.assign(this, { turn: 0.6, tilt: 0.45, away: 3.2, hovered: -1, chosen: 0, centre: [0, 0, 0], size: 1 });
+    Object.assign(this, { hovered: -1, chosen: 0, camera: new Camera(), state: { theme: "light", edges: true } });
   }
 
   // Sets the model; fits the view to it if required.
@@ -98,12 +100,17 @@ class Drawing {
     edges.forEach((v, k) => lines.set(point(v), 3 * k));
     this.solid = createGeometry(this.gl, { ...flat, face, group }, { face: 1, group: 1 });
     this.wire = createGeometry(this.gl, { position: lines });
-    if (look) this.home();
+    this.frame(look);
     this.draw();
   }
 
-  // Fits the view to the whole model.
-  home() {
+  // Width of the picture over its height.
+  wide() {
+    return this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
+  }
+
+  // Takes the box of the model; shows all of it if required.
+  frame(look) {
     const { positions, triangles } = this.model;
     const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
     for (const v of triangles) {
@@ -112,39 +119,38 @@ class Drawing {
         high[k] = Math.max(high[k], positions[3 * v + k]);
       }
     }
-    this.centre = low.map((c, k) => (c + high[k]) / 2);
-    this.size = Math.hypot(...minus(high, low)) / 2 || 1;
-    this.away = 3.2;
+    if (!triangles.length) return;
+    if (!look) return this.camera.adopt(low, high);
+    this.camera.frame(low, high, this.wide());
+    this.home();
   }
 
-  matrices() {
-    const { turn, tilt, centre, size } = this;
-    const back = [Math.cos(tilt) * Math.cos(turn), Math.cos(tilt) * Math.sin(turn), Math.sin(tilt)];
-    const right = [-Math.sin(turn), Math.cos(turn), 0];
-    const up = cross(back, right);
-    const eye = centre.map((c, k) => c + back[k] * this.away * size);
-    const axes = [right, up, back];
-    const view = [0, 1, 2].flatMap((k) => [...axes.map((a) => a[k]), 0]).concat(axes.map((a) => -dot(a, eye)), 1);
-    const [near, far] = [Math.max(0.02, this.away - 2.5) * size, (this.away + 2.5) * size];
-    const lens = 2.4;
-    const wide = this.canvas.width / this.canvas.height;
-    const projection = [lens / wide, 0, 0, 0, 0, lens, 0, 0, 0, 0, (near + far) / (near - far), -1, 0, 0, 2 * near * far / (near - far), 0];
-    return { view, projection };
+  // Shows the whole model.
+  home() {
+    this.camera.face(...HOME, this.wide());
+  }
+
+  request() {
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame(() => { this.waiting = false; this.draw(); });
   }
 
   draw() {
     const gl = this.gl;
     if (resizeCanvas(this.canvas)) resizeFramebuffer(gl, this.hidden);
     bindTarget(gl, null);
-    gl.clearColor(1, 1, 1, 1);
+    const theme = THEMES[this.state.theme];
+    gl.clearColor(...theme.back, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     this.stale = true;
     if (!this.solid) return;
     gl.enable(gl.DEPTH_TEST);
-    const camera = this.matrices();
+    const camera = this.camera.matrices(this.wide());
     const lit = { hovered: this.hovered, chosen: this.chosen };
     drawGeometry(gl, this.faces, this.solid, { ...camera, ...lit }, gl.TRIANGLES);
-    drawGeometry(gl, this.edges, this.wire, camera, gl.LINES);
+    if (this.state.edges) drawGeometry(gl, this.edges, this.wire, { ...camera, ink: theme.ink }, gl.LINES);
+    this.onDraw?.();
   }
 
   // The face under a point of the page, or -1.
@@ -159,7 +165,7 @@ class Drawing {
       gl.clearColor(0, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       gl.enable(gl.DEPTH_TEST);
-      drawGeometry(gl, this.numbers, this.solid, this.matrices(), gl.TRIANGLES);
+      drawGeometry(gl, this.numbers, this.solid, this.camera.matrices(this.wide()), gl.TRIANGLES);
       this.stale = false;
     }
     const pixel = new Uint8Array(4);
@@ -175,5 +181,11 @@ class Drawing {
     Object.assign(this, { hovered: face, chosen: group });
     this.draw();
     this.stale = kept;
+  }
+
+  // The picture as it is on the screen, as a PNG.
+  picture() {
+    this.draw();
+    return new Promise((done) => this.canvas.toBlob(done, "image/png"));
   }
 }

@@ -1,7 +1,6 @@
 // The page: requests to the server and their responses.
 "use strict";
 
-const $ = (id) => document.getElementById(id);
 const drawing = new Drawing($("canvas"));
 let words = { extrusions: [], schemes: [] };
 // The extrusion that the sliders change, with the selection of its faces.
@@ -127,41 +126,28 @@ function other(what, body, look) {
   return change(what, body, look);
 }
 
-// The pointer: a drag rotates the model, a click extrudes a face, a hover highlights a face.
-let drag = null;
-const canvas = $("canvas");
-canvas.onpointerdown = (e) => {
-  canvas.setPointerCapture(e.pointerId);
-  drag = { x: e.clientX, y: e.clientY, turn: drawing.turn, tilt: drawing.tilt, moved: false, button: e.button };
-};
-canvas.onpointermove = (e) => {
-  if (!drag) {
-    const face = drawing.under(e.clientX, e.clientY);
-    drawing.light(face, face >= 0 && $("whole").checked ? drawing.model.groups[face] : 0);
-    const about = (f) => `face ${f}, group ${drawing.model.groups[f]}, ${drawing.model.about.sides[f]} corners`;
-    $("under").textContent = face < 0 ? "" : about(face);
-    return;
-  }
-  const [dx, dy] = [e.clientX - drag.x, e.clientY - drag.y];
-  drag.moved ||= Math.hypot(dx, dy) > 4;
-  if (!drag.moved) return;
-  drawing.turn = drag.turn - dx * 0.008;
-  drawing.tilt = Math.max(-1.57, Math.min(1.57, drag.tilt + dy * 0.008));
-  drawing.draw();
-};
-canvas.onpointerup = (e) => {
-  const click = drag && !drag.moved && drag.button === 0;
-  drag = null;
-  const face = click ? drawing.under(e.clientX, e.clientY) : -1;
+// The pointer: a click extrudes a face, at rest it highlights one.
+function pick(x, y) {
+  const face = x < 0 ? -1 : drawing.under(x, y);
+  drawing.light(face, face >= 0 && $("whole").checked ? drawing.model.groups[face] : 0);
+  const about = (f) => `face ${f}, group ${drawing.model.groups[f]}, ${drawing.model.about.sides[f]} corners`;
+  $("under").textContent = face < 0 ? "" : about(face);
+}
+
+function extrudeUnder(x, y) {
+  const face = drawing.under(x, y);
   if (face >= 0) extrude(face);
-};
-canvas.onpointercancel = () => { drag = null; };
-canvas.onpointerleave = () => { drawing.light(-1, 0); $("under").textContent = ""; };
-canvas.addEventListener("wheel", (e) => {
-  e.preventDefault();
-  drawing.away = Math.max(0.2, Math.min(30, drawing.away * Math.exp(0.001 * e.deltaY)));
-  drawing.draw();
-}, { passive: false });
+}
+
+const savePicture = async () => download(await drawing.picture(), `${$("name").value.replace(/\.[^.]*$/, "")}.png`);
+const views = addViews(drawing, () => drawing.home());
+addPointer($("canvas"), drawing, { pick, mark: extrudeUnder });
+addKeys(drawing, { ...views, p: savePicture, e: () => toggle("edges"), d: () => toggle("dark"), u: () => other("undo", "") });
+drawing.onDraw = () => drawTriad(drawing.camera);
+$("picture").onclick = savePicture;
+$("edges").onchange = (e) => { drawing.state.edges = e.target.checked; drawing.request(); };
+$("dark").onchange = (e) => setTheme(drawing, e.target.checked);
+setTheme(drawing, matchMedia("(prefers-color-scheme: dark)").matches);
 
 $("kind").onchange = () => { kindChanged(); again(); };
 for (const id of ["regular", "dihedral", "iterations"]) $(id).oninput = again;
@@ -169,7 +155,6 @@ $("tiers").oninput = again;
 $("remesh").onclick = () => other("step", `remesh ${$("scheme").value}`);
 $("undo").onclick = () => other("undo", "");
 $("redo").onclick = () => other("redo", "");
-$("home").onclick = () => { drawing.home(); drawing.draw(); };
 $("any").onsubmit = (e) => { e.preventDefault(); other("step", $("step").value, true); };
 $("keep").onsubmit = async (e) => {
   e.preventDefault();
@@ -187,7 +172,7 @@ window.addEventListener("keydown", (e) => {
     other(what, "");
   }
 });
-window.addEventListener("resize", () => drawing.draw());
+window.addEventListener("resize", () => { drawing.camera.refit(drawing.wide()); drawing.request(); });
 
 const options = (list) => list.map((name) => new Option(name.replaceAll("_", " "), name));
 ask("words").then(async (answer) => {

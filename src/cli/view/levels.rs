@@ -1,0 +1,271 @@
+//! The part of a recipe in steps of finer voxels: a first picture soon, up to the recipe's own voxels where they are few.
+
+use super::load;
+use super::recipe_text::{Edit, RecipeText};
+use super::sampled::{Grid, Sampled};
+use super::work::{Subject, TaskProgress, Work, no_recipe};
+use crate::cli::Failure;
+use crate::cli::server::{Refused, inside};
+use crate::frame::Aabb;
+use crate::pipeline::{Report, RunError, RunOptions, plan, run, run_keeping_solid, solid_extent};
+use crate::progress::Progress;
+use crate::recipe::Recipe;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Active voxels of the steps, about.
+const LEVEL_VOXELS: [f64; 3] = [1e5, 8e5, 5e6];
+/// Share of the box's voxels that is active in a lattice of coarse voxels.
+const ACTIVE_SHARE: f64 = 0.3;
+/// Growth of the number of active voxels with their inverse edge: between a surface and a structure as fine as its
+/// band.
+const VOXEL_GROWTH: f64 = 2.3;
+/// Ratio of voxel sizes below which a finer step shows nothing new.
+const MIN_REFINEMENT: f64 = 1.25;
+
+/// A finished step.
+struct Step {
+    /// From 1.
+    number: usize,
+    report: Report,
+    sampled: Arc<Sampled>,
+}
+
+/// Computes the part of a changed recipe and publishes each step.
+pub(super) fn show(
+    work: &Work,
+    text: &RecipeText,
+    edit: &Edit,
+    progress: &TaskProgress,
+) -> Result<(), Failure> {
+    let own = text.with(edit);
+    let recipe = Recipe::embedded(text.path(), &own)?;
+    let own_size = recipe.scale().voxel_size;
+    let options = options(work)?;
+    let known = work.state().coarse_size;
+    let first = match known {
+        Some(size) => Some(size),
+        None => first_size(&recipe, &options, progress)?,
+    };
+    let mut size = first.map_or(own_size, |size| size.max(own_size));
+    let mut last: Option<Step> = None;
+    for number in 1..=LEVEL_VOXELS.len() {
+        let is_own = size <= own_size;
+        let is_last = is_own || number == LEVEL_VOXELS.len();
+        let coarse = at_voxel_size(text.path(), &own, &recipe, (!is_own).then_some(size))?;
+        let (report, solid) = match run_keeping_solid(&coarse, &options, progress) {
+            // Walls vanish in coarse voxels.
+            Err(RunError::Empty(_)) if !is_last => {
+                size = (size / 2.0).max(own_size);
+                continue;
+            }
+            other => other?,
+        };
+        let Some(solid) = solid else { break };
+        let sampled = Sampled {
+            grid: Grid::LevelSet(solid),
+            factor: 1.0,
+            bounds: report.solid.bounds.unwrap_or(Aabb::EMPTY),
+        };
+        let step = Step {
+            number,
+            report,
+            sampled: Arc::new(sampled),
+        };
+        publish(work, &step, false, progress)?;
+        let count = step.report.band.active_voxels.max(1) as f64;
+        if number == 1 {
+            // The next change begins with voxels that are right for this part.
+            let ratio = (count / LEVEL_VOXELS[0]).powf(1.0 / VOXEL_GROWTH);
+            work.state().coarse_size = Some(size * ratio);
+        }
+        last = Some(step);
+        if is_last {
+            break;
+        }
+        let ratio = (count / LEVEL_VOXELS[number]).powf(1.0 / VOXEL_GROWTH);
+        let finer = (size * ratio).max(own_size);
+        if finer * MIN_REFINEMENT > size {
+            break;
+        }
+        size = finer;
+    }
+    progress.stage("estimate", None);
+    let estimate = plan(&recipe, &options, progress)?;
+    work.state().estimate = Some(serde_json::to_value(estimate).unwrap_or_default());
+    match last.filter(|_| !work.p.no_thickness) {
+        Some(step) => publish(work, &step, true, progress),
+        None => Ok(()),
+    }
+}
+
+fn options(work: &Work) -> Result<RunOptions, Failure> {
+    Ok(RunOptions {
+        threads: work.p.threads,
+        brief: true,
+        isolated: Some(crate::cli::vdb::reader()?),
+        cells: Some(work.cells.clone()),
+        ..RunOptions::default()
+    })
+}
+
+/// The recipe with other voxels and without files.
+fn at_voxel_size(
+    path: &Path,
+    text: &str,
+    recipe: &Recipe,
+    size: Option<f64>,
+) -> Result<Recipe, Failure> {
+    let mut text = text.to_owned();
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    text.push_str("# --set output=[]\n");
+    let tiling = recipe.sections().tiling.as_ref();
+    if tiling.is_some_and(|t| t.certificate) {
+        text.push_str("# --set tiling.certificate=false\n");
+    }
+    if let Some(size) = size {
+        let _ = writeln!(text, "# --set band.voxel_size={size}");
+    }
+    Ok(Recipe::embedded(path, &text)?)
+}
+
+/// The voxels of the first step, from the box of the solid.
+fn first_size(
+    recipe: &Recipe,
+    options: &RunOptions,
+    progress: &TaskProgress,
+) -> Result<Option<f64>, Failure> {
+    let extent = solid_extent(recipe, options, progress)?;
+    let volume = extent.map(|e| e.size().product()).filter(|v| *v > 0.0);
+    Ok(volume.map(|v| (ACTIVE_SHARE * v / LEVEL_VOXELS[0]).cbrt()))
+}
+
+/// Publishes the solid of a step.
+fn publish(
+    work: &Work,
+    step: &Step,
+    has_thickness: bool,
+    progress: &TaskProgress,
+) -> Result<(), Failure> {
+    let report = &step.report;
+    let Grid::LevelSet(solid) = &step.sampled.grid else {
+        return Ok(());
+    };
+    let tools = crate::vdb::Session::new(&work.threads, progress);
+    progress.stage("meshing", None);
+    let unit = report.unit.as_str();
+    let mut scene = work
+        .threads
+        .install(|| load::solid_scene(work.p, solid, (unit, has_thickness), tools, progress))?;
+    let size = report.band.voxel_size;
+    scene
+        .facts
+        .push(["voxel".into(), load::with_unit(size, unit)]);
+    let count = crate::cli::run::grouped(report.band.active_voxels);
+    scene.facts.push(["active voxels".into(), count]);
+    let result = json!({
+        "step": step.number, "steps": LEVEL_VOXELS.len(), "thickness": has_thickness, "voxelSize": size,
+        "unit": unit, "activeVoxels": report.band.active_voxels,
+    });
+    let warnings = warnings(work, report);
+    work.publish(&scene, Some(Arc::clone(&step.sampled)), result, progress)?;
+    work.state().warnings = warnings;
+    Ok(())
+}
+
+/// The warnings of a run, each with the key that it is about.
+fn warnings(work: &Work, report: &Report) -> Vec<Value> {
+    let Subject::Recipe(text) = &work.subject else {
+        return Vec::new();
+    };
+    let described = report.warnings.iter().map(|w| {
+        let key = text.key_of(&w.message).map(str::to_owned);
+        let key = key.or_else(|| usual_key(w.code).map(str::to_owned));
+        json!({ "code": w.code, "message": w.message, "key": key })
+    });
+    described.collect()
+}
+
+/// The key that a kind of warning is about.
+fn usual_key(code: &str) -> Option<&'static str> {
+    use crate::pipeline::Warning;
+    match code {
+        Warning::THIN_WALLS | Warning::RESAMPLED => Some("band.voxel_size"),
+        Warning::SCAFFOLD => Some("scaffold"),
+        Warning::THICKNESS | Warning::SECTION => Some("tiling.thickness"),
+        Warning::WEIGHTS | Warning::TRANSITION | Warning::CONTINUITY => Some("tiling"),
+        Warning::COMPONENTS | Warning::REMOVED_COMPONENTS => Some("op"),
+        _ => None,
+    }
+}
+
+/// Runs the changed recipe with all its files.
+pub(super) fn run_full(work: &Work, text: &RecipeText, edit: &Edit, number: u64) {
+    let progress = work.progress_of(&work.full, number);
+    let done = super::work::caught(|| {
+        let recipe = Recipe::embedded(text.path(), &text.with(edit))?;
+        let options = RunOptions {
+            brief: false,
+            out: work.p.out.clone(),
+            ..options(work)?
+        };
+        Ok(run(&recipe, &options, &progress)?)
+    });
+    let full = match done {
+        Ok(report) => {
+            let files = report.outputs.iter().map(|o| {
+                let size = crate::cli::run::size(o.bytes);
+                json!({ "path": o.path, "size": size })
+            });
+            let requirements = report.requirements.iter().map(ToString::to_string);
+            json!({
+                "running": false, "files": files.collect::<Vec<_>>(), "warnings": warnings(work, &report),
+                "requirements": requirements.collect::<Vec<_>>(),
+            })
+        }
+        Err(_) if progress.cancelled() => json!({ "running": false, "cancelled": true }),
+        Err(failure) => json!({ "running": false, "error": work.described(&failure) }),
+    };
+    work.state().full = full;
+}
+
+/// Writes the changed recipe beside the original, under a name that is new.
+pub(super) fn save(work: &Work, name: &str) -> Result<Value, Refused> {
+    let Subject::Recipe(recipe) = &work.subject else {
+        return Err(no_recipe());
+    };
+    let name = Path::new(name.trim());
+    let path = inside(recipe.directory(), name).map_err(|message| Refused {
+        status: 403,
+        message,
+    })?;
+    if name.extension().is_none_or(|e| e != "toml") {
+        return Err(Refused::new(format!(
+            "found the name {}; expected one that ends in .toml",
+            name.display()
+        )));
+    }
+    let text = recipe.with(&work.state().edit);
+    Recipe::embedded(recipe.path(), &text).map_err(|e| Refused::new(e.to_string()))?;
+    let created = std::fs::OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .open(&path);
+    let written = created.and_then(|mut file| {
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    });
+    match written {
+        Ok(()) => Ok(json!({ "path": path.display().to_string(), "bytes": text.len() })),
+        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => Err(Refused {
+            status: 409,
+            message: format!("{} exists already; choose another name", path.display()),
+        }),
+        Err(e) => Err(Refused::new(format!("{}: {e}", path.display()))),
+    }
+}

@@ -1,0 +1,138 @@
+//! The live page: a server, and the thread that computes what it shows.
+
+use super::recipe_text::RecipeText;
+use super::work::{Subject, Work, no_recipe};
+use super::{Parameters, levels, load, page};
+use crate::cli::server::{Method, Refused, Reply, Request, Server};
+use crate::cli::{Answer, Failure, Session};
+use serde_json::json;
+use std::sync::Arc;
+use std::thread::Scope;
+
+/// Serves the page of a file or a recipe until the page or a signal ends it.
+pub(super) fn serve(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let is_recipe = p
+        .file
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let subject = if is_recipe {
+        Subject::Recipe(RecipeText::open(&p.file)?)
+    } else {
+        load::check(&p.file)?;
+        Subject::File
+    };
+    let work = Work::new(p, session, subject)?;
+    let server = Server::open(p.port)?;
+    let address = server.address().to_owned();
+    server.announce(session);
+    let served = std::thread::scope(|scope| {
+        scope.spawn(|| work.run());
+        let served = server.serve(session, |request| answer(request, &work, scope));
+        work.stop();
+        served
+    });
+    served?;
+    Ok(Answer::new(
+        "",
+        json!({ "kind": "view", "address": address }),
+    ))
+}
+
+/// The answer to a request.
+fn answer<'scope, 'a: 'scope>(
+    request: &Request,
+    work: &'scope Work<'a>,
+    scope: &'scope Scope<'scope, '_>,
+) -> Reply {
+    let title = work
+        .p
+        .file
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy();
+    match (request.method, request.path.as_str()) {
+        (Method::Get, "") => Reply::html(&page::live(&title)),
+        (Method::Get, "page.css") => Reply::style(page::style()),
+        (Method::Get, "page.js") => Reply::script(&page::live_script()),
+        (Method::Get, "state") => Reply::json(&work.describe()),
+        (Method::Get, "scene") => scene(work),
+        (Method::Get, "controls") => controls(work).into(),
+        (Method::Get, "recipe") => recipe(work).into(),
+        (Method::Post, "set") => set(work, &request.body).into(),
+        (Method::Post, "cancel") => {
+            work.cancel();
+            Reply::json(&work.describe())
+        }
+        (Method::Post, "slice") => slice(work, &request.body).into(),
+        (Method::Post, "save") => levels::save(work, &request.body)
+            .map(|saved| Reply::json(&saved))
+            .into(),
+        (Method::Post, "run") => run(work, scope).into(),
+        (Method::Post, "stop") => {
+            work.full.next();
+            Reply::json(&work.describe())
+        }
+        (Method::Post, "quit") => Reply::text(200, "bye").last(),
+        _ => Reply::nothing(),
+    }
+}
+
+fn scene(work: &Work) -> Reply {
+    let published = work.state().published.clone();
+    published.map_or_else(
+        || Reply::text(404, "nothing is computed yet"),
+        |p| Reply::bytes(p.bytes),
+    )
+}
+
+fn recipe_of<'w>(work: &'w Work) -> Result<&'w RecipeText, Refused> {
+    match &work.subject {
+        Subject::Recipe(recipe) => Ok(recipe),
+        Subject::File => Err(no_recipe()),
+    }
+}
+
+fn controls(work: &Work) -> Result<Reply, Refused> {
+    Ok(Reply::json(&recipe_of(work)?.controls()))
+}
+
+/// The changed recipe as text.
+fn recipe(work: &Work) -> Result<Reply, Refused> {
+    let text = recipe_of(work)?.with(&work.state().edit);
+    Ok(Reply::text(200, &text))
+}
+
+fn set(work: &Work, sent: &str) -> Result<Reply, Refused> {
+    let edit = recipe_of(work)?.edit(sent)?;
+    work.change(edit);
+    Ok(Reply::json(&work.describe()))
+}
+
+fn slice(work: &Work, sent: &str) -> Result<Reply, Refused> {
+    let sampled = work.state().sampled.as_ref().map(Arc::clone);
+    let sampled = sampled.ok_or_else(|| Refused::new("found no level set to slice"))?;
+    Ok(Reply::bytes(sampled.slice(sent)?))
+}
+
+/// Starts the full run, unless one is in progress.
+fn run<'scope, 'a: 'scope>(
+    work: &'scope Work<'a>,
+    scope: &'scope Scope<'scope, '_>,
+) -> Result<Reply, Refused> {
+    let Subject::Recipe(recipe) = &work.subject else {
+        return Err(no_recipe());
+    };
+    let edit = {
+        let mut state = work.state();
+        if state.full["running"] == true {
+            return Err(Refused::new(
+                "found a full run in progress; expected its end",
+            ));
+        }
+        state.full = json!({ "running": true });
+        state.edit.clone()
+    };
+    let number = work.full.next();
+    scope.spawn(move || levels::run_full(work, recipe, &edit, number));
+    Ok(Reply::json(&work.describe()))
+}

@@ -1,0 +1,363 @@
+//! The text of a recipe under a page's controls: the values that they change, and the changed text.
+//!
+//! Values are replaced where they stand and operations are turned into comments, so that comments and line numbers of
+//! the recipe stay. The page sends keys that exist and values of their kinds; other requests are refused.
+
+use super::schema_words::SchemaWords;
+use crate::cli::Failure;
+use crate::cli::server::Refused;
+use crate::recipe::{Length, Recipe};
+use serde_json::{Value, json};
+use serde_spanned::Spanned;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::de::{DeTable, DeValue};
+
+/// Sections whose keys change the shape.
+const SECTIONS: [&str; 6] = ["cell", "crystal", "scaffold", "tiling", "band", "op"];
+/// Keys whose values are formulas.
+const FORMULA_KEYS: [&str; 6] = [
+    "thickness",
+    "level",
+    "volume_fraction",
+    "weight",
+    "where",
+    "formula",
+];
+/// Longest text of a formula.
+const MAX_FORMULA_BYTES: usize = 2000;
+/// Controls of one page.
+const MAX_CONTROLS: usize = 200;
+
+/// What a value is.
+#[derive(Clone, Debug, PartialEq)]
+enum Kind {
+    Number {
+        is_integer: bool,
+    },
+    /// A number with a unit, in quotes.
+    Length {
+        unit: String,
+    },
+    Flag,
+    Word {
+        choices: Vec<String>,
+    },
+    Formula,
+}
+
+/// A value that a control changes.
+struct Leaf {
+    key: String,
+    span: Range<usize>,
+    kind: Kind,
+    value: Value,
+    description: String,
+}
+
+/// An operation in a `[[op]]` block of its own.
+struct Operation {
+    /// Its place in the text.
+    span: Range<usize>,
+    name: String,
+    summary: String,
+}
+
+/// Changes of a recipe.
+#[derive(Clone, Default, PartialEq)]
+pub(super) struct Edit {
+    /// New values as they are written, by key.
+    literals: BTreeMap<String, String>,
+    /// Operations that are off.
+    off: BTreeSet<usize>,
+}
+
+/// A recipe with the places of its values.
+pub(super) struct RecipeText {
+    path: PathBuf,
+    text: String,
+    leaves: Vec<Leaf>,
+    operations: Vec<Operation>,
+}
+
+impl RecipeText {
+    /// Reads a valid recipe.
+    pub fn open(path: &Path) -> Result<Self, Failure> {
+        let recipe = Recipe::read(path, &[])?;
+        let text = recipe.source().text();
+        let words = SchemaWords::new(recipe.sections().cell.keys().cloned().collect());
+        let (leaves, operations) = {
+            let table = DeTable::parse(&text)
+                .map_err(|e| Failure::data(path, e.message().to_owned()))?
+                .into_inner();
+            let mut leaves = Vec::new();
+            for (name, value) in &table {
+                if SECTIONS.contains(&name.get_ref().as_ref()) {
+                    collect(name.get_ref(), value, &words, &mut leaves);
+                }
+            }
+            leaves.sort_by_key(|leaf| leaf.span.start);
+            leaves.truncate(MAX_CONTROLS);
+            let ops = table.iter().find(|(name, _)| name.get_ref() == "op");
+            (
+                leaves,
+                ops.map_or_else(Vec::new, |(_, ops)| operations(&text, ops)),
+            )
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            text,
+            leaves,
+            operations,
+        })
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The directory of the recipe.
+    pub fn directory(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new(""))
+    }
+
+    /// The controls of the page.
+    pub fn controls(&self) -> Value {
+        let controls = self.leaves.iter().map(|leaf| {
+            let (kind, unit, choices) = match &leaf.kind {
+                Kind::Number { is_integer: true } => ("integer", "", None),
+                Kind::Number { is_integer: false } => ("number", "", None),
+                Kind::Length { unit } => ("number", unit.as_str(), None),
+                Kind::Flag => ("flag", "", None),
+                Kind::Word { choices } => ("word", "", Some(choices)),
+                Kind::Formula => ("formula", "", None),
+            };
+            json!({
+                "key": leaf.key, "kind": kind, "value": leaf.value, "unit": unit, "choices": choices,
+                "description": leaf.description,
+            })
+        });
+        let operations = self
+            .operations
+            .iter()
+            .map(|op| json!({ "name": op.name, "summary": op.summary }));
+        json!({
+            "controls": controls.collect::<Vec<_>>(),
+            "operations": operations.collect::<Vec<_>>(),
+            "name": self.path.file_name().unwrap_or_default().to_string_lossy(),
+        })
+    }
+
+    /// The longest key, or section of keys, that a message names.
+    pub fn key_of(&self, message: &str) -> Option<&str> {
+        let is_named = |key: &&str| {
+            message.match_indices(*key).any(|(at, _)| {
+                let rest = &message[at + key.len()..];
+                !rest.starts_with(|c: char| c.is_alphanumeric() || c == '_')
+            })
+        };
+        let keys = self.leaves.iter().map(|leaf| leaf.key.as_str());
+        let parents = keys
+            .clone()
+            .flat_map(|key| key.match_indices('.').map(|(at, _)| &key[..at]));
+        let sections = keys.clone().chain(parents).filter(|key| key.contains('.'));
+        sections.filter(is_named).max_by_key(|key| key.len())
+    }
+
+    /// The changes that a page sends: `{ "values": { KEY: VALUE }, "off": [N] }`.
+    pub fn edit(&self, sent: &str) -> Result<Edit, Refused> {
+        let sent: Value = serde_json::from_str(sent)
+            .map_err(|e| Refused::new(format!("found text that is no object: {e}")))?;
+        let mut edit = Edit::default();
+        for (key, value) in sent["values"].as_object().into_iter().flatten() {
+            let leaf = self.leaves.iter().find(|leaf| leaf.key == *key);
+            let leaf = leaf.ok_or_else(|| {
+                Refused::new(format!("found the key {key:?}; expected one of the page"))
+            })?;
+            if *value != leaf.value {
+                let literal = literal(key, &leaf.kind, value)?;
+                edit.literals.insert(key.clone(), literal);
+            }
+        }
+        for number in sent["off"].as_array().into_iter().flatten() {
+            let count = self.operations.len();
+            let number = number.as_u64().map(|n| n as usize).filter(|n| *n < count);
+            edit.off.insert(number.ok_or_else(|| {
+                Refused::new(format!(
+                    "found an operation that is not there; expected one of {count}"
+                ))
+            })?);
+        }
+        Ok(edit)
+    }
+
+    /// The text with changes.
+    pub fn with(&self, edit: &Edit) -> String {
+        let mut text = self.text.clone();
+        // From the end, so that places before a change stay.
+        for leaf in self.leaves.iter().rev() {
+            if let Some(literal) = edit.literals.get(&leaf.key) {
+                text.replace_range(leaf.span.clone(), literal);
+            }
+        }
+        // Values are on one line, so that replacements keep the number of lines.
+        let line_of = |at: usize| self.text[..at].matches('\n').count();
+        let off: Vec<Range<usize>> = edit
+            .off
+            .iter()
+            .map(|&n| &self.operations[n].span)
+            .map(|span| line_of(span.start)..line_of(span.end) + 1)
+            .collect();
+        let lines = text.split_inclusive('\n').enumerate().map(|(n, line)| {
+            let is_off = off.iter().any(|lines| lines.contains(&n));
+            if is_off && !line.trim().is_empty() {
+                format!("# {line}")
+            } else {
+                line.to_owned()
+            }
+        });
+        lines.collect()
+    }
+}
+
+/// A value as it is written in a recipe.
+fn literal(key: &str, kind: &Kind, value: &Value) -> Result<String, Refused> {
+    let expected = |what: &str| Refused::new(format!("{key}: found {value}; expected {what}"));
+    let number = || {
+        let number = value.as_f64().filter(|v| v.is_finite());
+        number.ok_or_else(|| expected("a finite number"))
+    };
+    Ok(match kind {
+        Kind::Number { is_integer: true } => value
+            .as_i64()
+            .ok_or_else(|| expected("an integer"))?
+            .to_string(),
+        Kind::Number { is_integer: false } => number()?.to_string(),
+        Kind::Length { unit } => format!("\"{}{unit}\"", number()?),
+        Kind::Flag => value
+            .as_bool()
+            .ok_or_else(|| expected("true or false"))?
+            .to_string(),
+        Kind::Word { choices } => {
+            let word = value.as_str().filter(|w| choices.iter().any(|c| c == w));
+            quoted(word.ok_or_else(|| expected(&choices.join(", ")))?)
+        }
+        Kind::Formula => match value.as_str() {
+            Some(text) if text.len() <= MAX_FORMULA_BYTES && !text.contains(char::is_control) => {
+                quoted(text)
+            }
+            Some(_) => return Err(expected("one line of a formula")),
+            None => number()?.to_string(),
+        },
+    })
+}
+
+/// A basic string of TOML.
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+/// Collects the values below a key that controls can change.
+fn collect(key: &str, value: &Spanned<DeValue>, words: &SchemaWords, leaves: &mut Vec<Leaf>) {
+    let last = key.rsplit('.').next().unwrap_or(key);
+    let (kind, parsed) = match value.get_ref() {
+        DeValue::Table(table) => {
+            for (name, child) in table {
+                collect(&format!("{key}.{}", name.get_ref()), child, words, leaves);
+            }
+            return;
+        }
+        DeValue::Array(array) => {
+            for (n, child) in array.iter().enumerate() {
+                collect(&format!("{key}.{n}"), child, words, leaves);
+            }
+            return;
+        }
+        DeValue::Boolean(flag) => (Kind::Flag, json!(flag)),
+        DeValue::Integer(number) => {
+            let is_integer = words.is_integer(key);
+            match number.as_str().replace('_', "").parse::<i64>() {
+                Ok(number) => (Kind::Number { is_integer }, json!(number)),
+                Err(_) => return,
+            }
+        }
+        DeValue::Float(number) => match number.as_str().replace('_', "").parse::<f64>() {
+            Ok(number) if number.is_finite() => (Kind::Number { is_integer: false }, json!(number)),
+            _ => return,
+        },
+        DeValue::String(text) => {
+            let choices = words.choices(key);
+            if choices.iter().any(|c| c == text.as_ref()) {
+                (Kind::Word { choices }, json!(text))
+            } else if let Some((number, unit)) = quantity(text) {
+                (Kind::Length { unit }, json!(number))
+            } else if FORMULA_KEYS.contains(&last) && !text.contains(char::is_control) {
+                (Kind::Formula, json!(text))
+            } else {
+                return;
+            }
+        }
+        DeValue::Datetime(_) => return,
+    };
+    leaves.push(Leaf {
+        key: key.to_owned(),
+        span: value.span(),
+        kind,
+        value: parsed,
+        description: words.description(key),
+    });
+}
+
+/// Number and unit of a length in quotes.
+fn quantity(text: &str) -> Option<(f64, String)> {
+    let length: Length = text.parse().ok()?;
+    let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = &text[number.len()..];
+    (!unit.is_empty()).then(|| (length.number(), unit.to_owned()))
+}
+
+/// The operations of `[[op]]` blocks; none of an array in one value.
+fn operations(text: &str, ops: &Spanned<DeValue>) -> Vec<Operation> {
+    let DeValue::Array(array) = ops.get_ref() else {
+        return Vec::new();
+    };
+    let mut found = Vec::new();
+    // Headers are searched between operations only, not in their values.
+    let mut from = 0;
+    for op in array {
+        let DeValue::Table(table) = op.get_ref() else {
+            return Vec::new();
+        };
+        let Some((name, value)) = table.iter().next() else {
+            return Vec::new();
+        };
+        let (start, end) = (name.span().start, end_of(value));
+        let is_alone = |at: &usize| {
+            let before = text[..*at].rsplit('\n').next();
+            before.is_some_and(|before| before.trim().is_empty())
+        };
+        let mut headers = text[from..start.max(from)].rmatch_indices("[[op]]");
+        let Some(header) = headers.find_map(|(at, _)| Some(from + at).filter(is_alone)) else {
+            return Vec::new();
+        };
+        let words = text[value.span().start.min(end)..end].split_whitespace();
+        found.push(Operation {
+            span: header..end,
+            name: name.get_ref().to_string(),
+            summary: words.collect::<Vec<_>>().join(" "),
+        });
+        from = end;
+    }
+    found
+}
+
+/// Where a value ends, with all that stands in tables of their own.
+fn end_of(value: &Spanned<DeValue>) -> usize {
+    let own = value.span().end;
+    match value.get_ref() {
+        DeValue::Table(table) => table.iter().map(|(_, v)| end_of(v)).fold(own, usize::max),
+        DeValue::Array(array) => array.iter().map(end_of).fold(own, usize::max),
+        _ => own,
+    }
+}

@@ -1,0 +1,36 @@
+//! The options of a run: threads, memory, bricks, outputs, and what it may take from earlier runs.
+
+use super::cell_cache::CellCache;
+use crate::vdb::subprocess::{PrefetchedGrid, Program};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// How a recipe is run.
+#[derive(Clone, Debug, Default)]
+pub struct RunOptions {
+    /// Worker threads; 0 means one per core.
+    pub threads: usize,
+    /// Memory that the run may use, bytes; by default what the machine has available.
+    pub memory: Option<u64>,
+    /// Edge of a brick in blocks of 128 voxels. With a value the run always goes through bricks. Without
+    /// one it does so only if it needs more memory than it may use.
+    pub bricks: Option<u32>,
+    /// Directory of the outputs and of `report.json`; by default the recipe's own, without a report.
+    pub out: Option<PathBuf>,
+    /// The report of a run whose recipe names none; `report.json` in `out` when left out.
+    pub report: Option<PathBuf>,
+    /// Whether a warning ends the run.
+    pub strict: bool,
+    /// Whether to skip slow measures that no output needs: wall thickness, and the mesh of a run that
+    /// writes none.
+    pub brief: bool,
+    /// The child process that opens `.vdb` input files. Without one, this process reads them, and a
+    /// damaged file can crash it.
+    pub isolated: Option<Program>,
+    /// A grid of such a file that is in memory already; the run does not read it again.
+    pub opened: Option<PrefetchedGrid>,
+    /// Cells of earlier runs; those that were made of the same keys and files are not fitted again.
+    pub cells: Option<CellCache>,
+    /// Hashes that the inputs must have, by the recipe's key; empty for any inputs.
+    pub expected_inputs: BTreeMap<String, String>,
+}
