@@ -2,6 +2,7 @@
 
 mod cells;
 mod designs;
+mod families;
 mod frames;
 mod homogenize;
 mod hybrid;

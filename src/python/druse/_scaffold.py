@@ -143,9 +143,9 @@ class Scaffold:
             mesh = mesh.cast_to_unstructured_grid()
         if hasattr(mesh, "celltypes") and hasattr(mesh, "cell_connectivity"):  # pyvista
             made = cls.__new__(cls)
-            own, offsets, connectivity, types = _solids(mesh)
-            data = _numeric_fields(mesh.cell_data).items()
-            cells = {name: values[own] for name, values in data if len(values) == len(own)}
+            is_solid, offsets, connectivity, types = _solids(mesh)
+            found = _numeric_fields(mesh.cell_data).items()
+            cells = {name: values[is_solid] for name, values in found if len(values) == len(is_solid)}
             made._build(mesh.points, offsets, connectivity, types, {**cells, **_numeric_fields(mesh.point_data)})
             return made
         if hasattr(mesh, "cells") and hasattr(mesh, "points"):  # meshio
