@@ -35,6 +35,7 @@ mod homogenize;
 mod info;
 mod job;
 mod kind;
+mod layers;
 mod library;
 mod man;
 mod merge;
@@ -56,6 +57,7 @@ mod sequence_plan;
 mod server;
 mod signals;
 mod slice;
+mod sweep;
 mod vdb;
 mod vdb_commands;
 mod view;
@@ -103,6 +105,8 @@ commands! {
     Plan => plan,
     /// Merge the bricks of a plan and write the recipe's files.
     Merge => merge,
+    /// Run all combinations of values of a recipe's keys into one table.
+    Sweep => sweep,
     /// Fit a symmetric cell to a mesh or a named surface.
     Fit => fit,
     /// Inspect, evaluate, plot or homogenize a cell.

@@ -60,6 +60,8 @@ pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
 pub use soup::ClosestPoint;
 pub(crate) use soup::TriangleDistances;
+#[cfg(feature = "vdb")]
+pub(crate) use triangle::closest_point;
 
 /// Why vertices and triangles form no mesh.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -22,6 +22,7 @@ use crate::vdb::LevelSet;
 mod attributes;
 mod beams;
 mod bricks;
+mod build;
 mod cavities;
 mod cell_cache;
 mod cells;
@@ -36,6 +37,7 @@ mod estimate;
 mod field_data;
 mod field_grid;
 mod field_ops;
+mod file_measures;
 mod fit_options;
 mod fractions;
 mod frames;
@@ -87,6 +89,7 @@ mod warning;
 
 pub(crate) use bricks::relative_path;
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
+pub use build::{BuildReport, ProfileStep, StartReport};
 pub use cavities::{CavitiesReport, CavityReport};
 pub use cell_cache::CellCache;
 pub use cells::{make_cell, own_element, with_level};
@@ -95,6 +98,7 @@ pub(crate) use crystals::{clock_parameters, crystal_script};
 pub use drains::DrainReport;
 pub use error::RunError;
 pub use estimate::Estimate;
+pub(crate) use file_measures::{level_set_cavities, level_set_layers};
 pub(crate) use fit_options::fit_options;
 pub use frames::{
     check_frames, check_output_tokens, check_series, finished_frame, frame_report,
@@ -119,7 +123,7 @@ pub use report::{
     Warning,
 };
 pub use requirements::Requirement;
-pub(crate) use requirements::{judge_level_set, judge_mesh, level_set_cavities};
+pub(crate) use requirements::{judge_level_set, judge_mesh};
 pub use run_options::RunOptions;
 pub(crate) use sampling::FieldSample;
 #[doc(hidden)]

@@ -1,7 +1,7 @@
 //! The recipe: one TOML document from sources to files.
 //!
 //! The order of the sections is that of the pipeline: `[cell.NAME]`, `[scaffold]`, `[tiling]`, `[band]`, `[[op]]`,
-//! `[[output]]`, `[require]`. Each section is one struct whose fields are the keys; the doc comment of a field
+//! `[[output]]`, `[build]`, `[require]`. Each section is one struct whose fields are the keys; the doc comment of a field
 //! documents the key, the JSON schema and the command line's flag. Unknown keys are errors that name the nearest
 //! known one. Every error has its line or its override.
 //!
@@ -25,6 +25,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 mod brief;
+mod build;
 mod cell;
 mod check;
 mod crystal;
@@ -50,6 +51,7 @@ mod target;
 mod tiling;
 
 pub use brief::{Brief, Short};
+pub use build::BuildSection;
 pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Section, Solid};
 
 pub use crystal::{CrystalFrame, CrystalRef, CrystalSection, SurfaceRef};
@@ -128,6 +130,8 @@ pub struct Sections {
     /// The files that are written.
     #[serde(default)]
     pub output: Vec<Output>,
+    /// The layers of the build.
+    pub build: Option<BuildSection>,
     /// Requirements on the finished part.
     pub require: Option<RequireSection>,
 }

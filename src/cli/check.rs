@@ -23,6 +23,8 @@ pub(super) struct Parameters {
     #[arg(long)]
     cavities: bool,
     #[command(flatten)]
+    layers: super::layers::Parameters,
+    #[command(flatten)]
     require: super::require::Parameters,
 }
 
@@ -37,10 +39,11 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
 
 fn mesh(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let path = &p.file;
-    if p.cavities {
-        let found = "found --cavities for a mesh; expected a level set";
+    if p.cavities || p.layers.is_requested() {
+        let flag = if p.cavities { "--cavities" } else { "--layer" };
+        let found = format!("found {flag} for a mesh; expected a level set");
         return Err(Failure::data(path, found)
-            .hint("druse voxelize MESH -o PART.vdb makes one, with voxels of a third of the escape radius"));
+            .hint("druse voxelize MESH -o PART.vdb makes one, with voxels of a third of the escape radius or of the wall"));
     }
     let require = p.require.read()?;
     let solid = read_solid(path)?;
@@ -300,6 +303,11 @@ fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answ
                     let (lines, list) = super::require::list_cavities(part, threads, shown)?;
                     text.push_str(&lines);
                     facts["cavities"] = list;
+                }
+                let part = (path.as_path(), &adopted.solid, unit.as_str());
+                if let Some((lines, found)) = p.layers.list(part, threads, shown)? {
+                    text.push_str(&lines);
+                    facts["layers"] = found;
                 }
                 if let Some(require) = require.as_ref().filter(|_| requirements.is_empty()) {
                     let part = (path.as_path(), &adopted.solid, unit.as_str());

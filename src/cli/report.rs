@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 mod chart;
 mod html;
 mod page;
+mod printing;
 
 /// Width and height of a picture that is drawn for the page, pixels.
 const PICTURE_SIZE: [usize; 2] = [1000, 800];

@@ -37,6 +37,12 @@ impl Parameters {
                     .hint("druse run RECIPE judges these"),
             );
         }
+        if let Some(name) = file.section.of_builds().first()
+            && file.build.is_none()
+        {
+            let found = format!("found {name} without [build]; expected its layers");
+            return Err(Failure::data(path, found).hint("add [build] with layer = \"0.05mm\""));
+        }
         Ok(Some(file))
     }
 
@@ -59,6 +65,9 @@ impl Parameters {
             ("least_wall", r.least_wall.is_some()),
             ("least_gap", r.least_gap.is_some()),
             ("escape_radius", r.escape_radius.is_some()),
+            ("islands", r.islands.is_some()),
+            ("cups", r.cups.is_some()),
+            ("overhang_area", r.overhang_area.is_some()),
         ] {
             if needs {
                 let message =
@@ -101,7 +110,7 @@ pub(super) fn of_level_set(
 }
 
 /// The unit of a file's lengths.
-fn length_unit(path: &Path, unit: &str) -> Result<LengthUnit, Failure> {
+pub(super) fn length_unit(path: &Path, unit: &str) -> Result<LengthUnit, Failure> {
     unit.parse().map_err(|_| {
         Failure::data(
             path,
@@ -119,12 +128,16 @@ pub(super) fn list_cavities(
     let unit = length_unit(path, unit)?;
     let found = level_set_cavities((solid, unit), threads, progress)?;
     let facts = json!(found);
-    // Text shows parts in metres in millimetres, the unit of printers.
-    let shown = match unit {
+    let shown = shown_unit(unit);
+    Ok((found.scaled(unit.to(shown)).text(shown), facts))
+}
+
+/// The unit of text: parts in metres are shown in millimetres, the unit of printers.
+pub(super) fn shown_unit(unit: LengthUnit) -> LengthUnit {
+    match unit {
         LengthUnit::Metre => LengthUnit::Millimetre,
         other => other,
-    };
-    Ok((found.scaled(unit.to(shown)).text(shown), facts))
+    }
 }
 
 /// Lines of text about requirements.

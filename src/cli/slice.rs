@@ -3,8 +3,9 @@
 use super::kind::FileKind;
 use super::vdb_commands::{Draft, GridChoice};
 use super::{Answer, Failure, Session};
-use crate::frame::LengthUnit;
+use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::atomic::{AtomicFile, write_bytes};
+use crate::io::{SliceStackWriter, WriteError};
 use crate::pipeline::{RunError, RunOptions, SliceOptions, SliceSummary, slice};
 use crate::recipe::{Length, Recipe, Size};
 use crate::sequence::FrameList;
@@ -18,7 +19,7 @@ use std::path::PathBuf;
 pub(super) struct Parameters {
     /// An OpenVDB file, or a recipe; the exact field of a recipe is cut without making a volume.
     file: PathBuf,
-    /// The output: a directory of pictures (png), one drawing (svg) or one stack of outlines (cli).
+    /// The output: a directory of pictures (png), one drawing (svg) or one stack of outlines (cli, 3mf).
     #[arg(short, long, value_name = "X")]
     output: PathBuf,
     /// Height of a layer, as in 0.05mm; each layer is cut at its mid-height.
@@ -63,6 +64,9 @@ enum Format {
     Svg,
     /// Common Layer Interface, text, millimetres.
     Cli,
+    /// 3MF with a slice stack, millimetres.
+    #[value(name = "3mf")]
+    ThreeMf,
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
@@ -102,6 +106,7 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let format = p.format.unwrap_or(match extension {
         Some("svg") => Format::Svg,
         Some("cli") => Format::Cli,
+        Some("3mf") => Format::ThreeMf,
         _ => Format::Png,
     });
     let options = RunOptions {
@@ -116,6 +121,12 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         layer: p.layer.0,
         pixel: p.pixel.map(|s| -> Length { s.0 }),
     };
+    if format == Format::ThreeMf && p.axis as usize != 2 {
+        return Err(Failure::usage(
+            "found --axis for a 3MF, whose slices lie along z; expected --axis z",
+        )
+        .hint("druse filter turns a part: 'resample={rotate=[90,0,0]}'"));
+    }
     let to_mm = recipe.unit().to(LengthUnit::Millimetre);
     let mut bytes = 0;
     let sliced = if format == Format::Png {
@@ -133,6 +144,13 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
             bytes += write_bytes(&path, &png)?;
             Ok::<(), Failure>(())
         })?
+    } else if format == Format::ThreeMf {
+        let mut file = AtomicFile::create_seekable(&p.output)?;
+        let sliced = stack(&mut file, p, |take| {
+            slice(&recipe, &options, &how, session, take)
+        })?;
+        bytes = file.commit()?;
+        sliced
     } else {
         let mut file = AtomicFile::create(&p.output)?;
         let put = |file: &mut AtomicFile, text: &str| {
@@ -155,6 +173,52 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         sliced
     };
     Ok(report_answer(p, &sliced, bytes))
+}
+
+/// Writes a slice stack in millimetres; `cut` passes the layers to its argument.
+fn stack(
+    file: &mut AtomicFile,
+    p: &Parameters,
+    cut: impl FnOnce(
+        &mut dyn FnMut(&SliceSummary, usize, &Layer) -> Result<(), Failure>,
+    ) -> Result<SliceSummary, Failure>,
+) -> Result<SliceSummary, Failure> {
+    let failed = |error| {
+        Failure::from(WriteError::Io {
+            path: p.output.clone(),
+            written: 0,
+            needed: None,
+            error,
+        })
+    };
+    let mut out = Some(file);
+    let mut writer = None;
+    let sliced = cut(&mut |s, n, layer| {
+        let to_mm = s.unit.to(LengthUnit::Millimetre);
+        if let Some(file) = out.take() {
+            let plan = &s.plan;
+            let [u, v] = [0, 1].map(|k| plan.corner[k] + plan.pixels[k] as f64 * plan.pixel);
+            let bounds = Aabb {
+                min: Vec3::new(plan.corner[0], plan.corner[1], plan.start) * to_mm,
+                max: Vec3::new(u, v, plan.bottom(plan.layers())) * to_mm,
+            };
+            let unit = LengthUnit::Millimetre;
+            writer = Some(SliceStackWriter::new(file, unit, bounds).map_err(failed)?);
+        }
+        let Some(writer) = &mut writer else {
+            return Ok(());
+        };
+        let mut outlines = layer.outlines();
+        for c in outlines.iter_mut().flatten().flatten() {
+            *c *= to_mm;
+        }
+        let top = (s.plan.bottom(n) + s.plan.height) * to_mm;
+        writer.layer(top, &outlines).map_err(failed)
+    })?;
+    if let Some(writer) = writer {
+        writer.finish().map_err(failed)?;
+    }
+    Ok(sliced)
 }
 
 fn head(format: Format, s: &SliceSummary, to_mm: f64) -> String {

@@ -3,7 +3,7 @@
 //! The reader returns the meshes and beam lattices of the build items, placed by their transforms
 //! and those of their components, which may lie in other parts of the archive (production extension).
 //! Objects of other types than "model" and items that are not printable are counted and left out. Required
-//! extensions and shapes that are not supported are refused. The writer produces one object.
+//! extensions and shapes that are not supported are refused. The writers produce one object, or a stack of slices.
 //!
 //! The XML is parsed here: existing libraries of the format support triangles only, or keep the whole archive
 //! in memory as a document.
@@ -21,9 +21,11 @@ mod model;
 mod package;
 mod parser;
 mod slicer;
+mod slices;
 mod text;
 mod unfold;
 pub(super) use package::{write, write_beams};
+pub use slices::SliceStackWriter;
 
 /// An affine map by the rows of the file: x' = x m[0] + y m[1] + z m[2] + m[3].
 type Placement = [Vec3; 4];

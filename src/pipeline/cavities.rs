@@ -3,7 +3,7 @@
 use super::error::short_number;
 use crate::frame::{Coord, LengthUnit, Vec3};
 use crate::recipe::{RequireSection, Scale};
-use crate::vdb::{Cavities, DEFAULT_CAVITY_REACH, MAX_CAVITY_REACH};
+use crate::vdb::{Cavities, MAX_CAVITY_REACH};
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -47,7 +47,7 @@ pub struct CavityReport {
 pub(super) fn reach(require: &RequireSection, scale: Scale) -> i32 {
     let required = require.escape_radius.map_or(0.0, |r| r.resolve(scale));
     let voxels = (required / scale.voxel_size).ceil() + 1.0;
-    DEFAULT_CAVITY_REACH.max(voxels.min(f64::from(MAX_CAVITY_REACH)) as i32)
+    voxels.clamp(1.0, f64::from(MAX_CAVITY_REACH)) as i32
 }
 
 impl CavitiesReport {

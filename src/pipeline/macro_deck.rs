@@ -316,5 +316,8 @@ pub(super) fn needs_no_voxels(recipe: &Recipe) -> bool {
         .iter()
         .filter(|o| o.report.is_none())
         .peekable();
-    files.peek().is_some() && files.all(Output::is_macro_deck) && sections.require.is_none()
+    files.peek().is_some()
+        && files.all(Output::is_macro_deck)
+        && sections.require.is_none()
+        && sections.build.is_none()
 }

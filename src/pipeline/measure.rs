@@ -1,6 +1,7 @@
 //! The measures of the finished solid in memory.
 
 use super::StageTimer;
+use super::build;
 use super::cut_faces::CutFaces;
 use super::error::RunError;
 use super::inputs::Inputs;
@@ -65,6 +66,10 @@ pub(super) fn measure(
     if let Some(require) = &inputs.recipe.sections().require {
         requirements::measure(require, context, (solid, &mesh, geometry), report)?;
         timer.end_stage("requirements")?;
+    }
+    if let Some(section) = &inputs.recipe.sections().build {
+        report.build = Some(build::measure(section, context, solid)?);
+        timer.end_stage("layers")?;
     }
     Ok(Some(mesh))
 }

@@ -1,5 +1,6 @@
 //! The report of a run: the content of `report.json`.
 
+use super::build::BuildReport;
 use super::cavities::CavitiesReport;
 use super::cut_faces::CutFaces;
 use super::drains::DrainReport;
@@ -275,6 +276,9 @@ pub struct SolidReport {
     /// The channels that `drain` drilled, in order.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub drains: Vec<DrainReport>,
+    /// The layers of the build; with `[build]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub build: Option<BuildReport>,
     /// First percentile of the diameters of inscribed balls. A run in bricks measures balls of at most
     /// 24 voxels.
     pub least_wall: Option<f64>,

@@ -3,8 +3,10 @@
 //! Every requirement is judged by a number of the report. Gaps, cavities and mass are measured here, and
 //! only where a requirement needs them.
 
+use super::build::BuildReport;
 use super::cavities::{self, CavitiesReport};
 use super::error::{RunError, short_number};
+use super::file_measures::{cavities_of, file_context, level_set_layers};
 use super::least_wall::{MAX_BRICK_WALL, Phase};
 use super::level_set_ops::StageContext;
 use super::report::{Report, SolidReport};
@@ -82,50 +84,6 @@ pub(super) fn measure(
         report.add_gaps(sampled_walls(context, mesh, geometry, Phase::Void)?);
     }
     Ok(())
-}
-
-fn cavities_of(
-    context: StageContext,
-    solid: &LevelSet,
-    reach: i32,
-) -> Result<CavitiesReport, RunError> {
-    let found = solid.cavities(reach, context.session());
-    let found = found.map_err(RunError::level_set("cavities"))?;
-    Ok(CavitiesReport::new(
-        &found,
-        solid.origin(),
-        solid.voxel_size(),
-    ))
-}
-
-/// The cavities of a file's level set, in the file's unit.
-///
-/// # Errors
-/// [`RunError`]: cancellation.
-pub fn level_set_cavities(
-    (solid, unit): (&LevelSet, LengthUnit),
-    threads: &Threads,
-    progress: &dyn Progress,
-) -> Result<CavitiesReport, RunError> {
-    let context = file_context((solid, unit), threads, progress);
-    cavities_of(context, solid, crate::vdb::DEFAULT_CAVITY_REACH)
-}
-
-fn file_context<'a>(
-    (solid, unit): (&LevelSet, LengthUnit),
-    threads: &'a Threads,
-    progress: &'a dyn Progress,
-) -> StageContext<'a> {
-    StageContext {
-        threads,
-        progress,
-        scale: Scale {
-            unit,
-            voxel_size: solid.voxel_size(),
-        },
-        half_width: solid.half_width(),
-        region: None,
-    }
 }
 
 /// Mass in grams of a solid whose lengths are in `unit`.
@@ -212,6 +170,19 @@ pub fn judge_level_set(
         (solid, &mesh, geometry),
         &mut report,
     )?;
+    if let Some(section) = file
+        .build
+        .as_ref()
+        .filter(|_| !file.section.of_builds().is_empty())
+    {
+        let part = (solid, unit);
+        report.build = Some(level_set_layers(
+            (section, file.unit),
+            part,
+            threads,
+            progress,
+        )?);
+    }
     Ok(judge_file(file, report, unit, voxel_size))
 }
 
@@ -244,6 +215,7 @@ fn judge_file(
     let scaled = |v: Option<f64>| v.map(|v| v * factor);
     let moved = |p: Option<[f64; 3]>| p.map(|p| p.map(|c| c * factor));
     report.cavities = report.cavities.map(|c| c.scaled(factor));
+    report.build = report.build.map(|b| b.scaled(factor));
     report.least_wall = scaled(report.least_wall);
     report.least_gap = scaled(report.least_gap);
     report.least_wall_place = moved(report.least_wall_place);
@@ -300,6 +272,9 @@ impl Judge {
         if let Some(least) = r.escape_radius {
             self.escape(least, solid.cavities.as_ref());
             self.advise("widen the way out, or drill one: subtract a cylinder there");
+        }
+        if let Some(build) = &solid.build {
+            self.build(r, build);
         }
         if let Some(range) = r.volume_fraction {
             self.within("volume_fraction", range, "", solid.volume_fraction);
@@ -396,6 +371,38 @@ impl Judge {
                 .map(|c| c.throat.unwrap_or(c.place)),
             hint: None,
         });
+    }
+
+    /// Judges the layers of the build.
+    fn build(&mut self, r: &RequireSection, build: &BuildReport) {
+        for (name, most, found, list) in [
+            ("islands", r.islands, build.islands, &build.island_list),
+            ("cups", r.cups, build.cups, &build.cup_list),
+        ] {
+            let Some(most) = most else { continue };
+            self.count(name, ("at most", most), Some(found));
+            if let Some(last) = self.list.last_mut().filter(|r| !r.met) {
+                last.place = list.first().map(|s| s.place);
+            }
+            self.advise(match name {
+                "islands" => "another build.up, or supports there",
+                _ => "another build.up, or drain = { radius = ... } for closed ones",
+            });
+        }
+        if let Some(most) = r.overhang_area {
+            let unit = self.scale.unit;
+            let area = |v: f64| format!("{} {unit}^2", short_number(v));
+            self.list.push(Requirement {
+                name: "overhang_area",
+                required: format!("at most {}", area(most)),
+                found: area(build.overhang_area),
+                value: Some(build.overhang_area),
+                met: build.overhang_area <= most,
+                place: None,
+                hint: None,
+            });
+            self.advise("another build.up, steeper walls, or supports");
+        }
     }
 
     fn count(&mut self, name: &'static str, (how, limit): (&str, u64), found: Option<u64>) {

@@ -53,6 +53,9 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
             ));
         }
     }
+    if let Some((key, message)) = sections.build.and_then(|b| b.fault()) {
+        return Err(source.fault(&format!("build.{key}"), message));
+    }
     start(sections, source)?;
     output::outputs(sections, source)?;
     require::with_recipe(sections, source)

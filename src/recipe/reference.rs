@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 /// The sections of a recipe in the order of the pipeline, with the definition of each.
-const SECTIONS: [(&str, &str); 8] = [
+const SECTIONS: [(&str, &str); 9] = [
     ("[cell.NAME]", "CellSection"),
     ("[crystal.NAME]", "CrystalSection"),
     ("[scaffold]", "ScaffoldSection"),
@@ -13,6 +13,7 @@ const SECTIONS: [(&str, &str); 8] = [
     ("[band]", "BandSection"),
     ("[[op]]", "Op"),
     ("[[output]]", "Output"),
+    ("[build]", "BuildSection"),
     ("[require]", "RequireSection"),
 ];
 

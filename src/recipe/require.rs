@@ -28,6 +28,12 @@ pub struct RequireSection {
     pub mass: Option<[f64; 2]>,
     /// Density of the material, grams per cubic centimetre.
     pub density: Option<Positive>,
+    /// Maximum number of islands: components of a layer that lie over nothing. Needs `[build]`.
+    pub islands: Option<u64>,
+    /// Maximum number of cups: pockets that open upwards, or that the plate closes. Needs `[build]`.
+    pub cups: Option<u64>,
+    /// Maximum area that needs support, in square units of the recipe. Needs `[build]`.
+    pub overhang_area: Option<f64>,
     /// Maximum jump of the field across faces that elements share, over the range of the field. The run computes
     /// the certificate for it.
     pub value_jump_max: Option<Positive>,
@@ -41,6 +47,15 @@ impl RequireSection {
         let mut names = Vec::new();
         names.extend(self.volume_fraction.map(|_| "volume_fraction"));
         names.extend(self.value_jump_max.map(|_| "value_jump_max"));
+        names
+    }
+
+    /// Names of the requirements on the layers of a build.
+    pub fn of_builds(&self) -> Vec<&'static str> {
+        let mut names = Vec::new();
+        names.extend(self.islands.map(|_| "islands"));
+        names.extend(self.cups.map(|_| "cups"));
+        names.extend(self.overhang_area.map(|_| "overhang_area"));
         names
     }
 

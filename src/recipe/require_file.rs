@@ -1,5 +1,6 @@
-//! A file of requirements for `druse check`: a recipe, or only its `unit` and `[require]`.
+//! A file of requirements for `druse check`: a recipe, or only its `unit`, `[build]` and `[require]`.
 
+use super::build::BuildSection;
 use super::error::RecipeError;
 use super::quantity::{Scale, Unit};
 use super::require::RequireSection;
@@ -15,6 +16,8 @@ pub struct RequireFile {
     pub unit: LengthUnit,
     /// The requirements.
     pub section: RequireSection,
+    /// The layers of the build.
+    pub build: Option<BuildSection>,
 }
 
 /// The keys that are read; the file may contain the other sections of a recipe too.
@@ -23,6 +26,7 @@ struct Sections {
     #[serde(default)]
     unit: Unit,
     require: Option<RequireSection>,
+    build: Option<BuildSection>,
 }
 
 impl RequireFile {
@@ -41,12 +45,19 @@ impl RequireFile {
                 .fault("require", message)
                 .hint("for instance: [require] least_wall = \"0.4mm\""));
         };
+        if let Some((key, message)) = sections.build.and_then(|b| b.fault()) {
+            return Err(source.fault(&format!("build.{key}"), message));
+        }
         let unit = sections.unit.0;
         let scale = Scale {
             unit,
             voxel_size: f64::NAN,
         };
         super::check::requirements(&section, scale, &source)?;
-        Ok(Self { unit, section })
+        Ok(Self {
+            unit,
+            section,
+            build: sections.build,
+        })
     }
 }

@@ -22,6 +22,7 @@ mod basins;
 mod blocks;
 mod distances;
 mod drains;
+mod refine;
 mod void_map;
 
 pub use drains::{Channel, DrainRequest, stored_drain_channels};
@@ -80,7 +81,7 @@ impl Cavities {
 }
 
 /// A solid that provides its leaves region by region.
-trait LeafSource: Sync {
+pub(super) trait LeafSource: Sync {
     type Error: From<Cancelled> + Send;
 
     /// Blocks with leaves, ascending.
@@ -111,7 +112,7 @@ struct Measure {
 }
 
 /// Leaves and inside tiles of a level set by block.
-struct MemorySource<'a> {
+pub(super) struct MemorySource<'a> {
     index: &'a LeafIndex<'a>,
     leaves: BTreeMap<Coord, Vec<usize>>,
     /// Tiles of at most a block.
@@ -120,7 +121,7 @@ struct MemorySource<'a> {
 }
 
 impl<'a> MemorySource<'a> {
-    fn new(index: &'a LeafIndex<'a>) -> Self {
+    pub fn new(index: &'a LeafIndex<'a>) -> Self {
         let mut leaves: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
         for (n, leaf) in index.leaves.iter().enumerate() {
             if leaf.any_active() {
@@ -281,6 +282,14 @@ fn prepared<S: LeafSource>(source: &S, measure: Measure) -> Option<Measure> {
     })
 }
 
+/// Sorts cavities by escape radius, falling size and place.
+fn sort(list: &mut [Cavity]) {
+    list.sort_by(|a, b| {
+        let size = b.voxels.cmp(&a.voxels).then(a.place.cmp(&b.place));
+        a.escape_radius.total_cmp(&b.escape_radius).then(size)
+    });
+}
+
 fn find<S: LeafSource>(
     source: &S,
     measure: Measure,
@@ -293,7 +302,11 @@ fn find<S: LeafSource>(
         });
     };
     let graph = VoidGraph::new(source, measure, session)?;
-    Ok(graph.cavities(measure, session.progress)?)
+    let mut found = graph.cavities(measure, session.progress)?;
+    sort(&mut found.list);
+    refine::refine(source, measure, &mut found.list, session)?;
+    sort(&mut found.list);
+    Ok(found)
 }
 
 /// No owner yet.
@@ -397,7 +410,7 @@ impl Growth {
 }
 
 impl VoidGraph {
-    /// The cavities, narrowest first.
+    /// The cavities.
     fn cavities(
         mut self,
         measure: Measure,
@@ -421,7 +434,7 @@ impl VoidGraph {
         }
         let h = measure.voxel_size;
         let cavities = growth.throats.iter().zip(&voxels[1..]);
-        let mut list: Vec<Cavity> = cavities
+        let list: Vec<Cavity> = cavities
             .map(|(&(level, throat, deepest), &voxels)| {
                 let basin = &growth.basins[deepest as usize];
                 Cavity {
@@ -434,10 +447,6 @@ impl VoidGraph {
                 }
             })
             .collect();
-        list.sort_by(|a, b| {
-            let size = b.voxels.cmp(&a.voxels).then(a.place.cmp(&b.place));
-            a.escape_radius.total_cmp(&b.escape_radius).then(size)
-        });
         Ok(Cavities {
             list,
             limit: f64::from(measure.reach) * h,

@@ -1,7 +1,7 @@
 //! Shape operations: wider bands, walls, trims, blends and fillets.
 
 use super::ffi::{self, Csg, Smoothing};
-use super::{LevelSet, LevelSetBuilder, Session, VdbError};
+use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError};
 use crate::band::{Band, Region, SurfacePoints};
 use crate::field::BoxSolid;
 use crate::frame::Aabb;

@@ -171,7 +171,7 @@ def work(page, folder):
 
     # Cancel: the last result stays.
     shown = page.script("return shownNumber")
-    page.write("band.voxel_size", 0.01)
+    page.write("band.voxel_size", 0.03)
     page.until(lambda: page.script("return shownNumber") > shown)
     page.element("cancel").click()
     page.until(lambda: page.script("return document.documentElement.dataset.busy") == "no", 60)

@@ -69,7 +69,8 @@ DRUSE=$program "$bare/python" -m pytest -q -p no:cacheprovider -k command_line "
 if [ "$mode" = full ]; then
     "$bare/python" -m mypy --strict --cache-dir "$work/mypy" --config-file "" "$tests/typed_use.py"
     cd "$tests/../.."
-    environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0 meshio trimesh
+    environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0 \
+        meshio==5.3.5 trimesh==5.2.0
     notebooks=$(realpath "$target/wheel-notebooks/bin")
     "$notebooks/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
     "$notebooks/python" -m pytest -q -p no:cacheprovider "$tests/test_notebooks.py"

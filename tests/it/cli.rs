@@ -10,6 +10,7 @@ mod live;
 mod meshes;
 mod portable;
 mod reports;
+mod sweep;
 mod view;
 mod words;
 

@@ -1,5 +1,6 @@
 //! Whole runs against closed forms and laws.
 
+mod build;
 mod crystals;
 mod decks;
 mod drains;

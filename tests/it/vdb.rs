@@ -15,6 +15,7 @@ mod cavities;
 mod components;
 mod figures;
 mod files;
+mod layers;
 mod meshes;
 mod operations;
 mod pictures;

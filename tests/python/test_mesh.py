@@ -43,7 +43,7 @@ def test_objects_of_others_are_converted(cube_mesh):
 
 
 class _Surface:
-    """What the conversion asks of a pyvista.PolyData."""
+    """The part of a pyvista.PolyData that the conversion uses."""
 
     regular_faces = property()
 

@@ -166,7 +166,7 @@ def test_struts_are_round_beams_of_a_diameter_in_space():
 
 
 def test_round_beams_and_sheets_are_those_of_a_recipe(block):
-    """The same bytes as a run of the recipe that says the same."""
+    """The same bytes as a run of the same recipe."""
     recipe = {
         "druse": 1,
         "cell": {"a": {"graph": "octet"}},

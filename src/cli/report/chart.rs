@@ -1,4 +1,4 @@
-//! Histograms as inline SVG.
+//! Histograms and curves as inline SVG.
 
 use super::html::{escaped, number};
 use serde_json::{Value, json};
@@ -107,6 +107,64 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
         "<text class=\"label\" x=\"{}\" y=\"{}\" text-anchor=\"middle\">{caption}</text></svg>",
         PLOT_LEFT + PLOT_WIDTH / 2.0,
         HEIGHT - 8.0,
+    );
+    Some(svg)
+}
+
+/// Named curves over a common abscissa; ordinates start at 0. `None` without a positive ordinate.
+pub(super) fn curves(list: &[(&str, Vec<[f64; 2]>)], label: &str) -> Option<String> {
+    let points = || list.iter().flat_map(|c| &c.1);
+    let highest = points().fold(0.0f64, |a, p| a.max(p[1]));
+    let (low, high) = points().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| {
+        (a.min(p[0]), b.max(p[0]))
+    });
+    if highest <= 0.0 || low >= high {
+        return None;
+    }
+    let bottom = PLOT_TOP + PLOT_HEIGHT;
+    let x = |v: f64| PLOT_LEFT + (v - low) / (high - low) * PLOT_WIDTH;
+    let y = |v: f64| bottom - v / highest * PLOT_HEIGHT;
+    let mut svg = format!(
+        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0}\">\
+         <line class=\"axis\" x1=\"{PLOT_LEFT}\" y1=\"{bottom}\" x2=\"{1}\" y2=\"{bottom}\"/>\
+         <text class=\"tick\" x=\"{2}\" y=\"{3}\" text-anchor=\"end\">{4}</text>",
+        escaped(label),
+        PLOT_LEFT + PLOT_WIDTH,
+        PLOT_LEFT - 6.0,
+        PLOT_TOP + 4.0,
+        number(&json!(highest)),
+    );
+    for (n, (name, points)) in list.iter().enumerate() {
+        let mut path = String::new();
+        for p in points {
+            let _ = write!(path, "{:.2},{:.2} ", x(p[0]), y(p[1]));
+        }
+        let _ = write!(
+            svg,
+            "<polyline class=\"curve c{n}\" points=\"{}\"/>\
+             <text class=\"tick t{n}\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{}</text>",
+            path.trim_end(),
+            PLOT_LEFT + PLOT_WIDTH,
+            PLOT_TOP + 4.0 + 13.0 * n as f64,
+            escaped(name),
+        );
+    }
+    for n in 0..=LABELS {
+        let at = low + (high - low) * n as f64 / LABELS as f64;
+        let _ = write!(
+            svg,
+            "<text class=\"tick\" x=\"{:.2}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+            x(at),
+            bottom + 17.0,
+            number(&json!(at)),
+        );
+    }
+    let _ = write!(
+        svg,
+        "<text class=\"label\" x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text></svg>",
+        PLOT_LEFT + PLOT_WIDTH / 2.0,
+        HEIGHT - 8.0,
+        escaped(label),
     );
     Some(svg)
 }

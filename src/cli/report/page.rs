@@ -2,6 +2,7 @@
 
 use super::chart::{Limit, histogram};
 use super::html::{base64, escaped, hash, number, place, table, text};
+use super::printing;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -28,6 +29,14 @@ impl Page<'_> {
             ("Requirements", self.requirements()),
             ("Walls and gaps", self.walls()),
             ("Cavities", self.cavities()),
+            (
+                "Channels",
+                printing::drains(&self.report["solid"], &self.unit()),
+            ),
+            (
+                "Layers",
+                printing::layers(&self.report["solid"], &self.unit()),
+            ),
             ("Continuity", self.continuity()),
             ("Warnings", self.warnings()),
             ("Inputs", self.inputs()),

@@ -1,5 +1,6 @@
 //! The merge of bricks: from leaf files to the outputs, without the whole tree in memory.
 
+use super::super::build::{self, BuildReport};
 use super::super::cavities::{self, CavitiesReport};
 use super::super::cut_faces::CutFaces;
 use super::super::error::RunError;
@@ -15,7 +16,7 @@ use super::meshes::Meshes;
 use super::thickness::thickness;
 use super::volumes::Volumes;
 use crate::frame::Vec3;
-use crate::vdb::{stored_cavities, stored_components, stored_voids};
+use crate::vdb::{stored_build_layers, stored_cavities, stored_components, stored_voids};
 use std::path::Path;
 
 /// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file if bricks were
@@ -44,6 +45,13 @@ pub(super) fn merge_and_write(
         let found = stored_cavities(&solid.store, (h, reach), context.session())?;
         report.cavities = Some(CavitiesReport::new(&found, Vec3::zeros(), h));
         timer.end_stage("cavities")?;
+    }
+    if let Some(section) = recipe.sections().build.as_ref().filter(|_| !is_brief) {
+        let request = build::request(section, context.scale)?;
+        let h = context.scale.voxel_size;
+        let found = stored_build_layers(&solid.store, h, &request, context.session())?;
+        report.build = Some(BuildReport::new(&request, &found, Vec3::zeros()));
+        timer.end_stage("layers")?;
     }
     let thickness = if targets.needs_thickness() {
         let thickness = thickness(brick_run, &solid)?;

@@ -42,7 +42,7 @@ class Cell:
         return made
 
     _facts_cache: dict[str, Any] | None
-    # The section of struts or plates, of which round beams are made.
+    # The section of struts or plates, from which a tiling makes round beams.
     _keys: dict[str, Any] | None
 
     @classmethod

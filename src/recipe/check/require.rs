@@ -49,6 +49,12 @@ pub(in crate::recipe) fn section(r: &RequireSection, scale: Scale, source: &Sour
         }
         _ => {}
     }
+    if let Some(area) = r.overhang_area.filter(|a| !(a.is_finite() && *a >= 0.0)) {
+        return Err(source.fault(
+            "require.overhang_area",
+            format!("overhang_area = {area}; expected a number that is not negative"),
+        ));
+    }
     if r.components == Some(0) {
         return Err(source.fault(
             "require.components",
@@ -86,6 +92,16 @@ pub(super) fn with_recipe(sections: &Sections, source: &Source) -> Checked {
         ..scale
     };
     section(r, scale, source)?;
+    if let Some(name) = r.of_builds().first()
+        && sections.build.is_none()
+    {
+        return Err(source
+            .fault(
+                &format!("require.{name}"),
+                format!("{name} needs a [build], whose layers it limits"),
+            )
+            .hint("add [build] with layer = \"0.05mm\""));
+    }
     if r.value_jump_max.is_some() && sections.scaffold.is_none() {
         return Err(source.fault(
             "require.value_jump_max",

@@ -93,7 +93,7 @@ impl BlockBasins {
         let mut order: Vec<u64> = Vec::new();
         for (n, &d) in distances.iter().enumerate() {
             if d >= reach {
-                growth.add(n);
+                growth.add_wide(n);
             } else if d >= 0.0 {
                 // Bits of positive numbers ascend with them.
                 order.push(u64::from(!d.to_bits()) << 32 | n as u64);
@@ -167,6 +167,52 @@ impl BlockGrowth<'_> {
             place,
         });
         label
+    }
+
+    /// Adds the next voxel that is farther from the solid than is measured; all before it are added. Its neighbours
+    /// are equally far, so that those before it suffice.
+    fn add_wide(&mut self, n: usize) {
+        let [_, ey, ez] = self.space.edges;
+        let level = self.space.values[n];
+        let at = [n / (ey * ez), n / ez % ey, n % ez];
+        let before: [u32; 3] = std::array::from_fn(|a| {
+            let step = [ey * ez, ez, 1][a];
+            if at[a] > 0 {
+                self.labels[n - step]
+            } else {
+                UNLABELLED
+            }
+        });
+        let place = |own: &Self| {
+            let [x, y, z] = own.position(n).map(|c| c as i32);
+            own.origin.offset(x, y, z)
+        };
+        let label = match before.iter().find(|l| **l != UNLABELLED) {
+            Some(&label) => label,
+            None => self.begin(level, place(self)),
+        };
+        self.labels[n] = label;
+        self.basins[label as usize].voxels += 1;
+        for other in before {
+            if other != UNLABELLED && other != label {
+                self.join(label, other, level, place(self));
+            }
+        }
+        let (low, edges) = (self.space.low, self.space.edges);
+        let is_last = |a: usize| at[a] + 1 == edges[a];
+        if !(0..3).any(|a| at[a] == 0 || is_last(a)) {
+            return;
+        }
+        let ends = |a: usize| (low[a] + at[a] == 0) || (low[a] + at[a] == EDGE - 1);
+        if (0..3).any(ends) {
+            let root = self.sets.find(label as usize);
+            self.is_at_face[root] = true;
+        }
+        let meets_rest =
+            |a: usize| (at[a] == 0 && low[a] > 0) || (is_last(a) && low[a] + edges[a] < EDGE);
+        if (0..3).any(meets_rest) {
+            self.join(label, 0, level, place(self));
+        }
     }
 
     /// Adds a voxel to the basin of its highest neighbour, and joins the components of all neighbours.

@@ -5,8 +5,9 @@
 //! a channel is its length, or, with a preferred direction, its length times 2 - cos(angle): 1 along it, 3
 //! against it. No cheaper way bends, and no other void lies on the cheapest.
 
+use super::blocks::VoidGraph;
 use super::void_map::{VoidMap, VoxelSet};
-use super::{Cavity, LeafSource, Measure, MemorySource, find, prepared};
+use super::{Cavity, LeafSource, Measure, MemorySource, prepared};
 use crate::band::{LEAF, LeafStore, Region};
 use crate::frame::{Coord, Vec3};
 use crate::progress::Cancelled;
@@ -116,7 +117,12 @@ fn channels<S: LeafSource>(
         session.progress.stage("drain", None);
         return new(0.0).connected(&closed, &[], session);
     }
-    let found = find(source, measure, session)?;
+    let graph = VoidGraph::new(source, measure, session)?;
+    // A cavity may have several rooms that are as narrow between one another.
+    let is_wide = |depth: f32| depth >= request.radius as f32;
+    let basins = graph.basins.iter().filter(|b| is_wide(b.depth));
+    let rooms: Vec<Coord> = basins.map(|b| b.place).collect();
+    let found = graph.cavities(measure, session.progress)?;
     session.progress.stage("drain", None);
     let radius = request.radius * measure.voxel_size;
     let places = |is_wanted: &dyn Fn(&Cavity) -> bool| -> Vec<Coord> {
@@ -127,9 +133,8 @@ fn channels<S: LeafSource>(
     let is_closed = |c: &Cavity| c.throat.is_none();
     let small = places(&|c| is_closed(c) && !is_room(c));
     let settled = places(&|c| is_closed(c) && is_room(c));
-    let rooms = places(&|c| is_room(c) && c.escape_radius < radius);
     let mut channels = new(0.0).connected(&small, &settled, session)?;
-    // The voids of which every point has room for a ball of the radius.
+    // Points at which a ball of the radius has room.
     channels.extend(new(request.radius as f32).connected(&rooms, &[], session)?);
     Ok(channels)
 }
@@ -225,7 +230,11 @@ impl<'a, S: LeafSource> Search<'a, S> {
             return Ok(None);
         }
         let (voxels, is_open) = self.map.flood(place, &self.outside)?;
-        if is_open || voxels.is_empty() {
+        if is_open {
+            self.open(voxels);
+            return Ok(None);
+        }
+        if voxels.is_empty() {
             return Ok(None);
         }
         let number = self.sets.extend(1);
@@ -235,6 +244,13 @@ impl<'a, S: LeafSource> Search<'a, S> {
         }
         self.cavities.push(voxels);
         Ok(Some(number))
+    }
+
+    /// Remembers voxels that lead outside.
+    fn open(&mut self, voxels: BTreeMap<Coord, Bits>) {
+        for (leaf, bits) in voxels {
+            voxel_mask::add(self.outside.entry(leaf).or_insert([0; 8]), &bits);
+        }
     }
 
     /// The number of the cavity that holds a voxel.
@@ -256,16 +272,13 @@ impl<'a, S: LeafSource> Search<'a, S> {
                 return Ok(Some(link));
             }
             let (voxels, is_open) = self.map.flood(target, &self.outside)?;
-            for (leaf, bits) in voxels {
-                if is_open {
-                    voxel_mask::add(self.outside.entry(leaf).or_insert([0; 8]), &bits);
-                } else {
-                    let own = self.labels.entry(leaf).or_default();
-                    own.push((ROUNDING, bits));
-                }
-            }
             if is_open {
+                self.open(voxels);
                 return Ok(Some(link));
+            }
+            for (leaf, bits) in voxels {
+                let own = self.labels.entry(leaf).or_default();
+                own.push((ROUNDING, bits));
             }
         }
     }

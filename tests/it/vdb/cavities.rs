@@ -114,7 +114,7 @@ fn closed_cavities_are_the_voids_and_tubes_and_wide_bays_are_open() {
 }
 
 /// Numbers that look random (splitmix64).
-struct Random(u64);
+pub(super) struct Random(pub u64);
 
 impl Random {
     fn unit(&mut self) -> f64 {
@@ -131,7 +131,7 @@ impl Random {
 }
 
 /// A cube with balls cut out, some of them linked by channels.
-fn network(random: &mut Random) -> LevelSet {
+pub(super) fn network(random: &mut Random) -> LevelSet {
     let mut holes: Vec<Solid> = Vec::new();
     let mut centres: Vec<[f64; 3]> = Vec::new();
     for _ in 0..7 {

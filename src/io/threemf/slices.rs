@@ -1,0 +1,122 @@
+//! The writer of 3MF slice stacks (slice extension, version 1): layers in order, each written when it is known.
+
+use super::package::{CONTENT_TYPES, RELATIONS};
+use crate::frame::{Aabb, LengthUnit};
+use std::io::{self, BufWriter, Seek, Write};
+use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
+
+/// Attributes of a model with slices.
+const EXTENSION_ATTRIBUTES: &str = " xmlns:s=\"http://schemas.microsoft.com/3dmanufacturing/slice/2015/07\" \
+                                    requiredextensions=\"s\"";
+/// Corners of the faces of a box, counter-clockwise from outside; bit 0 of a corner is x, bit 1 is y, bit 2 is z.
+const BOX_TRIANGLES: [[u8; 3]; 12] = [
+    [0, 2, 3],
+    [0, 3, 1],
+    [4, 5, 7],
+    [4, 7, 6],
+    [0, 1, 5],
+    [0, 5, 4],
+    [2, 6, 7],
+    [2, 7, 3],
+    [0, 4, 6],
+    [0, 6, 2],
+    [1, 3, 7],
+    [1, 7, 5],
+];
+
+/// A slice stack that is being written. Its object has the box of the part as a mesh of low resolution, so that
+/// printers use the slices.
+pub struct SliceStackWriter<W: Write + Seek> {
+    xml: BufWriter<ZipWriter<W>>,
+    bounds: Aabb,
+}
+
+impl<W: Write + Seek> SliceStackWriter<W> {
+    /// Begins a stack; lengths of all parameters are in `unit`, layers lie along z from the bottom of the box.
+    ///
+    /// # Errors
+    /// Those of the file.
+    pub fn new(out: W, unit: LengthUnit, bounds: Aabb) -> io::Result<Self> {
+        let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
+        let mut zip = ZipWriter::new(out);
+        for (name, text) in [
+            ("[Content_Types].xml", CONTENT_TYPES),
+            ("_rels/.rels", RELATIONS),
+        ] {
+            zip.start_file(name, options)?;
+            zip.write_all(text.as_bytes())?;
+        }
+        // The size of the text is not known before.
+        let large = options.large_file(true);
+        zip.start_file("3D/3dmodel.model", large.compression_level(Some(3)))?;
+        let mut xml = BufWriter::with_capacity(1 << 16, zip);
+        write!(
+            xml,
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"{}\" xml:lang=\"en-US\" \
+             xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\"{EXTENSION_ATTRIBUTES}>\n\
+             <metadata name=\"Application\">druse {}</metadata>\n\
+             <resources><s:slicestack id=\"1\" zbottom=\"{:?}\">\n",
+            unit.name_3mf(),
+            env!("CARGO_PKG_VERSION"),
+            bounds.min.z as f32,
+        )?;
+        Ok(Self { xml, bounds })
+    }
+
+    /// Adds a layer by the height of its upper end and its outlines: counter-clockwise around solid, clockwise
+    /// around holes.
+    ///
+    /// # Errors
+    /// Those of the file.
+    pub fn layer(&mut self, top: f64, outlines: &[Vec<[f64; 2]>]) -> io::Result<()> {
+        write!(self.xml, "<s:slice ztop=\"{:?}\">", top as f32)?;
+        if !outlines.is_empty() {
+            write!(self.xml, "<s:vertices>")?;
+            for [x, y] in outlines.iter().flatten() {
+                let [x, y] = [*x as f32, *y as f32];
+                write!(self.xml, "<s:vertex x=\"{x:?}\" y=\"{y:?}\"/>")?;
+            }
+            write!(self.xml, "</s:vertices>")?;
+        }
+        let mut first = 0;
+        for outline in outlines {
+            write!(self.xml, "<s:polygon startv=\"{first}\">")?;
+            for n in 1..=outline.len() {
+                let next = first + n % outline.len();
+                write!(self.xml, "<s:segment v2=\"{next}\"/>")?;
+            }
+            write!(self.xml, "</s:polygon>")?;
+            first += outline.len();
+        }
+        writeln!(self.xml, "</s:slice>")
+    }
+
+    /// Ends the stack and the file.
+    ///
+    /// # Errors
+    /// Those of the file.
+    pub fn finish(mut self) -> io::Result<()> {
+        write!(
+            self.xml,
+            "</s:slicestack>\n<object id=\"2\" type=\"model\" s:slicestackid=\"1\" s:meshresolution=\"lowres\">\
+             <mesh>\n<vertices>\n"
+        )?;
+        let ends = [self.bounds.min, self.bounds.max];
+        for n in 0..8usize {
+            let [x, y, z] = [0, 1, 2].map(|a| ends[n >> a & 1][a] as f32);
+            writeln!(self.xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")?;
+        }
+        writeln!(self.xml, "</vertices>\n<triangles>")?;
+        for [a, b, c] in BOX_TRIANGLES {
+            writeln!(self.xml, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"/>")?;
+        }
+        write!(
+            self.xml,
+            "</triangles>\n</mesh></object></resources>\n<build><item objectid=\"2\"/></build>\n</model>\n"
+        )?;
+        self.xml.flush()?;
+        let zip = self.xml.into_inner();
+        zip.map_err(io::IntoInnerError::into_error)?.finish()?;
+        Ok(())
+    }
+}

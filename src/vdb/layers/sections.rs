@@ -1,0 +1,183 @@
+//! Plane sections of a level set, layer by layer, from its leaves.
+
+use super::raster::Raster;
+use super::voxel_position;
+use crate::band::Region;
+use crate::frame::{Coord, Vec3};
+use crate::progress::Cancelled;
+use crate::vdb::Session;
+use crate::vdb::cavities::LeafSource;
+use crate::vdb::dense::DenseValues;
+use rayon::prelude::*;
+
+/// Edge of the tiles that are sampled at once, pixels: the bits of a word.
+const TILE: usize = 64;
+/// Greatest height of the layers that are sampled at once, voxels, and their greatest number.
+const GROUP_HEIGHT: f64 = 32.0;
+const MAX_GROUP: usize = 64;
+
+/// Layers and pixels around a box of voxels; lengths are in voxels, from voxel (0, 0, 0).
+pub(super) struct Frame {
+    /// Directions of rows, of columns, and up.
+    axes: [Vec3; 3],
+    /// Height of a layer.
+    pub layer: f64,
+    /// Number of the first layer, and number of layers.
+    first: i64,
+    layers: usize,
+    /// Position of the first row and of the first column, and their numbers.
+    corner: [i64; 2],
+    sizes: [usize; 2],
+    bounds: Region,
+}
+
+impl Frame {
+    /// The frame of the layers of a solid within a box.
+    pub fn new(up: Vec3, layer: f64, bounds: Region) -> Self {
+        let axes = axes(up);
+        let corners = |axis: Vec3| {
+            let ends = [bounds.min, bounds.max].map(voxel_position);
+            let value = |n: usize| {
+                let pick = |a: usize| ends[n >> a & 1][a];
+                axis.dot(&Vec3::new(pick(0), pick(1), pick(2)))
+            };
+            let values = (0..8).map(value);
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
+                [low.min(v), high.max(v)]
+            })
+        };
+        // Two pixels of margin.
+        let pixels = [0, 1].map(|a| {
+            let [low, high] = corners(axes[a]);
+            [low.floor() as i64 - 2, high.ceil() as i64 + 2]
+        });
+        let [low, high] = corners(axes[2]);
+        let first = (low / layer).floor() as i64;
+        Self {
+            axes,
+            layer,
+            first,
+            layers: ((high / layer).ceil() as i64 - first) as usize,
+            corner: pixels.map(|p| p[0]),
+            sizes: pixels.map(|[a, b]| (b - a + 1) as usize),
+            bounds,
+        }
+    }
+
+    /// Position of the centre of a pixel at the mid-height of a layer.
+    pub fn place(&self, number: i64, row: usize, column: usize) -> Vec3 {
+        self.at(number, [row, column].map(|c| c as i64))
+    }
+
+    fn at(&self, number: i64, pixel: [i64; 2]) -> Vec3 {
+        let [u, v] = [0, 1].map(|a| (self.corner[a] + pixel[a]) as f64);
+        let height = (number as f64 + 0.5) * self.layer;
+        self.axes[0] * u + self.axes[1] * v + self.axes[2] * height
+    }
+}
+
+/// Directions of rows and columns, and up. For an axis of the lattice all are axes.
+fn axes(up: Vec3) -> [Vec3; 3] {
+    let main = up.iamax();
+    let unit = |a: usize| {
+        let mut axis = Vec3::zeros();
+        axis[a] = 1.0;
+        axis
+    };
+    let across = unit((main + 1) % 3);
+    let rows = (across - up * up.dot(&across)).normalize();
+    let columns = up.cross(&rows).normalize();
+    [rows, columns, up]
+}
+
+/// Passes the layers to `take` from below.
+pub(super) fn sections<S: LeafSource>(
+    source: &S,
+    frame: &Frame,
+    background: f32,
+    session: Session<'_>,
+    mut take: impl FnMut(i64, Raster),
+) -> Result<(), S::Error> {
+    session.progress.stage("layers", Some(frame.layers as u64));
+    let group = ((GROUP_HEIGHT / frame.layer) as usize).clamp(1, MAX_GROUP);
+    let tiles = frame.sizes.map(|n| n.div_ceil(TILE));
+    for start in (0..frame.layers).step_by(group) {
+        let count = group.min(frame.layers - start);
+        let first = frame.first + start as i64;
+        let sampled = session.threads.install(|| {
+            let all = (0..tiles[0] * tiles[1]).into_par_iter();
+            let found = all.map(|n| {
+                if session.progress.cancelled() {
+                    return Err(Cancelled.into());
+                }
+                let at = [n / tiles[1], n % tiles[1]];
+                tile(source, frame, (first, count), at, background)
+            });
+            found.collect::<Result<Vec<_>, S::Error>>()
+        })?;
+        for layer in 0..count {
+            let mut raster = Raster::new(frame.sizes[0], frame.sizes[1]);
+            for (n, bits) in sampled.iter().enumerate() {
+                let Some(bits) = bits else { continue };
+                for row in 0..TILE {
+                    let word = bits[layer * TILE + row];
+                    raster.set(n / tiles[1] * TILE + row, n % tiles[1], word);
+                }
+            }
+            take(first + layer as i64, raster);
+            session.progress.advance(1);
+        }
+    }
+    Ok(())
+}
+
+/// The pixels of a tile, row by row and layer by layer; `None` without any.
+fn tile<S: LeafSource>(
+    source: &S,
+    frame: &Frame,
+    (first, count): (i64, usize),
+    at: [usize; 2],
+    background: f32,
+) -> Result<Option<Vec<u64>>, S::Error> {
+    let low = at.map(|t| (t * TILE) as i64);
+    let high = low.map(|c| c + TILE as i64 - 1);
+    let last = first + count as i64 - 1;
+    let ends = (0..8).map(|n| {
+        let pick = |a: usize| if n >> a & 1 == 0 { low[a] } else { high[a] };
+        let number = if n & 4 == 0 { first } else { last };
+        frame.at(number, [pick(0), pick(1)])
+    });
+    let mut region = Region {
+        min: Coord([i32::MAX; 3]),
+        max: Coord([i32::MIN; 3]),
+    };
+    for p in ends {
+        for a in 0..3 {
+            region.min.0[a] = region.min[a].min(p[a].floor() as i32);
+            region.max.0[a] = region.max[a].max(p[a].floor() as i32 + 1);
+        }
+    }
+    // Rounding may lie on the other side of a voxel.
+    let region = region.grown(1);
+    let around = frame.bounds.grown(1);
+    if (0..3).any(|a| region.min[a] > around.max[a] || region.max[a] < around.min[a]) {
+        return Ok(None);
+    }
+    let Some(samples) = DenseValues::read(source, region, background)? else {
+        return Ok(None);
+    };
+    if samples.values.iter().all(|v| *v < 0.0) {
+        return Ok(Some(vec![u64::MAX; count * TILE]));
+    }
+    let mut bits = vec![0u64; count * TILE];
+    for (layer, rows) in bits.chunks_exact_mut(TILE).enumerate() {
+        for (row, word) in rows.iter_mut().enumerate() {
+            for column in 0..TILE {
+                let pixel = [low[0] + row as i64, low[1] + column as i64];
+                let p = frame.at(first + layer as i64, pixel);
+                *word |= u64::from(samples.trilinear(p) < 0.0) << column;
+            }
+        }
+    }
+    Ok(bits.iter().any(|w| *w != 0).then_some(bits))
+}
