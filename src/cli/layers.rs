@@ -50,7 +50,7 @@ impl Parameters {
         match self.up[..] {
             [] => {}
             [x, y, z] if [x, y, z].iter().all(|c| c.is_finite()) => {
-                section.up = [x, y, z].map(Finite)
+                section.up = [x, y, z].map(Finite);
             }
             _ => {
                 let found = format!("found --up with {:?}", self.up);

@@ -29,7 +29,7 @@ pub(super) struct Parameters {
     /// The table to write: a row per combination. Rows that it has already are kept.
     #[arg(short, long, value_name = "TABLE.csv")]
     output: PathBuf,
-    /// Override a key of the recipe in all runs, as in band.voxel_size=0.4.
+    /// Override a key of the recipe in all runs, as in `band.voxel_size=0.4`.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Write the files of each run into a folder of its own here: 0001, 0002, ... [default: no files].
@@ -212,7 +212,7 @@ fn dry_run(
 fn numbers(report: &Report) -> Vec<(&'static str, Value)> {
     let s = &report.solid;
     let build = s.build.as_ref();
-    let size = s.bounds.map(|b| b.size());
+    let size = s.bounds.map(crate::frame::Aabb::size);
     let seconds: f64 = report.stages.iter().map(|s| s.seconds).sum();
     let missed = report.requirements.iter().filter(|r| !r.met).count();
     vec![

@@ -42,25 +42,22 @@ pub fn crystal_script(recipe: &Recipe, name: &str) -> Result<CrystalScript, RunE
         let clock = clock_parameters(text, recipe.clock());
         clock.into_iter().chain(own.clone()).collect()
     };
-    Ok(match &section.file {
-        Some(file) => {
-            let file = recipe.resolve(file);
-            let text = read_script(&file)?;
-            CrystalScript {
-                set: with_clock(&text),
-                text,
-                directory: file.parent().unwrap_or(Path::new("")).to_owned(),
-                file: Some(file),
-            }
+    Ok(if let Some(file) = &section.file {
+        let file = recipe.resolve(file);
+        let text = read_script(&file)?;
+        CrystalScript {
+            set: with_clock(&text),
+            text,
+            directory: file.parent().unwrap_or(Path::new("")).to_owned(),
+            file: Some(file),
         }
-        None => {
-            let text = section.steps.clone().unwrap_or_default();
-            CrystalScript {
-                set: with_clock(&text),
-                text,
-                directory: recipe.source().directory().to_owned(),
-                file: None,
-            }
+    } else {
+        let text = section.steps.clone().unwrap_or_default();
+        CrystalScript {
+            set: with_clock(&text),
+            text,
+            directory: recipe.source().directory().to_owned(),
+            file: None,
         }
     })
 }

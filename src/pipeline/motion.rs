@@ -160,9 +160,10 @@ impl FileNodes<'_> {
         let Some(field) = fields.find(|f| f.name == name) else {
             let known = self.fields.iter().filter(is_vector).map(|f| &*f.name);
             let known = known.collect::<Vec<_>>().join(", ");
-            let found = match known.is_empty() {
-                true => "no point fields of three components".to_owned(),
-                false => format!("the point fields {known}"),
+            let found = if known.is_empty() {
+                "no point fields of three components".to_owned()
+            } else {
+                format!("the point fields {known}")
             };
             let expected = format!("a point field {name:?} of three components");
             return Err(ReadError::data(path, Place::File, found, expected));

@@ -39,6 +39,7 @@ impl BuildSection {
     }
 
     /// The section for lengths in another unit than its own.
+    #[must_use]
     pub fn in_unit(self, own: LengthUnit, unit: LengthUnit) -> Self {
         let layer = self.layer.0.in_unit(unit, own).map(Length::Bare);
         Self {

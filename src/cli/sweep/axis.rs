@@ -46,8 +46,7 @@ fn items(list: &str) -> Vec<String> {
     let (mut depth, mut quote) = (0, None);
     for c in list.chars() {
         match (c, quote) {
-            (c, Some(q)) if c == q => quote = None,
-            (_, Some(_)) => {}
+            (c, Some(q)) => quote = (c != q).then_some(q),
             ('"' | '\'', None) => quote = Some(c),
             ('[' | '{', None) => depth += 1,
             (']' | '}', None) => depth -= 1,
@@ -87,7 +86,7 @@ fn range(text: &str) -> Option<Result<Vec<String>, &'static str>> {
     }
     let (first, last, step) = (first.0, last.0, step.0);
     let count = ((last - first) / step + 1e-9).floor() + 1.0;
-    if !(count >= 1.0 && count <= MAX_VALUES) {
+    if !(1.0..=MAX_VALUES).contains(&count) {
         return Some(Err("expected a step that leads from FIRST to LAST"));
     }
     // Twelve digits hide the rounding of sums.

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 /// Edge of the dense array, and half of it.
 const EDGE: usize = 44;
-const HALF: i32 = 22;
+const HALF_EDGE: i32 = 22;
 
 type Dense = Vec<Vec<Vec<bool>>>;
 
@@ -22,8 +22,8 @@ fn dense(solid: &LevelSet, axis: usize, sign: i32) -> Dense {
                 .map(|v| {
                     let mut at = [0; 3];
                     at[axis] = sign * height;
-                    at[(axis + 1) % 3] = u as i32 - HALF;
-                    at[(axis + 2) % 3] = v as i32 - HALF;
+                    at[(axis + 1) % 3] = u as i32 - HALF_EDGE;
+                    at[(axis + 2) % 3] = v as i32 - HALF_EDGE;
                     Coord(at)
                 })
                 .collect();
@@ -32,7 +32,7 @@ fn dense(solid: &LevelSet, axis: usize, sign: i32) -> Dense {
         };
         (0..EDGE).map(row).collect()
     };
-    let all: Dense = (0..HALF).map(|n| plane(2 * n - HALF + 1)).collect();
+    let all: Dense = (0..HALF_EDGE).map(|n| plane(2 * n - HALF_EDGE + 1)).collect();
     let is_empty = |p: &Vec<Vec<bool>>| !p.iter().flatten().any(|v| *v);
     let first = all.iter().position(|p| !is_empty(p)).unwrap();
     all[first..].to_vec()
