@@ -117,10 +117,8 @@ impl BuildReport {
     pub(super) fn new(request: &BuildRequest, found: &BuildLayers, origin: Vec3) -> Self {
         let base = origin.dot(&request.up);
         let height = |number: i64| base + number as f64 * request.layer;
-        // Empty layers above the part do not count.
-        let filled = found.layers.iter().rposition(|l| l.area > 0.0);
-        let count = filled.map_or(0, |n| n + 1);
-        let layers = &found.layers[..count];
+        let layers = &found.layers[..];
+        let count = layers.len();
         let greatest = |value: &dyn Fn(usize) -> f64| {
             let all = (0..layers.len()).map(|n| [value(n), height(layers[n].number)]);
             all.fold([0.0, 0.0], |a, b| if b[0] > a[0] { b } else { a })

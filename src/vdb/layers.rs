@@ -118,7 +118,10 @@ fn layers<S: LeafSource>(
     sections(source, &frame, background, session, |number, raster| {
         analysis.add(number, raster);
     })?;
-    Ok(analysis.found)
+    let mut found = analysis.found;
+    let used = found.layers.iter().rposition(|l| l.area > 0.0);
+    found.layers.truncate(used.map_or(0, |n| n + 1));
+    Ok(found)
 }
 
 /// The layer below the one that is added.

@@ -372,7 +372,9 @@ fn shipped_recipes_are_valid() {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 folders.push(path);
-            } else if path.extension().is_some_and(|e| e == "toml") {
+            } else if path.extension().is_some_and(|e| e == "toml")
+                && !path.ends_with("blender_manifest.toml")
+            {
                 Recipe::read(&path, &[]).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
                 count += 1;
             }

@@ -81,12 +81,12 @@ fn all_combinations_are_run_once() {
             (cell(row, "op.1.dilate"), cell(row, "build.up")),
             (dilate.into(), up.into())
         );
-        // Steiner's formula for a cube.
+        // Steiner's formula for a cube, whose round edges are two voxels wide at most.
         let (a, r): (f64, f64) = (4.0, dilate.parse().unwrap());
         let pi = std::f64::consts::PI;
         let exact = a.powi(3) + 6.0 * a * a * r + 3.0 * pi * a * r * r + 4.0 / 3.0 * pi * r.powi(3);
         let volume: f64 = cell(row, "volume").parse().unwrap();
-        assert!((volume / exact - 1.0).abs() < 0.03, "{volume} {exact}");
+        assert!((volume / exact - 1.0).abs() < 0.04, "{volume} {exact}");
         assert_eq!(
             (cell(row, "islands"), cell(row, "error")),
             ("0".into(), String::new())

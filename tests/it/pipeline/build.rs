@@ -16,8 +16,10 @@ const PART: &str = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.25\n\
     [build]\nlayer = 0.1\n";
 
 fn made(require: &str, bricks: Option<u32>) -> Report {
+    let place = tempfile::tempdir().unwrap();
     let options = RunOptions {
         bricks,
+        out: Some(place.path().to_owned()),
         ..RunOptions::default()
     };
     run(&recipe(&format!("{PART}{require}")), &options, &Silent).unwrap()
@@ -101,13 +103,15 @@ fn files_are_checked_by_layer_and_bad_builds_are_refused() {
     );
     let png = std::fs::read(place.path().join("p.png")).unwrap();
     assert!(png.starts_with(b"\x89PNG"));
-    // Upside down the pocket opens downwards, and the block begins in the air still.
+    // Upside down the pocket opens downwards, so that it is no cup; the block, which is taller, stands on the plate and
+    // the cap begins in the air.
     let arguments = [
         "check", "a.vdb", "--layer", "0.1mm", "--up", "0,0,-1", "--json",
     ];
     let (_, json) = druse(place.path(), &arguments);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
-    assert_eq!(json["grids"][0]["layers"]["cups"], 1);
+    assert_eq!(json["grids"][0]["layers"]["cups"], 0);
+    assert_eq!(json["grids"][0]["layers"]["islands"], 1);
     write(
         "l.toml",
         "unit = \"mm\"\n[build]\nlayer = 0.1\n[require]\nislands = 0\noverhang_area = 100\n",

@@ -57,7 +57,8 @@ fn a_twisted_bar_has_the_velocity_of_its_closed_form() {
         whole += exact.norm_squared();
         let (s, c) = (turn * p.z / HEIGHT).sin_cos();
         let back = Vec3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z);
-        assert!((back - rest).norm() < 0.05, "{rest} at {p}");
+        // Between its nodes, 1.5 apart, an element does not twist.
+        assert!((back - rest).norm() < 0.1, "{rest} at {p}");
         count += 1;
     }
     let rms = (error / whole).sqrt();
@@ -226,15 +227,11 @@ fn a_velocity_field_of_the_file_is_taken_as_it_is() {
         let _ = write!(field, " {} 0 {}", p.x, 2.0 * p.y);
     }
     field.push_str("</DataArray></PointData>");
-    let text = String::from_utf8(std::fs::read(&path).unwrap());
-    let Ok(text) = text else {
-        panic!("the file has binary data");
-    };
-    std::fs::write(
-        &path,
-        text.replacen("<Points>", &format!("{field}<Points>"), 1),
-    )
-    .unwrap();
+    // Binary data follow the text.
+    let mut bytes = std::fs::read(&path).unwrap();
+    let at = bytes.windows(8).position(|w| w == b"<Points>").unwrap();
+    bytes.splice(at..at, field.into_bytes());
+    std::fs::write(&path, bytes).unwrap();
     let of_field = |name: &str| {
         recipe(&format!(
             "druse = 1\n[cell.p]\nsurface = \"schwarz_p\"\n[scaffold]\nfile = {{ path = \"{}\", unit = \"cm\" }}\nrefine = 1\n\
