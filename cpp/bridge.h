@@ -162,7 +162,6 @@ void grid_renormalise(Grid&, Smoothing smoothing, const Host&);
 void grid_set_background(Grid&, float background, const Host&);
 void grid_resize(Grid&, int voxels, Smoothing smoothing, const Host&);
 void grid_offset_masked(Grid&, double offset, const Grid& mask, Range range, Smoothing smoothing, const Host&);
-void grid_mix(Grid&, const Grid& before, const Grid& mask, Range range, const Host&);
 void grid_restrict_change(Grid&, const Grid& before, const Grid& mask, Range range, Smoothing smoothing, const Host&);
 void grid_blend(Grid&, std::unique_ptr<Grid> operand, double radius, Smoothing smoothing, const Host&);
 void grid_fillet(Grid&, double radius, Smoothing smoothing, const Host&);

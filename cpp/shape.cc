@@ -7,7 +7,6 @@
 #include <openvdb/tools/LevelSetFilter.h>
 #include <openvdb/tools/LevelSetTracker.h>
 #include <openvdb/tools/Prune.h>
-#include <openvdb/tree/LeafManager.h>
 
 #include <algorithm>
 #include <cmath>
@@ -67,22 +66,6 @@ class VoxelPositions {
   bool on_lattice_;
 };
 
-// Values of `old` where the mask's weight is 0, the grid's own where it is 1, active where either grid is.
-void mix(FloatGrid& grid, const FloatGrid& old, const FloatGrid& mask, const Range& range) {
-  grid.tree().topologyUnion(old.tree());
-  const VoxelPositions world(grid);
-  tree::LeafManager<FloatTree> leaves(grid.tree());
-  leaves.foreach([&](Leaf& leaf, std::size_t) {
-    const MaskWeight weight(mask, range);
-    auto access = old.getConstAccessor();
-    for (auto it = leaf.beginValueOn(); it; ++it) {
-      const Coord voxel = it.getCoord();
-      const double a = weight(world(voxel));
-      it.setValue(static_cast<float>(a * *it + (1.0 - a) * access.getValue(voxel)));
-    }
-  });
-}
-
 }  // namespace
 
 void grid_set_background(Grid& handle, float background, const Host& host) {
@@ -123,16 +106,25 @@ void grid_offset_masked(Grid& handle, double offset, const Grid& mask_grid, Rang
   });
 }
 
-void grid_mix(Grid& handle, const Grid& before, const Grid& mask, Range range, const Host& host) {
-  in_arena(host, [&] { mix(floats(handle), floats(before), floats(mask), range); });
-}
-
-void grid_restrict_change(Grid& handle, const Grid& before, const Grid& mask, Range range, Smoothing smoothing, const Host& host) {
+void grid_restrict_change(Grid& handle, const Grid& before, const Grid& mask_grid, Range range, Smoothing smoothing, const Host& host) {
+  FloatGrid& grid = floats(handle);
+  const FloatGrid& old = floats(before);
+  const FloatGrid& mask = floats(mask_grid);
   ThrowingInterrupter interrupter(host);
   in_arena(host, [&] {
-    mix(floats(handle), floats(before), floats(mask), range);
-    Tracker tracker(floats(handle), &interrupter);
+    grid.tree().topologyUnion(old.tree());
+    Tracker tracker(grid, &interrupter);
     set_up(tracker, smoothing);
+    const VoxelPositions world(grid);
+    tracker.leafs().foreach([&](Leaf& leaf, std::size_t) {
+      const MaskWeight weight(mask, range);
+      auto access = old.getConstAccessor();
+      for (auto it = leaf.beginValueOn(); it; ++it) {
+        const Coord voxel = it.getCoord();
+        const double a = weight(world(voxel));
+        it.setValue(static_cast<float>(a * *it + (1.0 - a) * access.getValue(voxel)));
+      }
+    });
     tracker.track();
   });
 }

@@ -7,11 +7,10 @@
 //! the edge.
 //!
 //! The field must be a distance: up to half the least wall inward and half the least gap outward, where
-//! surfaces meet. [`foot_error`] measures it on the offset field. If the error exceeds [`MAX_FOOT_ERROR`],
-//! distances are rebuilt from the surface of the level set ([`SurfacePoints`](crate::band::SurfacePoints));
-//! so are later moves, masked ones and those of files. OpenVDB's filters serve `scheme = "openvdb"`. Moves in
-//! one direction add up. A move back does not undo one (a dilation closes gaps), so `open`, `close` and
-//! reversals act on the level set.
+//! surfaces meet. [`foot_error`] measures it on the offset field. If the error exceeds
+//! [`MAX_FOOT_ERROR`], distances are rebuilt from the surface of the level set ([`SurfacePoints`](crate::band::SurfacePoints)); so
+//! are later moves and those of files. OpenVDB's filters serve masks and `scheme = "openvdb"`. Moves in one direction add up. A move back does not undo one (a dilation closes
+//! gaps), so `open`, `close` and reversals act on the level set.
 
 use super::error::RunError;
 use super::field_ops::{Shape, field_operations, shape_with};
@@ -188,13 +187,15 @@ fn level_set_method(op: &Op) -> (OffsetMethod, Option<f64>, &'static str) {
             "the solid is a level set at that step",
         )
     } else {
-        (OffsetMethod::Filter, None, "the recipe requests it")
+        let why = "the recipe requests it, or the operation has a mask";
+        (OffsetMethod::Filter, None, why)
     }
 }
 
 /// Whether an operation moves the surface of a level set by distances from points of it.
 pub(super) fn uses_surface_points(op: &Op) -> bool {
-    is_move(op) && !op.is_by_filter()
+    let is_masked = op.mask().is_some() && matches!(op, Op::Dilate(_) | Op::Erode(_));
+    is_move(op) && !is_masked && !op.is_by_filter()
 }
 
 /// Root mean square, in voxels, of the offset field at the foot points p - s grad s of voxels p of its

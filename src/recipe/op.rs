@@ -193,7 +193,7 @@ pub struct Move {
     pub distance: Size,
     /// Where it acts (dilate and erode only): distances vary in proportion.
     pub mask: Option<Brief<Mask>>,
-    /// With `scheme = "openvdb"`: keep distances with the scheme of fifth order.
+    /// With `scheme = "openvdb"` or a mask: keep distances with the scheme of fifth order.
     #[serde(default)]
     pub precise: bool,
     /// How the surface is moved.

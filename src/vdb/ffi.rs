@@ -288,15 +288,7 @@ mod bridge {
             smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
-        /// Blends values: those of `before` where the mask's weight is 0, the grid's own where it is 1.
-        fn grid_mix(
-            grid: Pin<&mut Grid>,
-            before: &Grid,
-            mask: &Grid,
-            range: Range,
-            host: &Host<'_>,
-        ) -> Result<()>;
-        /// The same, with distances restored afterwards.
+        /// Multiplies the change since `before` by the mask's weight.
         fn grid_restrict_change(
             grid: Pin<&mut Grid>,
             before: &Grid,

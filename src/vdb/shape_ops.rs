@@ -1,10 +1,40 @@
-//! Shape operations: wider bands, walls, trims, blends and fillets.
+//! Shape operations: wider bands, walls, trims, blends, fillets, and masked changes.
 
 use super::ffi::{self, Csg, Smoothing};
-use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError};
+use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, Volume};
 use crate::band::{Band, Region, SurfacePoints};
 use crate::field::BoxSolid;
 use crate::frame::Aabb;
+
+/// The weight of an effect at each point, from the values of a grid: 0 below the range, 1 above, linear
+/// between. Outside the grid its background counts.
+#[derive(Clone, Copy)]
+pub struct Mask<'a> {
+    /// The grid; its voxels may differ from those of the level set.
+    pub by: &'a Volume,
+    /// Values of weight 0 and of weight 1.
+    pub range: [f64; 2],
+    /// Whether the weights are inverted.
+    pub inverted: bool,
+}
+
+impl Mask<'_> {
+    fn range(&self) -> Result<ffi::Range, VdbError> {
+        let [low, high] = self.range;
+        if !(low.is_finite() && high.is_finite() && high > low) {
+            return Err(VdbError::Parameter {
+                name: "width of the mask's range",
+                value: high - low,
+                expected: "a positive, finite number",
+            });
+        }
+        Ok(ffi::Range {
+            low,
+            high,
+            inverted: self.inverted,
+        })
+    }
+}
 
 /// The side of the old surface on which a wall lies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,7 +49,7 @@ pub enum WallSide {
 }
 
 /// Options of OpenVDB's wider bands: the values of new voxels must be distances.
-pub(super) fn widening() -> Smoothing {
+fn widening() -> Smoothing {
     Smoothing {
         width: 1,
         iterations: 1,
@@ -182,6 +212,60 @@ impl LevelSet {
         };
         self.change("fillet", session, |grid, host| {
             ffi::grid_fillet(grid, radius, smoothing, host)
+        })
+    }
+
+    /// Moves the surface outwards by `distance` times the mask's weight at each point; inwards for a negative
+    /// distance.
+    ///
+    /// # Errors
+    /// [`VdbError::Parameter`] for an unusable distance or range; else as [`LevelSet::dilate`].
+    pub fn offset_masked(
+        &mut self,
+        distance: f64,
+        mask: Mask<'_>,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        if !distance.is_finite() {
+            return Err(VdbError::Parameter {
+                name: "distance",
+                value: distance,
+                expected: "a finite number",
+            });
+        }
+        let range = mask.range()?;
+        let smoothing = Smoothing {
+            high_order: session.scheme == Scheme::Weno5,
+            normalisations: -1,
+            ..widening()
+        };
+        // OpenVDB's sign: an addition to the distance shrinks the solid.
+        self.change("moving the surface", session, |grid, host| {
+            ffi::grid_offset_masked(grid, -distance, &mask.by.grid, range, smoothing, host)
+        })
+    }
+
+    /// Restricts a change to a mask: where its weight is 0, the level set is again as it was `before`. For
+    /// changes that move the surface by less than the half width of the band.
+    ///
+    /// # Errors
+    /// [`VdbError::Mismatch`] for other voxels, [`VdbError::Parameter`] for an unusable range,
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
+    pub fn restrict_change(
+        &mut self,
+        before: &Self,
+        mask: Mask<'_>,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        self.assert_same_voxels(before)?;
+        let range = mask.range()?;
+        let smoothing = Smoothing {
+            high_order: session.scheme == Scheme::Weno5,
+            normalisations: -1,
+            ..widening()
+        };
+        self.change("masking", session, |grid, host| {
+            ffi::grid_restrict_change(grid, &before.grid, &mask.by.grid, range, smoothing, host)
         })
     }
 

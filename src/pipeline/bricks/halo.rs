@@ -169,10 +169,7 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
             let widenings = u64::from(!SurfacePoints::suffices(half_width));
             let steps = (LevelSet::offset_steps(v) + widenings) as f64;
             let half_width = half_width.max(SurfacePoints::MIN_HALF_WIDTH);
-            let moved = v + steps * (half_width + SURFACE_POINT_REACH);
-            // A mask blends two bands as wide as the move, and distances are rebuilt twice more.
-            let blended = v + 1.0 + 2.0 * (half_width + SURFACE_POINT_REACH);
-            moved + if op.mask().is_some() { blended } else { 0.0 }
+            v + steps * (half_width + SURFACE_POINT_REACH)
         } else {
             (2.0 * v).ceil().max(1.0) * track
         }

@@ -122,11 +122,6 @@ pub(super) fn cost(op: &Op, on: Voxels) -> (f64, f64) {
         Op::Laplacian(f) if uses_own_filter => (2.2, 20.0 * f64::from(f.iterations.0)),
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) => (1.0, 100.0),
         Op::Blend(b) => (4.0 + voxels(&b.radius), 500.0 * voxels(&b.radius).max(1.0)),
-        // Two bands as wide as the move.
-        Op::Dilate(d) | Op::Erode(d) if op.mask().is_some() => (
-            2.0 + 2.0 * voxels(&d.distance) / on.half_width,
-            400.0 * steps(&d.distance),
-        ),
         Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(&d.distance)),
         Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(&d.distance)),
         Op::Hollow(h) => (2.0, 200.0 * steps(&h.thickness)),

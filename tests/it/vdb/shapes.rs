@@ -264,40 +264,6 @@ fn a_mask_says_where_and_how_far() {
     assert!(error < 0.05, "{error}");
 }
 
-/// A flat wall moves to a plane in closed form where the weights vary; values are distances to it.
-#[test]
-fn masked_moves_of_walls_are_metric() {
-    const VOXEL: f64 = 0.25;
-    let directory = tempfile::tempdir().unwrap();
-    let volume = ramp(directory.path());
-    let mask = Mask {
-        by: &volume,
-        range: [-10.0, 10.0],
-        inverted: false,
-    };
-    for outwards in [2.0, 6.0, -2.0] {
-        let mut solid = level_set(&BoxSolid(cube(5.0)), cube(5.0), VOXEL);
-        solid.offset_masked(outwards, mask, session()).unwrap();
-        let slope = outwards / 20.0;
-        let mut greatest = 0f64;
-        for (n, height) in (0..80).map(|n| (n, f64::from(n % 9 - 4) * 0.5 * VOXEL)) {
-            // Along the normal from a point of the plane.
-            let x = f64::from(n) * 0.05 - 2.0;
-            let wall = 5.0 + outwards * (x + 10.0) / 20.0;
-            let size = (1.0 + slope * slope).sqrt();
-            let p = Vec3::new(x - slope * height / size, wall + height / size, 0.3 * x);
-            let value = solid.samples(&[WorldPoint(p)]).unwrap()[0];
-            greatest = greatest.max((f64::from(value) - height).abs());
-        }
-        assert!(
-            greatest < 0.02 * VOXEL,
-            "{outwards}: {} voxels",
-            greatest / VOXEL
-        );
-        assert_eq!(solid.half_width(), 3.0);
-    }
-}
-
 #[test]
 fn resampling_keeps_the_solid() {
     let rod = Capsule {
