@@ -19,7 +19,7 @@ fn twisting(outputs: &str) -> String {
     let angle = format!("{RATE}*time*z/{HEIGHT}");
     format!(
         "druse = 1\nunit = \"mm\"\nframe = 13\n[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.4\n\
-         [scaffold]\nbox = {{ size = [6, 6, {HEIGHT}], cell_size = 1.5, origin = [-3, -3, 0], kind = \"tet\" }}\n\
+         [scaffold]\nbox = {{ size = [6, 6, {HEIGHT}], cell_size = 1, origin = [-3, -3, 0], kind = \"tet\" }}\n\
          [scaffold.motion]\n\
          deform = [\"x*cos({angle}) - y*sin({angle})\", \"x*sin({angle}) + y*cos({angle})\", \"z\"]\n\
          [tiling]\ncell = \"p\"\n[band]\nvoxel_size = 0.2\n{outputs}"
@@ -57,7 +57,7 @@ fn a_twisted_bar_has_the_velocity_of_its_closed_form() {
         whole += exact.norm_squared();
         let (s, c) = (turn * p.z / HEIGHT).sin_cos();
         let back = Vec3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z);
-        // Between its nodes, 1.5 apart, an element does not twist.
+        // Between its nodes, 1 apart, an element does not twist.
         assert!((back - rest).norm() < 0.1, "{rest} at {p}");
         count += 1;
     }

@@ -181,9 +181,9 @@ fn layers_are_those_of_loops_over_dense_arrays() {
     assert!(area.min(overhang).min(cups).min(sealed) > 0, "{sums:?}");
 }
 
-/// A block, moved by half a voxel along each axis so that no face lies at a plane of voxels.
+/// A block, moved by a part of a voxel so that no face lies at a plane of voxels or at the middle of a layer.
 fn block(min: [f64; 3], max: [f64; 3]) -> Box<dyn Field<Point = WorldPoint>> {
-    let place = |c: [f64; 3]| Vec3::from(c).add_scalar(0.25);
+    let place = |c: [f64; 3]| Vec3::from(c) + Vec3::new(0.25, 0.25, 0.3);
     Box::new(BoxSolid(Aabb {
         min: place(min),
         max: place(max),
