@@ -6,11 +6,11 @@ use crate::io::mesh_view::Rows;
 use std::io::{self, Seek, Write};
 use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
 
-pub(super) const CONTENT_TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+const CONTENT_TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types"><Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/><Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>
 "#;
 
-pub(super) const RELATIONS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+const RELATIONS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships"><Relationship Target="/3D/3dmodel.model" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>
 "#;
 
@@ -18,13 +18,11 @@ pub(super) const RELATIONS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 const BEAM_EXTENSION_ATTRIBUTES: &str = " xmlns:b=\"http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02\" \
                      requiredextensions=\"b\"";
 
-/// Writes the archive around one object's mesh. `extensions` are attributes of the model, `bytes` is an upper
-/// bound of the text's size (plain zip entries are limited to 4 GiB).
-fn package<W: Write + Seek>(
+/// Begins an archive up to the text of its model; `is_large` if that may take 4 GiB or more.
+pub(super) fn begin<W: Write + Seek>(
     out: W,
-    (unit, extensions, bytes): (LengthUnit, &str, u64),
-    mesh: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-) -> io::Result<()> {
+    is_large: bool,
+) -> io::Result<io::BufWriter<ZipWriter<W>>> {
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
     let mut zip = ZipWriter::new(out);
     for (name, text) in [
@@ -34,9 +32,19 @@ fn package<W: Write + Seek>(
         zip.start_file(name, options)?;
         zip.write_all(text.as_bytes())?;
     }
-    let large = options.large_file(bytes >= u64::from(u32::MAX));
+    let large = options.large_file(is_large);
     zip.start_file("3D/3dmodel.model", large.compression_level(Some(3)))?;
-    let mut xml = io::BufWriter::with_capacity(1 << 16, zip);
+    Ok(io::BufWriter::with_capacity(1 << 16, zip))
+}
+
+/// Writes the archive around one object's mesh. `extensions` are attributes of the model, `bytes` is an upper
+/// bound of the text's size (plain zip entries are limited to 4 GiB).
+fn package<W: Write + Seek>(
+    out: W,
+    (unit, extensions, bytes): (LengthUnit, &str, u64),
+    mesh: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut xml = begin(out, bytes >= u64::from(u32::MAX))?;
     write!(
         xml,
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"{}\" xml:lang=\"en-US\" \

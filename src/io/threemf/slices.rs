@@ -1,9 +1,9 @@
 //! The writer of 3MF slice stacks (slice extension, version 1): layers in order, each written when it is known.
 
-use super::package::{CONTENT_TYPES, RELATIONS};
+use super::package::begin;
 use crate::frame::{Aabb, LengthUnit};
 use std::io::{self, BufWriter, Seek, Write};
-use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
+use zip::ZipWriter;
 
 /// Attributes of a model with slices.
 const EXTENSION_ATTRIBUTES: &str = " xmlns:s=\"http://schemas.microsoft.com/3dmanufacturing/slice/2015/07\" \
@@ -37,19 +37,8 @@ impl<W: Write + Seek> SliceStackWriter<W> {
     /// # Errors
     /// Those of the file.
     pub fn new(out: W, unit: LengthUnit, bounds: Aabb) -> io::Result<Self> {
-        let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
-        let mut zip = ZipWriter::new(out);
-        for (name, text) in [
-            ("[Content_Types].xml", CONTENT_TYPES),
-            ("_rels/.rels", RELATIONS),
-        ] {
-            zip.start_file(name, options)?;
-            zip.write_all(text.as_bytes())?;
-        }
         // The size of the text is not known before.
-        let large = options.large_file(true);
-        zip.start_file("3D/3dmodel.model", large.compression_level(Some(3)))?;
-        let mut xml = BufWriter::with_capacity(1 << 16, zip);
+        let mut xml = begin(out, true)?;
         write!(
             xml,
             "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"{}\" xml:lang=\"en-US\" \
