@@ -1,15 +1,21 @@
-//! Levels: the volume that a level encloses in the element, and the level for a target volume.
+//! Computes the share of the element's volume that a level of a cell's function makes solid, and the level for a share.
 //!
-//! All integrals are over the *element* (for a tet one third of the cube). The function is taken as linear
-//! on the small tetrahedra of a grid on the fundamental simplex. The error is of second order in the grid
-//! step, and levels are extrapolated from two grids. For functions of few waves, such as closed forms,
-//! the volumes are corrected for the curvature of the surface instead, with an error below 2e-6.
+//! A *flag* is the simplex (centroid, vertex, edge midpoint, face centre) of an element. The group of the cell maps a
+//! few flags, its fundamental domain, onto all others, so that means over these flags are means over the
+//! element. A point of a flag has *ordered coordinates* 1 >= a >= b >= c >= 0, and a grid of n parts per edge
+//! divides a flag into n^3 tetrahedra of equal volume. On each tetrahedron the function is taken as linear.
+//! For a planar element the volume is that of the prism of height 1 over it.
+//!
+//! The error of shares and levels is of second order in the grid step. They are extrapolated from two grids; but
+//! where the function is a series of few *exponentials* exp(2 pi i f.x), as closed forms are, shares are
+//! corrected for the curvature of the surface instead, with an error below 2e-6.
 
 use super::domain::{Domain, SimplexGrid};
 use super::{Cell, CellError, Solid};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element};
-use layer::{fraction_below, layer_below};
+use correction::layer_correction;
+use layer::{layer_share_below, share_of_tetrahedron_below};
 use rayon::prelude::*;
 
 mod correction;
@@ -17,28 +23,47 @@ mod density;
 mod layer;
 pub use density::Density;
 
-/// Number of exponentials from which volumes are extrapolated instead of corrected for curvature.
-const CORRECTION_MAX_EXPONENTIALS: usize = 500;
-/// Newton steps from an uncorrected level to the level of the corrected volume.
+/// Newton steps from an uncorrected level to the level of the corrected share.
 const CORRECTION_STEPS: usize = 4;
+/// Number of exponentials from which shares are extrapolated instead of corrected for curvature.
+const EXTRAPOLATION_MIN_EXPONENTIALS: usize = 500;
+/// Number of exponentials from which the grid is the coarsest, so that its evaluation does not take too long.
+const LONG_SERIES_MIN_EXPONENTIALS: usize = 10_000;
+/// Parts per edge of the grid of one flag for series of fewer exponentials than either number, for series between
+/// them, and for longer series.
+const SHORT_SERIES_PARTS: usize = 96;
+const MEDIUM_SERIES_PARTS: usize = 48;
+const LONG_SERIES_PARTS: usize = 24;
+/// Greatest number of parts per edge for the mean gradient on a surface.
+const MAX_GRADIENT_PARTS: usize = 32;
+/// Parts per edge for the mean gradient in an element without a surface.
+const WHOLE_GRADIENT_PARTS: usize = 12;
+/// Parts per edge for the check that an element has solid and void.
+const PHASE_CHECK_PARTS: usize = 24;
+/// Range of values, relative to the greatest, from which a function counts as constant.
+const CONSTANT_RANGE: f64 = 1e-12;
+/// Iterations and relative step at which the search of a level ends; bisection alone needs about 50.
+const LEVEL_MAX_ITERATIONS: usize = 80;
+const LEVEL_TOLERANCE: f64 = 1e-14;
 
-/// Values of a cell's function on the tetrahedral grid of every flag; every second point is the coarse grid.
+/// Values of a cell's function on the grid of every flag of its domain.
 pub(super) struct Samples {
     /// Flag by flag, each in the order of [`SimplexGrid::index`].
     pub values: Vec<f64>,
     domain: Domain,
+    /// The grid of each flag. Its number of parts is even, so that every second point makes the coarse grid.
     grid: SimplexGrid,
     /// Weight of volumes; `None` for weight 1.
     density: Option<Density>,
 }
 
 impl Samples {
-    pub fn new(cell: &Cell, parts: usize) -> Self {
+    /// Samples on as many points as a grid of `single_flag_parts` parts per edge has on one flag.
+    pub fn new(cell: &Cell, single_flag_parts: usize) -> Self {
         let domain = Domain::solid(cell.element, &cell.operators);
-        // Keep the total number of points independent of the number of flags. The coarse grid needs an even
-        // number of parts.
-        let share = libm::cbrt(domain.flags.len() as f64).recip();
-        let parts = ((parts as f64 * share) as usize).next_multiple_of(2).max(8);
+        let factor = libm::cbrt(domain.flags.len() as f64).recip();
+        let parts = (single_flag_parts as f64 * factor) as usize;
+        let parts = parts.next_multiple_of(2).max(8);
         let grid = SimplexGrid::new(parts);
         let coordinates = grid.coordinates();
         let values = domain
@@ -57,7 +82,7 @@ impl Samples {
         }
     }
 
-    /// The same samples, with volumes weighted by a density of that cell.
+    /// The same samples, with volumes weighted by a density of the same cell.
     fn weighted_by(self, density: Option<&Density>) -> Self {
         Self {
             density: density.cloned(),
@@ -65,37 +90,39 @@ impl Samples {
         }
     }
 
-    /// The weight in a flag of the cube with lowest corner `c` on a grid of `parts` parts.
-    fn weight(&self, flag: usize, parts: usize, c: [usize; 3]) -> f64 {
+    /// The weight in a flag of the grid cube with lowest corner `corner`, in steps of a grid of `parts` parts: the
+    /// density at the cube's centre.
+    fn cube_weight(&self, flag: usize, parts: usize, corner: [usize; 3]) -> f64 {
         self.density.as_ref().map_or(1.0, |density| {
-            // If a cube crosses the boundary of the simplex, its centre lies on the boundary.
-            density.at(flag, c.map(|x| (x as f64 + 0.5) / parts as f64))
+            // If a cube crosses the boundary of the flag, its centre lies on the boundary.
+            density.at(flag, corner.map(|x| (x as f64 + 0.5) / parts as f64))
         })
     }
 
-    /// The sum of all weights, each times its tetrahedron's share of the element.
-    fn weights(&self, skip: usize) -> f64 {
+    /// The mean weight over the element, on the grid of every `stride`-th point per edge.
+    fn mean_weight(&self, stride: usize) -> f64 {
         if self.density.is_none() {
             return 1.0;
         }
-        self.summed(f64::INFINITY, skip).0
+        self.weighted_share_below(f64::INFINITY, stride).0
     }
 
-    /// Parts per edge for an evaluation time of about one second.
-    fn parts(cell: &Cell) -> usize {
+    /// Parts per edge of the grid of one flag for an evaluation time of about one second.
+    fn affordable_parts(cell: &Cell) -> usize {
         match cell.expression.exponentials() {
-            0..CORRECTION_MAX_EXPONENTIALS => 96,
-            500..10_000 => 48,
-            _ => 24,
+            ..EXTRAPOLATION_MIN_EXPONENTIALS => SHORT_SERIES_PARTS,
+            EXTRAPOLATION_MIN_EXPONENTIALS..LONG_SERIES_MIN_EXPONENTIALS => MEDIUM_SERIES_PARTS,
+            _ => LONG_SERIES_PARTS,
         }
     }
 
-    /// The values on one flag.
-    fn on_flag(&self, flag: usize) -> &[f64] {
+    /// The values on the flag with this number.
+    fn flag_values(&self, flag: usize) -> &[f64] {
         let count = self.values.len() / self.domain.flags.len();
         &self.values[flag * count..(flag + 1) * count]
     }
 
+    /// The least and the greatest value.
     pub fn range(&self) -> (f64, f64) {
         self.values
             .iter()
@@ -104,54 +131,53 @@ impl Samples {
             })
     }
 
-    /// Share of the element below `t` and its derivative, on the grid of every `skip`-th point per edge.
-    fn below(&self, t: f64, skip: usize) -> (f64, f64) {
-        let (share, rate) = self.summed(t, skip);
+    /// Weighted share of the element below `t` and its derivative with respect to `t`, on the grid of every
+    /// `stride`-th point per edge.
+    fn share_below(&self, t: f64, stride: usize) -> (f64, f64) {
+        let (share, rate) = self.weighted_share_below(t, stride);
         if self.density.is_none() {
             return (share, rate);
         }
-        let all = self.weights(skip);
-        (share / all, rate / all)
+        let mean_weight = self.mean_weight(stride);
+        (share / mean_weight, rate / mean_weight)
     }
 
-    /// [`Samples::below`] before the division by the sum of all weights.
-    fn summed(&self, t: f64, skip: usize) -> (f64, f64) {
-        let grid = SimplexGrid::new(self.grid.parts() / skip);
-        let count = (grid.parts() as f64).powi(3);
-        let mut total = (0.0, 0.0);
+    /// [`Samples::share_below`] before the division by the mean weight.
+    fn weighted_share_below(&self, t: f64, stride: usize) -> (f64, f64) {
+        let grid = SimplexGrid::new(self.grid.parts() / stride);
+        let tetrahedra = (grid.parts() as f64).powi(3);
+        let (mut share, mut rate) = (0.0, 0.0);
         for (number, flag) in self.domain.flags.iter().enumerate() {
-            let values = self.on_flag(number);
-            let weight_of = |c: [usize; 3]| self.weight(number, grid.parts(), c);
+            let values = self.flag_values(number);
+            let weight_of = |corner| self.cube_weight(number, grid.parts(), corner);
             let layers: Vec<(f64, f64)> = (0..grid.parts())
                 .into_par_iter()
-                .map(|i| layer_below(i, t, skip, values, &weight_of))
+                .map(|i| layer_share_below(i, t, stride, values, &weight_of))
                 .collect();
-            let weight = flag.share / count;
-            for (f, df) in layers {
-                total = (total.0 + f * weight, total.1 + df * weight);
+            let tetrahedron_share = flag.share / tetrahedra;
+            for (layer_share, layer_rate) in layers {
+                share += layer_share * tetrahedron_share;
+                rate += layer_rate * tetrahedron_share;
             }
         }
-        total
+        (share, rate)
     }
 
     /// Share of the element that is solid, and its derivative with respect to the level.
-    fn solid(&self, solid: Solid, level: f64, skip: usize) -> (f64, f64) {
-        let one_side = || self.below(level, skip);
+    fn solid_share(&self, solid: Solid, level: f64, stride: usize) -> (f64, f64) {
+        let below = || self.share_below(level, stride);
+        // Between -level and level.
         let band = || {
-            let (above, below) = (self.below(level, skip), self.below(-level, skip));
-            (above.0 - below.0, above.1 + below.1)
+            let (upper, upper_rate) = self.share_below(level, stride);
+            let (lower, lower_rate) = self.share_below(-level, stride);
+            (upper - lower, upper_rate + lower_rate)
         };
+        let complement = |(share, rate): (f64, f64)| (1.0 - share, -rate);
         match solid {
-            Solid::Below => one_side(),
-            Solid::Above => {
-                let (f, d) = one_side();
-                (1.0 - f, -d)
-            }
+            Solid::Below => below(),
+            Solid::Above => complement(below()),
             Solid::Sheet => band(),
-            Solid::Channels => {
-                let (f, d) = band();
-                (1.0 - f, -d)
-            }
+            Solid::Channels => complement(band()),
         }
     }
 
@@ -161,80 +187,87 @@ impl Samples {
         let value = |p: CellPoint<3>| cell.expression.value(p);
         let mut total = 0.0;
         for (number, flag) in self.domain.flags.iter().enumerate() {
-            let values = self.on_flag(number);
-            let weight_of = |c: [usize; 3]| self.weight(number, parts, c);
+            let values = self.flag_values(number);
+            let weight_of = |corner| self.cube_weight(number, parts, corner);
             let layers: Vec<f64> = (0..parts)
                 .into_par_iter()
-                .map(|i| correction::layer(i, t, (parts, values, flag), &value, &weight_of))
+                .map(|i| layer_correction(i, t, (parts, values, flag), &value, &weight_of))
                 .collect();
             total += layers.iter().sum::<f64>() * flag.share / (parts as f64).powi(3);
         }
-        total / self.weights(1)
+        total / self.mean_weight(1)
     }
 
-    /// Share of the element that is solid, corrected for curvature, and its derivative.
-    fn corrected(&self, cell: &Cell, level: f64) -> (f64, f64) {
-        let (share, rate) = self.solid(cell.solid, level, 1);
-        let curvature_gain = || self.curvature_gain(cell, level);
+    /// Share of the element that is solid, corrected for curvature, and its derivative without the correction.
+    fn corrected_solid_share(&self, cell: &Cell, level: f64) -> (f64, f64) {
+        let (share, rate) = self.solid_share(cell.solid, level, 1);
+        let gain_at = |t: f64| self.curvature_gain(cell, t);
         let gain = match cell.solid {
-            Solid::Below => curvature_gain(),
-            Solid::Above => -curvature_gain(),
-            Solid::Sheet => curvature_gain() - self.curvature_gain(cell, -level),
-            Solid::Channels => self.curvature_gain(cell, -level) - curvature_gain(),
+            Solid::Below => gain_at(level),
+            Solid::Above => -gain_at(level),
+            Solid::Sheet => gain_at(level) - gain_at(-level),
+            Solid::Channels => gain_at(-level) - gain_at(level),
         };
         (share + gain, rate)
     }
 
     /// The level at which the solid's share is `fraction`, by Newton's method safeguarded by bisection.
-    fn level_for(&self, solid: Solid, fraction: f64, skip: usize) -> f64 {
+    fn level_for(&self, solid: Solid, fraction: f64, stride: usize) -> f64 {
         let (lo, hi) = self.range();
+        // The solid between -level and level depends on |level| only.
         let (mut lo, mut hi) = if solid.is_symmetric() {
             (0.0, lo.abs().max(hi.abs()))
         } else {
             (lo, hi)
         };
-        let rising = matches!(solid, Solid::Below | Solid::Sheet);
-        let mut t = f64::midpoint(lo, hi);
-        for _ in 0..80 {
-            let (f, d) = self.solid(solid, t, skip);
-            if (f < fraction) == rising {
-                lo = t;
+        let is_rising = matches!(solid, Solid::Below | Solid::Sheet);
+        let mut level = f64::midpoint(lo, hi);
+        for _ in 0..LEVEL_MAX_ITERATIONS {
+            let (share, rate) = self.solid_share(solid, level, stride);
+            if (share < fraction) == is_rising {
+                lo = level;
             } else {
-                hi = t;
+                hi = level;
             }
-            let newton = t - (f - fraction) / d;
+            let newton = level - (share - fraction) / rate;
             let next = if newton > lo && newton < hi {
                 newton
             } else {
                 f64::midpoint(lo, hi)
             };
-            if (next - t).abs() <= 1e-14 * (hi.abs() + lo.abs()) || hi - lo <= 0.0 {
+            let tolerance = LEVEL_TOLERANCE * (hi.abs() + lo.abs());
+            if (next - level).abs() <= tolerance || hi - lo <= 0.0 {
                 return next;
             }
-            t = next;
+            level = next;
         }
-        t
+        level
     }
-}
 
-impl Samples {
     /// The level at which the corrected share is `fraction`, starting from a nearby level.
     fn corrected_level(&self, cell: &Cell, fraction: f64, start: f64) -> f64 {
-        let (mut level, mut best) = (start, (f64::INFINITY, start));
+        let mut level = start;
+        let (mut least_error, mut best_level) = (f64::INFINITY, start);
         for _ in 0..CORRECTION_STEPS {
-            let (share, rate) = self.corrected(cell, level);
-            let off = (share - fraction).abs();
-            if off >= best.0 {
+            let (share, rate) = self.corrected_solid_share(cell, level);
+            let error = (share - fraction).abs();
+            if error >= least_error {
                 break;
             }
-            best = (off, level);
+            (least_error, best_level) = (error, level);
             level -= (share - fraction) / rate;
             if !level.is_finite() {
                 break;
             }
         }
-        best.1
+        best_level
     }
+}
+
+/// The limit for vanishing grid steps, from values on a grid and on one of twice the step, whose errors are of second
+/// order (Richardson).
+fn extrapolated(fine: f64, coarse: f64) -> f64 {
+    (4.0 * fine - coarse) / 3.0
 }
 
 impl Cell {
@@ -244,25 +277,27 @@ impl Cell {
         self.fraction(None)
     }
 
-    /// The share weighted by a density of this cell, such as the volume to which the element is mapped.
+    /// The share weighted by a density of this cell, such as the volume in space per reference volume.
     pub fn weighted_volume_fraction(&self, density: &Density) -> f64 {
         self.fraction(Some(density))
     }
 
     fn fraction(&self, density: Option<&Density>) -> f64 {
-        let samples = Samples::new(self, Samples::parts(self)).weighted_by(density);
-        if self.is_corrected_for_curvature() {
-            return samples.corrected(self, self.level).0.clamp(0.0, 1.0);
-        }
-        let fine = samples.solid(self.solid, self.level, 1).0;
-        let coarse = samples.solid(self.solid, self.level, 2).0;
-        ((4.0 * fine - coarse) / 3.0).clamp(0.0, 1.0)
+        let samples = Samples::new(self, Samples::affordable_parts(self)).weighted_by(density);
+        let share = if self.is_corrected_for_curvature() {
+            samples.corrected_solid_share(self, self.level).0
+        } else {
+            let [fine, coarse] =
+                [1, 2].map(|stride| samples.solid_share(self.solid, self.level, stride).0);
+            extrapolated(fine, coarse)
+        };
+        share.clamp(0.0, 1.0)
     }
 
     /// The level at which the solid's share of the element is `fraction`.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] unless 0 < fraction < 1.
+    /// [`CellError::OutOfRange`] unless 0 < fraction < 1; [`CellError::NoSurface`] if the function is constant.
     pub fn level_for_volume_fraction(&self, fraction: f64) -> Result<f64, CellError> {
         self.level_for_fraction(fraction, None)
     }
@@ -291,9 +326,9 @@ impl Cell {
                 expected: "a share of the element, above 0 and below 1".to_owned(),
             });
         }
-        let samples = Samples::new(self, Samples::parts(self)).weighted_by(density);
+        let samples = Samples::new(self, Samples::affordable_parts(self)).weighted_by(density);
         let (lo, hi) = samples.range();
-        if hi - lo <= 1e-12 * hi.abs().max(lo.abs()).max(f64::MIN_POSITIVE) {
+        if hi - lo <= CONSTANT_RANGE * hi.abs().max(lo.abs()).max(f64::MIN_POSITIVE) {
             return Err(self.no_surface("solid", lo, hi));
         }
         let fine = samples.level_for(self.solid, fraction, 1);
@@ -301,15 +336,16 @@ impl Cell {
             return Ok(samples.corrected_level(self, fraction, fine));
         }
         let coarse = samples.level_for(self.solid, fraction, 2);
-        Ok((4.0 * fine - coarse) / 3.0)
+        Ok(extrapolated(fine, coarse))
     }
 
-    /// Whether volumes are corrected for curvature. The ball is excluded because its flags are curved.
+    /// Whether shares are corrected for curvature. The ball is excluded because its flags are curved.
     fn is_corrected_for_curvature(&self) -> bool {
-        self.expression.exponentials() < CORRECTION_MAX_EXPONENTIALS
+        self.expression.exponentials() < EXTRAPOLATION_MIN_EXPONENTIALS
             && self.element != Element::Ball
     }
 
+    /// The error that the function, with values from `least` to `greatest`, gives no `missing` phase.
     pub(super) fn no_surface(&self, missing: &'static str, least: f64, greatest: f64) -> CellError {
         CellError::NoSurface {
             missing,
@@ -325,20 +361,20 @@ impl Cell {
     /// # Errors
     /// [`CellError::NoSurface`] with the missing phase and the range of the field.
     pub fn check_surface(&self) -> Result<(), CellError> {
-        let samples = Samples::new(self, 24);
-        let solid = |v: &f64| self.solid.value(*v, self.level) < 0.0;
+        let samples = Samples::new(self, PHASE_CHECK_PARTS);
+        let is_solid = |v: &f64| self.solid.value(*v, self.level) < 0.0;
         let (lo, hi) = samples.range();
-        if !samples.values.iter().any(solid) {
+        if !samples.values.iter().any(is_solid) {
             return Err(self.no_surface("solid", lo, hi));
         }
-        if samples.values.iter().all(solid) {
+        if samples.values.iter().all(is_solid) {
             return Err(self.no_surface("void", lo, hi));
         }
         Ok(())
     }
 
-    /// Root mean square of the gradient on the surface inside the element (gamma), per unit of reference
-    /// length. If there is no surface, the mean is over the whole element.
+    /// Root mean square of the function's gradient on the solid's surface inside the element (gamma), per unit of
+    /// reference length. If there is no surface, the mean is over the whole element.
     pub fn gamma(&self) -> f64 {
         *self.gamma.get_or_init(|| {
             let levels: &[f64] = match self.solid {
@@ -349,9 +385,12 @@ impl Cell {
         })
     }
 
-    /// Root mean square of the gradient over the surfaces Phi = level inside the element.
+    /// Root mean square of the gradient over the surfaces of these levels inside the element.
     pub(super) fn gamma_at(&self, levels: &[f64]) -> f64 {
-        let samples = Samples::new(self, Samples::parts(self).min(32));
+        let samples = Samples::new(
+            self,
+            Samples::affordable_parts(self).min(MAX_GRADIENT_PARTS),
+        );
         let patches: Vec<SurfacePatch> = levels
             .iter()
             .flat_map(|&t| SurfacePatch::all(&samples, t))
@@ -360,18 +399,20 @@ impl Cell {
             .par_iter()
             .map(|p| {
                 // The centre of a planar patch lies off a curved surface: take one Newton step onto it.
-                let (v, g) = self.expression.value_and_gradient(p.centre);
-                let step = g * ((v - p.level) / g.norm_squared().max(f64::MIN_POSITIVE));
-                let foot = CellPoint(p.centre.0 - step);
-                self.expression.value_and_gradient(foot).1.norm_squared() * p.area
+                let (value, gradient) = self.expression.value_and_gradient(p.centre);
+                let square = gradient.norm_squared().max(f64::MIN_POSITIVE);
+                let step = gradient * ((value - p.level) / square);
+                let surface_point = CellPoint(p.centre.0 - step);
+                let gradient = self.expression.value_and_gradient(surface_point).1;
+                gradient.norm_squared() * p.area
             })
             .collect();
         let area: f64 = patches.iter().map(|p| p.area).sum();
         if area > 0.0 {
             return (squares.iter().sum::<f64>() / area).sqrt();
         }
-        let points = SimplexGrid::new(12).coordinates();
-        let mut mean = 0.0;
+        let points = SimplexGrid::new(WHOLE_GRADIENT_PARTS).coordinates();
+        let mut mean_square = 0.0;
         for flag in &samples.domain.flags {
             for &c in &points {
                 let square = self
@@ -379,22 +420,25 @@ impl Cell {
                     .value_and_gradient(flag.point(c))
                     .1
                     .norm_squared();
-                mean += square * flag.share / points.len() as f64;
+                mean_square += square * flag.share / points.len() as f64;
             }
         }
-        mean.sqrt()
+        mean_square.sqrt()
     }
 }
 
-/// The part of a level surface in a small tetrahedron on which the function is linear.
+/// The part of a level surface in a tetrahedron of the grid, on which the function is taken as linear: a planar
+/// triangle or quadrangle.
 pub(super) struct SurfacePatch {
     level: f64,
+    /// Reference lengths squared. The patches of a domain's flags stand for those of all their images.
     pub area: f64,
+    /// Mean of the corners.
     pub centre: CellPoint<3>,
 }
 
 impl SurfacePatch {
-    /// The patches of the surface where the function is `t`, in all flags.
+    /// The patches of the surface where the function is `t`, in all flags of the domain.
     pub fn all(samples: &Samples, t: f64) -> Vec<Self> {
         let mut patches = Vec::new();
         for flag in 0..samples.domain.flags.len() {
@@ -405,33 +449,38 @@ impl SurfacePatch {
         patches
     }
 
+    /// The patch in the tetrahedron with these corners, in steps of the grid; `None` if it has no area.
     fn cut(samples: &Samples, flag: usize, corners: [[usize; 3]; 4], t: f64) -> Option<Self> {
-        let values = samples.on_flag(flag);
-        let v = corners.map(|c| values[SimplexGrid::index(c)]);
-        let (_, density) = fraction_below(v, t);
-        if density <= 0.0 {
+        let flag_values = samples.flag_values(flag);
+        let values = corners.map(|c| flag_values[SimplexGrid::index(c)]);
+        let (_, share_rate) = share_of_tetrahedron_below(values, t);
+        if share_rate <= 0.0 {
             return None;
         }
-        let n = samples.grid.parts() as f64;
-        let f = &samples.domain.flags[flag];
-        let p = corners.map(|c| f.point(c.map(|x| x as f64 / n)).0);
-        let edges = nalgebra::Matrix3::from_rows(&[1, 2, 3].map(|i| (p[i] - p[0]).transpose()));
-        let rise = nalgebra::Vector3::new(v[1] - v[0], v[2] - v[0], v[3] - v[0]);
-        let gradient = edges.try_inverse()? * rise;
-        let (mut centre, mut count) = (nalgebra::Vector3::zeros(), 0.0);
+        let parts = samples.grid.parts() as f64;
+        let flag = &samples.domain.flags[flag];
+        let points = corners.map(|c| flag.point(c.map(|x| x as f64 / parts)).0);
+        let edges = [1, 2, 3].map(|i| (points[i] - points[0]).transpose());
+        let edges = nalgebra::Matrix3::from_rows(&edges);
+        let [start, ends @ ..] = values;
+        let differences = nalgebra::Vector3::from(ends.map(|value: f64| value - start));
+        let gradient = edges.try_inverse()? * differences;
+        let (mut corner_sum, mut corner_count) = (nalgebra::Vector3::zeros(), 0.0);
         for i in 0..4 {
             for j in 0..i {
-                if (v[i] < t) != (v[j] < t) {
-                    centre += p[j] + (p[i] - p[j]) * ((t - v[j]) / (v[i] - v[j]));
-                    count += 1.0;
+                if (values[i] < t) != (values[j] < t) {
+                    let position = (t - values[j]) / (values[i] - values[j]);
+                    corner_sum += points[j] + (points[i] - points[j]) * position;
+                    corner_count += 1.0;
                 }
             }
         }
-        // The derivative of the volume share with respect to the level is area / (|gradient| volume).
-        (count > 0.0).then(|| Self {
+        // The derivative of the share below a level with respect to the level is area / (|gradient| volume), and the
+        // volume is a sixth of the determinant.
+        (corner_count > 0.0).then(|| Self {
             level: t,
-            area: density * gradient.norm() * edges.determinant().abs() / 6.0,
-            centre: CellPoint(centre / count),
+            area: share_rate * gradient.norm() * edges.determinant().abs() / 6.0,
+            centre: CellPoint(corner_sum / corner_count),
         })
     }
 }

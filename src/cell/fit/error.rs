@@ -1,5 +1,10 @@
-//! Errors of fits.
+//! Defines why the Fourier series of a cell cannot be fitted to a source, with the messages that users see.
+//!
+//! A fit determines the series whose values in an element are nearest to the signed distance to the source (a mesh,
+//! struts, plates, voxels). Its unknowns are the real coefficients of the frequencies f with |f| <= R, where R is the
+//! *band limit*, in cycles per unit of reference length.
 
+use super::iterative::RESIDUAL_TOLERANCE;
 use crate::cell::{CellError, SkeletonError, VoxelError};
 use crate::progress::Cancelled;
 
@@ -12,73 +17,73 @@ pub enum FitError {
     /// The fit was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// A value of the source that is not finite.
+    /// A signed distance to the source that is not finite.
     #[error("the source's distance at ({x}, {y}, {z}) in the {element} is {value}")]
     NotFinite {
-        /// Reference coordinates.
+        /// Reference coordinate of the point.
         x: f64,
-        /// Reference coordinates.
+        /// Reference coordinate of the point.
         y: f64,
-        /// Reference coordinates.
+        /// Reference coordinate of the point.
         z: f64,
-        /// The element.
+        /// Name of the element, such as "hex".
         element: &'static str,
-        /// The value.
+        /// The distance found there: NaN or infinite.
         value: f64,
     },
-    /// No solid, or no void, in the element.
+    /// A source that leaves the element without solid, or without void.
     #[error(
         "nothing {missing} inside the {element}: the distance to the source runs from {least:.6} to \
          {greatest:.6} there{hint}"
     )]
     NoSurface {
-        /// "solid" or "void".
+        /// The phase that is missing: "solid" or "void".
         missing: &'static str,
-        /// The element.
+        /// Name of the element.
         element: &'static str,
-        /// Smallest sampled distance.
+        /// Least sampled distance, reference lengths, negative inside.
         least: f64,
-        /// Largest sampled distance.
+        /// Greatest sampled distance, reference lengths.
         greatest: f64,
-        /// The position of the source, if it is known.
+        /// A clause with the position of the source, if it is known, else empty.
         hint: String,
     },
-    /// A source without a symmetric part.
+    /// A source whose average over its images under the symmetry group is almost zero.
     #[error(
         "the source has no part with the symmetry {group}: {kept:e} of its energy survives the \
          average over its images; choose another origin or placement"
     )]
     NoSymmetricPart {
-        /// The group.
+        /// Name of the group.
         group: String,
-        /// Share of the mean square that the symmetric part has.
+        /// Mean square of the average over that of the source.
         kept: f64,
     },
-    /// More unknowns than the solver supports.
+    /// A band limit with more unknowns than the solver supports.
     #[error(
         "band limit {band_limit} has {unknowns} unknowns; expected at most {limit}, that is a band \
          limit below {largest:.1}"
     )]
     TooLarge {
-        /// The band limit R.
+        /// The band limit R, cycles per unit of reference length.
         band_limit: f64,
-        /// Degrees of freedom.
+        /// Number of unknowns at this band limit, estimated if it is far too large.
         unknowns: usize,
-        /// Maximal number of unknowns.
+        /// Greatest number of unknowns of the solver.
         limit: usize,
-        /// A possible band limit.
+        /// An estimate of the greatest possible band limit.
         largest: f64,
     },
-    /// Singular normal equations.
+    /// Normal equations that are singular.
     #[error(
         "the least squares with {unknowns} unknowns are singular; expected a regularisation above {least:e}, found {found:e}"
     )]
     Singular {
-        /// Degrees of freedom.
+        /// Number of unknowns.
         unknowns: usize,
-        /// A sufficient regularisation.
+        /// A regularisation above which the equations are regular.
         least: f64,
-        /// The regularisation of the options.
+        /// The regularisation of the options: the weight of the penalty (1 + |f|^2) on squared coefficients.
         found: f64,
     },
     /// A mesh that does not bound a solid.
@@ -93,60 +98,61 @@ pub enum FitError {
     /// Conjugate gradients that do not converge.
     #[error(
         "the iterative least squares left a residual of {residual:e} after {steps} steps; expected \
-         1e-8: raise the regularisation or choose the dense solver"
+         {tolerance:e}: raise the regularisation or choose the dense solver",
+        tolerance = RESIDUAL_TOLERANCE
     )]
     NotConverged {
-        /// Number of steps.
+        /// Number of steps made.
         steps: usize,
-        /// Residual relative to the right-hand side.
+        /// Norm of the residual over that of the right-hand side.
         residual: f64,
     },
-    /// Fewer samples than the band limit requires.
+    /// Samples over a period that are too few for the band limit: more than two per cycle are needed (Nyquist).
     #[error(
         "{samples} samples per period do not carry band limit {band_limit}; expected at least \
          {needed} samples, a band limit of at most {largest:.2}, or none, which keeps all that lies below \
          Nyquist on each axis"
     )]
     TooFewSamples {
-        /// Samples per axis.
+        /// Number of samples per period along each axis.
         samples: usize,
-        /// The band limit R.
+        /// The band limit R, cycles per unit of reference length.
         band_limit: f64,
-        /// Sufficient number of samples per axis.
+        /// Least sufficient number of samples per period.
         needed: usize,
-        /// Largest band limit of these samples.
+        /// Greatest band limit of these samples.
         largest: f64,
     },
-    /// An element whose source has no continuation over the period.
+    /// A method that needs the source over a whole period, in an element from which it has no continuation.
     #[error(
         "method {method} has no way to continue the source of a {element} over the period of \
          lattice {lattice}; use method lsq"
     )]
     NoExtension {
-        /// The element.
+        /// Name of the element.
         element: &'static str,
-        /// The lattice.
+        /// Name of the lattice of periods, or "any".
         lattice: String,
-        /// The method.
+        /// Name of the method.
         method: &'static str,
     },
     /// Cells of two different elements.
     #[error("a {first} cell and a {second} cell cannot be combined; expected one element")]
     Elements {
-        /// Element of the first.
+        /// Name of the first cell's element.
         first: &'static str,
-        /// Element of the second.
+        /// Name of the second cell's element.
         second: &'static str,
     },
-    /// A Minkowski sum without void, or a difference without solid.
+    /// A Minkowski sum that has no void, or a Minkowski difference that has no solid.
     #[error("the Minkowski {operation} has no {missing}; expected a smaller second cell")]
     NothingLeft {
         /// "sum" or "difference".
         operation: &'static str,
-        /// "solid" or "void".
+        /// The phase that is missing: "solid" or "void".
         missing: &'static str,
     },
-    /// An invalid placement.
+    /// An invalid placement of the source in the element.
     #[error("placement: {0}")]
     Placement(String),
 }

@@ -17,7 +17,7 @@ use crate::symmetry::Basis;
 use rustfft::num_complex::Complex64;
 
 /// Relative residual at which the iteration ends. It is far below the error of a fit.
-const RESIDUAL_TOLERANCE: f64 = 1e-8;
+pub(super) const RESIDUAL_TOLERANCE: f64 = 1e-8;
 /// Maximal number of steps; 1,300 unknowns take about 2,500.
 const MAX_STEPS: usize = 8000;
 

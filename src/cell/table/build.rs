@@ -141,7 +141,7 @@ impl Spectrum {
                 keeps([1.0, 1.0, -1.0]),
             ],
             twofold: keeps([-1.0, -1.0, 1.0]) && keeps([1.0, -1.0, -1.0]),
-            centred: D == 3 && terms.iter().all(|(h, _)| even(h, 0, 1) && even(h, 1, 2)),
+            face_centred: D == 3 && terms.iter().all(|(h, _)| even(h, 0, 1) && even(h, 1, 2)),
             exchanged: [
                 has(Mat3::new(0., 1., 0., 1., 0., 0., 0., 0., 1.)),
                 has(Mat3::new(1., 0., 0., 0., 0., 1., 0., 1., 0.)),

@@ -1,11 +1,14 @@
-//! The grid of a spline and the symmetries of its coefficients.
+//! Defines the grid of a periodic cubic B-spline and the symmetries of its coefficients.
 
-/// The grid of a spline: samples and period per axis.
+/// Degree of the spline along each axis: a point depends on one coefficient more.
+const SPLINE_DEGREE: usize = 3;
+
+/// The grid of a spline, by axis. Each axis has as many coefficients and spline cells per period as samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grid {
     /// Samples per period; even, except 1 along an axis on which the function is constant.
     pub samples: [usize; 3],
-    /// Periods in reference units.
+    /// Lengths of the periods, reference lengths.
     pub periods: [f64; 3],
 }
 
@@ -15,21 +18,23 @@ impl Grid {
         std::array::from_fn(|a| self.samples[a] as f64 / self.periods[a])
     }
 
-    /// Array sizes of the coefficients, padded periodically by three layers per axis.
+    /// Array sizes of the coefficients with a periodic padding along each axis, so that the coefficients of the last
+    /// spline cell need no remainder.
     pub fn padded(&self) -> [usize; 3] {
-        self.samples.map(|n| n + 3)
+        self.samples.map(|n| n + SPLINE_DEGREE)
     }
 }
 
-/// Symmetries of the coefficients under operators that permute or reverse the axes.
+/// Symmetries of the coefficients under operators that permute or reverse the axes, and under a centring.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct GridSymmetry {
-    /// Axes whose reversal is a symmetry.
+    /// Axes whose reversal is a symmetry (a mirror plane).
     pub mirrored: [bool; 3],
-    /// Whether the joint reversal of any two axes is a symmetry. Used only if no single axis is mirrored.
+    /// Whether the joint reversal of any two axes is a symmetry (a twofold rotation). Used only if no single axis is
+    /// mirrored.
     pub twofold: bool,
-    /// Whether a shift by half a period along any two axes is a symmetry.
-    pub centred: bool,
+    /// Whether a shift by half a period along any two axes is a symmetry (a face-centred lattice).
+    pub face_centred: bool,
     /// Whether exchanging x and y, and exchanging y and z, are symmetries. Used only where both axes have the
     /// same other symmetries.
     pub exchanged: [bool; 2],

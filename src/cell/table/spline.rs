@@ -74,7 +74,7 @@ impl Spline {
         let twofold = symmetry.twofold && symmetry.mirrored == [false; 3];
         let axes: [Axis; 3] = std::array::from_fn(|a| {
             // A centred lattice has half a period along x and y, with a shift along z.
-            let parts = if symmetry.centred && a < 2 { 2 } else { 1 };
+            let parts = if symmetry.face_centred && a < 2 { 2 } else { 1 };
             let samples = grid.samples[a] / parts;
             let is_halved = symmetry.mirrored[a] || (twofold && a < 2);
             let cells = if is_halved { samples / 2 + 1 } else { samples };
@@ -107,7 +107,7 @@ impl Spline {
             axes,
             is_twofold: twofold,
             is_sorted: [0, 1].map(|a| symmetry.exchanged[a] && axes[a] == axes[a + 1]),
-            centring_shift: if symmetry.centred { 0.5 } else { 0.0 },
+            centring_shift: if symmetry.face_centred { 0.5 } else { 0.0 },
             per_unit: grid.per_unit().map(|c| c as f32),
             strides: [row, NEIGHBOURS_PER_ENTRY].map(|s| s as f32),
             plane_stride,
@@ -276,7 +276,7 @@ mod tests {
             (
                 GridSymmetry {
                     twofold: true,
-                    centred: true,
+                    face_centred: true,
                     ..GridSymmetry::default()
                 },
                 &odd,
@@ -308,7 +308,7 @@ mod tests {
         };
         let turned = GridSymmetry {
             twofold: true,
-            centred: true,
+            face_centred: true,
             exchanged: [true, false],
             ..GridSymmetry::default()
         };
@@ -409,7 +409,7 @@ mod tests {
             },
             GridSymmetry {
                 twofold: true,
-                centred: true,
+                face_centred: true,
                 ..GridSymmetry::default()
             },
         ];
