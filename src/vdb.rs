@@ -1,71 +1,89 @@
-//! Level sets in OpenVDB, behind a safe interface.
+//! Level sets and other volumes of OpenVDB, behind a safe interface.
 //!
-//! A [`LevelSet`] has guarantees: class level set, cubic voxels, floats, a background of half width times
-//! voxel size, and signs filled in everywhere. It is made by a [`LevelSetBuilder`] from leaves of signed
+//! A [`LevelSet`] has guarantees: grid class level set, cubic voxels, values of type float, a background of half
+//! width times voxel size, and signs filled in everywhere. It is made by a [`LevelSetBuilder`] from leaves of signed
 //! distances, from a mesh, or from a file that passed the same checks. An operation that fails or is
 //! cancelled leaves it empty.
 //!
 //! Conventions: negative inside; distances and lengths in world units; kernel widths in voxels; triangles
 //! counter-clockwise seen from outside. OpenVDB differs in two places, each corrected once: `offset(+d)`
 //! shrinks the solid ([`LevelSet::dilate`]), and its meshes are wound clockwise ([`LevelSet::to_mesh`]).
-//! Every operation takes a [`Session`]: threads, progress with cancellation, numerical scheme.
+//! Operations that take long have a [`Session`]: threads, progress with cancellation, numerical scheme.
 //!
 //! To add a tool, add a function under `cpp/` in the translation unit of its family (it checks sizes and
 //! throws with numbers), its declaration in the bridge with units and ownership, a method here that applies
 //! signs and winding, and a test.
 
+use crate::band::VOXELS;
 use crate::frame::{Aabb, Transform, Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
 use cxx::UniquePtr;
 
-mod as_field;
-mod attribute;
-mod band_widths;
-mod builder;
-mod camera;
-mod cavities;
-mod check;
-mod colormap;
-mod components;
-mod contact;
-mod dense;
+// The bridge to C++, errors, and the memory of the process.
 mod error;
 mod ffi;
-mod file;
-mod fog;
-mod foreign;
-mod hash;
-mod index;
-mod index_map;
-mod ipc;
-mod layers;
-mod leaves;
-mod level_set_file;
-mod measures;
 mod memory;
-mod mesh;
-mod on_disk;
-mod ops;
-mod redistance;
 mod refusal;
-mod remove_components;
-mod render;
-mod render_parts;
-mod repair;
-mod resample;
-mod samples;
-mod segments;
-mod shading;
-mod shape_ops;
-mod smooth;
-mod solid_cubes;
+
+// The tree: building it, reading its leaves and values, and sets of voxels.
+mod builder;
+mod dense;
+mod index;
+mod leaves;
+mod value_survey;
+mod voxel_mask;
+
+// Other volumes than level sets, and maps of index space.
+mod attribute;
+mod fog;
+mod index_map;
+mod volume;
+
+// Files: reading and writing, in a child process for untrusted ones, and as streams of leaves.
+mod file;
+mod hash;
+mod ipc;
+mod level_set_file;
 mod stream;
 pub mod subprocess;
-mod torn_band;
-mod value_survey;
-mod volume;
-mod voxel_mask;
 mod write;
+
+// Grids of other programs: conversion to level sets, repairs and checks.
+mod check;
+mod foreign;
+mod repair;
+mod resample;
+mod torn_band;
+
+// Operations that change a level set.
+mod band_widths;
+mod contact;
+mod ops;
+mod redistance;
+mod shape_ops;
+mod smooth;
+
+// Connected components and cavities, in memory and on disk.
+mod cavities;
+mod components;
+mod on_disk;
+mod remove_components;
+mod segments;
+
+// Measures, and conversions to meshes, voxel meshes and fields.
+mod as_field;
+mod layers;
+mod measures;
+mod mesh;
+mod solid_cubes;
+
+// Pictures.
+mod camera;
+mod colormap;
+mod render;
+mod render_parts;
+mod samples;
+mod shading;
 
 pub use as_field::{MAX_REFINEMENT_RATIO, Placement, SampledLevelSet};
 pub use attribute::Attribute;
@@ -101,13 +119,14 @@ pub use stream::{StoredFog, StoredGrid};
 pub use volume::Volume;
 pub use write::{Compression, VdbWriter, WrittenFile};
 
-/// The finite-difference scheme that restores distances after each step of a filter.
+/// The finite differences by which OpenVDB's tools restore signed distances (|gradient| = 1) after each step of a
+/// filter or an offset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scheme {
-    /// First order, upwind; takes a third of the time of [`Scheme::Weno5`].
+    /// Upwind differences of first order; takes a third of the time of [`Scheme::Weno5`].
     #[default]
     First,
-    /// Fifth order (HJ-WENO).
+    /// Weighted differences of fifth order (Hamilton-Jacobi WENO).
     Weno5,
 }
 
@@ -133,7 +152,7 @@ pub struct Session<'a> {
     pub progress: &'a dyn Progress,
     /// Scheme of filters and offsets.
     pub scheme: Scheme,
-    /// Implementation of filters and offsets.
+    /// Implementation of filters and offsets; other schemes than [`Scheme::First`] are OpenVDB's.
     pub tools: Tools,
 }
 
@@ -160,6 +179,7 @@ impl<'a> Session<'a> {
         Self { scheme, ..self }
     }
 
+    /// What C++ calls back: the threads that run its loops, and progress.
     fn host(&self) -> ffi::Host<'a> {
         ffi::Host {
             threads: self.threads,
@@ -191,6 +211,7 @@ impl<'a> Session<'a> {
 /// ```
 pub struct LevelSet {
     grid: UniquePtr<ffi::Grid>,
+    /// The map from voxels to the world, without `origin`.
     transform: Transform,
     /// World position of voxel (0, 0, 0); zero unless a file sets it.
     origin: Vec3,
@@ -236,10 +257,10 @@ impl LevelSet {
         self.half_width * self.voxel_size()
     }
 
-    /// Active voxels, leaves, bytes and the box of active voxels.
+    /// Facts of the grid, such as the numbers of active voxels and of leaves, bytes, and the box of active voxels.
     ///
     /// # Errors
-    /// Only errors of OpenVDB.
+    /// [`VdbError::OpenVdb`].
     pub fn info(&self) -> Result<GridInfo, VdbError> {
         let facts = ffi::grid_facts(&self.grid).map_err(|e| VdbError::plain("counting", &e))?;
         Ok(GridInfo::from_facts(facts))
@@ -273,9 +294,9 @@ impl LevelSet {
                 .values
                 .iter()
                 .fold(0f32, |d, v| if -v > d { -v } else { d });
-            let ends = [0, 511].map(|n| self.transform.world(leaf.voxel(n)).0 + self.origin);
-            let own = Aabb::of(ends).dilated(f64::from(deepest));
-            if [own.min, own.max]
+            let ends = [0, VOXELS - 1].map(|n| self.transform.world(leaf.voxel(n)).0 + self.origin);
+            let reach = Aabb::of(ends).dilated(f64::from(deepest));
+            if [reach.min, reach.max]
                 .iter()
                 .all(|&p| bounds.contains(WorldPoint(p)))
             {
@@ -299,7 +320,7 @@ impl LevelSet {
     /// Volume of the solid, world units cubed.
     ///
     /// # Errors
-    /// Only errors of OpenVDB.
+    /// [`VdbError::Cancelled`] or [`VdbError::OpenVdb`].
     pub fn volume(&self, session: Session<'_>) -> Result<f64, VdbError> {
         ffi::grid_volume(&self.grid, &session.host())
             .map_err(|e| VdbError::of("measuring", session, &e))
@@ -308,7 +329,7 @@ impl LevelSet {
     /// Area of the surface, world units squared.
     ///
     /// # Errors
-    /// Only errors of OpenVDB.
+    /// [`VdbError::Cancelled`] or [`VdbError::OpenVdb`].
     pub fn area(&self, session: Session<'_>) -> Result<f64, VdbError> {
         ffi::grid_area(&self.grid, &session.host())
             .map_err(|e| VdbError::of("measuring", session, &e))
@@ -317,7 +338,7 @@ impl LevelSet {
     /// Sets the world position of voxel (0, 0, 0), which translates the solid.
     ///
     /// # Errors
-    /// Only errors of OpenVDB.
+    /// [`VdbError::OpenVdb`].
     pub fn set_origin(&mut self, origin: Vec3) -> Result<(), VdbError> {
         let voxel = self.voxel_size();
         ffi::grid_set_transform(self.grid.pin_mut(), voxel, &origin.into())
@@ -329,7 +350,7 @@ impl LevelSet {
     /// An independent copy.
     ///
     /// # Errors
-    /// Only errors of OpenVDB (memory).
+    /// [`VdbError::OpenVdb`], for lack of memory.
     pub fn duplicate(&self) -> Result<Self, VdbError> {
         Ok(Self {
             grid: ffi::grid_copy(&self.grid).map_err(|e| VdbError::plain("copying", &e))?,

@@ -95,8 +95,8 @@ pub(super) fn request(section: &BuildSection, scale: Scale) -> Result<BuildReque
     let up = Vec3::from(section.up.map(|c| c.0));
     Ok(BuildRequest {
         up: up.try_normalize(0.0).unwrap_or_else(Vec3::z),
-        layer,
-        overhang: section.overhang.0,
+        layer_height: layer,
+        overhang_angle: section.overhang.0,
     })
 }
 
@@ -116,7 +116,7 @@ impl BuildReport {
     /// The report on layers; `origin` is the world position of voxel (0, 0, 0).
     pub(super) fn new(request: &BuildRequest, found: &BuildLayers, origin: Vec3) -> Self {
         let base = origin.dot(&request.up);
-        let height = |number: i64| base + number as f64 * request.layer;
+        let height = |number: i64| base + number as f64 * request.layer_height;
         let layers = &found.layers[..];
         let count = layers.len();
         let greatest = |value: &dyn Fn(usize) -> f64| {
@@ -141,22 +141,22 @@ impl BuildReport {
         let profile = layers.chunks(per_step).map(|chunk| ProfileStep {
             height: height(chunk[0].number),
             area: chunk.iter().map(|l| l.area).fold(0.0, f64::max),
-            overhang: chunk.iter().map(|l| l.overhang).sum(),
-            sealed: chunk.iter().map(|l| l.sealed).fold(0.0, f64::max),
-            islands: chunk.iter().map(|l| l.islands).sum(),
+            overhang: chunk.iter().map(|l| l.overhang_area).sum(),
+            sealed: chunk.iter().map(|l| l.sealed_area).fold(0.0, f64::max),
+            islands: chunk.iter().map(|l| l.island_count).sum(),
         });
         Self {
             up: request.up.into(),
-            layer: request.layer,
-            overhang: request.overhang,
+            layer: request.layer_height,
+            overhang: request.overhang_angle,
             layers: count as u64,
             heights: [height(first), height(first + count as i64)],
             islands: found.islands.len() as u64,
             cups: found.cups.len() as u64,
-            overhang_area: layers.iter().map(|l| l.overhang).sum(),
+            overhang_area: layers.iter().map(|l| l.overhang_area).sum(),
             section_max: greatest(&|n| layers[n].area),
             section_jump: greatest(&jump),
-            sealed_max: greatest(&|n| layers[n].sealed),
+            sealed_max: greatest(&|n| layers[n].sealed_area),
             island_list: starts(&found.islands),
             cup_list: starts(&found.cups),
             profile: profile.collect(),

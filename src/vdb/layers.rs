@@ -1,22 +1,22 @@
-//! Layers of a solid as a printer makes them: islands, overhangs, cups and cross-sections.
+//! Finds, in the layers of a solid as a printer makes them, islands, overhangs, cups and areas of sections.
 //!
-//! A layer is the plane section at its mid-height, on square pixels of one voxel, by trilinear interpolation of
-//! the level set; a pixel is inside where the value at its centre is negative. The ends of layers are
-//! multiples of their height along `up`. Pixels are connected over edges. One layer is compared with those below
-//! it, so that memory holds a few layers only.
+//! A layer is represented by the plane section at its mid-height, on square pixels of one voxel; a pixel is solid where
+//! the trilinear value at its centre is negative. Pixels are connected over edges. The first layer lies on the plate.
 //!
-//! - An **island** is a component of a layer that lies over no pixel of the layer below.
-//! - The **overhanging** area of a layer is that of its pixels that are over nothing, and farther from what lies
-//!   below than the angle admits. Since a pixel may be wider than the admitted step of one layer, the layer below
-//!   is one from which the step is at least a pixel.
-//! - A **cup** is a hole of a layer that lies over no hole of the layer below: a pocket that opens upwards, or in
-//!   the first layer, against the plate. It is sealed until it meets the outside.
+//! - An **island** is a component of the solid pixels that lies over no solid pixel of the layer below.
+//! - The **overhanging** pixels of a layer are over void, and farther from the solid below than the overhang angle
+//!   admits. A pixel may be wider than the step that the angle admits over one layer; the solid below is
+//!   therefore that of the nearest lower layer over which the admitted step is at least a pixel.
+//! - A **hole** is a component of the void pixels within the outline of the solid. A **cup** is a hole that lies
+//!   over no void pixel of the layer below: it begins over solid or, in the first layer, over the plate.
+//! - A **pocket** is a connected part of the void of all layers so far; it is **open** where it leads outside the
+//!   outline of a layer, else **sealed**.
 
 use super::cavities::{LeafSource, MemorySource};
 use super::index::LeafIndex;
 use super::{FileError, LevelSet, Session, VdbError};
 use crate::band::LeafStore;
-use crate::frame::{Coord, Vec3};
+use crate::frame::Vec3;
 use crate::union_find::UnionFind;
 use std::collections::VecDeque;
 
@@ -26,18 +26,21 @@ mod sections;
 use raster::{Components, Raster};
 use sections::{Frame, sections};
 
+/// Error of the position of an edge that consists of pixels, pixels.
+const EDGE_ERROR: f64 = 0.5;
+
 /// How a solid is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BuildRequest {
     /// The direction in which layers are stacked, a unit vector.
     pub up: Vec3,
-    /// Height of a layer, world units.
-    pub layer: f64,
+    /// Height of a layer, world units. The ends of layers are its multiples along `up`.
+    pub layer_height: f64,
     /// Greatest angle between a wall and `up` that needs no support, degrees: more than 0, less than 90.
-    pub overhang: f64,
+    pub overhang_angle: f64,
 }
 
-/// A layer; areas are in world units squared.
+/// Measures of one layer; areas are in world units squared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LayerFacts {
     /// Its number; its lower end lies at this multiple of the layer height along `up`.
@@ -45,28 +48,28 @@ pub struct LayerFacts {
     /// Area of the section.
     pub area: f64,
     /// Area that needs support.
-    pub overhang: f64,
+    pub overhang_area: f64,
     /// Number of islands.
-    pub islands: u64,
-    /// Number of cups that begin.
-    pub cups: u64,
-    /// Area of the holes that are sealed.
-    pub sealed: f64,
+    pub island_count: u64,
+    /// Number of cups that begin in the layer.
+    pub cup_count: u64,
+    /// Area of the holes that belong to sealed pockets.
+    pub sealed_area: f64,
 }
 
-/// A component that begins in a layer.
+/// An island or a cup, in the layer where it begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
-    /// A point of it, world units, in the frame of voxel (0, 0, 0).
+    /// A point of it, world units, relative to the centre of voxel (0, 0, 0).
     pub place: Vec3,
-    /// Its area.
+    /// Its area in that layer, world units squared.
     pub area: f64,
 }
 
 /// The layers of a solid.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BuildLayers {
-    /// From the first layer with a pixel to the last.
+    /// From the lowest layer with a solid pixel to the highest.
     pub layers: Vec<LayerFacts>,
     /// The islands, from below.
     pub islands: Vec<Start>,
@@ -75,7 +78,7 @@ pub struct BuildLayers {
 }
 
 impl LevelSet {
-    /// The layers of the solid. Values of `origin` do not matter: layers count from voxel (0, 0, 0).
+    /// The layers of the solid. Layers count from voxel (0, 0, 0), whatever [`LevelSet::origin`] is.
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
@@ -86,15 +89,15 @@ impl LevelSet {
     ) -> Result<BuildLayers, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, false)?;
-        let voxels = (self.voxel_size(), self.background() as f32);
-        layers(&MemorySource::new(&index), voxels, request, session)
+        let scale = (self.voxel_size(), self.background() as f32);
+        layers(&MemorySource::new(&index), scale, request, session)
     }
 }
 
-/// The layers of a solid on disk, as [`LevelSet::build_layers`] returns them.
+/// The layers of a solid in a leaf file, as [`LevelSet::build_layers`] returns them.
 ///
 /// # Errors
-/// As there, and a changed leaf file.
+/// [`FileError`]: cancellation, and a leaf file that cannot be read or was changed since it was written.
 pub fn stored_build_layers(
     store: &LeafStore,
     voxel_size: f64,
@@ -104,6 +107,7 @@ pub fn stored_build_layers(
     layers(store, (voxel_size, store.background()), request, session)
 }
 
+/// The layers of the solid whose leaves `source` gives; `voxel_size` and `background` are in world units.
 fn layers<S: LeafSource>(
     source: &S,
     (voxel_size, background): (f64, f32),
@@ -113,101 +117,112 @@ fn layers<S: LeafSource>(
     let Some(bounds) = source.bounds() else {
         return Ok(BuildLayers::default());
     };
-    let frame = Frame::new(request.up, request.layer / voxel_size, bounds);
+    let frame = Frame::new(request.up, request.layer_height / voxel_size, bounds);
     let mut analysis = Analysis::new(request, voxel_size, &frame);
     sections(source, &frame, background, session, |number, raster| {
         analysis.add(number, raster);
     })?;
     let mut found = analysis.found;
-    let used = found.layers.iter().rposition(|l| l.area > 0.0);
-    found.layers.truncate(used.map_or(0, |n| n + 1));
+    let highest = found.layers.iter().rposition(|l| l.area > 0.0);
+    found.layers.truncate(highest.map_or(0, |n| n + 1));
     Ok(found)
 }
 
-/// The layer below the one that is added.
+/// The components of the layer below the one that is added.
 struct Below {
     solid: Components,
     void: Components,
-    /// Class of each component of the void: the pocket that it belongs to.
-    class: Vec<u32>,
-    /// Whether each component of the void leads outside.
-    is_vented: Vec<bool>,
+    pockets: Pockets,
 }
 
+/// The pockets of the components of a layer's void.
+struct Pockets {
+    /// For each component, a number that the components of one pocket share.
+    pocket: Vec<u32>,
+    /// For each component, whether its pocket is open.
+    is_open: Vec<bool>,
+}
+
+/// The state after some layers, which are added from below. It holds the layers that overhangs are compared with.
 struct Analysis<'a> {
     frame: &'a Frame,
     voxel_size: f64,
-    /// Admitted step per layer, pixels.
+    /// Horizontal step that the overhang angle admits per layer, pixels.
     step: f64,
-    /// Number of layers by which the step is at least a pixel.
+    /// Number of layers over which the admitted step is at least a pixel.
     lookback: usize,
-    /// Offsets of pixels with squared distance, nearest first.
-    disc: Vec<(f64, [i32; 2])>,
-    /// The last layers, the latest last.
+    /// Squared length, pixels squared, and [row, column] of the offsets within the step over `lookback` layers,
+    /// nearest first.
+    offsets: Vec<(f64, [i32; 2])>,
+    /// The last layers, at most `lookback`, from below.
     rasters: VecDeque<Raster>,
+    /// `None` before the first layer with a solid pixel.
     below: Option<Below>,
     found: BuildLayers,
 }
 
 impl<'a> Analysis<'a> {
     fn new(request: &BuildRequest, voxel_size: f64, frame: &'a Frame) -> Self {
-        let step = frame.layer * request.overhang.to_radians().tan();
+        let step = frame.layer_height * request.overhang_angle.to_radians().tan();
         let lookback = (1.0 / step).ceil().max(1.0) as usize;
-        // Half a pixel is the error of a pixel's edge.
-        let radius = lookback as f64 * step + 0.5;
+        let radius = lookback as f64 * step + EDGE_ERROR;
         let reach = radius.floor() as i32;
-        let mut disc = Vec::new();
+        let mut offsets = Vec::new();
         for row in -reach..=reach {
             for column in -reach..=reach {
                 let square = f64::from(row * row + column * column);
                 if square <= radius * radius {
-                    disc.push((square, [row, column]));
+                    offsets.push((square, [row, column]));
                 }
             }
         }
-        disc.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        offsets.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         Self {
             frame,
             voxel_size,
             step,
             lookback,
-            disc,
+            offsets,
             rasters: VecDeque::new(),
             below: None,
             found: BuildLayers::default(),
         }
     }
 
+    /// Area of pixels, world units squared.
     fn area(&self, pixels: u64) -> f64 {
         pixels as f64 * self.voxel_size * self.voxel_size
     }
 
-    /// Adds the next layer. Layers before the first pixel do not count.
+    /// Adds the next layer. Layers below the first solid pixel are left out.
     fn add(&mut self, number: i64, raster: Raster) {
         if self.below.is_none() && raster.is_empty() {
             return;
         }
         let solid = Components::of(&raster, true);
         let void = Components::of(&raster, false);
-        let islands = self.begun(number, &solid, self.below.as_ref().map(|b| &b.solid));
+        let islands = self.starts(number, &solid, self.below.as_ref().map(|b| &b.solid));
         // The first layer lies on the plate.
         let islands = if self.below.is_some() {
             islands
         } else {
             Vec::new()
         };
-        let mut cups = self.begun(number, &void, self.below.as_ref().map(|b| &b.void));
+        let mut cups = self.starts(number, &void, self.below.as_ref().map(|b| &b.void));
         cups.retain(|(component, _)| *component != Components::OUTER);
-        let (class, is_vented) = vented(&void, self.below.as_ref());
-        let areas = void.pixels.iter().zip(&is_vented);
-        let sealed: u64 = areas.filter(|(_, v)| !**v).map(|(n, _)| n).sum();
+        let pockets = Pockets::of(&void, self.below.as_ref());
+        let pixel_counts = void.pixels.iter().zip(&pockets.is_open);
+        let sealed_pixels: u64 = pixel_counts
+            .filter(|(_, is_open)| !**is_open)
+            .map(|(count, _)| count)
+            .sum();
         let layer = LayerFacts {
             number,
             area: self.area(raster.pixels()),
-            overhang: self.area(self.overhanging(&raster)),
-            islands: islands.len() as u64,
-            cups: cups.len() as u64,
-            sealed: self.area(sealed),
+            overhang_area: self.area(self.overhanging_pixels(&raster)),
+            island_count: islands.len() as u64,
+            cup_count: cups.len() as u64,
+            sealed_area: self.area(sealed_pixels),
         };
         self.found.layers.push(layer);
         self.found.islands.extend(islands.into_iter().map(|i| i.1));
@@ -215,8 +230,7 @@ impl<'a> Analysis<'a> {
         self.below = Some(Below {
             solid,
             void,
-            class,
-            is_vented,
+            pockets,
         });
         if self.rasters.len() == self.lookback {
             self.rasters.pop_front();
@@ -224,8 +238,8 @@ impl<'a> Analysis<'a> {
         self.rasters.push_back(raster);
     }
 
-    /// The components of a layer that lie over none of the layer below.
-    fn begun(
+    /// The components of a layer's solid or void that lie over none of the layer below, with their numbers.
+    fn starts(
         &self,
         number: i64,
         own: &Components,
@@ -235,68 +249,67 @@ impl<'a> Analysis<'a> {
         if let Some(below) = below {
             own.overlaps(below, |component, _| is_over[component as usize] = true);
         }
-        let begun = (0..own.pixels.len()).filter(|&n| !is_over[n]);
-        begun
-            .map(|n| {
-                let [row, column] = own.middle[n];
+        (0..own.pixels.len())
+            .filter(|&component| !is_over[component])
+            .map(|component| {
+                let [row, column] = own.middle[component];
                 let place = self.frame.place(number, row, column) * self.voxel_size;
-                let area = self.area(own.pixels[n]);
-                (n as u32, Start { place, area })
+                let area = self.area(own.pixels[component]);
+                (component as u32, Start { place, area })
             })
             .collect()
     }
 
-    /// Number of pixels that need support.
-    fn overhanging(&self, raster: &Raster) -> u64 {
-        let (Some(last), Some(low)) = (self.rasters.back(), self.rasters.front()) else {
+    /// Number of pixels of the next layer that need support; none of the first layer, which lies on the plate.
+    fn overhanging_pixels(&self, raster: &Raster) -> u64 {
+        let (Some(last), Some(lowest)) = (self.rasters.back(), self.rasters.front()) else {
             return 0;
         };
-        let limit = (self.rasters.len() as f64 * self.step + 0.5).powi(2);
-        let is_near = |row: usize, column: usize| {
-            let disc = self.disc.iter().take_while(|(square, _)| *square <= limit);
-            disc.into_iter().any(|(_, [r, c])| {
-                low.contains(row as i64 + i64::from(*r), column as i64 + i64::from(*c))
-            })
+        // Fewer than `lookback` layers near the plate.
+        let admitted = self.rasters.len() as f64 * self.step + EDGE_ERROR;
+        let max_square = admitted.powi(2);
+        let is_supported = |row: usize, column: usize| {
+            self.offsets
+                .iter()
+                .take_while(|(square, _)| *square <= max_square)
+                .any(|(_, [r, c])| {
+                    lowest.contains(row as i64 + i64::from(*r), column as i64 + i64::from(*c))
+                })
         };
         let mut count = 0;
         raster.for_each_without(last, |row, column| {
-            count += u64::from(!is_near(row, column));
+            count += u64::from(!is_supported(row, column));
         });
         count
     }
 }
 
-/// The pocket of each component of the void, and whether it leads outside.
-fn vented(void: &Components, below: Option<&Below>) -> (Vec<u32>, Vec<bool>) {
-    let count = void.pixels.len();
-    let older = below.map_or(0, |b| b.class.len());
-    // Components of this layer, then those of the layer below.
-    let mut sets = UnionFind::new(count + older);
-    if let Some(below) = below {
-        let mut first_of_class = std::collections::BTreeMap::new();
-        for (n, &class) in below.class.iter().enumerate() {
-            let first = *first_of_class.entry(class).or_insert(n);
-            sets.union(count + n, count + first);
+impl Pockets {
+    /// The pockets of a layer's void, from those of the layer below.
+    fn of(void: &Components, below: Option<&Below>) -> Self {
+        let count = void.pixels.len();
+        let count_below = below.map_or(0, |b| b.pockets.pocket.len());
+        // The components of this layer, then those of the layer below.
+        let mut sets = UnionFind::new(count + count_below);
+        if let Some(below) = below {
+            let mut first_of_pocket = std::collections::BTreeMap::new();
+            for (n, &pocket) in below.pockets.pocket.iter().enumerate() {
+                let first = *first_of_pocket.entry(pocket).or_insert(n);
+                sets.union(count + n, count + first);
+            }
+            void.overlaps(&below.void, |own, other| {
+                sets.union(own as usize, count + other as usize);
+            });
         }
-        void.overlaps(&below.void, |own, other| {
-            sets.union(own as usize, count + other as usize);
-        });
-    }
-    let mut is_open = vec![false; count + older];
-    let outer = sets.find(Components::OUTER as usize);
-    is_open[outer] = true;
-    if let Some(below) = below {
-        for n in (0..older).filter(|&n| below.is_vented[n]) {
-            let root = sets.find(count + n);
-            is_open[root] = true;
+        let mut is_open_set = vec![false; count + count_below];
+        is_open_set[sets.find(Components::OUTER as usize)] = true;
+        if let Some(below) = below {
+            for n in (0..count_below).filter(|&n| below.pockets.is_open[n]) {
+                is_open_set[sets.find(count + n)] = true;
+            }
         }
+        let pocket: Vec<u32> = (0..count).map(|n| sets.find(n) as u32).collect();
+        let is_open = pocket.iter().map(|&p| is_open_set[p as usize]).collect();
+        Self { pocket, is_open }
     }
-    let class: Vec<u32> = (0..count).map(|n| sets.find(n) as u32).collect();
-    let is_vented = class.iter().map(|&c| is_open[c as usize]).collect();
-    (class, is_vented)
-}
-
-/// The world position, in the frame of voxel (0, 0, 0), of a voxel position.
-fn voxel_position(c: Coord) -> Vec3 {
-    Vec3::from(c.0.map(f64::from))
 }

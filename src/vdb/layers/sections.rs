@@ -1,7 +1,6 @@
 //! Plane sections of a level set, layer by layer, from its leaves.
 
 use super::raster::Raster;
-use super::voxel_position;
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::progress::Cancelled;
@@ -21,10 +20,10 @@ pub(super) struct Frame {
     /// Directions of rows, of columns, and up.
     axes: [Vec3; 3],
     /// Height of a layer.
-    pub layer: f64,
-    /// Number of the first layer, and number of layers.
+    pub layer_height: f64,
+    /// Number of the first layer.
     first: i64,
-    layers: usize,
+    layer_count: usize,
     /// Position of the first row and of the first column, and their numbers.
     corner: [i64; 2],
     sizes: [usize; 2],
@@ -33,10 +32,10 @@ pub(super) struct Frame {
 
 impl Frame {
     /// The frame of the layers of a solid within a box.
-    pub fn new(up: Vec3, layer: f64, bounds: Region) -> Self {
+    pub fn new(up: Vec3, layer_height: f64, bounds: Region) -> Self {
         let axes = axes(up);
         let corners = |axis: Vec3| {
-            let ends = [bounds.min, bounds.max].map(voxel_position);
+            let ends = [bounds.min, bounds.max].map(index_space_position);
             let value = |n: usize| {
                 let pick = |a: usize| ends[n >> a & 1][a];
                 axis.dot(&Vec3::new(pick(0), pick(1), pick(2)))
@@ -52,12 +51,12 @@ impl Frame {
             [low.floor() as i64 - 2, high.ceil() as i64 + 2]
         });
         let [low, high] = corners(axes[2]);
-        let first = (low / layer).floor() as i64;
+        let first = (low / layer_height).floor() as i64;
         Self {
             axes,
-            layer,
+            layer_height,
             first,
-            layers: ((high / layer).ceil() as i64 - first) as usize,
+            layer_count: ((high / layer_height).ceil() as i64 - first) as usize,
             corner: pixels.map(|p| p[0]),
             sizes: pixels.map(|[a, b]| (b - a + 1) as usize),
             bounds,
@@ -71,9 +70,14 @@ impl Frame {
 
     fn at(&self, number: i64, pixel: [i64; 2]) -> Vec3 {
         let [u, v] = [0, 1].map(|a| (self.corner[a] + pixel[a]) as f64);
-        let height = (number as f64 + 0.5) * self.layer;
+        let height = (number as f64 + 0.5) * self.layer_height;
         self.axes[0] * u + self.axes[1] * v + self.axes[2] * height
     }
+}
+
+/// The coordinates of a voxel as a position in index space, from voxel (0, 0, 0).
+fn index_space_position(voxel: Coord) -> Vec3 {
+    Vec3::from(voxel.0.map(f64::from))
 }
 
 /// Directions of rows and columns, and up. For an axis of the lattice all are axes.
@@ -98,11 +102,13 @@ pub(super) fn sections<S: LeafSource>(
     session: Session<'_>,
     mut take: impl FnMut(i64, Raster),
 ) -> Result<(), S::Error> {
-    session.progress.stage("layers", Some(frame.layers as u64));
-    let group = ((GROUP_HEIGHT / frame.layer) as usize).clamp(1, MAX_GROUP);
+    session
+        .progress
+        .stage("layers", Some(frame.layer_count as u64));
+    let group = ((GROUP_HEIGHT / frame.layer_height) as usize).clamp(1, MAX_GROUP);
     let tiles = frame.sizes.map(|n| n.div_ceil(TILE));
-    for start in (0..frame.layers).step_by(group) {
-        let count = group.min(frame.layers - start);
+    for start in (0..frame.layer_count).step_by(group) {
+        let count = group.min(frame.layer_count - start);
         let first = frame.first + start as i64;
         let sampled = session.threads.install(|| {
             let all = (0..tiles[0] * tiles[1]).into_par_iter();

@@ -153,8 +153,8 @@ fn layers_are_those_of_loops_over_dense_arrays() {
         up[axis] = f64::from(sign);
         let request = BuildRequest {
             up,
-            layer: 2.0,
-            overhang,
+            layer_height: 2.0,
+            overhang_angle: overhang,
         };
         let found = solid.build_layers(&request, session()).unwrap();
         let expected = by_loops(&dense(&solid, axis, sign), overhang);
@@ -162,10 +162,10 @@ fn layers_are_those_of_loops_over_dense_arrays() {
         for (layer, row) in found.layers.iter().zip(&expected) {
             let own = [
                 layer.area as usize,
-                layer.overhang as usize,
-                layer.islands as usize,
-                layer.cups as usize,
-                layer.sealed as usize,
+                layer.overhang_area as usize,
+                layer.island_count as usize,
+                layer.cup_count as usize,
+                layer.sealed_area as usize,
             ];
             assert_eq!(own, *row, "{seed} {axis} {sign}: {layer:?}");
             for (sum, value) in sums.iter_mut().zip(own) {
@@ -174,7 +174,7 @@ fn layers_are_those_of_loops_over_dense_arrays() {
         }
         assert_eq!(
             found.islands.len() as u64,
-            found.layers.iter().map(|l| l.islands).sum::<u64>()
+            found.layers.iter().map(|l| l.island_count).sum::<u64>()
         );
     }
     let [area, overhang, _, cups, sealed] = sums;
@@ -193,8 +193,8 @@ fn block(min: [f64; 3], max: [f64; 3]) -> Box<dyn Field<Point = WorldPoint>> {
 fn built(solid: &LevelSet, up: Vec3, layer: f64, overhang: f64) -> BuildLayers {
     let request = BuildRequest {
         up,
-        layer,
-        overhang,
+        layer_height: layer,
+        overhang_angle: overhang,
     };
     solid.build_layers(&request, session()).unwrap()
 }
@@ -215,14 +215,14 @@ fn a_mushroom_a_bowl_and_a_hanging_block_have_their_closed_forms() {
     assert_eq!((found.islands.len(), found.cups.len()), (0, 0));
     // A strip of one step around the stem is supported.
     let exact = 24.0 * 24.0 - 9.0 * 9.0;
-    let area = total(&found, |l| l.overhang);
+    let area = total(&found, |l| l.overhang_area);
     assert!((area / exact - 1.0).abs() < 0.05, "{area} {exact}");
     let volume = total(&found, |l| l.area) / 6.0;
     assert!((volume / (640.0 + 2304.0) - 1.0).abs() < 0.03, "{volume}");
     // Upside down it stands on its cap.
     let found = built(&solid, -Vec3::z(), 1.0 / 6.0, 45.0);
     assert_eq!(
-        (total(&found, |l| l.overhang), found.islands.len()),
+        (total(&found, |l| l.overhang_area), found.islands.len()),
         (0.0, 0)
     );
 
@@ -248,12 +248,16 @@ fn a_mushroom_a_bowl_and_a_hanging_block_have_their_closed_forms() {
     assert_eq!(found.cups.len(), 2, "{:?}", found.cups);
     // The plate closes the tube, the box its pocket.
     assert!(found.cups[0].place.z.abs() < 0.5 && (found.cups[1].place.z - 3.0).abs() < 0.5);
-    let sealed = found.layers.iter().map(|l| l.sealed).fold(0.0, f64::max);
+    let sealed = found
+        .layers
+        .iter()
+        .map(|l| l.sealed_area)
+        .fold(0.0, f64::max);
     assert!((sealed - 32.0).abs() < 6.0, "{sealed}");
     // The block is the only part in the air.
-    assert!((total(&found, |l| l.overhang) - 100.0).abs() < 12.0);
+    assert!((total(&found, |l| l.overhang_area) - 100.0).abs() < 12.0);
     // On its side the pocket and the tube are open.
-    assert_eq!(built(&solid, Vec3::x(), 0.25, 45.0).layers[0].cups, 0);
+    assert_eq!(built(&solid, Vec3::x(), 0.25, 45.0).layers[0].cup_count, 0);
 }
 
 #[test]
@@ -274,11 +278,11 @@ fn walls_need_support_beyond_the_angle_only() {
         let solid = lean(slope);
         let angle = f64::atan(slope).to_degrees();
         let steep = total(&built(&solid, Vec3::z(), layer, angle + 8.0), |l| {
-            l.overhang
+            l.overhang_area
         });
         let shallow = total(
             &built(&solid, Vec3::z(), layer, (angle - 20.0).max(2.0)),
-            |l| l.overhang,
+            |l| l.overhang_area,
         );
         assert!(steep < 2.0, "{layer} {slope}: {steep}");
         // The leaning wall is 16 wide. Of each step over the layer below, the part within the angle is supported, and
@@ -317,7 +321,7 @@ fn any_direction_is_up() {
         let middle = 0.3 * (greatest.number as f64 + 0.5);
         assert!((middle - ball.centre.dot(&up)).abs() < 1.5, "{middle}");
         // The lower cap beyond 45 degrees: its projection is a disc of half the area.
-        let area = total(&found, |l| l.overhang);
+        let area = total(&found, |l| l.overhang_area);
         // A strip of a pixel around what lies below is missing.
         assert!((0.5..1.1).contains(&(area / (PI * 40.5))), "{area}");
     }
