@@ -183,5 +183,5 @@ pub(super) fn nearest_grade(grades: &[Grade], v: f64) -> Option<&Grade> {
 /// The shift for a value, by linear interpolation between grades.
 pub(super) fn interpolated_shift(grades: &[Grade], v: f64) -> f64 {
     let pairs: Vec<[f64; 2]> = grades.iter().map(|g| [g.target, g.shift]).collect();
-    super::spatial_value::mapped(&pairs, v)
+    super::spatial_value::piecewise_linear(&pairs, v)
 }

@@ -1,4 +1,7 @@
-//! The operation `drain` in bricks: the channels of the whole solid, subtracted brick by brick.
+//! Applies the operation `drain` in bricks: finds the channels of the whole solid and subtracts them brick by brick.
+//!
+//! A run in bricks is a sequence of passes. Each pass processes every brick with its *halo*, the voxels around the
+//! brick that can influence it.
 
 use super::super::drains;
 use super::super::error::RunError;
@@ -12,53 +15,62 @@ use crate::recipe::Op;
 use crate::vdb::stored_drain_channels;
 
 impl BrickRun<'_> {
-    /// Drains the cavities of the solid. Returns its bricks: more than before where a channel crosses the inside of the
-    /// solid; `None` if there is nothing to drain.
+    /// Drains the cavities of the solid in a pass, and adds the channels to the report. Returns the bricks of the
+    /// drained solid: more than before where a channel crosses the inside of the solid, where bricks without surface
+    /// are not stored. `Ok(None)` means that no cavity needs a channel, and that the solid is unchanged.
+    ///
+    /// # Errors
+    /// More channels than the recipe admits, a radius out of range, errors of files and of OpenVDB, and cancellation.
     pub(super) fn drain(
         &self,
-        number: usize,
+        pass_number: usize,
         solid: &StoredSolid,
         report: &mut SolidReport,
     ) -> Result<Option<Bricks>, RunError> {
-        let pass = &self.passes[number];
-        let n = pass.ops.start;
-        let Some(Op::Drain(drain)) = self.inputs.recipe.sections().op.get(n) else {
+        let pass = &self.passes[pass_number];
+        let op_number = pass.ops.start;
+        let Some(Op::Drain(drain)) = self.inputs.recipe.sections().op.get(op_number) else {
             return Ok(None);
         };
-        let stage = format!("op.{n}.drain");
+        let stage = format!("op.{op_number}.drain");
         let context = solid.bricks.context(self, self.progress);
-        let h = context.scale.voxel_size;
+        let voxel_size = context.scale.voxel_size;
         let request = drains::request(&stage, drain, context.scale)?;
-        let channels = stored_drain_channels(&solid.store, h, &request, context.session())?;
+        let channels =
+            stored_drain_channels(&solid.store, voxel_size, &request, context.session())?;
         drains::check_count(&stage, drain, &channels)?;
         if channels.is_empty() {
             return Ok(None);
         }
-        let (shape, reports) = drains::drilled(&channels, request.radius, (Vec3::zeros(), h));
+        // Bricks have the frame of voxel (0, 0, 0). The radius is in voxels.
+        let frame = (Vec3::zeros(), voxel_size);
+        let (channel_shape, reports) = drains::drilled(&channels, request.radius, frame);
         report.drains.extend(reports);
-        let around = request.radius.ceil() as i32 + pass.halo;
-        let after = total_reach(before_resampling(&self.passes[number + 1..]));
-        let regions = channels.iter().map(|[a, b]| {
-            let corner = |choose: fn(i32, i32) -> i32| Coord([0, 1, 2].map(|i| choose(a[i], b[i])));
+        // Bricks around a channel that this pass changes, and those into which later passes move its surface.
+        let pass_reach = request.radius.ceil() as i32 + pass.halo;
+        let later_reach = total_reach(before_resampling(&self.passes[pass_number + 1..]));
+        let regions = channels.iter().map(|[from, to]| {
+            let corner =
+                |choose: fn(i32, i32) -> i32| Coord([0, 1, 2].map(|a| choose(from[a], to[a])));
             let hull = Region {
                 min: corner(i32::min),
                 max: corner(i32::max),
             };
-            hull.grown(around + after)
+            hull.grown(pass_reach + later_reach)
         });
         let bricks = solid.bricks.including(regions);
-        let all: Vec<usize> = (0..bricks.len()).collect();
+        let all_bricks: Vec<usize> = (0..bricks.len()).collect();
         let source = (&bricks, &solid.store);
-        self.write_pass(number, &all, source, |context, _, part, _| {
+        self.write_pass(pass_number, &all_bricks, source, |context, _, part, _| {
             let Some(region) = context.region else {
                 return Ok(());
             };
             let transform = context.transform()?;
             let corners = [region.min, region.max].map(|c| transform.world(c).0);
-            if !shape.extent.meets(Aabb::of(corners)) {
+            if !channel_shape.extent.meets(Aabb::of(corners)) {
                 return Ok(());
             }
-            drains::subtract(*context, &stage, &shape, part)
+            drains::subtract(*context, &stage, &channel_shape, part)
         })?;
         Ok(Some(bricks))
     }
