@@ -7,7 +7,7 @@
 //! which are a layer of dipoles.
 
 use super::falloff::Falloff;
-use super::sides::BoundaryEdge;
+use super::half_edges::BoundaryEdge;
 use crate::frame::Vec3;
 use std::f64::consts::PI;
 

@@ -7,9 +7,9 @@
 //! - not self-intersecting: triangles meet only in common corners and edges.
 
 use super::TriMesh;
+use super::half_edges::HalfEdges;
 use super::intersect::{is_degenerate_triangle, meeting_pairs};
 use super::repair::ShellReport;
-use super::sides::HalfEdges;
 use super::soup::Soup;
 use crate::frame::{Aabb, LengthUnit, Vec3, figures, place_figures};
 use crate::progress::{Cancelled, Progress, Silent};

@@ -7,8 +7,8 @@
 //! summed directly.
 
 use super::crossing;
+use super::half_edges::BoundaryEdge;
 use super::openness::boundary_loops;
-use super::sides::BoundaryEdge;
 use super::soup::Soup;
 use super::winding::{ACCURATE_BETA, FAST_BETA, Winding};
 use crate::frame::{Aabb, Vec3, WorldPoint};

@@ -4,7 +4,7 @@
 //! The result is meaningful if w is clearly above 1/2 in most of the inside; a sheet or half a box bounds no
 //! solid.
 
-use super::sides::{BoundaryEdge, HalfEdges};
+use super::half_edges::{BoundaryEdge, HalfEdges};
 use super::{MeshSolid, TriMesh};
 use crate::frame::Vec3;
 use std::fmt;

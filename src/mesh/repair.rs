@@ -1,10 +1,10 @@
 //! Repair of meshes with defects: orientation, union of shells, closing of holes.
 
 use super::boundary_edges::BoundaryEdges;
+use super::half_edges::HalfEdges;
 use super::open_winding::OpenWinding;
 use super::openness::{NoSolidError, Openness};
 use super::shells::{Nesting, ShellMeasures, Shells, inconsistent_triangles};
-use super::sides::HalfEdges;
 use super::solid::{NumberedTriangles, SolidParts};
 use super::soup::Soup;
 use super::unite::{United, unite};

@@ -8,7 +8,7 @@
 use super::TriMesh;
 use super::bvh::Bvh;
 use super::crossing;
-use super::sides::{HalfEdge, HalfEdges};
+use super::half_edges::{HalfEdge, HalfEdges};
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3};
 use crate::union_find::UnionFind;

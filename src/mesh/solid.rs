@@ -7,8 +7,8 @@
 //! the sign changes away from the surface; bounds and bulk evaluation account for that.
 
 use super::boundary_edges::BoundaryEdges;
+use super::half_edges::HalfEdges;
 use super::open_winding::OpenWinding;
-use super::sides::HalfEdges;
 use super::soup::{ClosestPoint, Soup};
 use super::unite::United;
 use super::{TriMesh, crossing, lattice};

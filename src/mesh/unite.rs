@@ -11,9 +11,9 @@
 use super::TriMesh;
 use super::boundary_edges::BoundaryEdges;
 use super::crossing;
+use super::half_edges::HalfEdges;
 use super::open_winding::OpenWinding;
 use super::shells::{Nesting, Shells};
-use super::sides::HalfEdges;
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::union_find::UnionFind;

@@ -203,7 +203,7 @@ impl Extrusion {
     /// The new vertices and faces over one polygon.
     fn cap(&self, points: Vec<Vec3>, diagnostics: &mut Diagnostics) -> Result<Cap, String> {
         let base = Polygon::new(points)?;
-        if base.residual() > 1e-6 * base.length {
+        if base.max_plane_distance() > 1e-6 * base.mean_edge {
             diagnostics.nonplanar_bases += 1;
         }
         match self.operator {
@@ -254,7 +254,7 @@ impl Extrusion {
             } else if let Ok(polygon) = Polygon::new(corners.to_vec()) {
                 diagnostics.max_top_deviation = diagnostics
                     .max_top_deviation
-                    .max(polygon.residual() / polygon.length);
+                    .max(polygon.max_plane_distance() / polygon.mean_edge);
             }
             faces.push(loops);
         }

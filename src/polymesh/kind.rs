@@ -116,7 +116,7 @@ const TABLE: [Row; 7] = [
         rows: &[&[&[(0, 0), (0, 1), (1, 1), (2, 0), (1, 0)]],
                 &[&[(1, 1), (2, 1), (3, 1), (3, 0), (2, 0)]]], top: Some(3) },
     Row { kind: Kind::Icosahedral, name: "icosahedral", corners: 3, cosine: (-5.0, 45.0),
-        tiers: &[TierRule::Slope, TierRule::LowHinge, TierRule::HighHinge], rings: &[ring(0), ring(1), ring(2)],
+        tiers: &[TierRule::Slope, TierRule::LowEdgePlane, TierRule::HighEdgePlane], rings: &[ring(0), ring(1), ring(2)],
         rows: &[&[&[(0, 0), (0, 1), (1, 0)]],
                 &[&[(0, 0), (1, 0), (2, 0)], &[(0, 0), (2, 0), (1, -1)]],
                 &[&[(1, 0), (3, 0), (2, 0)], &[(1, 0), (2, 1), (3, 0)]],

@@ -1,7 +1,7 @@
 //! Measures of a polygon mesh: counts, volume, area, planarity, edge lengths, groups.
 
 use super::PolyMesh;
-use super::polygon::{area_vector, mean, unit};
+use super::polygon::{doubled_area_vector, mean, unit};
 use crate::frame::{Aabb, Vec3, figures};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -41,7 +41,7 @@ pub struct Summary {
 impl PolyMesh {
     /// Unit normal of face `f` (Newell); zero for a face without area.
     pub fn normal(&self, f: usize) -> Vec3 {
-        unit(area_vector(&self.points(f))).unwrap_or_else(Vec3::zeros)
+        unit(doubled_area_vector(&self.points(f))).unwrap_or_else(Vec3::zeros)
     }
 
     /// Mean of the corners of face `f`.

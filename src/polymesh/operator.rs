@@ -14,7 +14,7 @@
 
 use super::extrude::{Cap, Diagnostics, Extrusion};
 use super::kind::{Kind, Operator};
-use super::polygon::{Polygon, area_vector, mean, unit};
+use super::polygon::{Polygon, doubled_area_vector, mean, unit};
 use super::topology::Ring;
 use super::{Faces, PolyMesh};
 use crate::frame::Vec3;
@@ -158,7 +158,7 @@ impl Rule {
                 .collect()),
             Operator::Omnitruncate => {
                 // Corner k is the intersection of edges 2k-2 and 2k, moved outward.
-                let shift = base.length * self.shift_or_angle / (2.0 * self.share);
+                let shift = base.mean_edge * self.shift_or_angle / (2.0 * self.share);
                 let moved = |k: usize| {
                     let i = (start + 2 * k) % n;
                     (at(i) + shift * base.outward[i], base.edge(i))
@@ -184,7 +184,7 @@ impl Rule {
         let count = ring.next.len();
         let centres: Vec<Vec3> = (0..solid.face_count()).map(|f| solid.centre(f)).collect();
         let normals: Vec<Vec3> = (0..solid.face_count())
-            .map(|f| unit(area_vector(&solid.points(f))).unwrap_or_else(Vec3::zeros))
+            .map(|f| unit(doubled_area_vector(&solid.points(f))).unwrap_or_else(Vec3::zeros))
             .collect();
         let ends = |c: usize| (ring.at(c), ring.at(ring.after(c)));
         let id = |c: usize| c as u32;

@@ -4,7 +4,7 @@
 //! cos 54 degrees and sqrt 2, t = 1 gives new edges of length L where the base is a face of the regular solid.
 //! For tiers over the middles of edges t is therefore a ratio of slant heights.
 
-use super::polygon::{Hinge, Polygon, mean, meet, unit};
+use super::polygon::{EdgePlane, Polygon, intersection_direction, mean, unit};
 use crate::frame::Vec3;
 
 /// The rule that places the vertices of a tier. `b_i` is corner i of the base, L its mean edge length, t the
@@ -21,12 +21,12 @@ pub(super) enum TierRule {
     Roof,
     /// From roof vertex i along the intersection line of the planes of the two pentagons that meet there.
     Crest,
-    /// From corner i along the intersection line of the hinge planes through its edges to the two adjacent
+    /// From corner i along the intersection line of the planes through its edges to the two adjacent
     /// slope vertices.
-    LowHinge,
-    /// From slope vertex i along the intersection line of the hinge planes through its edges to the two
-    /// low-hinge vertices above corners i and i+1.
-    HighHinge,
+    LowEdgePlane,
+    /// From slope vertex i along the intersection line of the planes through its edges to the two
+    /// vertices of the tier `LowEdgePlane` above corners i and i+1.
+    HighEdgePlane,
     /// `b_i` + sqrt 2 t L towards the midpoint of the two adjacent slope vertices.
     Flank,
     /// Two points per corner: `b_i` + t L up the side planes of the edges before and after it.
@@ -62,7 +62,7 @@ pub(super) fn place_tiers(
         directions: Vec::new(),
     };
     for (&rule, &t) in rules.iter().zip(tiers) {
-        let tier = builder.tier(rule, t * base.length)?;
+        let tier = builder.tier(rule, t * base.mean_edge)?;
         builder.tiers.push(tier);
     }
     Ok(TierPoints {
@@ -124,33 +124,33 @@ impl TierBuilder<'_> {
                 starts = high.to_vec();
                 let plane = |i: usize| {
                     let (r, l) = (high[i] - low[i], high[before(i)] - low[i]);
-                    // Parallel edges span no plane; with a zero normal `meet` takes the bisector.
+                    // Parallel edges span no plane; with a zero normal `intersection_direction` takes the bisector.
                     let cross = r.cross(&l);
                     let is_degenerate = cross.norm() < 1e-9 * r.norm() * l.norm();
                     let normal = unit(cross).filter(|_| !is_degenerate);
-                    Hinge {
+                    EdgePlane {
                         normal: normal.unwrap_or_else(Vec3::zeros),
                         away: (r + l) / 2.0,
                     }
                 };
                 (0..n)
-                    .map(|i| defined(meet(plane(i), plane(after(i))), i))
+                    .map(|i| defined(intersection_direction(plane(i), plane(after(i))), i))
                     .collect::<Result<_, _>>()?
             }
-            TierRule::LowHinge => {
+            TierRule::LowEdgePlane => {
                 let low = self.placed_tier(0);
                 starts = base.points.clone();
                 let outward = self.outward_normals(low)?;
                 (0..n)
                     .map(|i| {
                         let b = base.points[i];
-                        let p = Hinge::new(b - low[before(i)], -outward[before(i)], delta);
-                        let q = Hinge::new(low[i] - b, -outward[i], delta);
-                        defined(p.zip(q).and_then(|(p, q)| meet(p, q)), i)
+                        let p = EdgePlane::new(b - low[before(i)], -outward[before(i)], delta);
+                        let q = EdgePlane::new(low[i] - b, -outward[i], delta);
+                        defined(p.zip(q).and_then(|(p, q)| intersection_direction(p, q)), i)
                     })
                     .collect::<Result<_, _>>()?
             }
-            TierRule::HighHinge => {
+            TierRule::HighEdgePlane => {
                 let (low, high) = (self.placed_tier(0), self.placed_tier(1));
                 starts = low.to_vec();
                 let face = |a: Vec3, b: Vec3, c: Vec3| unit((b - a).cross(&(c - a)));
@@ -159,10 +159,14 @@ impl TierBuilder<'_> {
                         let j = after(i);
                         let (a, p, q) = (low[i], high[i], high[j]);
                         let left = face(base.points[i], a, p)
-                            .and_then(|out| Hinge::new(a - p, -out, delta));
+                            .and_then(|out| EdgePlane::new(a - p, -out, delta));
                         let right = face(base.points[j], q, a)
-                            .and_then(|out| Hinge::new(q - a, -out, delta));
-                        defined(left.zip(right).and_then(|(p, q)| meet(p, q)), i)
+                            .and_then(|out| EdgePlane::new(q - a, -out, delta));
+                        defined(
+                            left.zip(right)
+                                .and_then(|(p, q)| intersection_direction(p, q)),
+                            i,
+                        )
                     })
                     .collect::<Result<_, _>>()?
             }

@@ -5,7 +5,7 @@
 //! visible from it. Triangles without area are left out.
 
 use super::PolyMesh;
-use super::polygon::{area_vector, mean, unit};
+use super::polygon::{doubled_area_vector, mean, unit};
 use crate::frame::Vec3;
 use crate::mesh::{MeshError, TriMesh};
 
@@ -61,8 +61,8 @@ enum Cut {
 fn cut(points: &[Vec3]) -> Cut {
     let n = points.len();
     let fan = || (1..n - 1).map(|k| [0, k, k + 1]).collect();
-    let area = area_vector(points);
-    let Some(normal) = unit(area).filter(|_| n > 3) else {
+    let area_vector = doubled_area_vector(points);
+    let Some(normal) = unit(area_vector).filter(|_| n > 3) else {
         return Cut::Into(fan());
     };
     let centre = mean(points);
@@ -105,7 +105,8 @@ fn cut(points: &[Vec3]) -> Cut {
         .sum();
     // Ear clipping fails for self-intersecting polygons and drops straight corners; a fan keeps the surface
     // closed.
-    let all = list.len() == n - 2 && (covered.abs() - area.norm()).abs() <= 1e-9 * area.norm();
+    let all = list.len() == n - 2
+        && (covered.abs() - area_vector.norm()).abs() <= 1e-9 * area_vector.norm();
     if !all {
         return if (0..n).all(sees) {
             Cut::About(centre)

@@ -20,7 +20,7 @@ use super::locality::{NEIGHBOUR_DISTANCE, NearElements, near_surface_distance};
 use super::{Filling, TiledSolid};
 use crate::field::{Interval, SampleLattice};
 use crate::frame::{Vec3, WorldPoint};
-use block::{Block, BlockSpan, FillContext, Part, VOLUME, sample_offset};
+use block::{BLOCK_VOLUME, Block, BlockSpan, FillContext, Part, sample_offset};
 use exterior::{ExteriorSample, GAP_TOLERANCE};
 use rule::BatchEvaluation;
 pub(super) use rule::Quantity;
@@ -47,7 +47,7 @@ pub(super) struct AffineBuffers {
     /// Boundary triangles that may affect a part, part by part.
     part_triangles: Vec<u32>,
     /// Spans of the blocks along each axis.
-    along: [Vec<BlockSpan>; 3],
+    block_spans: [Vec<BlockSpan>; 3],
     /// Elements near a part, where many elements are near the lattice.
     candidates: NearElements,
     /// Whether some sample out of the band may have a neighbour of the other sign.
@@ -108,10 +108,10 @@ impl<F: Filling> TiledSolid<'_, F> {
         out: &mut [f32],
     ) {
         self.start_sign_proof((lattice.step, quantity, depth), buffers);
-        let mut along = std::mem::take(&mut buffers.along);
-        for (axis, along) in along.iter_mut().enumerate() {
-            along.clear();
-            along.extend(BlockSpan::all(lattice, axis));
+        let mut block_spans = std::mem::take(&mut buffers.block_spans);
+        for (axis, spans) in block_spans.iter_mut().enumerate() {
+            spans.clear();
+            spans.extend(BlockSpan::all(lattice, axis));
         }
         let whole = FillContext {
             component,
@@ -120,7 +120,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             quantity,
             boundary_triangles,
             part_triangles: &[],
-            along: &along,
+            block_spans: &block_spans,
             offsets: std::array::from_fn(|n| {
                 let [i, j, k] = sample_offset(n);
                 (i * lattice.counts[1] + j) * lattice.counts[2] + k
@@ -133,7 +133,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 self.add_part(&whole, &part, own, buffers, out);
             }
             self.fill_parts(&whole, buffers, out);
-            buffers.along = along;
+            buffers.block_spans = block_spans;
             return;
         }
         let mut candidates = std::mem::take(&mut buffers.candidates);
@@ -150,7 +150,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             self.fill_parts(&context, buffers, out);
         }
         buffers.candidates = candidates;
-        buffers.along = along;
+        buffers.block_spans = block_spans;
     }
 
     /// Starts the proof that samples out of the band have the sign of their neighbours. It requires that all of
@@ -294,20 +294,22 @@ impl<F: Filling> TiledSolid<'_, F> {
                 }
                 let d = if values[n] < 0.0 { -w } else { w };
                 if part.is_deep && block.is_full() {
-                    context.fill(block, &[d as f32; VOLUME], out);
+                    context.fill(block, &[d as f32; BLOCK_VOLUME], out);
                     continue;
                 }
-                let known = context.known(part);
+                let known = context.region_facts(part);
                 for n in bits(u64::from(block.sample_mask)) {
                     let cut = self.cut_sample(context, d, (block, n), known);
-                    out[context.index(block, n)] = cut as f32;
+                    out[context.storage_index(block, n)] = cut as f32;
                 }
             }
             let mut numbers = [0; MAX_SAMPLES];
             for (to, n) in numbers.iter_mut().zip(bits(undecided)) {
                 *to = n;
             }
-            for group in numbers[..undecided.count_ones() as usize].chunks(MAX_SAMPLES / VOLUME) {
+            for group in
+                numbers[..undecided.count_ones() as usize].chunks(MAX_SAMPLES / BLOCK_VOLUME)
+            {
                 self.fill_group(context, (blocks, group), buffers, out);
             }
         }
@@ -389,16 +391,16 @@ impl<F: Filling> TiledSolid<'_, F> {
         for (number, &n) in group.iter().enumerate() {
             let block = &blocks[n];
             let part = &parts[block.part()];
-            let first = number * VOLUME;
+            let first = number * BLOCK_VOLUME;
             let owned = samples.owned >> first & 0xff;
             if part.is_deep && owned == 0xff {
                 let d = samples.distances.row(number).map(|d| d as f32);
                 context.fill(block, &d, out);
                 continue;
             }
-            let known = context.known(part);
+            let known = context.region_facts(part);
             for n in bits(u64::from(block.sample_mask)) {
-                let index = context.index(block, n);
+                let index = context.storage_index(block, n);
                 if owned >> n & 1 != 0 {
                     let d = samples.distances.d(first + n);
                     out[index] = self.cut_sample(context, d, (block, n), known) as f32;

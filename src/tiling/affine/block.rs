@@ -1,4 +1,8 @@
-//! Blocks of a lattice's samples, and the context that they share.
+//! Divides a lattice of samples into blocks of 2^3 and gives their positions and storage indices.
+//!
+//! Sample n of a block has the offset (n >> 2 & 1, n >> 1 & 1, n & 1) along x, y, z from the first sample; masks of a
+//! block's samples have bit n for sample n. A lattice is stored with z fastest. Blocks belong to parts of the lattice,
+//! boxes that bounds may decide as a whole.
 
 use super::rule::Quantity;
 use crate::field::{Point, SampleLattice};
@@ -7,30 +11,39 @@ use crate::tiling::boundary::RegionFacts;
 use crate::tiling::fill::BLOCK_EDGE;
 use crate::tiling::locality::NearElements;
 
-/// Samples of a block.
-pub(super) const VOLUME: usize = BLOCK_EDGE * BLOCK_EDGE * BLOCK_EDGE;
-/// Diagonals of boxes with 0 to 3 edges of one step, in steps.
+// The masks of eight bits, the offsets of one bit and the spans of two ends hold for this edge only.
+const _: () = assert!(BLOCK_EDGE == 2);
+
+/// Number of samples of a block.
+pub(super) const BLOCK_VOLUME: usize = BLOCK_EDGE * BLOCK_EDGE * BLOCK_EDGE;
+/// Mask of all samples of a block.
+const ALL_SAMPLES: u8 = 0xff;
+/// Diagonals of the boxes that a block's samples span, in steps of the lattice, by the number of axes along which the
+/// block has two samples.
 const BOX_DIAGONALS: [f64; 4] = [0.0, 1.0, std::f64::consts::SQRT_2, 1.732_050_807_568_877_2];
 
-/// The samples of a block with only one layer along an axis, by axis: a bit each.
+/// By axis, the mask of the samples with offset 0 along it: those of a block with only one sample along the axis.
 const SINGLE_LAYER_MASKS: [u8; 3] = [0x0f, 0x33, 0x55];
 
 /// The extent of a block along an axis: coordinates of the first sample, the last sample and the centre.
 #[derive(Clone, Copy)]
 pub(super) struct BlockSpan {
+    /// World coordinates of the first and of the last sample.
     ends: [f64; BLOCK_EDGE],
+    /// The mean of the ends.
     centre: f64,
-    /// Whether both ends are the same sample, the last one of the lattice.
+    /// Whether both ends are the same sample, the last one of a lattice with an odd number of samples.
     has_one_layer: bool,
 }
 
 /// A block of samples in a part of the lattice.
 #[derive(Clone, Copy)]
 pub(super) struct Block {
-    /// Index of the block along each axis.
+    /// Index of the block along each axis of the lattice.
     indices: [u32; 3],
+    /// Number of its part, see [`Block::part`].
     part: u32,
-    /// The samples that exist among the eight of a block: a bit each.
+    /// The samples that the lattice has among the eight of a block: a bit each.
     pub sample_mask: u8,
     /// Distance from the centre to the farthest sample, world units.
     pub radius: f64,
@@ -38,37 +51,43 @@ pub(super) struct Block {
     first_index: usize,
 }
 
-/// Bounds that hold in a part of a lattice.
+/// Bounds that hold in a part of a lattice; lengths are in world units.
 #[derive(Clone, Copy)]
 pub(super) struct Part {
-    /// Whether the part is more than w inside the boundary.
+    /// Whether the part is more than the half width of the band inside the boundary of the scaffold.
     pub is_deep: bool,
-    /// Bound of the distance to the boundary.
+    /// Greatest distance of a point of the part to the boundary.
     pub max_boundary_distance: f64,
-    /// Distance from the part of the points at which the field may be evaluated.
+    /// Greatest distance from the part of the points at which the field is evaluated for its samples.
     pub reach: f64,
     /// Range of its boundary triangles among [`FillContext::part_triangles`].
     pub triangle_range: [usize; 2],
 }
 
-/// The lattice, or the part of it, that is evaluated.
+/// What the blocks share while a lattice, or a part of it, is evaluated.
 pub(super) struct FillContext<'a> {
+    /// Number of the connected component of the scaffold whose field is evaluated.
     pub component: usize,
+    /// The elements that may affect the lattice or the part.
     pub near: &'a NearElements,
+    /// The positions of the samples.
     pub lattice: &'a SampleLattice<WorldPoint>,
+    /// Whether distances are evaluated or only signs.
     pub quantity: Quantity,
-    /// Boundary triangles that may affect the lattice, and those of each part.
+    /// Boundary triangles that may affect the lattice; `None` if they have not been collected.
     pub boundary_triangles: Option<&'a [u32]>,
+    /// Boundary triangles that may affect a part, part by part; empty before the parts are added.
     pub part_triangles: &'a [u32],
-    /// Blocks along each axis.
-    pub along: &'a [Vec<BlockSpan>; 3],
+    /// By axis, the spans of the blocks along it.
+    pub block_spans: &'a [Vec<BlockSpan>; 3],
     /// Storage indices of a block's eight samples, relative to the first.
-    pub offsets: [usize; VOLUME],
+    pub offsets: [usize; BLOCK_VOLUME],
 }
 
 impl<'a> FillContext<'a> {
+    /// What is proved of all points of a part.
     #[inline]
-    pub fn known(&self, part: &Part) -> RegionFacts<'a> {
+    pub fn region_facts(&self, part: &Part) -> RegionFacts<'a> {
         RegionFacts {
             field_distance: None,
             is_deep: part.is_deep,
@@ -79,15 +98,16 @@ impl<'a> FillContext<'a> {
         }
     }
 
-    /// Storage index of a block's sample.
+    /// Storage index of sample `n` of a block.
     #[inline]
-    pub fn index(&self, block: &Block, n: usize) -> usize {
-        block.first_index + self.offsets[n % VOLUME]
+    pub fn storage_index(&self, block: &Block, n: usize) -> usize {
+        // The remainder, which is n, spares the check of the index.
+        block.first_index + self.offsets[n % BLOCK_VOLUME]
     }
 
-    /// Writes all samples of a full block.
+    /// Writes the values of all samples of a full block to `out`, the lattice's values.
     #[inline]
-    pub fn fill(&self, block: &Block, values: &[f32; VOLUME], out: &mut [f32]) {
+    pub fn fill(&self, block: &Block, values: &[f32; BLOCK_VOLUME], out: &mut [f32]) {
         for (row, offset) in values
             .chunks_exact(BLOCK_EDGE)
             .zip(self.offsets.iter().step_by(BLOCK_EDGE))
@@ -97,7 +117,7 @@ impl<'a> FillContext<'a> {
         }
     }
 
-    /// Position of a block's sample.
+    /// World position of sample `n` of a block.
     #[inline]
     pub fn point(&self, block: &Block, n: usize) -> Vec3 {
         let ([x, y, z], [i, j, k]) = (block.ends(self), sample_offset(n));
@@ -111,8 +131,8 @@ impl BlockSpan {
         let count = lattice.counts[axis];
         (0..count).step_by(BLOCK_EDGE).map(move |first| {
             let last = (first + BLOCK_EDGE - 1).min(count - 1);
-            let at = |n| lattice.origin.stepped(lattice.step, [n; 3]).0[axis];
-            let ends = [at(first), at(last)];
+            let coordinate = |n| lattice.origin.stepped(lattice.step, [n; 3]).0[axis];
+            let ends = [coordinate(first), coordinate(last)];
             Self {
                 ends,
                 centre: f64::midpoint(ends[0], ends[1]),
@@ -123,14 +143,14 @@ impl BlockSpan {
 }
 
 impl Block {
-    /// The block whose first sample has the indices `first`.
+    /// The block of part number `part` whose first sample has the indices `first` in the lattice.
     #[inline]
     pub fn new(first: [usize; 3], part: usize, context: &FillContext) -> Self {
         let [_, ny, nz] = context.lattice.counts;
-        let (mut sample_mask, mut edges) = (0xff, 0);
-        for (a, own) in SINGLE_LAYER_MASKS.into_iter().enumerate() {
-            if context.along[a][first[a] / BLOCK_EDGE].has_one_layer {
-                sample_mask &= own;
+        let (mut sample_mask, mut edges) = (ALL_SAMPLES, 0);
+        for (axis, layer_mask) in SINGLE_LAYER_MASKS.into_iter().enumerate() {
+            if context.block_spans[axis][first[axis] / BLOCK_EDGE].has_one_layer {
+                sample_mask &= layer_mask;
             } else {
                 edges += 1;
             }
@@ -150,29 +170,30 @@ impl Block {
         self.part as usize
     }
 
-    /// Coordinates of its first and its last sample, by axis.
+    /// World coordinates of its first and its last sample, by axis.
     #[inline]
     pub fn ends(&self, context: &FillContext) -> [[f64; BLOCK_EDGE]; 3] {
         let [i, j, k] = self.indices.map(|i| i as usize);
-        let [x, y, z] = context.along;
+        let [x, y, z] = context.block_spans;
         [x[i].ends, y[j].ends, z[k].ends]
     }
 
-    /// Its centre.
+    /// World position of the centre of the box of its samples.
     #[inline]
     pub fn centre(&self, context: &FillContext) -> [f64; 3] {
         let [i, j, k] = self.indices.map(|i| i as usize);
-        let [x, y, z] = context.along;
+        let [x, y, z] = context.block_spans;
         [x[i].centre, y[j].centre, z[k].centre]
     }
 
+    /// Whether the lattice has all eight samples.
     #[inline]
     pub fn is_full(&self) -> bool {
-        self.sample_mask == 0xff
+        self.sample_mask == ALL_SAMPLES
     }
 }
 
-/// Offsets of one of a block's eight samples, by axis.
+/// Offset of sample `n` of a block from the first one, by axis, in steps of the lattice.
 pub(super) fn sample_offset(n: usize) -> [usize; 3] {
     [n >> 2 & 1, n >> 1 & 1, n & 1]
 }

@@ -48,7 +48,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let mut exterior_points = [(0, 0.0); MAX_SAMPLES];
             for (number, sample) in exterior.iter().enumerate() {
                 let closest = if self.is_cut() {
-                    let known = context.known(&buffers.parts[sample.part]);
+                    let known = context.region_facts(&buffers.parts[sample.part]);
                     let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
                     known.closest_within(boundary, sample.x, radius)
                 } else {
@@ -88,8 +88,11 @@ impl<F: Filling> TiledSolid<'_, F> {
                 out[sample.n] = if buffers.samples.owned >> n & 1 != 0 {
                     buffers.samples.distances.d(n).max(outside).min(w) as f32
                 } else {
-                    self.single_value(context, sample, context.known(&buffers.parts[sample.part]))
-                        as f32
+                    self.single_value(
+                        context,
+                        sample,
+                        context.region_facts(&buffers.parts[sample.part]),
+                    ) as f32
                 };
             }
         }
