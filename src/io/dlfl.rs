@@ -11,7 +11,7 @@
 //! The format can represent more than a polygon mesh: double edges, faces that visit a vertex twice,
 //! points. Such files are refused with the number of the face.
 
-use super::polymesh::{Draft, by_color};
+use super::polymesh::{Draft, replace_by_colors};
 use super::source::quote;
 use super::{Place, ReadError, Source, mtl};
 use crate::frame::Vec3;
@@ -132,7 +132,7 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
             Err(_) => {}
         }
     }
-    by_color(&mut names, &colors, options);
+    replace_by_colors(&mut names, &colors, options);
     draft.number(&names);
     Ok(draft)
 }

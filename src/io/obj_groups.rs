@@ -1,18 +1,29 @@
-//! Wavefront OBJ with groups of polygons.
+//! Reads and writes polygon meshes with groups of faces as Wavefront OBJ.
 //!
-//! Groups come from `usemtl` (`groupN` is N, other names are numbered), or from the older `c r g b` lines that
-//! colour the following faces, or (on request) from `g` and `o`, or from colours of vertices if all corners
-//! of a face agree. The writer uses `usemtl groupN` and numbers that read back exactly.
+//! A file may state groups in four ways. The first of these that it has gives the groups of all faces:
+//!
+//! 1. the names of `g` and `o`, only where the options request groups by object;
+//! 2. the materials of `usemtl`;
+//! 3. the colours of lines `c r g b` (a legacy convention), each for the faces that follow it;
+//! 4. the colours of vertices, each for the faces whose corners all have it.
+//!
+//! Each face thus has a group word, a name or a colour `#rrggbb`. The word `groupN` is group N; other words are
+//! numbered. Where the options request groups by colour, a material is replaced by its colour in the `.mtl` file.
+//! The writer uses `usemtl groupN`, and numbers that read back exactly.
 
 use super::obj::{Annotations, Names};
 use super::polygons::Soup;
-use super::polymesh::{Draft, by_color, color_word};
+use super::polymesh::{Draft, color_word, replace_by_colors};
 use super::{ReadError, Source, mtl, obj};
 use crate::polymesh::{GroupBy, LoadOptions, PolyMesh, group_color};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
+/// Reads the vertices, faces and groups of a file, without a check that the mesh is a closed manifold.
+///
+/// # Errors
+/// Invalid syntax, and a file without faces.
 pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadError> {
     let (soup, annotations) = obj::read_annotated(Source::open(path)?)?;
     if soup.faces.is_empty() {
@@ -20,10 +31,11 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
         return Err(ReadError::data(path, place, "no faces", "faces (f)"));
     }
     let mut draft = draft_of(soup);
-    groups(&mut draft, &annotations, path, options);
+    assign_groups(&mut draft, &annotations, path, options);
     Ok(draft)
 }
 
+/// The faces without groups, with the line of each for messages.
 fn draft_of(soup: Soup) -> Draft {
     let mut warnings = soup.warnings;
     if soup.skipped > 0 {
@@ -33,79 +45,86 @@ fn draft_of(soup: Soup) -> Draft {
         vertices: soup.vertices,
         faces: soup.faces,
         lines: soup.lines.into_iter().map(u64::from).collect(),
+        // OBJ counts vertices and faces from 1.
         base: 1,
         warnings,
         ..Draft::default()
     }
 }
 
-fn groups(draft: &mut Draft, annotations: &Annotations, path: &Path, options: &LoadOptions) {
+/// Sets the group of each face from the first source of groups that the file has; the file head lists them.
+fn assign_groups(draft: &mut Draft, annotations: &Annotations, path: &Path, options: &LoadOptions) {
     let group_by = options.group_by;
     let names: Vec<&Names> = annotations.of_faces(draft.faces.len()).collect();
-    let any = |part: fn(&Names) -> &String| names.iter().any(|n| !part(n).is_empty());
-    let list = |part: fn(&Names) -> &String| names.iter().map(|n| part(n).clone()).collect();
-    let mut words: Vec<String> = if group_by == GroupBy::Object && any(|n| &n.object) {
-        list(|n| &n.object)
-    } else if any(|n| &n.material) {
-        list(|n| &n.material)
-    } else if any(|n| &n.color) {
-        list(|n| &n.color)
+    let is_stated = |part: fn(&Names) -> &String| names.iter().any(|n| !part(n).is_empty());
+    let stated_words =
+        |part: fn(&Names) -> &String| names.iter().map(|n| part(n).clone()).collect();
+    let mut group_words: Vec<String> = if group_by == GroupBy::Object && is_stated(|n| &n.object) {
+        stated_words(|n| &n.object)
+    } else if is_stated(|n| &n.material) {
+        stated_words(|n| &n.material)
+    } else if is_stated(|n| &n.color) {
+        stated_words(|n| &n.color)
     } else if annotations.vertex_colors.is_empty() {
         vec![String::new(); names.len()]
     } else {
-        let mut mixed = 0;
-        let tint_of = |v: u32| annotations.vertex_colors.get(v as usize).copied().flatten();
-        let tint = |face: &[u32]| {
-            let first = tint_of(face.first().copied()?);
-            face.iter().all(|&v| tint_of(v) == first).then_some(first)
-        };
-        let words = draft.faces.iter().map(|face| {
-            if let Some(color) = tint(face) {
-                color.map_or_else(String::new, color_word)
-            } else {
-                mixed += 1;
-                String::new()
-            }
-        });
-        let words = words.collect();
-        if mixed > 0 {
-            let text = format!(
-                "{mixed} faces have corners of several colours; together they are one group"
-            );
-            draft.warnings.push(text);
+        let (words, mixed_faces) = words_of_vertex_colors(draft, &annotations.vertex_colors);
+        if mixed_faces > 0 {
+            draft.warnings.push(format!(
+                "{mixed_faces} faces have corners of several colours; together they are one group"
+            ));
         }
         words
     };
-    let mut colors = BTreeMap::new();
+    let mut material_colors = BTreeMap::new();
     if group_by == GroupBy::Color {
         for library in &annotations.libraries {
             let library_path = path.with_file_name(library);
             match mtl::read(&library_path) {
-                Ok(found) => colors.extend(found),
+                Ok(colors) => material_colors.extend(colors),
                 Err(e) => draft
                     .warnings
                     .push(format!("materials by name, not by colour: {e}")),
             }
         }
     }
-    by_color(&mut words, &colors, options);
-    draft.number(&words);
+    replace_by_colors(&mut group_words, &material_colors, options);
+    draft.number(&group_words);
 }
 
-/// A mesh as OBJ text with the name of its material file.
+/// For each face the colour of its corners as a word, empty where they have none or several; and the number of
+/// faces with several.
+fn words_of_vertex_colors(
+    draft: &Draft,
+    vertex_colors: &[Option<[u8; 3]>],
+) -> (Vec<String>, usize) {
+    let color_of = |v: u32| vertex_colors.get(v as usize).copied().flatten();
+    let mut mixed_faces = 0;
+    let words = draft.faces.iter().map(|face| {
+        let first_color = face.first().and_then(|&v| color_of(v));
+        if face.is_empty() || face.iter().any(|&v| color_of(v) != first_color) {
+            mixed_faces += 1;
+            return String::new();
+        }
+        first_color.map_or_else(String::new, color_word)
+    });
+    (words.collect(), mixed_faces)
+}
+
+/// A mesh as OBJ text with `usemtl groupN` lines; `library` is the name of the material file beside it.
 pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
-    let text_head = format!("mtllib {library}\n");
-    lines(mesh, text_head, |group| format!("usemtl group{group}"))
+    let header = format!("mtllib {library}\n");
+    lines(mesh, header, |group| format!("usemtl group{group}"))
 }
 
-/// A mesh as OBJ text with `c` lines instead of materials.
+/// A mesh as OBJ text with lines `c r g b` instead of materials: the colour of a group, each part from 0 to 1.
 ///
 /// # Errors
-/// A message, when two groups have the same colour.
+/// A message, when two groups have the same colour, from which a reader would make one group.
 pub(super) fn legacy_text(mesh: &PolyMesh) -> Result<String, String> {
-    let mut known = BTreeMap::new();
+    let mut group_of_color = BTreeMap::new();
     for group in mesh.group_counts().into_keys() {
-        if let Some(other) = known.insert(mtl::rounded(group_color(group)), group) {
+        if let Some(other) = group_of_color.insert(mtl::rounded(group_color(group)), group) {
             return Err(format!(
                 "groups {other} and {group} have the same colour in 255ths; expected groups that colours tell \
                  apart: renumber or merge some, or write usemtl lines"
@@ -118,17 +137,18 @@ pub(super) fn legacy_text(mesh: &PolyMesh) -> Result<String, String> {
     }))
 }
 
-/// The lines of vertices and faces; `change` gives the line at a change of group.
-fn lines(mesh: &PolyMesh, text_head: String, change: impl Fn(u32) -> String) -> String {
-    let mut text = text_head;
+/// The header, then the lines of vertices and faces; `group_line` gives the line before the faces of a group.
+fn lines(mesh: &PolyMesh, header: String, group_line: impl Fn(u32) -> String) -> String {
+    let mut text = header;
     for v in mesh.vertices() {
         let _ = writeln!(text, "v {:?} {:?} {:?}", v.x, v.y, v.z);
     }
+    // No group has the number 0.
     let mut group = 0;
     for (face, &face_group) in mesh.faces().iter().zip(mesh.groups()) {
         if face_group != group {
             group = face_group;
-            let _ = writeln!(text, "{}", change(group));
+            let _ = writeln!(text, "{}", group_line(group));
         }
         text.push('f');
         for &v in face {

@@ -347,7 +347,7 @@ pub(super) fn color_word([r, g, b]: [u8; 3]) -> String {
 
 /// Replaces group names by colours, if requested by the options, and each colour by the first one within the
 /// tolerance.
-pub(super) fn by_color(
+pub(super) fn replace_by_colors(
     names: &mut [String],
     colors: &BTreeMap<String, [u8; 3]>,
     options: &LoadOptions,

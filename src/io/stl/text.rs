@@ -1,8 +1,9 @@
-//! Text STL, word by word.
+//! Reads STL in text, word by word.
 //!
-//! The reader uses `vertex` and the ends of loops and facets, in upper or lower case, as one word or two, with
-//! any line breaks. Names after `solid`, colours and comments (`#`, `;`, `//`, `!`) end with their line;
-//! lines of other words are counted and ignored.
+//! The triangles are the vertices between the ends of loops or facets. Keywords may be in upper or lower case, ends one
+//! word or two (`endloop`, `end loop`), line breaks anywhere. The names of solids, colours and comments (`#`, `;`,
+//! `//`, `!`) end with their line; lines of other words are counted and ignored. Normals are ignored, so malformed
+//! ones are accepted.
 
 use super::{Builder, stated_unit};
 use crate::frame::Vec3;
@@ -22,114 +23,122 @@ enum Keyword {
     EndLoop,
     EndFacet,
     EndSolid,
-    /// The first of two words.
+    /// The first of two words, such as `end loop`; alone at the end of a line, the end of a solid.
     End,
-    /// A colour or a comment: the rest of the line.
+    /// The first word of a colour or a comment, which fills the rest of the line.
     Remark,
-    /// A number after `normal`.
+    /// A word that begins like a number.
     Number,
     Other,
 }
+
+/// The keywords, in lower case; those of vertices and facets, which are the most frequent, come first.
+const KEYWORDS: [(&[u8], Keyword); 16] = [
+    (b"vertex", Keyword::Vertex),
+    (b"facet", Keyword::Facet),
+    (b"normal", Keyword::Normal),
+    (b"outer", Keyword::Outer),
+    (b"loop", Keyword::Loop),
+    (b"endloop", Keyword::EndLoop),
+    (b"endfacet", Keyword::EndFacet),
+    (b"solid", Keyword::Solid),
+    (b"endsolid", Keyword::EndSolid),
+    (b"end", Keyword::End),
+    (b"end_loop", Keyword::EndLoop),
+    (b"end_facet", Keyword::EndFacet),
+    (b"end_solid", Keyword::EndSolid),
+    (b"color", Keyword::Remark),
+    (b"colour", Keyword::Remark),
+    (b"rgb", Keyword::Remark),
+];
 
 impl Keyword {
     fn of(word: &[u8]) -> Self {
         if let [b'0'..=b'9' | b'+' | b'-' | b'.', ..] = word {
             return Self::Number;
         }
-        let known: [(&[u8], Self); 16] = [
-            (b"vertex", Self::Vertex),
-            (b"facet", Self::Facet),
-            (b"normal", Self::Normal),
-            (b"outer", Self::Outer),
-            (b"loop", Self::Loop),
-            (b"endloop", Self::EndLoop),
-            (b"endfacet", Self::EndFacet),
-            (b"solid", Self::Solid),
-            (b"endsolid", Self::EndSolid),
-            (b"end", Self::End),
-            (b"end_loop", Self::EndLoop),
-            (b"end_facet", Self::EndFacet),
-            (b"end_solid", Self::EndSolid),
-            (b"color", Self::Remark),
-            (b"colour", Self::Remark),
-            (b"rgb", Self::Remark),
-        ];
-        let found = known.iter().find(|k| word.eq_ignore_ascii_case(k.0));
+        let found = KEYWORDS.iter().find(|k| word.eq_ignore_ascii_case(k.0));
         match (found, word) {
-            (Some(found), _) => found.1,
+            (Some((_, keyword)), _) => *keyword,
             (None, [b'#' | b';' | b'!', ..] | [b'/', b'/', ..]) => Self::Remark,
             _ => Self::Other,
         }
     }
 }
 
-/// Whether the first bytes of a file are STL in text.
+/// Whether `head`, the first bytes of a file, is of an STL in text.
 pub(super) fn is_text(head: &[u8]) -> bool {
-    let has = |what: &[u8]| {
-        head.windows(what.len())
-            .any(|w| w.eq_ignore_ascii_case(what))
+    let contains = |word: &[u8]| {
+        head.windows(word.len())
+            .any(|w| w.eq_ignore_ascii_case(word))
     };
     // UTF-16 contains zeros; the line reader reports it.
     let is_utf16 = matches!(
         head,
         [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [b's' | b'S', 0, b'o' | b'O', 0, ..]
     );
-    // Some programs pad the last block with zeros.
+    // Some programs pad the last block of a short file with zeros.
     let zeros = head.iter().rev().take_while(|&&b| b == 0).count();
     let head = &head[..head.len() - zeros];
-    is_utf16 || !head.contains(&0) && (has(b"facet") || has(b"vertex") || has(b"solid"))
+    is_utf16
+        || !head.contains(&0) && (contains(b"facet") || contains(b"vertex") || contains(b"solid"))
 }
 
-fn unknown(source: &Source) -> ReadError {
+/// The error that the current line has a word that is no keyword.
+fn unknown_word(source: &Source) -> ReadError {
     number::line_error(
         source,
         "facet, outer loop, vertex, endloop, endfacet or endsolid",
     )
 }
 
-/// Skips a name, which ends at the beginning of a facet; returns whether a facet begins on the same line.
+/// Skips the name of a solid, which ends with the line or at the beginning of a facet; returns whether a facet begins
+/// on the same line.
 fn skip_name<'a>(rest: &mut (impl Iterator<Item = &'a [u8]> + Clone)) -> bool {
     let next = rest.clone().skip(1);
-    let facet = |(a, b): (&[u8], &[u8])| {
-        Keyword::of(a) == Keyword::Facet
-            && matches!(Keyword::of(b), Keyword::Normal | Keyword::Outer)
+    // A name may have the word "facet".
+    let begins_facet = |(word, next): (&[u8], &[u8])| {
+        Keyword::of(word) == Keyword::Facet
+            && matches!(Keyword::of(next), Keyword::Normal | Keyword::Outer)
     };
-    let Some(at) = rest.clone().zip(next).position(facet) else {
+    let Some(name_length) = rest.clone().zip(next).position(begins_facet) else {
         return false;
     };
-    if at > 0 {
-        rest.nth(at - 1);
+    if name_length > 0 {
+        rest.nth(name_length - 1);
     }
     true
 }
 
 /// The state of reading a facet.
 #[derive(Default)]
-struct Facet {
+struct FacetReader {
+    /// The complete vertices.
     corners: Vec<Vec3>,
-    /// The numbers of the current vertex so far.
-    vertex: Option<Vec<f64>>,
-    /// Whether the next numbers belong to the normal, which may be invalid.
-    normal: bool,
-    /// Whether the last word was `end`.
-    end: bool,
+    /// The coordinates of the current vertex so far; `None` outside a vertex.
+    coordinates: Option<Vec<f64>>,
+    /// Whether the next words belong to the normal.
+    in_normal: bool,
+    /// Whether the last word was `end`, whose second word is to come.
+    pending_end: bool,
 }
 
-impl Facet {
-    fn number(&mut self, source: &Source, word: &[u8]) -> Result<(), ReadError> {
-        let Some(numbers) = self.vertex.as_mut() else {
+impl FacetReader {
+    /// Reads a coordinate of the current vertex.
+    fn add_coordinate(&mut self, source: &Source, word: &[u8]) -> Result<(), ReadError> {
+        let Some(coordinates) = self.coordinates.as_mut() else {
             return Ok(());
         };
-        let Some(x) = number::finite(word) else {
+        let Some(coordinate) = number::finite(word) else {
             return Err(number::line_error(
                 source,
                 "\"vertex\" and three finite numbers",
             ));
         };
-        numbers.push(x);
-        if let [x, y, z] = numbers[..] {
+        coordinates.push(coordinate);
+        if let [x, y, z] = coordinates[..] {
             self.corners.push(Vec3::new(x, y, z));
-            self.vertex = None;
+            self.coordinates = None;
             if self.corners.len() > 3 {
                 return Err(source.bad("a fourth vertex", "\"endloop\" after three"));
             }
@@ -137,12 +146,12 @@ impl Facet {
         Ok(())
     }
 
-    /// The meaning of a word, combined with a preceding `end`.
-    fn ended(&mut self, word: Keyword) -> Option<Keyword> {
-        if !std::mem::take(&mut self.end) {
-            return Some(word);
+    /// The keyword of a word together with a preceding `end`; `None` for an `end` of something else.
+    fn with_pending_end(&mut self, keyword: Keyword) -> Option<Keyword> {
+        if !std::mem::take(&mut self.pending_end) {
+            return Some(keyword);
         }
-        match word {
+        match keyword {
             Keyword::Loop => Some(Keyword::EndLoop),
             Keyword::Facet => Some(Keyword::EndFacet),
             Keyword::Solid => Some(Keyword::EndSolid),
@@ -151,75 +160,83 @@ impl Facet {
     }
 }
 
+/// Reads the triangles of all solids of a file. Two warnings are possible: no `endsolid`, and ignored lines.
+///
+/// # Errors
+/// A facet without three vertices of finite numbers, an unknown word within a line, a file that ends within a facet.
 pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
     let mut builder = Builder::default();
-    let mut facet = Facet::default();
-    let (mut unit, mut ended, mut ignored_lines) = (None, false, 0u64);
+    let mut facet = FacetReader::default();
+    let mut unit = None;
+    let mut seen_endsolid = false;
+    let mut ignored_lines = 0u64;
     while source.advance()? {
         let line = source.current();
         let mut rest = words(line);
         let mut is_line_start = true;
         while let Some(word) = rest.next() {
-            if facet.vertex.is_some() {
-                facet.number(&source, word)?;
+            if facet.coordinates.is_some() {
+                facet.add_coordinate(&source, word)?;
                 continue;
             }
-            let first = std::mem::take(&mut is_line_start);
-            let Some(kind) = facet.ended(Keyword::of(word)) else {
-                return Err(unknown(&source));
+            let is_first_word = std::mem::take(&mut is_line_start);
+            let Some(keyword) = facet.with_pending_end(Keyword::of(word)) else {
+                return Err(unknown_word(&source));
             };
-            let normal = std::mem::take(&mut facet.normal);
-            match kind {
-                Keyword::Vertex => facet.vertex = Some(Vec::with_capacity(3)),
+            let in_normal = std::mem::take(&mut facet.in_normal);
+            match keyword {
+                Keyword::Vertex => facet.coordinates = Some(Vec::with_capacity(3)),
                 Keyword::EndLoop | Keyword::EndFacet => {
                     if let [a, b, c] = facet.corners[..] {
                         builder.add([a, b, c]);
                         facet.corners.clear();
-                    } else if !facet.corners.is_empty() || kind == Keyword::EndLoop {
+                    } else if !facet.corners.is_empty() || keyword == Keyword::EndLoop {
+                        // An end of a facet after that of its loop finds no corners.
                         let found = format!("{} vertices in a facet", facet.corners.len());
                         return Err(source.bad(found, "three"));
                     }
                 }
                 Keyword::Solid => {
                     unit = unit.or_else(|| stated_unit(&String::from_utf8_lossy(line)));
-                    ended = false;
+                    seen_endsolid = false;
                     if !skip_name(&mut rest) {
                         break;
                     }
                 }
                 Keyword::EndSolid => {
-                    ended = true;
+                    seen_endsolid = true;
                     if !skip_name(&mut rest) {
                         break;
                     }
                 }
-                Keyword::End => facet.end = true,
+                Keyword::End => facet.pending_end = true,
                 Keyword::Remark => break,
-                Keyword::Normal => facet.normal = true,
+                Keyword::Normal => facet.in_normal = true,
                 Keyword::Facet | Keyword::Outer | Keyword::Loop => {}
-                // Invalid normals are ignored.
-                Keyword::Number | Keyword::Other if normal => facet.normal = true,
-                Keyword::Other if first => {
+                // The numbers of a normal, or what stands in their place.
+                Keyword::Number | Keyword::Other if in_normal => facet.in_normal = true,
+                Keyword::Other if is_first_word => {
                     ignored_lines += 1;
                     break;
                 }
-                Keyword::Number | Keyword::Other => return Err(unknown(&source)),
+                Keyword::Number | Keyword::Other => return Err(unknown_word(&source)),
             }
         }
-        if std::mem::take(&mut facet.end) {
+        // An `end` alone at the end of a line ends the solid, not a facet with corners.
+        if std::mem::take(&mut facet.pending_end) {
             if !facet.corners.is_empty() {
-                return Err(unknown(&source));
+                return Err(unknown_word(&source));
             }
-            ended = true;
+            seen_endsolid = true;
         }
     }
-    if !facet.corners.is_empty() || facet.vertex.is_some() {
+    if !facet.corners.is_empty() || facet.coordinates.is_some() {
         return Err(source
             .bad("the end of the file within a facet", "\"endloop\"")
             .with_hint("the file looks truncated"));
     }
     let mut warnings = Vec::new();
-    if !ended {
+    if !seen_endsolid {
         warnings.push("no \"endsolid\": the file may be truncated".to_owned());
     }
     if ignored_lines > 0 {
