@@ -1,7 +1,7 @@
 //! `druse filter IN.vdb -o OUT OP...`: applies operations of a recipe to a grid of a file.
 
 use super::vdb_commands::{
-    Draft, GridChoice, answer as report_answer, extent, output_key, path_value,
+    Draft, GridChoice, answer as report_answer, longest_edge_text, output_key, path_value,
 };
 use super::{Answer, Failure, Session};
 use crate::recipe::GridWord;
@@ -70,7 +70,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         p.file.display(),
         unit,
         p.output.display(),
-        extent(&report, unit, unit),
+        longest_edge_text(&report, unit, unit),
         crate::frame::figures(report.solid.volume)
     ));
     Ok(report_answer(&report, &lines))

@@ -1,6 +1,7 @@
-//! `druse cell library`: a family of designed cells at several volume fractions that meet on their faces.
+//! `druse cell library`: designs cells with several volume fractions whose surfaces meet on shared faces.
 //!
-//! The cell of the middle volume fraction is designed freely; the others keep its trace on the faces.
+//! The cell of the middle volume fraction is designed freely; the others keep its trace on the faces of the element.
+//! Each cell is written as soon as it is complete.
 
 use super::homogenize::Sweep;
 use super::{Answer, Failure, Session};
@@ -42,22 +43,27 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Designs the cells in turn.
+///
+/// # Errors
+/// Invalid arguments, a search without a connected cell, a file that cannot be written, and an interruption.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let fractions = format!("volume_fraction={}", p.volume_fraction)
         .parse::<Sweep>()
         .map_err(|e| Failure::usage(format!("--volume-fraction: {e}")))?
         .into_fractions();
+    check_names(&fractions)?;
     std::fs::create_dir_all(&p.output)
         .map_err(|e| Failure::usage(format!("{}: {e}", p.output.display())))?;
-    let middle = fractions.len() / 2;
-    let mut order: Vec<usize> = (0..fractions.len()).collect();
-    order.swap(0, middle);
-    let mut first: Option<Cell> = None;
+    // The middle cell comes first: the others keep its trace.
+    let mut design_order = fractions.clone();
+    design_order.swap(0, fractions.len() / 2);
+    let mut middle_cell: Option<Cell> = None;
+    let mut complete_names: Vec<String> = Vec::new();
     let mut text = String::new();
     let mut rows = Vec::new();
-    for (n, place) in order.into_iter().enumerate() {
-        let fraction = fractions[place];
+    for (n, &fraction) in design_order.iter().enumerate() {
         session.note(&format!(
             "cell {} of {}: volume fraction {fraction}",
             n + 1,
@@ -71,35 +77,34 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             seed: p.seed,
             ..CellSection::default()
         };
-        let name = format!("{:04}", (fraction * 1e4).round());
+        let name = cell_name(fraction);
         let design = pipeline::design(
             &name,
             &section,
             Element::from(p.element),
-            first.iter().cloned().collect(),
+            middle_cell.iter().cloned().collect(),
             &Path::to_path_buf,
         )
         .map_err(|e| Failure::usage(e.to_string()))?;
         let prepared = design.prepare()?;
-        let made = threads.install(|| prepared.search(None, session))?;
-        let path = p.output.join(format!("{name}.cell"));
-        let bytes = write_cell(&path, &made.cell)?;
-        if made.is_stopped {
-            return Err(Failure::resumable(format!(
-                "interrupted; {} of {} cells are in {}",
-                n,
-                fractions.len(),
-                p.output.display()
-            )));
+        let designed = threads.install(|| prepared.search(None, session))?;
+        let file_name = format!("{name}.cell");
+        let path = p.output.join(&file_name);
+        let bytes = write_cell(&path, &designed.cell)?;
+        if designed.is_stopped {
+            return Err(interrupted(&path, &complete_names, fractions.len()));
         }
-        let report = made.cell.report().and_then(|r| r.design.clone());
-        let bulk_over_bound = report
-            .as_ref()
-            .and_then(|r| r.properties.first())
-            .map_or(0.0, |f| f.bulk_over_bound);
+        let report = designed.cell.report().and_then(|r| r.design.clone());
+        let properties = report.as_ref().and_then(|r| r.properties.first());
+        let bulk = properties.map_or_else(String::new, |found| {
+            format!(
+                "bulk modulus {:.3} of its upper Hashin-Shtrikman bound, ",
+                found.bulk_over_bound
+            )
+        });
         let _ = writeln!(
             text,
-            "{}  volume fraction {fraction}, bulk modulus {bulk_over_bound:.3} of its bound, {}",
+            "{}  volume fraction {fraction}, {bulk}{}",
             path.display(),
             super::run::size(bytes)
         );
@@ -109,10 +114,50 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             "volume_fraction": fraction,
             "design": report,
         }));
-        first.get_or_insert(made.cell);
+        complete_names.push(file_name);
+        middle_cell.get_or_insert(designed.cell);
     }
     Ok(Answer::new(
         text,
         json!({ "kind": "library", "cells": rows }),
     ))
+}
+
+/// Name of the cell with a volume fraction: four digits, in ten thousandths.
+fn cell_name(fraction: f64) -> String {
+    format!("{:04}", (fraction * 1e4).round())
+}
+
+/// Refuses volume fractions, in ascending order, whose cells would have the same name and overwrite each other.
+fn check_names(fractions: &[f64]) -> Result<(), Failure> {
+    let same = fractions
+        .windows(2)
+        .find(|pair| cell_name(pair[0]) == cell_name(pair[1]));
+    match same {
+        None => Ok(()),
+        Some(pair) => Err(Failure::usage(format!(
+            "--volume-fraction: {} and {} both have the file {}.cell; expected fractions that differ \
+             when rounded to four decimals",
+            pair[0],
+            pair[1],
+            cell_name(pair[0])
+        ))),
+    }
+}
+
+/// The failure of a search that was interrupted, after it wrote its best cell to `path`.
+fn interrupted(path: &Path, complete_names: &[String], count: usize) -> Failure {
+    let complete = match complete_names {
+        [] => "no cell is complete".to_owned(),
+        names => format!(
+            "{} of {count} cells are complete: {}",
+            names.len(),
+            names.join(", ")
+        ),
+    };
+    Failure::resumable(format!(
+        "interrupted; {complete}; {} is the best cell so far",
+        path.display()
+    ))
+    .hint("the same command designs every cell anew")
 }

@@ -1,7 +1,11 @@
-//! `druse mesh IN.vdb -o X.stl`: makes a mesh, or a finite-element deck, of a level set.
+//! `druse mesh IN.vdb -o X.stl`: writes a level set as a mesh, or as a finite-element input deck.
+//!
+//! The options become the keys of a recipe, which is run. An input deck (.inp, for `CalculiX` and Abaqus) is the text
+//! of the nodes, elements and material of a finite-element analysis.
 
 use super::vdb_commands::{
-    Draft, GridChoice, answer as report_answer, extent, length, output_key, path_value, table,
+    Draft, GridChoice, answer as report_answer, length_value, longest_edge_text, output_key,
+    path_value, toml_table,
 };
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
@@ -14,11 +18,11 @@ use toml::Value;
 pub(super) struct Parameters {
     /// The OpenVDB file.
     file: PathBuf,
-    /// The mesh to write (.stl, .ply, .obj, .3mf), or a finite-element deck of voxel hexahedra (.inp).
+    /// The mesh to write (.stl, .ply, .obj, .3mf), or a finite-element input deck of voxel hexahedra (.inp).
     #[arg(short, long, value_name = "X.stl")]
     output: PathBuf,
     #[command(flatten)]
-    choice: GridChoice,
+    grid_choice: GridChoice,
     /// Unit of the mesh.
     #[arg(long, value_name = "UNIT", default_value = "mm")]
     out_unit: LengthUnit,
@@ -55,26 +59,33 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Makes the output of a recipe that has the level set and one `[[output]]`.
+///
+/// # Errors
+/// An output with another extension, and those of the recipe's run.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let decimate = |share: Fraction| {
-        table([
-            ("share", Some(Value::Float(share.0))),
-            ("error", p.decimate_error.map(length)),
-        ])
-    };
-    let (mut draft, unit) = Draft::of_file(&p.file, &p.choice)?;
-    let key = output_key(&p.output);
-    if !matches!(key, "mesh" | "fe") {
+    // Before the input is opened, which may take long.
+    let output_key = output_key(&p.output);
+    if !matches!(output_key, "mesh" | "fe") {
         return Err(Failure::usage(format!(
             "{}: found another extension; expected .stl, .ply, .obj, .3mf or .inp",
             p.output.display()
         ))
         .hint("druse filter writes .vdb, druse preview writes .png"));
     }
+    let (mut draft, file_unit) = Draft::of_file(&p.file, &p.grid_choice)?;
+    // Voxel hexahedra have eight nodes.
+    let element_kind = (output_key == "fe").then(|| Value::String("hex8".into()));
+    let decimation = |share: Fraction| {
+        toml_table([
+            ("share", Some(Value::Float(share.0))),
+            ("error", p.decimate_error.map(length_value)),
+        ])
+    };
     draft.output(vec![
-        (key, Some(path_value(&p.output)?)),
-        ("kind", (key == "fe").then(|| Value::String("hex8".into()))),
-        ("element_size", p.element_size.map(length)),
+        (output_key, Some(path_value(&p.output)?)),
+        ("kind", element_kind),
+        ("element_size", p.element_size.map(length_value)),
         ("solid_share", p.solid_share.map(|s| Value::Float(s.0))),
         ("young", p.young.map(|y| Value::Float(y.0))),
         ("poisson", p.poisson.map(|n| Value::Float(n.0))),
@@ -82,14 +93,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         ("quads", Some(Value::Boolean(p.quads))),
         ("mesher", p.mesher.map(|m| Value::String(m.word().into()))),
         ("adaptivity", p.adaptivity.map(|a| Value::Float(a.0))),
-        ("decimate", p.decimate.map(decimate)),
+        ("decimate", p.decimate.map(decimation)),
     ]);
     let (report, lines) = draft.run(session, p.threads)?;
     session.note(&format!(
         "{} -> {}: {}",
         p.file.display(),
         p.output.display(),
-        extent(&report, unit, p.out_unit)
+        longest_edge_text(&report, file_unit, p.out_unit)
     ));
     Ok(report_answer(&report, &lines))
 }

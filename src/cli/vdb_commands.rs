@@ -39,8 +39,8 @@ pub(super) struct Draft {
     pub opened: Option<PrefetchedGrid>,
 }
 
-/// A table of the entries that have a value.
-pub(super) fn table<'a>(entries: impl IntoIterator<Item = (&'a str, Option<Value>)>) -> Value {
+/// A TOML table of the entries that have a value.
+pub(super) fn toml_table<'a>(entries: impl IntoIterator<Item = (&'a str, Option<Value>)>) -> Value {
     let kept = entries.into_iter();
     Value::Table(
         kept.filter_map(|(k, v)| v.map(|v| (k.to_owned(), v)))
@@ -61,7 +61,7 @@ pub(super) fn path_value(path: &Path) -> Result<Value, Failure> {
 
 impl Draft {
     pub fn new(unit: LengthUnit, voxel_size: Value, half_width: f64) -> Self {
-        let band = table([
+        let band = toml_table([
             ("voxel_size", Some(voxel_size)),
             ("half_width", Some(Value::Float(half_width))),
         ]);
@@ -90,7 +90,7 @@ impl Draft {
             3.0
         };
         let voxel = match choice.resample {
-            Some(Onto::Edge(size)) => length(size),
+            Some(Onto::Edge(size)) => length_value(size),
             _ => Value::Float(edge),
         };
         let mut draft = Self::new(unit, voxel.clone(), width);
@@ -98,7 +98,7 @@ impl Draft {
             Onto::Edge(_) => voxel,
             Onto::Recipe(is_wanted) => Value::Boolean(is_wanted),
         });
-        let source = table([
+        let source = toml_table([
             ("path", Some(path_value(path)?)),
             ("grid", choice.grid.clone().map(Value::String)),
             ("value", choice.value.map(Value::Float)),
@@ -106,17 +106,17 @@ impl Draft {
             ("resample", resample),
             ("invert", choice.invert.then_some(Value::Boolean(true))),
         ]);
-        draft.operation("union", table([("vdb", Some(source))]));
+        draft.operation("union", toml_table([("vdb", Some(source))]));
         draft.opened = Some(PrefetchedGrid::new(path, name, volume));
         Ok((draft, unit))
     }
 
     pub fn operation(&mut self, name: &str, value: Value) {
-        self.operations.push(table([(name, Some(value))]));
+        self.operations.push(toml_table([(name, Some(value))]));
     }
 
     pub fn output(&mut self, entries: Vec<(&str, Option<Value>)>) {
-        self.outputs.push(table(entries));
+        self.outputs.push(toml_table(entries));
     }
 
     /// Parses the draft like any recipe.
@@ -161,7 +161,7 @@ impl Draft {
 }
 
 /// A length as a recipe writes it.
-pub(super) fn length(size: Size) -> Value {
+pub(super) fn length_value(size: Size) -> Value {
     match size.0 {
         Length::Bare(v) => Value::Float(v),
         _ => Value::String(size.to_string()),
@@ -182,8 +182,9 @@ pub(super) fn output_key(path: &Path) -> &'static str {
     }
 }
 
-/// A result in a unit and, where they differ, in another: "0.06 m -> 60 mm".
-pub(super) fn extent(report: &Report, from: LengthUnit, to: LengthUnit) -> String {
+/// The longest edge of the solid's box in a unit and, where they differ, in another: "0.06 m -> 60 mm"; empty without
+/// a box.
+pub(super) fn longest_edge_text(report: &Report, from: LengthUnit, to: LengthUnit) -> String {
     let Some(bounds) = report.solid.bounds else {
         return String::new();
     };

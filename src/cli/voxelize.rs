@@ -1,6 +1,8 @@
 //! `druse voxelize MESH -o X.vdb --voxel-size LENGTH`.
 
-use super::vdb_commands::{Draft, answer as report_answer, extent, length, path_value, table};
+use super::vdb_commands::{
+    Draft, answer as report_answer, length_value, longest_edge_text, path_value, toml_table,
+};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use clap::Args;
@@ -38,9 +40,9 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     };
     let unit = own.unwrap_or(LengthUnit::Millimetre);
     let symbol = |u: LengthUnit| Some(Value::String(u.symbol().into()));
-    let mut draft = Draft::new(unit, length(p.voxel_size), p.half_width.0);
-    let mesh = table([("path", Some(path_value(&p.mesh)?)), ("unit", symbol(unit))]);
-    draft.operation("union", table([("mesh", Some(mesh))]));
+    let mut draft = Draft::new(unit, length_value(p.voxel_size), p.half_width.0);
+    let mesh = toml_table([("path", Some(path_value(&p.mesh)?)), ("unit", symbol(unit))]);
+    draft.operation("union", toml_table([("mesh", Some(mesh))]));
     draft.output(vec![
         ("vdb", Some(path_value(&p.output)?)),
         ("unit", symbol(p.out_unit)),
@@ -50,7 +52,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         "{} -> {}: {}",
         p.mesh.display(),
         p.output.display(),
-        extent(&report, unit, p.out_unit)
+        longest_edge_text(&report, unit, p.out_unit)
     ));
     Ok(report_answer(&report, &lines))
 }

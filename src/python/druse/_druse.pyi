@@ -148,17 +148,17 @@ def from_function(
 ) -> tuple[LevelSet, int]: ...
 def homogenize(
     cell: Cell,
-    keys: str | None,
+    section_toml: str | None,
     tets: str,
     grid: tuple[int, bool, bool],
-    numbers: tuple[float, float, float, float, float],
-    only: list[bool],
+    materials: tuple[float, float, float, float, float],
+    requested: list[bool],
     progress: _Progress | None = None,
 ) -> tuple[str, list[str]]: ...
 def design(
     name: str,
-    keys: str,
-    matched: list[Cell],
+    section_toml: str,
+    matched_cells: list[Cell],
     earlier: Cell | None,
     save: str | None,
     progress: _Progress | None = None,

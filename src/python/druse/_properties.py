@@ -115,7 +115,8 @@ def design(
     resume : Cell, optional
         A cell of an earlier search, which goes on.
     save : path, optional
-        A .cell file for the result; it holds the best cell so far if Ctrl-C ends the search.
+        A .cell file for the result. An exception, such as that of Ctrl-C, ends the search without a result; the file
+        then holds the best cell so far, with ``report["design"]["complete"]`` False.
     name : str
         Display name.
     progress : callable, optional

@@ -110,6 +110,28 @@ fn members_of_a_library_meet_on_the_faces_and_have_their_volume_fractions() {
 }
 
 #[test]
+fn a_library_refuses_volume_fractions_with_the_same_file() {
+    let place = Place::new();
+    let output = place.run(&[
+        "cell",
+        "library",
+        "--target",
+        "bulk",
+        "--volume-fraction",
+        "0.3:0.3002:0.00002",
+        "-o",
+        "family",
+    ]);
+    assert_eq!(output.status.code(), Some(2));
+    let message = text(&output.stderr);
+    assert!(
+        message.contains("0.3 and 0.30002 both have the file 3000.cell"),
+        "{message}"
+    );
+    assert!(!place.0.path().join("family").exists());
+}
+
+#[test]
 fn a_designed_tet_cell_is_continuous_over_tets() {
     let place = Place::new();
     let made = place.run(&[
