@@ -174,7 +174,7 @@ fn kinds() -> impl Strategy<Value = Kind> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(crate::cases(24)))]
 
     #[test]
     fn transitions_are_continuous_bounded_and_smooth_inside(kind in kinds(), seed: u64, how in 0..3) {

@@ -245,6 +245,7 @@ fn gamma_is_the_root_mean_square_over_the_surface() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn every_pairing_fits_and_knows_whether_numbering_matters() {
     let numbers: Vec<_> = (0..12)
         .map(|n| (f64::from(n).sin(), f64::from(n).cos()))
@@ -359,7 +360,7 @@ fn wrong_cells_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(ProptestConfig::with_cases(crate::cases(48)))]
 
     #[test]
     fn value_is_invariant_under_every_operator(cell in any_cell(), p in any_point()) {

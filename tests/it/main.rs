@@ -21,6 +21,16 @@ mod strategy;
 mod symmetry;
 mod tiling;
 
+/// Whether the long series are wanted: `tests/run full` sets the variable.
+fn is_full() -> bool {
+    std::env::var_os("DRUSE_FULL").is_some()
+}
+
+/// Random cases of a law: all of them in the long series, else half.
+fn cases(all: u32) -> u32 {
+    if is_full() { all } else { all / 2 }
+}
+
 #[cfg(feature = "vdb")]
 mod cli;
 #[cfg(feature = "vdb")]

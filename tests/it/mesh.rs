@@ -449,7 +449,7 @@ fn busy() -> f64 {
 /// Prints the cost per point; a figure for people, so it has no limit.
 #[test]
 fn speed_is_printed() {
-    if std::env::var_os("DRUSE_FULL").is_none() {
+    if !crate::is_full() {
         return;
     }
     for levels in [5, 7, 9] {

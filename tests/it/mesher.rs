@@ -78,11 +78,7 @@ fn rounded(mesh: &TriMesh) -> TriMesh {
 
 #[test]
 fn meshes_of_any_values_are_sound() {
-    let rounds = if std::env::var_os("DRUSE_FULL").is_some() {
-        60
-    } else {
-        6
-    };
+    let rounds = if crate::is_full() { 60 } else { 6 };
     let draws: [fn(f64) -> f32; 4] = [
         |v| v as f32,
         // A tenth inside, or outside: cells with single corners.

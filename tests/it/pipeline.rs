@@ -120,11 +120,7 @@ fn interior(voxel: f64) -> Report {
 
 #[test]
 fn volume_and_area_converge_at_second_order() {
-    let finest = if std::env::var_os("DRUSE_FULL").is_some() {
-        5
-    } else {
-        4
-    };
+    let finest = if crate::is_full() { 5 } else { 4 };
     let sizes: Vec<f64> = (0..finest).map(|n| 0.8 / f64::from(1 << n)).collect();
     let found: Vec<Report> = sizes.iter().map(|&h| blobs(h)).collect();
     assert!(found.iter().all(|r| r.solid.components == 2));
@@ -312,7 +308,7 @@ fn elements_far_from_the_solid_are_not_visited() {
 
 #[test]
 fn the_quickstarts_part_is_one_piece_before_any_is_dropped() {
-    if std::env::var_os("DRUSE_FULL").is_none() {
+    if !crate::is_full() {
         return;
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/bracket/bracket.toml");

@@ -11,10 +11,6 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-fn full() -> bool {
-    std::env::var_os("DRUSE_FULL").is_some()
-}
-
 /// Numbers that are the same in every run.
 struct Dice(u64);
 
@@ -58,7 +54,7 @@ fn no_damaged_file_ends_the_program_and_all_damage_is_found() {
     let whole = fs::read(place.join("a.vdb")).unwrap();
     let good = druse(place, "info a.vdb --json").output().unwrap();
     let good: serde_json::Value = serde_json::from_slice(&good.stdout).unwrap();
-    let count = if full() { 2400 } else { 40 };
+    let count = if crate::is_full() { 2400 } else { 24 };
     let mut dice = Dice(0x9e37_79b9_7f4a_7c15);
     let (mut refused, mut detected, mut harmless) = (0, 0, 0);
     for n in 0..count {
@@ -113,7 +109,7 @@ fn no_damaged_file_ends_the_program_and_all_damage_is_found() {
 fn a_killed_program_leaves_the_old_file_or_the_new_one() {
     let place = tempfile::tempdir().unwrap();
     let place = place.path();
-    part(place, if full() { "0.15" } else { "0.25" });
+    part(place, if crate::is_full() { "0.15" } else { "0.25" });
     let line = "filter a.vdb -o out.vdb renormalise=1 -q";
     let start = Instant::now();
     assert!(druse(place, line).output().unwrap().status.success());
@@ -127,7 +123,7 @@ fn a_killed_program_leaves_the_old_file_or_the_new_one() {
         info["content_hash"].clone()
     };
     let wanted = hash("out.vdb");
-    let count = if full() { 200 } else { 50 };
+    let count = if crate::is_full() { 200 } else { 20 };
     let mut dice = Dice(42);
     let mut finished = 0;
     for _ in 0..count {
@@ -156,7 +152,7 @@ fn a_full_disk_is_reported_with_path_and_bytes() {
     let disk = place.join("disk");
     fs::create_dir(&disk).unwrap();
     let size = fs::metadata(place.join("a.vdb")).unwrap().len();
-    let sizes = if full() { 20 } else { 3 };
+    let sizes = if crate::is_full() { 20 } else { 3 };
     for n in 1..=sizes {
         // Less than the output needs, in pages.
         let room = (size * n / (sizes + 1)) & !4095;
@@ -196,7 +192,7 @@ fn a_full_disk_is_reported_with_path_and_bytes() {
 /// Lattices of smooth cells, half of them cut by walls that lie in planes of voxels or slant.
 #[test]
 fn random_lattices_have_closed_manifold_meshes() {
-    let count = if full() { 1000 } else { 18 };
+    let count = if crate::is_full() { 1000 } else { 10 };
     let kinds = [
         ("hex", ["schwarz_p", "iwp", "neovius", "f_rd"]),
         ("tet", ["diamond", "schwarz_p", "iwp", "neovius"]),

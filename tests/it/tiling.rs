@@ -182,8 +182,8 @@ fn culling_never_misses_a_leaf_on_random_cells_and_maps() {
     let mut noise = Noise::new(11);
     let threads = Threads::new(2).unwrap();
     let (mut touched, mut kept, mut all) = (0, 0, 0);
-    let is_full = std::env::var_os("DRUSE_FULL").is_some();
-    let pairs = if is_full { 220 } else { 55 };
+    let is_full = crate::is_full();
+    let pairs = if is_full { 220 } else { 30 };
     for pair in 0..pairs {
         let kind = kinds[pair % kinds.len()];
         let cell = Cosines::random(kind.shape(), &mut noise);

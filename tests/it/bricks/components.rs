@@ -92,11 +92,7 @@ fn pieces_are_written_one_by_one() {
     let scene = directory.path().join("g.usda");
     let words = std::fs::read_to_string(&scene).unwrap();
     assert!(words.contains(&format!("surface_{count}")));
-    let edges: &[u32] = if std::env::var_os("DRUSE_FULL").is_some() {
-        &[1, 2]
-    } else {
-        &[2]
-    };
+    let edges: &[u32] = if crate::is_full() { &[1, 2] } else { &[2] };
     for &edge in edges {
         let two = run(&recipe, &options(directory.path(), Some(edge), 2), &Silent).unwrap();
         assert_eq!(hashes(&one), hashes(&two), "bricks of {edge}");

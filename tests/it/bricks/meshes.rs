@@ -68,7 +68,7 @@ fn assert_fewer_in_all_bricks([voxel, size]: [&str; 2], outputs: &str, shares: &
         .replace("[16, 16, 16]", size);
     let all = "[[output]]\nmesh = \"all.stl\"\n";
     let recipe = Recipe::parse(&format!("{text}{all}{outputs}"), &[]).unwrap();
-    let is_full = std::env::var_os("DRUSE_FULL").is_some();
+    let is_full = crate::is_full();
     let made: Vec<_> = [(1, 2), (2, 1), (3, 2)]
         .into_iter()
         .take(if is_full { 3 } else { 2 })
@@ -127,6 +127,7 @@ fn fewer_triangles_are_the_same_in_all_bricks() {
 
 /// Some vertices of these have all their faces in other blocks.
 #[test]
+#[ignore = "long; tests/run full"]
 fn fewer_triangles_of_open_vdb_are_the_same_in_all_bricks() {
     let outputs = "[[output]]\nmesh = \"o.stl\"\nmesher = \"openvdb\"\ndecimate = 0.3\n[[output]]\nmesh = \"m.ply\"\nadaptivity = 0.1\ndecimate = 0.5\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"s.stl\"\nsharp = true\ndecimate = 0.3\n";
     let shares = [("o.stl", 0.33), ("m.ply", 0.5), ("s.stl", 0.33)];
@@ -187,6 +188,7 @@ fn faces_of_open_vdb_are_those_of_memory() {
 /// Vertices that move onto the field do so block by block: the same whatever the bricks and the threads,
 /// and all but a few as in memory.
 #[test]
+#[ignore = "long; tests/run full"]
 fn faces_on_the_exact_field_are_the_same_in_all_bricks() {
     let directory = tempfile::tempdir().unwrap();
     let place = |name: &str| directory.path().join(name);
@@ -224,6 +226,7 @@ fn faces_on_the_exact_field_are_the_same_in_all_bricks() {
 
 /// In a band thinner than a voxel's diagonal the surface crosses cells that lack a voxel.
 #[test]
+#[ignore = "long; tests/run full"]
 fn thin_bands_are_meshed_in_bricks_as_in_memory() {
     let directory = tempfile::tempdir().unwrap();
     let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));

@@ -10,10 +10,6 @@ use std::time::{Duration, Instant};
 /// A hollow ball across the origin that is smoothed: 64 bricks of one block with a halo, and two passes.
 const RECIPE: &str = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { centre = [0.3, 0.1, 0], radius = 9 } }\n[[op]]\nmean = 1\n[[op]]\nkeep_largest = true\n[[output]]\nvdb = \"a.vdb\"\n[[output]]\nmesh = \"a.stl\"\n";
 
-fn full() -> bool {
-    std::env::var_os("DRUSE_FULL").is_some()
-}
-
 fn druse(place: &Path, line: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_druse"));
     command
@@ -79,7 +75,7 @@ fn killed_again_and_again(place: &Path, line: &str, kills: usize, wanted: &str) 
 
 #[test]
 fn a_killed_run_or_merge_is_completed_by_the_next() {
-    let kills = if full() { 60 } else { 5 };
+    let kills = if crate::is_full() { 60 } else { 5 };
     let place = place();
     let place = place.path();
     done(place, "run r.toml");

@@ -47,6 +47,7 @@ fn thickness_in_bricks_is_that_of_memory() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn balls_are_as_thick_as_they_are_wide_and_plates_as_they_are_high() {
     let directory = tempfile::tempdir().unwrap();
     let plate = |z: f64| format!("box = {{ centre = [3, 2, 1.03], size = [60, 55, {z}] }}");

@@ -16,15 +16,10 @@ fn recipe(ops: &str) -> Recipe {
     Recipe::parse(&format!("{SOLID}{ops}{FILES}"), &[]).unwrap()
 }
 
-/// Whether the long series are run.
-fn is_full() -> bool {
-    std::env::var_os("DRUSE_FULL").is_some()
-}
-
 /// Runs a recipe in memory and in bricks, which must say the same; in the long series of two sizes.
 fn same(recipe: &Recipe, out: &Path) -> Report {
     let whole = run(recipe, &options(out, None, 2), &Silent).unwrap();
-    for edge in 1..=1 + u32::from(is_full()) {
+    for edge in 1..=1 + u32::from(crate::is_full()) {
         let parts = run(recipe, &options(out, Some(edge), 1), &Silent).unwrap();
         assert_eq!(hashes(&whole), hashes(&parts), "bricks of {edge}");
         assert_eq!(whole.band.voxel_size, parts.band.voxel_size);
@@ -51,7 +46,7 @@ fn a_solid_is_put_on_other_voxels_in_bricks_as_in_memory() {
         // Far from where it was, turned, and joined with what lies nowhere near the old bricks.
         "[[op]]\nresample = { scale = 1.5, rotate = [20, 0, 35], translate = [31, -4, 7] }\n[[op]]\nunion = { sphere = { centre = [60, 0, 0], radius = 3 } }\n[[op]]\nkeep_largest = true\n".to_owned(),
     ];
-    if is_full() {
+    if crate::is_full() {
         all.extend([
             format!("{finer}{coarser}"),
             "[[op]]\nresample = { half_width = 5 }\n[[op]]\nresample = { voxel_size = 0.4, half_width = 2 }\n".to_owned(),
@@ -125,7 +120,7 @@ fn a_level_set_of_a_file_goes_through_bricks_as_it_is() {
         "[[op]]\nmean = 1\n[[op]]\nsubtract = { sphere = { centre = [7, 0, 0], radius = 2 } }\n",
         "[[op]]\nresample = 0.4\n[[op]]\ndilate = 0.5\n",
     ];
-    if is_full() {
+    if crate::is_full() {
         all.extend([
             "[[op]]\nerode = 0.5\n[[op]]\nkeep_largest = true\n",
             "[[op]]\nblend = { with = { sphere = { radius = 4, centre = [6, 0, 0] } }, radius = 0.4 }\n",
@@ -177,6 +172,7 @@ fn a_plan_covers_bricks_until_voxels_change_and_a_merge_makes_the_rest() {
     let own = RunOptions {
         bricks: Some(1),
         brief: true,
+        threads: 2,
         ..RunOptions::default()
     };
     let path = directory.path().join("p.json");

@@ -37,7 +37,7 @@ fn amplitude(cell: &Cell) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(crate::cases(24)))]
 
     #[test]
     fn products_are_their_series(

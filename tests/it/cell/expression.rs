@@ -47,7 +47,7 @@ pub fn any_hybrid() -> impl Strategy<Value = Cell> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(ProptestConfig::with_cases(crate::cases(32)))]
 
     #[test]
     fn hybrids_are_invariant_under_their_operators(cell in any_hybrid(), p in any_point()) {

@@ -150,6 +150,7 @@ fn accuracy_of_face_normal_cells_with_some_240_unknowns() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn every_way_to_fit_ends_at_right_angles() {
     for own in [
         FitOptions {

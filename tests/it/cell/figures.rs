@@ -38,7 +38,7 @@ fn struts(p: CellPoint<3>) -> f64 {
 
 #[test]
 fn costs() {
-    if std::env::var_os("DRUSE_FULL").is_none() {
+    if !crate::is_full() {
         return;
     }
     let start = Instant::now();

@@ -9,7 +9,7 @@ use druse::progress::Silent;
 use proptest::prelude::*;
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(crate::cases(24)))]
 
     #[test]
     fn reading_undoes_writing(cell in any_cell(), p in any_point()) {

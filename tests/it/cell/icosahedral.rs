@@ -81,7 +81,7 @@ fn every_orbit_has_one_member_in_the_stated_chamber() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(16))]
+    #![proptest_config(ProptestConfig::with_cases(crate::cases(16)))]
 
     #[test]
     fn value_is_invariant_under_every_operator(numbers in any_numbers(), p in any_point()) {

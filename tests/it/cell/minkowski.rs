@@ -54,7 +54,7 @@ fn any_set() -> impl Strategy<Value = Vec<bool>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(crate::cases(24)))]
 
     #[test]
     fn sums_and_differences_look_at_every_pair(a in any_set(), b in any_set()) {

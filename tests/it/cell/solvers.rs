@@ -56,6 +56,7 @@ fn the_two_solvers_agree_on_the_element() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn every_element_is_fitted_by_every_way_it_has() {
     for element in Element::SCAFFOLD_ELEMENTS {
         let centre = element.centroid().0;
@@ -147,6 +148,7 @@ fn every_element_is_fitted_by_every_way_it_has() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn truncation_keeps_the_largest_and_fits_them_again() {
     let full = fit("x", Element::Tet, &struts, &options(7.8), &Silent).unwrap();
     for solver in [Solver::Dense, Solver::Iterative] {

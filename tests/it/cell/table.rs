@@ -7,7 +7,7 @@ use druse::frame::{CellBox, CellPoint, Element, Vec3};
 use proptest::prelude::*;
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(crate::cases(24)))]
 
     #[test]
     fn table_is_within_its_error_bound(cell in any_cell(), points in prop::collection::vec(any_point(), 60)) {

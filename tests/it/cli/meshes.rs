@@ -49,6 +49,10 @@ fn every_mesh_serves_in_every_role() {
         place.write(name, fs::read(stored.join(name)).unwrap());
         names.push(name);
     }
+    // Each name takes the program seven times.
+    let names = names
+        .into_iter()
+        .step_by(if crate::is_full() { 1 } else { 4 });
     let mut first: Option<(String, f64)> = None;
     for name in names {
         let facts = json(&done(&place, &["info", "--json", name]));

@@ -195,7 +195,9 @@ fn derivatives_by_level_and_coefficients_are_those_of_central_differences() {
     let mut own = values(0.17);
     own.insert(4, 0.025);
     derivatives_agree(&tet, Packing::Kuhn, 8, &own);
-    derivatives_agree(&tet, Packing::Bcc, 8, &own);
+    if crate::is_full() {
+        derivatives_agree(&tet, Packing::Bcc, 8, &own);
+    }
 }
 
 #[test]

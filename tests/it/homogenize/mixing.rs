@@ -30,6 +30,7 @@ fn three_ways(period: &Period, n: usize) -> [[f64; 2]; 3] {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn arithmetic_means_are_nearer_to_the_fine_grid_than_sharp_voxels_and_no_farther_than_laminates() {
     let cell = Surface::SchwarzP.cell(Element::Hex).unwrap();
     let cell = cell.with_solid(Solid::Below, -0.45).unwrap();

@@ -78,6 +78,7 @@ fn sheets_are_designed() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn isotropic_networks_are_designed() {
     let isotropic = search(Design {
         evaluations: 40,

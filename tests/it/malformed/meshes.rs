@@ -20,7 +20,7 @@ pub fn recipes() -> Vec<Vec<u8>> {
 }
 
 /// Cases of each of these formats.
-pub const CASES: usize = 50;
+pub const CASES: usize = 25;
 /// A square and a triangle.
 const OFF: &str = "OFF\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 0 0\n4 0 1 2 3\n3 1 4 2\n";
 
@@ -62,9 +62,8 @@ pub fn formats() -> Vec<Format> {
 
 /// How many files of a format are damaged.
 pub fn cases(name: &str) -> usize {
-    let full = std::env::var_os("DRUSE_FULL").is_some();
     match name {
-        _ if full => 500,
+        _ if crate::is_full() => 500,
         // Each file of the program's takes a process.
         "vdb" => 16,
         _ => CASES,

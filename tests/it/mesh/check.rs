@@ -211,7 +211,7 @@ fn what_can_be_closed_is_and_what_cannot_is_refused_with_its_place() {
 
 #[test]
 fn checking_three_million_triangles_is_printed() {
-    if std::env::var_os("DRUSE_FULL").is_none() {
+    if !crate::is_full() {
         return;
     }
     let ball = TriMesh::ball(v(0., 0., 0.), 1.0, 9)

@@ -100,11 +100,7 @@ fn random(state: &mut u64) -> f64 {
 
 #[test]
 fn drained_parts_have_no_closed_cavity_in_memory_and_in_bricks() {
-    let count = if std::env::var_os("DRUSE_FULL").is_some() {
-        60
-    } else {
-        4
-    };
+    let count = if crate::is_full() { 60 } else { 4 };
     let mut drilled = 0;
     for seed in 0..count {
         let mut state = seed;
@@ -144,6 +140,7 @@ fn drained_parts_have_no_closed_cavity_in_memory_and_in_bricks() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn channels_through_bricks_without_surface_make_the_same_file() {
     // The channel crosses blocks of voxels that lie wholly inside the solid. Down it is 338 long, level 188; aslant, to
     // the nearest face, the sum of both costs is least.

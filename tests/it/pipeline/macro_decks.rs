@@ -68,6 +68,7 @@ fn a_graded_bar_has_a_material_for_each_fraction_and_its_mass() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn threads_and_bricks_give_the_same_deck() {
     let deck = "[[output]]\nfe = \"a.inp\"\nresolution = 8\n";
     let text = format!("{BAR}[tiling]\ncell = \"p\"\nvolume_fraction = \"0.3 + 0.2*bx\"\n{deck}");

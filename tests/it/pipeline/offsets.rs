@@ -217,7 +217,10 @@ fn lattices_move_by_the_requested_distance() {
         let surface = lattice.surface();
         let moves = [("erode", -0.5), ("dilate", 0.75)];
         // The long series tries both of every lattice.
-        let is_full = std::env::var_os("DRUSE_FULL").is_some();
+        let is_full = crate::is_full();
+        if !is_full && n % 5 == 2 {
+            continue;
+        }
         let tried = if is_full {
             &moves[..]
         } else {

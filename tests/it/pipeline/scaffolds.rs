@@ -170,6 +170,7 @@ fn bad_weights_are_named() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn round_scaffolds_and_filled_meshes_have_their_share() {
     let ball = with(
         "sphere = { radius = 3, cell_size = 1.5 }",
@@ -336,6 +337,7 @@ fn points_are_probed_inside_and_outside() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn smooth_transitions_have_their_share_whatever_says_the_weights() {
     let shares = "transition = [{ cell = \"thin\", weight = \"1 - bx\" }, { cell = \"thick\", weight = \"bx\" }]";
     let halves = "assign = [{ cell = \"thin\" }, { cell = \"thick\", where = \"x - 3\" }]";

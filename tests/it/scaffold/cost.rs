@@ -17,7 +17,7 @@ fn time(calls: usize, mut work: impl FnMut(usize)) -> f64 {
 
 #[test]
 fn cell_boxes_of_small_world_boxes_are_tight_and_cheap() {
-    let long = std::env::var_os("DRUSE_FULL").is_some();
+    let long = crate::is_full();
     let calls = if long { 20_000 } else { 500 };
     for (kind, amplitude) in [
         (Kind::Tet4, 0.0),

@@ -74,16 +74,18 @@ fn few_points_are_looked_at_for_each_active_voxel_and_give_what_single_points_do
 #[test]
 fn memory_is_allocated_by_blocks() {
     let one = Threads::new(1).unwrap();
-    for (kind, noise, (cubes, voxels)) in [
-        (Kind::Hex8, 0.0, (2, 60.0)),
-        (Kind::Tet4, 0.15, (2, 60.0)),
+    let all = [
         // Many elements are near a leaf.
         (Kind::Tet4, 0.15, (5, 20.0)),
-        (Kind::Tet10, 0.15, (2, 60.0)),
         (Kind::Tet10, 0.15, (5, 20.0)),
         (Kind::Hex8, 0.15, (2, 60.0)),
+        (Kind::Hex8, 0.0, (2, 60.0)),
+        (Kind::Tet4, 0.15, (2, 60.0)),
+        (Kind::Tet10, 0.15, (2, 60.0)),
         (Kind::Hex27, 0.15, (2, 60.0)),
-    ] {
+    ];
+    let tried = if crate::is_full() { all.len() } else { 3 };
+    for (kind, noise, (cubes, voxels)) in all.into_iter().take(tried) {
         let scaffold = scaffold(kind, [cubes; 3], noise, 5);
         let surface = if kind.shape() == Element::Hex {
             Surface::SchwarzP

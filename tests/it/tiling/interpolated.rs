@@ -81,6 +81,7 @@ fn interpolated_leaves<F: Filling>(
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn what_nodes_tell_is_within_the_tolerance() {
     for (kind, surface) in [
         (Kind::Tet4, Surface::Diamond),

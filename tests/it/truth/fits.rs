@@ -207,6 +207,7 @@ fn report(text: &str) -> Report {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn a_part_of_distorted_hexes_has_the_target_fraction() {
     let text = |cell: &str, tiling: &str, voxel: f64| {
         format!(

@@ -252,6 +252,7 @@ fn moved_polyhedra_have_distances_in_closed_form() {
 }
 
 #[test]
+#[ignore = "long; tests/run full"]
 fn moved_solids_have_no_gaps() {
     let boxes = |size: [f64; 3], centre: [f64; 3]| {
         format!("[[op]]\nunion = {{ box = {{ size = {size:?}, centre = {centre:?} }} }}\n")
@@ -308,6 +309,7 @@ fn offsets_agree_in_bricks_and_are_read_again() {
 
 /// Bands narrower than the stencils of surface points are widened for the offset.
 #[test]
+#[ignore = "long; tests/run full"]
 fn narrow_bands_move_like_wide_ones() {
     let body = Polyhedron::cube();
     let place = tempfile::tempdir().unwrap();

@@ -9,7 +9,7 @@ use std::time::Instant;
 /// Seconds of each operation on a block of touching balls, some 5 million voxels, for the table of figures.
 #[test]
 fn figures() {
-    if std::env::var_os("DRUSE_FULL").is_none() {
+    if !crate::is_full() {
         return;
     }
     let balls = (0..216).map(|n: i32| {

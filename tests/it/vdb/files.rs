@@ -330,11 +330,7 @@ fn damaged_files_never_end_the_process() {
     );
     let written = write(&path, &level_set(&two, cube(12.0), 0.5), Compression::Blosc);
     let whole = std::fs::read(&path).unwrap();
-    let count = if std::env::var_os("DRUSE_FULL").is_some() {
-        500
-    } else {
-        50
-    };
+    let count = if crate::is_full() { 500 } else { 50 };
     let mut random = 0x9e37_79b9_7f4a_7c15u64;
     let mut next = move |below: usize| {
         random ^= random << 13;

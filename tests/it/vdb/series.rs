@@ -99,11 +99,7 @@ fn forms() -> Vec<Form> {
 
 #[test]
 fn volumes_and_areas_of_offset_solids_converge_over_two_decades() {
-    let steps = if std::env::var_os("DRUSE_FULL").is_some() {
-        5
-    } else {
-        4
-    };
+    let steps = if crate::is_full() { 5 } else { 4 };
     for form in forms() {
         let mut errors: Vec<[f64; 2]> = Vec::new();
         for step in 0..steps {
