@@ -14,9 +14,19 @@ const PART: &str = "druse = 1\n[band]\nvoxel_size = 0.2\n\
     [[op]]\nunion = { sphere = { radius = 3, centre = [20, 0, 0] } }\n\
     [[op]]\nsubtract = { sphere = { radius = 1, centre = [20, 0, 0] } }\n";
 
-fn made(require: &str, options: &RunOptions) -> Report {
-    let text = format!("{PART}[require]\n{require}\n");
-    run(&recipe(&text), options, &Silent).unwrap()
+/// Runs a recipe in a folder of its own, in memory or in bricks of so many blocks.
+fn run_alone(text: &str, bricks: Option<u32>) -> Report {
+    let place = tempfile::tempdir().unwrap();
+    let options = RunOptions {
+        bricks,
+        out: Some(place.path().to_owned()),
+        ..RunOptions::default()
+    };
+    run(&recipe(text), &options, &Silent).unwrap()
+}
+
+fn made(require: &str, bricks: Option<u32>) -> Report {
+    run_alone(&format!("{PART}[require]\n{require}\n"), bricks)
 }
 
 fn named<'a>(list: &'a [Requirement], name: &str) -> &'a Requirement {
@@ -32,12 +42,8 @@ fn volume() -> f64 {
 fn measures_are_those_of_closed_forms_in_memory_and_in_bricks() {
     let require = "least_wall = 1.9\nleast_gap = \"1.1mm\"\ncomponents = 3\nclosed_cavities = 1\n\
         mass = [0, 10]\ndensity = 2\nfits = [28.01, 10.01, 7.2]\n";
-    let bricks = RunOptions {
-        bricks: Some(1),
-        ..RunOptions::default()
-    };
-    for options in [RunOptions::default(), bricks] {
-        let report = made(require, &options);
+    for bricks in [None, Some(1)] {
+        let report = made(require, bricks);
         let list = &report.requirements;
         assert!(report.meets_requirements(), "{list:#?}");
         assert_eq!(list.len(), 6);
@@ -66,7 +72,7 @@ fn each_requirement_fails_by_itself_with_its_value() {
         ("mass = [2, 3]\ndensity = 2", "mass"),
         ("fits = [28.01, 10.01, 5.1]", "fits"),
     ] {
-        let report = made(require, &RunOptions::default());
+        let report = made(require, None);
         let [verdict] = &report.requirements[..] else {
             panic!("{require}: {:?}", report.requirements)
         };
@@ -82,25 +88,14 @@ fn each_requirement_fails_by_itself_with_its_value() {
 fn a_ball_has_no_gap_and_wide_walls_in_bricks() {
     let text = "druse = 1\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { radius = 5 } }\n\
         [require]\nleast_gap = 4\nleast_wall = 4.5\n";
-    let bricks = RunOptions {
-        bricks: Some(1),
-        ..RunOptions::default()
-    };
-    for options in [RunOptions::default(), bricks] {
-        let report = run(&recipe(text), &options, &Silent).unwrap();
+    for bricks in [None, Some(1)] {
+        let report = run_alone(text, bricks);
         assert!(report.meets_requirements(), "{:#?}", report.requirements);
         assert_eq!(report.solid.least_gap, None);
     }
     // Bricks look no farther than 24 voxels: what is wider is not taken for granted.
-    let report = run(
-        &recipe(&text.replace("least_wall = 4.5", "least_wall = 6")),
-        &RunOptions {
-            bricks: Some(1),
-            ..RunOptions::default()
-        },
-        &Silent,
-    );
-    let verdict = &named(&report.unwrap().requirements, "least_wall").clone();
+    let report = run_alone(&text.replace("least_wall = 4.5", "least_wall = 6"), Some(1));
+    let verdict = named(&report.requirements, "least_wall");
     assert!(!verdict.met && verdict.found.contains("4.8"), "{verdict:?}");
 }
 
@@ -109,7 +104,7 @@ fn the_jump_of_a_continuous_field_is_required_and_certified() {
     let text = "druse = 1\n[cell.a]\nelement = \"hex\"\nsurface = \"schwarz_p\"\n\
         [scaffold]\nbox = { size = [4, 4, 4], cell_size = 2 }\n[tiling]\ncell = \"a\"\n\
         [band]\nvoxel_size = 0.2\n[require]\nvalue_jump_max = 1e-5\nvolume_fraction = [0.45, 0.55]\n";
-    let report = run(&recipe(text), &RunOptions::default(), &Silent).unwrap();
+    let report = run_alone(text, None);
     assert!(report.continuity.is_some() && report.requirements.len() == 2);
     assert!(report.meets_requirements(), "{:#?}", report.requirements);
 }
@@ -127,18 +122,14 @@ fn the_escape_radius_is_that_of_the_duct_in_memory_and_in_bricks() {
     let text = |ops: &str, least: f64| format!("{ROOM}{ops}[require]\nescape_radius = {least}\n");
     let mut reports = Vec::new();
     for bricks in [None, Some(1), Some(2)] {
-        let options = RunOptions {
-            bricks,
-            ..RunOptions::default()
-        };
-        let report = run(&recipe(&text("", 0.6)), &options, &Silent).unwrap();
+        let report = run_alone(&text("", 0.6), bricks);
         let [verdict] = &report.requirements[..] else {
             panic!("{:?}", report.requirements)
         };
         assert!(verdict.met, "{verdict}");
         let radius = verdict.value.unwrap();
         assert!((radius - 0.7).abs() < 0.06, "{radius}");
-        let both = run(&recipe(&text(closed, 0.6)), &options, &Silent).unwrap();
+        let both = run_alone(&text(closed, 0.6), bricks);
         let verdict = &both.requirements[0];
         assert!(
             !verdict.met && verdict.found == "a closed cavity",
@@ -154,15 +145,14 @@ fn the_escape_radius_is_that_of_the_duct_in_memory_and_in_bricks() {
         reports.push(found);
     }
     assert!(reports.iter().all(|r| *r == reports[0]), "{reports:#?}");
-    let options = RunOptions::default();
-    let narrow = run(&recipe(&text("", 0.8)), &options, &Silent).unwrap();
+    let narrow = run_alone(&text("", 0.8), None);
     let verdict = &narrow.requirements[0];
     let [x, y, z] = verdict.place.unwrap();
     assert!(
         !verdict.met && x > 1.9 && y.abs() < 0.8 && z.abs() < 0.8,
         "{verdict}"
     );
-    let wide = run(&recipe(&text("", 40.0)), &options, &Silent).unwrap();
+    let wide = run_alone(&text("", 40.0), None);
     assert!(!wide.requirements[0].met);
 }
 
