@@ -136,12 +136,14 @@ impl BlockGrowth<'_> {
     /// The neighbours of voxel `n` in the box.
     fn neighbours(&self, n: usize) -> impl Iterator<Item = usize> + use<> {
         let [ex, ey, ez] = self.space.edges;
-        [(ey * ez, ex), (ez, ey), (1, ez)]
+        // In 32 bits, since this divides once for every voxel of the void.
+        let (row, z) = (n as u32 / ez as u32, n as u32 % ez as u32);
+        let (x, y) = (row / ey as u32, row % ey as u32);
+        [(ey * ez, x, ex), (ez, y, ey), (1, z, ez)]
             .into_iter()
-            .flat_map(move |(step, edge)| {
-                let at = n / step % edge;
+            .flat_map(move |(step, at, edge)| {
                 let before = (at > 0).then(|| n - step);
-                let after = (at + 1 < edge).then(|| n + step);
+                let after = (at as usize + 1 < edge).then(|| n + step);
                 before.into_iter().chain(after)
             })
     }

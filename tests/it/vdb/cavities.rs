@@ -92,6 +92,23 @@ fn a_labyrinth_of_three_rooms_has_the_least_of_its_doors() {
 }
 
 #[test]
+fn a_funnel_lets_out_a_ball_of_its_neck() {
+    // A room of radius 10, and a channel that narrows to a radius of 3 at x = 16 and widens outwards.
+    let channel = (8..=40).map(|x| {
+        let x = f64::from(x);
+        ball([x, 0.0, 0.0], 3.0 + (x - 16.0).abs() / 4.0)
+    });
+    let solids = channel.chain([ball([0.0; 3], 10.0)]).collect();
+    let found = cube_without(30.0, solids).cavities(32, session()).unwrap();
+    assert_eq!((found.list.len(), found.closed()), (1, 0), "{found:#?}");
+    let room = found.list[0];
+    assert!((room.escape_radius - 3.0).abs() < 0.3, "{room:?}");
+    assert!((room.radius - 10.0).abs() < 0.3, "{room:?}");
+    let throat = room.throat.unwrap();
+    assert!((14..=18).contains(&throat[0]), "{room:?}");
+}
+
+#[test]
 fn closed_cavities_are_the_voids_and_tubes_and_wide_bays_are_open() {
     // Two closed balls, a straight tube of radius 5 through the cube, and a bay that widens outwards.
     let tube = (-40..=40).map(|z| ball([18.0, 18.0, f64::from(z)], 5.0));
@@ -272,11 +289,7 @@ fn cavities_by_flood(distances: &[f64], escape: &[f64]) -> Vec<[f64; 2]> {
 
 #[test]
 fn random_networks_have_the_cavities_of_a_flood() {
-    let count = if std::env::var_os("DRUSE_FULL").is_some() {
-        200
-    } else {
-        20
-    };
+    let count = if crate::is_full() { 200 } else { 10 };
     let (mut all, mut closed) = (0, 0);
     for seed in 0..count {
         let solid = network(&mut Random(seed));

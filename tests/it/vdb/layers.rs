@@ -139,11 +139,7 @@ fn by_loops(planes: &Dense, overhang: f64) -> Vec<[usize; 5]> {
 
 #[test]
 fn layers_are_those_of_loops_over_dense_arrays() {
-    let count = if std::env::var_os("DRUSE_FULL").is_some() {
-        60
-    } else {
-        6
-    };
+    let count = if crate::is_full() { 60 } else { 6 };
     let mut sums = [0; 5];
     for seed in 0..count {
         let solid = network(&mut Random(seed));
