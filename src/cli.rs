@@ -32,6 +32,7 @@ mod fit;
 mod frames;
 mod grade;
 mod homogenize;
+mod implicit;
 mod info;
 mod job;
 mod kind;

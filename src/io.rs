@@ -85,5 +85,5 @@ pub(crate) use source::quote;
 pub(crate) use stl::StlStream;
 pub use table::read_columns;
 pub(crate) use table::{column_names, read_scattered};
-pub use threemf::SliceStackWriter;
+pub use threemf::{ImplicitPart, SliceStackWriter};
 pub use vtk::{write_vtu, write_vtu_fields};

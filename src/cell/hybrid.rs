@@ -19,7 +19,7 @@ pub enum Join {
 
 impl Cell {
     /// The function whose values below 0 are the cell's solid.
-    pub(super) fn solid_expression(&self) -> Expression {
+    pub fn solid_expression(&self) -> Expression {
         match self.solid {
             Solid::Below => self.expression.shifted(self.level),
             Solid::Above => self.expression.shifted(self.level).negated(),
@@ -28,8 +28,12 @@ impl Cell {
         }
     }
 
-    /// The solid's function, scaled to gamma 1.
-    fn unit_expression(&self) -> Result<Expression, CellError> {
+    /// The solid's function, scaled so that the root mean square of its gradient on the surface is 1: near the surface
+    /// about the distance in reference lengths, negative in the solid.
+    ///
+    /// # Errors
+    /// [`CellError::Expression`] for a cell without a surface.
+    pub fn unit_expression(&self) -> Result<Expression, CellError> {
         let gamma = self.gamma();
         if !(gamma.is_finite() && gamma > 0.0) {
             return Err(CellError::Expression(format!(

@@ -1,4 +1,4 @@
-//! `druse cell info`, `eval`, `plot`, `homogenize` and `library`.
+//! `druse cell info`, `eval`, `plot`, `homogenize`, `library` and `implicit`.
 
 use super::{Answer, Failure, Session};
 use crate::cell::{Cell, default_group, groups, lattices, rank};
@@ -55,6 +55,8 @@ enum What {
     Homogenize(Box<super::homogenize::Parameters>),
     /// Design cells at several volume fractions that meet on their faces.
     Library(Box<super::library::Parameters>),
+    /// Write a repeated cell as a 3MF with an implicit function (volumetric and implicit extensions).
+    Implicit(Box<super::implicit::Parameters>),
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
@@ -62,6 +64,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         What::Plot(p) => super::plot::answer(p, session),
         What::Homogenize(p) => super::homogenize::answer(p, session),
         What::Library(p) => super::library::answer(p, session),
+        What::Implicit(p) => super::implicit::answer(p, session),
         What::Info {
             group: Some(group),
             lattice,

@@ -3,7 +3,8 @@
 //! The reader returns the meshes and beam lattices of the build items, placed by their transforms
 //! and those of their components, which may lie in other parts of the archive (production extension).
 //! Objects of other types than "model" and items that are not printable are counted and left out. Required
-//! extensions and shapes that are not supported are refused. The writers produce one object, or a stack of slices.
+//! extensions and shapes that are not supported are refused. The writers produce one object, a stack of slices,
+//! or an implicit part.
 //!
 //! The XML is parsed here: existing libraries of the format support triangles only, or keep the whole archive
 //! in memory as a document.
@@ -16,6 +17,7 @@ use std::path::Path;
 
 mod archive;
 mod extensions;
+mod implicit;
 mod lattice;
 mod model;
 mod package;
@@ -24,6 +26,7 @@ mod slicer;
 mod slices;
 mod text;
 mod unfold;
+pub use implicit::ImplicitPart;
 pub(super) use package::{write, write_beams};
 pub use slices::SliceStackWriter;
 

@@ -2,28 +2,13 @@
 
 use super::package::begin;
 use crate::frame::{Aabb, LengthUnit};
+use crate::mesh::TriMesh;
 use std::io::{self, BufWriter, Seek, Write};
 use zip::ZipWriter;
 
 /// Attributes of a model with slices.
 const EXTENSION_ATTRIBUTES: &str = " xmlns:s=\"http://schemas.microsoft.com/3dmanufacturing/slice/2015/07\" \
                                     requiredextensions=\"s\"";
-/// Corners of the faces of a box, counter-clockwise from outside; bit 0 of a corner is x, bit 1 is y, bit 2 is z.
-const BOX_TRIANGLES: [[u8; 3]; 12] = [
-    [0, 2, 3],
-    [0, 3, 1],
-    [4, 5, 7],
-    [4, 7, 6],
-    [0, 1, 5],
-    [0, 5, 4],
-    [2, 6, 7],
-    [2, 7, 3],
-    [0, 4, 6],
-    [0, 6, 2],
-    [1, 3, 7],
-    [1, 7, 5],
-];
-
 /// A slice stack that is being written. Its object has the box of the part as a mesh of low resolution, so that
 /// printers use the slices.
 pub struct SliceStackWriter<W: Write + Seek> {
@@ -90,13 +75,13 @@ impl<W: Write + Seek> SliceStackWriter<W> {
             "</s:slicestack>\n<object id=\"2\" type=\"model\" s:slicestackid=\"1\" s:meshresolution=\"lowres\">\
              <mesh>\n<vertices>\n"
         )?;
-        let ends = [self.bounds.min, self.bounds.max];
-        for n in 0..8usize {
-            let [x, y, z] = [0, 1, 2].map(|a| ends[n >> a & 1][a] as f32);
+        let hull = TriMesh::cuboid(&self.bounds);
+        for v in hull.vertices() {
+            let [x, y, z] = [v.x, v.y, v.z].map(|c| c as f32);
             writeln!(self.xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")?;
         }
         writeln!(self.xml, "</vertices>\n<triangles>")?;
-        for [a, b, c] in BOX_TRIANGLES {
+        for [a, b, c] in hull.triangles() {
             writeln!(self.xml, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"/>")?;
         }
         write!(
