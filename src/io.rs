@@ -40,6 +40,7 @@ mod off;
 mod outer_faces;
 mod pc2;
 mod ply;
+mod point_cache;
 mod polygon;
 mod polygons;
 mod polymesh;
@@ -51,6 +52,7 @@ mod threemf;
 mod tokens;
 mod unpack_limit;
 mod unv;
+mod usda;
 mod vtk;
 
 #[doc(hidden)]
@@ -74,7 +76,7 @@ pub use mesh_file::{MeshFile, MeshFormat, read_mesh, stated_unit, write_mesh};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
 pub use npy::{NpyArray, read_npy};
-pub use pc2::PointCache;
+pub use point_cache::PointCache;
 pub use polymesh::{read_polymesh, write_legacy_obj, write_polymesh};
 pub use scaffold::{
     DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,

@@ -20,7 +20,7 @@ pub(super) enum FileKind {
 }
 
 /// Extensions and kinds of files.
-const TABLE: [(&str, FileKind); 20] = [
+const TABLE: [(&str, FileKind); 21] = [
     ("toml", FileKind::Recipe),
     ("cell", FileKind::Cell),
     ("stl", FileKind::Mesh),
@@ -40,6 +40,7 @@ const TABLE: [(&str, FileKind); 20] = [
     ("mesh", FileKind::Scaffold),
     ("meshb", FileKind::Scaffold),
     ("unv", FileKind::Scaffold),
+    ("usda", FileKind::Scaffold),
     ("vdb", FileKind::Vdb),
 ];
 

@@ -21,8 +21,8 @@ pub(super) struct Parameters {
 enum What {
     /// Describe a mesh: kinds and number of elements, quality, inverted and degenerate elements, hanging nodes.
     Info {
-        /// The mesh: .msh, .vtu, .vtk, .inp, .bdf, .nas, .mesh, .meshb or .unv; of surfaces also .off, .obj,
-        /// .ply, .stl.
+        /// The mesh: .msh, .vtu, .vtk, .inp, .bdf, .nas, .mesh, .meshb, .unv or .usda; of surfaces also .off,
+        /// .obj, .ply, .stl.
         file: PathBuf,
         /// Write the elements with their quality for ParaView or pyvista.
         #[arg(short, long, value_name = "X.vtu")]

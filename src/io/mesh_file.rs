@@ -5,7 +5,7 @@ use super::polygons::Soup;
 use super::scaffold::{ELEMENT_FORMATS, read_elements};
 use super::{
     Faces, MeshView, Place, ReadError, Source, WriteError, obj, off, outer_faces, ply, stl,
-    threemf, vtk,
+    threemf, usda, vtk,
 };
 use crate::frame::LengthUnit;
 use crate::mesh::TriMesh;
@@ -89,6 +89,8 @@ pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
         Some(("a Gmsh mesh", "msh"))
     } else if starts("MeshVersionFormatted") {
         Some(("a Medit mesh", "mesh"))
+    } else if starts("#usda") {
+        Some(("a USD layer as text", "usda"))
     } else if starts("# vtk DataFile") {
         Some(("a legacy VTK file", "vtk"))
     } else if has("<VTKFile") {
@@ -186,6 +188,10 @@ pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
             let (mesh, warnings) = polymesh(path)?;
             Ok(Soup::from_polymesh(&mesh, warnings))
         }
+        "usda" => match usda::read_soup(path)? {
+            Some(soup) => Ok(soup),
+            None => outer_faces::soup(path, &read_elements(path)?),
+        },
         other if ELEMENT_FORMATS.contains(&other) => outer_faces::soup(path, &read_elements(path)?),
         _ => {
             let found = sniff(Source::open(path)?.peek(512)?);

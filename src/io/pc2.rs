@@ -7,24 +7,23 @@ use super::{Place, ReadError};
 use crate::frame::Vec3;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 const MAGIC: &[u8; 12] = b"POINTCACHE2\0";
 const HEAD_BYTES: u64 = 32;
-/// Difference of frames below which they are equal.
-const FRAME_TOLERANCE: f64 = 1e-3;
-
-/// A point cache; samples are read when they are needed.
+/// The head of a point cache; samples are read when they are needed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PointCache {
-    path: PathBuf,
+pub(super) struct Pc2 {
     points: usize,
-    start: f64,
-    step: f64,
-    samples: usize,
+    /// The frame of the first sample.
+    pub start: f64,
+    /// Frames between samples.
+    pub step: f64,
+    /// Number of samples.
+    pub samples: usize,
 }
 
-impl PointCache {
+impl Pc2 {
     /// Opens a file and checks its head and its length.
     ///
     /// # Errors
@@ -62,7 +61,6 @@ impl PointCache {
             return Err(invalid(found, "all of its samples").with_hint("export the cache again"));
         }
         Ok(Self {
-            path: path.to_owned(),
             points: points as usize,
             start,
             step,
@@ -70,62 +68,22 @@ impl PointCache {
         })
     }
 
-    /// Number of samples.
-    pub fn samples(&self) -> usize {
-        self.samples
-    }
-
-    /// The frame of a sample.
-    pub fn frame(&self, sample: usize) -> f64 {
-        self.start + sample as f64 * self.step
-    }
-
-    /// The sample at a frame.
-    ///
-    /// # Errors
-    /// [`ReadError`] with the nearest frame if there is none.
-    pub fn sample_at(&self, frame: f64) -> Result<usize, ReadError> {
-        let place = (frame - self.start) / self.step;
-        let nearest = place.round().clamp(0.0, (self.samples - 1) as f64) as usize;
-        if (self.frame(nearest) - frame).abs() < FRAME_TOLERANCE {
-            return Ok(nearest);
-        }
-        let found = format!("no sample at frame {frame}");
-        let hint = format!(
-            "the nearest is frame {}; the cache spans frames {} to {} in steps of {}",
-            self.frame(nearest),
-            self.start,
-            self.frame(self.samples - 1),
-            self.step
-        );
-        Err(ReadError::missing(&self.path, found, "one for every frame").with_hint(hint))
-    }
-
     /// The points of a sample, in the file's unit.
     ///
     /// # Errors
-    /// [`ReadError`] if the file cannot be read, or a coordinate is not finite.
-    pub fn read(&self, sample: usize) -> Result<Vec<Vec3>, ReadError> {
-        let failed = |e| ReadError::io(&self.path, e);
+    /// [`ReadError`] if the file cannot be read.
+    pub fn read(&self, path: &Path, sample: usize) -> Result<Vec<Vec3>, ReadError> {
+        let failed = |e| ReadError::io(path, e);
         let bytes = 12 * self.points;
-        let mut file = File::open(&self.path).map_err(failed)?;
+        let mut file = File::open(path).map_err(failed)?;
         let start = HEAD_BYTES + (bytes * sample) as u64;
         file.seek(SeekFrom::Start(start)).map_err(failed)?;
         let mut buffer = vec![0; bytes];
         file.read_exact(&mut buffer).map_err(failed)?;
         let number = |b: &[u8]| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-        let points: Vec<Vec3> = buffer
+        let points = buffer
             .chunks_exact(12)
-            .map(|b| Vec3::new(number(b), number(&b[4..]), number(&b[8..])))
-            .collect();
-        match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-            None => Ok(points),
-            Some(n) => Err(ReadError::data(
-                &self.path,
-                Place::Item("point", n as u64),
-                format!("({}, {}, {})", points[n].x, points[n].y, points[n].z),
-                "finite coordinates",
-            )),
-        }
+            .map(|b| Vec3::new(number(b), number(&b[4..]), number(&b[8..])));
+        Ok(points.collect())
     }
 }

@@ -1,6 +1,6 @@
 //! Scaffold files: the types and functions common to all formats.
 
-use super::{Place, ReadError, inp, medit, mesh_file, msh, nastran, unv, vtk};
+use super::{Place, ReadError, inp, medit, mesh_file, msh, nastran, unv, usda, vtk};
 use crate::frame::Aabb;
 use crate::scaffold::{Scaffold, Surface};
 use std::path::Path;
@@ -118,9 +118,9 @@ pub(super) const KINDS_READ: &str =
     "Tet4, Tet10, Hex8, Hex20, Hex27, Wedge6, Wedge15, Wedge18, Pyramid5, Pyramid13 or Pyramid14";
 
 /// The extensions of files with elements.
-pub const ELEMENT_FORMATS: [&str; 17] = [
-    "msh", "vtu", "vtk", "inp", "bdf", "nas", "mesh", "meshb", "unv", "vtp", "off", "obj", "ply",
-    "stl", "3mf", "dlfl", "crystal",
+pub const ELEMENT_FORMATS: [&str; 18] = [
+    "msh", "vtu", "vtk", "inp", "bdf", "nas", "mesh", "meshb", "unv", "usda", "vtp", "off", "obj",
+    "ply", "stl", "3mf", "dlfl", "crystal",
 ];
 
 /// Reads the elements of a file by its extension, one of [`ELEMENT_FORMATS`].
@@ -139,6 +139,7 @@ pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
         Some("bdf" | "nas") => nastran::read(path),
         Some("mesh" | "meshb") => medit::read(path),
         Some("unv") => unv::read(path),
+        Some("usda") => usda::read(path),
         Some("off" | "obj" | "ply" | "stl" | "3mf" | "dlfl" | "crystal") => {
             mesh_file::read_soup(path)?.elements(path)
         }

@@ -12,8 +12,8 @@ use serde::Deserialize;
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScaffoldSection {
-    /// A mesh of tets, hexes, wedges or pyramids (.msh, .vtu, .vtk, .inp, .bdf, .mesh, .unv), or with `shell` or `plate`
-    /// one of triangles and quads (also .obj, .ply, .stl, .off).
+    /// A mesh of tets, hexes, wedges or pyramids (.msh, .vtu, .vtk, .inp, .bdf, .mesh, .unv,
+    /// .usda), or with `shell` or `plate` one of triangles and quads (also .obj, .ply, .stl, .off).
     pub file: Option<FileRef>,
     /// A box of equal hexes, made here.
     #[serde(rename = "box")]

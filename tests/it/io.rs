@@ -5,6 +5,7 @@ mod meshes;
 mod stream;
 mod tables;
 mod threemf;
+pub mod usda;
 
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::atomic::{AtomicFile, StagedPath, write_bytes};
@@ -340,7 +341,7 @@ fn errors_name_the_file_the_fault_and_the_way_out() {
     assert_eq!(
         failure("x.step", "ISO-10303-21;"),
         "found the extension .step; expected one of .stl, .ply, .obj, .3mf, .off, .vtp, .dlfl, .crystal, .msh, \
-         .vtu, .vtk, .inp, .bdf, .nas, .mesh, .meshb, .unv\n  hint: its content is a STEP file: name it *.step"
+         .vtu, .vtk, .inp, .bdf, .nas, .mesh, .meshb, .unv, .usda\n  hint: its content is a STEP file: name it *.step"
     );
     assert_eq!(
         failure("x.ply", TEXT_STL),

@@ -334,6 +334,12 @@ fn formats() -> Vec<Format> {
             scaffold,
         ),
         row(
+            "USD",
+            "usda",
+            vec![crate::io::usda::tets().into_bytes()],
+            scaffold,
+        ),
+        row(
             "fields csv",
             "csv",
             vec![FIELDS.as_bytes().to_vec()],

@@ -1,0 +1,106 @@
+//! Where prims stand: their operations of transformation, and their values at a time code.
+
+use super::text::{Prim, Property, Value};
+use crate::frame::Vec3;
+use nalgebra::{Matrix4, Quaternion, Rotation3, UnitQuaternion};
+
+/// The value of a property at a time code: linear between samples of equal length, constant beyond them and for
+/// words. Without a time code the default, else the first sample.
+pub(super) fn value_at(property: &Property, time: Option<f64>) -> Option<Value> {
+    let samples = &property.samples;
+    let (Some(t), Some(first), Some(last)) = (time, samples.first(), samples.last()) else {
+        let first = samples.first().map(|s| &s.1);
+        return property.value.as_ref().or(first).cloned();
+    };
+    let after = samples.partition_point(|s| s.0 < t);
+    if after == 0 {
+        return Some(first.1.clone());
+    }
+    let Some((t1, next)) = samples.get(after) else {
+        return Some(last.1.clone());
+    };
+    let (t0, previous) = &samples[after - 1];
+    let (a, b) = (previous.numbers(), next.numbers());
+    if a.is_empty() || a.len() != b.len() {
+        // The word that holds up to the next sample.
+        return Some(if *t1 == t {
+            next.clone()
+        } else {
+            previous.clone()
+        });
+    }
+    let share = (t - t0) / (t1 - t0);
+    let mixed = a.iter().zip(b).map(|(a, b)| a + (b - a) * share);
+    Some(Value::Numbers(mixed.collect()))
+}
+
+/// The map from a prim's coordinates to those of its parent, and whether it ignores its parent's map; or what is
+/// wrong with it.
+pub(super) fn local(prim: &Prim, time: Option<f64>) -> Result<(Matrix4<f64>, bool), String> {
+    let mut map = Matrix4::identity();
+    let mut is_reset = false;
+    let order = prim
+        .properties
+        .get("xformOpOrder")
+        .and_then(|p| value_at(p, time));
+    for word in order.iter().flat_map(Value::words) {
+        if word == "!resetXformStack!" {
+            (map, is_reset) = (Matrix4::identity(), true);
+            continue;
+        }
+        let name = word.strip_prefix("!invert!").unwrap_or(word);
+        let value = prim.properties.get(name).and_then(|p| value_at(p, time));
+        let value = value.ok_or_else(|| format!("no value of {name}"))?;
+        let operation = operation(name, value.numbers())
+            .ok_or_else(|| format!("{name} with {} numbers", value.numbers().len()))?;
+        map *= if name.len() == word.len() {
+            operation
+        } else {
+            operation
+                .try_inverse()
+                .ok_or_else(|| format!("{name}, which has no inverse"))?
+        };
+    }
+    Ok((map, is_reset))
+}
+
+/// The matrix of an operation such as `xformOp:rotateXYZ:pivot`, for columns.
+fn operation(name: &str, numbers: &[f64]) -> Option<Matrix4<f64>> {
+    let kind = name.strip_prefix("xformOp:")?.split(':').next()?;
+    let turn = |axis: u8, degrees: f64| {
+        let axis = match axis {
+            b'X' => Vec3::x_axis(),
+            b'Y' => Vec3::y_axis(),
+            _ => Vec3::z_axis(),
+        };
+        Rotation3::from_axis_angle(&axis, degrees.to_radians()).to_homogeneous()
+    };
+    match (kind, numbers) {
+        ("translate", &[x, y, z]) => Some(Matrix4::new_translation(&Vec3::new(x, y, z))),
+        ("scale", &[x, y, z]) => Some(Matrix4::new_nonuniform_scaling(&Vec3::new(x, y, z))),
+        ("rotateX" | "rotateY" | "rotateZ", &[angle]) => Some(turn(kind.as_bytes()[6], angle)),
+        (
+            "rotateXYZ" | "rotateXZY" | "rotateYXZ" | "rotateYZX" | "rotateZXY" | "rotateZYX",
+            &[x, y, z],
+        ) => {
+            // The first axis of the name turns first.
+            let axes = &kind.as_bytes()[6..];
+            let turns = axes
+                .iter()
+                .map(|&a| turn(a, [x, y, z][usize::from(a - b'X')]));
+            Some(turns.fold(Matrix4::identity(), |map, next| next * map))
+        }
+        ("orient", &[w, x, y, z]) => {
+            let q = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-12)?;
+            Some(q.to_homogeneous())
+        }
+        // Rows in the file are for vectors that stand on the left.
+        ("transform", rows) if rows.len() == 16 => Some(Matrix4::from_column_slice(rows)),
+        _ => None,
+    }
+}
+
+/// The image of a point.
+pub(super) fn image(map: &Matrix4<f64>, p: Vec3) -> Vec3 {
+    map.transform_point(&p.into()).coords
+}
