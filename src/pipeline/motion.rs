@@ -115,11 +115,18 @@ impl FileNodes<'_> {
             }
             _ => self.nodes.iter().map(|&v| map(v)).collect(),
         };
-        let field = motion.and_then(|m| m.velocity.as_ref());
-        if let Some(name) = field.filter(|_| pose.drift != 0.0) {
-            let origin = map(Vec3::zeros());
-            for (node, v) in nodes.iter_mut().zip(self.velocities(name, path)?) {
-                *node += (map(v) - origin) * pose.drift;
+        let displacement = motion.and_then(|m| m.displacement.as_ref());
+        let velocity = motion.and_then(|m| m.velocity.as_ref());
+        let origin = map(Vec3::zeros());
+        for (name, factor) in [
+            (displacement.filter(|_| pose.frame.is_some()), 1.0),
+            (velocity.filter(|_| pose.drift != 0.0), pose.drift),
+        ] {
+            let Some(name) = name else {
+                continue;
+            };
+            for (node, v) in nodes.iter_mut().zip(self.vectors(name, path)?) {
+                *node += (map(v) - origin) * factor;
             }
         }
         deformed(recipe, section, pose, nodes)
@@ -153,8 +160,8 @@ impl FileNodes<'_> {
         Ok(ordered.collect())
     }
 
-    /// The vectors of a point field, in the file's unit per second.
-    fn velocities(&self, name: &str, path: &Path) -> Result<Vec<Vec3>, ReadError> {
+    /// The vectors of a point field, in the file's unit, or per second.
+    fn vectors(&self, name: &str, path: &Path) -> Result<Vec<Vec3>, ReadError> {
         let is_vector = |f: &&DataField| f.at == FieldAt::Points && f.components == 3;
         let mut fields = self.fields.iter().filter(is_vector);
         let Some(field) = fields.find(|f| f.name == name) else {
@@ -178,7 +185,7 @@ impl FileNodes<'_> {
             Some(n) => Err(ReadError::data(
                 path,
                 Place::Item("node", self.numbers.get(n).copied().unwrap_or(n as u64)),
-                format!("a velocity that is not finite in the field {name:?}"),
+                format!("a vector that is not finite in the field {name:?}"),
                 "finite numbers",
             )),
         }
@@ -343,6 +350,13 @@ fn series_pose(recipe: &Recipe, template: &str, frame: i32) -> Pose {
 fn rest_pose(recipe: &Recipe, section: &ScaffoldSection) -> Result<Option<Pose>, RunError> {
     let requested = section.motion.as_ref().and_then(|m| m.rest_frame);
     let now = recipe.clock().frame;
+    let is_displaced = section
+        .motion
+        .as_ref()
+        .is_some_and(|m| m.displacement.is_some());
+    if is_displaced && requested.is_none() {
+        return Ok(Some(Pose::default()));
+    }
     let Some((template, frames)) = series(recipe) else {
         return Ok(Some(Pose {
             frame: requested.map(f64::from),

@@ -37,19 +37,19 @@ pub(super) fn motion(sections: &Sections, source: &Source) -> Checked {
     };
     if let Some(points) = &motion.points {
         if is_alembic(&points.path) {
-            let message = "found an Alembic file (.abc); expected a point cache (.pc2)";
+            let message = "found an Alembic file (.abc); expected a point cache (.pc2) or a USD layer (.usda)";
             let e = source.fault("scaffold.motion.points", message);
             return Err(e.hint(ABC_HINT));
         }
-        if points
+        let is_known = points
             .path
             .extension()
-            .is_none_or(|e| !e.eq_ignore_ascii_case("pc2"))
-        {
+            .is_some_and(|e| e.eq_ignore_ascii_case("pc2") || e.eq_ignore_ascii_case("usda"));
+        if !is_known {
             let found = points.path.display();
             return fault(
                 "points",
-                format!("found {found}; expected a point cache (.pc2)"),
+                format!("found {found}; expected a point cache (.pc2) or a USD layer (.usda)"),
             );
         }
         if scaffold.file.is_none() {
@@ -69,11 +69,17 @@ pub(super) fn motion(sections: &Sections, source: &Source) -> Checked {
             "velocity is of the nodes of scaffold.file; expected no points and no deform beside it";
         return fault("velocity", message.into());
     }
-    if motion.velocity.is_some() && scaffold.file.is_none() {
-        return fault(
-            "velocity",
-            "velocity is a point field of a scaffold.file".into(),
-        );
+    if motion.displacement.is_some() && motion.points.is_some() {
+        let message = "displacement and points both place the nodes; expected one of the two";
+        return fault("displacement", message.into());
+    }
+    for (word, name) in [
+        ("velocity", &motion.velocity),
+        ("displacement", &motion.displacement),
+    ] {
+        if name.is_some() && scaffold.file.is_none() {
+            return fault(word, format!("{word} is a point field of a scaffold.file"));
+        }
     }
     let is_cut = |f: &FillScaffold| f.kind == FillKind::Hex;
     if motion.deform.is_some() && scaffold.fill.as_ref().is_some_and(is_cut) {
