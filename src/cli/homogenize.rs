@@ -11,7 +11,7 @@ use crate::homogenize::{
 use crate::io::atomic::write_bytes;
 use crate::pipeline::{self, CellPeriod, PropertyOptions, Warning};
 use crate::progress::Threads;
-use crate::recipe::{CellSection, Fraction, Recipe, Section};
+use crate::recipe::{CellSection, Fraction, Positive, Recipe, Section};
 use clap::{Args, ValueEnum};
 use output::{Material, PeriodResults};
 use std::fmt::Write as _;
@@ -271,6 +271,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
             return Err(Failure::data(&p.cell, refused.to_string())
                 .hint("wedges, pyramids, triangles and balls are not periodic"));
         }
+        check_band_limit(&section, element, p.resolution)?;
         let beams = pipeline::beam_period(&name, &section, element, packing)
             .map_err(|e| super::fit::of_input(e, &p.cell))?;
         if let Some(found) = beams {
@@ -280,6 +281,26 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
     flags.section = None;
     let (cell, warnings) = super::fit::make(&name, (&p.cell, &flags), threads, session)?;
     pipeline::cell_period(cell, packing, warnings).map_err(|e| super::fit::of_input(e, &p.cell))
+}
+
+/// Refuses a band limit above the grid's Nyquist frequency before the fit. Tets are checked after it, since their
+/// period is not their edge.
+fn check_band_limit(
+    section: &CellSection,
+    element: Element,
+    resolution: usize,
+) -> Result<(), HomogenizeError> {
+    let nyquist = resolution as f64 / 2.0;
+    match section.band_limit {
+        Some(Positive(limit)) if element != Element::Tet && limit > nyquist => {
+            Err(HomogenizeError::Band {
+                limit,
+                nyquist,
+                needed: 2 * limit.ceil() as usize,
+            })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The properties of one cell, from two grids.
