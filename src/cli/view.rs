@@ -9,11 +9,12 @@ use super::kind::FileKind;
 use super::{Answer, Failure, Session};
 use crate::progress::Progress;
 use clap::Args;
-use scene::Scene;
+use scene::{Body, Scene};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+mod absent_keys;
 mod elements;
 mod levels;
 mod live;
@@ -139,6 +140,24 @@ fn prediction(found: &Value) -> String {
     text
 }
 
+/// The numbers of elements, or of components and cavities.
+fn parts_text(body: &Body) -> String {
+    let count =
+        |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
+    if !body.numbers.is_empty() {
+        return count(body.part_count, "element", "elements");
+    }
+    let solids = count(
+        body.part_count - body.cavity_count,
+        "component",
+        "components",
+    );
+    match body.cavity_count {
+        0 => solids,
+        n => format!("{solids}, {}", count(n, "cavity", "cavities")),
+    }
+}
+
 fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer {
     let path = output.display().to_string();
     let size = scene.bounds().size();
@@ -148,16 +167,10 @@ fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer 
         let names: Vec<&str> = body.fields.iter().map(|f| f.name.as_str()).collect();
         let _ = writeln!(
             text,
-            "{}: {} triangles, {} {}{}; coloured by {}",
+            "{}: {} triangles, {}; coloured by {}",
             body.name,
             super::run::grouped(body.triangles.len() as u64),
-            body.part_count,
-            if body.numbers.is_empty() {
-                "component"
-            } else {
-                "element"
-            },
-            if body.part_count == 1 { "" } else { "s" },
+            parts_text(body),
             if names.is_empty() {
                 "nothing".into()
             } else {
@@ -170,7 +183,7 @@ fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer 
             .map(|f| json!({ "name": f.name, "unit": f.unit, "range": f.range() }));
         bodies.push(json!({
             "name": body.name, "triangles": body.triangles.len(), "vertices": body.positions.len(),
-            "parts": body.part_count, "closed": body.is_closed, "fields": fields.collect::<Vec<_>>(),
+            "parts": body.part_count, "cavities": body.cavity_count, "closed": body.is_closed, "fields": fields.collect::<Vec<_>>(),
         }));
     }
     let facts = json!({

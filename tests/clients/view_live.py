@@ -20,7 +20,7 @@ from pathlib import Path
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import WebDriverWait
+from selenium.webdriver.support.ui import Select, WebDriverWait
 from view_page import Page, browser
 
 RECIPE = """# A hollow ball beside a block.
@@ -126,6 +126,25 @@ def work(page, folder):
     page.element("op-1").click()
     near(page.rest(), volume(ball=7, hole=0, height=6))
     page.element("op-1").click()
+    near(page.rest(), volume(ball=7, hole=3, height=6))
+
+    # The second operation first: nothing is there to subtract from.
+    mover = page.driver.find_element(By.CSS_SELECTOR, '[data-section="op.1"] .mover')
+    mover.click()
+    sections = [f.get_attribute("data-section") for f in page.driver.find_elements(By.CSS_SELECTOR, '[data-section^="op."]')]
+    assert sections[:2] == ["op.1", "op.0"], sections
+    page.element("undo").click()
+    near(page.rest(), volume(ball=7, hole=3, height=6))
+
+    # A key that the recipe lacks is added, and removed again.
+    adder = Select(page.driver.find_element(By.CSS_SELECTOR, '[aria-label="add a key to band"]'))
+    adder.select_by_value("band.half_width")
+    row = page.driver.find_element(By.CSS_SELECTOR, '[data-key="band.half_width"]')
+    assert row.is_displayed() and "half_width = 3" in page.driver.execute_async_script(
+        "const done = arguments[0]; ask('recipe').then((r) => r.text()).then(done)")
+    near(page.rest(), volume(ball=7, hole=3, height=6))
+    row.find_element(By.CLASS_NAME, "mover").click()
+    assert not row.is_displayed()
     near(page.rest(), volume(ball=7, hole=3, height=6))
 
     # A wrong value is reported beside its key, and the part stays.

@@ -23,6 +23,17 @@ const ACTIVE_SHARE: f64 = 0.3;
 /// Growth of the number of active voxels with their inverse edge: between a surface and a structure as fine as its
 /// band.
 const VOXEL_GROWTH: f64 = 2.3;
+/// Operations that steps of coarse voxels leave out: their widths count voxels, so that coarse ones erase walls, or
+/// they need walls that coarse voxels lack.
+const FINE_OPERATIONS: [&str; 7] = [
+    "gaussian",
+    "mean",
+    "median",
+    "laplacian",
+    "curvature",
+    "keep_largest",
+    "drain",
+];
 /// Ratio of voxel sizes below which a finer step shows nothing new.
 const MIN_REFINEMENT: f64 = 1.25;
 
@@ -32,6 +43,10 @@ struct Step {
     number: usize,
     report: Report,
     sampled: Arc<Sampled>,
+    /// The changes that it is made with.
+    edit: Edit,
+    /// Operations that its coarse voxels leave out.
+    left_out: String,
 }
 
 /// Computes the part of a changed recipe and publishes each step.
@@ -43,6 +58,8 @@ pub(super) fn show(
 ) -> Result<(), Failure> {
     let own = text.with(edit);
     let recipe = Recipe::embedded(text.path(), &own)?;
+    let (coarse_edit, left_out) = text.without(&FINE_OPERATIONS, edit);
+    let coarse_text = text.with(&coarse_edit);
     let own_size = recipe.scale().voxel_size;
     let options = options(work)?;
     let known = work.state().coarse_size;
@@ -55,8 +72,13 @@ pub(super) fn show(
     for number in 1..=LEVEL_VOXELS.len() {
         let is_own = size <= own_size;
         let is_last = is_own || number == LEVEL_VOXELS.len();
-        let coarse = at_voxel_size(text.path(), &own, &recipe, (!is_own).then_some(size))?;
-        let (report, solid) = match run_keeping_solid(&coarse, &options, progress) {
+        let (used, used_edit) = if is_own {
+            (&own, edit)
+        } else {
+            (&coarse_text, &coarse_edit)
+        };
+        let step_recipe = at_voxel_size(text.path(), used, &recipe, (!is_own).then_some(size))?;
+        let (report, solid) = match run_keeping_solid(&step_recipe, &options, progress) {
             // Walls vanish in coarse voxels.
             Err(RunError::Empty(_)) if !is_last => {
                 size = (size / 2.0).max(own_size);
@@ -74,6 +96,12 @@ pub(super) fn show(
             number,
             report,
             sampled: Arc::new(sampled),
+            edit: used_edit.clone(),
+            left_out: if is_own {
+                String::new()
+            } else {
+                left_out.join(", ").replace('_', " ")
+            },
         };
         publish(work, &step, false, progress)?;
         let count = step.report.band.active_voxels.max(1) as f64;
@@ -168,23 +196,26 @@ fn publish(
         .push(["voxel".into(), load::with_unit(size, unit)]);
     let count = crate::cli::run::grouped(report.band.active_voxels);
     scene.facts.push(["active voxels".into(), count]);
+    if !step.left_out.is_empty() {
+        scene.facts.push(["left out".into(), step.left_out.clone()]);
+    }
     let result = json!({
         "step": step.number, "steps": LEVEL_VOXELS.len(), "thickness": has_thickness, "voxelSize": size,
         "unit": unit, "activeVoxels": report.band.active_voxels,
     });
-    let warnings = warnings(work, report);
+    let warnings = warnings(work, report, &step.edit);
     work.publish(&scene, Some(Arc::clone(&step.sampled)), result, progress)?;
     work.state().warnings = warnings;
     Ok(())
 }
 
 /// The warnings of a run, each with the key that it is about.
-fn warnings(work: &Work, report: &Report) -> Vec<Value> {
+fn warnings(work: &Work, report: &Report, edit: &Edit) -> Vec<Value> {
     let Subject::Recipe(text) = &work.subject else {
         return Vec::new();
     };
     let described = report.warnings.iter().map(|w| {
-        let key = text.key_of(&w.message).map(str::to_owned);
+        let key = text.key_of(&w.message, edit).map(str::to_owned);
         let key = key.or_else(|| usual_key(w.code).map(str::to_owned));
         json!({ "code": w.code, "message": w.message, "key": key })
     });
@@ -224,12 +255,12 @@ pub(super) fn run_full(work: &Work, text: &RecipeText, edit: &Edit, number: u64)
             });
             let requirements = report.requirements.iter().map(ToString::to_string);
             json!({
-                "running": false, "files": files.collect::<Vec<_>>(), "warnings": warnings(work, &report),
+                "running": false, "files": files.collect::<Vec<_>>(), "warnings": warnings(work, &report, edit),
                 "requirements": requirements.collect::<Vec<_>>(),
             })
         }
         Err(_) if progress.cancelled() => json!({ "running": false, "cancelled": true }),
-        Err(failure) => json!({ "running": false, "error": work.described(&failure) }),
+        Err(failure) => json!({ "running": false, "error": work.described(&failure, edit) }),
     };
     work.state().full = full;
 }

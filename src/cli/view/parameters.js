@@ -9,7 +9,8 @@ function niceStep(size) {
 }
 
 // Bounds of the slider of a number; the field beside it takes any.
-function sliderRange({ key, kind, value }) {
+function sliderRange({ key, kind, value, first }) {
+  value ??= first;
   if (key.endsWith("volume_fraction")) return [0.02, 0.95, 0.01];
   const reach = 3 * Math.abs(value) || 10;
   const low = value > 0 ? (kind === "integer" ? Math.min(1, value) : value / 5) : -reach;
@@ -20,7 +21,7 @@ function sliderRange({ key, kind, value }) {
 class Parameters {
   // `changed` gets the values that differ from the file's.
   constructor(about, box, changed) {
-    Object.assign(this, { about, changed, past: [], future: [], rows: new Map(), boxes: new Map(), switches: [] });
+    Object.assign(this, { about, changed, past: [], future: [], rows: new Map(), boxes: new Map(), switches: [], adders: [] });
     this.state = this.initial();
     this.settled = this.text();
     this.build(box);
@@ -28,7 +29,7 @@ class Parameters {
 
   initial() {
     const values = Object.fromEntries(this.about.controls.map((c) => [c.key, c.value]));
-    return { values, off: [] };
+    return { values, off: [], order: this.about.operations.map((_, n) => n) };
   }
 
   // What differs from the file.
@@ -37,7 +38,8 @@ class Parameters {
     for (const { key, value } of this.about.controls) {
       if (this.state.values[key] !== value) values[key] = this.state.values[key];
     }
-    return JSON.stringify({ values, off: this.state.off });
+    const { off, order } = this.state;
+    return JSON.stringify(order.every((op, n) => op === n) ? { values, off } : { values, off, order });
   }
 
   build(box) {
@@ -56,6 +58,10 @@ class Parameters {
     for (const control of this.about.controls) {
       if (!control.key.startsWith("op.")) section(nameOf(control.key)).append(this.row(control, nameOf(control.key)));
     }
+    for (const [name, fieldset] of sections) {
+      const absent = this.about.controls.filter((c) => c.first !== undefined && nameOf(c.key) === name);
+      if (absent.length) fieldset.append(this.adder(name, absent));
+    }
     this.about.operations.forEach((op, n) => this.addSwitch(section(`op.${n}`), op, n));
     for (const control of this.about.controls) {
       if (control.key.startsWith("op.")) section(nameOf(control.key)).append(this.row(control, nameOf(control.key)));
@@ -72,7 +78,26 @@ class Parameters {
       this.settle();
     };
     this.switches[n] = input;
-    fieldset.firstChild.replaceChildren(make("label", { title: op.summary }, input, ` ${op.name.replaceAll("_", " ")}`));
+    const name = op.name.replaceAll("_", " ");
+    const mover = (sign, by, words) => {
+      const button = make("button", { type: "button", className: "mover", textContent: sign, title: words });
+      button.setAttribute("aria-label", `${words}: ${name}`);
+      button.onclick = () => { this.move(n, by); button.focus(); };
+      return button;
+    };
+    const movers = this.about.operations.length > 1 ? [mover("\u2191", -1, "earlier"), mover("\u2193", 1, "later")] : [];
+    fieldset.firstChild.replaceChildren(make("label", { title: op.summary }, input, ` ${name}`), ...movers);
+  }
+
+  // Moves an operation among its neighbours.
+  move(n, by) {
+    const order = [...this.state.order];
+    const at = order.indexOf(n);
+    if (at + by < 0 || at + by >= order.length) return;
+    [order[at], order[at + by]] = [order[at + by], order[at]];
+    this.state.order = order;
+    this.preview();
+    this.settle();
   }
 
   row(control, section) {
@@ -95,10 +120,29 @@ class Parameters {
     }
     row.append(field);
     if (unit) row.append(make("span", { className: "unit", textContent: unit }));
+    if (control.first !== undefined) {
+      const remove = make("button", { type: "button", className: "mover", textContent: "\u00d7", title: "remove" });
+      remove.setAttribute("aria-label", `remove ${key}`);
+      remove.onclick = () => { this.state.values[key] = null; this.preview(); this.settle(); };
+      row.append(remove);
+    }
     row.append(make("p", { className: "warning", hidden: true }));
     this.rows.set(key, row);
     if (choices) field.value = control.value;
     return row;
+  }
+
+  // A list of the keys that a section lacks.
+  adder(name, absent) {
+    const select = make("select", { className: "adder" });
+    select.setAttribute("aria-label", `add a key to ${name}`);
+    select.onchange = () => {
+      const control = absent.find((c) => c.key === select.value);
+      if (control) this.set(control.key, control.first);
+      this.settle();
+    };
+    this.adders.push({ select, absent });
+    return select;
   }
 
   field({ key, kind, value, choices }) {
@@ -162,12 +206,13 @@ class Parameters {
 
   // Takes a state as text; unknown keys are left out.
   load(text) {
-    const { values = {}, off = [] } = JSON.parse(text);
+    const { values = {}, off = [], order = [] } = JSON.parse(text);
     this.state = this.initial();
     for (const [key, value] of Object.entries(values)) {
       if (key in this.state.values) this.state.values[key] = value;
     }
     this.state.off = off.filter((n) => n < this.switches.length);
+    if (order.length === this.switches.length && new Set(order).size === order.length) this.state.order = order;
     this.settled = this.text();
     this.preview();
   }
@@ -177,17 +222,37 @@ class Parameters {
       const [row, value] = [this.rows.get(key), this.state.values[key]];
       const field = row.querySelector("[id]");
       const slider = row.querySelector("input[type=range]");
+      row.hidden = value === null;
+      if (row.hidden) continue;
       if (kind === "flag") field.checked = value;
       else if (document.activeElement !== field || kind === "word") field.value = value;
       if (slider) slider.value = value;
+    }
+    for (const { select, absent } of this.adders) {
+      const left = absent.filter((c) => this.state.values[c.key] === null);
+      const names = left.map((c) => new Option(c.key.split(".").at(-1).replaceAll("_", " "), c.key));
+      select.replaceChildren(new Option("add \u2026", ""), ...names);
+      select.hidden = !left.length;
     }
     this.switches.forEach((s, n) => {
       s.checked = !this.state.off.includes(n);
       this.boxes.get(`op.${n}`).classList.toggle("off", !s.checked);
     });
+    this.arrange();
     $("undo").disabled = !this.past.length;
     $("redo").disabled = !this.future.length;
     $("reset").disabled = this.text() === JSON.stringify({ values: {}, off: [] });
+  }
+
+  // Puts the boxes of operations in their order.
+  arrange() {
+    const boxes = this.state.order.map((n) => this.boxes.get(`op.${n}`));
+    const parent = boxes[0]?.parentNode;
+    if (!parent) return;
+    const now = [...parent.children].filter((box) => boxes.includes(box));
+    if (now.every((box, n) => box === boxes[n])) return;
+    const end = now.at(-1).nextSibling;
+    for (const box of boxes) parent.insertBefore(box, end);
   }
 
   // Shows messages beside their keys; returns those without one.

@@ -3,6 +3,7 @@
 //! Values are replaced where they stand and operations are turned into comments, so that comments and line numbers of
 //! the recipe stay. The page sends keys that exist and values of their kinds; other requests are refused.
 
+use super::absent_keys::{AbsentKey, absent_keys};
 use super::schema_words::SchemaWords;
 use crate::cli::Failure;
 use crate::cli::server::Refused;
@@ -67,10 +68,12 @@ struct Operation {
 /// Changes of a recipe.
 #[derive(Clone, Default, PartialEq)]
 pub(super) struct Edit {
-    /// New values as they are written, by key.
+    /// New values as they are written, by key; also of keys that are added.
     literals: BTreeMap<String, String>,
     /// Operations that are off.
     off: BTreeSet<usize>,
+    /// Operations in their new order; empty for that of the file.
+    order: Vec<usize>,
 }
 
 /// A recipe with the places of its values.
@@ -78,6 +81,7 @@ pub(super) struct RecipeText {
     path: PathBuf,
     text: String,
     leaves: Vec<Leaf>,
+    absent: Vec<AbsentKey>,
     operations: Vec<Operation>,
 }
 
@@ -87,7 +91,7 @@ impl RecipeText {
         let recipe = Recipe::read(path, &[])?;
         let text = recipe.source().text();
         let words = SchemaWords::new(recipe.sections().cell.keys().cloned().collect());
-        let (leaves, operations) = {
+        let (leaves, operations, absent) = {
             let table = DeTable::parse(&text)
                 .map_err(|e| Failure::data(path, e.message().to_owned()))?
                 .into_inner();
@@ -97,16 +101,20 @@ impl RecipeText {
                     collect(name.get_ref(), value, &words, &mut leaves);
                 }
             }
-            leaves.sort_by_key(|leaf| leaf.span.start);
+            let mut present = Vec::new();
+            all_keys("", &table, &mut present);
+            leaves.sort_by_key(|leaf: &Leaf| leaf.span.start);
             leaves.truncate(MAX_CONTROLS);
             let ops = table.iter().find(|(name, _)| name.get_ref() == "op");
             (
                 leaves,
                 ops.map_or_else(Vec::new, |(_, ops)| operations(&text, ops)),
+                absent_keys(&text, &present, &words),
             )
         };
         Ok(Self {
             path: path.to_owned(),
+            absent,
             text,
             leaves,
             operations,
@@ -138,6 +146,7 @@ impl RecipeText {
                 "description": leaf.description,
             })
         });
+        let controls = controls.chain(self.absent.iter().map(AbsentKey::control));
         let operations = self
             .operations
             .iter()
@@ -149,15 +158,17 @@ impl RecipeText {
         })
     }
 
-    /// The longest key, or section of keys, that a message names.
-    pub fn key_of(&self, message: &str) -> Option<&str> {
+    /// The longest key, or section of keys, that a message about the changed recipe names; keys are the file's.
+    pub fn key_of(&self, message: &str, edit: &Edit) -> Option<&str> {
+        let message = &self.in_file_order(message, edit);
         let is_named = |key: &&str| {
             message.match_indices(*key).any(|(at, _)| {
                 let rest = &message[at + key.len()..];
                 !rest.starts_with(|c: char| c.is_alphanumeric() || c == '_')
             })
         };
-        let keys = self.leaves.iter().map(|leaf| leaf.key.as_str());
+        let own = self.leaves.iter().map(|leaf| leaf.key.as_str());
+        let keys = own.chain(self.absent.iter().map(|k| k.key.as_str()));
         let parents = keys
             .clone()
             .flat_map(|key| key.match_indices('.').map(|(at, _)| &key[..at]));
@@ -165,12 +176,64 @@ impl RecipeText {
         sections.filter(is_named).max_by_key(|key| key.len())
     }
 
-    /// The changes that a page sends: `{ "values": { KEY: VALUE }, "off": [N] }`.
+    /// The operations of the file in the order of the changed recipe, those that are off included.
+    fn ordered(&self, edit: &Edit) -> Vec<usize> {
+        if edit.order.is_empty() {
+            return (0..self.operations.len()).collect();
+        }
+        edit.order.clone()
+    }
+
+    /// The changes with operations of these names off, and the names of those that were on.
+    pub fn without(&self, names: &[&str], edit: &Edit) -> (Edit, Vec<String>) {
+        let mut changed = edit.clone();
+        let mut left_out: Vec<String> = Vec::new();
+        for (n, op) in self.operations.iter().enumerate() {
+            if names.contains(&op.name.as_str()) && changed.off.insert(n) {
+                left_out.push(op.name.clone());
+            }
+        }
+        left_out.dedup();
+        (changed, left_out)
+    }
+
+    /// A message with the numbers of operations (`op.N`) of the file instead of those of the changed recipe.
+    fn in_file_order(&self, message: &str, edit: &Edit) -> String {
+        let order = self.ordered(edit);
+        let active: Vec<usize> = order
+            .into_iter()
+            .filter(|n| !edit.off.contains(n))
+            .collect();
+        let mut parts = message.split("op.");
+        let mut text = parts.next().unwrap_or_default().to_owned();
+        for part in parts {
+            let digits = part.len() - part.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+            let own = part[..digits]
+                .parse()
+                .ok()
+                .and_then(|n: usize| active.get(n));
+            text += "op.";
+            match own {
+                Some(n) => text += &n.to_string(),
+                None => text += &part[..digits],
+            }
+            text += &part[digits..];
+        }
+        text
+    }
+
+    /// The changes that a page sends: `{ "values": { KEY: VALUE }, "off": [N], "order": [N] }`.
     pub fn edit(&self, sent: &str) -> Result<Edit, Refused> {
         let sent: Value = serde_json::from_str(sent)
             .map_err(|e| Refused::new(format!("found text that is no object: {e}")))?;
         let mut edit = Edit::default();
         for (key, value) in sent["values"].as_object().into_iter().flatten() {
+            if self.absent.iter().any(|k| k.key == *key) {
+                let kind = Kind::Number { is_integer: false };
+                edit.literals
+                    .insert(key.clone(), literal(key, &kind, value)?);
+                continue;
+            }
             let leaf = self.leaves.iter().find(|leaf| leaf.key == *key);
             let leaf = leaf.ok_or_else(|| {
                 Refused::new(format!("found the key {key:?}; expected one of the page"))
@@ -189,6 +252,22 @@ impl RecipeText {
                 ))
             })?);
         }
+        if let Some(sent) = sent["order"].as_array() {
+            let count = self.operations.len();
+            let order: Vec<usize> = sent
+                .iter()
+                .map_while(|n| n.as_u64().map(|n| n as usize))
+                .collect();
+            let distinct: BTreeSet<usize> = order.iter().copied().filter(|n| *n < count).collect();
+            if sent.len() != count || distinct.len() != count {
+                return Err(Refused::new(format!(
+                    "found another order of operations; expected each of {count} once"
+                )));
+            }
+            if !order.is_sorted() {
+                edit.order = order;
+            }
+        }
         Ok(edit)
     }
 
@@ -203,21 +282,52 @@ impl RecipeText {
         }
         // Values are on one line, so that replacements keep the number of lines.
         let line_of = |at: usize| self.text[..at].matches('\n').count();
-        let off: Vec<Range<usize>> = edit
-            .off
+        let blocks: Vec<Range<usize>> = self
+            .operations
             .iter()
-            .map(|&n| &self.operations[n].span)
-            .map(|span| line_of(span.start)..line_of(span.end) + 1)
+            .map(|op| line_of(op.span.start)..line_of(op.span.end) + 1)
             .collect();
-        let lines = text.split_inclusive('\n').enumerate().map(|(n, line)| {
-            let is_off = off.iter().any(|lines| lines.contains(&n));
-            if is_off && !line.trim().is_empty() {
-                format!("# {line}")
-            } else {
-                line.to_owned()
+        let lines: Vec<&str> = text.split_inclusive('\n').collect();
+        let order = self.ordered(edit);
+        let mut out = String::with_capacity(text.len());
+        let mut n = 0;
+        while n < lines.len() {
+            // Each operation stands where one stood, with what is between them in its place.
+            let Some(slot) = blocks.iter().position(|b| b.start == n) else {
+                out += lines[n];
+                n += 1;
+                continue;
+            };
+            let own = order[slot];
+            for line in &lines[blocks[own].clone()] {
+                let is_off = edit.off.contains(&own) && !line.trim().is_empty();
+                out += if is_off { "# " } else { "" };
+                out += line;
+                // The last line of the file may have no end.
+                out += if line.ends_with('\n') { "" } else { "\n" };
             }
-        });
-        lines.collect()
+            n = blocks[slot].end;
+        }
+        if !text.ends_with('\n') && out.ends_with('\n') {
+            out.pop();
+        }
+        for k in &self.absent {
+            if let Some(literal) = edit.literals.get(&k.key) {
+                k.add(&mut out, literal);
+            }
+        }
+        out
+    }
+}
+
+/// Collects the keys of a table and of the tables in it.
+fn all_keys(above: &str, table: &DeTable, keys: &mut Vec<String>) {
+    for (name, value) in table {
+        let key = format!("{above}{}", name.get_ref());
+        if let DeValue::Table(inner) = value.get_ref() {
+            all_keys(&format!("{key}."), inner, keys);
+        }
+        keys.push(key);
     }
 }
 

@@ -66,6 +66,8 @@ pub(super) struct Body {
     /// Rows of the list of parts.
     pub rows: Vec<Value>,
     pub part_count: usize,
+    /// Number of components that are walls of cavities.
+    pub cavity_count: usize,
 }
 
 /// All that a page shows.

@@ -43,6 +43,8 @@ pub(super) fn body(
     body.is_closed = is_closed;
     body.parts = sources.iter().map(|&v| component_of[v as usize]).collect();
     body.part_count = components.len();
+    let cavities = components.iter().filter(|c| is_closed && c.volume < 0.0);
+    body.cavity_count = cavities.count();
     let listed = components.iter().take(MAX_LISTED_COMPONENTS);
     body.rows = listed.map(|c| row(c, is_closed)).collect();
     if options.has_thickness && is_closed {

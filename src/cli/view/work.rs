@@ -201,7 +201,7 @@ impl<'a> Work<'a> {
             if let Err(failure) = done
                 && !progress.cancelled()
             {
-                state.error = Some(self.described(&failure));
+                state.error = Some(self.described(&failure, &edit));
                 state.coarse_size = None;
             }
             if state.wanted.is_none() {
@@ -231,10 +231,10 @@ impl<'a> Work<'a> {
     }
 
     /// A failure for the page, with the key that it is about.
-    pub fn described(&self, failure: &Failure) -> Value {
+    pub fn described(&self, failure: &Failure, edit: &Edit) -> Value {
         let message = failure.message();
         let key = match &self.subject {
-            Subject::Recipe(recipe) => recipe.key_of(message),
+            Subject::Recipe(recipe) => recipe.key_of(message, edit),
             Subject::File => None,
         };
         json!({ "message": message, "hint": failure.advice(), "key": key })

@@ -1,0 +1,59 @@
+//! Changes of a recipe that move operations and add keys.
+
+use super::{Place, RECIPE, Served};
+use serde_json::{Value, json};
+
+#[test]
+fn operations_change_places_and_keys_are_added() {
+    let place = Place::with(RECIPE);
+    let served = Served::new(&place, &["view", "r.toml"]);
+    let controls: Value = serde_json::from_slice(&served.get("controls").1).unwrap();
+    let list = controls["controls"].as_array().unwrap();
+    // Operations change places with their values; a key that the recipe lacks comes after the header of its section.
+    let changed = |sent: Value| {
+        let (status, body) = served.post("set", &sent.to_string());
+        let text = if status == 200 {
+            served.get("recipe").1
+        } else {
+            body
+        };
+        (status, String::from_utf8(text).unwrap())
+    };
+    let values = json!({ "op.1.subtract.capsule.radius": 1 });
+    let (_, text) = changed(json!({ "values": values, "order": [1, 0] }));
+    let [subtract, union] = ["subtract", "union"].map(|op| text.find(op).unwrap());
+    assert!(subtract < union && text.contains("\"1mm\""), "{text}");
+    served.at_rest();
+    let absent = list.iter().find(|c| c["key"] == "band.half_width").unwrap();
+    assert_eq!(
+        [&absent["value"], &absent["first"]],
+        [&Value::Null, &json!(3.0)]
+    );
+    let (_, text) = changed(json!({ "values": { "band.half_width": 4 } }));
+    assert!(text.contains("[band]\nhalf_width = 4\n"), "{text}");
+    assert_eq!(served.at_rest()["error"], Value::Null);
+    let (status, text) = changed(json!({ "order": [0, 2] }));
+    assert!(status == 422 && text.contains("each of 2 once"), "{text}");
+    served.quit();
+}
+
+/// A wall of one and a half voxels of the first step, smoothed by a voxel of the recipe.
+const WALL: &str = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.1\n\
+    [[op]]\nunion = { box = { size = [60, 60, 60] } }\n[[op]]\nhollow = { thickness = 1.2 }\n\
+    [[op]]\ngaussian = 1\n[[op]]\nkeep_largest = true\n[[output]]\nvdb = \"wall.vdb\"\n";
+
+#[test]
+fn coarse_steps_leave_out_what_would_erase_walls() {
+    let place = Place::with(WALL);
+    let served = Served::new(&place, &["view", "r.toml", "--no-thickness"]);
+    let state = served.until(|state| state["number"].as_u64().unwrap() > 0);
+    assert_eq!(state["result"]["step"], 1, "{state}");
+    assert!(
+        state["result"]["voxelSize"].as_f64().unwrap() > 0.5,
+        "{state}"
+    );
+    let exact = 60f64.powi(3) - 57.6f64.powi(3);
+    let found = served.volume();
+    assert!((found / exact - 1.0).abs() < 0.3, "{found} {exact}");
+    served.quit();
+}
