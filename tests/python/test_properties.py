@@ -41,7 +41,7 @@ def test_tensors_have_cubic_form_and_keep_the_bounds():
 
 def test_a_laminate_has_its_closed_form():
     """Layers across z: conductivities in series across them, in parallel along them."""
-    cell = druse.Cell.formula("abs(z) - 0.2", element="hex", group="D4h", band_limit=6)
+    cell = druse.Cell.formula("0.3 - cos(2*pi*z)", element="hex", group="D4h", band_limit=2)
     found = cell.homogenize(32, void=0.5, only="conductivity", sharp=True)
     share, k = found["volume_fraction"], found["conductivity"]
     assert 0.2 < share < 0.6
@@ -116,10 +116,10 @@ def test_a_target_makes_a_cell():
     assert len(again.report["design"]["history"]) > len(design["history"])
     assert pickle.loads(pickle.dumps(cell)) == cell
     plain = druse.Cell.surface("schwarz_p", element="hex").with_volume_fraction(0.25)
-    met = druse.design(TARGET, volume_fraction=0.4, band_limit=2.3, match=plain)
+    met = druse.design(TARGET, volume_fraction=0.4, band_limit=3.2, match=plain)
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (50, 3))
     points[:, 0] = 0.5
-    assert np.abs(met(points) - met.level - (plain(points) - plain.level)).max() < 1e-9
+    assert np.abs(met(points) - plain(points)).max() < 1e-9
 
 
 def test_bad_targets():

@@ -84,21 +84,14 @@ def test_errors_have_places_and_advice(tmp_path):
         druse.run({**BALL, "x": object()})
 
 
-def test_warnings_go_to_the_logger(caplog, tmp_path):
-    recipe = {
-        "druse": 1,
-        "cell": {"a": {"formula": "x + 0.1"}},
-        "scaffold": {"box": {"size": [4, 4, 4], "cells": [2, 2, 2]}},
-        "tiling": {"cell": "a"},
-        "band": {"voxel_size": 0.2},
-    }
+def test_warnings_go_to_the_logger(caplog):
+    ball = {"sphere": {"radius": 2, "centre": [20, 0, 0]}}
     with caplog.at_level(logging.INFO, logger="druse"):
-        try:
-            druse.run(recipe)
-        except druse.Error:
-            pass
-    druse.Cell.graph("bcc", element="hex", radius=0.1, band_limit=4)
-    assert all(record.name == "druse" for record in caplog.records)
+        part = druse.run({**BALL, "op": [*BALL["op"], {"union": ball}]})
+    assert part.report["solid"]["components"] == 2
+    warnings = [r for r in caplog.records if r.levelno == logging.WARNING]
+    assert any("W106" in r.getMessage() for r in warnings), caplog.text
+    assert all(r.name == "druse" for r in caplog.records)
 
 
 def test_progress_is_a_function():

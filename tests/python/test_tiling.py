@@ -58,7 +58,7 @@ def test_other_elements_are_left_out_and_voxels_are_hexahedra():
     )
     own = druse.Scaffold.of(grid)
     assert len(own) == 1 and own.volume == pytest.approx(2) and own.fields["E"].tolist() == [7]
-    with pytest.raises(druse.ArgumentError, match="VTK type 5"):
+    with pytest.raises(druse.ArgumentError, match="surface element"):
         druse.Scaffold.of(types.SimpleNamespace(
             points=corners, offset=[0, 3], cell_connectivity=[0, 1, 2], celltypes=[5], point_data={}, cell_data={}
         ))
@@ -69,7 +69,10 @@ def test_files_and_surfaces_of_scaffolds(block, tmp_path):
     fields = {"T": np.arange(len(block.nodes)), "S": np.arange(16.0).reshape(8, 2)}
     druse.Scaffold(block.nodes, {"hexahedron": rows}, fields).save(tmp_path / "block.vtu")
     read = druse.Scaffold.read(tmp_path / "block.vtu")
-    assert np.array_equal(read.nodes, block.nodes) and np.array_equal(read.fields["T"], fields["T"])
+    # Nodes are numbered as elements use them, fields with them.
+    order, own = (np.lexsort(s.nodes.T) for s in (read, block))
+    assert np.array_equal(read.nodes[order], block.nodes[own])
+    assert np.array_equal(read.fields["T"][order], fields["T"][own])
     assert np.array_equal(read.fields["S_1"], fields["S"][:, 1])
     surface = block.surface()
     assert surface.volume == pytest.approx(1000) and surface.area == pytest.approx(600)
@@ -145,6 +148,18 @@ def test_thickness_is_in_world_units(block, schwarz):
     assert thick.volume - thin.volume == pytest.approx(0.3 * area, rel=0.1)
 
 
+def mesh_volume(part):
+    vertices, faces = part.mesh()
+    triangles = vertices[np.asarray(faces)]
+    return np.linalg.det(triangles).sum() / 6
+
+
+def assert_same_leaves(part, other):
+    (origins, values, active), (same, others, masks) = part.leaves(), other.leaves()
+    assert np.array_equal(origins, same) and np.array_equal(active, masks)
+    assert np.abs(values - others).max() < 1e-6
+
+
 def test_struts_are_round_beams_of_a_diameter_in_space():
     """An element twice as long along x: the struts stay round."""
     scaffold = druse.Scaffold.box([20, 10, 10], [1, 1, 1])
@@ -153,20 +168,20 @@ def test_struts_are_round_beams_of_a_diameter_in_space():
     points = np.random.default_rng(5).uniform([2, 4, 4], [7, 6, 6], (400, 3))
     exact = np.hypot(points[:, 1] - 5, points[:, 2] - 5) - 0.75
     assert np.abs(tiling.distance(points, half_width=3.0) - exact).max() < 0.02
-    part = tiling.level_set(voxel_size=0.25)
+    part = tiling.level_set(voxel_size=0.125)
     # Three cylinders of lengths 20, 10 and 10. Pairs share 16/3 r^3 each, all three 8 (2 - sqrt 2) r^3.
     radius = 0.75
     volume = np.pi * radius**2 * 40 - 3 * 16 / 3 * radius**3 + 8 * (2 - np.sqrt(2)) * radius**3
-    assert part.volume == pytest.approx(volume, rel=0.02)
+    assert mesh_volume(part) == pytest.approx(volume, rel=0.02)
     again = pickle.loads(pickle.dumps(axes))
-    assert druse.Tiling(scaffold, again, thickness=1.5).level_set(voxel_size=0.25).content_hash == part.content_hash
+    assert druse.Tiling(scaffold, again, thickness=1.5).level_set(voxel_size=0.125).content_hash == part.content_hash
     fitted = druse.Cell.graph("axes", element="hex", radius=0.05, band_limit=5, section="fitted")
     stretched = druse.Tiling(scaffold, fitted, thickness=1.5).distance(points, half_width=3.0)
     assert np.abs(stretched - exact).max() > 0.1
 
 
 def test_round_beams_and_sheets_are_those_of_a_recipe(block):
-    """The same bytes as a run of the same recipe."""
+    """The same leaves as a run of the same recipe, but for rounding in the arrays of nodes."""
     recipe = {
         "druse": 1,
         "cell": {"a": {"graph": "octet"}},
@@ -179,11 +194,11 @@ def test_round_beams_and_sheets_are_those_of_a_recipe(block):
     assert own.volume == pytest.approx(druse.run(recipe, brief=True).volume, rel=1e-3)
     recipe["tiling"]["thickness"] = 0.9
     constant = druse.Tiling(block, struts, thickness=0.9).level_set(voxel_size=0.2)
-    assert constant.content_hash == druse.run(recipe, brief=True).content_hash
+    assert_same_leaves(constant, druse.run(recipe, brief=True))
     recipe["cell"]["a"] = {"surface": "iwp", "element": "hex", "solid": "sheet"}
     sheet = druse.Cell.surface("iwp", element="hex").sheet(0.2)
     walls = druse.Tiling(block, sheet, thickness=0.9).level_set(voxel_size=0.2)
-    assert walls.content_hash == druse.run(recipe, brief=True).content_hash
+    assert_same_leaves(walls, druse.run(recipe, brief=True))
 
 
 def test_graded_struts_and_blends_of_graphs(block):
@@ -198,7 +213,7 @@ def test_graded_struts_and_blends_of_graphs(block):
     assert thin < graded < thick
     struts = druse.Cell.graph("octet", element="hex", band_limit=4, section="round")
     filled = druse.Tiling(block, struts, volume_fraction=0.25)
-    assert filled.level_set(voxel_size=0.2).volume == pytest.approx(250, rel=0.02)
+    assert mesh_volume(filled.level_set(voxel_size=0.1)) == pytest.approx(250, rel=0.02)
     with pytest.raises(druse.Error, match="thickness"):
         druse.Tiling(block, cells[0], thickness=-1)
 
