@@ -59,6 +59,7 @@ pub(super) fn read(path: &Path) -> Result<ElementFile, ReadError> {
     }
     let mut collector = Collector::new(path);
     collector.notes.extend(note);
+    collector.notes.extend(geometry.hidden_text());
     collector.skipped = geometry.surfaces.iter().map(|p| p.counts.len()).sum();
     let (mut points, mut elements) = (0u64, 0u32);
     for part in &geometry.solids {
@@ -255,16 +256,17 @@ impl Geometry {
         Ok(())
     }
 
+    /// What is left out, in words.
+    fn hidden_text(&self) -> Option<String> {
+        let count = self.hidden;
+        (count > 0)
+            .then(|| format!("{count} meshes that are invisible, guides or proxies; left out"))
+    }
+
     /// The polygons of the surfaces.
     fn soup(self, layer: &Layer) -> Result<Soup, ReadError> {
         let mut soup = Soup::default();
-        if self.hidden > 0 {
-            let text = format!(
-                "{} meshes that are invisible, guides or proxies; left out",
-                self.hidden
-            );
-            soup.warnings.push(text);
-        }
+        soup.warnings.extend(self.hidden_text());
         soup.fields = common_fields(&self.surfaces);
         for part in self.surfaces {
             let (first, first_face) = (soup.vertices.len() as u32, soup.faces.len() as u32);
@@ -409,7 +411,8 @@ impl Part {
                 _ => continue,
             };
             let is_indexed = prim.properties.contains_key(&format!("{name}:indices"));
-            let components = values.len() / count;
+            // A mesh may have no faces.
+            let components = values.len().checked_div(count).unwrap_or(0);
             if is_indexed || components == 0 || components * count != values.len() {
                 continue;
             }

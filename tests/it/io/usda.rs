@@ -306,6 +306,9 @@ fn faults_have_a_line_and_a_way_out() {
         assert!(message.contains(found), "{message}\n{text}");
         assert!(message.contains(advice), "{message}\n{text}");
     }
+    let no_faces = "def Mesh \"a\" {\npoint3f[] points = [(0, 0, 0)]\nint[] faceVertexCounts = []\n\
+        int[] faceVertexIndices = []\nfloat[] primvars:x = [1] ( interpolation = \"uniform\" )\n}";
+    assert!(failure("a.usda", layer(no_faces)).contains("no triangles"));
     let deep = format!(
         "{}{}",
         "def Xform \"a\" { ".repeat(200_000),
