@@ -256,7 +256,7 @@ impl Geometry {
         Ok(())
     }
 
-    /// What is left out, in words.
+    /// The types of prims that are left out, in words.
     fn hidden_text(&self) -> Option<String> {
         let count = self.hidden;
         (count > 0)

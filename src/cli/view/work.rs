@@ -34,7 +34,7 @@ pub(super) struct Published {
 pub(super) struct State {
     /// Changes that are to be computed.
     wanted: Option<Edit>,
-    /// The changes that the page shows.
+    /// The last changes, computed or not: what is saved and run.
     pub edit: Edit,
     pub is_busy: bool,
     pub published: Option<Published>,
@@ -153,6 +153,8 @@ impl<'a> Work<'a> {
     pub fn change(&self, edit: Edit) {
         let mut state = self.state();
         self.preview.next();
+        // At once, so that the recipe that is saved or run next has these changes.
+        state.edit = edit.clone();
         state.wanted = Some(edit);
         state.is_busy = true;
         self.changed.notify_all();
@@ -218,7 +220,6 @@ impl<'a> Work<'a> {
                 return None;
             }
             if let Some(edit) = state.wanted.take() {
-                state.edit = edit.clone();
                 state.error = None;
                 state.estimate = None;
                 return Some((edit, self.preview.current.load(Ordering::Relaxed)));
