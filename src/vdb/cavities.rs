@@ -18,6 +18,7 @@ use crate::progress::{Cancelled, Progress};
 use crate::union_find::UnionFind;
 use std::collections::BTreeMap;
 
+mod ascent;
 mod basins;
 mod blocks;
 mod distances;

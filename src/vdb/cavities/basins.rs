@@ -1,14 +1,13 @@
 //! Basins of one block: local maxima of the distance, and the levels at which they meet.
 
 use super::MIN_PROMINENCE;
+use super::ascent::{self, Meeting, UNLABELLED};
 use super::distances::BoxDistances;
 use crate::band::BLOCK;
 use crate::frame::Coord;
 use crate::union_find::UnionFind;
 
 const EDGE: usize = BLOCK as usize;
-/// Label of a voxel without basin.
-const UNLABELLED: u32 = u32::MAX;
 
 /// The voxels whose steepest ascent ends in one local maximum.
 #[derive(Clone, Copy, Debug)]
@@ -72,36 +71,44 @@ impl BlockBasins {
 
     /// The basins of a block with these distances.
     pub fn of(space: &BoxDistances, origin: Coord, reach: f32) -> Self {
-        let distances = &space.values;
+        let parents = ascent::parents(space);
+        let rest = EDGE.pow(3) - space.values.len();
+        let mut maxima = ascent::maxima(space, &parents);
+        maxima.sort_unstable_by_key(|&n| space.order(n));
+        let first = u32::from(rest > 0);
+        let labels = ascent::labels(&parents, &maxima, first);
+        let place = |n: u32| {
+            let [x, y, z] = space.position(n as usize).map(|c| c as i32);
+            origin.offset(x, y, z)
+        };
+        let basin = |depth, place, voxels| Basin {
+            voxels,
+            depth,
+            place,
+        };
+        let outer = (rest > 0).then(|| basin(reach, origin, rest as u64));
+        let inner = maxima.iter();
+        let inner = inner.map(|&n| basin(space.values[n as usize], place(n), 0));
+        let mut basins: Vec<Basin> = outer.into_iter().chain(inner).collect();
+        for &label in labels.iter().filter(|l| **l != UNLABELLED) {
+            basins[label as usize].voxels += 1;
+        }
         let mut growth = BlockGrowth {
             space,
-            origin,
-            labels: vec![UNLABELLED; distances.len()],
-            sets: UnionFind::new(0),
-            basins: Vec::new(),
+            sets: UnionFind::new(basins.len()),
+            alias: (0..basins.len() as u32).collect(),
+            first_at_face: first_at_faces(space, &labels, basins.len()),
+            labels,
+            basins,
             edges: Vec::new(),
-            alias: Vec::new(),
-            is_at_face: Vec::new(),
         };
-        if distances.len() < EDGE.pow(3) {
-            // The rest of the block is basin 0.
-            let rest = EDGE.pow(3) - distances.len();
-            growth.begin(reach, origin);
-            growth.basins[0].voxels = rest as u64;
-            growth.is_at_face[0] = true;
+        if rest > 0 {
+            growth.first_at_face[0] = 0;
         }
-        let mut order: Vec<u64> = Vec::new();
-        for (n, &d) in distances.iter().enumerate() {
-            if d >= reach {
-                growth.add_wide(n);
-            } else if d >= 0.0 {
-                // Bits of positive numbers ascend with them.
-                order.push(u64::from(!d.to_bits()) << 32 | n as u64);
-            }
-        }
-        order.sort_unstable();
-        for key in order {
-            growth.add((key & 0xffff_ffff) as usize);
+        let mut meetings = ascent::meetings(space, &growth.labels);
+        meetings.sort_unstable_by_key(|m| (m.order, m.side));
+        for meeting in meetings {
+            growth.join(&meeting, place(meeting.order as u32));
         }
         growth.finish()
     }
@@ -115,162 +122,60 @@ impl BlockBasins {
     }
 }
 
-/// The state while voxels are added in falling distance.
+/// For each basin, the order of its first voxel on a face of the block; `u64::MAX` without any.
+fn first_at_faces(space: &BoxDistances, labels: &[u32], basins: usize) -> Vec<u64> {
+    let [ex, ey, ez] = space.edges;
+    let at_face = |axis: usize, at: usize| [0, EDGE - 1].contains(&(space.low[axis] + at));
+    let mut first = vec![u64::MAX; basins];
+    let mut see = |n: usize| {
+        if let Some(found) = first.get_mut(labels[n] as usize) {
+            *found = space.order(n as u32).min(*found);
+        }
+    };
+    for x in 0..ex {
+        for y in 0..ey {
+            let line = (x * ey + y) * ez;
+            if at_face(0, x) || at_face(1, y) {
+                (line..line + ez).for_each(&mut see);
+            } else {
+                let ends = [0, ez - 1].into_iter().filter(|&z| at_face(2, z));
+                ends.for_each(|z| see(line + z));
+            }
+        }
+    }
+    first
+}
+
+/// The state while basins are joined in falling level.
 struct BlockGrowth<'a> {
     space: &'a BoxDistances,
-    origin: Coord,
     /// Basin of each voxel of the box.
     labels: Vec<u32>,
-    /// Components of basins. Basins begin in falling depth, so that the least one of a component is the
+    /// Components of basins. Basins are in order of their maxima, so that the least one of a component is the
     /// deepest.
     sets: UnionFind,
     basins: Vec<Basin>,
     edges: Vec<Edge>,
     /// For a basin that is not deeper than noise, a basin that takes its voxels; else the basin itself.
     alias: Vec<u32>,
-    /// Whether a component, by its least basin, has a voxel on a face of the block.
-    is_at_face: Vec<bool>,
+    /// The order of the first voxel on a face of the block of a component, by its least basin.
+    first_at_face: Vec<u64>,
 }
 
 impl BlockGrowth<'_> {
-    /// The neighbours of voxel `n` in the box.
-    fn neighbours(&self, n: usize) -> impl Iterator<Item = usize> + use<> {
-        let [ex, ey, ez] = self.space.edges;
-        // In 32 bits, since this divides once for every voxel of the void.
-        let (row, z) = (n as u32 / ez as u32, n as u32 % ez as u32);
-        let (x, y) = (row / ey as u32, row % ey as u32);
-        [(ey * ez, x, ex), (ez, y, ey), (1, z, ez)]
-            .into_iter()
-            .flat_map(move |(step, at, edge)| {
-                let before = (at > 0).then(|| n - step);
-                let after = (at as usize + 1 < edge).then(|| n + step);
-                before.into_iter().chain(after)
-            })
-    }
-
-    /// Position of voxel `n` in the block.
-    fn position(&self, n: usize) -> [usize; 3] {
-        let (low, [_, ey, ez]) = (self.space.low, self.space.edges);
-        [
-            low[0] + n / (ey * ez),
-            low[1] + n / ez % ey,
-            low[2] + n % ez,
-        ]
-    }
-
-    /// Begins a basin.
-    fn begin(&mut self, depth: f32, place: Coord) -> u32 {
-        let label = self.sets.extend(1) as u32;
-        self.alias.push(label);
-        self.is_at_face.push(false);
-        self.basins.push(Basin {
-            voxels: 0,
-            depth,
-            place,
-        });
-        label
-    }
-
-    /// Adds the next voxel that is farther from the solid than is measured; all before it are added. Its neighbours
-    /// are equally far, so that those before it suffice.
-    fn add_wide(&mut self, n: usize) {
-        let [_, ey, ez] = self.space.edges;
-        let level = self.space.values[n];
-        let at = [n / (ey * ez), n / ez % ey, n % ez];
-        let before: [u32; 3] = std::array::from_fn(|a| {
-            let step = [ey * ez, ez, 1][a];
-            if at[a] > 0 {
-                self.labels[n - step]
-            } else {
-                UNLABELLED
-            }
-        });
-        let place = |own: &Self| {
-            let [x, y, z] = own.position(n).map(|c| c as i32);
-            own.origin.offset(x, y, z)
-        };
-        let label = match before.iter().find(|l| **l != UNLABELLED) {
-            Some(&label) => label,
-            None => self.begin(level, place(self)),
-        };
-        self.labels[n] = label;
-        self.basins[label as usize].voxels += 1;
-        for other in before {
-            if other != UNLABELLED && other != label {
-                self.join(label, other, level, place(self));
-            }
-        }
-        let (low, edges) = (self.space.low, self.space.edges);
-        let is_last = |a: usize| at[a] + 1 == edges[a];
-        if !(0..3).any(|a| at[a] == 0 || is_last(a)) {
-            return;
-        }
-        let ends = |a: usize| (low[a] + at[a] == 0) || (low[a] + at[a] == EDGE - 1);
-        if (0..3).any(ends) {
-            let root = self.sets.find(label as usize);
-            self.is_at_face[root] = true;
-        }
-        let meets_rest =
-            |a: usize| (at[a] == 0 && low[a] > 0) || (is_last(a) && low[a] + edges[a] < EDGE);
-        if (0..3).any(meets_rest) {
-            self.join(label, 0, level, place(self));
-        }
-    }
-
-    /// Adds a voxel to the basin of its highest neighbour, and joins the components of all neighbours.
-    fn add(&mut self, n: usize) {
-        let distances = &self.space.values;
-        let level = distances[n];
-        let mut highest: Option<usize> = None;
-        for m in self.neighbours(n) {
-            let is_higher = |k: usize| {
-                let (d, best) = (distances[m], distances[k]);
-                d > best || (d == best && m < k)
-            };
-            if self.labels[m] != UNLABELLED && highest.is_none_or(is_higher) {
-                highest = Some(m);
-            }
-        }
-        let position = self.position(n);
-        let [x, y, z] = position.map(|c| c as i32);
-        let place = self.origin.offset(x, y, z);
-        let label = match highest {
-            Some(m) => self.labels[m],
-            None => self.begin(level, place),
-        };
-        self.labels[n] = label;
-        self.basins[label as usize].voxels += 1;
-        if position.iter().any(|&c| c == 0 || c == EDGE - 1) {
-            let root = self.sets.find(label as usize);
-            self.is_at_face[root] = true;
-        }
-        for m in self.neighbours(n) {
-            if self.labels[m] != UNLABELLED {
-                self.join(label, self.labels[m], level, place);
-            }
-        }
-        let (low, edges) = (self.space.low, self.space.edges);
-        let meets_rest = |a: usize| {
-            let high = low[a] + edges[a];
-            (position[a] == low[a] && low[a] > 0) || (position[a] + 1 == high && high < EDGE)
-        };
-        if (0..3).any(meets_rest) {
-            self.join(label, 0, level, place);
-        }
-    }
-
-    fn join(&mut self, a: u32, b: u32, level: f32, place: Coord) {
-        if a == b {
-            return;
-        }
+    /// Joins the two basins of a meeting at a voxel.
+    fn join(&mut self, meeting: &Meeting, place: Coord) {
+        let [a, b] = meeting.basins;
         let (ra, rb) = (self.sets.find(a as usize), self.sets.find(b as usize));
         if ra == rb {
             return;
         }
         let (deep, shallow) = (ra.min(rb), ra.max(rb));
+        let level = self.space.values[meeting.order as u32 as usize];
         let prominence = self.basins[shallow].depth - level;
         // Without voxels on a face, the component has no other way out at this level.
-        if prominence < MIN_PROMINENCE && !self.is_at_face[shallow] {
+        let is_at_face = self.first_at_face[shallow] <= meeting.order;
+        if prominence < MIN_PROMINENCE && !is_at_face {
             self.alias[shallow] = if shallow == ra { b } else { a };
         } else {
             self.edges.push(Edge {
@@ -279,7 +184,7 @@ impl BlockGrowth<'_> {
                 place,
             });
         }
-        self.is_at_face[deep] |= self.is_at_face[shallow];
+        self.first_at_face[deep] = self.first_at_face[deep].min(self.first_at_face[shallow]);
         self.sets.union(ra, rb);
     }
 

@@ -31,6 +31,32 @@ pub(super) struct BoxDistances {
     pub values: Vec<f32>,
 }
 
+impl BoxDistances {
+    /// Place of a voxel of the void in the order of falling distance, then ascending number, which is its low half.
+    pub fn order(&self, n: u32) -> u64 {
+        // Bits of positive numbers ascend with them.
+        u64::from(!self.values[n as usize].to_bits()) << 32 | u64::from(n)
+    }
+
+    /// Position of voxel `n` of the box in the block.
+    pub fn position(&self, n: usize) -> [usize; 3] {
+        let (low, [_, ey, ez]) = (self.low, self.edges);
+        [
+            low[0] + n / (ey * ez),
+            low[1] + n / ez % ey,
+            low[2] + n % ez,
+        ]
+    }
+
+    /// Whether a voxel of the box has a neighbour in the rest of the block.
+    pub fn meets_rest(&self, at: [usize; 3]) -> bool {
+        (0..3).any(|a| {
+            let high = self.low[a] + self.edges[a];
+            (at[a] == 0 && self.low[a] > 0) || (at[a] + 1 == self.edges[a] && high < BLOCK as usize)
+        })
+    }
+}
+
 impl BlockVoid {
     /// Measures the block at `origin`.
     pub fn of<S: LeafSource>(
