@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # The Python package: builds the wheel, copies OpenVDB and its libraries into it, installs it into a bare environment
-# where the system's OpenVDB is out of sight, and runs its tests there.
+# where the system's OpenVDB is out of sight, and runs its tests there; then mypy, and the notebooks.
 #
 #     tests/clients/wheel.sh WORK TARGET PYTHON [full]
 #
 # DRUSE_WHEEL_PROFILE=dev builds with cargo's profile for development, in a fraction of the time.
-# With full, also the notebooks, the types by mypy and the archive of the sources, which take minutes.
+# With full, also from the archive of the sources, which takes minutes.
 # WORK is emptied; TARGET keeps the environments from one run to the next.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -39,9 +39,7 @@ echo "$(basename "$wheel"): $bytes bytes"
 echo "figure: Python: wheel of $((bytes / 1000000)) MB, OpenVDB inside"
 [ "$bytes" -lt $max_wheel_bytes ]
 
-packages=(numpy==2.4.6 pytest==9.2.0 hypothesis==6.170.17)
-[ "$mode" != full ] || packages+=(mypy==2.4.1)
-environment wheel-bare "${packages[@]}"
+environment wheel-bare numpy==2.4.6 pytest==9.2.0 hypothesis==6.170.17 mypy==2.4.1
 bare=$(realpath "$target/wheel-bare/bin")
 "$bare/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
 
@@ -66,15 +64,14 @@ tests=$PWD/tests/python
 cd "$work"
 hidden "$bare/python" -m pytest -q -p no:cacheprovider -s --ignore "$tests/test_notebooks.py" "$tests"
 DRUSE=$program "$bare/python" -m pytest -q -p no:cacheprovider -k command_line "$tests"
+"$bare/python" -m mypy --strict --cache-dir "$work/mypy" --config-file "" "$tests/typed_use.py"
+cd "$tests/../.."
+environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0 meshio==5.3.5 trimesh==5.2.0
+notebooks=$(realpath "$target/wheel-notebooks/bin")
+"$notebooks/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
+"$notebooks/python" -m pytest -q -p no:cacheprovider "$tests/test_notebooks.py"
+"$notebooks/python" -m pytest -q -p no:cacheprovider -k real_packages "$tests/test_mesh.py" "$tests/test_tiling.py"
 if [ "$mode" = full ]; then
-    "$bare/python" -m mypy --strict --cache-dir "$work/mypy" --config-file "" "$tests/typed_use.py"
-    cd "$tests/../.."
-    environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0 \
-        meshio==5.3.5 trimesh==5.2.0
-    notebooks=$(realpath "$target/wheel-notebooks/bin")
-    "$notebooks/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
-    "$notebooks/python" -m pytest -q -p no:cacheprovider "$tests/test_notebooks.py"
-    "$notebooks/python" -m pytest -q -p no:cacheprovider -k real_packages "$tests/test_mesh.py" "$tests/test_tiling.py"
     # The archive of the sources builds too.
     "$tools/maturin" sdist --out "$work/sdist"
     "$tools/python" -m pip wheel -q --disable-pip-version-check --no-deps -w "$work/from_sdist" "$work"/sdist/*.tar.gz
