@@ -109,6 +109,7 @@ pub use measures::Measures;
 pub use memory::{peak_memory, resident_memory};
 pub use on_disk::{StoredRemoval, StoredSegments};
 pub(crate) use on_disk::{stored_components, stored_voids};
+pub(crate) use ops::MAX_FILTER_WIDTH;
 pub use remove_components::{ComponentSelection, REMOVAL_REACH, RemovedComponents};
 pub use render::{Image, Picture};
 pub(crate) use render_parts::render_parts;

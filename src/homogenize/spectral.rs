@@ -28,17 +28,30 @@ pub(super) struct Spectral<const C: usize> {
     planes: Vec<Complex32>,
 }
 
+/// Edge of the square parts that are transposed in registers.
+const TILE: usize = 8;
+
 /// Transposes a matrix: `from` has rows of `width` numbers.
 fn transpose(from: &[Complex32], width: usize, to: &mut [Complex32]) {
-    const TILE: usize = 8;
     let height = from.len() / width;
-    for i0 in (0..height).step_by(TILE) {
-        for j0 in (0..width).step_by(TILE) {
-            for j in j0..(j0 + TILE).min(width) {
-                for i in i0..(i0 + TILE).min(height) {
-                    to[j * height + i] = from[i * width + j];
-                }
+    let (whole_height, whole_width) = (height / TILE * TILE, width / TILE * TILE);
+    for i0 in (0..whole_height).step_by(TILE) {
+        for j0 in (0..whole_width).step_by(TILE) {
+            let mut tile = [[Complex32::new(0.0, 0.0); TILE]; TILE];
+            for (row, from) in tile.iter_mut().zip(from[i0 * width..].chunks(width)) {
+                row.copy_from_slice(&from[j0..j0 + TILE]);
             }
+            for (j, to) in to[j0 * height..].chunks_mut(height).take(TILE).enumerate() {
+                let column = tile.map(|row| row[j]);
+                to[i0..i0 + TILE].copy_from_slice(&column);
+            }
+        }
+    }
+    // The margins.
+    for (i, row) in from.chunks(width).enumerate() {
+        let first = if i < whole_height { whole_width } else { 0 };
+        for (j, v) in row.iter().enumerate().skip(first) {
+            to[j * height + i] = *v;
         }
     }
 }
@@ -190,6 +203,21 @@ impl<const C: usize> Spectral<C> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn matrices_of_any_shape_are_transposed() {
+        for (height, width) in [(1, 1), (8, 8), (16, 9), (9, 16), (23, 17), (3, 40)] {
+            let from: Vec<Complex32> = (0..height * width)
+                .map(|n| Complex32::new(n as f32, -1.0))
+                .collect();
+            let mut to = from.clone();
+            transpose(&from, width, &mut to);
+            for (n, v) in to.iter().enumerate() {
+                let (j, i) = (n / height, n % height);
+                assert_eq!(v.re, (i * width + j) as f32, "{height} {width}");
+            }
+        }
+    }
 
     #[test]
     fn the_identity_gives_the_field_back_and_leaves_the_rest() {

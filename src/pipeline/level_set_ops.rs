@@ -172,7 +172,8 @@ fn apply_unary(
     session: Session<'_>,
 ) -> Result<(), VdbError> {
     let kernel = |k: &Kernel| {
-        let width = k.width.voxels(scale).round().clamp(1.0, 4096.0);
+        // Too many are refused there.
+        let width = k.width.voxels(scale).round().max(1.0);
         (width as u32, k.iterations.0)
     };
     match op {

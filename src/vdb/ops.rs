@@ -8,6 +8,11 @@ use super::smooth::is_native;
 use super::{LevelSet, Scheme, Session, VdbError};
 use std::pin::Pin;
 
+/// Greatest width of a filter, voxels; OpenVDB's median fails beyond 645.
+pub(crate) const MAX_FILTER_WIDTH: u32 = 64;
+/// Greatest number of iterations of a filter.
+const MAX_FILTER_ITERATIONS: u32 = 1000;
+
 fn smoothing(width: u32, iterations: u32, session: Session<'_>) -> Smoothing {
     Smoothing {
         width: i32::try_from(width).unwrap_or(i32::MAX),
@@ -73,7 +78,8 @@ impl LevelSet {
     /// Smooths by a Gaussian of `width` voxels (four passes of a box filter), `iterations` times.
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] for a width of 0, [`VdbError::Cancelled`], or errors of OpenVDB.
+    /// [`VdbError::Parameter`] unless the width is 1 to 64 and the iterations at most 1000,
+    /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn gaussian(
         &mut self,
         width: u32,
@@ -135,13 +141,14 @@ impl LevelSet {
         iterations: u32,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        if width == 0 {
+        if !(1..=MAX_FILTER_WIDTH).contains(&width) {
             return Err(VdbError::Parameter {
                 name: "width of the filter in voxels",
-                value: 0.0,
-                expected: "at least 1",
+                value: width.into(),
+                expected: "1 to 64",
             });
         }
+        check_iterations(iterations)?;
         if is_native(kind, session) {
             return self.smooth(operation, (kind, width, iterations), session);
         }
@@ -155,8 +162,9 @@ impl LevelSet {
     /// that 6 steps cover a band of 3 voxels.
     ///
     /// # Errors
-    /// [`VdbError::Cancelled`], or errors of OpenVDB.
+    /// [`VdbError::Parameter`] for more than 1000 iterations, [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn renormalise(&mut self, iterations: u32, session: Session<'_>) -> Result<(), VdbError> {
+        check_iterations(iterations)?;
         let options = Smoothing {
             normalisations: i32::try_from(iterations).unwrap_or(i32::MAX),
             ..smoothing(1, 1, session)
@@ -236,6 +244,17 @@ impl LevelSet {
             }
         }
     }
+}
+
+fn check_iterations(iterations: u32) -> Result<(), VdbError> {
+    if iterations <= MAX_FILTER_ITERATIONS {
+        return Ok(());
+    }
+    Err(VdbError::Parameter {
+        name: "number of iterations",
+        value: iterations.into(),
+        expected: "at most 1000",
+    })
 }
 
 /// Checks a distance of an offset.

@@ -134,8 +134,8 @@ def with_fedoo(n, level):
 
 def with_druse(n, _, druse, folder):
     out = folder / "c.json"
-    command = [druse, "cell", "homogenize", "schwarz_p", "--volume-fraction", "0.3", "--resolution", str(n), "--sharp",
-               "--all-loads", "--only", "stiffness", "--threads", "2", "-o", str(out), "--progress", "none"]
+    command = [druse, "cell", "homogenize", folder / "p.cell", "--resolution", str(n), "--sharp", "--all-loads",
+               "--only", "stiffness", "--threads", "2", "-o", str(out), "--progress", "none"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return json.loads(out.read_text())
 

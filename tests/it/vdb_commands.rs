@@ -196,6 +196,11 @@ fn what_cannot_be_done_is_said() {
         ),
         ("filter a.vdb -o none.vdb gaussian=200", 65, &["at most 64"]),
         (
+            "filter a.vdb -o none.vdb median={width=\"9m\"}",
+            65,
+            &["op.1.median", "expected 1 to 64"],
+        ),
+        (
             "filter a.vdb -o none.vdb fog dilate=1mm",
             65,
             &["fog to be the last"],

@@ -93,6 +93,8 @@ def test_a_bad_parameter_leaves_the_level_set(ball):
         ball.dilate(-1)
     with pytest.raises(druse.ArgumentError):
         ball.gaussian(width=-1)
+    with pytest.raises(druse.ArgumentError, match="1 to 64"):
+        ball.median(width=45345)
     assert ball.content_hash == before
 
 

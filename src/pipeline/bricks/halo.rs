@@ -7,7 +7,7 @@ use super::super::voxels::{Resampling, Voxels};
 use super::voxels::{HALO_MARGIN, SURFACE_POINT_REACH, whole_leaves};
 use crate::band::SurfacePoints;
 use crate::recipe::{Kernel, Op, Recipe, Size};
-use crate::vdb::{ComponentSelection, LevelSet, REMOVAL_REACH};
+use crate::vdb::{ComponentSelection, LevelSet, MAX_FILTER_WIDTH, REMOVAL_REACH};
 use std::ops::Range;
 
 /// Reach of a tracking step with the scheme of first and of fifth order, voxels: three sweeps of the
@@ -175,7 +175,8 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
         }
     };
     let box_filter = |k: &Kernel, passes: f64| {
-        let width = k.width.voxels(scale).round().max(1.0);
+        let most = f64::from(MAX_FILTER_WIDTH);
+        let width = k.width.voxels(scale).round().clamp(1.0, most);
         f64::from(k.iterations.0) * passes * (width + track)
     };
     let masked = if op.mask().is_some() { track } else { 0.0 };

@@ -180,3 +180,25 @@ fn curvature_flow_shrinks_a_sphere_by_its_law() {
     let expected = (100.0 - 2.0 * time).sqrt();
     assert!((found - expected).abs() < 0.1, "{found} {expected}");
 }
+
+#[test]
+fn filters_refuse_widths_and_iterations_out_of_range() {
+    let mut s = sphere(3.0, 0.5);
+    let filters = [LevelSet::gaussian, LevelSet::mean, LevelSet::median];
+    for filter in filters {
+        // From 645 on the lattice around a voxel has more values than 31 bits count.
+        for (width, iterations) in [(0, 1), (65, 1), (645, 1), (u32::MAX, 1), (1, 1001)] {
+            let error = filter(&mut s, width, iterations, session()).unwrap_err();
+            assert!(matches!(error, VdbError::Parameter { .. }), "{error}");
+        }
+    }
+    for error in [
+        s.laplacian(1001, session()),
+        s.curvature(1001, session()),
+        s.renormalise(u32::MAX, session()),
+    ] {
+        assert!(matches!(error, Err(VdbError::Parameter { .. })));
+    }
+    assert!(s.active_voxels().unwrap() > 0, "refused, not emptied");
+    s.median(2, 1, session()).unwrap();
+}
