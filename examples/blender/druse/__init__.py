@@ -48,7 +48,8 @@ class DruseSettings(bpy.types.PropertyGroup):
     as_volume: bpy.props.BoolProperty(name="Volume", default=True)
     as_mesh: bpy.props.BoolProperty(name="Mesh", default=True)
     sequence: bpy.props.BoolProperty(
-        name="Sequence", description="Every frame of the scene, with the mesh as it is deformed there"
+        name="Sequence",
+        description="Every frame of the scene, with the mesh as it is deformed there, and velocities for motion blur",
     )
     folder: bpy.props.StringProperty(
         name="Folder", description="Where files stay; empty for a temporary folder", subtype="DIR_PATH"
@@ -66,8 +67,10 @@ class DRUSE_OT_fill(bpy.types.Operator):
 
     bl_idname = "druse.fill"
     bl_label = "Fill"
-    bl_options = {"REGISTER"}
+    bl_options = {"REGISTER", "UNDO"}
 
+    # Runs of two operators could write the same files.
+    _is_busy = False
     _timer = None
     _run = None
 
@@ -76,17 +79,27 @@ class DRUSE_OT_fill(bpy.types.Operator):
         return context.active_object is not None and context.active_object.type == "MESH"
 
     def begin(self, context):
-        settings = context.scene.druse
-        self._name = context.active_object.name
-        self._job = recipe.write(context, context.active_object, settings)
-        self._run = runner.Run(program_of(context), self._job)
-        self._settings = settings
-
-    def invoke(self, context, _event):
+        """Writes the files and starts the program; whether it runs."""
+        if DRUSE_OT_fill._is_busy:
+            self.report({"ERROR"}, "Druse is running already; Esc stops it")
+            return False
         try:
-            self.begin(context)
+            self._name = context.active_object.name
+            self._job = recipe.write(context, context.active_object, context.scene.druse)
         except (OSError, ValueError) as error:
             self.report({"ERROR"}, str(error))
+            return False
+        try:
+            self._run = runner.Run(program_of(context), self._job)
+        except OSError as error:
+            self._job.discard()
+            self.report({"ERROR"}, str(error))
+            return False
+        DRUSE_OT_fill._is_busy = True
+        return True
+
+    def invoke(self, context, _event):
+        if not self.begin(context):
             return {"CANCELLED"}
         manager = context.window_manager
         manager.progress_begin(0, 100)
@@ -96,42 +109,56 @@ class DRUSE_OT_fill(bpy.types.Operator):
 
     def modal(self, context, event):
         if event.type == "ESC":
-            self._run.cancel()
-            self.finish(context)
+            self.cancel(context)
             self.report({"INFO"}, "Druse was stopped")
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         context.window_manager.progress_update(int(100 * self._run.progress()))
-        context.workspace.status_text_set(f"Druse: {self._run.stage()} (Esc stops)")
+        if context.workspace:
+            percent = int(100 * self._run.progress())
+            context.workspace.status_text_set(f"Druse: {percent} %, {self._run.stage()} (Esc stops)")
         if not self._run.is_done():
-            return {"RUNNING_MODAL"}
+            return {"PASS_THROUGH"}
         self.finish(context)
         return self.collect(context)
 
     def execute(self, context):
         """Without a window: waits for the program."""
-        try:
-            self.begin(context)
-        except (OSError, ValueError) as error:
-            self.report({"ERROR"}, str(error))
+        if not self.begin(context):
             return {"CANCELLED"}
         self._run.wait()
+        DRUSE_OT_fill._is_busy = False
         return self.collect(context)
+
+    def cancel(self, context):
+        """Ends the program; Blender calls this too when it opens another file or quits."""
+        self._run.cancel()
+        self.finish(context)
+        self._job.discard()
 
     def collect(self, context):
         error = self._run.error()
         if error:
+            self._job.discard()
             self.report({"ERROR"}, error)
             return {"CANCELLED"}
-        material.bring_in(context, self._job, self._name, self._settings)
+        material.bring_in(context, self._job, self._name)
+        for note in self._job.notes + self._run.warnings():
+            self.report({"WARNING"}, note)
+        if self._job.is_temporary:
+            self.report({"INFO"}, f"Files are in {self._job.folder}; set a folder to keep them")
         return {"FINISHED"}
 
     def finish(self, context):
+        DRUSE_OT_fill._is_busy = False
         manager = context.window_manager
-        manager.event_timer_remove(self._timer)
+        if self._timer:
+            manager.event_timer_remove(self._timer)
+            self._timer = None
         manager.progress_end()
-        context.workspace.status_text_set(None)
+        if context.workspace:
+            context.workspace.status_text_set(None)
 
 
 class DRUSE_PT_panel(bpy.types.Panel):

@@ -6,14 +6,15 @@ import os
 import bpy
 
 
-def volume_material():
-    """A material that shows the grid `density` in Cycles and EEVEE; made once per file."""
-    name = "Druse Volume"
-    found = bpy.data.materials.get(name)
-    if found:
-        return found
-    material = bpy.data.materials.new(name)
-    material.use_nodes = True
+# Optical depth of a wall: light all but ends in it, so that it looks solid.
+WALL_DEPTH = 12.0
+
+
+def volume_material(thickness):
+    """A material that shows the grid `density`, 1 inside, in Cycles and EEVEE."""
+    material = bpy.data.materials.new("Druse Volume")
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
     nodes.clear()
     output = nodes.new("ShaderNodeOutputMaterial")
@@ -21,26 +22,31 @@ def volume_material():
     shader.location = (-300, 0)
     shader.inputs["Color"].default_value = (0.8, 0.75, 0.65, 1.0)
     shader.inputs["Density Attribute"].default_value = "density"
-    # The fog is 1 inside; cells of a metre need this much to look solid.
-    shader.inputs["Density"].default_value = 200.0
+    shader.inputs["Density"].default_value = WALL_DEPTH / thickness
     links.new(shader.outputs["Volume"], output.inputs["Volume"])
     return material
 
 
 def add_volume(context, job, name):
-    """The volume of a job, as a sequence if it has frames. Motion blur reads the grid `vel` if there is one."""
+    """The volume of a job, as a sequence if it has frames; motion blur reads its velocities if the mesh moves."""
+    path = job.path(".vdb")
+    for volume in bpy.data.volumes:
+        if bpy.path.abspath(volume.filepath) == path:
+            # An earlier fill of this folder: its grids are those of files that are replaced.
+            volume.grids.unload()
     data = bpy.data.volumes.new(name)
-    data.filepath = job.path(".vdb")
+    data.filepath = path
+    if job.moves and data.grids.load():
+        # Before it is a sequence, since at another frame of the scene it has no grids that could be named.
+        data.velocity_grid = "vel"
+        # Metres per second.
+        data.velocity_unit = "SECOND"
     if job.frames is not None:
         data.is_sequence = True
         data.frame_start = job.frames[0]
         data.frame_duration = len(job.frames)
         data.frame_offset = job.frames[0] - 1
-    if data.grids.load() and any(grid.name == "vel" for grid in data.grids):
-        data.velocity_grid = "vel"
-        # Metres per second.
-        data.velocity_unit = "SECOND"
-    data.materials.append(volume_material())
+    data.materials.append(volume_material(job.thickness))
     obj = bpy.data.objects.new(name, data)
     context.collection.objects.link(obj)
     return obj
@@ -59,9 +65,9 @@ def add_mesh(context, path, name):
     return new[0]
 
 
-def bring_in(context, job, name, settings):
+def bring_in(context, job, name):
     """Adds the objects of a finished job; the mesh is that of the first frame."""
-    if settings.as_volume:
+    if job.as_volume:
         add_volume(context, job, f"{name} volume")
-    if settings.as_mesh and os.path.exists(job.path(".stl")):
+    if job.as_mesh and os.path.exists(job.path(".stl")):
         add_mesh(context, job.path(".stl"), f"{name} mesh")

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: MIT OR Apache-2.0
-"""The program as a child process: progress, cancelling, errors."""
+"""The program as a child process: progress, cancelling, errors and warnings."""
 
 import json
+import os
 import queue
 import subprocess
 import threading
+
+# The stage that takes longest, and the share of a frame's work given to it.
+MAIN_STAGE, MAIN_SHARE = "band", 0.7
 
 
 class Run:
@@ -14,9 +18,17 @@ class Run:
         command = [program, "run", job.recipe, "--progress=json"]
         if job.frames is not None:
             command += ["--frames", f"{job.frames[0]}-{job.frames[-1]}"]
+        # On Windows no console opens.
+        flags = subprocess.CREATE_NO_WINDOW if os.name == "nt" else 0
         try:
             self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                encoding="utf-8",
+                errors="replace",
+                creationflags=flags,
             )
         except OSError as error:
             message = f"cannot start {program!r}: {error.strerror}; set its path in the add-on's preferences"
@@ -46,14 +58,18 @@ class Run:
                 entry = None
             if isinstance(entry, dict) and "stage" in entry:
                 self._stage = str(entry["stage"])
-                self._share = (entry.get("percent") or 0.0) / 100.0
+                if self._stage == MAIN_STAGE:
+                    # Stages have percents of their own; what is shown never runs backwards.
+                    share = (entry.get("percent") or 0.0) / 100.0
+                    self._share = max(self._share, share * MAIN_SHARE)
             elif line.startswith("frame "):
                 self._frame += 1
+                self._share = 0.0
             else:
                 self._messages.append(line.rstrip())
 
     def progress(self):
-        """The share of the work that is done, 0 to 1."""
+        """The share of the work that is done, 0 to 1; never less than before."""
         self._update()
         return min((max(self._frame - 1, 0) + self._share) / self._frames, 1.0)
 
@@ -71,15 +87,32 @@ class Run:
         self._process.wait()
 
     def cancel(self):
-        """Stops the program as Ctrl-C does; it leaves nothing half-written."""
+        """Ends the program; files that it has not finished are not there under their names."""
         self._process.terminate()
+        try:
+            self._process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _all(self):
         self._process.wait()
+        self._reader.join()
+        self._update()
 
     def error(self):
         """The program's error, or nothing."""
-        if self._process.wait() == 0:
+        self._all()
+        if self._process.returncode == 0:
             return None
-        self._reader.join()
-        self._update()
         start = next((n for n, line in enumerate(self._messages) if line.startswith("error")), 0)
         return "\n".join(self._messages[start:]) or f"druse ended with exit code {self._process.returncode}"
+
+    def warnings(self):
+        """The program's warnings, the first of each kind."""
+        self._all()
+        found = {}
+        for line in self._messages:
+            if line.startswith("warning["):
+                found.setdefault(line.split("]")[0], line)
+        return list(found.values())
