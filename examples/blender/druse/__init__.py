@@ -52,7 +52,7 @@ class DruseSettings(bpy.types.PropertyGroup):
         description="Every frame of the scene, with the mesh as it is deformed there, and velocities for motion blur",
     )
     folder: bpy.props.StringProperty(
-        name="Folder", description="Where files stay; empty for a temporary folder", subtype="DIR_PATH"
+        name="Folder", description="Where files stay, in a new folder per fill; empty for a temporary one", subtype="DIR_PATH"
     )
 
 
@@ -140,7 +140,8 @@ class DRUSE_OT_fill(bpy.types.Operator):
     def collect(self, context):
         error = self._run.error()
         if error:
-            self._job.discard()
+            if self._job.is_temporary:
+                self._job.discard()
             self.report({"ERROR"}, error)
             return {"CANCELLED"}
         material.bring_in(context, self._job, self._name)

@@ -29,13 +29,8 @@ def volume_material(thickness):
 
 def add_volume(context, job, name):
     """The volume of a job, as a sequence if it has frames; motion blur reads its velocities if the mesh moves."""
-    path = job.path(".vdb")
-    for volume in bpy.data.volumes:
-        if bpy.path.abspath(volume.filepath) == path:
-            # An earlier fill of this folder: its grids are those of files that are replaced.
-            volume.grids.unload()
     data = bpy.data.volumes.new(name)
-    data.filepath = path
+    data.filepath = job.path(".vdb")
     if job.moves and data.grids.load():
         # Before it is a sequence, since at another frame of the scene it has no grids that could be named.
         data.velocity_grid = "vel"

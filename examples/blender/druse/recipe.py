@@ -26,21 +26,33 @@ CELLS = (
 LEAST_BAND, MOST_BAND = 3, 64
 
 
+def new_folder(parent, name):
+    """A folder that was not there; Blender goes on showing what it read of a file, so that none is written twice."""
+    for number in range(1000):
+        folder = os.path.join(parent, name if number == 0 else f"{name}.{number:03d}")
+        try:
+            os.makedirs(folder)
+        except FileExistsError:
+            continue
+        return folder
+    raise ValueError(f"{parent} has 1000 fills of {name}; remove some")
+
+
 class Job:
     """A folder with a recipe, and the files that its run writes; `frames` is None for a still.
 
-    `moves` says whether the volumes hold velocities, `notes` what the user should know before the run.
+    `moves` says whether the volumes hold velocities, `notes` what the user should know.
     """
 
-    def __init__(self, settings, frames):
+    def __init__(self, name, settings, frames):
         self.is_temporary = not settings.folder
-        self.folder = tempfile.mkdtemp(prefix="druse-") if self.is_temporary else bpy.path.abspath(settings.folder)
+        parent = tempfile.mkdtemp(prefix="druse-") if self.is_temporary else bpy.path.abspath(settings.folder)
+        self.folder = new_folder(parent, bpy.path.clean_name(name))
         self.frames = frames
         self.recipe = os.path.join(self.folder, "part.toml")
         self.moves = False
         self.notes = []
         self.thickness, self.as_volume, self.as_mesh = settings.thickness, settings.as_volume, settings.as_mesh
-        os.makedirs(self.folder, exist_ok=True)
 
     def path(self, suffix, frame=None):
         """The output with a suffix such as .vdb, at a frame of a sequence."""
@@ -48,9 +60,8 @@ class Job:
         return os.path.join(self.folder, f"part{number}{suffix}")
 
     def discard(self):
-        """Removes the folder of a run that brought nothing, unless the user chose it."""
-        if self.is_temporary:
-            shutil.rmtree(self.folder, ignore_errors=True)
+        """Removes the folder of a run that brought nothing."""
+        shutil.rmtree(os.path.dirname(self.folder) if self.is_temporary else self.folder, ignore_errors=True)
 
 
 def surface(obj, depsgraph):
@@ -164,7 +175,7 @@ def write(context, obj, settings):
     frames = list(range(scene.frame_start, scene.frame_end + 1)) if settings.sequence else None
     if frames and not 0 <= frames[0] <= frames[-1] <= 9999:
         raise ValueError(f"frames {frames[0]} to {frames[-1]}; expected frames between 0 and 9999")
-    job = Job(settings, frames)
+    job = Job(obj.name, settings, frames)
     step = 0.0
     try:
         if frames is None:

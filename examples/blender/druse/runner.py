@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT OR Apache-2.0
 """The program as a child process: progress, cancelling, errors and warnings."""
 
+import atexit
 import json
 import os
 import queue
 import subprocess
 import threading
+import time
 
 # The stage that takes longest, and the share of a frame's work given to it.
 MAIN_STAGE, MAIN_SHARE = "band", 0.7
@@ -33,6 +35,9 @@ class Run:
         except OSError as error:
             message = f"cannot start {program!r}: {error.strerror}; set its path in the add-on's preferences"
             raise OSError(message) from error
+        # Blender may quit meanwhile.
+        atexit.register(self._process.terminate)
+        self._start = time.monotonic()
         self._frames = len(job.frames or [0])
         self._lines = queue.Queue()
         self._messages = []
@@ -74,10 +79,9 @@ class Run:
         return min((max(self._frame - 1, 0) + self._share) / self._frames, 1.0)
 
     def stage(self):
-        """What the program is doing."""
-        if self._frames > 1:
-            return f"frame {self._frame} of {self._frames}, {self._stage}"
-        return self._stage
+        """What the program is doing, and for how long it has run."""
+        frame = f"frame {self._frame} of {self._frames}, " if self._frames > 1 else ""
+        return f"{frame}{self._stage}, {time.monotonic() - self._start:.0f} s"
 
     def is_done(self):
         self._update()
@@ -85,6 +89,7 @@ class Run:
 
     def wait(self):
         self._process.wait()
+        atexit.unregister(self._process.terminate)
 
     def cancel(self):
         """Ends the program; files that it has not finished are not there under their names."""
@@ -93,10 +98,10 @@ class Run:
             self._process.wait(timeout=10.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
-            self._process.wait()
+        self.wait()
 
     def _all(self):
-        self._process.wait()
+        self.wait()
         self._reader.join()
         self._update()
 
