@@ -26,15 +26,20 @@ warned = []
 
 
 def keep_warnings():
-    """Records what the operator reports as warnings."""
-    found = extension.runner.Run.warnings
+    """Records what the operator reports as warnings: those of the program, and advice."""
+    found, advice = extension.runner.Run.warnings, extension.material.advice
+
+    def advised(scene, job):
+        lines = advice(scene, job)
+        warned[:] = job.notes + lines
+        return lines
 
     def recorded(run):
         lines = found(run)
-        warned[:] = lines
+        warned.extend(lines)
         return lines
 
-    extension.runner.Run.warnings = recorded
+    extension.material.advice, extension.runner.Run.warnings = advised, recorded
 
 
 def prepared(folder, sequence=False, **changes):
@@ -146,6 +151,7 @@ def sequences(folder):
     scene.frame_set(10)
     volume, _ = fill(cube, os.path.join(folder, "stretched"), True)
     assert scene.frame_current == 10
+    assert any("Biased" in line for line in warned) == (bpy.app.version >= (5, 0, 0)), warned
     data = volume.data
     assert data.is_sequence and data.frame_start == 1 and data.frame_duration == 3
     assert (data.velocity_grid, data.velocity_unit) == ("vel", "SECOND"), data.velocity_grid
@@ -164,6 +170,8 @@ def sequences(folder):
     with open(beside(volume, "part.toml"), encoding="utf-8") as file:
         recipe = file.read()
     assert "vel" not in recipe and "fill" in recipe
+    assert warned[0].endswith("change at frame 3: cells are made anew at every frame, and there are no velocities for "
+                              "motion blur"), warned
     scene.frame_set(3)
     assert numpy.subtract(*box_of(volume)[::-1]).max() > 7.9
     print("sequences: corners of cubes follow, sizes are right, changed faces are filled anew")

@@ -145,7 +145,7 @@ class DRUSE_OT_fill(bpy.types.Operator):
             self.report({"ERROR"}, error)
             return {"CANCELLED"}
         material.bring_in(context, self._job, self._name)
-        for note in self._job.notes + self._run.warnings():
+        for note in self._job.notes + material.advice(context.scene, self._job) + self._run.warnings():
             self.report({"WARNING"}, note)
         if self._job.is_temporary:
             self.report({"INFO"}, f"Files are in {self._job.folder}; set a folder to keep them")

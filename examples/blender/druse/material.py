@@ -47,6 +47,13 @@ def add_volume(context, job, name):
     return obj
 
 
+def advice(scene, job):
+    """What the user should set for motion blur, as a list of sentences."""
+    if job.moves and not getattr(getattr(scene, "cycles", None), "volume_biased", True):
+        return ["Cycles cuts motion blur at the surface of the volume unless Render > Volumes > Biased is set"]
+    return []
+
+
 def add_mesh(context, path, name):
     """The triangles of an STL file as an object."""
     before = set(bpy.data.objects)
