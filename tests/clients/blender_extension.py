@@ -3,8 +3,8 @@
     blender -b --factory-startup -t 2 --python-exit-code 3 --python blender_extension.py -- DRUSE FOLDER [render]
     python blender_extension.py DRUSE FOLDER [render]
 
-The second with the package bpy of PyPI. Ran under Blender 3.4, 4.2, 4.5 and 5.0. With `render` Cycles draws a still, and a
-frame of a cube that slides, with and without motion blur: its edge must widen by the way within the shutter.
+The second with the package bpy of PyPI. Ran under Blender 3.4, 4.2, 4.5 and 5.0. With `render` Cycles draws a still, and
+a frame of a cube that slides, with and without motion blur: its edge must widen by the way within the shutter.
 """
 
 import os
@@ -221,7 +221,7 @@ def modal(folder):
         assert left == ["mesh.stl", "part.toml"], left
         assert os.listdir(at) == [], os.listdir(at)
         assert len(bpy.data.volumes) == volumes
-        print(f"{ending} at {seen[-1]:.0%}: the program ended in {took:.2f} s, exit {process.returncode}, nothing half-made")
+        print(f"{ending} at {seen[-1]:.0%}: ended in {took:.2f} s, exit {process.returncode}, nothing half-made")
 
     # In a temporary folder nothing is left at all.
     prepared("", **wide)
@@ -252,6 +252,13 @@ def errors(folder):
         else:
             raise AssertionError(f"no error: {words}")
         extension.program_of = named
+    prepared("//fills")
+    try:
+        bpy.ops.druse.fill()
+    except RuntimeError as error:
+        assert "save it first" in str(error), error
+    else:
+        raise AssertionError("no error: a folder beside a file that was never saved")
 
 
 def stage(width, height, samples):

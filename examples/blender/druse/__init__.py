@@ -44,7 +44,9 @@ class DruseSettings(bpy.types.PropertyGroup):
     skin: bpy.props.FloatProperty(
         name="Skin", description="Thickness of a solid skin; 0 for none", default=0.0, min=0.0, unit="LENGTH"
     )
-    voxel_size: bpy.props.FloatProperty(name="Voxel", description="Edge of a voxel", default=0.02, min=1e-6, unit="LENGTH")
+    voxel_size: bpy.props.FloatProperty(
+        name="Voxel", description="Edge of a voxel", default=0.02, min=1e-6, unit="LENGTH"
+    )
     as_volume: bpy.props.BoolProperty(name="Volume", default=True)
     as_mesh: bpy.props.BoolProperty(name="Mesh", default=True)
     sequence: bpy.props.BoolProperty(
@@ -52,7 +54,9 @@ class DruseSettings(bpy.types.PropertyGroup):
         description="Every frame of the scene, with the mesh as it is deformed there, and velocities for motion blur",
     )
     folder: bpy.props.StringProperty(
-        name="Folder", description="Where files stay, in a new folder per fill; empty for a temporary one", subtype="DIR_PATH"
+        name="Folder",
+        description="Where files stay, in a new folder per fill; empty for a temporary one",
+        subtype="DIR_PATH",
     )
 
 

@@ -17,9 +17,9 @@ from mathutils.bvhtree import BVHTree
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
 # Rays of the test for inside; skew, so that they seldom meet edges.
 RAYS = [mathutils.Vector(v).normalized() for v in ((1, 0.13, 0.07), (-0.11, 1, 0.17), (0.19, -0.05, -1))]
-MOST_CUBES = 4_000_000
+MAX_CUBES = 4_000_000
 # Corners times points that a binding holds: 80 MB.
-MOST_WEIGHTS = 10_000_000
+MAX_WEIGHTS = 10_000_000
 
 
 def is_inside(tree, point):
@@ -41,8 +41,8 @@ def cubes(points, triangles, size):
     """Corners (n, 3) and cubes (m, 8) that cover the inside of a mesh with faces turned outward."""
     low, high = points.min(axis=0), points.max(axis=0)
     counts = numpy.maximum(numpy.ceil((high - low) / size - 1e-6), 1)
-    if counts.prod() > MOST_CUBES:
-        raise ValueError(f"{counts.prod():.3g} cells of size {size:g} in the mesh's box; expected at most {MOST_CUBES}")
+    if counts.prod() > MAX_CUBES:
+        raise ValueError(f"{counts.prod():.3g} cells of size {size:g} in the mesh's box; expected at most {MAX_CUBES}")
     counts = counts.astype(int)
     origin = (low + high) / 2 - counts * size / 2
     tree = BVHTree.FromPolygons(points.tolist(), triangles.tolist())
@@ -77,7 +77,7 @@ def samples(points, most):
 def weights(corners, points, shares, size):
     """The matrix (corners, points) from displacements of the points to those of the corners."""
     rows = []
-    step = max(MOST_WEIGHTS // 8 // len(points), 1)
+    step = max(MAX_WEIGHTS // 8 // len(points), 1)
     for start in range(0, len(corners), step):
         at = corners[start : start + step]
         away = points[None] - at[:, None]
@@ -100,7 +100,7 @@ class Binding:
         self._points, self._triangles = points, triangles
         self.corners, self.elements = cubes(points, triangles, size)
         used = numpy.unique(triangles)
-        most = max(MOST_WEIGHTS // len(self.corners), 64)
+        most = max(MAX_WEIGHTS // len(self.corners), 64)
         chosen, shares = samples(points[used], most)
         self._chosen = used[chosen]
         self._weights = weights(self.corners, points[self._chosen], shares, size)

@@ -23,7 +23,7 @@ CELLS = (
     ("octet", "Octet", "Round struts"),
 )
 # Half widths of a narrow band that the program takes, in voxels.
-LEAST_BAND, MOST_BAND = 3, 64
+MIN_BAND, MAX_BAND = 3, 64
 
 
 def new_folder(parent, name):
@@ -41,13 +41,15 @@ def new_folder(parent, name):
 class Job:
     """A folder with a recipe, and the files that its run writes; `frames` is None for a still.
 
-    `moves` says whether the volumes hold velocities, `notes` what the user should know.
+    `moves` is whether the volumes hold velocities, `notes` what the user should know.
     """
 
     def __init__(self, name, settings, frames):
         self.is_temporary = not settings.folder
+        if settings.folder.startswith("//") and not bpy.data.filepath:
+            raise ValueError(f"the folder {settings.folder} is beside the .blend file: save it first, or name another")
         parent = tempfile.mkdtemp(prefix="druse-") if self.is_temporary else bpy.path.abspath(settings.folder)
-        self.folder = new_folder(parent, bpy.path.clean_name(name))
+        self.folder = new_folder(os.path.abspath(parent), bpy.path.clean_name(name))
         self.frames = frames
         self.recipe = os.path.join(self.folder, "part.toml")
         self.moves = False
@@ -95,7 +97,7 @@ def write_stl(path, points, triangles):
 
 
 def text(job, settings, fps, half_width):
-    """The recipe of the settings. Cubes are cut by the mesh; where it moves they follow it, and velocities are written."""
+    """The recipe of the settings. The mesh cuts cubes; where it moves they follow it, and velocities are written."""
     token = "" if job.frames is None else ".$F4"
     mesh = f"mesh{token}.stl"
     is_sheet = settings.cell in SURFACES
@@ -131,12 +133,12 @@ def band(job, step, scene, voxel_size):
     owner = scene.render if hasattr(scene.render, "motion_blur_position") else getattr(scene, "cycles", None)
     share = 0.5 if getattr(owner, "motion_blur_position", "CENTER") == "CENTER" else 1.0
     wanted = math.ceil(step * scene.render.motion_blur_shutter * share / voxel_size) + 2
-    if wanted > MOST_BAND:
+    if wanted > MAX_BAND:
         job.notes.append(
-            f"the mesh moves {wanted - 2} voxels within the shutter; motion blur reaches {MOST_BAND - 2} of them: "
+            f"the mesh moves {wanted - 2} voxels within the shutter; motion blur reaches {MAX_BAND - 2} of them: "
             "use coarser voxels or a shorter shutter"
         )
-    return min(max(wanted, LEAST_BAND), MOST_BAND)
+    return min(max(wanted, MIN_BAND), MAX_BAND)
 
 
 def write_sequence(context, obj, settings, job):
