@@ -19,6 +19,10 @@ pub mod printing {}
 pub mod large_parts {}
 #[doc = include_str!("guide/film.md")]
 pub mod film {}
+#[doc = include_str!("guide/blender.md")]
+pub mod blender {}
+#[doc = include_str!("guide/houdini.md")]
+pub mod houdini {}
 #[doc = include_str!("guide/crystals.md")]
 pub mod crystals {}
 #[doc = include_str!("guide/files.md")]
