@@ -4,7 +4,7 @@
 //! in this order, if that one is before it. All passes run over the voxels as they lie in memory; only maxima and
 //! meetings of basins are sorted.
 
-use super::distances::BoxDistances;
+use super::distances::{BoxDistances, Row};
 
 /// Parent or label of a voxel of the solid.
 pub(super) const UNLABELLED: u32 = u32::MAX;
@@ -28,6 +28,19 @@ pub(super) fn parents(space: &BoxDistances) -> Vec<u32> {
     for x in 0..ex {
         for y in 0..ey {
             let line = (x * ey + y) * ez;
+            let rows = &space.rows;
+            match rows[x * ey + y] {
+                Row::Solid => continue,
+                // Equals before it lead.
+                Row::Wide if x > 0 && rows[(x - 1) * ey + y] == Row::Wide => {
+                    let before = (line - ey * ez) as u32..;
+                    for (parent, lead) in parents[line..line + ez].iter_mut().zip(before) {
+                        *parent = lead;
+                    }
+                    continue;
+                }
+                _ => {}
+            }
             best.fill(-1.0);
             // In ascending number, since the first of equals leads.
             if x > 0 {
@@ -96,7 +109,7 @@ pub(super) fn labels(parents: &[u32], maxima: &[u32], first: u32) -> Vec<u32> {
 }
 
 /// All meetings of different basins, in no order. The rest of the block, if there is any, is basin 0.
-pub(super) fn meetings(space: &BoxDistances, labels: &[u32]) -> Vec<Meeting> {
+pub(super) fn meetings(space: &BoxDistances, labels: &[u32], has_rest: bool) -> Vec<Meeting> {
     let [ex, ey, ez] = space.edges;
     let mut found = Vec::new();
     for x in 0..ex {
@@ -109,7 +122,8 @@ pub(super) fn meetings(space: &BoxDistances, labels: &[u32]) -> Vec<Meeting> {
                 meet(space, labels, (line, line - ez, ez), 2, &mut found);
             }
             meet(space, labels, (line + 1, line, ez - 1), 4, &mut found);
-            for z in 0..ez {
+            let ends = if has_rest { ez } else { 0 };
+            for z in 0..ends {
                 let label = labels[line + z];
                 if label != UNLABELLED && label != 0 && space.meets_rest([x, y, z]) {
                     found.push(Meeting {
@@ -132,8 +146,11 @@ fn meet(
     side: u8,
     found: &mut Vec<Meeting>,
 ) {
-    let rows = labels[own..own + count].iter();
-    for (n, (&a, &b)) in rows.zip(&labels[before..before + count]).enumerate() {
+    let rows = [own, before].map(|first| &labels[first..first + count]);
+    if rows[0] == rows[1] {
+        return;
+    }
+    for (n, (&a, &b)) in rows[0].iter().zip(rows[1]).enumerate() {
         if a == b || a == UNLABELLED || b == UNLABELLED {
             continue;
         }

@@ -90,8 +90,10 @@ impl BlockBasins {
         let inner = maxima.iter();
         let inner = inner.map(|&n| basin(space.values[n as usize], place(n), 0));
         let mut basins: Vec<Basin> = outer.into_iter().chain(inner).collect();
-        for &label in labels.iter().filter(|l| **l != UNLABELLED) {
-            basins[label as usize].voxels += 1;
+        for run in labels.chunk_by(|a, b| a == b) {
+            if run[0] != UNLABELLED {
+                basins[run[0] as usize].voxels += run.len() as u64;
+            }
         }
         let mut growth = BlockGrowth {
             space,
@@ -105,7 +107,7 @@ impl BlockBasins {
         if rest > 0 {
             growth.first_at_face[0] = 0;
         }
-        let mut meetings = ascent::meetings(space, &growth.labels);
+        let mut meetings = ascent::meetings(space, &growth.labels, rest > 0);
         meetings.sort_unstable_by_key(|m| (m.order, m.side));
         for meeting in meetings {
             growth.join(&meeting, place(meeting.order as u32));

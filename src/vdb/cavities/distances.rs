@@ -2,10 +2,10 @@
 //!
 //! They are distances to the points where edges of the voxel lattice cross the surface, within the band too: there the
 //! values after a Boolean operation may be less than the distance. The squared distance is a separable minimum:
-//! along x from the points on lines along x, then along y and z as the lower envelope of parabolas over positions
-//! (Felzenszwalb and Huttenlocher 2012), each with the points on lines of its own axis. Points on lines along y and z
-//! count only for voxels at the same x, or x and y. Where the surface is nearest in another direction, points on
-//! lines along x or y lie beside them, so that distances are up to a few tenths of a voxel too large.
+//! along x from the points on lines along x, then along y and z over the rows within reach, each with the points on
+//! lines of its own axis. Points on lines along y and z count only for voxels at the same x, or x and y. Where the
+//! surface is nearest in another direction, points on lines along x or y lie beside them, so that distances are up to a
+//! few tenths of a voxel too large. Rows along z without any such point within reach are skipped.
 
 use super::{LeafSource, Measure};
 use crate::band::{BLOCK, Region};
@@ -29,6 +29,33 @@ pub(super) struct BoxDistances {
     pub edges: [usize; 3],
     /// Distances in voxels, in order (x, y, z), at most the measured reach; negative in the solid.
     pub values: Vec<f32>,
+    /// What the rows along z hold, in order (x, y).
+    pub rows: Vec<Row>,
+}
+
+/// What a row of voxels along z holds.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Row {
+    /// No void.
+    Solid,
+    /// Void as far from the solid as is measured.
+    Wide,
+    Mixed,
+}
+
+impl Row {
+    fn of(distances: &[f32], reach: f32) -> Self {
+        let first = distances[0];
+        if distances.iter().any(|d| *d != first) {
+            Self::Mixed
+        } else if first < 0.0 {
+            Self::Solid
+        } else if first >= reach {
+            Self::Wide
+        } else {
+            Self::Mixed
+        }
+    }
 }
 
 impl BoxDistances {
@@ -82,6 +109,8 @@ struct Samples {
     sizes: [usize; 3],
     /// World units, in order (x, y, z).
     values: Vec<f32>,
+    /// Whether a row along z has values of a leaf; only such rows have points of the surface.
+    has_leaf: Vec<bool>,
 }
 
 /// A point on a lattice line: the number of the line, and its position along it in voxels of the box.
@@ -104,6 +133,7 @@ impl Samples {
         let sizes = [0, 1, 2].map(|a| (region.max[a] - region.min[a] + 1) as usize);
         let [_, ny, nz] = sizes;
         let mut values = Vec::new();
+        let mut has_leaf = vec![false; sizes[0] * ny];
         source.visit_leaves(region, &mut |leaf, own| {
             if values.is_empty() {
                 values = vec![measure.background; sizes.iter().product()];
@@ -114,6 +144,7 @@ impl Samples {
                 if (0..2).any(|a| at[a] < 0 || at[a] >= sizes[a] as i32) {
                     continue;
                 }
+                has_leaf[at[0] as usize * ny + at[1] as usize] = true;
                 let first = (at[0] as usize * ny + at[1] as usize) * nz;
                 let line = &mut values[first..first + nz];
                 for (z, &v) in (at[2]..).zip(row) {
@@ -143,73 +174,106 @@ impl Samples {
             halo: [0, 1, 2].map(|a| (inner.min[a] - region.min[a]) as usize),
             sizes,
             values,
+            has_leaf,
         }))
     }
 
     /// Distances of the box.
     fn distances(&self, measure: Measure) -> BlockVoid {
         let reach = measure.reach as f32;
-        let limit = f64::from(reach) * f64::from(reach);
+        let limit = reach * reach;
         let ([ex, ey, ez], [hx, hy, hz]) = (self.edges, self.halo);
         let [_, ny, nz] = self.sizes;
-        let along_x = self.along_x(limit);
-        let mut envelope = Envelope::default();
-        // Along y: lines (x, z), x in the box.
-        let points = self.crossings(1);
-        let mut next = 0;
-        let mut along_y = vec![f32::INFINITY; ex * ey * nz];
-        for (x, slab) in along_x.chunks_exact(ny * nz).enumerate() {
-            let is_empty = slab.iter().all(|v| *v == f32::INFINITY);
-            for z in 0..nz {
-                let own = take_line(&points, &mut next, (x * nz + z) as u32);
-                if is_empty && own.is_empty() {
-                    continue;
-                }
-                let grid = (0..ny).map(|y| (y as f64 - hy as f64, slab[y * nz + z]));
-                envelope.build(grid, own);
-                envelope.minimum(ey, limit, |y, v| along_y[(x * ey + y) * nz + z] = v);
-            }
-        }
+        let along_x = self.along_x(limit.into());
+        let along_y = self.along_y(&along_x, measure.reach as usize);
         drop(along_x);
-        // Along z: lines (x, y) of the box.
         let points = self.crossings(2);
         let mut next = 0;
-        let mut found = vec![reach; ex * ey * ez];
-        let (mut any_void, mut all_wide) = (ex * ey * ez < (BLOCK as usize).pow(3), true);
-        for (line, out) in found.chunks_exact_mut(ez).enumerate() {
-            let own = take_line(&points, &mut next, line as u32);
-            let row = &along_y[line * nz..(line + 1) * nz];
-            if !own.is_empty() || row.iter().any(|v| *v < f32::INFINITY) {
-                let grid = row.iter().enumerate();
-                let grid = grid.map(|(z, &v)| (z as f64 - hz as f64, v));
-                envelope.build(grid, own);
-                envelope.minimum(ez, limit, |z, v| out[z] = v.sqrt().min(reach));
+        let mut values = vec![reach; ex * ey * ez];
+        let mut rows = Vec::with_capacity(ex * ey);
+        let mut squares = vec![f32::INFINITY; ez];
+        for (line, out) in values.chunks_exact_mut(ez).enumerate() {
+            let crossings = take_line(&points, &mut next, line as u32);
+            let near = along_y.row(line);
+            if near.is_some() || !crossings.is_empty() {
+                squares.fill(f32::INFINITY);
+                if let Some(near) = near {
+                    lower_along(near, hz, measure.reach as usize, &mut squares);
+                }
+                for (_, position) in crossings {
+                    for (z, square) in squares.iter_mut().enumerate() {
+                        *square = square.min((z as f32 - position).powi(2));
+                    }
+                }
+                for (d, &square) in out.iter_mut().zip(&squares) {
+                    *d = if square < limit { square.sqrt() } else { reach };
+                }
             }
             let first = ((line / ey + hx) * ny + line % ey + hy) * nz + hz;
             let own = &self.values[first..first + ez];
             for (d, &v) in out.iter_mut().zip(own) {
-                if v < 0.0 {
-                    *d = -1.0;
-                }
-                any_void |= *d >= 0.0;
-                all_wide &= *d >= reach;
+                *d = if v < 0.0 { -1.0 } else { *d };
             }
+            rows.push(Row::of(out, reach));
         }
-        match (any_void, all_wide) {
-            (false, _) => BlockVoid::Solid,
-            (true, true) => BlockVoid::Wide,
-            (true, false) => BlockVoid::Mixed(BoxDistances {
+        let is_whole_block = ex * ey * ez == (BLOCK as usize).pow(3);
+        let all = |kind: Row| rows.iter().all(|r| *r == kind);
+        if is_whole_block && all(Row::Solid) {
+            BlockVoid::Solid
+        } else if all(Row::Wide) {
+            BlockVoid::Wide
+        } else {
+            BlockVoid::Mixed(BoxDistances {
                 low: self.low,
                 edges: self.edges,
-                values: found,
-            }),
+                values,
+                rows,
+            })
         }
     }
 
-    /// Squared distances along x from the points on lines along x, for the box's range of x.
-    fn along_x(&self, limit: f64) -> Vec<f32> {
-        let slab = self.sizes[1] * self.sizes[2];
-        let mut found = vec![f32::INFINITY; self.edges[0] * slab];
+    /// Squared distances from the points on lines along x and y: rows (x, y) of the box along all z.
+    fn along_y(&self, along_x: &Rows, reach: usize) -> Rows {
+        let ([ex, ey, _], [_, hy, _], [_, ny, nz]) = (self.edges, self.halo, self.sizes);
+        let mut found = Rows::new(ex * ey, nz);
+        let points = self.crossings(1);
+        let mut next = 0;
+        for x in 0..ex {
+            for from in 0..ny {
+                let Some(row) = along_x.row(x * ny + from) else {
+                    continue;
+                };
+                let near = (from.saturating_sub(hy + reach - 1))
+                    ..(from + reach).saturating_sub(hy).min(ey);
+                for y in near {
+                    let step = ((y + hy) as f32 - from as f32).powi(2);
+                    let out = found.row_mut(x * ey + y);
+                    for (square, v) in out.iter_mut().zip(row) {
+                        *square = lower(*square, v + step);
+                    }
+                }
+            }
+            for z in 0..nz {
+                for (_, position) in take_line(&points, &mut next, (x * nz + z) as u32) {
+                    let low = (position - reach as f32).ceil().max(0.0) as usize;
+                    let high = (position + reach as f32).floor().min(ey as f32 - 1.0);
+                    if high < 0.0 {
+                        continue;
+                    }
+                    for y in low..=high as usize {
+                        let square = &mut found.row_mut(x * ey + y)[z];
+                        *square = square.min((y as f32 - position).powi(2));
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// Squared distances along x from the points on lines along x: rows (x, y) along all z, for the box's range of x.
+    fn along_x(&self, limit: f64) -> Rows {
+        let [_, ny, nz] = self.sizes;
+        let mut found = Rows::new(self.edges[0] * ny, nz);
         for line in self.crossings(0).chunk_by(|a, b| a.0 == b.0) {
             let at = line[0].0 as usize;
             let mut nearest = 0;
@@ -220,7 +284,7 @@ impl Samples {
                 }
                 let square = distance(nearest).powi(2);
                 if square < limit {
-                    found[x * slab + at] = square as f32;
+                    found.row_mut(x * ny + at / nz)[at % nz] = square as f32;
                 }
             }
         }
@@ -240,6 +304,9 @@ impl Samples {
         let mut found = Vec::new();
         for x in range(0) {
             for y in range(1) {
+                if !self.has_leaf[x * ny + y] {
+                    continue;
+                }
                 for z in range(2) {
                     let first = (x * ny + y) * nz + z;
                     let (a, b) = (self.values[first], self.values[first + step]);
@@ -271,75 +338,54 @@ fn take_line<'a>(points: &'a [Crossing], next: &mut usize, line: u32) -> &'a [Cr
     &points[first..*next]
 }
 
-/// The lower envelope of parabolas (p - position)^2 + height along a line.
-#[derive(Default)]
-struct Envelope {
-    /// Position and height of each parabola.
-    apex: Vec<(f64, f64)>,
-    /// Position from which each is the lowest.
-    from: Vec<f64>,
+/// Rows of squared distances, each allocated once it has a finite one.
+struct Rows {
+    width: usize,
+    rows: Vec<Vec<f32>>,
 }
 
-impl Envelope {
-    /// Builds it from lattice positions with heights, ascending, and points of height 0, ascending.
-    fn build(&mut self, grid: impl Iterator<Item = (f64, f32)>, points: &[Crossing]) {
-        self.apex.clear();
-        self.from.clear();
-        let mut points = points.iter().map(|p| f64::from(p.1)).peekable();
-        for (position, height) in grid {
-            while let Some(point) = points.next_if(|p| *p <= position) {
-                self.add(point, 0.0);
-            }
-            if height < f32::INFINITY {
-                self.add(position, height.into());
-            }
-        }
-        for point in points {
-            self.add(point, 0.0);
+impl Rows {
+    fn new(count: usize, width: usize) -> Self {
+        Self {
+            width,
+            rows: vec![Vec::new(); count],
         }
     }
 
-    fn add(&mut self, position: f64, height: f64) {
-        let begin = loop {
-            let Some(&(other, other_height)) = self.apex.last() else {
-                break f64::NEG_INFINITY;
-            };
-            if position == other {
-                if height >= other_height {
-                    return;
-                }
-                self.apex.pop();
-                self.from.pop();
-                continue;
-            }
-            let rise = height + position * position - other_height - other * other;
-            let meet = rise / (2.0 * (position - other));
-            if meet > self.from[self.apex.len() - 1] {
-                break meet;
-            }
-            self.apex.pop();
-            self.from.pop();
-        };
-        self.apex.push((position, height));
-        self.from.push(begin);
+    /// The row; `None` if all of it is infinite.
+    fn row(&self, n: usize) -> Option<&[f32]> {
+        Some(&self.rows[n][..]).filter(|r| !r.is_empty())
     }
 
-    /// Calls `put` with the lowest value at each position below `count`, where it is below a limit.
-    fn minimum(&self, count: usize, limit: f64, mut put: impl FnMut(usize, f32)) {
-        if self.apex.is_empty() {
-            return;
+    fn row_mut(&mut self, n: usize) -> &mut [f32] {
+        let row = &mut self.rows[n];
+        if row.is_empty() {
+            row.resize(self.width, f32::INFINITY);
         }
-        let mut lowest = 0;
-        for i in 0..count {
-            let p = i as f64;
-            while lowest + 1 < self.apex.len() && self.from[lowest + 1] < p {
-                lowest += 1;
-            }
-            let (position, height) = self.apex[lowest];
-            let square = (p - position).powi(2) + height;
-            if square < limit {
-                put(i, square as f32);
-            }
+        row
+    }
+}
+
+/// The lower of two numbers, neither of which is NaN: one instruction, unlike `f32::min`.
+fn lower(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
+}
+
+/// Lowers squares to those of a row along the same line, which begins `halo` before them: the least sum of a value
+/// and the square of its distance, less than `reach`.
+fn lower_along(row: &[f32], halo: usize, reach: usize, squares: &mut [f32]) {
+    let far = reach as isize - 1;
+    for step in -far..=far {
+        // Element n is lowered by element n + halo + step of the row.
+        let first = halo as isize + step;
+        let skipped = (-first).max(0) as usize;
+        let from = first.max(0) as usize;
+        if from >= row.len() || skipped >= squares.len() {
+            continue;
+        }
+        let own = (step * step) as f32;
+        for (square, v) in squares[skipped..].iter_mut().zip(&row[from..]) {
+            *square = lower(*square, v + own);
         }
     }
 }
