@@ -9,7 +9,8 @@ use druse::band::{BLOCK, Band, LeafBatch, LeafSink};
 use druse::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use druse::vdb::subprocess::Program;
 use druse::vdb::{
-    Compression, Cubes, GridReading, LevelSetBuilder, Picture, Session, VdbError, VdbWriter,
+    Compression, Cubes, GridReading, LevelSetBuilder, Picture, Placement, Session, VdbError,
+    VdbWriter,
 };
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -231,12 +232,40 @@ impl LevelSet {
         })
     }
 
-    fn volume(&self, py: Python<'_>) -> PyResult<f64> {
-        self.with(py, |level_set, session| Ok(level_set.volume(session)?))
+    /// Volume and area of the triangles of [`LevelSet::mesh`].
+    fn measures(&self, py: Python<'_>) -> PyResult<(f64, f64)> {
+        self.with(py, |level_set, session| {
+            let mesh = level_set.to_mesh(session)?;
+            Ok((mesh.volume(), mesh.area()))
+        })
     }
 
-    fn area(&self, py: Python<'_>) -> PyResult<f64> {
-        self.with(py, |level_set, session| Ok(level_set.area(session)?))
+    /// The same solid on the voxels of another lattice.
+    fn resampled(
+        &self,
+        py: Python<'_>,
+        voxel_size: f64,
+        half_width: f64,
+        origin: [f64; 3],
+    ) -> PyResult<Self> {
+        self.with(py, |level_set, session| {
+            let origin = Vec3::from(origin);
+            let placement = Placement {
+                translation: -origin,
+                ..Placement::IDENTITY
+            };
+            let transform = build::transform(voxel_size)?;
+            let mut made = level_set.resampled(transform, half_width, placement, session)?;
+            made.set_origin(origin)?;
+            Ok(Self::of(made))
+        })
+    }
+
+    /// Moves the solid with its voxels: the world position of voxel (0, 0, 0).
+    fn set_origin(&self, py: Python<'_>, origin: [f64; 3]) -> PyResult<()> {
+        self.change(py, None, |level_set, _| {
+            level_set.set_origin(Vec3::from(origin))
+        })
     }
 
     fn bounds(&self, py: Python<'_>) -> PyResult<[[f64; 3]; 2]> {
@@ -275,6 +304,11 @@ impl LevelSet {
 
     fn content_hash(&self, py: Python<'_>, grid: &str) -> PyResult<String> {
         self.with(py, |level_set, _| Ok(level_set.content_hash(grid)?))
+    }
+
+    /// Consumes the level set.
+    fn clear(&self, py: Python<'_>) -> PyResult<()> {
+        self.take().map(drop).map_err(|e| e.raise(py))
     }
 
     fn copy(&self, py: Python<'_>) -> PyResult<Self> {

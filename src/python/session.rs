@@ -43,6 +43,13 @@ pub(crate) fn threads(py: Python<'_>) -> PyResult<usize> {
     pool().map(|p| p.count()).map_err(|e| e.raise(py))
 }
 
+/// A thread of its own.
+fn single_thread() -> Result<Arc<Threads>, Fault> {
+    let made = Threads::new(1);
+    made.map(Arc::new)
+        .map_err(|e| Fault::Text(format!("cannot start a thread: {e}")))
+}
+
 /// The pool of this process.
 pub(crate) fn pool() -> Result<Arc<Threads>, Fault> {
     let own = std::process::id();
@@ -122,7 +129,12 @@ pub(crate) fn work<T: Send>(
     progress: Option<&Bound<'_, PyAny>>,
     job: impl FnOnce(Session<'_>) -> Result<T, Fault> + Send,
 ) -> PyResult<T> {
-    let threads = pool().map_err(|e| e.raise(py))?;
+    let threads = if rayon::current_thread_index().is_some() {
+        // A function of the user, called by a thread of the pool: its other threads may wait for the same.
+        single_thread().map_err(|e| e.raise(py))?
+    } else {
+        pool().map_err(|e| e.raise(py))?
+    };
     let monitor = Monitor::default();
     let (outcome, raised) = std::thread::scope(|scope| {
         let worker = scope.spawn(|| {

@@ -13,6 +13,9 @@ pub(crate) const MAX_FILTER_WIDTH: u32 = 64;
 /// Greatest number of iterations of a filter.
 const MAX_FILTER_ITERATIONS: u32 = 1000;
 
+/// Greatest distance outwards, voxels: around a single point the band has some 2e10 voxels.
+const MAX_DILATION: f64 = 16_384.0;
+
 fn smoothing(width: u32, iterations: u32, session: Session<'_>) -> Smoothing {
     Smoothing {
         width: i32::try_from(width).unwrap_or(i32::MAX),
@@ -27,9 +30,16 @@ impl LevelSet {
     /// with OpenVDB's tools, in time proportional to distance / voxel size.
     ///
     /// # Errors
-    /// [`VdbError::Parameter`] unless the distance is finite and not negative,
+    /// [`VdbError::Parameter`] unless the distance is finite, not negative and, outwards, at most 16,384 voxels,
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn dilate(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
+        if distance > MAX_DILATION * self.voxel_size() {
+            return Err(VdbError::Parameter {
+                name: "distance in voxels",
+                value: distance / self.voxel_size(),
+                expected: "at most 16384",
+            });
+        }
         self.move_surface("dilate", checked(distance)?, session)
     }
 

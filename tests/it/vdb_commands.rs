@@ -141,7 +141,7 @@ fn what_cannot_be_done_is_said() {
     )
     .unwrap();
     std::fs::write(place.0.path().join("noise.vdb"), b"not a volume at all").unwrap();
-    let cases: [(&str, i32, &[&str]); 20] = [
+    let cases: [(&str, i32, &[&str]); 21] = [
         ("filter a.vdb -o none.vdb prune --lod 9", 65, &["1 to 8"]),
         (
             "filter a.vdb -o none.vdb prune --grids uvw",

@@ -87,6 +87,105 @@ def test_meshes_are_operands(ball, cube_mesh):
     assert (inside, outside) == pytest.approx((-0.5, 0.25), abs=0.01)
 
 
+def test_operands_on_other_voxels_are_resampled(cube_mesh):
+    axis = np.arange(0, 33) * 0.25
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    # Voxel (0, 0, 0) lies at a place that no lattice about the origin has.
+    dense = druse.LevelSet.from_dense(np.linalg.norm(grid - 4, axis=-1) - 3, 0.25, origin=[-4.1, -4.1, -4.1])
+    alone = dense.volume
+    assert alone == pytest.approx(BALL * 27, rel=0.01)
+    eighth = dense.copy().intersect(druse.Mesh(np.asarray(cube_mesh.vertices) * 4 - 0.1, cube_mesh.faces))
+    assert eighth.volume == pytest.approx(alone / 8, rel=0.01)
+    other = druse.LevelSet.from_function(lambda p: ball_distance(p, 1), [[-1] * 3, [1] * 3], 0.2, half_width=4)
+    hollow = dense.subtract(other)
+    assert hollow.volume == pytest.approx(alone - BALL, rel=0.01) and other._level_set.is_consumed()
+    assert hollow.origin.tolist() == [-4.1] * 3
+
+
+def test_the_volume_is_that_of_the_mesh():
+    slab = druse.Mesh.of(_Box([4, 4, 1])).level_set(0.25)
+    assert slab.volume == slab.mesh().volume and slab.area == slab.mesh().area
+    assert sum(slab.components) == pytest.approx(slab.volume, rel=0.4)
+
+
+class _Box:
+    """A box about the origin, with the attributes of a mesh of trimesh."""
+
+    def __init__(self, size):
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
+        quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+        self.vertices = corners * size
+        self.faces = np.array([t for q in quads for t in ([q[0], q[1], q[2]], [q[0], q[2], q[3]])])
+
+
+def test_functions_call_the_package(ball, block, schwarz, cube_mesh):
+    tiling = druse.Tiling(block, schwarz)
+    inner = [
+        ball,
+        cube_mesh.distance,
+        tiling.distance,
+        schwarz,
+        lambda p: druse.LevelSet.from_function(lambda q: ball_distance(q, 1), [[-1] * 3, [1] * 3], 0.5)(p),
+    ]
+    try:
+        for threads in (0, 1):
+            druse.set_threads(threads)
+            for function in inner:
+                made = druse.LevelSet.from_function(
+                    lambda p, f=function: np.maximum(ball_distance(p, 2), np.asarray(f(p), dtype=float)),
+                    [[-2] * 3, [2] * 3], 0.25, lipschitz=8,
+                )
+                assert 0 <= made.volume <= BALL * 8 * 1.01
+    finally:
+        druse.set_threads(0)
+
+
+def test_solids_that_cross_the_bounds(caplog):
+    def waves(p):
+        return np.cos(p).sum(axis=1)
+
+    bounds = [[0, 0, 0], [6, 4, 4]]
+    with pytest.raises(druse.ArgumentError, match="clip=True"):
+        druse.LevelSet.from_function(waves, bounds, 0.2, lipschitz=2)
+    part = druse.LevelSet.from_function(waves, bounds, 0.2, lipschitz=2, clip=True)
+    points = np.random.default_rng(1).uniform(0, 1, (200_000, 3)) * bounds[1]
+    share = (waves(points) < 0).mean()
+    assert part.volume == pytest.approx(96 * share, rel=0.03)
+    assert (part.bounds[0] > -0.2).all() and (part.bounds[1] < np.array(bounds[1]) + 0.2).all()
+
+
+def test_dense_arrays_that_are_no_distances(caplog):
+    axis = np.arange(20) - 9.5
+    ball = np.linalg.norm(np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1), axis=-1) - 6
+    make = druse.LevelSet.from_dense
+    with pytest.raises(druse.ArgumentError, match="bool"):
+        make(ball < 0, 1.0)
+    with pytest.raises(druse.ArgumentError, match="unit of voxel_size"):
+        make(ball * 1000, 1.0)
+    with pytest.raises(druse.ArgumentError, match="no negative"):
+        make(np.zeros((5, 5, 5)), 1.0)
+    with pytest.raises(druse.ArgumentError, match="lower end of axis 0"):
+        make(-ball, 1.0)
+    with pytest.raises(druse.ArgumentError, match="lower end of axis 0"):
+        make(ball[6:], 1.0)
+    with caplog.at_level("WARNING", "druse"):
+        made = make(ball / 1000, 1.0)
+    assert "distances change by 1" in caplog.text
+    assert made.volume == pytest.approx(BALL * 216, rel=0.02)
+
+
+def test_sizes_have_limits(ball, tmp_path):
+    with pytest.raises(druse.ArgumentError, match="half_width"):
+        druse.LevelSet.from_function(ball_distance, [[-4] * 3, [4] * 3], 0.25, half_width=1e6)
+    with pytest.raises(druse.ArgumentError, match="16384"):
+        ball.dilate(1e9)
+    with pytest.raises(druse.ArgumentError, match="erode"):
+        ball.dilate(-0.3)
+    with pytest.raises(druse.ArgumentError, match=".vdb"):
+        ball.save(tmp_path / "ball.stl")
+    assert ball.volume > 0
+
+
 def test_a_bad_parameter_leaves_the_level_set(ball):
     before = ball.content_hash
     with pytest.raises(druse.ArgumentError):

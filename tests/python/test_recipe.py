@@ -112,3 +112,15 @@ def test_the_program_comes_with_the_package():
 
 def test_the_schema_is_that_of_the_program():
     assert druse.schema()["title"] == "Druse recipe"
+
+
+def test_unmet_requirements_are_logged(caplog):
+    recipe = {
+        "druse": 1, "band": {"voxel_size": 0.5}, "op": [{"union": {"sphere": {"radius": 5}}}],
+        "require": {"least_wall": 50},
+    }
+    with caplog.at_level("WARNING", "druse"):
+        part = druse.run(recipe)
+    assert "require least_wall" in caplog.text and not part.report["requirements"][0]["met"]
+    with pytest.raises(druse.ArgumentError, match="mapping"):
+        druse.run(recipe, set="a=1")

@@ -74,6 +74,19 @@ def positive(value: object, name: str) -> float:
     return number
 
 
+# Limits of a band's half width, voxels, as in recipes; builders take less than 1.5 too.
+_HALF_WIDTHS = (1.0, 64.0)
+
+
+def half_width_of(value: object) -> float:
+    """Return a half width of a band in voxels."""
+    number = finite(value, "half_width")
+    low, high = _HALF_WIDTHS
+    if not low <= number <= high:
+        raise ArgumentError(f"half_width is {number} voxels; expected {low:g} to {high:g}")
+    return number
+
+
 def count(value: object, name: str) -> int:
     """Return an integer from 0 to 2^31 - 1."""
     try:

@@ -54,7 +54,11 @@ class RecipeError(Error):
 
 
 class FileError(Error, OSError):
-    """A file that cannot be read or written."""
+    """A file that cannot be read or written; `filename` is `file`."""
+
+    @property
+    def filename(self) -> str | None:  # type: ignore[override]
+        return self.file
 
     def __str__(self) -> str:
         return Error.__str__(self)

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _druse
-from ._arrays import Floats, Progress, box, checked_function, count, finite, log, numeric, points_of, positive
-from ._arrays import shaped, vector
+from ._arrays import Floats, Progress, box, checked_function, count, finite, half_width_of, log, numeric
+from ._arrays import points_of, positive, shaped, vector
 from ._child import program
 from ._errors import ArgumentError
 from ._mesh import Mesh
@@ -122,13 +122,18 @@ class LevelSet:
     ) -> LevelSet:
         """Make a level set of distances on a lattice [nx, ny, nz] in world units, negative inside.
 
-        Voxels within the half width (in voxels) become active. The surface lies inside the lattice. `origin` is the
-        world position of the first value.
+        Voxels within the half width (in voxels) become active. The solid lies inside the lattice: the outermost values
+        are positive. `origin` is the world position of the first value. The logger `druse` warns where values are no
+        distances.
         """
+        if np.asarray(values).dtype.kind == "b":
+            raise ArgumentError("values has the type bool; expected distances, negative inside")
         data = numeric(values, "values", np.float32)
         if data.ndim != 3:
             raise ArgumentError(f"values has the shape {list(data.shape)}; expected [nx, ny, nz]")
-        return cls._of(_druse.from_dense(data, _frame(voxel_size, half_width, origin)))
+        frame = _frame(voxel_size, half_width, origin)
+        _check_dense(data, frame[0], frame[1])
+        return cls._of(_druse.from_dense(data, frame))
 
     @classmethod
     def from_function(
@@ -139,6 +144,8 @@ class LevelSet:
         lipschitz: float = 1.0,
         half_width: float = 3.0,
         progress: Progress | None = None,
+        *,
+        clip: bool = False,
     ) -> LevelSet:
         """Make a level set of a Python function.
 
@@ -146,7 +153,7 @@ class LevelSet:
         ----------
         function : callable
             Maps points, float64 [n, 3], to values [n] in world units, negative inside. It is called on blocks of
-            points, from several threads, one at a time.
+            points, from several threads, under the interpreter's lock. It may call level sets, meshes and tilings.
         bounds : array_like, shape [2, 3]
             Lower and upper corner of a box around the solid.
         voxel_size : float
@@ -158,17 +165,28 @@ class LevelSet:
             Half width of the band, voxels.
         progress : callable, optional
             Called with stage, done and total.
+        clip : bool
+            Intersect the solid with the bounds; without it a solid that crosses them is an error.
         """
         checked = checked_function(function, "function")
+        corners, size = box(bounds), positive(voxel_size, "voxel_size")
         made, _ = _druse.from_function(
-            checked,
-            box(bounds),
-            positive(voxel_size, "voxel_size"),
-            positive(lipschitz, "lipschitz"),
-            positive(half_width, "half_width"),
+            _clipped(checked, corners) if clip else checked,
+            corners,
+            size,
+            max(positive(lipschitz, "lipschitz"), 1.0 if clip else 0.0),
+            half_width_of(half_width),
             progress,
         )
-        return cls._of(made)
+        solid = cls._of(made)
+        found = solid.bounds
+        # Values need not be distances, so that the box of the solid is known to some voxels.
+        beyond = np.maximum(corners[0] - found[0], found[1] - corners[1]).max()
+        if not clip and np.isfinite(beyond) and beyond > 2 * size:
+            raise ArgumentError(
+                f"the solid reaches {beyond:g} beyond bounds; expected bounds around the solid, or clip=True"
+            )
+        return solid
 
     def save(
         self,
@@ -180,8 +198,11 @@ class LevelSet:
     ) -> str:
         """Write a .vdb file of one grid and return its content hash.
 
-        `compression` is none, zip or blosc; `half` stores half floats; `tags` are metadata of the file.
+        `compression` is none, zip or blosc; `half` stores half floats; `tags` are metadata of the file. Meshes are
+        written by ``part.mesh().save``.
         """
+        if not os.fspath(path).lower().endswith(".vdb"):
+            raise ArgumentError(f"path is {os.fspath(path)!r}; expected a name that ends in .vdb")
         pairs = [(str(k), str(v)) for k, v in (tags or {}).items()]
         return self._level_set.save(os.fspath(path), grid, compression, bool(half), pairs)[1]
 
@@ -202,13 +223,13 @@ class LevelSet:
 
     @property
     def volume(self) -> float:
-        """Volume of the solid."""
-        return self._level_set.volume()
+        """Volume of the solid: that of its `mesh`, and of the report of a run."""
+        return self._level_set.measures()[0]
 
     @property
     def area(self) -> float:
-        """Area of the surface."""
-        return self._level_set.area()
+        """Area of the surface: that of its `mesh`."""
+        return self._level_set.measures()[1]
 
     @property
     def bounds(self) -> Floats:
@@ -223,7 +244,10 @@ class LevelSet:
 
     @property
     def components(self) -> Floats:
-        """Volumes of the connected components of the solid, largest first."""
+        """Volumes of the connected components of the solid, largest first.
+
+        A component's volume is that of the voxels whose centres lie inside, which is coarser than `volume`.
+        """
         return np.array(self._level_set.components())
 
     @property
@@ -274,6 +298,8 @@ class LevelSet:
 
     def dilate(self, distance: float, progress: Progress | None = None) -> LevelSet:
         """Move the surface outwards by a distance in world units."""
+        if finite(distance, "distance") < 0:
+            raise ArgumentError(f"distance is {distance}; expected at least 0: erode moves inwards")
         return self._apply("dilate", finite(distance, "distance"), 0, progress)
 
     def erode(self, distance: float, progress: Progress | None = None) -> LevelSet:
@@ -313,13 +339,31 @@ class LevelSet:
         return self._apply("renormalise", 0.0, iterations, progress)
 
     def _combine(self, operation: str, other: Any, progress: Progress | None) -> LevelSet:
-        if not isinstance(other, LevelSet):
-            other = Mesh.of(other).level_set(self.voxel_size, self.half_width)
-        self._level_set.combine(operation, other._level_set, progress)
+        size, width, origin = self._level_set.frame()
+        if isinstance(other, LevelSet):
+            operand = other._level_set
+            own_size, own_width, own_origin = operand.frame()
+            is_shifted = bool(np.abs(np.subtract(own_origin, origin)).max() > 1e-6 * size)
+            if is_shifted or abs(own_size / size - 1) > 1e-9 or own_width != width:
+                operand, taken = operand.resampled(size, width, origin), operand
+                self._level_set.combine(operation, operand, progress)
+                taken.clear()
+                return self
+        else:
+            mesh = Mesh.of(other)
+            if any(origin):
+                mesh = Mesh(np.asarray(mesh.vertices) - origin, np.asarray(mesh.faces))
+            operand = mesh.level_set(size, width)._level_set
+            if any(origin):
+                operand.set_origin(origin)
+        self._level_set.combine(operation, operand, progress)
         return self
 
     def union(self, other: Any, progress: Progress | None = None) -> LevelSet:
-        """Unite with a level set, which is consumed, or with a mesh that `Mesh.of` converts."""
+        """Unite with a level set, which is consumed, or with a mesh that `Mesh.of` converts.
+
+        An operand on other voxels is resampled to those of this level set; so for `intersect` and `subtract`.
+        """
         return self._combine("union", other, progress)
 
     def intersect(self, other: Any, progress: Progress | None = None) -> LevelSet:
@@ -352,4 +396,49 @@ class LevelSet:
 
 
 def _frame(voxel_size: float, half_width: float, origin: npt.ArrayLike) -> tuple[float, float, list[float]]:
-    return positive(voxel_size, "voxel_size"), positive(half_width, "half_width"), vector(origin, "origin")
+    return positive(voxel_size, "voxel_size"), half_width_of(half_width), vector(origin, "origin")
+
+
+def _check_dense(values: npt.NDArray[np.float32], voxel_size: float, half_width: float) -> None:
+    """Refuse values on a lattice that bound no solid within it."""
+    if not np.isfinite(values).all():
+        return  # the extension module names the first one
+    for axis in range(3):
+        for side in (0, -1):
+            face = values.take(side, axis) if values.shape[axis] else values
+            if (face < 0).any():
+                raise ArgumentError(
+                    f"values has negative numbers at the {'upper' if side else 'lower'} end of axis {axis}; "
+                    "expected the solid inside the lattice, with positive values around it"
+                )
+    steps, most = [], 0.0
+    for axis in range(3):
+        ahead, behind = np.moveaxis(values, axis, 0)[1:], np.moveaxis(values, axis, 0)[:-1]
+        crosses = (ahead < 0) != (behind < 0)
+        jumps = np.abs(ahead[crosses] - behind[crosses])
+        if jumps.size:
+            steps.append(float(jumps.mean()) / voxel_size)
+            most = max(most, float(jumps.max()) / voxel_size)
+    if not steps:
+        raise ArgumentError("values has no negative number; expected distances, negative inside")
+    if most > 2 * half_width:
+        raise ArgumentError(
+            f"values change by up to {most:.3g} voxels between neighbours at the surface; expected distances in the "
+            "unit of voxel_size"
+        )
+    slope = max(steps)
+    if not 0.3 < slope < 1.5:
+        text = f"values change by {slope:.2g} voxels from one voxel to the next at the surface; distances change by 1"
+        log(logging.WARNING, "from_dense", [text])
+
+
+def _clipped(function: Callable[[Floats], Floats], corners: list[list[float]]) -> Callable[[Floats], Floats]:
+    """Return the intersection of a function with a box, whose own values are bounds of the distance."""
+    low, high = np.array(corners)
+
+    def call(points: Floats) -> Floats:
+        beyond = np.maximum(low - points, points - high).max(axis=1)
+        clipped: Floats = np.maximum(function(points), beyond)
+        return clipped
+
+    return call

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _druse
-from ._arrays import Floats, Progress, log, numeric, points_of, positive, read_only, shaped
+from ._arrays import Floats, Progress, half_width_of, log, numeric, points_of, positive, read_only, shaped
 from ._errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class Mesh:
         from ._level_set import LevelSet
 
         made, notes = self._mesh.level_set(
-            positive(voxel_size, "voxel_size"), positive(half_width, "half_width"), progress
+            positive(voxel_size, "voxel_size"), half_width_of(half_width), progress
         )
         log(logging.INFO, "mesh", notes)
         return LevelSet._of(made)

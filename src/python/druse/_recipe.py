@@ -38,7 +38,7 @@ class Recipe:
     """
 
     def __init__(self, source: str | os.PathLike[str] | Mapping[str, Any], set: Overrides | None = None) -> None:
-        overrides = [f"{key}={value(item)}" for key, item in (set or {}).items()]
+        overrides = _overrides(set)
         if isinstance(source, Mapping):
             self._adopt(None, document(source), overrides)
         elif isinstance(source, (str, os.PathLike)):
@@ -54,7 +54,7 @@ class Recipe:
     def parse(cls, text: str, set: Overrides | None = None) -> Recipe:
         """A recipe from its text (TOML)."""
         made = cls.__new__(cls)
-        made._adopt(None, text, [f"{key}={value(item)}" for key, item in (set or {}).items()])
+        made._adopt(None, text, _overrides(set))
         return made
 
     @property
@@ -120,6 +120,9 @@ class Recipe:
         log(logging.INFO, "scaffold", scaffold.get("notes", []))
         for warning in report["warnings"]:
             log(logging.WARNING, warning["code"], [warning["message"]])
+        for requirement in report.get("requirements") or []:
+            if not requirement["met"]:
+                log(logging.WARNING, f"require {requirement['name']}", [f"not met: found {requirement['found']}"])
         if solid is None:
             part = _written(report)
         else:
@@ -132,6 +135,12 @@ class Recipe:
 
     def __repr__(self) -> str:
         return f"druse.Recipe({self._source[0] or 'mapping'!r})"
+
+
+def _overrides(set: Overrides | None) -> list[str]:
+    if set is not None and not isinstance(set, Mapping):
+        raise ArgumentError(f"set is {set!r}; expected a mapping such as {{'band.voxel_size': 0.2}}")
+    return [f"{key}={value(item)}" for key, item in (set or {}).items()]
 
 
 def _unpickle(path: str | None, text: str | None, overrides: list[str]) -> Recipe:
@@ -186,7 +195,8 @@ def run(
     Returns
     -------
     LevelSet
-        The finished part; its `report` is that of the run. Warnings go to the logger ``druse``.
+        The finished part; its `report` is that of the run. Warnings go to the logger ``druse``, and so does what
+        ``[require]`` asks for and the part does not meet: ``part.report["requirements"]`` has all of it.
     """
     if isinstance(recipe, Recipe):
         if set:

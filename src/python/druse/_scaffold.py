@@ -262,10 +262,15 @@ class Scaffold:
         return f"druse.Scaffold({len(self.nodes)} nodes, {len(self)} elements)"
 
 
+def _offsets(mesh: Any) -> Any:
+    """Return the offsets of the cells of a grid; the older name of the attribute warns where the newer one exists."""
+    return mesh.cell_offsets if hasattr(mesh, "cell_offsets") else mesh.offset
+
+
 def _solids(mesh: Any) -> tuple[npt.NDArray[np.bool_], Any, Any, Any]:
     """Return which cells of a grid of pyvista are solid, and their offsets, node numbers and types."""
     types = numeric(mesh.celltypes, "celltypes", np.int64).ravel()
-    offsets = numeric(mesh.offset, "offset", np.int64).ravel()
+    offsets = numeric(_offsets(mesh), "offset", np.int64).ravel()
     nodes = numeric(mesh.cell_connectivity, "cell_connectivity", np.int64).ravel()
     is_solid = np.isin(types, [*_TYPES.values(), _PYRAMID14, _VOXEL])
     counts = np.diff(offsets)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _druse
-from ._arrays import Floats, Progress, numeric, points_of, positive, shaped
+from ._arrays import Floats, Progress, half_width_of, numeric, points_of, positive, shaped
 from ._cell import Cell
 from ._errors import ArgumentError
 from ._level_set import LevelSet
@@ -137,7 +137,7 @@ class Tiling:
 
     def level_set(self, voxel_size: float, half_width: float = 3.0, progress: Progress | None = None) -> LevelSet:
         """The level set of the solid; `voxel_size` in world units, `half_width` of the band in voxels."""
-        size, width = positive(voxel_size, "voxel_size"), positive(half_width, "half_width")
+        size, width = positive(voxel_size, "voxel_size"), half_width_of(half_width)
         if self._metric is not None:
             return self._metric.level_set(size, width, progress)
         return LevelSet._of(self._tiling.level_set(size, width, progress))

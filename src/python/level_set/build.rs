@@ -17,7 +17,7 @@ fn mask(active: &[bool; 512]) -> [u64; 8] {
     mask
 }
 
-fn transform(voxel_size: f64) -> Result<Transform, Fault> {
+pub(super) fn transform(voxel_size: f64) -> Result<Transform, Fault> {
     Transform::new(voxel_size)
         .filter(|_| voxel_size >= Transform::MIN_VOXEL_SIZE)
         .ok_or_else(|| {
