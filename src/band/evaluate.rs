@@ -16,6 +16,8 @@ use std::ops::Range;
 const BATCH_LEAVES: usize = 32;
 /// Greatest number of leaves in a slab; one x layer of a block has at most as many.
 const SLAB_LEAVES: usize = (BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES) as usize;
+/// Units of progress of a block: large parts may have few blocks.
+const BLOCK_PARTS: u64 = 16;
 /// Leaves along a block's edge.
 const BLOCK_EDGE_LEAVES: i32 = BLOCK / LEAF;
 /// Entry of a block's table without an evaluated leaf.
@@ -51,15 +53,13 @@ impl Band<'_> {
         let culler = Culler::new(self, region)?;
         threads.install(|| {
             let blocks = culler.blocks();
-            progress.stage("band", Some(blocks.unknown.len() as u64));
+            progress.stage("band", Some(BLOCK_PARTS * blocks.unknown.len() as u64));
             sink.inside(&blocks.inside);
             blocks
                 .unknown
                 .par_iter()
                 .map(|&origin| {
-                    let stats = evaluate_block(&culler, origin, progress, sink)?;
-                    progress.advance(1);
-                    Ok(stats)
+                    evaluate_block(&culler, origin, progress, sink)
                 })
                 .try_reduce(BandStats::default, |mut a, b| {
                     a += b;
@@ -98,7 +98,7 @@ fn evaluate_block(
         ..BandStats::default()
     };
     let mut waiting: Option<Slab> = None;
-    let mut first = 0;
+    let (mut first, mut parts) = (0, 0);
     while first < block.origins.len() || waiting.is_some() {
         if progress.cancelled() {
             return Err(Cancelled.into());
@@ -111,6 +111,9 @@ fn evaluate_block(
             next = Some(slab);
         }
         first = last;
+        let reached = BLOCK_PARTS * first as u64 / block.origins.len() as u64;
+        progress.advance(reached - parts);
+        parts = reached;
         let complete = next.take_if(|slab| slab.is_complete);
         for mut slab in [waiting.take(), complete].into_iter().flatten() {
             stats.samples_evaluated += block.complete(&mut slab, &mut inside);
@@ -125,6 +128,7 @@ fn evaluate_block(
         }
         waiting = next;
     }
+    progress.advance(BLOCK_PARTS - parts);
     sink.inside(&inside);
     buffers::recycle_signs(block.signs);
     Ok(stats)

@@ -266,7 +266,8 @@ class Cell:
             ``stiffness`` [6, 6] (Voigt order 11 22 33 23 13 12, engineering shear), ``conductivity`` [3, 3],
             ``permeability`` of the void [3, 3] (squares of the period's edge), ``volume_fraction``, ``engineering``
             constants, Hashin-Shtrikman ``bounds`` (lower, upper) of bulk, shear and conductivity, ``over_bounds``
-            (values over the upper bounds), ``error`` (difference to a grid half as fine) and ``extrapolated``.
+            (values over the upper bounds), and from 16 voxels on ``error`` (difference to a grid half as fine) and
+            ``extrapolated``.
         """
         return homogenize(
             self, resolution, young, poisson, kappa, void, only, tets, sharp, fitted, gradient, residual, progress
