@@ -168,7 +168,7 @@ void grid_fillet(Grid&, double radius, Smoothing smoothing, const Host&);
 void grid_prune(Grid&, const Host&);
 
 // coarse.cc
-std::unique_ptr<Grid> grid_coarse(Grid&, std::int32_t step, bool release);
+std::unique_ptr<Grid> grid_coarse(Grid&, std::int32_t step);
 
 // csg.cc
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);

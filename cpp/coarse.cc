@@ -9,9 +9,9 @@ using namespace openvdb;
 namespace druse {
 
 // A voxel of the copy is the mean of step^3 voxels (2, 4 or 8 along each axis). The copy has a leaf wherever the grid
-// has one in reach, and one more around, so that its surface never leaves its leaves. With `release`, the values of a
-// leaf are freed when they are read; this grid then has topology only.
-std::unique_ptr<Grid> grid_coarse(Grid& handle, std::int32_t step, bool release) {
+// has one in reach, and one more around, so that its surface never leaves its leaves. The values of a leaf are freed when
+// they are read: the grid then has topology only.
+std::unique_ptr<Grid> grid_coarse(Grid& handle, std::int32_t step) {
   if (step != 2 && step != 4 && step != 8) throw std::invalid_argument("the step of a coarse copy is 2, 4 or 8");
   FloatGrid& fine = floats(handle);
   auto coarse = FloatGrid::create(fine.background());
@@ -67,7 +67,7 @@ std::unique_ptr<Grid> grid_coarse(Grid& handle, std::int32_t step, bool release)
               }
             }
           }
-          if (leaf && release) {
+          if (leaf) {
             Leaf::Buffer nothing(PartialCreate(), 0.0f);
             leaf->swap(nothing);
           }

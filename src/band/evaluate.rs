@@ -58,9 +58,7 @@ impl Band<'_> {
             blocks
                 .unknown
                 .par_iter()
-                .map(|&origin| {
-                    evaluate_block(&culler, origin, progress, sink)
-                })
+                .map(|&origin| evaluate_block(&culler, origin, progress, sink))
                 .try_reduce(BandStats::default, |mut a, b| {
                     a += b;
                     Ok(a)

@@ -237,7 +237,7 @@ mod bridge {
             values: &[f32],
         ) -> Result<()>;
         /// A level set with means of `step`^3 voxels, 2, 4 or 8. `release` frees the values that were read.
-        fn grid_coarse(grid: Pin<&mut Grid>, step: i32, release: bool) -> Result<UniquePtr<Grid>>;
+        fn grid_coarse(grid: Pin<&mut Grid>, step: i32) -> Result<UniquePtr<Grid>>;
         /// 3 indices per value.
         fn grid_values(grid: &Grid, voxels: &[i32], values: &mut [f32]) -> Result<()>;
         /// 3 world coordinates per value; interpolation is trilinear, or quadratic along each axis.

@@ -250,6 +250,52 @@ pub(super) fn pick(
     Ok((names[index].clone(), grid))
 }
 
+/// Greatest number of coarser copies of a level set.
+const MAX_LOD: u32 = 8;
+
+/// As [`pick`], for views: instead of a level set `surface` of more than `max_voxels` active voxels, the finest copy
+/// that the file has of it (`surface_lod_1`, ...) with fewer, else its coarsest. Also the voxels of the level set along
+/// the edge of a voxel of the copy. With `delayed`, the level set itself is read only without copies.
+pub(super) fn pick_for_view(
+    path: &Path,
+    name: Option<&str>,
+    (max_voxels, delayed): (u64, bool),
+) -> Result<(String, UniquePtr<ffi::Grid>, u32), FileError> {
+    let own = || pick(path, name, delayed).map(|(name, grid)| (name, grid, 1));
+    let is_nano = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"));
+    if is_nano || name.is_some_and(|n| n != "surface") {
+        return own();
+    }
+    let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
+    let mut file = open(path, delayed)?;
+    let names = file.names().map_err(damaged)?;
+    let index_of = |level: u32| {
+        let name = format!("surface_lod_{level}");
+        names.iter().position(|n| *n == name)
+    };
+    if index_of(1).is_none() {
+        return own();
+    }
+    if !delayed {
+        let found = own()?;
+        if ffi::grid_active_voxels(&found.1).map_err(damaged)? <= max_voxels {
+            return Ok(found);
+        }
+    }
+    let mut best = None;
+    for (level, index) in (1..=MAX_LOD).rev().filter_map(|l| Some((l, index_of(l)?))) {
+        let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
+        let is_small = ffi::grid_active_voxels(&grid).map_err(damaged)? <= max_voxels;
+        if !is_small && best.is_some() {
+            break;
+        }
+        best = Some((names[index].clone(), grid, 1 << level));
+    }
+    best.map_or_else(own, Ok)
+}
+
 /// As [`pick`], from a .nvdb file.
 fn pick_nano(path: &Path, name: Option<&str>) -> Result<(String, UniquePtr<ffi::Grid>), FileError> {
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);

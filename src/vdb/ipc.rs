@@ -57,12 +57,13 @@ pub(super) fn send(
     let mut out = BufWriter::with_capacity(BUFFER_BYTES, out);
     let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
     let delayed = max_voxels.is_some() && bytes > MAX_LOADED_BYTES;
-    let volume = super::file::pick(path, name, delayed)
-        .and_then(|(n, g)| Volume::wrap(path, &n, g))
-        .and_then(|volume| match max_voxels {
-            Some(count) => volume.coarse(path, count, true),
-            None => Ok(volume),
-        });
+    let volume = match max_voxels {
+        Some(count) => super::file::pick_for_view(path, name, (count, delayed)).and_then(
+            |(name, grid, step)| Volume::wrap(path, &name, grid)?.coarse(path, count, step),
+        ),
+        None => super::file::pick(path, name, false)
+            .and_then(|(name, grid)| Volume::wrap(path, &name, grid)),
+    };
     let head = match &volume {
         Ok(volume) => Head::Grid(Box::new(GridInfo {
             name: volume.name().to_owned(),

@@ -242,7 +242,8 @@ impl Volume {
     }
 
     /// A level set of at most `max_voxels` active voxels for views: means over cubes of voxels, 2, 4, 8, ... along
-    /// each edge. Thinner walls than such a cube vanish. Other grids, and those of fewer voxels, stay as they are.
+    /// each edge. Thinner walls than such a cube vanish. Other grids, and those of fewer voxels, stay as they are. This
+    /// volume has `step` voxels of the file's level set along an edge of its voxels; its values are freed on the way.
     ///
     /// # Errors
     /// Only errors of OpenVDB; `path` is the name in them.
@@ -250,18 +251,23 @@ impl Volume {
         mut self,
         path: &Path,
         max_voxels: u64,
-        release: bool,
+        mut step: u32,
     ) -> Result<Self, FileError> {
+        let with_step = |mut volume: Self, step: u32| {
+            if step > 1 {
+                let entry = (COARSE_STEP_KEY.to_owned(), step.to_string());
+                volume.info.metadata.push(entry);
+            }
+            Ok(volume)
+        };
         if self.info.class != "level set"
             || !self.info.cubic
             || self.info.active_voxels <= max_voxels
         {
-            return Ok(self);
+            return with_step(self, step);
         }
         let failed = |e: cxx::Exception| FileError::damaged(path, &e);
-        let mut step = 1u32;
         let mut active = self.info.active_voxels;
-        let mut is_own = release;
         while active > max_voxels && step < MAX_COARSE_STEP {
             // Halving the resolution leaves about a fifth of the active voxels, halving it again a sixth of these.
             let by = match active / max_voxels.max(1) {
@@ -269,20 +275,18 @@ impl Volume {
                 5..30 => 4,
                 _ => 8,
             };
-            self.grid = ffi::grid_coarse(self.grid.pin_mut(), by, is_own).map_err(failed)?;
-            is_own = true;
+            self.grid = ffi::grid_coarse(self.grid.pin_mut(), by).map_err(failed)?;
             step *= by as u32;
             active = ffi::grid_active_voxels(&self.grid).map_err(failed)?;
         }
         let facts = GridInfo::from_facts(ffi::grid_facts(&self.grid).map_err(failed)?);
-        let mut metadata = std::mem::take(&mut self.info.metadata);
-        metadata.push((COARSE_STEP_KEY.to_owned(), step.to_string()));
+        let metadata = std::mem::take(&mut self.info.metadata);
         *self.info = GridInfo {
             name: self.name.clone(),
             metadata,
             ..facts
         };
-        Ok(self)
+        with_step(self, step)
     }
 
     /// Voxels of the file along an edge of a voxel: more than 1 for a coarse copy.

@@ -189,13 +189,16 @@ fn a_page_holds_the_level_set_and_its_components() {
 
 #[test]
 fn triangles_are_bounded_and_the_solid_stays() {
-    let place = Place::with(&PARTS.replace("0.5", "0.2"));
+    let copies = "[[output]]\nvdb = \"lod.vdb\"\nlod = 4\n";
+    let place = Place::with(&(PARTS.replace("0.5", "0.2") + copies));
     assert!(place.run(&["run", "r.toml", "--quiet"]).status.success());
     let solid = std::f64::consts::PI * 4.0 / 3.0 * (512.0 - 125.0) + 864.0;
     // Simplified only; meshed on coarser voxels, and a mesh.
     for (file, count, coarse) in [
         ("a.vdb", "20k", false),
         ("a.vdb", "2k", true),
+        ("lod.vdb", "20k", false),
+        ("lod.vdb", "2k", true),
         ("a.stl", "2k", false),
     ] {
         let arguments = [
@@ -234,7 +237,7 @@ fn triangles_are_bounded_and_the_solid_stays() {
     }
     assert_eq!(
         place.files(),
-        ["a.nvdb", "a.stl", "a.vdb", "p.html", "r.toml"]
+        ["a.nvdb", "a.stl", "a.vdb", "lod.vdb", "p.html", "r.toml"]
     );
 }
 
