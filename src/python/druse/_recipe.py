@@ -195,8 +195,8 @@ def run(
     Returns
     -------
     LevelSet
-        The finished part; its `report` is that of the run. Warnings go to the logger ``druse``, and so does what
-        ``[require]`` asks for and the part does not meet: ``part.report["requirements"]`` has all of it.
+        The finished part; its `report` is that of the run. Warnings go to the logger ``druse``, and so do requirements of
+        ``[require]`` that are not met; ``part.report["requirements"]`` has all of them.
     """
     if isinstance(recipe, Recipe):
         if set:

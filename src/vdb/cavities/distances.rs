@@ -366,7 +366,7 @@ impl Rows {
     }
 }
 
-/// The lower of two numbers, neither of which is NaN: one instruction, unlike `f32::min`.
+/// The lower of two numbers that are not NaN: one instruction, unlike `f32::min`.
 fn lower(a: f32, b: f32) -> f32 {
     if b < a { b } else { a }
 }
