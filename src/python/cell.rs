@@ -54,13 +54,14 @@ impl Cell {
         keys: &str,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<(Self, Vec<String>)> {
-        session::work(py, progress, |session| {
-            let mut section = CellSection::parse(keys)?;
+        let (name, keys) = (name.to_owned(), keys.to_owned());
+        session::work_owned(py, progress, move |session| {
+            let mut section = CellSection::parse(&keys)?;
             if let Some(source) = &source {
                 pipeline::set_source(source, &mut section)?;
             }
             let element = pipeline::own_element(&section, &Path::to_path_buf)?;
-            let (cell, warnings) = pipeline::make_cell(name, &section, element, session)?;
+            let (cell, warnings) = pipeline::make_cell(&name, &section, element, session)?;
             let warnings = warnings.into_iter().map(|w| w.message).collect();
             Ok((Self::of(cell), warnings))
         })
@@ -81,17 +82,18 @@ impl Cell {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let samples = arrays::list(&samples, "voxels").map_err(|e| e.raise(py))?;
-        session::work(py, progress, |session| {
-            let element = Element::from_name(element)
+        let (name, element, samples) = (name.to_owned(), element.to_owned(), samples.to_vec());
+        session::work_owned(py, progress, move |session| {
+            let element = Element::from_name(&element)
                 .ok_or_else(|| Fault::Argument(format!("no element is named {element:?}")))?;
-            let voxels = Voxels::new(&shape, samples.to_vec(), binary)?;
+            let voxels = Voxels::new(&shape, samples, binary)?;
             if matches!(element, Element::Hex | Element::Quad) {
                 let options = FitOptions {
                     band_limit: band_limit.unwrap_or(f64::INFINITY),
                     ..FitOptions::default()
                 };
                 let (signed, n) = (voxels.signed(true), voxels.counts()[0]);
-                let cell = fit_samples(name, element, &signed, n, &options, session.progress)?;
+                let cell = fit_samples(&name, element, &signed, n, &options, session.progress)?;
                 return Ok(Self::of(cell));
             }
             let source = Source::voxels(element, &voxels, &Placement::Reference)?;
@@ -101,7 +103,7 @@ impl Cell {
                     .unwrap_or_else(|| default.band_limit.min(source.max_band_limit())),
                 ..default
             };
-            let cell = fit_source(name, element, &source, &options, session.progress)?;
+            let cell = fit_source(&name, element, &source, &options, session.progress)?;
             Ok(Self::of(cell))
         })
     }
@@ -127,14 +129,16 @@ impl Cell {
 
     /// The same function with the level and the solid side of a recipe's section.
     fn with_level(&self, py: Python<'_>, keys: &str) -> PyResult<Self> {
-        session::work(py, None, |_| {
-            let section = CellSection::parse(keys)?;
-            Ok(Self::of(pipeline::with_level(self.cell.clone(), &section)?))
+        let (cell, keys) = (self.cell.clone(), keys.to_owned());
+        session::work_owned(py, None, move |_| {
+            let section = CellSection::parse(&keys)?;
+            Ok(Self::of(pipeline::with_level(cell, &section)?))
         })
     }
 
     fn volume_fraction(&self, py: Python<'_>) -> PyResult<f64> {
-        session::work(py, None, |_| Ok(self.cell.volume_fraction()))
+        let cell = self.cell.clone();
+        session::work_owned(py, None, move |_| Ok(cell.volume_fraction()))
     }
 
     fn thickness(&self, py: Python<'_>) -> PyResult<f64> {

@@ -92,8 +92,11 @@ fn settings(
 
 /// The period of a cell: round beams where `section_toml`, the recipe section that the cell was made from, describes
 /// struts or plates, else the cell's series.
-fn period(cell: &Cell, section_toml: Option<&str>, packing: Packing) -> Result<CellPeriod, Fault> {
-    let cell = &cell.cell;
+fn period(
+    cell: &druse::cell::Cell,
+    section_toml: Option<&str>,
+    packing: Packing,
+) -> Result<CellPeriod, Fault> {
     if let Some(text) = section_toml {
         let section = CellSection::parse(text)?;
         let beams = pipeline::beam_period(cell.name(), &section, cell.element(), packing)?;
@@ -134,18 +137,18 @@ pub(crate) fn homogenize(
             return Err(Fault::Argument(text).raise(py));
         }
     };
-    let cell = cell.get();
+    let cell = cell.get().cell.clone();
     let GridArguments {
         resolution,
         is_sharp,
         with_gradient,
     } = grid;
-    session::work(py, progress, |session: Session<'_>| {
+    session::work_owned(py, progress, move |session: Session<'_>| {
         let settings = settings(materials, with_gradient, requested)?;
         if let Some(fault) = pipeline::resolution_fault(resolution, &settings, with_gradient) {
             return Err(Fault::Argument(format!("resolution: {fault}")));
         }
-        let period = period(cell, section_toml.as_deref(), packing)?;
+        let period = period(&cell, section_toml.as_deref(), packing)?;
         let options = PropertyOptions {
             resolution,
             is_sharp,

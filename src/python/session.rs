@@ -2,7 +2,7 @@
 //!
 //! The work runs on a thread of its own and in a pool. The calling thread waits without the lock, and takes it a few
 //! times a second to deliver progress and to let the interpreter handle signals. An exception there, such as
-//! `KeyboardInterrupt`, cancels the work and is raised once it has stopped.
+//! `KeyboardInterrupt`, cancels the work and is raised once it has stopped, or soon after.
 
 use crate::fault::Fault;
 use druse::progress::{Progress, Threads};
@@ -11,10 +11,13 @@ use pyo3::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Time between two checks for signals and progress.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
+
+/// Time that interrupted work has to end before the call returns without it.
+const MAX_STOP_TIME: Duration = Duration::from_millis(400);
 
 /// The pool, with the process that it belongs to.
 static POOL: Mutex<Option<(u32, Arc<Threads>)>> = Mutex::new(None);
@@ -123,45 +126,93 @@ impl Progress for Monitor {
     }
 }
 
+/// The pool of a call.
+fn own_pool(py: Python<'_>) -> PyResult<Arc<Threads>> {
+    // A function of the user, called by a thread of the pool, gets a thread: those of the pool may wait for it.
+    let is_nested = rayon::current_thread_index().is_some();
+    let threads = if is_nested { single_thread() } else { pool() };
+    threads.map_err(|e| e.raise(py))
+}
+
 /// Does the work of a call. `progress` is called with stage, done and total.
 pub(crate) fn work<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
     job: impl FnOnce(Session<'_>) -> Result<T, Fault> + Send,
 ) -> PyResult<T> {
-    let threads = if rayon::current_thread_index().is_some() {
-        // A function of the user, called by a thread of the pool: its other threads may wait for the same.
-        single_thread().map_err(|e| e.raise(py))?
-    } else {
-        pool().map_err(|e| e.raise(py))?
-    };
+    let threads = own_pool(py)?;
     let monitor = Monitor::default();
     let (outcome, raised) = std::thread::scope(|scope| {
-        let worker = scope.spawn(|| {
-            let session = Session::new(&threads, &monitor);
-            let outcome = catch_unwind(AssertUnwindSafe(|| threads.install(|| job(session))));
-            monitor.finish();
-            outcome
-        });
-        let mut raised = None;
-        let mut shown = Stage::default();
-        while !py.detach(|| monitor.wait()) {
-            if raised.is_some() {
-                continue;
-            }
-            let delivered = py
-                .check_signals()
-                .and_then(|()| report(progress, &monitor.stage(), &mut shown));
-            if let Err(e) = delivered {
-                raised = Some(e);
-                monitor.cancelled.store(true, Ordering::Relaxed);
-            }
-        }
+        let worker = scope.spawn(|| done(&threads, &monitor, job));
+        let raised = wait(py, progress, &monitor, None);
         (py.detach(|| worker.join()), raised)
     });
-    if let Some(e) = raised {
-        return Err(e);
+    match raised {
+        Some(raised) => Err(raised),
+        None => result(py, outcome),
     }
+}
+
+/// Does work that may take seconds from one check of cancellation to the next, such as the factorisation of a matrix.
+/// After an interrupt the call returns all the same: the work, which owns what it uses, ends by itself.
+pub(crate) fn work_owned<T: Send + 'static>(
+    py: Python<'_>,
+    progress: Option<&Bound<'_, PyAny>>,
+    job: impl FnOnce(Session<'_>) -> Result<T, Fault> + Send + 'static,
+) -> PyResult<T> {
+    let threads = own_pool(py)?;
+    let monitor = Arc::new(Monitor::default());
+    let own = Arc::clone(&monitor);
+    let worker = std::thread::spawn(move || done(&threads, &own, job));
+    match wait(py, progress, &monitor, Some(MAX_STOP_TIME)) {
+        Some(raised) => Err(raised),
+        None => result(py, py.detach(|| worker.join())),
+    }
+}
+
+/// The outcome of a job, or its panic.
+type Outcome<T> = std::thread::Result<Result<T, Fault>>;
+
+/// Does the job in the pool.
+fn done<T: Send>(
+    threads: &Threads,
+    monitor: &Monitor,
+    job: impl FnOnce(Session<'_>) -> Result<T, Fault> + Send,
+) -> Outcome<T> {
+    let session = Session::new(threads, monitor);
+    let outcome = catch_unwind(AssertUnwindSafe(|| threads.install(|| job(session))));
+    monitor.finish();
+    outcome
+}
+
+/// Waits for the end of the work; the exception that cancels it. After one it waits for at most `limit`.
+fn wait(
+    py: Python<'_>,
+    progress: Option<&Bound<'_, PyAny>>,
+    monitor: &Monitor,
+    limit: Option<Duration>,
+) -> Option<PyErr> {
+    let mut raised: Option<(PyErr, Instant)> = None;
+    let mut shown = Stage::default();
+    while !py.detach(|| monitor.wait()) {
+        if let Some((_, since)) = &raised {
+            if limit.is_some_and(|limit| since.elapsed() > limit) {
+                break;
+            }
+            continue;
+        }
+        let delivered = py
+            .check_signals()
+            .and_then(|()| report(progress, &monitor.stage(), &mut shown));
+        if let Err(e) = delivered {
+            raised = Some((e, Instant::now()));
+            monitor.cancelled.store(true, Ordering::Relaxed);
+        }
+    }
+    raised.map(|(e, _)| e)
+}
+
+fn result<T>(py: Python<'_>, outcome: std::thread::Result<Outcome<T>>) -> PyResult<T> {
     match outcome {
         Ok(Ok(outcome)) => outcome.map_err(|e| e.raise(py)),
         Ok(Err(panic)) | Err(panic) => Err(bug(&*panic).raise(py)),

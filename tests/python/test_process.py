@@ -76,8 +76,8 @@ def test_one_level_set_in_two_threads_is_refused_or_right(ball):
     assert ball.volume > 0
 
 
-@pytest.mark.parametrize("what", ["run", "function"])
-def test_an_interrupt_ends_the_work(what):
+@pytest.mark.parametrize("what", ["run", "function", "homogenize", "fit"])
+def test_an_interrupt_ends_the_work(what, schwarz):
     def slow(points):
         time.sleep(0.01)
         return ball_distance(points)
@@ -94,8 +94,12 @@ def test_an_interrupt_ends_the_work(what):
     with pytest.raises(KeyboardInterrupt):
         if what == "run":
             druse.run(LONG)
-        else:
+        elif what == "function":
             druse.LevelSet.from_function(slow, [[-4, -4, -4], [4, 4, 4]], 0.01)
+        elif what == "homogenize":
+            schwarz.homogenize(resolution=96)
+        else:
+            druse.fit("hypot(x, y) - 0.2", element="hex", band_limit=30)
     taken = time.perf_counter() - began[0]
     timer.join()
     print(f"figure: Python: Ctrl-C ends {what} after {taken:.2f} s")
