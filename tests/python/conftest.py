@@ -1,9 +1,14 @@
 """Common parts of the tests of the Python package."""
 
+import signal
+
 import numpy as np
 import pytest
 
 import druse
+
+# A shell's background job ignores it, and so would the tests of interrupts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def ball_distance(points, radius=4.0):

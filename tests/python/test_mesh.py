@@ -101,7 +101,8 @@ def test_pictures_in_notebooks(cube_mesh, schwarz, block):
 
 def test_a_level_set_of_a_mesh(cube_mesh):
     part = cube_mesh.level_set(0.1)
-    assert part.volume == pytest.approx(8, rel=0.01)
+    # Edges are cut between voxels.
+    assert part.volume == pytest.approx(8, rel=0.02)
     assert part([[1, 1, 0.1]])[0] == pytest.approx(-0.1, abs=1e-5)
 
 
