@@ -172,7 +172,7 @@ fn apply_unary(
     session: Session<'_>,
 ) -> Result<(), VdbError> {
     let kernel = |k: &Kernel| {
-        // Too many are refused there.
+        // The filters refuse greater widths than they can hold.
         let width = k.width.voxels(scale).round().max(1.0);
         (width as u32, k.iterations.0)
     };

@@ -33,13 +33,7 @@ impl LevelSet {
     /// [`VdbError::Parameter`] unless the distance is finite, not negative and, outwards, at most 16,384 voxels,
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn dilate(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
-        if distance > MAX_DILATION * self.voxel_size() {
-            return Err(VdbError::Parameter {
-                name: "distance in voxels",
-                value: distance / self.voxel_size(),
-                expected: "at most 16384",
-            });
-        }
+        self.check_dilation(distance)?;
         self.move_surface("dilate", checked(distance)?, session)
     }
 
@@ -56,6 +50,8 @@ impl LevelSet {
     /// # Errors
     /// As [`LevelSet::dilate`].
     pub fn open(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
+        // Before the erosion, since a refused level set stays as it is.
+        self.check_dilation(distance)?;
         self.erode(distance, session)?;
         self.dilate(distance, session)
     }
@@ -67,6 +63,18 @@ impl LevelSet {
     pub fn close(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
         self.dilate(distance, session)?;
         self.erode(distance, session)
+    }
+
+    fn check_dilation(&self, distance: f64) -> Result<(), VdbError> {
+        let voxels = distance / self.voxel_size();
+        if voxels > MAX_DILATION {
+            return Err(VdbError::Parameter {
+                name: "distance in voxels",
+                value: voxels,
+                expected: "at most 16384",
+            });
+        }
+        Ok(())
     }
 
     /// Offsets the surface; `outwards` > 0 grows the solid, the opposite of OpenVDB's sign.

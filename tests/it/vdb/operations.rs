@@ -31,6 +31,10 @@ fn dilate_grows_and_erode_shrinks_by_a_distance() {
         let error = s.dilate(distance, session()).unwrap_err();
         assert!(matches!(error, VdbError::Parameter { .. }), "{error}");
     }
+    for operation in [LevelSet::dilate, LevelSet::open, LevelSet::close] {
+        let error = operation(&mut s, 1e5, session()).unwrap_err();
+        assert!(error.to_string().contains("16384"), "{error}");
+    }
     assert!(s.active_voxels().unwrap() > 0, "refused, not emptied");
 }
 
