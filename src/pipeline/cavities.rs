@@ -43,11 +43,14 @@ pub struct CavityReport {
     pub throat: Option<[f64; 3]>,
 }
 
-/// The greatest distance that the requirements need, voxels.
+/// Least distance that is measured for a requirement, voxels, so that the report has radii somewhat above it.
+const MIN_REACH: f64 = 8.0;
+
+/// The greatest distance that is measured for the requirements, voxels.
 pub(super) fn reach(require: &RequireSection, scale: Scale) -> i32 {
     let required = require.escape_radius.map_or(0.0, |r| r.resolve(scale));
     let voxels = (required / scale.voxel_size).ceil() + 1.0;
-    voxels.clamp(1.0, f64::from(MAX_CAVITY_REACH)) as i32
+    voxels.clamp(MIN_REACH, f64::from(MAX_CAVITY_REACH)) as i32
 }
 
 impl CavitiesReport {

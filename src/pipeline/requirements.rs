@@ -70,15 +70,16 @@ pub(super) fn measure(
     (solid, mesh, geometry): (&LevelSet, &TriMesh, SolidGeometry),
     report: &mut SolidReport,
 ) -> Result<(), RunError> {
-    if require.closed_cavities.is_some() {
+    if require.escape_radius.is_some() {
+        let reach = cavities::reach(require, context.scale);
+        let found = cavities_of(context, solid, reach)?;
+        report.closed_cavities = require.closed_cavities.map(|_| found.closed);
+        report.cavities = Some(found);
+    } else if require.closed_cavities.is_some() {
         context.progress.stage("cavities", None);
         let cavities = solid.voids(context.session());
         let cavities = cavities.map_err(RunError::level_set("cavities"))?;
         report.closed_cavities = Some(cavities.len() as u64);
-    }
-    if require.escape_radius.is_some() {
-        let reach = cavities::reach(require, context.scale);
-        report.cavities = Some(cavities_of(context, solid, reach)?);
     }
     if require.least_gap.is_some() {
         report.add_gaps(sampled_walls(context, mesh, geometry, Phase::Void)?);

@@ -23,7 +23,9 @@ mod basins;
 mod blocks;
 mod distances;
 mod drains;
+mod line_distances;
 mod refine;
+mod samples;
 mod void_map;
 
 pub use drains::{Channel, DrainRequest, stored_drain_channels};
@@ -268,16 +270,10 @@ pub fn stored_cavities(
     find(store, measure, session)
 }
 
-/// The reach of a measure in whole leaves, as halos are.
-fn whole_reach(measure: Measure) -> i32 {
-    let reach = measure.reach.clamp(1, MAX_CAVITY_REACH);
-    (reach + LEAF - 1) / LEAF * LEAF
-}
-
 /// The measure with the box of all leaves; `None` without any.
 fn prepared<S: LeafSource>(source: &S, measure: Measure) -> Option<Measure> {
     Some(Measure {
-        reach: whole_reach(measure),
+        reach: measure.reach.clamp(1, MAX_CAVITY_REACH),
         bounds: source.bounds()?,
         ..measure
     })
@@ -299,7 +295,7 @@ fn find<S: LeafSource>(
     let Some(measure) = prepared(source, measure) else {
         return Ok(Cavities {
             list: Vec::new(),
-            limit: f64::from(whole_reach(measure)) * measure.voxel_size,
+            limit: f64::from(measure.reach.clamp(1, MAX_CAVITY_REACH)) * measure.voxel_size,
         });
     };
     let graph = VoidGraph::new(source, measure, session)?;

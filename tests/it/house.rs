@@ -81,6 +81,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "mesh",
             "mesher",
             "band",
+            "simd",
             "progress",
             "union_find",
         ],

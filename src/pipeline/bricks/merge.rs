@@ -34,16 +34,17 @@ pub(super) fn merge_and_write(
     let components = stored_components(&solid.store, context.scale.voxel_size, context.session())?;
     timer.end_stage("pieces")?;
     let require = recipe.sections().require.as_ref().filter(|_| !is_brief);
-    if require.is_some_and(|r| r.closed_cavities.is_some()) {
-        let cavities = stored_voids(&solid.store, context.scale.voxel_size, context.session())?;
-        report.closed_cavities = Some(cavities.len() as u64);
-        timer.end_stage("cavities")?;
-    }
     if let Some(require) = require.filter(|r| r.escape_radius.is_some()) {
         let h = context.scale.voxel_size;
         let reach = cavities::reach(require, context.scale);
         let found = stored_cavities(&solid.store, (h, reach), context.session())?;
-        report.cavities = Some(CavitiesReport::new(&found, Vec3::zeros(), h));
+        let found = CavitiesReport::new(&found, Vec3::zeros(), h);
+        report.closed_cavities = require.closed_cavities.map(|_| found.closed);
+        report.cavities = Some(found);
+        timer.end_stage("cavities")?;
+    } else if require.is_some_and(|r| r.closed_cavities.is_some()) {
+        let cavities = stored_voids(&solid.store, context.scale.voxel_size, context.session())?;
+        report.closed_cavities = Some(cavities.len() as u64);
         timer.end_stage("cavities")?;
     }
     if let Some(section) = recipe.sections().build.as_ref().filter(|_| !is_brief) {

@@ -1,160 +1,384 @@
 //! Steepest ascent in one block: the local maximum that each voxel leads to, and where their basins meet.
 //!
-//! Voxels have a total order: falling distance, then ascending number. A voxel leads to the neighbour that is first
-//! in this order, if that one is before it. All passes run over the voxels as they lie in memory; only maxima and
-//! meetings of basins are sorted.
+//! Voxels have a total order: falling distance, then ascending number. A voxel leads to a neighbour that is as far as
+//! any, if it is before the voxel in this order. A leaf whose voxels are all as far as is measured leads as one; equally
+//! far voxels in a leaf beside one lead towards it, so that few of them are maxima.
+//! Only maxima and meetings of basins are sorted.
+#![allow(clippy::inline_always)]
 
-use super::distances::{BoxDistances, Row};
+use super::distances::{BlockDistances, Slot, order, place, slot_at};
+use super::samples::SLOTS;
+use crate::band::VOXELS;
+use crate::simd::run_vectorized;
 
-/// Parent or label of a voxel of the solid.
+/// Label of a voxel of the solid.
 pub(super) const UNLABELLED: u32 = u32::MAX;
+/// Directions by number: -x, x, -y, y, -z, z, and the voxel itself.
+const ITSELF: u8 = 6;
+
+/// The neighbour that each voxel of a leaf leads to.
+type Leads = [u8; VOXELS];
 
 /// Two basins at neighbouring voxels.
 pub(super) struct Meeting {
     /// Order of the later voxel; its low half is the number of the voxel.
     pub order: u64,
-    /// Side of the later voxel at which the other one is: -x, x, -y, y, -z, z, and 6 for the rest of the block.
+    /// Side of the later voxel at which the other one is: -x, x, -y, y, -z, z.
     pub side: u8,
     /// Basin of the later voxel, and of the other one.
     pub basins: [u32; 2],
 }
 
-/// The neighbour, or the voxel itself, that each voxel leads to; [`UNLABELLED`] in the solid.
-pub(super) fn parents(space: &BoxDistances) -> Vec<u32> {
-    let ([ex, ey, ez], values) = (space.edges, &space.values[..]);
-    let mut parents = vec![UNLABELLED; values.len()];
-    // The greatest distance so far in a row, and the number of its voxel.
-    let (mut best, mut leads) = (vec![0f32; ez], vec![0u32; ez]);
-    for x in 0..ex {
-        for y in 0..ey {
-            let line = (x * ey + y) * ez;
-            let rows = &space.rows;
-            match rows[x * ey + y] {
-                Row::Solid => continue,
-                // Equals before it lead.
-                Row::Wide if x > 0 && rows[(x - 1) * ey + y] == Row::Wide => {
-                    let before = (line - ey * ez) as u32..;
-                    for (parent, lead) in parents[line..line + ez].iter_mut().zip(before) {
-                        *parent = lead;
+/// The basins of a block's voxels.
+pub(super) struct Labels {
+    /// Of leaves that are wide, by number of the leaf.
+    wide: Vec<u32>,
+    /// Of all other voxels of the void; [`UNLABELLED`] in the solid.
+    mixed: Vec<[u32; VOXELS]>,
+    /// The only basin of a leaf, by number of the leaf; [`UNLABELLED`] for the solid, and for several basins.
+    only: Vec<u32>,
+}
+
+/// The leaf beside another one, if it is in the block.
+pub(super) fn beside(slot: usize, axis: usize, last: bool) -> Option<usize> {
+    let mut at = place(slot);
+    if last {
+        at[axis] += 1;
+        (at[axis] < SLOTS).then(|| slot_at(at))
+    } else {
+        at[axis] = at[axis].checked_sub(1)?;
+        Some(slot_at(at))
+    }
+}
+
+/// The number of step 1 along an axis within a leaf.
+const STEPS: [usize; 3] = [64, 8, 1];
+
+/// A voxel of a leaf moved to the opposite face of the neighbouring leaf, or by one step.
+fn moved(slot: usize, voxel: usize, direction: u8) -> (usize, usize) {
+    let (axis, last) = (direction as usize / 2, direction % 2 == 1);
+    let step = STEPS[axis];
+    let along = voxel / step % 8;
+    if along == if last { 7 } else { 0 } {
+        let slot = beside(slot, axis, last).expect("no way out of the block");
+        let across = if last {
+            voxel - 7 * step
+        } else {
+            voxel + 7 * step
+        };
+        (slot, across)
+    } else {
+        let within = if last { voxel + step } else { voxel - step };
+        (slot, within)
+    }
+}
+
+/// The neighbours that the voxels of a leaf lead to.
+#[inline(always)]
+fn leads_of_leaf(space: &BlockDistances, slot: usize, own: &[f32; VOXELS], leads: &mut Leads) {
+    let outer: [Option<usize>; 6] = std::array::from_fn(|d| beside(slot, d / 2, d % 2 == 1));
+    // A neighbouring leaf: its distances, or the distance of all its voxels.
+    let leaves = outer.map(|slot| match slot.map(|s| space.slots[s]) {
+        None | Some(Slot::Solid) => Err(-1.0),
+        Some(Slot::Wide) => Err(space.reach),
+        Some(Slot::Mixed(n)) => Ok(&space.leaves[n as usize]),
+    });
+    let row = |leaf: Result<&[f32; VOXELS], f32>, first: usize| -> [f32; 8] {
+        leaf.map_or_else(
+            |d| [d; 8],
+            |l| *l[first..].first_chunk().expect("a whole row"),
+        )
+    };
+    for n in (0..VOXELS).step_by(8) {
+        let (x, y) = (n >> 6, n >> 3 & 7);
+        let at = |first: usize| row(Ok(own), first);
+        let here = at(n);
+        let x_low = if x > 0 {
+            at(n - 64)
+        } else {
+            row(leaves[0], n + 448)
+        };
+        let x_high = if x < 7 {
+            at(n + 64)
+        } else {
+            row(leaves[1], n - 448)
+        };
+        let y_low = if y > 0 {
+            at(n - 8)
+        } else {
+            row(leaves[2], n + 56)
+        };
+        let y_high = if y < 7 {
+            at(n + 8)
+        } else {
+            row(leaves[3], n - 56)
+        };
+        let [low, high] = [row(leaves[4], n)[7], row(leaves[5], n)[0]];
+        let mut z_low = [low; 8];
+        z_low[1..].copy_from_slice(&here[..7]);
+        let mut z_high = [high; 8];
+        z_high[..7].copy_from_slice(&here[1..]);
+        let mut best = [-1.0; 8];
+        let mut lead = [i32::from(ITSELF); 8];
+        // Of equals a lower one leads, and never a higher one.
+        let candidates = [
+            (0, x_low),
+            (2, y_low),
+            (4, z_low),
+            (i32::from(ITSELF), here),
+            (5, z_high),
+            (3, y_high),
+            (1, x_high),
+        ];
+        for (direction, values) in candidates {
+            for z in 0..8 {
+                let is_higher = values[z] > best[z];
+                best[z] = if is_higher { values[z] } else { best[z] };
+                lead[z] = if is_higher { direction } else { lead[z] };
+            }
+        }
+        for z in 0..8 {
+            leads[n + z] = lead[z] as u8;
+        }
+    }
+    let is_wide = |slot: &Option<usize>| slot.is_some_and(|s| space.slots[s] == Slot::Wide);
+    if let Some(toward) = outer.iter().position(is_wide) {
+        lead_toward(toward, own, space.reach, leads);
+    }
+}
+
+/// Lets the voxels of a leaf that are as far as `reach` lead in a direction, at whose end all are. Those that cannot
+/// lead along another axis to lower numbers, or to themselves: no way leads back.
+fn lead_toward(toward: usize, own: &[f32; VOXELS], reach: f32, leads: &mut Leads) {
+    let is_wide = |voxel: usize, direction: usize| {
+        let (step, last) = (STEPS[direction / 2], direction % 2 == 1);
+        let is_end = voxel / step % 8 == if last { 7 } else { 0 };
+        let next = if last {
+            voxel + step
+        } else {
+            voxel.wrapping_sub(step)
+        };
+        !is_end && own[next] >= reach
+    };
+    for voxel in (0..VOXELS).filter(|v| own[*v] >= reach) {
+        let along = voxel / STEPS[toward / 2] % 8;
+        let is_end = along == if toward % 2 == 1 { 7 } else { 0 };
+        leads[voxel] = if is_end || is_wide(voxel, toward) {
+            toward as u8
+        } else {
+            let others = [0, 2, 4].into_iter().filter(|d| d / 2 != toward / 2);
+            let lower = others.into_iter().find(|d| is_wide(voxel, *d));
+            lower.map_or(ITSELF, |d| d as u8)
+        };
+    }
+}
+
+/// The leaf that a wide leaf leads to.
+fn wide_lead(space: &BlockDistances, slot: usize) -> Option<usize> {
+    let before = (0..3).filter_map(|axis| beside(slot, axis, false));
+    before.into_iter().find(|&s| space.slots[s] == Slot::Wide)
+}
+
+impl Labels {
+    /// The local maxima in their order, and the basin of each voxel, which is the number of its maximum.
+    pub fn new(space: &BlockDistances) -> (Vec<u32>, Self) {
+        let mut leads_of: Vec<Leads> = Vec::with_capacity(space.leaves.len());
+        let mut maxima = Vec::new();
+        for (slot, kind) in space.slots.iter().enumerate() {
+            let first = (slot * VOXELS) as u32;
+            match *kind {
+                Slot::Solid => {}
+                Slot::Wide => {
+                    if wide_lead(space, slot).is_none() {
+                        maxima.push(first);
                     }
+                }
+                Slot::Mixed(n) => {
+                    let own = &space.leaves[n as usize];
+                    let mut leads = [ITSELF; VOXELS];
+                    run_vectorized(
+                        #[inline(always)]
+                        || leads_of_leaf(space, slot, own, &mut leads),
+                    );
+                    let is_maximum = |v: &usize| leads[*v] == ITSELF && own[*v] >= 0.0;
+                    maxima.extend((0..VOXELS).filter(is_maximum).map(|v| first + v as u32));
+                    leads_of.push(leads);
+                }
+            }
+        }
+        maxima.sort_unstable_by_key(|&n| space.order(n));
+        let mut labels = Self {
+            wide: vec![UNLABELLED; space.slots.len()],
+            mixed: vec![[UNLABELLED; VOXELS]; space.leaves.len()],
+            only: vec![UNLABELLED; space.slots.len()],
+        };
+        for (label, &voxel) in maxima.iter().enumerate() {
+            let (slot, n) = (voxel as usize / VOXELS, voxel as usize % VOXELS);
+            match space.slots[slot] {
+                Slot::Solid => unreachable!("a maximum in the void"),
+                Slot::Wide => labels.wide[slot] = label as u32,
+                Slot::Mixed(leaf) => labels.mixed[leaf as usize][n] = label as u32,
+            }
+        }
+        labels.spread(space, &leads_of);
+        labels.count(space);
+        (maxima, labels)
+    }
+
+    /// Gives all voxels the labels of those that they lead to.
+    fn spread(&mut self, space: &BlockDistances, leads: &[Leads]) {
+        for (slot, kind) in space.slots.iter().enumerate() {
+            if *kind == Slot::Wide
+                && let Some(lead) = wide_lead(space, slot)
+            {
+                self.wide[slot] = self.wide[lead];
+            }
+        }
+        let mut path: Vec<(u32, u32)> = Vec::new();
+        for (slot, kind) in space.slots.iter().enumerate() {
+            let Slot::Mixed(leaf) = *kind else { continue };
+            for voxel in 0..VOXELS {
+                if space.leaves[leaf as usize][voxel] < 0.0 {
                     continue;
                 }
-                _ => {}
-            }
-            best.fill(-1.0);
-            // In ascending number, since the first of equals leads.
-            if x > 0 {
-                raise(&mut best, &mut leads, values, line - ey * ez);
-            }
-            if y > 0 {
-                raise(&mut best, &mut leads, values, line - ez);
-            }
-            raise(&mut best[1..], &mut leads[1..], values, line);
-            raise(&mut best, &mut leads, values, line);
-            raise(&mut best[..ez - 1], &mut leads[..ez - 1], values, line + 1);
-            if y + 1 < ey {
-                raise(&mut best, &mut leads, values, line + ez);
-            }
-            if x + 1 < ex {
-                raise(&mut best, &mut leads, values, line + ey * ez);
-            }
-            let own = &values[line..line + ez];
-            let row = &mut parents[line..line + ez];
-            for ((parent, &lead), &value) in row.iter_mut().zip(&leads).zip(own) {
-                *parent = if value >= 0.0 { lead } else { UNLABELLED };
-            }
-        }
-    }
-    parents
-}
-
-/// Raises the best values of a row to those of another that begins at voxel `first`, and notes which they are.
-fn raise(best: &mut [f32], leads: &mut [u32], values: &[f32], first: usize) {
-    let row = &values[first..first + best.len()];
-    for (n, ((best, lead), &value)) in best.iter_mut().zip(leads).zip(row).enumerate() {
-        let is_higher = value > *best;
-        *best = if is_higher { value } else { *best };
-        *lead = if is_higher { (first + n) as u32 } else { *lead };
-    }
-}
-
-/// The voxels that lead to themselves, ascending.
-pub(super) fn maxima(space: &BoxDistances, parents: &[u32]) -> Vec<u32> {
-    let all = 0..space.values.len() as u32;
-    all.filter(|&n| parents[n as usize] == n).collect()
-}
-
-/// The basin of each voxel: `first` for the first of the maxima, and so on; [`UNLABELLED`] in the solid.
-pub(super) fn labels(parents: &[u32], maxima: &[u32], first: u32) -> Vec<u32> {
-    let mut labels = vec![UNLABELLED; parents.len()];
-    for (&n, label) in maxima.iter().zip(first..) {
-        labels[n as usize] = label;
-    }
-    let mut path = Vec::new();
-    for n in 0..parents.len() {
-        if parents[n] == UNLABELLED {
-            continue;
-        }
-        let mut at = n;
-        while labels[at] == UNLABELLED {
-            path.push(at);
-            at = parents[at] as usize;
-        }
-        let label = labels[at];
-        for voxel in path.drain(..) {
-            labels[voxel] = label;
-        }
-    }
-    labels
-}
-
-/// All meetings of different basins, in no order. The rest of the block, if there is any, is basin 0.
-pub(super) fn meetings(space: &BoxDistances, labels: &[u32], has_rest: bool) -> Vec<Meeting> {
-    let [ex, ey, ez] = space.edges;
-    let mut found = Vec::new();
-    for x in 0..ex {
-        for y in 0..ey {
-            let line = (x * ey + y) * ez;
-            if x > 0 {
-                meet(space, labels, (line, line - ey * ez, ez), 0, &mut found);
-            }
-            if y > 0 {
-                meet(space, labels, (line, line - ez, ez), 2, &mut found);
-            }
-            meet(space, labels, (line + 1, line, ez - 1), 4, &mut found);
-            let ends = if has_rest { ez } else { 0 };
-            for z in 0..ends {
-                let label = labels[line + z];
-                if label != UNLABELLED && label != 0 && space.meets_rest([x, y, z]) {
-                    found.push(Meeting {
-                        order: space.order((line + z) as u32),
-                        side: 6,
-                        basins: [label, 0],
-                    });
+                let (mut at, mut n, mut own) = (slot, voxel, leaf);
+                let label = loop {
+                    let label = self.mixed[own as usize][n];
+                    if label != UNLABELLED {
+                        break label;
+                    }
+                    path.push((own, n as u32));
+                    (at, n) = moved(at, n, leads[own as usize][n]);
+                    match space.slots[at] {
+                        Slot::Mixed(next) => own = next,
+                        Slot::Wide => break self.wide[at],
+                        Slot::Solid => unreachable!("ascent stays in the void"),
+                    }
+                };
+                for (leaf, n) in path.drain(..) {
+                    self.mixed[leaf as usize][n as usize] = label;
                 }
             }
         }
     }
-    found
-}
 
-/// Meetings between the voxels of a row and those before it along an axis; `side` is the lower one of the two.
-fn meet(
-    space: &BoxDistances,
-    labels: &[u32],
-    (own, before, count): (usize, usize, usize),
-    side: u8,
-    found: &mut Vec<Meeting>,
-) {
-    let rows = [own, before].map(|first| &labels[first..first + count]);
-    if rows[0] == rows[1] {
-        return;
-    }
-    for (n, (&a, &b)) in rows[0].iter().zip(rows[1]).enumerate() {
-        if a == b || a == UNLABELLED || b == UNLABELLED {
-            continue;
+    /// Finds the leaves with one basin.
+    fn count(&mut self, space: &BlockDistances) {
+        for (slot, kind) in space.slots.iter().enumerate() {
+            self.only[slot] = match *kind {
+                Slot::Solid => UNLABELLED,
+                Slot::Wide => self.wide[slot],
+                Slot::Mixed(leaf) => {
+                    let own = &self.mixed[leaf as usize];
+                    // A solid voxel has the greatest label.
+                    let least = own.iter().copied().min().unwrap_or(UNLABELLED);
+                    let is_only = own.iter().all(|l| *l == least || *l == UNLABELLED);
+                    if is_only { least } else { UNLABELLED }
+                }
+            };
         }
-        let orders = [own, before].map(|first| space.order((first + n) as u32));
+    }
+
+    /// The basin of a voxel of a leaf.
+    pub fn at(&self, kind: Slot, slot: usize, voxel: usize) -> u32 {
+        match kind {
+            Slot::Solid => UNLABELLED,
+            Slot::Wide => self.wide[slot],
+            Slot::Mixed(leaf) => self.mixed[leaf as usize][voxel],
+        }
+    }
+
+    /// Adds the numbers of voxels of all basins.
+    pub fn add_voxels(&self, space: &BlockDistances, mut add: impl FnMut(u32, u64)) {
+        for (slot, kind) in space.slots.iter().enumerate() {
+            match *kind {
+                Slot::Solid => {}
+                Slot::Wide => add(self.wide[slot], VOXELS as u64),
+                Slot::Mixed(leaf) => {
+                    for run in self.mixed[leaf as usize].chunk_by(|a, b| a == b) {
+                        if run[0] != UNLABELLED {
+                            add(run[0], run.len() as u64);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// All meetings of different basins, in no order.
+    pub fn meetings(&self, space: &BlockDistances) -> Vec<Meeting> {
+        let mut found = Vec::new();
+        for (slot, kind) in space.slots.iter().enumerate() {
+            if *kind == Slot::Solid {
+                continue;
+            }
+            for axis in 0..3 {
+                if matches!(kind, Slot::Mixed(_)) && self.only[slot] == UNLABELLED {
+                    self.meet_within(space, slot, axis, &mut found);
+                }
+                if let Some(other) = beside(slot, axis, false) {
+                    self.meet_across(space, [slot, other], axis, &mut found);
+                }
+            }
+        }
+        found
+    }
+
+    /// Meetings within a leaf along an axis.
+    fn meet_within(
+        &self,
+        space: &BlockDistances,
+        slot: usize,
+        axis: usize,
+        found: &mut Vec<Meeting>,
+    ) {
+        let step = STEPS[axis];
+        for voxel in (0..VOXELS).filter(|v| !(v / step).is_multiple_of(8)) {
+            self.meet(space, [(slot, voxel), (slot, voxel - step)], axis, found);
+        }
+    }
+
+    /// Meetings of a leaf and the one before it along an axis.
+    fn meet_across(
+        &self,
+        space: &BlockDistances,
+        [slot, other]: [usize; 2],
+        axis: usize,
+        found: &mut Vec<Meeting>,
+    ) {
+        let kinds = [slot, other].map(|s| space.slots[s]);
+        let only = [slot, other].map(|s| self.only[s]);
+        if kinds[1] == Slot::Solid || (only[0] == only[1] && only[0] != UNLABELLED) {
+            return;
+        }
+        let both_wide = kinds == [Slot::Wide; 2];
+        let step = STEPS[axis];
+        for voxel in (0..VOXELS).filter(|v| (v / step).is_multiple_of(8)) {
+            let pair = [(slot, voxel), (other, voxel + 7 * step)];
+            self.meet(space, pair, axis, found);
+            if both_wide {
+                return;
+            }
+        }
+    }
+
+    /// The meeting of a voxel and the one before it along an axis, if their basins differ.
+    fn meet(
+        &self,
+        space: &BlockDistances,
+        pair: [(usize, usize); 2],
+        axis: usize,
+        found: &mut Vec<Meeting>,
+    ) {
+        let [a, b] = pair.map(|(slot, voxel)| self.at(space.slots[slot], slot, voxel));
+        if a == b || a == UNLABELLED || b == UNLABELLED {
+            return;
+        }
+        let orders = pair.map(|(slot, voxel)| {
+            let number = (slot * VOXELS + voxel) as u32;
+            order(space.distance(number), number)
+        });
+        let side = 2 * axis as u8;
         found.push(if orders[0] > orders[1] {
             Meeting {
                 order: orders[0],

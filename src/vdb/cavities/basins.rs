@@ -1,13 +1,12 @@
 //! Basins of one block: local maxima of the distance, and the levels at which they meet.
 
 use super::MIN_PROMINENCE;
-use super::ascent::{self, Meeting, UNLABELLED};
-use super::distances::BoxDistances;
-use crate::band::BLOCK;
+use super::ascent::{Labels, Meeting, UNLABELLED};
+use super::distances::{BlockDistances, Slot, position, slot_at};
+use super::samples::SLOTS;
+use crate::band::VOXELS;
 use crate::frame::Coord;
 use crate::union_find::UnionFind;
-
-const EDGE: usize = BLOCK as usize;
 
 /// The voxels whose steepest ascent ends in one local maximum.
 #[derive(Clone, Copy, Debug)]
@@ -35,8 +34,18 @@ pub(super) enum Face {
     Solid,
     /// One basin at one distance.
     Uniform(u32, f32),
-    /// In order of the two other axes; `u32::MAX` in the solid.
-    Voxels(Vec<(u32, f32)>),
+    /// By leaf, in order of the two other axes.
+    Leaves(Vec<Patch>),
+}
+
+/// Basin and distance of each voxel on one face of a leaf.
+pub(super) enum Patch {
+    /// No void.
+    Solid,
+    /// One basin at one distance.
+    Uniform(u32, f32),
+    /// In order of the two other axes; [`UNLABELLED`] in the solid.
+    Voxels(Box<[(u32, f32); 64]>),
 }
 
 /// Basins and edges of a block, numbered within it, and its faces: two for each axis.
@@ -70,31 +79,20 @@ impl BlockBasins {
     }
 
     /// The basins of a block with these distances.
-    pub fn of(space: &BoxDistances, origin: Coord, reach: f32) -> Self {
-        let parents = ascent::parents(space);
-        let rest = EDGE.pow(3) - space.values.len();
-        let mut maxima = ascent::maxima(space, &parents);
-        maxima.sort_unstable_by_key(|&n| space.order(n));
-        let first = u32::from(rest > 0);
-        let labels = ascent::labels(&parents, &maxima, first);
+    pub fn of(space: &BlockDistances, origin: Coord) -> Self {
+        let (maxima, labels) = Labels::new(space);
         let place = |n: u32| {
-            let [x, y, z] = space.position(n as usize).map(|c| c as i32);
+            let [x, y, z] = position(n).map(|c| c as i32);
             origin.offset(x, y, z)
         };
-        let basin = |depth, place, voxels| Basin {
-            voxels,
-            depth,
-            place,
-        };
-        let outer = (rest > 0).then(|| basin(reach, origin, rest as u64));
-        let inner = maxima.iter();
-        let inner = inner.map(|&n| basin(space.values[n as usize], place(n), 0));
-        let mut basins: Vec<Basin> = outer.into_iter().chain(inner).collect();
-        for run in labels.chunk_by(|a, b| a == b) {
-            if run[0] != UNLABELLED {
-                basins[run[0] as usize].voxels += run.len() as u64;
-            }
-        }
+        let basins = maxima.iter().map(|&n| Basin {
+            voxels: 0,
+            depth: space.distance(n),
+            place: place(n),
+        });
+        let mut basins: Vec<Basin> = basins.collect();
+        labels.add_voxels(space, |basin, count| basins[basin as usize].voxels += count);
+        let mut meetings = labels.meetings(space);
         let mut growth = BlockGrowth {
             space,
             sets: UnionFind::new(basins.len()),
@@ -104,10 +102,6 @@ impl BlockBasins {
             basins,
             edges: Vec::new(),
         };
-        if rest > 0 {
-            growth.first_at_face[0] = 0;
-        }
-        let mut meetings = ascent::meetings(space, &growth.labels, rest > 0);
         meetings.sort_unstable_by_key(|m| (m.order, m.side));
         for meeting in meetings {
             growth.join(&meeting, place(meeting.order as u32));
@@ -124,24 +118,43 @@ impl BlockBasins {
     }
 }
 
-/// For each basin, the order of its first voxel on a face of the block; `u64::MAX` without any.
-fn first_at_faces(space: &BoxDistances, labels: &[u32], basins: usize) -> Vec<u64> {
-    let [ex, ey, ez] = space.edges;
-    let at_face = |axis: usize, at: usize| [0, EDGE - 1].contains(&(space.low[axis] + at));
-    let mut first = vec![u64::MAX; basins];
-    let mut see = |n: usize| {
-        if let Some(found) = first.get_mut(labels[n] as usize) {
-            *found = space.order(n as u32).min(*found);
-        }
+/// Leaves at the end of an axis of a block, in order of the two other axes, and the voxels on their outer faces.
+fn leaves_at_face(
+    axis: usize,
+    is_last: bool,
+) -> (
+    impl Iterator<Item = usize>,
+    impl Iterator<Item = usize> + Clone,
+) {
+    let at = move |count: usize, n: usize| {
+        let mut at = [n / count, n % count, if is_last { count - 1 } else { 0 }];
+        at[axis..].rotate_right(1);
+        at
     };
-    for x in 0..ex {
-        for y in 0..ey {
-            let line = (x * ey + y) * ez;
-            if at_face(0, x) || at_face(1, y) {
-                (line..line + ez).for_each(&mut see);
-            } else {
-                let ends = [0, ez - 1].into_iter().filter(|&z| at_face(2, z));
-                ends.for_each(|z| see(line + z));
+    let leaves = (0..SLOTS * SLOTS).map(move |n| slot_at(at(SLOTS, n)));
+    let voxels = (0..64).map(move |n| {
+        let [x, y, z] = at(8, n);
+        x << 6 | y << 3 | z
+    });
+    (leaves, voxels)
+}
+
+/// For each basin, the order of its first voxel on a face of the block; `u64::MAX` without any.
+fn first_at_faces(space: &BlockDistances, labels: &Labels, basins: usize) -> Vec<u64> {
+    let mut first = vec![u64::MAX; basins];
+    for face in 0..6 {
+        let (leaves, voxels) = leaves_at_face(face / 2, face % 2 == 1);
+        for slot in leaves {
+            let kind = space.slots[slot];
+            let count = match kind {
+                Slot::Solid => 0,
+                Slot::Wide => 1,
+                Slot::Mixed(_) => 64,
+            };
+            for voxel in voxels.clone().take(count) {
+                if let Some(found) = first.get_mut(labels.at(kind, slot, voxel) as usize) {
+                    *found = space.order((slot * VOXELS + voxel) as u32).min(*found);
+                }
             }
         }
     }
@@ -150,9 +163,8 @@ fn first_at_faces(space: &BoxDistances, labels: &[u32], basins: usize) -> Vec<u6
 
 /// The state while basins are joined in falling level.
 struct BlockGrowth<'a> {
-    space: &'a BoxDistances,
-    /// Basin of each voxel of the box.
-    labels: Vec<u32>,
+    space: &'a BlockDistances,
+    labels: Labels,
     /// Components of basins. Basins are in order of their maxima, so that the least one of a component is the
     /// deepest.
     sets: UnionFind,
@@ -173,7 +185,7 @@ impl BlockGrowth<'_> {
             return;
         }
         let (deep, shallow) = (ra.min(rb), ra.max(rb));
-        let level = self.space.values[meeting.order as u32 as usize];
+        let level = self.space.distance(meeting.order as u32);
         let prominence = self.basins[shallow].depth - level;
         // Without voxels on a face, the component has no other way out at this level.
         let is_at_face = self.first_at_face[shallow] <= meeting.order;
@@ -219,35 +231,56 @@ impl BlockGrowth<'_> {
             ..*e
         });
         let edges = edges.filter(|e| e.ends[0] != e.ends[1]).collect();
-        let (low, box_edges) = (self.space.low, self.space.edges);
-        let rest = || (number[roots[0]], self.basins[0].depth);
-        let faces = std::array::from_fn(|f| {
-            let (axis, fixed) = (f / 2, if f % 2 == 0 { 0 } else { EDGE - 1 });
-            let voxels = (0..EDGE * EDGE).map(|m| {
-                let mut at = [m / EDGE, m % EDGE, fixed];
-                at[axis..].rotate_right(1);
-                if (0..3).any(|a| !(low[a]..low[a] + box_edges[a]).contains(&at[a])) {
-                    return rest();
-                }
-                let [x, y, z] = [0, 1, 2].map(|a| at[a] - low[a]);
-                let n = (x * box_edges[1] + y) * box_edges[2] + z;
-                match self.labels[n] {
-                    UNLABELLED => (UNLABELLED, 0.0),
-                    l => (label(l), self.space.values[n]),
-                }
-            });
-            let voxels: Vec<(u32, f32)> = voxels.collect();
-            let first = voxels[0];
-            match voxels.iter().all(|v| *v == first) {
-                true if first.0 == UNLABELLED => Face::Solid,
-                true => Face::Uniform(first.0, first.1),
-                false => Face::Voxels(voxels),
-            }
-        });
+        let faces = std::array::from_fn(|f| self.face(f / 2, f % 2 == 1, &label));
         BlockBasins {
             basins,
             edges,
             faces,
+        }
+    }
+
+    /// A face of the block with labels that `label` numbers.
+    fn face(&self, axis: usize, is_last: bool, label: &impl Fn(u32) -> u32) -> Face {
+        let (leaves, voxels) = leaves_at_face(axis, is_last);
+        let patches = leaves.map(|slot| {
+            let kind = self.space.slots[slot];
+            let at = |voxel: usize| match self.labels.at(kind, slot, voxel) {
+                UNLABELLED => (UNLABELLED, 0.0),
+                basin => (
+                    label(basin),
+                    self.space.distance((slot * VOXELS + voxel) as u32),
+                ),
+            };
+            match kind {
+                Slot::Solid => Patch::Solid,
+                Slot::Wide => {
+                    let (basin, distance) = at(0);
+                    Patch::Uniform(basin, distance)
+                }
+                Slot::Mixed(_) => {
+                    let mut found = Box::new([(UNLABELLED, 0.0); 64]);
+                    for (own, voxel) in found.iter_mut().zip(voxels.clone()) {
+                        *own = at(voxel);
+                    }
+                    Patch::Voxels(found)
+                }
+            }
+        });
+        let patches: Vec<Patch> = patches.collect();
+        let uniform = |p: &Patch| match *p {
+            Patch::Uniform(basin, distance) => Some((basin, distance)),
+            _ => None,
+        };
+        match uniform(&patches[0]) {
+            _ if patches.iter().all(|p| matches!(p, Patch::Solid)) => Face::Solid,
+            Some((basin, distance))
+                if patches
+                    .iter()
+                    .all(|p| uniform(p) == Some((basin, distance))) =>
+            {
+                Face::Uniform(basin, distance)
+            }
+            _ => Face::Leaves(patches),
         }
     }
 }

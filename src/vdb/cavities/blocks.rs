@@ -3,8 +3,10 @@
 //! The blocks form a grid. Layers of blocks without any surface nearby are one cell of the grid, however thick
 //! they are. The grid is wider than the solid, so that its first cell is outside.
 
-use super::basins::{Basin, BlockBasins, Edge, Face};
+use super::ascent::UNLABELLED;
+use super::basins::{Basin, BlockBasins, Edge, Face, Patch};
 use super::distances::BlockVoid;
+use super::samples::SLOTS;
 use super::{LeafSource, Measure};
 use crate::band::{BLOCK, Region};
 use crate::frame::Coord;
@@ -92,26 +94,17 @@ impl VoidGraph {
         (other_first, other): (u32, &Face),
         (axis, origin): (usize, Coord),
     ) {
-        let at = |face: &Face, n: usize| match face {
-            Face::Solid => None,
-            Face::Uniform(label, d) => Some((*label, *d)),
-            Face::Voxels(all) => Some(all[n]).filter(|v| v.0 != u32::MAX),
-        };
-        let count = match (own, other) {
-            (Face::Solid, _) | (_, Face::Solid) => return,
-            (Face::Uniform(..), Face::Uniform(..)) => 1,
-            _ => EDGE * EDGE,
-        };
-        let mut pairs: BTreeMap<[u32; 2], (f32, usize)> = BTreeMap::new();
-        for n in 0..count {
-            if let (Some((a, d)), Some((b, e))) = (at(own, n), at(other, n)) {
-                let level = d.min(e);
-                let pair = pairs.entry([a, b]).or_insert((level, n));
-                if level > pair.0 {
-                    *pair = (level, n);
+        let mut pairs = Pairs::default();
+        match (own, other) {
+            (Face::Solid, _) | (_, Face::Solid) => {}
+            (Face::Uniform(a, d), Face::Uniform(b, e)) => pairs.meet([*a, *b], d.min(*e), 0),
+            _ => {
+                for n in 0..SLOTS * SLOTS {
+                    pairs.meet_parts(&FacePart::of(own, n), &FacePart::of(other, n), n);
                 }
             }
         }
+        let pairs = pairs.list;
         self.edges
             .extend(pairs.into_iter().map(|([a, b], (level, n))| {
                 let mut voxel = [(n / EDGE) as i32, (n % EDGE) as i32, 0];
@@ -122,6 +115,84 @@ impl VoidGraph {
                     place: origin.offset(voxel[0], voxel[1], voxel[2]),
                 }
             }));
+    }
+}
+
+/// The part of a face at a leaf.
+enum FacePart<'a> {
+    Solid,
+    Uniform(u32, f32),
+    Voxels(&'a [(u32, f32); 64]),
+}
+
+impl FacePart<'_> {
+    fn of(face: &Face, n: usize) -> FacePart<'_> {
+        match face {
+            Face::Solid => FacePart::Solid,
+            Face::Uniform(basin, distance) => FacePart::Uniform(*basin, *distance),
+            Face::Leaves(all) => match &all[n] {
+                Patch::Solid => FacePart::Solid,
+                Patch::Uniform(basin, distance) => FacePart::Uniform(*basin, *distance),
+                Patch::Voxels(voxels) => FacePart::Voxels(voxels),
+            },
+        }
+    }
+
+    /// Basin and distance of a voxel; `None` in the solid.
+    fn at(&self, n: usize) -> Option<(u32, f32)> {
+        match self {
+            Self::Solid => None,
+            Self::Uniform(basin, distance) => Some((*basin, *distance)),
+            Self::Voxels(voxels) => Some(voxels[n]).filter(|v| v.0 != UNLABELLED),
+        }
+    }
+}
+
+/// The pairs of basins on both sides of a face: the highest level at which each meets, and the number of the voxel.
+#[derive(Default)]
+struct Pairs {
+    list: BTreeMap<[u32; 2], (f32, usize)>,
+}
+
+impl Pairs {
+    fn meet(&mut self, basins: [u32; 2], level: f32, voxel: usize) {
+        let pair = self.list.entry(basins).or_insert((level, voxel));
+        if level > pair.0 {
+            *pair = (level, voxel);
+        }
+    }
+
+    /// Adds the pairs of the parts at leaf `leaf` of two faces.
+    fn meet_parts(&mut self, own: &FacePart, other: &FacePart, leaf: usize) {
+        let count = match (own, other) {
+            (FacePart::Solid, _) | (_, FacePart::Solid) => return,
+            (FacePart::Uniform(..), FacePart::Uniform(..)) => 1,
+            _ => 64,
+        };
+        let first = leaf / SLOTS * 8 * EDGE + leaf % SLOTS * 8;
+        // The best of a run of voxels with the same basins.
+        let mut best: Option<([u32; 2], f32, usize)> = None;
+        for n in 0..count {
+            let (Some((a, d)), Some((b, e))) = (own.at(n), other.at(n)) else {
+                continue;
+            };
+            let (level, voxel) = (d.min(e), first + n / 8 * EDGE + n % 8);
+            match &mut best {
+                Some(best) if best.0 == [a, b] => {
+                    if level > best.1 {
+                        *best = ([a, b], level, voxel);
+                    }
+                }
+                other => {
+                    if let Some((basins, level, voxel)) = other.replace(([a, b], level, voxel)) {
+                        self.meet(basins, level, voxel);
+                    }
+                }
+            }
+        }
+        if let Some((basins, level, voxel)) = best {
+            self.meet(basins, level, voxel);
+        }
     }
 }
 
@@ -138,7 +209,7 @@ fn basins_of<S: LeafSource>(
         return Ok(match void {
             BlockVoid::Solid => BlockBasins::solid(),
             BlockVoid::Wide => BlockBasins::wide(cell.origin, cell.voxels, reach),
-            BlockVoid::Mixed(distances) => BlockBasins::of(&distances, cell.origin, reach),
+            BlockVoid::Mixed(distances) => BlockBasins::of(&distances, cell.origin),
         });
     }
     let is_solid = !source.inside_cubes(Region::cube(cell.origin, 1)).is_empty();

@@ -5,11 +5,22 @@
 //! along x from the points on lines along x, then along y and z over the rows within reach, each with the points on
 //! lines of its own axis. Points on lines along y and z count only for voxels at the same x, or x and y. Where the
 //! surface is nearest in another direction, points on lines along x or y lie beside them, so that distances are up to a
-//! few tenths of a voxel too large. Rows along z without any such point within reach are skipped.
+//! few tenths of a voxel too large.
+//!
+//! All passes run over leaves within reach of leaves with surface, so that the cost grows with the surface. They skip
+//! leaves inside: the ball around a voxel of the void up to its nearest point holds no solid, but the corners of
+//! the way to that point along the axes.
+// What the passes call must be inlined into a function that is compiled for the processor at hand.
+#![allow(clippy::inline_always)]
 
+use super::line_distances::{
+    LeafRows, along_line, from_crossings, lower, lower_to_rows, squared_steps,
+};
+use super::samples::{Row, Rows, SLOTS, Sample, Samples};
 use super::{LeafSource, Measure};
-use crate::band::{BLOCK, Region};
+use crate::band::{LEAF, Region, VOXELS};
 use crate::frame::Coord;
+use crate::simd::run_vectorized;
 
 /// The void of a block.
 pub(super) enum BlockVoid {
@@ -18,70 +29,66 @@ pub(super) enum BlockVoid {
     /// All voxels, each as far from the solid as is measured.
     Wide,
     /// Void and solid.
-    Mixed(BoxDistances),
+    Mixed(BlockDistances),
 }
 
-/// Distances in a box of a block. The rest of the block is outside, and farther from the solid than is
-/// measured.
-pub(super) struct BoxDistances {
-    /// Least voxel of the box in the block, and its edges.
-    pub low: [usize; 3],
-    pub edges: [usize; 3],
-    /// Distances in voxels, in order (x, y, z), at most the measured reach; negative in the solid.
-    pub values: Vec<f32>,
-    /// What the rows along z hold, in order (x, y).
-    pub rows: Vec<Row>,
-}
-
-/// What a row of voxels along z holds.
+/// The void of a leaf.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Row {
-    /// No void.
+pub(super) enum Slot {
+    /// No voxel.
     Solid,
-    /// Void as far from the solid as is measured.
+    /// All voxels, each as far from the solid as is measured.
     Wide,
-    Mixed,
+    /// The number of its distances.
+    Mixed(u32),
 }
 
-impl Row {
-    fn of(distances: &[f32], reach: f32) -> Self {
-        let first = distances[0];
-        if distances.iter().any(|d| *d != first) {
-            Self::Mixed
-        } else if first < 0.0 {
-            Self::Solid
-        } else if first >= reach {
-            Self::Wide
-        } else {
-            Self::Mixed
+/// Distances in voxels, at most the measured reach; negative in the solid.
+///
+/// The number of a voxel is 512 times that of its leaf, plus its own in the leaf, both in order (x, y, z).
+pub(super) struct BlockDistances {
+    pub reach: f32,
+    pub slots: Vec<Slot>,
+    pub leaves: Vec<[f32; VOXELS]>,
+}
+
+impl BlockDistances {
+    /// Distance of a voxel.
+    pub fn distance(&self, voxel: u32) -> f32 {
+        match self.slots[voxel as usize / VOXELS] {
+            Slot::Solid => -1.0,
+            Slot::Wide => self.reach,
+            Slot::Mixed(n) => self.leaves[n as usize][voxel as usize % VOXELS],
         }
     }
+
+    /// Place of a voxel of the void in the order of falling distance, then ascending number, which is its low half.
+    pub fn order(&self, voxel: u32) -> u64 {
+        order(self.distance(voxel), voxel)
+    }
 }
 
-impl BoxDistances {
-    /// Place of a voxel of the void in the order of falling distance, then ascending number, which is its low half.
-    pub fn order(&self, n: u32) -> u64 {
-        // Bits of positive numbers ascend with them.
-        u64::from(!self.values[n as usize].to_bits()) << 32 | u64::from(n)
-    }
+/// Place of a voxel at a distance in the order of falling distance, then ascending number.
+pub(super) fn order(distance: f32, voxel: u32) -> u64 {
+    // Bits of positive numbers ascend with them.
+    u64::from(!distance.to_bits()) << 32 | u64::from(voxel)
+}
 
-    /// Position of voxel `n` of the box in the block.
-    pub fn position(&self, n: usize) -> [usize; 3] {
-        let (low, [_, ey, ez]) = (self.low, self.edges);
-        [
-            low[0] + n / (ey * ez),
-            low[1] + n / ez % ey,
-            low[2] + n % ez,
-        ]
-    }
+/// Position of a voxel in the block.
+pub(super) fn position(voxel: u32) -> [usize; 3] {
+    let (slot, n) = (voxel as usize / VOXELS, voxel as usize % VOXELS);
+    let [x, y, z] = place(slot);
+    [8 * x + (n >> 6), 8 * y + (n >> 3 & 7), 8 * z + (n & 7)]
+}
 
-    /// Whether a voxel of the box has a neighbour in the rest of the block.
-    pub fn meets_rest(&self, at: [usize; 3]) -> bool {
-        (0..3).any(|a| {
-            let high = self.low[a] + self.edges[a];
-            (at[a] == 0 && self.low[a] > 0) || (at[a] + 1 == self.edges[a] && high < BLOCK as usize)
-        })
-    }
+/// Position of a leaf in the block, leaves.
+pub(super) fn place(slot: usize) -> [usize; 3] {
+    [slot / (SLOTS * SLOTS), slot / SLOTS % SLOTS, slot % SLOTS]
+}
+
+/// Number of the leaf at a position in the block.
+pub(super) fn slot_at([x, y, z]: [usize; 3]) -> usize {
+    (x * SLOTS + y) * SLOTS + z
 }
 
 impl BlockVoid {
@@ -95,297 +102,205 @@ impl BlockVoid {
             let is_solid = !source.inside_cubes(Region::cube(origin, 1)).is_empty();
             return Ok(if is_solid { Self::Solid } else { Self::Wide });
         };
-        Ok(samples.distances(measure))
-    }
-}
-
-/// Values of the level set around a box of a block.
-struct Samples {
-    /// Least voxel of the box in the block, and its edges.
-    low: [usize; 3],
-    edges: [usize; 3],
-    /// Voxels that the values begin before the box, and their edges.
-    halo: [usize; 3],
-    sizes: [usize; 3],
-    /// World units, in order (x, y, z).
-    values: Vec<f32>,
-    /// Whether a row along z has values of a leaf; only such rows have points of the surface.
-    has_leaf: Vec<bool>,
-}
-
-/// A point on a lattice line: the number of the line, and its position along it in voxels of the box.
-type Crossing = (u32, f32);
-
-impl Samples {
-    /// Reads them; `None` without any leaf.
-    fn read<S: LeafSource>(
-        source: &S,
-        origin: Coord,
-        measure: Measure,
-    ) -> Result<Option<Self>, S::Error> {
-        let block = Region::cube(origin, BLOCK);
-        let around = measure.bounds.grown(measure.reach + 1);
-        if !around.meets(origin, BLOCK) {
-            return Ok(None);
-        }
-        let inner = block.common(around);
-        let region = inner.grown(measure.reach);
-        let sizes = [0, 1, 2].map(|a| (region.max[a] - region.min[a] + 1) as usize);
-        let [_, ny, nz] = sizes;
-        let mut values = Vec::new();
-        let mut has_leaf = vec![false; sizes[0] * ny];
-        source.visit_leaves(region, &mut |leaf, own| {
-            if values.is_empty() {
-                values = vec![measure.background; sizes.iter().product()];
-            }
-            for (n, row) in own.chunks_exact(8).enumerate() {
-                let voxel = leaf.offset((n / 8) as i32, (n % 8) as i32, 0);
-                let at = [0, 1, 2].map(|a| voxel[a] - region.min[a]);
-                if (0..2).any(|a| at[a] < 0 || at[a] >= sizes[a] as i32) {
-                    continue;
-                }
-                has_leaf[at[0] as usize * ny + at[1] as usize] = true;
-                let first = (at[0] as usize * ny + at[1] as usize) * nz;
-                let line = &mut values[first..first + nz];
-                for (z, &v) in (at[2]..).zip(row) {
-                    if let Some(value) = line.get_mut(z as usize).filter(|_| z >= 0) {
-                        *value = v;
-                    }
-                }
-            }
-        })?;
-        if values.is_empty() {
-            return Ok(None);
-        }
-        for (cube, cube_edge) in source.inside_cubes(region) {
-            let cube = Region::cube(cube, cube_edge).common(region);
-            let [low, high] =
-                [cube.min, cube.max].map(|c| [0, 1, 2].map(|a| (c[a] - region.min[a]) as usize));
-            for x in low[0]..=high[0] {
-                for y in low[1]..=high[1] {
-                    let line = (x * ny + y) * nz;
-                    values[line + low[2]..=line + high[2]].fill(-measure.background);
-                }
-            }
-        }
-        Ok(Some(Self {
-            low: [0, 1, 2].map(|a| (inner.min[a] - origin[a]) as usize),
-            edges: [0, 1, 2].map(|a| (inner.max[a] - inner.min[a] + 1) as usize),
-            halo: [0, 1, 2].map(|a| (inner.min[a] - region.min[a]) as usize),
-            sizes,
-            values,
-            has_leaf,
-        }))
-    }
-
-    /// Distances of the box.
-    fn distances(&self, measure: Measure) -> BlockVoid {
-        let reach = measure.reach as f32;
-        let limit = reach * reach;
-        let ([ex, ey, ez], [hx, hy, hz]) = (self.edges, self.halo);
-        let [_, ny, nz] = self.sizes;
-        let along_x = self.along_x(limit.into());
-        let along_y = self.along_y(&along_x, measure.reach as usize);
-        drop(along_x);
-        let points = self.crossings(2);
-        let mut next = 0;
-        let mut values = vec![reach; ex * ey * ez];
-        let mut rows = Vec::with_capacity(ex * ey);
-        let mut squares = vec![f32::INFINITY; ez];
-        for (line, out) in values.chunks_exact_mut(ez).enumerate() {
-            let crossings = take_line(&points, &mut next, line as u32);
-            let near = along_y.row(line);
-            if near.is_some() || !crossings.is_empty() {
-                squares.fill(f32::INFINITY);
-                if let Some(near) = near {
-                    lower_along(near, hz, measure.reach as usize, &mut squares);
-                }
-                for (_, position) in crossings {
-                    for (z, square) in squares.iter_mut().enumerate() {
-                        *square = square.min((z as f32 - position).powi(2));
-                    }
-                }
-                for (d, &square) in out.iter_mut().zip(&squares) {
-                    *d = if square < limit { square.sqrt() } else { reach };
-                }
-            }
-            let first = ((line / ey + hx) * ny + line % ey + hy) * nz + hz;
-            let own = &self.values[first..first + ez];
-            for (d, &v) in out.iter_mut().zip(own) {
-                *d = if v < 0.0 { -1.0 } else { *d };
-            }
-            rows.push(Row::of(out, reach));
-        }
-        let is_whole_block = ex * ey * ez == (BLOCK as usize).pow(3);
-        let all = |kind: Row| rows.iter().all(|r| *r == kind);
-        if is_whole_block && all(Row::Solid) {
-            BlockVoid::Solid
-        } else if all(Row::Wide) {
-            BlockVoid::Wide
+        let distances = distances(&samples, measure.reach as usize);
+        let all = |kind: Slot| distances.slots.iter().all(|s| *s == kind);
+        Ok(if all(Slot::Solid) {
+            Self::Solid
+        } else if all(Slot::Wide) {
+            Self::Wide
         } else {
-            BlockVoid::Mixed(BoxDistances {
-                low: self.low,
-                edges: self.edges,
-                values,
-                rows,
-            })
-        }
+            Self::Mixed(distances)
+        })
     }
+}
 
-    /// Squared distances from the points on lines along x and y: rows (x, y) of the box along all z.
-    fn along_y(&self, along_x: &Rows, reach: usize) -> Rows {
-        let ([ex, ey, _], [_, hy, _], [_, ny, nz]) = (self.edges, self.halo, self.sizes);
-        let mut found = Rows::new(ex * ey, nz);
-        let points = self.crossings(1);
-        let mut next = 0;
-        for x in 0..ex {
-            for from in 0..ny {
-                let Some(row) = along_x.row(x * ny + from) else {
-                    continue;
-                };
-                let near = (from.saturating_sub(hy + reach - 1))
-                    ..(from + reach).saturating_sub(hy).min(ey);
-                for y in near {
-                    let step = ((y + hy) as f32 - from as f32).powi(2);
-                    let out = found.row_mut(x * ey + y);
-                    for (square, v) in out.iter_mut().zip(row) {
-                        *square = lower(*square, v + step);
+fn distances(samples: &Samples, reach: usize) -> BlockDistances {
+    let mut found = BlockDistances {
+        reach: reach as f32,
+        slots: Vec::with_capacity(SLOTS.pow(3)),
+        leaves: Vec::with_capacity(4 * SLOTS.pow(2)),
+    };
+    run_vectorized(
+        #[inline(always)]
+        || {
+            let steps = squared_steps(reach);
+            let along_y = along_y(samples, &along_x(samples), &steps);
+            for x in 0..SLOTS {
+                for y in 0..SLOTS {
+                    along_z(samples, &along_y, [x, y], &steps, &mut found);
+                }
+            }
+        },
+    );
+    found
+}
+
+/// Squared distances along x from the points on lines along x, in leaves (x, y, z) of the block's range of x.
+#[inline(always)]
+fn along_x(samples: &Samples) -> LeafRows {
+    let (halo, side) = (samples.halo, samples.side);
+    let mut found = LeafRows::new([SLOTS, side, side]);
+    let mut squares = vec![[0.0; 8]; 8 * side];
+    for y in samples.within_reach() {
+        for z in samples.within_reach() {
+            let line: Vec<Sample> = (0..side).map(|x| samples.at([x, y, z])).collect();
+            let marked: Vec<bool> = (0..side).map(|x| samples.has_surface([x, y, z])).collect();
+            if !marked.contains(&true) {
+                continue;
+            }
+            let near = samples.near(&marked);
+            let is_wanted = |x: usize| near[x] && !line[halo + x].is_inside();
+            let wanted: Vec<bool> = (0..SLOTS).map(is_wanted).collect();
+            let mut needed = vec![false; side];
+            needed[halo..halo + SLOTS].copy_from_slice(&wanted);
+            for own in 0..8 {
+                from_crossings(&line, |step| 8 * step + own, &needed, &mut squares);
+                for x in (0..SLOTS).filter(|&x| wanted[x]) {
+                    let rows = found.rows_mut([x, y, z]);
+                    for step in 0..8 {
+                        rows[8 * step + own] = squares[8 * (halo + x) + step];
                     }
                 }
             }
-            for z in 0..nz {
-                for (_, position) in take_line(&points, &mut next, (x * nz + z) as u32) {
-                    let low = (position - reach as f32).ceil().max(0.0) as usize;
-                    let high = (position + reach as f32).floor().min(ey as f32 - 1.0);
-                    if high < 0.0 {
-                        continue;
+        }
+    }
+    found
+}
+
+/// Squared distances from the points on lines along x and y, in leaves (x, y, z) of the block's range of x and y.
+#[inline(always)]
+fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
+    let (halo, side) = (samples.halo, samples.side);
+    let mut found = LeafRows::new([SLOTS, SLOTS, side]);
+    let mut squares = vec![[0.0; 8]; 8 * side];
+    let mut rows = vec![[0.0; 8]; 8 * side];
+    for x in 0..SLOTS {
+        for z in samples.within_reach() {
+            let before: Vec<Option<&Rows>> = (0..side).map(|y| along_x.get([x, y, z])).collect();
+            let has_rows: Vec<bool> = before.iter().map(Option::is_some).collect();
+            if !has_rows.contains(&true) {
+                continue;
+            }
+            let line: Vec<Sample> = (0..side).map(|y| samples.at([x + halo, y, z])).collect();
+            let near = samples.near(&has_rows);
+            let is_wanted = |y: usize| near[y] && !line[halo + y].is_inside();
+            let wanted: Vec<bool> = (0..SLOTS).map(is_wanted).collect();
+            let mut needed = vec![false; side];
+            needed[halo..halo + SLOTS].copy_from_slice(&wanted);
+            for own in 0..8 {
+                for (part, leaf) in rows.chunks_exact_mut(8).zip(&before) {
+                    if let Some(leaf) = leaf {
+                        part.copy_from_slice(&leaf[8 * own..8 * own + 8]);
                     }
-                    for y in low..=high as usize {
-                        let square = &mut found.row_mut(x * ey + y)[z];
-                        *square = square.min((y as f32 - position).powi(2));
+                }
+                from_crossings(&line, |step| 8 * own + step, &needed, &mut squares);
+                for y in (0..SLOTS).filter(|&y| wanted[y]) {
+                    let out = found.rows_mut([x, y, z]);
+                    for step in 0..8 {
+                        let at = 8 * (halo + y) + step;
+                        let mut square = squares[at];
+                        lower_to_rows(&mut square, &rows, &has_rows, at, steps);
+                        out[8 * own + step] = square;
                     }
                 }
             }
         }
-        found
     }
+    found
+}
 
-    /// Squared distances along x from the points on lines along x: rows (x, y) along all z, for the box's range of x.
-    fn along_x(&self, limit: f64) -> Rows {
-        let [_, ny, nz] = self.sizes;
-        let mut found = Rows::new(self.edges[0] * ny, nz);
-        for line in self.crossings(0).chunk_by(|a, b| a.0 == b.0) {
-            let at = line[0].0 as usize;
-            let mut nearest = 0;
-            for x in 0..self.edges[0] {
-                let distance = |k: usize| (f64::from(line[k].1) - x as f64).abs();
-                while nearest + 1 < line.len() && distance(nearest + 1) <= distance(nearest) {
-                    nearest += 1;
-                }
-                let square = distance(nearest).powi(2);
-                if square < limit {
-                    found.row_mut(x * ny + at / nz)[at % nz] = square as f32;
-                }
+/// Adds the distances in a column of leaves along z.
+#[inline(always)]
+fn along_z(
+    samples: &Samples,
+    along_y: &LeafRows,
+    [x, y]: [usize; 2],
+    steps: &[f32],
+    found: &mut BlockDistances,
+) {
+    let (halo, side) = (samples.halo, samples.side);
+    let before: Vec<Option<&Rows>> = (0..side).map(|z| along_y.get([x, y, z])).collect();
+    let has_rows: Vec<bool> = before.iter().map(Option::is_some).collect();
+    let near = samples.near(&has_rows);
+    let line: Vec<Sample> = (0..side)
+        .map(|z| samples.at([x + halo, y + halo, z]))
+        .collect();
+    let wanted = |z: usize| near[z] && !line[z + halo].is_inside();
+    let wanted: Vec<usize> = (0..SLOTS).filter(|&z| wanted(z)).collect();
+    let mut column = vec![[0f32; VOXELS]; wanted.len()];
+    let mut squares = vec![f32::INFINITY; 8 * side];
+    let mut crossings = Vec::new();
+    for row in 0..64 {
+        for (part, leaf) in squares.chunks_exact_mut(8).zip(&before) {
+            match leaf {
+                Some(rows) => part.copy_from_slice(&rows[row]),
+                None => part.fill(f32::INFINITY),
             }
         }
-        found
+        crossings_along_z(&line, row, &mut crossings);
+        for (leaf, &z) in column.iter_mut().zip(&wanted) {
+            let at = 8 * (halo + z);
+            let mut square = along_line(&squares, at, steps);
+            lower_to_points(&mut square, &crossings, at as f32);
+            let values = line[z + halo].row(row);
+            leaf[8 * row..8 * row + 8].copy_from_slice(&signed(&square, values, found.reach));
+        }
     }
-
-    /// The points on lines along an axis, by line and position. Lines run over the box on earlier axes, over
-    /// all values on later ones.
-    fn crossings(&self, axis: usize) -> Vec<Crossing> {
-        let (halo, [_, ny, nz]) = (self.halo, self.sizes);
-        let step = [ny * nz, nz, 1][axis];
-        let range = |a: usize| match a.cmp(&axis) {
-            std::cmp::Ordering::Less => halo[a]..halo[a] + self.edges[a],
-            std::cmp::Ordering::Equal => 0..self.sizes[a] - 1,
-            std::cmp::Ordering::Greater => 0..self.sizes[a],
+    let mut column = wanted.iter().zip(column).peekable();
+    for (z, sample) in line[halo..halo + SLOTS].iter().enumerate() {
+        let slot = match column.next_if(|(n, _)| **n == z) {
+            Some((_, leaf)) if leaf.iter().all(|d| *d < 0.0) => Slot::Solid,
+            Some((_, leaf)) if leaf.iter().all(|d| *d >= found.reach) => Slot::Wide,
+            Some((_, leaf)) => {
+                found.leaves.push(leaf);
+                Slot::Mixed(found.leaves.len() as u32 - 1)
+            }
+            None if sample.is_inside() => Slot::Solid,
+            None => Slot::Wide,
         };
-        let mut found = Vec::new();
-        for x in range(0) {
-            for y in range(1) {
-                if !self.has_leaf[x * ny + y] {
-                    continue;
-                }
-                for z in range(2) {
-                    let first = (x * ny + y) * nz + z;
-                    let (a, b) = (self.values[first], self.values[first + step]);
-                    if (a < 0.0) == (b < 0.0) {
-                        continue;
-                    }
-                    let line = match axis {
-                        0 => y * nz + z,
-                        1 => (x - halo[0]) * nz + z,
-                        _ => (x - halo[0]) * self.edges[1] + y - halo[1],
-                    };
-                    let position = [x, y, z][axis] as f32 - halo[axis] as f32;
-                    found.push((line as u32, position + a.abs() / (a.abs() + b.abs())));
-                }
+        found.slots.push(slot);
+    }
+}
+
+/// The positions at which one line along z crosses the surface, ascending.
+#[inline(always)]
+fn crossings_along_z(line: &[Sample], row: usize, crossings: &mut Vec<f32>) {
+    crossings.clear();
+    let mut meet = |a: f32, b: f32, z: usize| {
+        if (a < 0.0) != (b < 0.0) {
+            crossings.push(z as f32 + a.abs() / (a.abs() + b.abs()));
+        }
+    };
+    for (n, leaf) in line.iter().enumerate() {
+        if n > 0 && (leaf.is_stored() || line[n - 1].is_stored()) {
+            meet(line[n - 1].row(row)[7], leaf.row(row)[0], 8 * n - 1);
+        }
+        if let Sample::Stored(rows) = leaf {
+            for (z, pair) in rows[row].windows(2).enumerate() {
+                meet(pair[0], pair[1], 8 * n + z);
             }
         }
-        // Points of one line are found in order of position.
-        found.sort_by_key(|p| p.0);
-        found
     }
 }
 
-/// The points of a line, from points in order of lines; `next` is the first that is not taken.
-fn take_line<'a>(points: &'a [Crossing], next: &mut usize, line: u32) -> &'a [Crossing] {
-    let first = *next;
-    while points.get(*next).is_some_and(|p| p.0 == line) {
-        *next += 1;
-    }
-    &points[first..*next]
-}
-
-/// Rows of squared distances, each allocated once it has a finite one.
-struct Rows {
-    width: usize,
-    rows: Vec<Vec<f32>>,
-}
-
-impl Rows {
-    fn new(count: usize, width: usize) -> Self {
-        Self {
-            width,
-            rows: vec![Vec::new(); count],
-        }
-    }
-
-    /// The row; `None` if all of it is infinite.
-    fn row(&self, n: usize) -> Option<&[f32]> {
-        Some(&self.rows[n][..]).filter(|r| !r.is_empty())
-    }
-
-    fn row_mut(&mut self, n: usize) -> &mut [f32] {
-        let row = &mut self.rows[n];
-        if row.is_empty() {
-            row.resize(self.width, f32::INFINITY);
-        }
-        row
-    }
-}
-
-/// The lower of two numbers that are not NaN: one instruction, unlike `f32::min`.
-fn lower(a: f32, b: f32) -> f32 {
-    if b < a { b } else { a }
-}
-
-/// Lowers squares to those of a row along the same line, which begins `halo` before them: the least sum of a value
-/// and the square of its distance, less than `reach`.
-fn lower_along(row: &[f32], halo: usize, reach: usize, squares: &mut [f32]) {
-    let far = reach as isize - 1;
-    for step in -far..=far {
-        // Element n is lowered by element n + halo + step of the row.
-        let first = halo as isize + step;
-        let skipped = (-first).max(0) as usize;
-        let from = first.max(0) as usize;
-        if from >= row.len() || skipped >= squares.len() {
-            continue;
-        }
-        let own = (step * step) as f32;
-        for (square, v) in squares[skipped..].iter_mut().zip(&row[from..]) {
-            *square = lower(*square, v + own);
+/// Lowers squared distances to those from points on the line; the first of the row is at `at`.
+#[inline(always)]
+fn lower_to_points(square: &mut Row, points: &[f32], at: f32) {
+    for point in points {
+        for (z, square) in square.iter_mut().enumerate() {
+            let distance = at + z as f32 - point;
+            *square = lower(*square, distance * distance);
         }
     }
 }
+
+/// Distances at most `reach`, negative where the values are.
+#[inline(always)]
+fn signed(square: &Row, values: &Row, reach: f32) -> Row {
+    std::array::from_fn(|z| {
+        let distance = lower(square[z].sqrt(), reach);
+        if values[z] < 0.0 { -1.0 } else { distance }
+    })
+}
+
+const _: () = assert!(LEAF == 8, "rows of eight values");

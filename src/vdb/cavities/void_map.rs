@@ -1,6 +1,6 @@
 //! The void as sets of voxels, read block by block when needed.
 
-use super::distances::BlockVoid;
+use super::distances::{BlockVoid, Slot};
 use super::{LeafSource, Measure};
 use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::Coord;
@@ -102,19 +102,14 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
             BlockVoid::Wide => return Ok(BlockVoxels::Uniform(true)),
             BlockVoid::Mixed(found) => found,
         };
-        // Beyond the box all is far from the solid.
-        let mut leaves = vec![ALL; SLOTS.pow(3) as usize];
-        let [ey, ez] = [found.edges[1], found.edges[2]];
-        for (n, &d) in found.values.iter().enumerate() {
-            if d >= self.clearance {
-                continue;
+        let leaf = |slot: &Slot| match *slot {
+            Slot::Solid => [0; 8],
+            Slot::Wide => ALL,
+            Slot::Mixed(n) => {
+                voxel_mask::select(&found.leaves[n as usize], |d| d >= self.clearance)
             }
-            let at = [n / (ey * ez), n / ez % ey, n % ez];
-            let [x, y, z] = [0, 1, 2].map(|a| (found.low[a] + at[a]) as i32);
-            let voxel = block.offset(x, y, z);
-            let n = offset(voxel);
-            leaves[slot(voxel)][n >> 6] &= !(1 << (n & 63));
-        }
+        };
+        let leaves = found.slots.iter().map(leaf).collect();
         Ok(BlockVoxels::Mixed(leaves))
     }
 

@@ -130,6 +130,35 @@ fn closed_cavities_are_the_voids_and_tubes_and_wide_bays_are_open() {
     assert!((large.radius - 6.0).abs() < 0.3, "{large:?}");
 }
 
+/// Rooms that are wider than what is measured, on several blocks of voxels: a closed one, and one with a bore.
+#[test]
+fn rooms_wider_than_the_reach_have_their_volume_and_their_bore() {
+    let holes = |bore: f64| {
+        vec![
+            ball([-50.0, 3.0, 5.0], 40.0),
+            ball([50.0, 0.0, 0.0], 35.0),
+            block([50.0, -bore, -bore], [120.0, bore, bore]),
+        ]
+    };
+    for reach in [8, 9, 16, 21] {
+        let solid = cube_without(100.0, holes(5.5));
+        let found = solid.cavities(reach, session()).unwrap();
+        let limit = f64::from(reach);
+        assert_eq!((found.list.len(), found.closed()), (2, 1), "{found:#?}");
+        let [closed, bored] = [found.list[0], found.list[1]];
+        let void = solid.voids(session()).unwrap()[0];
+        assert_eq!((closed.voxels, closed.radius), (void.voxels, limit));
+        assert!((bored.escape_radius - 5.5).abs() < 0.1, "{bored:?}");
+        let volume = 4.0 / 3.0 * std::f64::consts::PI * 35f64.powi(3);
+        assert!((0.97..1.05).contains(&(bored.volume / volume)), "{bored:?}");
+    }
+    // A bore as wide as the reach is no throat.
+    let found = cube_without(100.0, holes(9.0))
+        .cavities(8, session())
+        .unwrap();
+    assert_eq!((found.list.len(), found.closed()), (1, 1), "{found:#?}");
+}
+
 /// Numbers that look random (splitmix64).
 pub(super) struct Random(pub u64);
 

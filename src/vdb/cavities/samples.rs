@@ -1,0 +1,173 @@
+//! Values of a level set around one block, by leaf.
+
+use super::{LeafSource, Measure};
+use crate::band::{BLOCK, LEAF, Region, VOXELS};
+use crate::frame::Coord;
+
+/// Values along z of eight voxels.
+pub(super) type Row = [f32; 8];
+/// The rows of a leaf, in order (x, y).
+pub(super) type Rows = [Row; 64];
+/// Leaves along the edge of a block.
+pub(super) const SLOTS: usize = (BLOCK / LEAF) as usize;
+
+/// What a level set has in the place of a leaf.
+#[derive(Clone, Copy)]
+pub(super) enum Sample<'a> {
+    Outside,
+    Inside,
+    Stored(&'a Rows),
+}
+
+impl Sample<'_> {
+    pub fn is_stored(self) -> bool {
+        matches!(self, Self::Stored(_))
+    }
+
+    pub fn is_inside(self) -> bool {
+        matches!(self, Self::Inside)
+    }
+
+    /// Row number `n`, with positive and negative one where no values are stored.
+    pub fn row(&self, n: usize) -> &Row {
+        match self {
+            Self::Outside => &[1.0; 8],
+            Self::Inside => &[-1.0; 8],
+            Self::Stored(rows) => &rows[n],
+        }
+    }
+}
+
+/// Number of a leaf without values.
+const OUTSIDE: u32 = u32::MAX;
+const INSIDE: u32 = u32::MAX - 1;
+
+/// The leaves of a block and of a halo around it.
+pub(super) struct Samples {
+    /// Leaves of the halo before the block, and along the edge of all.
+    pub halo: usize,
+    pub side: usize,
+    /// Greatest distance, in leaves, from a leaf with surface to one with a voxel within reach.
+    pub ring: usize,
+    /// Number of each leaf, in order (x, y, z).
+    numbers: Vec<u32>,
+    leaves: Vec<Rows>,
+    /// For each leaf, whether the surface crosses an edge of the lattice at one of its voxels.
+    has_surface: Vec<bool>,
+}
+
+impl Samples {
+    /// Reads the block at `origin`; `None` without any leaf as near as is measured.
+    pub fn read<S: LeafSource>(
+        source: &S,
+        origin: Coord,
+        measure: Measure,
+    ) -> Result<Option<Self>, S::Error> {
+        let around = measure.bounds.grown(measure.reach + 1);
+        if !around.meets(origin, BLOCK) {
+            return Ok(None);
+        }
+        let halo = (measure.reach + LEAF - 1) / LEAF;
+        // Both voxels at a crossing are marked; a voxel within reach is `reach - 1` away from the nearer one at most.
+        let ring = ((measure.reach - 1 + LEAF - 1) / LEAF) as usize;
+        let region = Region::cube(origin, BLOCK).grown(halo * LEAF);
+        let halo = halo as usize;
+        let side = SLOTS + 2 * halo;
+        let slot = |leaf: Coord| {
+            let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - region.min[a]) / LEAF) as usize);
+            (x * side + y) * side + z
+        };
+        let mut leaves: Vec<Rows> = Vec::with_capacity(4 * SLOTS.pow(2));
+        let mut numbers = Vec::new();
+        source.visit_leaves(region, &mut |leaf, values: &[f32; VOXELS]| {
+            if numbers.is_empty() {
+                numbers = vec![OUTSIDE; side.pow(3)];
+            }
+            numbers[slot(leaf)] = leaves.len() as u32;
+            leaves.extend(values.as_chunks().0.first_chunk::<64>());
+        })?;
+        if numbers.is_empty() {
+            return Ok(None);
+        }
+        for (cube, edge) in source.inside_cubes(region) {
+            for leaf in Region::cube(cube, edge).common(region).cubes(LEAF) {
+                numbers[slot(leaf)] = INSIDE;
+            }
+        }
+        let mut found = Self {
+            halo,
+            side,
+            ring,
+            numbers,
+            leaves,
+            has_surface: vec![false; side.pow(3)],
+        };
+        for x in 0..side {
+            for y in 0..side {
+                for z in 0..side {
+                    found.has_surface[(x * side + y) * side + z] = found.crosses([x, y, z]);
+                }
+            }
+        }
+        Ok(Some(found))
+    }
+
+    /// Finds out what [`Samples::has_surface`] returns.
+    fn crosses(&self, at: [usize; 3]) -> bool {
+        let Sample::Stored(rows) = self.at(at) else {
+            return false;
+        };
+        let is_inside = rows[0][0] < 0.0;
+        // A loop without an early exit is vectorised.
+        let differs = |row: &Row| row.iter().filter(|v| (**v < 0.0) != is_inside).count() > 0;
+        if rows.iter().any(differs) {
+            return true;
+        }
+        (0..6).any(|face| {
+            let (axis, ahead) = (face / 2, face % 2 == 1);
+            let mut beside = at;
+            beside[axis] = if ahead {
+                at[axis] + 1
+            } else {
+                at[axis].wrapping_sub(1)
+            };
+            if beside[axis] >= self.side {
+                return false;
+            }
+            let other = self.at(beside);
+            let first = if ahead { 0 } else { 7 };
+            match axis {
+                0 => (0..8).any(|y| differs(other.row(8 * first + y))),
+                1 => (0..8).any(|x| differs(other.row(8 * x + first))),
+                _ => (0..64).any(|n| (other.row(n)[first] < 0.0) != is_inside),
+            }
+        })
+    }
+
+    /// The leaves along an axis whose surface is within reach of some voxel of the block.
+    pub fn within_reach(&self) -> std::ops::Range<usize> {
+        self.halo - self.ring..self.halo + SLOTS + self.ring
+    }
+
+    /// For each leaf of the block along a line, whether one of those within reach is marked.
+    pub fn near(&self, marked: &[bool]) -> Vec<bool> {
+        let reach = |n: usize| n + self.halo - self.ring..=n + self.halo + self.ring;
+        (0..SLOTS)
+            .map(|n| marked[reach(n)].contains(&true))
+            .collect()
+    }
+
+    /// Whether the surface crosses an edge of the lattice at a voxel of a leaf.
+    pub fn has_surface(&self, [x, y, z]: [usize; 3]) -> bool {
+        self.has_surface[(x * self.side + y) * self.side + z]
+    }
+
+    /// What is at a leaf, counted from the first one of the halo.
+    pub fn at(&self, [x, y, z]: [usize; 3]) -> Sample<'_> {
+        match self.numbers[(x * self.side + y) * self.side + z] {
+            OUTSIDE => Sample::Outside,
+            INSIDE => Sample::Inside,
+            n => Sample::Stored(&self.leaves[n as usize]),
+        }
+    }
+}
