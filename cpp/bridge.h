@@ -44,6 +44,7 @@ struct Range;
 struct Camera;
 enum class Filter : std::uint8_t;
 enum class Csg : std::uint8_t;
+enum class TileChoice : std::uint8_t;
 
 // A FloatGrid, or, from a file, a grid of any type.
 class Grid {
@@ -145,7 +146,7 @@ std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
 // leaves.cc: leaves, tiles and values of a tree
 std::unique_ptr<LeafTable> leaf_table(const Grid&);
 std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, rust::Slice<const float> values);
-rust::Vec<Tile> grid_tiles(const Grid&, bool all_tiles);
+rust::Vec<Tile> grid_tiles(const Grid&, TileChoice choice);
 void grid_put_leaves(Grid&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
                      rust::Slice<const float> values);
 void grid_edit(Grid&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,

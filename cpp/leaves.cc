@@ -96,16 +96,16 @@ std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, 
   throw std::invalid_argument("an attribute of " + std::to_string(components) + " components");
 }
 
-rust::Vec<Tile> grid_tiles(const Grid& handle, bool all_tiles) {
+rust::Vec<Tile> grid_tiles(const Grid& handle, TileChoice choice) {
   if (!handle.impl->grid) return {};  // grids of vectors have no relevant tiles
   const auto& tree = floats(handle).tree();
   rust::Vec<Tile> tiles;
   auto it = tree.cbeginValueAll();
   it.setMaxDepth(FloatTree::ValueAllCIter::LEAF_DEPTH - 1);
   for (; it; ++it) {
+    if (choice == TileChoice::Solid && !it.isValueOn() && *it >= 0) continue;
+    if (choice == TileChoice::Distinct && !it.isValueOn() && *it == tree.background()) continue;
     const CoordBBox box = it.getBoundingBox();
-    // An inactive outside tile equals the background.
-    if (!all_tiles && !it.isValueOn() && *it >= 0) continue;
     Tile tile{};
     for (int a = 0; a < 3; ++a) tile.origin[a] = box.min()[a];
     tile.edge = box.dim()[0];

@@ -37,6 +37,16 @@ mod bridge {
         active: bool,
     }
 
+    /// Which tiles of a grid to list.
+    enum TileChoice {
+        /// Those inside, and active ones.
+        Solid,
+        /// Those that differ from the background: in value, or active.
+        Distinct,
+        /// All: thousands where a tree has few leaves.
+        All,
+    }
+
     struct MetaEntry {
         key: String,
         value: String,
@@ -217,7 +227,7 @@ mod bridge {
             values: &[f32],
         ) -> Result<UniquePtr<Grid>>;
         /// All tiles, or only those that are active or inside.
-        fn grid_tiles(grid: &Grid, all_tiles: bool) -> Result<Vec<Tile>>;
+        fn grid_tiles(grid: &Grid, choice: TileChoice) -> Result<Vec<Tile>>;
         /// Overwrites existing leaves (3 coordinates, 8 mask words, 512 values each), makes tiles (3
         /// coordinates and edge each) inactive with value `fill`, and prunes.
         fn grid_edit(

@@ -6,6 +6,7 @@
 //! active values in order of offset (f32, three for vectors, -0 as 0); number of active tiles (u64) and, per
 //! tile in order of origin, origin (3 x i32), edge (i32) and value (f32). All numbers are little-endian.
 
+use super::ffi::TileChoice;
 use super::leaves::{TileView, tiles_of};
 use super::{LevelSet, VdbError, ffi};
 
@@ -167,7 +168,7 @@ impl ContentHash {
             let components = active.flat_map(|(_, voxel)| voxel.iter().copied());
             self.leaf(head.origin, &head.mask, facts.half, components);
         }
-        let mut tiles = tiles_of(grid, false)?;
+        let mut tiles = tiles_of(grid, TileChoice::Solid)?;
         tiles.retain(|t| t.active);
         self.begin_tiles(tiles.len() as u64);
         for tile in &tiles {

@@ -1,5 +1,6 @@
 //! Lookup of the leaf or tile at a voxel, and of the neighbours of a leaf.
 
+use super::ffi::TileChoice;
 use super::leaves::{LeafView, Leaves, TileView, tiles_of};
 use super::{LevelSet, VdbError};
 use crate::frame::Coord;
@@ -68,8 +69,13 @@ impl<'a> LeafIndex<'a> {
         leaves: &'a Leaves<'_>,
         all_tiles: bool,
     ) -> Result<Self, VdbError> {
-        let tiles = tiles_of(&level_set.grid, all_tiles)
-            .map_err(|e| VdbError::plain("listing tiles", &e))?;
+        let choice = if all_tiles {
+            TileChoice::All
+        } else {
+            TileChoice::Solid
+        };
+        let tiles =
+            tiles_of(&level_set.grid, choice).map_err(|e| VdbError::plain("listing tiles", &e))?;
         let leaves: Vec<_> = leaves.iter().collect();
         Ok(Self {
             leaf_at: leaves.iter().map(|l| l.origin).zip(0..).collect(),

@@ -4,6 +4,7 @@
 //! (3 x i32), mask (8 x u64), 512 values (f32); `T`, origin, edge (i32), value, active (u8); at last
 //! `E`. The receiver does not trust the sender: it limits the number of records and checks each.
 
+use super::ffi::TileChoice;
 use super::subprocess::Limits;
 use super::{FileError, GridInfo, Volume, ffi};
 use crate::frame::Coord;
@@ -109,7 +110,7 @@ pub(super) fn send(
         copy_numbers(values, leaf.values.map(f32::to_le_bytes));
         out.write_all(&record)?;
     }
-    let tiles = super::leaves::tiles_of(&volume.grid, true);
+    let tiles = super::leaves::tiles_of(&volume.grid, TileChoice::Distinct);
     for tile in tiles.map_err(|e| io::Error::other(e.to_string()))? {
         out.write_all(b"T")?;
         out.write_all(&tile.origin.0.map(i32::to_le_bytes).concat())?;

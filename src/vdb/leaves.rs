@@ -1,5 +1,6 @@
 //! Views of the leaves and tiles of a level set, without copies.
 
+use super::ffi::TileChoice;
 use super::{LevelSet, VdbError, ffi};
 use crate::frame::{Coord, WorldPoint};
 use cxx::UniquePtr;
@@ -126,7 +127,7 @@ impl LevelSet {
     /// # Errors
     /// Only errors of OpenVDB (memory).
     pub fn tiles(&self) -> Result<Vec<TileView>, VdbError> {
-        tiles_of(&self.grid, false).map_err(|e| VdbError::plain("listing tiles", &e))
+        tiles_of(&self.grid, TileChoice::Solid).map_err(|e| VdbError::plain("listing tiles", &e))
     }
 
     /// Signed distances at voxels, world units, negative inside; minus or plus the background beyond the band.
@@ -159,9 +160,12 @@ pub(super) fn samples_of(grid: &ffi::Grid, points: &[WorldPoint]) -> Result<Vec<
     Ok(values)
 }
 
-/// Tiles in order of origin: all, or only those that are active or inside.
-pub(super) fn tiles_of(grid: &ffi::Grid, all_tiles: bool) -> Result<Vec<TileView>, cxx::Exception> {
-    let mut tiles: Vec<TileView> = ffi::grid_tiles(grid, all_tiles)?
+/// Tiles in order of origin.
+pub(super) fn tiles_of(
+    grid: &ffi::Grid,
+    choice: TileChoice,
+) -> Result<Vec<TileView>, cxx::Exception> {
+    let mut tiles: Vec<TileView> = ffi::grid_tiles(grid, choice)?
         .into_iter()
         .map(|t| TileView {
             origin: Coord(t.origin),

@@ -1,5 +1,6 @@
 //! Repairs of level sets from other programs: scale, sign, background, active tiles, inactive signs.
 
+use super::ffi::TileChoice;
 use super::foreign::GridReading;
 use super::refusal::{Refusal, value_hint};
 use super::value_survey::Slopes;
@@ -210,7 +211,8 @@ impl Volume {
             ffi::grid_set_background(self.grid.pin_mut(), background, &host).map_err(failed)?;
         }
         if repair.has_active_tiles {
-            let tiles = super::leaves::tiles_of(&self.grid, true).map_err(failed)?;
+            let tiles =
+                super::leaves::tiles_of(&self.grid, TileChoice::Distinct).map_err(failed)?;
             for is_inside in [false, true] {
                 let of_side = tiles
                     .iter()
@@ -237,11 +239,12 @@ impl Volume {
         let before = self.inactive_inside()?;
         ffi::grid_flood_fill(self.grid.pin_mut(), &session.host()).map_err(failed)?;
         let wrong = before.abs_diff(self.inactive_inside()?);
-        if wrong > 0 {
-            // Pruning turns leaves without active voxels into tiles, whose signs come from their neighbours.
-            ffi::grid_prune(self.grid.pin_mut(), &session.host()).map_err(failed)?;
-            ffi::grid_flood_fill(self.grid.pin_mut(), &session.host()).map_err(failed)?;
+        if wrong == 0 {
+            return Ok(0);
         }
+        // Pruning turns leaves without active voxels into tiles, whose signs come from their neighbours.
+        ffi::grid_prune(self.grid.pin_mut(), &session.host()).map_err(failed)?;
+        ffi::grid_flood_fill(self.grid.pin_mut(), &session.host()).map_err(failed)?;
         Ok(before.abs_diff(self.inactive_inside()?))
     }
 
@@ -255,7 +258,7 @@ impl Volume {
                 .map(|(b, m)| u64::from((b & !m).count_ones()))
                 .sum::<u64>();
         }
-        let tiles = super::leaves::tiles_of(&self.grid, true)
+        let tiles = super::leaves::tiles_of(&self.grid, TileChoice::Distinct)
             .map_err(|e| VdbError::plain("listing tiles", &e))?;
         let inside = tiles.iter().filter(|t| !t.active && t.value < 0.0);
         Ok(count + inside.map(|t| (t.edge as u64).pow(3)).sum::<u64>())

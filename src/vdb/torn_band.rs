@@ -1,8 +1,10 @@
 //! Gaps in a narrow band: pairs of neighbours with different signs and at least one inactive voxel.
 
 use super::index::{FACES, Holder, LeafIndex};
+use super::leaves::TileView;
 use super::voxel_mask::{Bits, select};
 use super::{LevelSet, VdbError};
+use crate::band::LEAF;
 use crate::frame::{Coord, Vec3};
 use rayon::prelude::*;
 
@@ -31,7 +33,7 @@ impl LevelSet {
     /// Counts the gaps of the band.
     pub(super) fn band_gaps(&self) -> Result<BandGaps, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, true)?;
+        let index = LeafIndex::new(self, &leaves, false)?;
         let place = |voxel: Coord| self.transform.world(voxel).0 + self.origin;
         let negative: Vec<Bits> = index
             .leaves
@@ -45,25 +47,42 @@ impl LevelSet {
             .map(|n| of_leaf(&index, &negative, n, place))
             .reduce(BandGaps::default, BandGaps::merge);
         let mut found = of_leaves;
-        for tile in &index.tiles {
-            for step in FACES {
-                let [x, y, z] = step.map(|s| s * tile.edge);
-                let other = match index.holder(tile.origin.offset(x, y, z)) {
-                    Holder::Tile(other) if index.tiles[other].edge >= tile.edge => {
-                        index.tiles[other].value
-                    }
-                    Holder::Background => 1.0,
-                    _ => continue,
-                };
-                if (tile.value < 0.0) != (other < 0.0) {
-                    found.crossings += 1;
-                    found.gaps += 1;
-                    found.first = found.first.or_else(|| Some(place(tile.origin)));
-                }
+        for tile in index.tiles.iter().filter(|t| t.value < 0.0) {
+            let gaps = gaps_around(&index, tile);
+            found.crossings += gaps;
+            found.gaps += gaps;
+            if gaps > 0 {
+                found.first = found.first.or_else(|| Some(place(tile.origin)));
             }
         }
         Ok(found)
     }
+}
+
+/// Number of cubes of a leaf's size beside a tile inside that are outside and belong to no leaf.
+fn gaps_around(index: &LeafIndex<'_>, tile: &TileView) -> u64 {
+    let cubes = tile.edge / LEAF;
+    let mut count = 0;
+    for step in FACES {
+        let across = step.map(|s| if s < 0 { -LEAF } else { s * tile.edge });
+        let corner = tile.origin.offset(across[0], across[1], across[2]);
+        let axis = step.iter().position(|s| *s != 0).unwrap_or(0);
+        for n in 0..cubes * cubes {
+            let mut along = [n / cubes * LEAF, n % cubes * LEAF, 0];
+            along[axis..].rotate_right(1);
+            match index.holder(corner.offset(along[0], along[1], along[2])) {
+                // A leaf counts its own gaps.
+                Holder::Leaf(_) => {}
+                Holder::Tile(other) if index.tiles[other].value < 0.0 => {
+                    if index.tiles[other].edge >= tile.edge {
+                        break;
+                    }
+                }
+                Holder::Tile(_) | Holder::Background => count += 1,
+            }
+        }
+    }
+    count
 }
 
 /// The gaps within a leaf and on its faces; a gap between two leaves counts for the lesser one. `negative` holds the

@@ -4,6 +4,7 @@
 //! measures slopes in a sample of leaves.
 
 use super::ffi;
+use super::ffi::TileChoice;
 use super::leaves::{LeafView, Leaves, tiles_of};
 use crate::frame::Coord;
 
@@ -40,7 +41,7 @@ const MIN_SLOPE_VOXELS: usize = 32;
 const CLIPPED_SHARE: f32 = 0.98;
 
 impl Survey {
-    /// Surveys all leaves and tiles; `bbox` is the bounding box of the active voxels.
+    /// Surveys all leaves, and all tiles that differ from the background; `bbox` is the bounding box of the active voxels.
     pub fn of(grid: &ffi::Grid, bbox: Option<[[i32; 3]; 2]>) -> Result<Self, cxx::Exception> {
         let mut found = Self::default();
         let bbox = bbox.unwrap_or([[i32::MAX; 3], [i32::MIN; 3]]);
@@ -48,7 +49,7 @@ impl Survey {
         for leaf in leaves.iter() {
             found.add_leaf(&leaf, bbox);
         }
-        for tile in tiles_of(grid, true)? {
+        for tile in tiles_of(grid, TileChoice::Distinct)? {
             if tile.value.is_finite() {
                 if tile.active {
                     let size = tile.value.abs();
