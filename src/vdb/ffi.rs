@@ -226,7 +226,7 @@ mod bridge {
             components: usize,
             values: &[f32],
         ) -> Result<UniquePtr<Grid>>;
-        /// All tiles, or only those that are active or inside.
+        /// The tiles of a choice, in no order.
         fn grid_tiles(grid: &Grid, choice: TileChoice) -> Result<Vec<Tile>>;
         /// Overwrites existing leaves (3 coordinates, 8 mask words, 512 values each), makes tiles (3
         /// coordinates and edge each) inactive with value `fill`, and prunes.

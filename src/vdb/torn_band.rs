@@ -59,7 +59,7 @@ impl LevelSet {
     }
 }
 
-/// Number of cubes of a leaf's size beside a tile inside that are outside and belong to no leaf.
+/// Number of faces of a tile inside at which something is outside that belongs to no leaf.
 fn gaps_around(index: &LeafIndex<'_>, tile: &TileView) -> u64 {
     let cubes = tile.edge / LEAF;
     let mut count = 0;
@@ -78,7 +78,11 @@ fn gaps_around(index: &LeafIndex<'_>, tile: &TileView) -> u64 {
                         break;
                     }
                 }
-                Holder::Tile(_) | Holder::Background => count += 1,
+                Holder::Tile(_) | Holder::Background => {
+                    // One tells enough: a face may have a quarter of a million cubes.
+                    count += 1;
+                    break;
+                }
             }
         }
     }
