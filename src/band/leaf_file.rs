@@ -79,6 +79,8 @@ pub(super) struct Chunk {
     pub start: u64,
     pub bytes: u32,
     pub leaves: u32,
+    /// The least and the greatest x of its leaves, leaves from the block's origin.
+    pub layers: [u16; 2],
 }
 
 struct WriterState<W> {
@@ -160,6 +162,8 @@ impl<W: Write + Send> LeafSink for LeafFileWriter<W> {
             start: state.position,
             bytes: bytes.len() as u32,
             leaves: leaves.len() as u32,
+            layers: [leaves.origins.first(), leaves.origins.last()]
+                .map(|leaf| leaf.map_or(0, |leaf| ((leaf[0] - origin[0]) / LEAF) as u16)),
         };
         state.put(&bytes).map_err(SinkError::new)?;
         state.chunks.push(chunk);
@@ -179,9 +183,19 @@ pub(super) struct StoredLeaf {
 impl StoredLeaf {
     /// Least voxel.
     pub fn origin(&self, block: Coord) -> Coord {
-        let at = |shift: u16| i32::from(self.slot >> shift & 15) * LEAF;
-        block.offset(at(8), at(4), at(0))
+        slot_origin(block, self.slot)
     }
+}
+
+/// Slot of the leaf at the beginning of `bytes`; none if its head is incomplete.
+pub(super) fn leaf_slot(bytes: &[u8]) -> Option<u16> {
+    Some(u16::from_le_bytes(*bytes.first_chunk()?))
+}
+
+/// Least voxel of the leaf in a slot of a block.
+pub(super) fn slot_origin(block: Coord, slot: u16) -> Coord {
+    let at = |shift: u16| i32::from(slot >> shift & 15) * LEAF;
+    block.offset(at(8), at(4), at(0))
 }
 
 /// Length of the leaf at the beginning of `bytes`; none if its head is incomplete.
@@ -284,10 +298,10 @@ pub(super) fn inspect(
     // Allows for the rounding of the level set's background.
     let max_value = expected.background * (1.0 + 1e-5);
     let mut previous: Option<(Coord, u16)> = None;
-    for chunk in &chunks {
+    for chunk in &mut chunks {
         let bytes = read_range(&mut file, chunk.start, chunk.bytes as usize).map_err(failed)?;
         let mut rest = &bytes[..];
-        for _ in 0..chunk.leaves {
+        for n in 0..chunk.leaves {
             let (leaf, used) =
                 leaf_at(rest).ok_or_else(|| invalid(format!("a leaf cut off in {chunk:?}")))?;
             rest = &rest[used..];
@@ -300,6 +314,8 @@ pub(super) fn inspect(
                 return Err(invalid(format!("values beyond the band in {chunk:?}")));
             }
             previous = current;
+            let layer = leaf.slot >> 8;
+            chunk.layers = [if n == 0 { layer } else { chunk.layers[0] }, layer];
             visit(chunk, &leaf);
         }
         if !rest.is_empty() {
@@ -328,6 +344,7 @@ fn index_entry(bytes: &[u8]) -> Chunk {
         start: long(12),
         bytes: int(20) as u32,
         leaves: int(24) as u32,
+        layers: [0; 2],
     }
 }
 

@@ -5,7 +5,8 @@
 
 use super::flood::{flood, last};
 use super::leaf_file::{
-    Chunk, LEAF_HEAD_BYTES, LeafFileError, LeafFileHead, StoredLeaf, inspect, leaf_at, read_range,
+    Chunk, LEAF_HEAD_BYTES, LeafFileError, LeafFileHead, StoredLeaf, inspect, leaf_at, leaf_length,
+    leaf_slot, read_range, slot_origin,
 };
 use super::{BLOCK, LEAF, LeafBatch, Region, VOXELS};
 use crate::frame::Coord;
@@ -321,19 +322,22 @@ impl LeafStore {
         let path = &self.files[entry.file];
         let failed = |e| self.io_error(entry.file, e);
         let mut file = File::open(path).map_err(failed)?;
-        for chunk in &entry.chunks {
+        let layer_meets = |chunk: &&Chunk| {
+            let [first, last] = chunk.layers.map(|x| block[0] + i32::from(x) * LEAF);
+            first <= region.max[0] && last + LEAF > region.min[0]
+        };
+        for chunk in entry.chunks.iter().filter(layer_meets) {
             let bytes = read_range(&mut file, chunk.start, chunk.bytes as usize).map_err(failed)?;
             let mut rest = &bytes[..];
-            while let Some((leaf, used)) = leaf_at(rest) {
-                rest = &rest[used..];
-                let origin = leaf.origin(block);
-                if region.meets(origin, LEAF) {
-                    batch.push(
-                        origin,
-                        leaf.mask,
-                        &self.leaf_values(&leaf.mask, &leaf.active),
-                    );
+            while let Some((slot, length)) = leaf_slot(rest).zip(leaf_length(rest)) {
+                let origin = slot_origin(block, slot);
+                if region.meets(origin, LEAF)
+                    && let Some((leaf, _)) = leaf_at(rest)
+                {
+                    let values = self.leaf_values(&leaf.mask, &leaf.active);
+                    batch.push(origin, leaf.mask, &values);
                 }
+                rest = rest.get(length..).unwrap_or(&[]);
             }
         }
         Ok(batch)
@@ -349,18 +353,25 @@ impl LeafStore {
     /// All 512 values of a leaf from its active ones; inactive voxels get minus or plus the background.
     pub fn leaf_values(&self, mask: &[u64; 8], active: &[f32]) -> [f32; VOXELS] {
         let mut values = [0.0; VOXELS];
-        let mut ends = [None; VOXELS];
-        let signs = active_signs(mask, active);
-        for (&(n, inside), &v) in signs.iter().zip(active) {
-            values[n] = v;
-            ends[n] = Some(inside);
+        let mut inside = [0u64; 8];
+        let mut next = active.iter();
+        for (x, &word) in mask.iter().enumerate() {
+            let mut left = word;
+            while left != 0
+                && let Some(&v) = next.next()
+            {
+                let bit = left.trailing_zeros();
+                values[x << 6 | bit as usize] = v;
+                inside[x] |= u64::from(v < 0.0) << bit;
+                left &= left - 1;
+            }
         }
-        let first = signs.first().is_some_and(|s| s.1);
+        let has_bit = |bits: &[u64; 8], n: usize| bits[n >> 6] >> (n & 63) & 1 == 1;
         let background = self.background;
         flood(
             LEAF as usize,
-            first,
-            |n| ends[n],
+            active.first().is_some_and(|v| *v < 0.0),
+            |n| has_bit(mask, n).then(|| has_bit(&inside, n)),
             |n, inside| {
                 values[n] = if inside { -background } else { background };
             },
