@@ -27,6 +27,7 @@ mod crossing;
 mod falloff;
 mod half_edges;
 mod intersect;
+mod last_results;
 mod lattice;
 mod normals;
 mod open_winding;

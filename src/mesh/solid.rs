@@ -8,6 +8,7 @@
 
 use super::boundary_edges::BoundaryEdges;
 use super::half_edges::HalfEdges;
+use super::last_results::{self, MeshId};
 use super::open_winding::OpenWinding;
 use super::soup::{ClosestPoint, Soup};
 use super::unite::United;
@@ -26,6 +27,7 @@ use crate::frame::{Aabb, Vec3, WorldPoint};
 /// assert_eq!(cube.signed_distance(Vec3::new(5.0, 6.0, 1.0)), 5.0);
 /// ```
 pub struct MeshSolid {
+    id: MeshId,
     mesh: TriMesh,
     bounds: Aabb,
     /// The triangles for distances.
@@ -121,6 +123,7 @@ impl MeshSolid {
             None => (winding_triangles, None, None),
         };
         Self {
+            id: MeshId::new(),
             bounds: mesh.bounds(),
             open,
             caps: has_caps.then(|| Soup::new(&part(true))),
@@ -385,15 +388,17 @@ impl Field for MeshSolid {
     }
 
     fn bound(&self, region: &Aabb) -> Interval {
-        let (centre, radius) = (region.centre().0, region.half_diagonal());
-        let d = self.closest(centre).distance;
-        match self.regular_sign(centre, radius) {
-            Some(inside) => {
-                let v = if inside { -d } else { d };
-                Interval::new(v - radius, v + radius)
+        last_results::bound(self.id, region, || {
+            let (centre, radius) = (region.centre().0, region.half_diagonal());
+            let d = self.closest(centre).distance;
+            match self.regular_sign(centre, radius) {
+                Some(inside) => {
+                    let v = if inside { -d } else { d };
+                    Interval::new(v - radius, v + radius)
+                }
+                None => Interval::new(-d - radius, d + radius),
             }
-            None => Interval::new(-d - radius, d + radius),
-        }
+        })
     }
 
     fn leaf_bound(&self, parts: &LeafParts<Aabb>, max_distance: f64) -> Interval {
@@ -433,7 +438,9 @@ impl Field for MeshSolid {
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        self.fill_band(lattice, f64::INFINITY, out);
+        last_results::fill(self.id, lattice, out, |out| {
+            self.fill_band(lattice, f64::INFINITY, out);
+        });
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
