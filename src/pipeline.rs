@@ -26,6 +26,7 @@ mod build;
 mod cavities;
 mod cell_cache;
 mod cells;
+mod chain;
 mod crystals;
 mod cut_faces;
 mod decimate;

@@ -4,6 +4,7 @@
 //! are culled together, and the result does not depend on blocks. From the first operation that needs
 //! neighbours on, the solid is a level set.
 
+use super::chain::Chain;
 use super::error::RunError;
 use super::inputs::Inputs;
 use super::offsets::Offsets;
@@ -40,7 +41,7 @@ pub(super) fn shape_with<'a>(
 ) -> Result<Shape<'a>, RunError> {
     let sections = inputs.recipe.sections();
     let reach = offsets.reach() + sections.band.half_width.0 * scale.voxel_size;
-    let mut shape = inputs.tiled(scale, offsets)?;
+    let mut solid = inputs.tiled(scale, offsets)?.map(Chained::from);
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
         let key = format!("op.{n}");
@@ -51,12 +52,17 @@ pub(super) fn shape_with<'a>(
                 None => continue,
             },
         };
-        shape = Some(match shape {
-            Some(shape) => combine(op, shape, other, (reach, offsets))?,
-            None => other,
+        solid = Some(match solid {
+            Some(solid) => combine(op, solid, other, (reach, offsets))?,
+            None => Chained::from(other),
         });
     }
-    let mut shape = shape.ok_or_else(|| RunError::Empty("no operation".into()))?;
+    let solid = solid.ok_or_else(|| RunError::Empty("no operation".into()))?;
+    let mut shape = Shape {
+        field: solid.chain.into_field(),
+        extent: solid.extent,
+        name: solid.name,
+    };
     if shape.extent.is_empty() {
         return Err(RunError::Empty(shape.name));
     }
@@ -146,15 +152,35 @@ pub(super) fn union<'a>(
     Box::new(Complement(intersection(a, b, reach, outside)))
 }
 
-/// Combines two fields by an operation.
+/// A [`Shape`] that operations are added to.
+struct Chained<'a> {
+    chain: Chain<'a>,
+    extent: Aabb,
+    name: String,
+}
+
+impl<'a> From<Shape<'a>> for Chained<'a> {
+    fn from(shape: Shape<'a>) -> Self {
+        Self {
+            chain: Chain::One(shape.field),
+            extent: shape.extent,
+            name: shape.name,
+        }
+    }
+}
+
+/// Adds an operation with its operand to a solid.
 fn combine<'a>(
     op: &Op,
-    a: Shape<'a>,
+    a: Chained<'a>,
     b: Shape<'a>,
     (reach, offsets): (f64, Offsets),
-) -> Result<Shape<'a>, RunError> {
-    let name = a.name.clone();
-    Ok(match op {
+) -> Result<Chained<'a>, RunError> {
+    let and = |chain: Chain<'a>, field| match offsets.count {
+        0 => chain.and(field),
+        _ => Chain::One(intersection(chain.into_field(), field, reach, offsets)),
+    };
+    let (chain, extent) = match op {
         Op::Intersect(_) | Op::Trim(_) => {
             if !a.extent.meets(b.extent) {
                 return Err(RunError::Disjoint {
@@ -164,22 +190,21 @@ fn combine<'a>(
                     right: b.extent,
                 });
             }
-            Shape {
-                extent: a.extent.intersection(b.extent),
-                field: intersection(a.field, b.field, reach, offsets),
-                name,
-            }
+            (and(a.chain, b.field), a.extent.intersection(b.extent))
         }
-        Op::Subtract(_) => Shape {
-            extent: a.extent,
-            field: intersection(a.field, Box::new(Complement(b.field)), reach, offsets),
-            name,
-        },
-        _ => Shape {
-            extent: a.extent.union(b.extent),
-            field: union(a.field, b.field, reach, offsets),
-            name,
-        },
+        Op::Subtract(_) => (and(a.chain, Box::new(Complement(b.field))), a.extent),
+        _ => {
+            let chain = match offsets.count {
+                0 => a.chain.or(b.field),
+                _ => Chain::One(union(a.chain.into_field(), b.field, reach, offsets)),
+            };
+            (chain, a.extent.union(b.extent))
+        }
+    };
+    Ok(Chained {
+        chain,
+        extent,
+        name: a.name,
     })
 }
 
