@@ -132,7 +132,7 @@ pub use sampling::Probe;
 pub use slices::{SliceOptions, SliceSummary, slice};
 pub use source::{CellFault, set_source};
 pub use targets::design;
-pub(crate) use view::{cell_block, few_triangles, solid_extent, wall_thickness};
+pub(crate) use view::{cell_block, few_triangles, scaffold_of, solid_extent, wall_thickness};
 
 use inputs::Inputs;
 use level_set_ops::StageContext;

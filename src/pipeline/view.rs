@@ -4,12 +4,15 @@ use super::RunOptions;
 use super::decimate::triangles_to_count;
 use super::error::RunError;
 use super::field_ops::{Shape, extent_bound};
+use super::input_files::InputFiles;
 use super::inputs::Inputs;
 use super::least_wall::{Phase, TouchingBall, balls};
 use super::level_set_ops::StageContext;
 use super::offsets::predicted_offsets;
+use super::scaffold;
 use crate::cell::{Cell, Table};
 use crate::frame::{Aabb, Element, LengthUnit, Vec3};
+use crate::io::Group;
 use crate::mesh::TriMesh;
 use crate::progress::Progress;
 use crate::recipe::{Recipe, Scale};
@@ -69,6 +72,22 @@ pub fn solid_extent(
         return Ok(None);
     }
     extent_bound(&inputs, recipe.scale(), predicted_offsets(&inputs))
+}
+
+/// The scaffold of a recipe and its named sets of elements; `None` without one.
+///
+/// # Errors
+/// As [`run`](super::run) while it reads the scaffold.
+pub fn scaffold_of(
+    recipe: &Recipe,
+    options: &RunOptions,
+) -> Result<Option<(Scaffold, Vec<Group>)>, RunError> {
+    let Some(section) = &recipe.sections().scaffold else {
+        return Ok(None);
+    };
+    let mut files = InputFiles::new(recipe, options);
+    let loaded = super::threads(options)?.install(|| scaffold::load(&mut files, section))?;
+    Ok(Some((loaded.scaffold, loaded.groups)))
 }
 
 /// A cell in `count` elements along each axis of a box, as a level set; `None` for a cell of the ball, which tiles

@@ -2,15 +2,36 @@
 
 use super::scene::{At, Body, Field, normal_bytes};
 use crate::frame::{CellPoint, Vec3};
-use crate::io::{DataField, FieldAt, ScaffoldFile};
-use crate::scaffold::{ElementMap, Neighbour};
+use crate::io::{DataField, FieldAt, Group, ScaffoldFile};
+use crate::scaffold::{ElementMap, Neighbour, Scaffold};
 
 /// Parts of the sides of curved faces, where there are few enough triangles.
 const CURVED_PARTS: usize = 4;
 
+/// A scaffold with its named sets of elements and the fields of its file.
+#[derive(Clone, Copy)]
+pub(super) struct Elements<'a> {
+    pub scaffold: &'a Scaffold,
+    pub groups: &'a [Group],
+    pub fields: &'a [DataField],
+}
+
+impl<'a> Elements<'a> {
+    /// The elements of a file.
+    pub fn of(file: &'a ScaffoldFile) -> Self {
+        Self {
+            scaffold: &file.scaffold,
+            groups: &file.groups,
+            fields: &file.fields,
+        }
+    }
+}
+
 /// The body, and whether it has only the outer faces because all would be more than `max_triangles`.
-pub(super) fn body(file: &ScaffoldFile, max_triangles: usize) -> (Body, bool) {
-    let scaffold = &file.scaffold;
+pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
+    let Elements {
+        scaffold, fields, ..
+    } = elements;
     let per_part = |of: usize| of * of;
     let count = |parts: usize, inner: bool| -> usize {
         let faces = (0..scaffold.len()).flat_map(|e| scaffold.faces_of(e).map(move |f| (e, f)));
@@ -28,11 +49,7 @@ pub(super) fn body(file: &ScaffoldFile, max_triangles: usize) -> (Body, bool) {
         .into_iter()
         .find(|&n| count(n, !is_outer) <= max_triangles);
     let parts = parts.unwrap_or(1);
-    let point_fields: Vec<&DataField> = file
-        .fields
-        .iter()
-        .filter(|f| f.at == FieldAt::Points)
-        .collect();
+    let point_fields: Vec<&DataField> = fields.iter().filter(|f| f.at == FieldAt::Points).collect();
     let mut body = Body {
         name: "elements".into(),
         has_elements: !is_outer,
@@ -68,8 +85,8 @@ pub(super) fn body(file: &ScaffoldFile, max_triangles: usize) -> (Body, bool) {
         values: scaffold.elements().map(|e| e.quality() as f32).collect(),
         labels: None,
     });
-    groups(&mut body, file);
-    let cells = file.fields.iter().filter(|f| f.at == FieldAt::Cells);
+    groups(&mut body, elements);
+    let cells = fields.iter().filter(|f| f.at == FieldAt::Cells);
     for field in cells {
         let values = field
             .values
@@ -129,12 +146,12 @@ fn at_point(field: &DataField, element: &ElementMap, xi: CellPoint<3>) -> f32 {
 }
 
 /// The groups as a category; an element belongs to the first that has it.
-fn groups(body: &mut Body, file: &ScaffoldFile) {
-    if file.groups.is_empty() {
+fn groups(body: &mut Body, elements: Elements) {
+    if elements.groups.is_empty() {
         return;
     }
-    let mut values = vec![f32::NAN; file.scaffold.len()];
-    for (n, group) in file.groups.iter().enumerate().rev() {
+    let mut values = vec![f32::NAN; elements.scaffold.len()];
+    for (n, group) in elements.groups.iter().enumerate().rev() {
         for &e in &group.elements {
             values[e as usize] = n as f32;
         }
@@ -144,7 +161,7 @@ fn groups(body: &mut Body, file: &ScaffoldFile) {
         unit: String::new(),
         at: At::Parts,
         values,
-        labels: Some(file.groups.iter().map(|g| g.name.clone()).collect()),
+        labels: Some(elements.groups.iter().map(|g| g.name.clone()).collect()),
     });
 }
 

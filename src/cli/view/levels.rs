@@ -1,5 +1,6 @@
 //! The part of a recipe in steps of finer voxels: a first picture soon, up to the recipe's own voxels where they are few.
 
+use super::elements::Elements;
 use super::load;
 use super::recipe_text::{Edit, RecipeText};
 use super::sampled::{Grid, Sampled};
@@ -7,7 +8,9 @@ use super::work::{Subject, TaskProgress, Work, no_recipe};
 use crate::cli::Failure;
 use crate::cli::server::{Refused, inside};
 use crate::frame::Aabb;
-use crate::pipeline::{Report, RunError, RunOptions, plan, run, run_keeping_solid, solid_extent};
+use crate::pipeline::{
+    Report, RunError, RunOptions, plan, run, run_keeping_solid, scaffold_of, solid_extent,
+};
 use crate::progress::Progress;
 use crate::recipe::Recipe;
 use serde_json::{Value, json};
@@ -62,6 +65,9 @@ pub(super) fn show(
     let coarse_text = text.with(&coarse_edit);
     let own_size = recipe.scale().voxel_size;
     let options = options(work)?;
+    if work.state().published.is_none() {
+        show_scaffold(work, &recipe, &options, progress)?;
+    }
     let known = work.state().coarse_size;
     let first = match known {
         Some(size) => Some(size),
@@ -128,6 +134,29 @@ pub(super) fn show(
         Some(step) => publish(work, &step, true, progress),
         None => Ok(()),
     }
+}
+
+/// Publishes the scaffold, which shows where the part will be until its first step is made.
+fn show_scaffold(
+    work: &Work,
+    recipe: &Recipe,
+    options: &RunOptions,
+    progress: &TaskProgress,
+) -> Result<(), Failure> {
+    progress.stage("scaffold", None);
+    let Some((scaffold, groups)) = scaffold_of(recipe, options)? else {
+        return Ok(());
+    };
+    let elements = Elements {
+        scaffold: &scaffold,
+        groups: &groups,
+        fields: &[],
+    };
+    let mut scene = load::scaffold_scene(work.p, elements, &[]);
+    scene.kind = "recipe";
+    recipe.scale().unit.symbol().clone_into(&mut scene.unit);
+    let result = json!({ "step": 0, "steps": LEVEL_VOXELS.len(), "shows": "scaffold" });
+    work.publish(&scene, None, result, progress)
 }
 
 fn options(work: &Work) -> Result<RunOptions, Failure> {

@@ -43,7 +43,7 @@ function stageText({ name, share }) {
 
 function showState(state) {
   const { result, stage, busy, estimate, full } = state;
-  const done = result?.step ? `step ${result.step} of ${result.steps}` : "";
+  const done = result?.step ? `step ${result.step} of ${result.steps}` : result?.shows ?? "";
   const voxels = result?.voxelSize ? `voxels of ${withUnit(numberText(result.voxelSize), result.unit)}, ${count(result.activeVoxels)} active` : "";
   $("status").textContent = [voxels || done, busy ? stageText(stage) : ""].filter(Boolean).join(" · ") || "nothing is computed";
   $("progress").hidden = !busy;

@@ -1,5 +1,6 @@
 //! From a file to the scene of its page.
 
+use super::elements::Elements;
 use super::sampled::{Grid, Sampled};
 use super::scene::{At, Field, Scene};
 use super::surface::{SurfaceOptions, body};
@@ -352,10 +353,15 @@ fn scaffold(p: &Parameters, progress: &dyn Progress) -> Result<Scene, Failure> {
         }
     };
     progress.stage("faces", None);
-    let report = file.scaffold.report();
-    let mut notes = file.warnings.clone();
+    Ok(scaffold_scene(p, Elements::of(&file), &file.warnings))
+}
+
+/// The scene of a scaffold, with what its reader noticed.
+pub(super) fn scaffold_scene(p: &Parameters, own: Elements, warnings: &[String]) -> Scene {
+    let report = own.scaffold.report();
+    let mut notes = warnings.to_vec();
     notes.extend(report.warnings());
-    let (body, is_outer) = elements::body(&file, p.triangles);
+    let (body, is_outer) = elements::body(own, p.triangles);
     if is_outer {
         notes.push(format!(
             "only outer faces: all faces would be more than {} triangles; --triangles with a larger number shows all",
@@ -385,13 +391,13 @@ fn scaffold(p: &Parameters, progress: &dyn Progress) -> Result<Scene, Failure> {
             format!("{}, {}", report.folded.len(), report.degenerate.len()),
         ],
     ];
-    Ok(Scene {
+    Scene {
         kind: "scaffold",
         unit: String::new(),
         bodies: vec![body],
         facts,
         notes,
-    })
+    }
 }
 
 fn cell_scene(
@@ -459,7 +465,10 @@ pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
             FileKind::Scaffold => match read_elements(&p.file)? {
                 ElementFile::Solids(file) => (
                     "scaffold",
-                    elements::body(&file, p.triangles).0.triangles.len(),
+                    elements::body(Elements::of(&file), p.triangles)
+                        .0
+                        .triangles
+                        .len(),
                 ),
                 ElementFile::Surface(_) => ("mesh", read_mesh(&p.file)?.mesh.triangles().len()),
             },

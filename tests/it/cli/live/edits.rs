@@ -57,3 +57,35 @@ fn coarse_steps_leave_out_what_would_erase_walls() {
     assert!((found / exact - 1.0).abs() < 0.3, "{found} {exact}");
     served.quit();
 }
+
+/// A sheet in 64 hexes of 5 mm.
+const TILED: &str = "druse = 1\nunit = \"mm\"\n[cell.c]\nsurface = \"schwarz_p\"\n[scaffold]\n\
+    box = { size = [20, 20, 20], cell_size = 5 }\n[tiling]\ncell = \"c\"\nthickness = 0.8\n\
+    [band]\nvoxel_size = 0.1\n[[output]]\nvdb = \"tiled.vdb\"\n";
+
+#[test]
+fn the_scaffold_is_shown_before_the_first_step() {
+    let place = Place::with(TILED);
+    let served = Served::new(&place, &["view", "r.toml", "--no-thickness"]);
+    let first = served.until(|state| state["number"].as_u64().unwrap() > 0);
+    if first["number"] == 1 {
+        assert_eq!(first["result"]["shows"], "scaffold", "{first}");
+    }
+    // The scaffold and each step are one result; later changes do not show the scaffold again.
+    let made = served.at_rest();
+    let step = made["result"]["step"].as_u64().unwrap();
+    assert_eq!(made["number"].as_u64(), Some(step + 1), "{made}");
+    served.post(
+        "set",
+        &json!({ "values": { "tiling.thickness": 1 } }).to_string(),
+    );
+    let changed = served.at_rest();
+    let steps = changed["result"]["step"].as_u64().unwrap();
+    assert_eq!(
+        changed["number"].as_u64(),
+        Some(step + 1 + steps),
+        "{changed}"
+    );
+    assert_eq!(changed["error"], Value::Null);
+    served.quit();
+}
