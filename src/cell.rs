@@ -69,6 +69,7 @@ pub use source::{
     plate_sets,
 };
 pub use surface::Surface;
+pub(crate) use surface::{Terms, of_terms};
 pub use table::Table;
 pub use trig_products::{Along, Column, FUNCTIONS, Products};
 

@@ -49,7 +49,7 @@ pub enum Surface {
 
 /// Orbit representatives and coefficients. A product of cosines along n distinct axes has 2^n
 /// exponentials, so that its factor is divided by 2^n.
-type Terms = &'static [(Frequency<3>, [f64; 2])];
+pub(crate) type Terms = &'static [(Frequency<3>, [f64; 2])];
 
 /// A product over the axes: a factor, and for each axis the sine or cosine of a multiple of 2 pi x.
 type Product = (f64, [(TrigFunction, i32); 3]);
@@ -210,10 +210,22 @@ impl Surface {
         }
         // Under inversion the term sX sY sZ of the diamond changes sign.
         let group = (self == Self::Diamond).then_some("Td");
-        let (group, lattice) = symmetry(element, group, Some("cubic"))?;
-        // An orbit of the full cubic group may split into two opposite orbits of its subgroup. The pair is
-        // then listed once, with the same real coefficient.
-        let series = Series::new(group, lattice, self.terms())?;
-        Cell::new(self.name(), element, series)
+        of_terms(self.name(), (element, group), self.terms())
     }
+}
+
+/// A cell on the cubic lattice from one coefficient of each orbit, under a group or that of the element.
+///
+/// # Errors
+/// [`CellError`] for an unknown group.
+pub(crate) fn of_terms(
+    name: &str,
+    (element, group): (Element, Option<&str>),
+    terms: Terms,
+) -> Result<Cell, CellError> {
+    let (group, lattice) = symmetry(element, group, Some("cubic"))?;
+    // An orbit of the full cubic group may split into two opposite orbits of its subgroup. The pair is then listed
+    // once, with the same real coefficient.
+    let series = Series::new(group, lattice, terms)?;
+    Cell::new(name, element, series)
 }

@@ -13,7 +13,7 @@ use super::samples::SampledBasis;
 use super::space::{self, Space};
 use super::start::{self, Start};
 use super::verify;
-use crate::cell::{Cell, DesignProperties, DesignReport, DesignStep, FitReport};
+use crate::cell::{Cell, DesignProperties, DesignReport, DesignStep, FitReport, Solid};
 use crate::homogenize::{Control, HomogenizeError};
 use crate::progress::{Progress, Silent};
 use rayon::prelude::*;
@@ -243,6 +243,11 @@ impl Prepared {
                 objective: self.objective.clone(),
             })
             .collect();
+        let known = if earlier.is_none() {
+            self.known_sheets(&last, &space, progress)
+        } else {
+            Vec::new()
+        };
         let mut is_stopped = false;
         for stage in first_stage..count {
             let title = format!("design {} of {count}", stage + 1);
@@ -262,7 +267,42 @@ impl Prepared {
             is_stopped = self.correct(&mut all, &space, &mut report, progress)?;
         }
         report.complete = !is_stopped;
+        all.extend(known);
         self.finish(&all, &space, report, progress)
+    }
+
+    /// Known sheets as they are, for a design without a start or conditions that they may break.
+    fn known_sheets(
+        &self,
+        sampled: &SampledBasis,
+        space: &Space,
+        progress: &dyn Progress,
+    ) -> Vec<Candidate> {
+        let design = &self.design;
+        let is_free =
+            design.matched.is_empty() && !design.face_normal && design.min_feature.is_none();
+        let has_start = !matches!(design.start, StartChoice::Several);
+        if design.solid != Solid::Sheet || has_start || !is_free {
+            return Vec::new();
+        }
+        let problem = self.problem(design.stages.len() - 1, sampled, space, &self.objective);
+        let evaluated = start::known_sheets(design.element, sampled)
+            .into_iter()
+            .map(|s| {
+                let unknowns = space.unknowns(&s.coefficients);
+                let media = self.media(&problem);
+                // A stop is noticed by the stage that follows.
+                let (found, _) = optimise(&problem, unknowns.clone(), media, 1, progress);
+                Candidate {
+                    start: s.name,
+                    unknowns,
+                    best: found.best.map(|b| b.1),
+                    any: found.any.map(|a| a.1),
+                    earlier: Vec::new(),
+                    objective: self.objective.clone(),
+                }
+            });
+        evaluated.collect()
     }
 
     /// Moves the goals of ratios and of a stiffness by what sharp voxels miss them by, and continues; whether the

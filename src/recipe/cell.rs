@@ -60,7 +60,7 @@ pub struct CellSection {
     #[cfg_attr(feature = "cli", arg(skip))]
     pub target: Option<TargetWord>,
     /// Where the optimisation starts: a surface by name, or a .cell file; then cells near it. When left
-    /// out several surfaces and random cells are tried.
+    /// out several surfaces and random cells are tried, for sheets in a hex also two known ones.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub start: Option<String>,
     /// Seed of random cells to start from; without start they are all.
