@@ -25,6 +25,7 @@ mod expression;
 pub mod face_normal;
 mod file;
 mod fit;
+mod function_data;
 mod hybrid;
 mod icosahedral;
 mod level_search;
@@ -57,6 +58,7 @@ pub use fit::{
     fit_matched, fit_mesh, fit_samples, fit_samples_least_squares, fit_source,
     fourier_coefficients, lanczos, largest_band,
 };
+use function_data::FunctionData;
 pub use hybrid::Join;
 pub use icosahedral::Icosahedral;
 #[doc(hidden)]
@@ -97,7 +99,10 @@ pub struct Cell {
     level: f64,
     solid: Solid,
     face_normal: bool,
-    gamma: OnceLock<f64>,
+    /// The mean gradient on the surface; clones share it.
+    gamma: Arc<OnceLock<f64>>,
+    /// What has been evaluated of the function; clones share it, at any level.
+    function_data: Arc<FunctionData>,
     report: Option<Arc<FitReport>>,
 }
 
@@ -123,7 +128,8 @@ impl Cell {
             level: 0.0,
             solid: Solid::Below,
             face_normal: false,
-            gamma: OnceLock::new(),
+            gamma: Arc::default(),
+            function_data: Arc::default(),
             report: None,
         })
     }
@@ -233,7 +239,7 @@ impl Cell {
         solid.check(level)?;
         self.solid = solid;
         self.level = level;
-        self.gamma = OnceLock::new();
+        self.gamma = Arc::default();
         Ok(self)
     }
 
@@ -264,6 +270,7 @@ impl Cell {
         let mut cell = self;
         if centre != 0.0 {
             cell.expression = cell.expression.shifted(centre);
+            cell.function_data = Arc::default();
         }
         cell.with_solid(Solid::Sheet, half)
     }

@@ -153,6 +153,7 @@ pub(super) fn point(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
 }
 
 /// The lattice of points (i, j, k)/n, n >= i >= j >= k >= 0, of the simplex 1 >= a >= b >= c >= 0.
+#[derive(Clone, Debug)]
 pub(super) struct SimplexGrid {
     n: usize,
 }

@@ -292,7 +292,7 @@ impl Cell {
             .map_err(|e| reader.fault(&e))?;
         cell.face_normal = document.face_normal;
         if let Some(gamma) = document.gamma {
-            cell.gamma = gamma.into();
+            cell.gamma = Arc::new(gamma.into());
         }
         cell.report = document.report.map(Arc::new);
         Ok(cell)

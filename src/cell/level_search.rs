@@ -17,6 +17,7 @@ use crate::frame::{CellPoint, Element};
 use correction::layer_correction;
 use layer::{layer_share_below, share_of_tetrahedron_below};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 mod correction;
 mod density;
@@ -46,11 +47,12 @@ const CONSTANT_RANGE: f64 = 1e-12;
 const LEVEL_MAX_ITERATIONS: usize = 80;
 const LEVEL_TOLERANCE: f64 = 1e-14;
 
-/// Values of a cell's function on the grid of every flag of its domain.
+/// Values of a cell's function on the grid of every flag of its domain. Clones share them.
+#[derive(Clone, Debug)]
 pub(super) struct Samples {
     /// Flag by flag, each in the order of [`SimplexGrid::index`].
-    pub values: Vec<f64>,
-    domain: Domain,
+    pub values: Arc<[f64]>,
+    domain: Arc<Domain>,
     /// The grid of each flag. Its number of parts is even, so that every second point makes the coarse grid.
     grid: SimplexGrid,
     /// Weight of volumes; `None` for weight 1.
@@ -76,7 +78,7 @@ impl Samples {
             .collect();
         Self {
             values,
-            domain,
+            domain: Arc::new(domain),
             grid,
             density: None,
         }
@@ -283,7 +285,9 @@ impl Cell {
     }
 
     fn fraction(&self, density: Option<&Density>) -> f64 {
-        let samples = Samples::new(self, Samples::affordable_parts(self)).weighted_by(density);
+        let samples = self
+            .samples(Samples::affordable_parts(self))
+            .weighted_by(density);
         let share = if self.is_corrected_for_curvature() {
             samples.corrected_solid_share(self, self.level).0
         } else {
@@ -326,7 +330,9 @@ impl Cell {
                 expected: "a share of the element, above 0 and below 1".to_owned(),
             });
         }
-        let samples = Samples::new(self, Samples::affordable_parts(self)).weighted_by(density);
+        let samples = self
+            .samples(Samples::affordable_parts(self))
+            .weighted_by(density);
         let (lo, hi) = samples.range();
         if hi - lo <= CONSTANT_RANGE * hi.abs().max(lo.abs()).max(f64::MIN_POSITIVE) {
             return Err(self.no_surface("solid", lo, hi));
@@ -361,7 +367,7 @@ impl Cell {
     /// # Errors
     /// [`CellError::NoSurface`] with the missing phase and the range of the field.
     pub fn check_surface(&self) -> Result<(), CellError> {
-        let samples = Samples::new(self, PHASE_CHECK_PARTS);
+        let samples = self.samples(PHASE_CHECK_PARTS);
         let is_solid = |v: &f64| self.solid.value(*v, self.level) < 0.0;
         let (lo, hi) = samples.range();
         if !samples.values.iter().any(is_solid) {
@@ -376,21 +382,20 @@ impl Cell {
     /// Root mean square of the function's gradient on the solid's surface inside the element (gamma), per unit of
     /// reference length. If there is no surface, the mean is over the whole element.
     pub fn gamma(&self) -> f64 {
-        *self.gamma.get_or_init(|| {
-            let levels: &[f64] = match self.solid {
-                Solid::Below | Solid::Above => &[self.level],
-                Solid::Sheet | Solid::Channels => &[self.level, -self.level],
-            };
-            self.gamma_at(levels)
-        })
+        if let Some(known) = self.gamma.get() {
+            return *known;
+        }
+        let levels: &[f64] = match self.solid {
+            Solid::Below | Solid::Above => &[self.level],
+            Solid::Sheet | Solid::Channels => &[self.level, -self.level],
+        };
+        let found = self.gamma_at(levels);
+        *self.gamma.get_or_init(|| found)
     }
 
     /// Root mean square of the gradient over the surfaces of these levels inside the element.
     pub(super) fn gamma_at(&self, levels: &[f64]) -> f64 {
-        let samples = Samples::new(
-            self,
-            Samples::affordable_parts(self).min(MAX_GRADIENT_PARTS),
-        );
+        let samples = self.samples(Samples::affordable_parts(self).min(MAX_GRADIENT_PARTS));
         let patches: Vec<SurfacePatch> = levels
             .iter()
             .flat_map(|&t| SurfacePatch::all(&samples, t))

@@ -42,37 +42,39 @@ fn reflected_inside(element: Element, mut x: Vec3) -> Vec3 {
     x
 }
 
-/// The cell's function and its samples, from which the thickness at any level is measured.
+/// What the thickness of a cell at any level is measured with.
 struct ThicknessProbe<'a> {
     cell: &'a Cell,
     samples: Samples,
     /// The function itself: level 0, solid below.
-    table: Table,
+    table: &'a Table,
 }
 
 impl<'a> ThicknessProbe<'a> {
     fn new(cell: &'a Cell) -> Result<Self, CellError> {
-        let bare = cell.clone().with_solid(Solid::Below, 0.0)?;
         Ok(Self {
             cell,
-            samples: Samples::new(cell, GRID_PARTS),
-            table: Table::new(&bare)?,
+            samples: cell.samples(GRID_PARTS),
+            table: cell.function_table()?,
         })
     }
 
-    /// Length of the chord from a surface point along the inward normal.
-    fn chord(&self, from: Vec3, level: f64) -> f64 {
+    /// Length of the chord from a surface point along the inward normal, or `most` if it is not shorter.
+    fn chord(&self, from: Vec3, level: f64, most: f64) -> f64 {
         let (solid, element) = (self.cell.solid, self.cell.element);
         let phi = |x: Vec3| self.table.value(CellPoint(reflected_inside(element, x)));
         let (v, g) = self.table.value_and_gradient(CellPoint(from));
         let inward = -g * solid.value_and_slope(v, level).1;
         let Some(inward) = inward.try_normalize(1e-9) else {
-            return MAX_CHORD;
+            return most;
         };
         let value = |s: f64| solid.value(phi(from + inward * s), level);
+        // No value changes faster than the function does.
+        let slope = self.table.gradient_sup();
         let (mut s, mut inside) = (CHORD_STEP / 4.0, 0.0);
-        while s < MAX_CHORD {
-            if value(s) > 0.0 && s > CHORD_STEP / 2.0 {
+        while inside < most {
+            let here = value(s);
+            if here > 0.0 && s > CHORD_STEP / 2.0 {
                 let (mut lo, mut hi) = (inside, s);
                 for _ in 0..20 {
                     let mid = f64::midpoint(lo, hi);
@@ -82,18 +84,17 @@ impl<'a> ThicknessProbe<'a> {
                         lo = mid;
                     }
                 }
-                return lo;
+                return lo.min(most);
             }
             inside = s;
-            s += CHORD_STEP;
+            s += CHORD_STEP.max(-here / slope);
         }
-        MAX_CHORD
+        most
     }
 
-    /// The thickness at a level: 0 without solid, infinite without void.
-    fn thickness(&self, level: f64) -> f64 {
-        let solid = self.cell.solid;
-        let levels: &[f64] = if solid.is_symmetric() {
+    /// The chords at a level that are shorter than `most`, and their areas; the others have the length `most`.
+    fn chords(&self, level: f64, most: f64) -> Vec<(f64, f64)> {
+        let levels: &[f64] = if self.cell.solid.is_symmetric() {
             &[level, -level]
         } else {
             &[level]
@@ -102,10 +103,25 @@ impl<'a> ThicknessProbe<'a> {
         for &t in levels {
             patches.extend(SurfacePatch::all(&self.samples, t));
         }
-        let mut chords: Vec<(f64, f64)> = patches
-            .par_iter()
-            .map(|p| (self.chord(p.centre.0, level), p.area))
-            .collect();
+        let chord = |p: &SurfacePatch| (self.chord(p.centre.0, level, most), p.area);
+        patches.par_iter().map(chord).collect()
+    }
+
+    /// Whether the thickness at a level is less than a target: its tenth percentile needs no longer chords.
+    fn is_thinner(&self, level: f64, target: f64) -> bool {
+        let chords = self.chords(level, target.min(MAX_CHORD));
+        let area: f64 = chords.iter().map(|c| c.1).sum();
+        if area <= 0.0 {
+            return self.thickness(level) < target;
+        }
+        let short = chords.iter().filter(|c| c.0 < target);
+        short.map(|c| c.1).sum::<f64>() >= PERCENTILE * area
+    }
+
+    /// The thickness at a level: 0 without solid, infinite without void.
+    fn thickness(&self, level: f64) -> f64 {
+        let solid = self.cell.solid;
+        let mut chords = self.chords(level, MAX_CHORD);
         let area: f64 = chords.iter().map(|c| c.1).sum();
         if area <= 0.0 {
             let empty = solid.value(self.samples.values[0], level) > 0.0;
@@ -192,7 +208,7 @@ impl Cell {
         };
         for _ in 0..30 {
             let level = f64::midpoint(thin, thick);
-            if probe.thickness(level) < thickness {
+            if probe.is_thinner(level, thickness) {
                 thin = level;
             } else {
                 thick = level;
