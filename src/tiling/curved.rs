@@ -7,15 +7,17 @@
 //! two Newton steps in their owner and in each element that contributes to the blend. The result is that of
 //! single points, up to those 1e-7.
 
+mod exterior_samples;
 mod in_band_samples;
 
 use super::boundary::RegionFacts;
 use super::local_map::LocalMap;
 use super::locality::{LocalSearch, Owner, OwnerBuffers};
 use super::newton_distance::FirstStep;
-use super::patch::{Patch, Preimage, Preimages};
+use super::patch::{Patch, Preimages};
 use super::{Filling, TiledSolid};
 use crate::frame::{CellPoint, Mat3, Vec3};
+use exterior_samples::ExteriorSample;
 use in_band_samples::{Contribution, ScaleSum};
 
 /// A sample: its storage index and its position.
@@ -75,6 +77,12 @@ pub(super) struct CurvedBatch {
     local_maps: Vec<LocalMap>,
     /// Samples whose owner is not that of their block.
     open: Vec<LatticeSample>,
+    /// Samples in no element.
+    exterior: Vec<LatticeSample>,
+    /// Those whose value is that of a point of an element.
+    continued: Vec<ExteriorSample>,
+    /// The indices of those whose element is not known yet.
+    open_exterior: Vec<u32>,
     at: Vec<Vec3>,
     owners: Vec<Option<Owner>>,
     found: Preimages,
@@ -156,10 +164,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         out: &mut [f32],
     ) {
         self.find_blocks(local, blocks, batch);
-        batch.items.clear();
-        batch.single_inverses.clear();
-        batch.evaluation_points.clear();
+        batch.clear_items();
         batch.open.clear();
+        batch.exterior.clear();
         let w = self.options.half_width;
         let mut found = |t: &LatticeSample, d: f64| {
             out[t.n as usize] = self.cut_at_boundary(component, d, t.x, known) as f32;
@@ -182,14 +189,23 @@ impl<F: Filling> TiledSolid<'_, F> {
             next += 1;
         }
         batch.blocks = whole;
-        self.push_open(local, batch, |local, t| {
-            let d = self.value_at(component, local, t.x, known);
-            out[t.n as usize] = d as f32;
-        });
-        self.evaluate_owners(local, batch);
-        let mut found = |t: &LatticeSample, d: f64| {
+        self.push_open(local, batch);
+        self.evaluate_items(local, batch, |t, d| {
             out[t.n as usize] = self.cut_at_boundary(component, d, t.x, known) as f32;
-        };
+        });
+        if !batch.exterior.is_empty() {
+            self.fill_exterior_samples(component, local, known, batch, out);
+        }
+    }
+
+    /// Passes the distances at all items to `found`.
+    fn evaluate_items(
+        &self,
+        local: &LocalSearch,
+        batch: &mut CurvedBatch,
+        mut found: impl FnMut(&LatticeSample, f64),
+    ) {
+        self.evaluate_owners(local, batch);
         self.collect_contributions(local, batch, &mut found);
         self.blend(local, batch, &mut found);
     }
@@ -296,20 +312,22 @@ impl<F: Filling> TiledSolid<'_, F> {
         patch.preimages(self.scaffold, all, (&mut local_map, true), &mut found);
         for (&sample, preimage) in samples.iter().zip(&found.all) {
             match preimage {
-                Some(preimage) => batch.push_single(sample, block.near_index, preimage, patch),
+                Some(preimage) => {
+                    let near_index = block.near_index;
+                    let owner = Owner {
+                        near_index,
+                        preimage: *preimage,
+                    };
+                    batch.push_single(sample, &owner, patch);
+                }
                 None => batch.open.push(sample),
             }
         }
         batch.found = found;
     }
 
-    /// Finds the owners of open samples and adds them; samples without an owner go to `evaluate_exterior`.
-    fn push_open(
-        &self,
-        local: &mut LocalSearch,
-        batch: &mut CurvedBatch,
-        mut evaluate_exterior: impl FnMut(&mut LocalSearch, &LatticeSample),
-    ) {
+    /// Finds the owners of open samples and adds them. Samples without an owner are exterior.
+    fn push_open(&self, local: &mut LocalSearch, batch: &mut CurvedBatch) {
         let CurvedBatch {
             open, at, owners, ..
         } = batch;
@@ -319,20 +337,10 @@ impl<F: Filling> TiledSolid<'_, F> {
         let owners = std::mem::take(&mut batch.owners);
         for (n, owner) in owners.iter().enumerate() {
             let sample = batch.open[n];
-            if let Some(Owner {
-                near_index,
-                preimage,
-            }) = owner
-            {
-                batch.push_single(
-                    sample,
-                    *near_index,
-                    preimage,
-                    self.patch(local, *near_index),
-                );
+            if let Some(owner) = owner {
+                batch.push_single(sample, owner, self.patch(local, owner.near_index));
             } else {
-                batch.evaluations += 1;
-                evaluate_exterior(local, &sample);
+                batch.exterior.push(sample);
             }
         }
         batch.owners = owners;
@@ -397,17 +405,18 @@ impl<F: Filling> TiledSolid<'_, F> {
 }
 
 impl CurvedBatch {
+    fn clear_items(&mut self) {
+        self.items.clear();
+        self.single_inverses.clear();
+        self.evaluation_points.clear();
+    }
+
     /// Adds a sample with the preimage that Newton's method found in its owner.
-    fn push_single(
-        &mut self,
-        sample: LatticeSample,
-        near_index: usize,
-        preimage: &Preimage,
-        patch: &Patch,
-    ) {
+    fn push_single(&mut self, sample: LatticeSample, owner: &Owner, patch: &Patch) {
+        let preimage = &owner.preimage;
         self.single_inverses.push(preimage.inverse);
         let jacobian = JacobianSource::Single(self.single_inverses.len() as u32 - 1);
-        let (near_index, depth) = (near_index as u32, patch.depth(preimage));
+        let (near_index, depth) = (owner.near_index as u32, patch.depth(preimage));
         self.evaluation_points.push(near_index, preimage.xi);
         self.items.push(PendingSample {
             sample,

@@ -425,7 +425,7 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// The point of the near elements nearest to `q`, and its owner, for `q` on the elements up to rounding and
     /// the chordal error.
-    fn nearest(&self, local: &mut LocalSearch, q: Vec3) -> Option<(Owner, Vec3)> {
+    pub(super) fn nearest(&self, local: &mut LocalSearch, q: Vec3) -> Option<(Owner, Vec3)> {
         if let Some(at) = self.owner(local, q) {
             return Some((at, q));
         }

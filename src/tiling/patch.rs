@@ -294,6 +294,16 @@ impl Patch {
             .unwrap_or_else(|| self.affine_preimage(x))
     }
 
+    /// The point at reference coordinates in the closed cell, and its preimage.
+    pub fn at(&self, scaffold: &Scaffold, xi: Vec3) -> (Vec3, Preimage) {
+        let (point, jacobian) = self.frame(scaffold, xi);
+        let preimage = match (&self.inverse, jacobian.try_inverse()) {
+            (Inverse::Curved { .. }, Some(inverse)) => self.preimage_of(xi, inverse, 0.0),
+            _ => self.preimage_or_affine(scaffold, point),
+        };
+        (point, preimage)
+    }
+
     /// Newton's method for the continued map. Each step starts at a point of the closed cell.
     fn newton(
         &self,
