@@ -1,88 +1,76 @@
 // Coarser copies of level sets for views: means over cubes of voxels.
-#include "impl.h"
+#include "coarse.h"
 
-#include <set>
 #include <stdexcept>
 
 using namespace openvdb;
 
 namespace druse {
 
-// A voxel of the copy is the mean of step^3 voxels (2, 4 or 8 along each axis). The copy has a leaf wherever the grid
-// has one in reach, and one more around, so that its surface never leaves its leaves. The values of a leaf are freed when
-// they are read: the grid then has topology only.
-std::unique_ptr<Grid> grid_coarse(Grid& handle, std::int32_t step) {
+CoarseCopy::CoarseCopy(float background, std::int32_t step) : grid_(FloatGrid::create(background)), step_(step) {
   if (step != 2 && step != 4 && step != 8) throw std::invalid_argument("the step of a coarse copy is 2, 4 or 8");
-  FloatGrid& fine = floats(handle);
-  auto coarse = FloatGrid::create(fine.background());
-  coarse->setGridClass(GRID_LEVEL_SET);
-  const int edge = 8 / step;  // coarse voxels along a fine leaf
-  std::set<Coord> origins;
-  for (auto leaf = fine.tree().cbeginLeaf(); leaf; ++leaf) {
-    const Coord at = leaf->origin();
-    const Coord own(at.x() >> 3, at.y() >> 3, at.z() >> 3);
-    const auto floor_div = [&](int v) { return v >= 0 ? v / step : -((step - 1 - v) / step); };
-    const Coord cube(floor_div(own.x()), floor_div(own.y()), floor_div(own.z()));
-    origins.insert(Coord(8 * cube.x(), 8 * cube.y(), 8 * cube.z()));
-  }
-  std::set<Coord> all;
-  for (const Coord& origin : origins) {
-    for (int n = 0; n < 27; ++n) all.insert(origin.offsetBy(8 * (n / 9 - 1), 8 * (n / 3 % 3 - 1), 8 * (n % 3 - 1)));
-  }
-  auto accessor = fine.getAccessor();
-  const float scale = 1.0f / static_cast<float>(step * step * step);
-  for (const Coord& origin : all) {
-    auto out = std::make_unique<Leaf>(origin, fine.background(), false);
-    for (int x = 0; x < step; ++x) {
-      for (int y = 0; y < step; ++y) {
-        for (int z = 0; z < step; ++z) {
-          const Coord first(origin.x() * step + 8 * x, origin.y() * step + 8 * y, origin.z() * step + 8 * z);
-          Leaf* leaf = accessor.probeLeaf(first);
-          const float tile = leaf ? 0.0f : accessor.getValue(first);
-          const float* values = leaf ? leaf->buffer().data() : nullptr;
-          for (int i = 0; i < edge; ++i) {
-            for (int j = 0; j < edge; ++j) {
-              for (int k = 0; k < edge; ++k) {
-                const Coord at(origin.x() + edge * x + i, origin.y() + edge * y + j, origin.z() + edge * z + k);
-                if (!leaf) {
-                  out->setValueOff(at, tile);
-                  continue;
-                }
-                float sum = 0.0f;
-                bool active = false;
-                for (int a = 0; a < step; ++a) {
-                  for (int b = 0; b < step; ++b) {
-                    for (int c = 0; c < step; ++c) {
-                      const Index n = static_cast<Index>((step * i + a) << 6 | (step * j + b) << 3 | (step * k + c));
-                      sum += values[n];
-                      active = active || leaf->isValueOn(n);
-                    }
-                  }
-                }
-                if (active) {
-                  out->setValueOn(at, sum * scale);
-                } else {
-                  out->setValueOff(at, sum * scale);
-                }
-              }
-            }
-          }
-          if (leaf) {
-            Leaf::Buffer nothing(PartialCreate(), 0.0f);
-            leaf->swap(nothing);
-          }
+  grid_->setGridClass(GRID_LEVEL_SET);
+}
+
+Coord CoarseCopy::leaf_of(const Coord& fine) const {
+  const auto divided = [&](int v) { return v >= 0 ? v / step_ : -((step_ - 1 - v) / step_); };
+  return Coord(8 * divided(fine.x() >> 3), 8 * divided(fine.y() >> 3), 8 * divided(fine.z() >> 3));
+}
+
+void CoarseCopy::note_leaf(const Coord& origin) {
+  const Coord own = leaf_of(origin);
+  if (own != last_) origins_.insert(own);
+  last_ = own;
+}
+
+void CoarseCopy::put(const Coord& origin, const float* values, const Mask& active) {
+  const Coord own = leaf_of(origin);
+  Leaf* leaf = grid_->tree().probeLeaf(own);
+  if (!leaf) throw std::runtime_error("a leaf without topology");
+  const Coord first = origin - Coord(own.x() * step_, own.y() * step_, own.z() * step_);
+  const float scale = 1.0f / static_cast<float>(step_ * step_ * step_);
+  for_part(Coord(first.x() >> 3, first.y() >> 3, first.z() >> 3), [&](Index at, int i, int j, int k) {
+    float sum = 0.0f;
+    bool on = false;
+    for (int a = 0; a < step_; ++a) {
+      for (int b = 0; b < step_; ++b) {
+        for (int c = 0; c < step_; ++c) {
+          const Index n = static_cast<Index>((step_ * i + a) << 6 | (step_ * j + b) << 3 | (step_ * k + c));
+          sum += values[n];
+          on = on || active.isOn(n);
         }
       }
     }
-    coarse->tree().addLeaf(out.release());
-  }
-  const auto transform = fine.transform().copy();
+    leaf->setValueOnly(at, sum * scale);
+    leaf->setActiveState(at, on);
+  });
+}
+
+std::unique_ptr<Grid> CoarseCopy::finish(const math::Transform& fine) {
+  const auto transform = fine.copy();
   // Voxel (0, 0, 0) of the copy is in the middle of step^3 voxels.
-  transform->preScale(step);
-  const Vec3d centre = fine.transform().indexToWorld(Vec3d(0.5 * (step - 1)));
-  transform->postTranslate(centre - fine.transform().indexToWorld(Vec3d(0.0)));
-  coarse->setTransform(transform);
-  return wrap(coarse);
+  transform->preScale(step_);
+  const Vec3d centre = fine.indexToWorld(Vec3d(0.5 * (step_ - 1)));
+  transform->postTranslate(centre - fine.indexToWorld(Vec3d(0.0)));
+  grid_->setTransform(transform);
+  return wrap(grid_);
+}
+
+// The values of a leaf are freed when they are read: the grid then has topology only.
+std::unique_ptr<Grid> grid_coarse(Grid& handle, std::int32_t step) {
+  FloatGrid& fine = floats(handle);
+  CoarseCopy copy(fine.background(), step);
+  for (auto leaf = fine.tree().cbeginLeaf(); leaf; ++leaf) copy.note_leaf(leaf->origin());
+  auto accessor = fine.getConstAccessor();
+  copy.make_leaves([&](const Coord& at) {
+    return accessor.probeConstLeaf(at) ? fine.background() : accessor.getValue(at);
+  });
+  for (auto leaf = fine.tree().beginLeaf(); leaf; ++leaf) {
+    copy.put(leaf->origin(), leaf->buffer().data(), leaf->valueMask());
+    Leaf::Buffer nothing(PartialCreate(), 0.0f);
+    leaf->swap(nothing);
+  }
+  return copy.finish(fine.transform());
 }
 
 }  // namespace druse

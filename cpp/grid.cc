@@ -81,8 +81,6 @@ void grid_put_tile(Grid& handle, const std::array<std::int32_t, 3>& at, std::int
   floats(handle).tree().addTile(level, origin, value, active);
 }
 
-namespace {
-
 // Whether a transform is only a uniform positive scale and a translation.
 bool is_plain(const math::Transform& transform) {
   if (!transform.isLinear() || !transform.hasUniformScale()) return false;
@@ -94,6 +92,8 @@ bool is_plain(const math::Transform& transform) {
   }
   return true;
 }
+
+namespace {
 
 template <typename GridType>
 bool background_of(const GridBase& base, double& out) {

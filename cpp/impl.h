@@ -49,6 +49,9 @@ inline openvdb::FloatGrid& floats(Grid& grid) {
   return *grid.impl->grid;
 }
 
+// Whether a transform is only a uniform positive scale and a translation; in grid.cc.
+bool is_plain(const openvdb::math::Transform& transform);
+
 // Checks for cancellation in Rust, at most every 20 ms and from any thread. Cancellation is permanent.
 class Interrupter : public openvdb::util::NullInterrupter {
  public:

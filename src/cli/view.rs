@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 
 mod absent_keys;
 mod elements;
+mod foresee;
 mod levels;
 mod live;
 mod load;
@@ -99,7 +100,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         )));
     }
     if p.dry_run {
-        let found = load::foresee(p)?;
+        let found = foresee::foresee(p)?;
         return Ok(Answer::new(prediction(&found), found));
     }
     let Some(output) = &p.output else {

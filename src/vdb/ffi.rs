@@ -246,8 +246,16 @@ mod bridge {
             masks: &[u64],
             values: &[f32],
         ) -> Result<()>;
-        /// A level set with means of `step`^3 voxels, 2, 4 or 8. `release` frees the values that were read.
+        /// A level set with means of `step`^3 voxels, 2, 4 or 8. Frees the values that it reads.
         fn grid_coarse(grid: Pin<&mut Grid>, step: i32) -> Result<UniquePtr<Grid>>;
+        /// A level set of a file with means of `step`^3 voxels, 2, 4 or 8, which is set; its leaves are read one by one.
+        /// Null for other grids, and for those of at most `max_voxels` active voxels.
+        fn file_coarse(
+            path: &[u8],
+            name: &str,
+            max_voxels: u64,
+            step: &mut i32,
+        ) -> Result<UniquePtr<Grid>>;
         /// 3 indices per value.
         fn grid_values(grid: &Grid, voxels: &[i32], values: &mut [f32]) -> Result<()>;
         /// 3 world coordinates per value; interpolation is trilinear, or quadratic along each axis.

@@ -253,15 +253,36 @@ pub(super) fn pick(
 /// Greatest number of coarser copies of a level set.
 const MAX_LOD: u32 = 8;
 
+/// A level set for views, or a copy of it.
+pub(super) struct ViewGrid {
+    pub name: String,
+    pub grid: UniquePtr<ffi::Grid>,
+    /// Voxels of the level set along an edge of its voxels.
+    pub step: u32,
+    /// Whether its values are means, with a narrower band.
+    pub is_averaged: bool,
+}
+
+impl ViewGrid {
+    fn new(name: String, grid: UniquePtr<ffi::Grid>, step: u32) -> Self {
+        Self {
+            name,
+            grid,
+            step,
+            is_averaged: false,
+        }
+    }
+}
+
 /// As [`pick`], for views: instead of a level set `surface` of more than `max_voxels` active voxels, the finest copy
-/// that the file has of it (`surface_lod_1`, ...) with fewer, else its coarsest. Also the voxels of the level set along
-/// the edge of a voxel of the copy. With `delayed`, the level set itself is read only without copies.
+/// that the file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With
+/// `delayed`, the level set itself is read only without copies.
 pub(super) fn pick_for_view(
     path: &Path,
     name: Option<&str>,
     (max_voxels, delayed): (u64, bool),
-) -> Result<(String, UniquePtr<ffi::Grid>, u32), FileError> {
-    let own = || pick(path, name, delayed).map(|(name, grid)| (name, grid, 1));
+) -> Result<ViewGrid, FileError> {
+    let own = || pick(path, name, delayed).map(|(name, grid)| ViewGrid::new(name, grid, 1));
     let is_nano = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"));
@@ -276,11 +297,22 @@ pub(super) fn pick_for_view(
         names.iter().position(|n| *n == name)
     };
     if index_of(1).is_none() {
+        let own_name = name.unwrap_or("surface");
+        if names.iter().any(|n| n == own_name) {
+            let (bytes, mut step) = (path.as_os_str().as_bytes(), 1);
+            let grid = ffi::file_coarse(bytes, own_name, max_voxels, &mut step).map_err(damaged)?;
+            if !grid.is_null() {
+                return Ok(ViewGrid {
+                    is_averaged: true,
+                    ..ViewGrid::new(own_name.to_owned(), grid, step.unsigned_abs())
+                });
+            }
+        }
         return own();
     }
     if !delayed {
         let found = own()?;
-        if ffi::grid_active_voxels(&found.1).map_err(damaged)? <= max_voxels {
+        if ffi::grid_active_voxels(&found.grid).map_err(damaged)? <= max_voxels {
             return Ok(found);
         }
     }
@@ -291,7 +323,7 @@ pub(super) fn pick_for_view(
         if !is_small && best.is_some() {
             break;
         }
-        best = Some((names[index].clone(), grid, 1 << level));
+        best = Some(ViewGrid::new(names[index].clone(), grid, 1 << level));
     }
     best.map_or_else(own, Ok)
 }

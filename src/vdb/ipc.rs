@@ -59,9 +59,10 @@ pub(super) fn send(
     let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
     let delayed = max_voxels.is_some() && bytes > MAX_LOADED_BYTES;
     let volume = match max_voxels {
-        Some(count) => super::file::pick_for_view(path, name, (count, delayed)).and_then(
-            |(name, grid, step)| Volume::wrap(path, &name, grid)?.coarse(path, count, step),
-        ),
+        Some(count) => super::file::pick_for_view(path, name, (count, delayed)).and_then(|found| {
+            let volume = Volume::wrap(path, &found.name, found.grid)?;
+            volume.coarse(path, count, (found.step, found.is_averaged))
+        }),
         None => super::file::pick(path, name, false)
             .and_then(|(name, grid)| Volume::wrap(path, &name, grid)),
     };

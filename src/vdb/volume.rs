@@ -15,6 +15,17 @@ use std::path::Path;
 const COARSE_STEP_KEY: &str = "druse.view_step";
 /// Greatest such number.
 const MAX_COARSE_STEP: u32 = 4096;
+/// Voxels of a file's band across the surface, as they usually are.
+const BAND_VOXELS: f64 = 6.0;
+/// Voxels that an average reaches beyond the band.
+const AVERAGE_MARGIN: f64 = 0.6;
+
+/// Active voxels of a band of the usual width on the voxels of an average, which itself has a narrower one: `step`
+/// voxels of the file along an edge.
+fn full_band(active: u64, step: u32) -> u64 {
+    let own = BAND_VOXELS / f64::from(step) + AVERAGE_MARGIN;
+    (active as f64 * (BAND_VOXELS / own).max(1.0)) as u64
+}
 
 /// A grid of floats without the guarantees of a level set, as in files of other programs.
 pub struct Volume {
@@ -251,7 +262,7 @@ impl Volume {
         mut self,
         path: &Path,
         max_voxels: u64,
-        mut step: u32,
+        (mut step, is_averaged): (u32, bool),
     ) -> Result<Self, FileError> {
         let with_step = |mut volume: Self, step: u32| {
             if step > 1 {
@@ -260,14 +271,14 @@ impl Volume {
             }
             Ok(volume)
         };
-        if self.info.class != "level set"
-            || !self.info.cubic
-            || self.info.active_voxels <= max_voxels
-        {
+        let mut active = self.info.active_voxels;
+        if is_averaged {
+            active = full_band(active, step);
+        }
+        if self.info.class != "level set" || !self.info.cubic || active <= max_voxels {
             return with_step(self, step);
         }
         let failed = |e: cxx::Exception| FileError::damaged(path, &e);
-        let mut active = self.info.active_voxels;
         while active > max_voxels && step < MAX_COARSE_STEP {
             // Halving the resolution leaves about a fifth of the active voxels, halving it again a sixth of these.
             let by = match active / max_voxels.max(1) {
@@ -277,7 +288,7 @@ impl Volume {
             };
             self.grid = ffi::grid_coarse(self.grid.pin_mut(), by).map_err(failed)?;
             step *= by as u32;
-            active = ffi::grid_active_voxels(&self.grid).map_err(failed)?;
+            active = full_band(ffi::grid_active_voxels(&self.grid).map_err(failed)?, step);
         }
         let facts = GridInfo::from_facts(ffi::grid_facts(&self.grid).map_err(failed)?);
         let metadata = std::mem::take(&mut self.info.metadata);
@@ -294,6 +305,15 @@ impl Volume {
         self.meta(COARSE_STEP_KEY)
             .and_then(|s| s.parse().ok())
             .unwrap_or(1)
+    }
+
+    /// Active voxels; for an average those of a band of the usual width.
+    pub fn band_voxels(&self) -> u64 {
+        let is_copy = self.name.starts_with("surface_lod_");
+        match self.coarse_step() {
+            step if step > 1 && !is_copy => full_band(self.info.active_voxels, step),
+            _ => self.info.active_voxels,
+        }
     }
 
     /// The triangles of a coarse copy.

@@ -308,6 +308,38 @@ def levels(client, made):
     print("level sets and fogs with faults: named, mended or refused")
 
 
+def averages(client):
+    """Views of level sets that are averaged over cubes of voxels as the file is read."""
+    radius = 60  # voxels
+    for name in ("plain", "half", "far", "filled", "named", "beside_a_fog", "stretched"):
+        shift = 700 * H if name == "far" else 0.0
+        sphere = vdb.createLevelSetSphere(radius * H, (-shift, shift, 0), H)
+        sphere.name = "part" if name == "named" else "surface"
+        sphere.saveFloatAsHalf = name == "half"
+        if name == "filled":  # active tiles
+            sphere.fill((-24, -24, -24), (24, 24, 24), -BAND, True)
+        if name == "stretched":
+            sphere.transform = affine(np.diag([H, 1.5 * H, H]))
+        fog = vdb.createLevelSetSphere(radius * H / 2, (0, 0, 0), H)
+        fog.gridClass, fog.name = FOG, "density"
+        path = f"{client.work}/{name}.vdb"
+        vdb.write(path, [fog, sphere] if name == "beside_a_fog" else [sphere])
+        found = client.run("view", path, "-o", f"{client.work}/page.html", "--json", "--no-thickness", "--triangles", "2k")
+        if found.returncode != 0:
+            client.fail(f"average {name}", found.stderr)
+            continue
+        seen = json.loads(found.stdout.splitlines()[-1])
+        body = seen["bodies"][0]
+        whole = body["closed"] and (body["parts"], body["cavities"]) == (1, 0)
+        client.check(f"average {name}", whole, body)
+        edges = 2 * radius * H * np.array([1, 1.5 if name == "stretched" else 1, 1])
+        client.check(f"average {name}", np.abs(seen["size"] / edges - 1).max() < 0.02, f"{seen['size']}, expected {edges}")
+        # Voxels that are no cubes are resampled, not averaged.
+        text = " ".join(seen["notes"])
+        client.check(f"average {name}", ("times those of the file" in text) == (name != "stretched"), text)
+    print("averages for views: whole, and as large as the level set")
+
+
 def main():
     if "--fixtures" in sys.argv:
         return fixtures(sys.argv[-1])
@@ -317,6 +349,7 @@ def main():
     client = Client(druse, work)
     placed(client, made)
     levels(client, made)
+    averages(client)
     for failure in client.failures:
         print("FAILED", failure)
     return 1 if client.failures else 0

@@ -14,19 +14,14 @@ use crate::mesh::{TriMesh, mesh_components};
 use crate::pipeline;
 use crate::progress::Progress;
 use crate::vdb::{self, Cubes, GridReading, LevelSet, Volume};
-use serde_json::{Value, json};
 use std::path::Path;
 
 /// Triangles that are meshed for one that remains: walls survive the simplification better than coarse voxels.
 const SIMPLIFICATION_RATIO: usize = 6;
 /// Active voxels of a band of three voxels' half width for a triangle.
-const VOXELS_PER_TRIANGLE: f64 = 3.0;
+pub(super) const VOXELS_PER_TRIANGLE: f64 = 3.0;
 /// Size of the largest .vdb whose other grids are read.
 const MAX_INSPECTED_BYTES: u64 = 256 << 20;
-/// Bytes of a triangle in a page.
-const BYTES_PER_TRIANGLE: f64 = 12.0;
-/// Bytes of the page without geometry.
-const PAGE_BYTES: u64 = 60_000;
 /// Voxels along one element of a cell, and along an element of a block.
 const ELEMENT_VOXELS: [f64; 2] = [160.0, 72.0];
 /// Elements along an edge of the block.
@@ -104,7 +99,7 @@ fn is_nano(path: &Path) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"))
 }
 
-fn kind_of(path: &Path) -> Result<FileKind, Failure> {
+pub(super) fn kind_of(path: &Path) -> Result<FileKind, Failure> {
     if is_nano(path) {
         return Ok(FileKind::Vdb);
     }
@@ -119,7 +114,7 @@ fn options(p: &Parameters) -> SurfaceOptions {
 }
 
 /// The most active voxels of a level set that is meshed as it is.
-fn max_voxels(p: &Parameters) -> u64 {
+pub(super) fn max_voxels(p: &Parameters) -> u64 {
     (VOXELS_PER_TRIANGLE * (SIMPLIFICATION_RATIO * p.triangles) as f64) as u64
 }
 
@@ -167,6 +162,12 @@ fn level_set(
              --triangles with a larger number shows more",
             figures(edge)
         ));
+        if is_large(&p.file) && own == "surface" {
+            notes.push(
+                "the file has no coarser copies; `lod = 4` in the output that writes it lets it open at once"
+                    .into(),
+            );
+        }
     }
     let grids = values(p, &own, &mut notes)?;
     let mut sampled = |points: &[Vec3]| {
@@ -441,50 +442,4 @@ fn cell_scene(
         facts,
         notes,
     })
-}
-
-/// What the page of a file would hold, without making meshes.
-pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
-    let is_surface = crate::cli::fit::surface(&p.file, None)?.is_some();
-    let mut step = 1u64;
-    let (kind, found) = if is_surface {
-        ("cell", p.triangles)
-    } else {
-        match kind_of(&p.file)? {
-            FileKind::Vdb => {
-                let volume = crate::cli::vdb::reader()?.fetch_coarse(
-                    &p.file,
-                    p.grid.as_deref(),
-                    max_voxels(p),
-                )?;
-                step = volume.coarse_step().into();
-                let triangles = volume.info().active_voxels as f64 / VOXELS_PER_TRIANGLE;
-                ("level set", triangles as usize)
-            }
-            FileKind::Mesh => ("mesh", read_solid(&p.file)?.file.mesh.triangles().len()),
-            FileKind::Scaffold => match read_elements(&p.file)? {
-                ElementFile::Solids(file) => (
-                    "scaffold",
-                    elements::body(Elements::of(&file), p.triangles)
-                        .0
-                        .triangles
-                        .len(),
-                ),
-                ElementFile::Surface(_) => ("mesh", read_mesh(&p.file)?.mesh.triangles().len()),
-            },
-            _ => {
-                read_cell(&p.file)?;
-                ("cell", p.triangles)
-            }
-        }
-    };
-    let triangles = found.min(p.triangles);
-    Ok(json!({
-        "kind": kind, "path": path_text(&p.file), "source_triangles": found, "triangles": triangles,
-        "step": step, "page_bytes": PAGE_BYTES + (BYTES_PER_TRIANGLE * triangles as f64) as u64,
-    }))
-}
-
-fn path_text(path: &Path) -> String {
-    path.display().to_string()
 }

@@ -1,0 +1,71 @@
+// A coarser copy of a level set, leaf by leaf.
+#pragma once
+
+#include "impl.h"
+
+#include <set>
+
+namespace druse {
+
+// A voxel of the copy is the mean of step^3 voxels (2, 4 or 8 along each axis). The copy has a leaf wherever the grid
+// has one in reach, and one more around, so that its surface never leaves its leaves.
+class CoarseCopy {
+ public:
+  using Coord = openvdb::Coord;
+  using Mask = Leaf::NodeMaskType;
+
+  CoarseCopy(float background, std::int32_t step);
+
+  // Notes a leaf of the grid by its origin; all of them before the first value.
+  void note_leaf(const Coord& origin);
+
+  // Makes the leaves of the copy, with the value of the tile at each place that may have no leaf in the grid.
+  template <typename TileValue>
+  void make_leaves(TileValue&& tile_value) {
+    std::set<Coord> all;
+    for (const Coord& origin : origins_) {
+      for (int n = 0; n < 27; ++n) all.insert(origin.offsetBy(8 * (n / 9 - 1), 8 * (n / 3 % 3 - 1), 8 * (n % 3 - 1)));
+    }
+    for (const Coord& origin : all) {
+      auto out = std::make_unique<Leaf>(origin, grid_->background(), false);
+      for (int n = 0; n < step_ * step_ * step_; ++n) {
+        const Coord part(n / (step_ * step_), n / step_ % step_, n % step_);
+        const Coord fine(origin.x() * step_ + 8 * part.x(), origin.y() * step_ + 8 * part.y(),
+                         origin.z() * step_ + 8 * part.z());
+        const float value = tile_value(fine);
+        for_part(part, [&](openvdb::Index at, int, int, int) { out->setValueOff(at, value); });
+      }
+      grid_->tree().addLeaf(out.release());
+    }
+  }
+
+  // The values of a leaf that was noted.
+  void put(const Coord& origin, const float* values, const Mask& active);
+
+  // The copy, in the frame of the grid.
+  std::unique_ptr<Grid> finish(const openvdb::math::Transform& fine);
+
+ private:
+  openvdb::FloatGrid::Ptr grid_;
+  std::int32_t step_;
+  std::set<Coord> origins_;
+  Coord last_{1, 1, 1};  // no origin
+
+  Coord leaf_of(const Coord& fine) const;
+
+  // Calls `visit` with the numbers of the copy's voxels in a part of a leaf, and their positions in the part.
+  template <typename Visit>
+  void for_part(const Coord& part, Visit&& visit) const {
+    const int edge = 8 / step_;
+    for (int i = 0; i < edge; ++i) {
+      for (int j = 0; j < edge; ++j) {
+        for (int k = 0; k < edge; ++k) {
+          const int x = edge * part.x() + i, y = edge * part.y() + j, z = edge * part.z() + k;
+          visit(static_cast<openvdb::Index>(x << 6 | y << 3 | z), i, j, k);
+        }
+      }
+    }
+  }
+};
+
+}  // namespace druse
