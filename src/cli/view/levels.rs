@@ -18,9 +18,14 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Active voxels of the steps, about.
 const LEVEL_VOXELS: [f64; 3] = [1e5, 8e5, 5e6];
+/// Time that the first step of a change is to take, without reading files and fitting cells, seconds.
+const FIRST_STEP_SECONDS: f64 = 0.6;
+/// Share of its voxels that the first step keeps at least to be done in that time: in coarser ones a part falls apart.
+const MIN_FIRST_SHARE: f64 = 0.7;
 /// Share of the box's voxels that is active in a lattice of coarse voxels.
 const ACTIVE_SHARE: f64 = 0.3;
 /// Growth of the number of active voxels with their inverse edge: between a surface and a structure as fine as its
@@ -84,6 +89,7 @@ pub(super) fn show(
             (&coarse_text, &coarse_edit)
         };
         let step_recipe = at_voxel_size(text.path(), used, &recipe, (!is_own).then_some(size))?;
+        let start = Instant::now();
         let (report, solid) = match run_keeping_solid(&step_recipe, &options, progress) {
             // Walls vanish in coarse voxels.
             Err(RunError::Empty(_)) if !is_last => {
@@ -112,8 +118,11 @@ pub(super) fn show(
         publish(work, &step, false, progress)?;
         let count = step.report.band.active_voxels.max(1) as f64;
         if number == 1 {
-            // The next change begins with voxels that are right for this part.
-            let ratio = (count / LEVEL_VOXELS[0]).powf(1.0 / VOXEL_GROWTH);
+            // The next change begins with voxels that are right for this part and this machine.
+            let seconds = start.elapsed().as_secs_f64() - input_seconds(&step.report);
+            let share = FIRST_STEP_SECONDS / seconds.max(1e-3) * count / LEVEL_VOXELS[0];
+            let wanted = LEVEL_VOXELS[0] * share.clamp(MIN_FIRST_SHARE, 1.0);
+            let ratio = (count / wanted).powf(1.0 / VOXEL_GROWTH);
             work.state().coarse_size = Some(size * ratio);
         }
         last = Some(step);
@@ -134,6 +143,12 @@ pub(super) fn show(
         Some(step) => publish(work, &step, true, progress),
         None => Ok(()),
     }
+}
+
+/// Time that a run took to read files and to fit cells, seconds.
+fn input_seconds(report: &Report) -> f64 {
+    let inputs = report.stages.iter().filter(|s| s.name == "inputs");
+    inputs.map(|s| s.seconds).sum()
 }
 
 /// Publishes the scaffold, which shows where the part will be until its first step is made.

@@ -3,6 +3,7 @@
 use super::scene::Scene;
 use crate::cli::Failure;
 use crate::io::atomic::write_bytes;
+use flate2::Compression;
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -37,7 +38,7 @@ const POLICY: &str = "<meta http-equiv=\"Content-Security-Policy\" content=\"def
 
 /// Writes the page of a scene; returns its size.
 pub(super) fn write(path: &Path, title: &str, scene: &Scene) -> Result<u64, Failure> {
-    let encoded = describe(scene, title);
+    let encoded = describe(scene, title, Compression::new(7));
     let (about, numbers) = encoded.map_err(|e| Failure::data(path, e.to_string()))?;
     let about = about.to_string().replace('<', "\\u003c");
     let head = format!("{POLICY}\n<style>\n{STYLE}</style>");
@@ -78,14 +79,19 @@ pub(super) fn style() -> &'static str {
 
 /// A scene for the live page: a description and compressed numbers.
 pub(super) fn pack(scene: &Scene, title: &str) -> std::io::Result<Vec<u8>> {
-    let (about, numbers) = describe(scene, title)?;
+    // They are read on this machine, at once.
+    let (about, numbers) = describe(scene, title, Compression::fast())?;
     let mut bytes = super::sampled::headed(&about);
     bytes.extend(numbers);
     Ok(bytes)
 }
 
-fn describe(scene: &Scene, title: &str) -> std::io::Result<(Value, Vec<u8>)> {
-    let (mut about, numbers) = scene.encode()?;
+fn describe(
+    scene: &Scene,
+    title: &str,
+    compression: Compression,
+) -> std::io::Result<(Value, Vec<u8>)> {
+    let (mut about, numbers) = scene.encode(compression)?;
     about["title"] = json!(title);
     about["version"] = json!(env!("CARGO_PKG_VERSION"));
     Ok((about, numbers))

@@ -93,8 +93,8 @@ impl Scene {
     }
 
     /// Description and compressed numbers.
-    pub fn encode(&self) -> std::io::Result<(Value, Vec<u8>)> {
-        let mut zlib = ZlibEncoder::new(Vec::new(), Compression::new(7));
+    pub fn encode(&self, compression: Compression) -> std::io::Result<(Value, Vec<u8>)> {
+        let mut zlib = ZlibEncoder::new(Vec::new(), compression);
         let mut bodies = Vec::new();
         for body in &self.bodies {
             bodies.push(body.describe());
