@@ -167,7 +167,9 @@ fn faces_of_open_vdb_are_those_of_memory() {
     for text in [NEAR_ORIGIN_RECIPE, ROW] {
         let recipe = Recipe::parse(&format!("{text}{outputs}"), &[]).unwrap();
         let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
-        for (bricks, threads) in [(1, 2), (2, 1)] {
+        let all = [(2, 1), (1, 2)];
+        let tried = if crate::is_full() { 2 } else { 1 };
+        for (bricks, threads) in all.into_iter().take(tried) {
             let two = run(&recipe, &options(&parts, Some(bricks), threads), &Silent).unwrap();
             assert_eq!(facts(&one), facts(&two));
             for name in ["q.obj", "t.obj", "m.obj", "a.obj"] {
