@@ -7,11 +7,15 @@
 use super::Source;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use rayon::prelude::*;
+use std::collections::{HashMap, HashSet};
 
 /// Candidate origins along each axis of the unit cube.
 const STEPS_PER_AXIS: usize = 8;
 /// Points at which a source is sampled.
 const SAMPLE_COUNT: usize = 96;
+/// Parts of the unit length whose middles are the coordinates of these points: a multiple of the candidates, so that
+/// operators that permute and reverse axes map sums of both onto few different points.
+const PARTS: f64 = 16.0;
 
 /// An origin and the share of the source that it keeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,12 +34,14 @@ impl Source {
         let own = element.cell_box();
         // A low-discrepancy sequence: multiples of powers of 1/x modulo 1, where x^4 = x + 1.
         let steps = [0.819_172_513_396, 0.671_043_606_703, 0.549_700_477_901];
+        let mut taken = HashSet::new();
         let points: Vec<Vec3> = (1..40 * SAMPLE_COUNT)
             .map(|n| {
                 let at = Vec3::from(steps.map(|s| (n as f64 * s).fract()));
-                own.min + at.component_mul(&(own.max - own.min))
+                let p = own.min + at.component_mul(&(own.max - own.min));
+                p.map(|c| ((c * PARTS).floor() + 0.5) / PARTS)
             })
-            .filter(|p| element.face_distance(CellPoint(*p)) <= 0.0)
+            .filter(|p| element.face_distance(CellPoint(*p)) <= 0.0 && taken.insert(key(*p)))
             .take(SAMPLE_COUNT)
             .collect();
         let count = if planar {
@@ -43,34 +49,80 @@ impl Source {
         } else {
             STEPS_PER_AXIS.pow(3)
         };
-        let kept: Vec<f64> = (0..count)
-            .into_par_iter()
-            .map(|n| self.symmetric_share(origin(n, planar), &points, operators))
+        let origins: Vec<Vec3> = (0..count).map(|n| origin(n, planar)).collect();
+        let known = if operators.iter().all(permutes_axes) {
+            self.values_at_images(&origins, &points, operators)
+        } else {
+            HashMap::new()
+        };
+        let value = |p: Vec3| {
+            let known = known.get(&key(p)).copied();
+            known.unwrap_or_else(|| self.value(CellPoint(p)))
+        };
+        let kept: Vec<f64> = origins
+            .par_iter()
+            .map(|o| symmetric_share(&value, *o, &points, operators))
             .collect();
         // The tolerance prevents rounding from choosing among equal candidates.
         let best = (0..count).fold(0, |b, n| if kept[n] > kept[b] + 1e-9 { n } else { b });
         Origin {
-            place: origin(best, planar).into(),
+            place: origins[best].into(),
             kept: kept[best],
         }
     }
 
-    fn symmetric_share(&self, origin: Vec3, points: &[Vec3], operators: &[Mat3]) -> f64 {
-        let (mut symmetric, mut whole) = (0.0, 0.0);
+    /// The values at all images of the points about all origins; many images coincide.
+    fn values_at_images(
+        &self,
+        origins: &[Vec3],
+        points: &[Vec3],
+        operators: &[Mat3],
+    ) -> HashMap<[i32; 3], f64> {
+        let mut places = HashMap::new();
         for p in points {
-            let images = operators
-                .iter()
-                .map(|q| self.value(CellPoint(origin + q * p)));
-            let (sum, square) = images.fold((0.0, 0.0), |(s, t), v| (s + v, t + v * v));
-            let n = operators.len() as f64;
-            symmetric += (sum / n).powi(2);
-            whole += square / n;
+            for image in operators.iter().map(|q| q * p) {
+                for o in origins {
+                    places.insert(key(o + image), o + image);
+                }
+            }
         }
-        if whole > 0.0 && symmetric.is_finite() {
-            symmetric / whole
-        } else {
-            0.0
-        }
+        let places: Vec<([i32; 3], Vec3)> = places.into_iter().collect();
+        let value = |&(key, p): &([i32; 3], Vec3)| (key, self.value(CellPoint(p)));
+        places.par_iter().map(value).collect()
+    }
+}
+
+/// The number of a point, for points whose coordinates are middles of parts about an origin.
+fn key(p: Vec3) -> [i32; 3] {
+    p.map(|c| (c * 2.0 * PARTS).round() as i32).into()
+}
+
+/// Whether an operator only permutes and reverses axes.
+fn permutes_axes(operator: &Mat3) -> bool {
+    operator
+        .iter()
+        .all(|c| [-1.0, 0.0, 1.0].iter().any(|v| (c - v).abs() < 1e-12))
+}
+
+/// The share that remains of a function about an origin.
+fn symmetric_share(
+    value: &impl Fn(Vec3) -> f64,
+    origin: Vec3,
+    points: &[Vec3],
+    operators: &[Mat3],
+) -> f64 {
+    let (mut symmetric, mut whole) = (0.0, 0.0);
+    for p in points {
+        let images = operators.iter().map(|q| value(origin + q * p));
+        let (sum, square) = images.fold((0.0, 0.0), |(s, t), v| (s + v, t + v * v));
+        let n = operators.len() as f64;
+        symmetric += (sum / n).powi(2);
+        whole += square / n;
+    }
+    if whole > 0.0 && symmetric.is_finite() {
+        symmetric / whole
+    } else {
+        0.0
     }
 }
 
