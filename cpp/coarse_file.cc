@@ -62,7 +62,7 @@ class Topology {
     for (Index32 n = 0; n < tiles; ++n) {
       const Coord origin = coordinates(is);
       inside_roots_[origin] = number<float>(is) < 0.0f;
-      number<bool>(is);
+      number<std::uint8_t>(is);  // whether it is active
     }
     for (Index32 n = 0; n < children; ++n) read_upper(is, coordinates(is), half);
   }
