@@ -10,6 +10,7 @@ use super::distances::{BlockDistances, Slot, order, place, slot_at};
 use super::samples::SLOTS;
 use crate::band::VOXELS;
 use crate::simd::run_vectorized;
+use crate::union_find::UnionFind;
 
 /// Label of a voxel of the solid.
 pub(super) const UNLABELLED: u32 = u32::MAX;
@@ -179,9 +180,16 @@ fn wide_lead(space: &BlockDistances, slot: usize) -> Option<usize> {
     before.into_iter().find(|&s| space.slots[s] == Slot::Wide)
 }
 
-impl Labels {
-    /// The local maxima in their order, and the basin of each voxel, which is the number of its maximum.
-    pub fn new(space: &BlockDistances) -> (Vec<u32>, Self) {
+/// The neighbours that all voxels lead to, and the local maxima in their order.
+pub(super) struct Ascent {
+    /// Numbers of voxels.
+    pub maxima: Vec<u32>,
+    /// Of leaves with distances, by their number.
+    leads: Vec<Leads>,
+}
+
+impl Ascent {
+    pub fn of(space: &BlockDistances) -> Self {
         let mut leads_of: Vec<Leads> = Vec::with_capacity(space.leaves.len());
         let mut maxima = Vec::new();
         for (slot, kind) in space.slots.iter().enumerate() {
@@ -207,12 +215,43 @@ impl Labels {
             }
         }
         maxima.sort_unstable_by_key(|&n| space.order(n));
+        Self {
+            maxima,
+            leads: leads_of,
+        }
+    }
+
+    /// Whether all maxima are in wide leaves that are connected through faces: then all basins of the block meet as far
+    /// from the solid as is measured, and are one.
+    pub fn is_one_basin(&self, space: &BlockDistances) -> bool {
+        let is_wide = |slot: usize| space.slots[slot] == Slot::Wide;
+        if self.maxima.is_empty() || !self.maxima.iter().all(|&n| is_wide(n as usize / VOXELS)) {
+            return false;
+        }
+        // Each wide leaf that is no maximum leads to another one, and so to a maximum.
+        let mut sets = UnionFind::new(space.slots.len());
+        for slot in (0..space.slots.len()).filter(|&s| is_wide(s)) {
+            for other in (0..3).filter_map(|axis| beside(slot, axis, false)) {
+                if is_wide(other) {
+                    sets.union(slot, other);
+                }
+            }
+        }
+        let root = sets.find(self.maxima[0] as usize / VOXELS);
+        let mut others = self.maxima.iter();
+        others.all(|&n| sets.find(n as usize / VOXELS) == root)
+    }
+}
+
+impl Labels {
+    /// The basin of each voxel, which is the number of its maximum.
+    pub fn new(space: &BlockDistances, ascent: &Ascent) -> Self {
         let mut labels = Self {
             wide: vec![UNLABELLED; space.slots.len()],
             mixed: vec![[UNLABELLED; VOXELS]; space.leaves.len()],
             only: vec![UNLABELLED; space.slots.len()],
         };
-        for (label, &voxel) in maxima.iter().enumerate() {
+        for (label, &voxel) in ascent.maxima.iter().enumerate() {
             let (slot, n) = (voxel as usize / VOXELS, voxel as usize % VOXELS);
             match space.slots[slot] {
                 Slot::Solid => unreachable!("a maximum in the void"),
@@ -220,9 +259,9 @@ impl Labels {
                 Slot::Mixed(leaf) => labels.mixed[leaf as usize][n] = label as u32,
             }
         }
-        labels.spread(space, &leads_of);
+        labels.spread(space, &ascent.leads);
         labels.count(space);
-        (maxima, labels)
+        labels
     }
 
     /// Gives all voxels the labels of those that they lead to.

@@ -1,7 +1,7 @@
 //! Basins of one block: local maxima of the distance, and the levels at which they meet.
 
 use super::MIN_PROMINENCE;
-use super::ascent::{Labels, Meeting, UNLABELLED};
+use super::ascent::{Ascent, Labels, Meeting, UNLABELLED};
 use super::distances::{BlockDistances, Slot, position, slot_at};
 use super::samples::SLOTS;
 use crate::band::VOXELS;
@@ -80,12 +80,16 @@ impl BlockBasins {
 
     /// The basins of a block with these distances.
     pub fn of(space: &BlockDistances, origin: Coord) -> Self {
-        let (maxima, labels) = Labels::new(space);
+        let ascent = Ascent::of(space);
         let place = |n: u32| {
             let [x, y, z] = position(n).map(|c| c as i32);
             origin.offset(x, y, z)
         };
-        let basins = maxima.iter().map(|&n| Basin {
+        if ascent.is_one_basin(space) {
+            return Self::one(space, place(ascent.maxima[0]));
+        }
+        let labels = Labels::new(space, &ascent);
+        let basins = ascent.maxima.iter().map(|&n| Basin {
             voxels: 0,
             depth: space.distance(n),
             place: place(n),
@@ -107,6 +111,28 @@ impl BlockBasins {
             growth.join(&meeting, place(meeting.order as u32));
         }
         growth.finish()
+    }
+
+    /// The basin of all voids of a block, which is as deep as is measured.
+    fn one(space: &BlockDistances, place: Coord) -> Self {
+        let of_leaf = |slot: &Slot| match *slot {
+            Slot::Solid => 0,
+            Slot::Wide => VOXELS,
+            Slot::Mixed(n) => {
+                let own = &space.leaves[n as usize];
+                own.iter().filter(|d| **d >= 0.0).count()
+            }
+        };
+        let basin = Basin {
+            voxels: space.slots.iter().map(of_leaf).sum::<usize>() as u64,
+            depth: space.reach,
+            place,
+        };
+        Self {
+            basins: vec![basin],
+            edges: Vec::new(),
+            faces: std::array::from_fn(|f| face(space, (f / 2, f % 2 == 1), |_, _| 0)),
+        }
     }
 
     /// The face at the end of an axis.
@@ -231,56 +257,62 @@ impl BlockGrowth<'_> {
             ..*e
         });
         let edges = edges.filter(|e| e.ends[0] != e.ends[1]).collect();
-        let faces = std::array::from_fn(|f| self.face(f / 2, f % 2 == 1, &label));
+        let basin =
+            |slot: usize, voxel: usize| label(self.labels.at(self.space.slots[slot], slot, voxel));
+        let faces = std::array::from_fn(|f| face(self.space, (f / 2, f % 2 == 1), basin));
         BlockBasins {
             basins,
             edges,
             faces,
         }
     }
+}
 
-    /// A face of the block with labels that `label` numbers.
-    fn face(&self, axis: usize, is_last: bool, label: &impl Fn(u32) -> u32) -> Face {
-        let (leaves, voxels) = leaves_at_face(axis, is_last);
-        let patches = leaves.map(|slot| {
-            let kind = self.space.slots[slot];
-            let at = |voxel: usize| match self.labels.at(kind, slot, voxel) {
-                UNLABELLED => (UNLABELLED, 0.0),
-                basin => (
-                    label(basin),
-                    self.space.distance((slot * VOXELS + voxel) as u32),
-                ),
-            };
-            match kind {
-                Slot::Solid => Patch::Solid,
-                Slot::Wide => {
-                    let (basin, distance) = at(0);
-                    Patch::Uniform(basin, distance)
-                }
-                Slot::Mixed(_) => {
-                    let mut found = Box::new([(UNLABELLED, 0.0); 64]);
-                    for (own, voxel) in found.iter_mut().zip(voxels.clone()) {
-                        *own = at(voxel);
-                    }
-                    Patch::Voxels(found)
-                }
+/// A face of a block at the end of an axis, with the basin of each voxel of the void by leaf and number in it.
+fn face(
+    space: &BlockDistances,
+    (axis, is_last): (usize, bool),
+    basin: impl Fn(usize, usize) -> u32,
+) -> Face {
+    let (leaves, voxels) = leaves_at_face(axis, is_last);
+    let patches = leaves.map(|slot| {
+        let at = |voxel: usize| {
+            let distance = space.distance((slot * VOXELS + voxel) as u32);
+            if distance < 0.0 {
+                (UNLABELLED, 0.0)
+            } else {
+                (basin(slot, voxel), distance)
             }
-        });
-        let patches: Vec<Patch> = patches.collect();
-        let uniform = |p: &Patch| match *p {
-            Patch::Uniform(basin, distance) => Some((basin, distance)),
-            _ => None,
         };
-        match uniform(&patches[0]) {
-            _ if patches.iter().all(|p| matches!(p, Patch::Solid)) => Face::Solid,
-            Some((basin, distance))
-                if patches
-                    .iter()
-                    .all(|p| uniform(p) == Some((basin, distance))) =>
-            {
-                Face::Uniform(basin, distance)
+        match space.slots[slot] {
+            Slot::Solid => Patch::Solid,
+            Slot::Wide => {
+                let (basin, distance) = at(0);
+                Patch::Uniform(basin, distance)
             }
-            _ => Face::Leaves(patches),
+            Slot::Mixed(_) => {
+                let mut found = Box::new([(UNLABELLED, 0.0); 64]);
+                for (own, voxel) in found.iter_mut().zip(voxels.clone()) {
+                    *own = at(voxel);
+                }
+                Patch::Voxels(found)
+            }
         }
+    });
+    let patches: Vec<Patch> = patches.collect();
+    let uniform = |p: &Patch| match *p {
+        Patch::Uniform(basin, distance) => Some((basin, distance)),
+        _ => None,
+    };
+    match uniform(&patches[0]) {
+        _ if patches.iter().all(|p| matches!(p, Patch::Solid)) => Face::Solid,
+        Some((basin, distance))
+            if patches
+                .iter()
+                .all(|p| uniform(p) == Some((basin, distance))) =>
+        {
+            Face::Uniform(basin, distance)
+        }
+        _ => Face::Leaves(patches),
     }
 }

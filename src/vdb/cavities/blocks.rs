@@ -15,7 +15,7 @@ use crate::vdb::Session;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
-/// Cells that are measured at once and kept until their faces are joined.
+/// Cells near the surface that are measured at once and kept until their faces are joined.
 const CELLS_PER_BATCH: usize = 64;
 const EDGE: usize = BLOCK as usize;
 
@@ -51,9 +51,14 @@ impl VoidGraph {
         };
         // Faces at the ends of cells, until the next cell along their axis is joined.
         let mut open: BTreeMap<([usize; 3], usize), (u32, Face)> = BTreeMap::new();
-        for batch in cells.chunks(CELLS_PER_BATCH) {
+        let mut rest = &cells[..];
+        while !rest.is_empty() {
+            let mut near = (1..).zip(rest).filter(|(_, cell)| cell.is_near);
+            let count = near.nth(CELLS_PER_BATCH - 1).map_or(rest.len(), |n| n.0);
+            let batch = rest.split_off(..count).expect("some of the rest");
             let found = session.threads.install(|| {
-                let found = batch.par_iter().map(|cell| {
+                // Some cells take far longer than others: threads take one after another.
+                let found = batch.par_iter().with_max_len(1).map(|cell| {
                     if session.progress.cancelled() {
                         return Err(Cancelled.into());
                     }
