@@ -183,6 +183,12 @@ impl TriMesh {
     /// Bounding box, volume and area at once, in parallel. Chunks of fixed size are summed in order, so the
     /// result does not depend on the number of threads.
     pub fn measures(&self) -> MeshMeasures {
+        self.measures_about(None)
+    }
+
+    /// As [`TriMesh::measures`], for a part of a closed surface: volumes of parts about the same point add up to the
+    /// volume of the whole.
+    pub(crate) fn measures_about(&self, point: Option<Vec3>) -> MeshMeasures {
         const CHUNK_TRIANGLES: usize = 1 << 14;
         let chunks = self.triangles.par_chunks(CHUNK_TRIANGLES);
         let boxes: Vec<Aabb> = chunks
@@ -193,11 +199,14 @@ impl TriMesh {
             })
             .collect();
         let bounds = boxes.into_iter().fold(Aabb::EMPTY, Aabb::union);
-        let origin = if bounds.is_empty() {
-            Vec3::zeros()
-        } else {
-            bounds.centre().0
+        let centre = || {
+            if bounds.is_empty() {
+                Vec3::zeros()
+            } else {
+                bounds.centre().0
+            }
         };
+        let origin = point.unwrap_or_else(centre);
         let sums: Vec<[f64; 2]> = chunks
             .map(|chunk| {
                 let corners = chunk.iter().map(|t| t.map(|v| self.vertices[v as usize]));

@@ -18,6 +18,7 @@ use crate::band::VOXELS;
 use crate::frame::{Aabb, Transform, Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
 use cxx::UniquePtr;
+use rayon::prelude::*;
 
 // The bridge to C++, errors, and the memory of the process.
 mod error;
@@ -288,34 +289,42 @@ impl LevelSet {
     /// # Errors
     /// As [`LevelSet::leaves`].
     pub fn bounds(&self) -> Result<Aabb, VdbError> {
-        let mut bounds = Aabb::EMPTY;
-        self.for_each_leaf(|leaf| {
-            // A leaf whose box, dilated by its deepest value, lies within the bounds cannot extend them.
-            let deepest = leaf
-                .values
-                .iter()
-                .fold(0f32, |d, v| if -v > d { -v } else { d });
-            let ends = [0, VOXELS - 1].map(|n| self.transform.world(leaf.voxel(n)).0 + self.origin);
-            let reach = Aabb::of(ends).dilated(f64::from(deepest));
-            if [reach.min, reach.max]
-                .iter()
-                .all(|&p| bounds.contains(WorldPoint(p)))
-            {
-                return;
+        let leaves = self.leaves()?;
+        let all = (0..leaves.len()).into_par_iter().with_min_len(64);
+        let bounds = all.fold(
+            || Aabb::EMPTY,
+            |bounds, n| leaves.get(n).map_or(bounds, |l| self.extended(bounds, &l)),
+        );
+        Ok(bounds.reduce(|| Aabb::EMPTY, Aabb::union))
+    }
+
+    /// Bounds that contain the solid at the voxels of a leaf, too.
+    fn extended(&self, mut bounds: Aabb, leaf: &LeafView) -> Aabb {
+        // A leaf whose box, dilated by its deepest value, lies within the bounds cannot extend them.
+        let deepest = leaf
+            .values
+            .iter()
+            .fold(0f32, |d, v| if -v > d { -v } else { d });
+        let ends = [0, VOXELS - 1].map(|n| self.transform.world(leaf.voxel(n)).0 + self.origin);
+        let reach = Aabb::of(ends).dilated(f64::from(deepest));
+        if [reach.min, reach.max]
+            .iter()
+            .all(|&p| bounds.contains(WorldPoint(p)))
+        {
+            return bounds;
+        }
+        for (n, &v) in leaf.values.iter().enumerate() {
+            if v < 0.0 && leaf.is_active(n) {
+                // A ball of radius |v| around an inside voxel is inside.
+                let p = self.transform.world(leaf.voxel(n)).0 + self.origin;
+                let r = f64::from(-v);
+                bounds = bounds.union(Aabb {
+                    min: p.add_scalar(-r),
+                    max: p.add_scalar(r),
+                });
             }
-            for (n, &v) in leaf.values.iter().enumerate() {
-                if v < 0.0 && leaf.is_active(n) {
-                    // A ball of radius |v| around an inside voxel is inside.
-                    let p = self.transform.world(leaf.voxel(n)).0 + self.origin;
-                    let r = f64::from(-v);
-                    bounds = bounds.union(Aabb {
-                        min: p.add_scalar(-r),
-                        max: p.add_scalar(r),
-                    });
-                }
-            }
-        })?;
-        Ok(bounds)
+        }
+        bounds
     }
 
     /// Volume of the solid, world units cubed.

@@ -15,6 +15,7 @@ use crate::progress::Progress;
 use crate::vdb::{
     ComponentSelection, FileError, LevelSet, LevelSetBuilder, StoredRemoval, VdbError,
 };
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// The leaf file of each brick.
@@ -178,15 +179,19 @@ pub(super) fn part(
     let failed = RunError::level_set("bricks");
     let builder = LevelSetBuilder::of_part(context.transform()?, context.half_width, first);
     let builder = builder.map_err(&failed)?;
-    for block in store.blocks_in(region) {
+    let refused = |e: SinkError| match e.into_inner().downcast::<VdbError>() {
+        Ok(e) => failed(*e),
+        Err(other) => RunError::band("bricks")(SinkError::new(other).into()),
+    };
+    let add = |block: Coord| {
         let leaves = store.read(block, region);
         let leaves = leaves.map_err(|e| FileError::from(StoreError::from(e)))?;
-        let refused = |e: SinkError| match e.into_inner().downcast::<VdbError>() {
-            Ok(e) => failed(*e),
-            Err(other) => RunError::band("bricks")(SinkError::new(other).into()),
-        };
-        builder.block(block, &leaves).map_err(refused)?;
-    }
+        builder.block(block, &leaves).map_err(refused)
+    };
+    let blocks: Vec<Coord> = store.blocks_in(region).collect();
+    context
+        .threads
+        .install(|| blocks.into_par_iter().with_max_len(1).try_for_each(add))?;
     builder.inside(&store.inside_cubes(region));
     builder.finish(context.session()).map_err(&failed)
 }

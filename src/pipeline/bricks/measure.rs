@@ -50,18 +50,20 @@ pub(super) fn measure(
     for brick in (0..count).rev() {
         let region = bricks.region(brick);
         let own = part(context, store, region.grown(halo), Coord([0; 3]))?;
-        found.frame = found.frame.union(own.bounds().map_err(&failed)?);
+        let bounds = context.threads.install(|| own.bounds());
+        found.frame = found.frame.union(bounds.map_err(&failed)?);
         let session = context.session();
         let patch = own.patch(region, far, None, session).map_err(&failed)?;
         files.add(context, &patch, false)?;
         let mesh = TriMesh::new(patch.vertices, patch.faces).map_err(|e| failed(e.into()))?;
         // All parts refer to one point, because a part alone is not closed. The point lies in the solid,
         // so that no digits are lost.
-        let signed =
-            |[a, b, c]: [Vec3; 3]| (a - centre).dot(&(b - centre).cross(&(c - centre))) / 6.0;
-        found.volume += mesh.iter_corners().map(signed).sum::<f64>();
-        found.area += mesh.area();
-        found.bounds = found.bounds.union(mesh.bounds());
+        let own_measures = context
+            .threads
+            .install(|| mesh.measures_about(Some(centre)));
+        found.volume += own_measures.volume;
+        found.area += own_measures.area;
+        found.bounds = found.bounds.union(own_measures.bounds);
         drop(mesh);
         if let Some(field) = files.exact() {
             let patch = own.patch(region, far, Some(field), session);
