@@ -68,6 +68,7 @@ mod precision;
 mod report;
 mod requirements;
 mod round_beams;
+mod run_cache;
 mod run_options;
 mod sampling;
 mod scaffold;
@@ -92,7 +93,6 @@ pub(crate) use bricks::relative_path;
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
 pub use build::{BuildReport, ProfileStep, StartReport};
 pub use cavities::{CavitiesReport, CavityReport};
-pub use cell_cache::CellCache;
 pub use cells::{make_cell, own_element, with_level};
 pub(crate) use cells::{one_element, read_source};
 pub(crate) use crystals::{clock_parameters, crystal_script};
@@ -125,6 +125,7 @@ pub use report::{
 };
 pub use requirements::Requirement;
 pub(crate) use requirements::{judge_level_set, judge_mesh};
+pub use run_cache::RunCache;
 pub use run_options::RunOptions;
 pub(crate) use sampling::FieldSample;
 #[doc(hidden)]

@@ -2,6 +2,7 @@
 
 use super::cells::with_level;
 use super::report::Warning;
+use super::run_cache::file_key;
 use super::source::{CellFault, SourceFault, SourceReader, SourceRecord};
 use crate::cell::Cell;
 use crate::frame::{Aabb, Element};
@@ -16,7 +17,7 @@ const MAX_CELLS: usize = 64;
 
 /// Cells by the keys that they were fitted with. Clones share the cells.
 #[derive(Clone, Debug, Default)]
-pub struct CellCache(Arc<Mutex<BTreeMap<String, FittedCell>>>);
+pub(super) struct CellCache(Arc<Mutex<BTreeMap<String, FittedCell>>>);
 
 /// A cell before its level is set, the same with levels that were requested, and the entries of its source for the
 /// report.
@@ -138,9 +139,8 @@ fn key(
     paths.extend(own.group.iter().map(|g| reader.resolve(g.as_ref())));
     for path in paths {
         // Names of graphs and groups are no files.
-        if let Ok(found) = std::fs::metadata(&path) {
-            let time = found.modified().ok()?;
-            let _ = write!(key, " {} {} {time:?}", path.display(), found.len());
+        if path.exists() {
+            let _ = write!(key, " {}", file_key(&path)?);
         }
     }
     Some(key)

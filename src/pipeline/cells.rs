@@ -71,8 +71,10 @@ pub(super) fn make(
         session,
     };
     let mut record = SourceRecord::default();
-    let cell = match files.cells {
-        Some(cache) => cache.cell(&reader, name, (section, element), &mut record),
+    let cell = match files.cache {
+        Some(cache) => cache
+            .cells
+            .cell(&reader, name, (section, element), &mut record),
         None => reader.cell(name, section, element, &mut record),
     };
     let cell = cell.map_err(|e| e.of(key))?;
@@ -87,8 +89,8 @@ pub(super) fn make(
     for Warning { code, message } in record.warnings {
         files.warn(code, format!("{source_key}: {message}"))?;
     }
-    let levelled = match files.cells {
-        Some(cache) => cache.with_level(&reader, name, (section, cell)),
+    let levelled = match files.cache {
+        Some(cache) => cache.cells.with_level(&reader, name, (section, cell)),
         None => with_level(cell, section),
     };
     levelled.map_err(fail)

@@ -6,11 +6,13 @@
 //! left out.
 
 use super::error::RunError;
+use super::run_cache::RunCache;
 use super::tiling::CellTiling;
 use crate::cell::{Cell, Density};
 use crate::frame::{CellPoint, Element};
 use crate::scaffold::Scaffold;
 use rayon::prelude::*;
+use std::convert::Infallible;
 
 /// Greatest number of elements that a density is summed over; beyond it every n-th element counts.
 const MAX_ELEMENTS: usize = 3000;
@@ -22,8 +24,41 @@ fn fills(cell: &Cell, shape: Element) -> bool {
     cell.element() == shape || crate::tiling::fills(cell.element(), shape)
 }
 
-/// The density of the elements that a cell fills; `None` if all of them are affine.
-pub(super) fn density(scaffold: &Scaffold, cell: &Cell) -> Option<Density> {
+/// The density of the elements that a cell fills, kept or new; `None` if all of them are affine.
+pub(super) fn density(
+    scaffold: &Scaffold,
+    cell: &Cell,
+    cache: Option<&RunCache>,
+) -> Option<Density> {
+    let Some(cache) = cache else {
+        return new_density(scaffold, cell);
+    };
+    let make = || Ok::<_, Infallible>(new_density(scaffold, cell));
+    let Ok(found) = cache
+        .densities
+        .get_or_make(density_key(scaffold, cell), make);
+    found
+}
+
+/// All that a density depends on: the nodes, the elements, and the cell's symmetry.
+fn density_key(scaffold: &Scaffold, cell: &Cell) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for node in scaffold.nodes() {
+        for c in node.iter() {
+            hasher.update(&c.to_le_bytes());
+        }
+    }
+    for element in (0..scaffold.len()).map(|e| scaffold.element(e)) {
+        hasher.update(element.kind().name().as_bytes());
+        for node in element.nodes() {
+            hasher.update(&node.to_le_bytes());
+        }
+    }
+    let symmetry = (cell.element(), cell.operators());
+    format!("{} {symmetry:?}", hasher.finalize().to_hex())
+}
+
+fn new_density(scaffold: &Scaffold, cell: &Cell) -> Option<Density> {
     let elements: Vec<usize> = (0..scaffold.len())
         .filter(|&e| fills(cell, scaffold.element(e).shape()))
         .collect();

@@ -91,7 +91,7 @@ pub fn level_shifts(
     let range = used.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (v, _)| {
         (a.min(*v), b.max(*v))
     });
-    let density = fractions::density(scaffold, cell);
+    let density = fractions::density(scaffold, cell, None);
     let graded = GradedCell {
         name: cell.name(),
         cell,

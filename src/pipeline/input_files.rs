@@ -1,11 +1,11 @@
 //! The input files of a run: their frames, hashes, boxes and warnings.
 
 use super::RunOptions;
-use super::cell_cache::CellCache;
 use super::crystals::Crystal;
 use super::error::{RunError, box_text};
 use super::lattice::LatticeSolid;
 use super::report::{Input, Warning};
+use super::run_cache::{FileSolid, RunCache, file_key};
 use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::{Place, ReadError, SolidFile};
 use crate::mesh::{MeshSolid, NoSolidError, RepairKind, TriMesh};
@@ -13,9 +13,13 @@ use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
 use crate::vdb::subprocess::{PrefetchedGrid, Program};
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Ratio of two boxes' sizes above which their units probably differ.
 const MAX_SIZE_RATIO: f64 = 100.0;
+
+/// A solid, and the beams of its file.
+pub(super) type SolidAndBeams = (Arc<MeshSolid>, Option<Arc<LatticeSolid>>);
 
 /// The files read so far.
 pub(super) struct InputFiles<'a> {
@@ -26,8 +30,8 @@ pub(super) struct InputFiles<'a> {
     pub reader: Option<&'a Program>,
     /// A grid that is in memory already, if there is one.
     pub opened: Option<&'a PrefetchedGrid>,
-    /// Cells of earlier runs, if there are any.
-    pub cells: Option<&'a CellCache>,
+    /// What earlier runs read and made, if there are any.
+    pub cache: Option<&'a RunCache>,
     paths: Vec<PathBuf>,
     strict: bool,
 }
@@ -40,24 +44,17 @@ impl<'a> InputFiles<'a> {
             warnings: Vec::new(),
             reader: options.isolated.as_ref(),
             opened: options.opened.as_ref(),
-            cells: options.cells.as_ref(),
+            cache: options.cache.as_ref(),
             paths: recipe.source().path.iter().cloned().collect(),
             strict: options.strict,
         }
     }
 
     /// The solid that a surface of the recipe bounds.
-    pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<MeshSolid, RunError> {
+    pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<Arc<MeshSolid>, RunError> {
         match surface {
-            SurfaceRef::Mesh(file) => {
-                let path = self.recipe.resolve(&file.path);
-                let read = SolidFile {
-                    file: crate::io::read_mesh(&path)?,
-                    beams: Vec::new(),
-                };
-                Ok(self.read_solid(key, file, read)?.0)
-            }
-            SurfaceRef::Crystal(frame) => self.crystal_solid(key, frame),
+            SurfaceRef::Mesh(file) => Ok(self.file_solid(key, file, false)?.0),
+            SurfaceRef::Crystal(frame) => Ok(Arc::new(self.crystal_solid(key, frame)?)),
         }
     }
 
@@ -66,12 +63,68 @@ impl<'a> InputFiles<'a> {
         &mut self,
         key: &str,
         surface: SurfaceRef,
-    ) -> Result<(MeshSolid, Option<LatticeSolid>), RunError> {
-        let SurfaceRef::Mesh(file) = surface else {
-            return Ok((self.solid(key, surface)?, None));
+    ) -> Result<SolidAndBeams, RunError> {
+        match surface {
+            SurfaceRef::Mesh(file) => self.file_solid(key, file, true),
+            SurfaceRef::Crystal(_) => Ok((self.solid(key, surface)?, None)),
+        }
+    }
+
+    /// The solid of a file, kept or read, with its beams if they are wanted.
+    fn file_solid(
+        &mut self,
+        key: &str,
+        file: &FileFrame,
+        has_beams: bool,
+    ) -> Result<SolidAndBeams, RunError> {
+        let path = self.recipe.resolve(&file.path);
+        let whole = file_key(&path).map(|f| {
+            let unit = self.recipe.unit();
+            format!("{key} {file:?} {has_beams} {unit:?} {f}")
+        });
+        let (Some(cache), Some(whole)) = (self.cache, whole) else {
+            let found = self.new_solid(key, file, &path, has_beams)?;
+            return Ok((found.solid, found.lattice));
         };
-        let read = crate::io::read_solid(self.recipe.resolve(&file.path))?;
-        self.read_solid(key, file, read)
+        let mut is_new = false;
+        let found = cache.solids.get_or_make(whole, || {
+            is_new = true;
+            self.new_solid(key, file, &path, has_beams)
+        })?;
+        if !is_new {
+            self.inputs.extend(found.inputs);
+            self.paths.extend(found.paths);
+            for Warning { code, message } in found.warnings {
+                self.warn(code, message)?;
+            }
+        }
+        Ok((found.solid, found.lattice))
+    }
+
+    fn new_solid(
+        &mut self,
+        key: &str,
+        file: &FileFrame,
+        path: &Path,
+        has_beams: bool,
+    ) -> Result<FileSolid, RunError> {
+        let before = (self.inputs.len(), self.warnings.len(), self.paths.len());
+        let read = if has_beams {
+            crate::io::read_solid(path)?
+        } else {
+            SolidFile {
+                file: crate::io::read_mesh(path)?,
+                beams: Vec::new(),
+            }
+        };
+        let (solid, lattice) = self.read_solid(key, file, read)?;
+        Ok(FileSolid {
+            solid: Arc::new(solid),
+            lattice: lattice.map(Arc::new),
+            inputs: self.inputs[before.0..].to_vec(),
+            warnings: self.warnings[before.1..].to_vec(),
+            paths: self.paths[before.2..].to_vec(),
+        })
     }
 
     /// Makes a crystal and records it.

@@ -5,7 +5,7 @@ use super::cells;
 use super::error::{RunError, short_number};
 use super::field_ops::{Borrowed, Shape, field_operations, intersection};
 use super::fractions;
-use super::input_files::{InputFiles, hash_text};
+use super::input_files::{InputFiles, SolidAndBeams, hash_text};
 use super::lattice::LatticeSolid;
 use super::offsets::{self, Offsets};
 use super::report::{OffsetReport, Report, SolidReport, Warning};
@@ -85,7 +85,6 @@ impl<'a> Inputs<'a> {
     }
 
     fn load_solids(&mut self) -> Result<(), RunError> {
-        type SolidAndBeams = (Arc<MeshSolid>, Option<Arc<LatticeSolid>>);
         let mut seen: Vec<(SurfaceRef, SolidAndBeams)> = Vec::new();
         for (n, op) in self.recipe.sections().op.iter().enumerate() {
             let Some(surface) = op.operand().and_then(Operand::surface) else {
@@ -100,11 +99,10 @@ impl<'a> Inputs<'a> {
             } else {
                 let suffix = if is_skin { ".skin" } else { "" };
                 let key = format!("op.{n}.{}{suffix}.{}", op.name(), surface.word());
-                let solid_and_beams: SolidAndBeams = if is_skin {
-                    (Arc::new(self.files.solid(&key, surface)?), None)
+                let solid_and_beams = if is_skin {
+                    (self.files.solid(&key, surface)?, None)
                 } else {
-                    let (solid, lattice) = self.files.solid_and_beams(&key, surface)?;
-                    (Arc::new(solid), lattice.map(Arc::new))
+                    self.files.solid_and_beams(&key, surface)?
                 };
                 seen.push((surface, solid_and_beams.clone()));
                 solid_and_beams

@@ -139,7 +139,7 @@ pub(super) fn palette_cell(
             };
             cell = cell.with_solid(Solid::Below, 0.0).map_err(fault)?;
         }
-        let density = fractions::density(scaffold, &cell);
+        let density = fractions::density(scaffold, &cell, files.cache);
         let cell = match section.volume_fraction {
             Some(target) => fractions::at_fraction(cell, density.as_ref(), target.0, &key)?,
             None => cell,

@@ -1,6 +1,6 @@
 //! The options of a run: threads, memory, bricks, outputs, and what it may take from earlier runs.
 
-use super::cell_cache::CellCache;
+use super::run_cache::RunCache;
 use crate::vdb::subprocess::{PrefetchedGrid, Program};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -29,8 +29,8 @@ pub struct RunOptions {
     pub isolated: Option<Program>,
     /// A grid of such a file that is in memory already; the run does not read it again.
     pub opened: Option<PrefetchedGrid>,
-    /// Cells of earlier runs; those that were made of the same keys and files are not fitted again.
-    pub cells: Option<CellCache>,
+    /// What earlier runs read and made; what depends on the same keys and files is not made again.
+    pub cache: Option<RunCache>,
     /// Hashes that the inputs must have, by the recipe's key; empty for any inputs.
     pub expected_inputs: BTreeMap<String, String>,
 }

@@ -171,7 +171,7 @@ fn source_scaffold(
             return Err(RunError::Empty("no mesh to fill".into()));
         };
         let key = format!("scaffold.fill.{}", surface.word());
-        let solid = Arc::new(files.solid(&key, surface)?);
+        let solid = files.solid(&key, surface)?;
         let scaffold = filling_elements(&solid, fill, scale).map_err(|e| failed(None, &e))?;
         // The mesh cuts the cubes; tets conform to it.
         let envelope = (fill.kind == FillKind::Hex).then_some(solid);

@@ -179,7 +179,7 @@ fn options(work: &Work) -> Result<RunOptions, Failure> {
         threads: work.p.threads,
         brief: true,
         isolated: Some(crate::cli::vdb::reader()?),
-        cells: Some(work.cells.clone()),
+        cache: Some(work.cache.clone()),
         ..RunOptions::default()
     })
 }

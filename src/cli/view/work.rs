@@ -8,7 +8,7 @@ use super::{Parameters, load};
 
 use crate::cli::server::Refused;
 use crate::cli::{Failure, Session, context};
-use crate::pipeline::CellCache;
+use crate::pipeline::RunCache;
 use crate::progress::{Progress, Threads};
 use serde_json::{Value, json};
 use std::panic::AssertUnwindSafe;
@@ -106,7 +106,7 @@ pub(super) struct Work<'a> {
     pub session: &'a Session,
     pub subject: Subject,
     pub threads: Threads,
-    pub cells: CellCache,
+    pub cache: RunCache,
     pub preview: Task,
     pub full: Task,
     state: Mutex<State>,
@@ -130,7 +130,7 @@ impl<'a> Work<'a> {
             session,
             subject,
             threads: context::threads(p.threads)?,
-            cells: CellCache::default(),
+            cache: RunCache::default(),
             preview: Task::default(),
             full: Task::default(),
             state: Mutex::new(state),
