@@ -42,7 +42,8 @@ fn recipes_of_the_guide_run() {
             plan(&recipe, &options, &Silent).unwrap_or_else(|e| panic!("{context}\n{e}"));
             let place = tempfile::tempdir().unwrap();
             // Elements of a deck are whole voxels, which are twice as large here.
-            let factor = if text.contains("element_size") {
+            let is_deck = text.contains("element_size");
+            let factor = if is_deck || !crate::is_full() {
                 2.0
             } else {
                 1.5

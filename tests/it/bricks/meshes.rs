@@ -42,7 +42,8 @@ fn vertices_on_the_exact_field_and_their_numbers_are_those_of_memory() {
     let outputs = "[[output]]\nmesh = \"a.ply\"\nproject = true\ngrids = [\"element_id\", \"fold\", \"weight_p\"]\nunit = \"cm\"\n[[output]]\nmesh = \"b.ply\"\ngrids = [\"uvw\"]\n[[output]]\nmesh = \"c.stl\"\nproject = true\n";
     let recipe = Recipe::parse(&format!("{TILED}{outputs}"), &[]).unwrap();
     let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
-    for (bricks, threads) in [(1, 2), (2, 1)] {
+    let tried = if crate::is_full() { 2 } else { 1 };
+    for (bricks, threads) in [(1, 2), (2, 1)].into_iter().take(tried) {
         let two = run(&recipe, &options(&parts, Some(bricks), threads), &Silent).unwrap();
         assert_eq!(facts(&one), facts(&two));
         for name in ["a.ply", "b.ply"] {
@@ -118,8 +119,9 @@ fn assert_fewer_in_all_bricks([voxel, size]: [&str; 2], outputs: &str, shares: &
 #[test]
 fn fewer_triangles_are_the_same_in_all_bricks() {
     let outputs = "[[output]]\nmesh = \"few.ply\"\ndecimate = { share = 0.02, error = \"0.5vx\" }\nproject = true\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"half.stl\"\ndecimate = 0.5\n";
+    let voxel_size = if crate::is_full() { "0.06" } else { "0.08" };
     assert_fewer_in_all_bricks(
-        ["0.06", "[16, 8, 8]"],
+        [voxel_size, "[16, 8, 8]"],
         outputs,
         &[("few.ply", 0.2), ("half.stl", 0.51)],
     );
