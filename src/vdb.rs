@@ -290,12 +290,22 @@ impl LevelSet {
     /// As [`LevelSet::leaves`].
     pub fn bounds(&self) -> Result<Aabb, VdbError> {
         let leaves = self.leaves()?;
-        let all = (0..leaves.len()).into_par_iter().with_min_len(64);
-        let bounds = all.fold(
-            || Aabb::EMPTY,
-            |bounds, n| leaves.get(n).map_or(bounds, |l| self.extended(bounds, &l)),
-        );
-        Ok(bounds.reduce(|| Aabb::EMPTY, Aabb::union))
+        Ok(leaves
+            .iter()
+            .fold(Aabb::EMPTY, |bounds, l| self.extended(bounds, &l)))
+    }
+
+    /// As [`LevelSet::bounds`], on several threads.
+    pub(crate) fn parallel_bounds(&self, threads: &Threads) -> Result<Aabb, VdbError> {
+        let leaves = self.leaves()?;
+        Ok(threads.install(|| {
+            let all = (0..leaves.len()).into_par_iter().with_min_len(64);
+            let bounds = all.fold(
+                || Aabb::EMPTY,
+                |bounds, n| leaves.get(n).map_or(bounds, |l| self.extended(bounds, &l)),
+            );
+            bounds.reduce(|| Aabb::EMPTY, Aabb::union)
+        }))
     }
 
     /// Bounds that contain the solid at the voxels of a leaf, too.

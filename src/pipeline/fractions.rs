@@ -33,10 +33,11 @@ pub(super) fn density(
     let Some(cache) = cache else {
         return new_density(scaffold, cell);
     };
+    let place = format!("{} {:?}", cell.name(), cell.element());
     let make = || Ok::<_, Infallible>(new_density(scaffold, cell));
     let Ok(found) = cache
         .densities
-        .get_or_make(density_key(scaffold, cell), make);
+        .get_or_make((place, density_key(scaffold, cell)), make);
     found
 }
 

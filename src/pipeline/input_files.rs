@@ -80,7 +80,7 @@ impl<'a> InputFiles<'a> {
         let path = self.recipe.resolve(&file.path);
         let whole = file_key(&path).map(|f| {
             let unit = self.recipe.unit();
-            format!("{key} {file:?} {has_beams} {unit:?} {f}")
+            (key.to_owned(), format!("{file:?} {has_beams} {unit:?} {f}"))
         });
         let (Some(cache), Some(whole)) = (self.cache, whole) else {
             let found = self.new_solid(key, file, &path, has_beams)?;

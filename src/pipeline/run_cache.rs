@@ -10,9 +10,6 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Solids and densities that are kept; the cache is emptied when there are more.
-const MAX_KEPT: usize = 16;
-
 /// What earlier runs read and made. Clones share it.
 #[derive(Clone, Default)]
 pub struct RunCache {
@@ -40,8 +37,9 @@ pub(super) struct FileSolid {
     pub paths: Vec<PathBuf>,
 }
 
-/// Values by all that they depend on.
-pub(super) struct Kept<T>(Arc<Mutex<BTreeMap<String, T>>>);
+/// The latest value of each place in the recipe, with all that it depends on: a changing key never keeps more than one
+/// value of a place.
+pub(super) struct Kept<T>(Arc<Mutex<BTreeMap<String, (String, T)>>>);
 
 impl<T> Clone for Kept<T> {
     fn clone(&self) -> Self {
@@ -56,18 +54,18 @@ impl<T> Default for Kept<T> {
 }
 
 impl<T: Clone> Kept<T> {
-    /// The kept value, else the one that `make` makes.
-    pub fn get_or_make<E>(&self, key: String, make: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+    /// The kept value of a place, if it was made with the same key, else the one that `make` makes.
+    pub fn get_or_make<E>(
+        &self,
+        (place, key): (String, String),
+        make: impl FnOnce() -> Result<T, E>,
+    ) -> Result<T, E> {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(kept) = lock().get(&key) {
+        if let Some((_, kept)) = lock().get(&place).filter(|(own, _)| *own == key) {
             return Ok(kept.clone());
         }
         let made = make()?;
-        let mut all = lock();
-        if all.len() >= MAX_KEPT {
-            all.clear();
-        }
-        all.insert(key, made.clone());
+        lock().insert(place, (key, made.clone()));
         Ok(made)
     }
 }

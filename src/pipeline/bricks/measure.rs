@@ -50,7 +50,7 @@ pub(super) fn measure(
     for brick in (0..count).rev() {
         let region = bricks.region(brick);
         let own = part(context, store, region.grown(halo), Coord([0; 3]))?;
-        let bounds = context.threads.install(|| own.bounds());
+        let bounds = own.parallel_bounds(context.threads);
         found.frame = found.frame.union(bounds.map_err(&failed)?);
         let session = context.session();
         let patch = own.patch(region, far, None, session).map_err(&failed)?;
