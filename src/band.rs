@@ -43,7 +43,7 @@ pub use leaf::{LeafBatch, LeafSink, SinkError, VOXELS};
 #[doc(hidden)]
 pub use leaf_file::LeafFileWriter;
 pub use leaf_file::{LeafFileError, LeafFileHead};
-pub use leaf_store::{LeafStore, StoreError, UpperNode};
+pub use leaf_store::{FullLeaf, LeafStore, StoreError, UpperNode};
 pub(crate) use redistance::ClosestPointField;
 pub use redistance::SurfacePoints;
 pub use sinks::{Leaf, LeafCounter, LeafCounts, LeafMap};

@@ -250,6 +250,33 @@ pub fn run_vectorized(work: impl FnOnce()) {
     work();
 }
 
+/// Which of the 512 values of a leaf are negative: word x, bit 8 y + z.
+pub(crate) fn negative_bits(values: &[f32; 512]) -> [u64; 8] {
+    run(NegativeBits(values))
+}
+
+struct NegativeBits<'a>(&'a [f32; 512]);
+
+impl SimdKernel for NegativeBits<'_> {
+    type Output = [u64; 8];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> [u64; 8] {
+        let zero = l.splat(0.0);
+        let rows = self.0.as_chunks::<8>().0;
+        // Closures of `array::from_fn` would not be compiled for the processor at hand.
+        let mut bits = [0; 8];
+        for (word, slab) in bits.iter_mut().zip(rows.as_chunks::<8>().0) {
+            let mut bytes = [0; 8];
+            for (byte, row) in bytes.iter_mut().zip(slab) {
+                *byte = l.below(l.load(row), zero);
+            }
+            *word = u64::from_le_bytes(bytes);
+        }
+        bits
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

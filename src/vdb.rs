@@ -311,10 +311,7 @@ impl LevelSet {
     /// Bounds that contain the solid at the voxels of a leaf, too.
     fn extended(&self, mut bounds: Aabb, leaf: &LeafView) -> Aabb {
         // A leaf whose box, dilated by its deepest value, lies within the bounds cannot extend them.
-        let deepest = leaf
-            .values
-            .iter()
-            .fold(0f32, |d, v| if -v > d { -v } else { d });
+        let deepest = leaf.greatest(-1.0);
         let ends = [0, VOXELS - 1].map(|n| self.transform.world(leaf.voxel(n)).0 + self.origin);
         let reach = Aabb::of(ends).dilated(f64::from(deepest));
         if [reach.min, reach.max]

@@ -31,6 +31,42 @@ pub(super) fn flood(
     }
 }
 
+/// As [`flood`] for the voxels of a leaf (word x, bit 8 y + z), which end as they begin: all voxels inside, from those
+/// that are known, and those of them that are inside.
+pub(super) fn flood_leaf(first: bool, known: &[u64; 8], inside: &[u64; 8]) -> [u64; 8] {
+    let mut all = [0; 8];
+    let mut along_x = first;
+    for x in 0..8 {
+        if known[x] & 1 == 1 {
+            along_x = inside[x] & 1 == 1;
+        }
+        let mut along_y = along_x;
+        let (known, inside) = (known[x].to_le_bytes(), inside[x].to_le_bytes());
+        let mut rows = [0; 8];
+        for y in 0..8 {
+            if known[y] & 1 == 1 {
+                along_y = inside[y] & 1 == 1;
+            }
+            rows[y] = match known[y] {
+                u8::MAX => inside[y],
+                0 if along_y => u8::MAX,
+                0 => 0,
+                some => {
+                    let mut along_z = along_y;
+                    (0..8).fold(0, |row, z| {
+                        if some >> z & 1 == 1 {
+                            along_z = inside[y] >> z & 1 == 1;
+                        }
+                        row | u8::from(along_z) << z
+                    })
+                }
+            };
+        }
+        all[x] = u64::from_le_bytes(rows);
+    }
+    all
+}
+
 /// Whether the last slot of a filled cube ends inside, from the known slots in ascending order and whether
 /// each ends inside.
 pub(super) fn last(
@@ -75,6 +111,41 @@ mod tests {
             );
             let found = last(edge, first, known.iter().map(|(&s, &i)| (s, i)));
             assert_eq!(signs[&(edge * edge * edge - 1)], found);
+        }
+    }
+
+    #[test]
+    fn leaves_are_filled_as_other_cubes() {
+        let mut state = 1u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1);
+            state ^ state >> 29
+        };
+        for n in 0..500 {
+            // Whole rows too, known or not.
+            let bytes = |word: u64| {
+                let whole = |b: u8| {
+                    if b & 3 == 0 {
+                        0
+                    } else if b & 3 == 1 {
+                        u8::MAX
+                    } else {
+                        b
+                    }
+                };
+                u64::from_le_bytes(word.to_le_bytes().map(whole))
+            };
+            let known: [u64; 8] = std::array::from_fn(|_| bytes(next() & next()));
+            let inside: [u64; 8] = std::array::from_fn(|x| bytes(next()) & known[x]);
+            let has = |bits: &[u64; 8], slot: usize| bits[slot >> 6] >> (slot & 63) & 1 == 1;
+            let mut expected = inside;
+            flood(
+                8,
+                n % 2 == 0,
+                |slot| has(&known, slot).then(|| has(&inside, slot)),
+                |slot, is_inside| expected[slot >> 6] |= u64::from(is_inside) << (slot & 63),
+            );
+            assert_eq!(flood_leaf(n % 2 == 0, &known, &inside), expected);
         }
     }
 }

@@ -18,6 +18,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 mod order;
+mod values;
+
+pub use values::FullLeaf;
+use values::fill_values;
 
 /// Voxels along the edge of OpenVDB's upper nodes.
 const UPPER_EDGE: i32 = 4096;
@@ -316,8 +320,24 @@ impl LeafStore {
     /// [`LeafFileError`] if the file has changed since it was opened.
     pub fn read(&self, block: Coord, region: Region) -> Result<LeafBatch, LeafFileError> {
         let mut batch = LeafBatch::default();
+        self.visit(block, region, |leaf| {
+            batch.push(leaf.origin, *leaf.active, leaf.values);
+        })?;
+        Ok(batch)
+    }
+
+    /// Calls `visit` with the leaves that [`LeafStore::read`] returns.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn visit(
+        &self,
+        block: Coord,
+        region: Region,
+        mut visit: impl FnMut(FullLeaf<'_>),
+    ) -> Result<(), LeafFileError> {
         let Some(entry) = self.blocks.get(&block) else {
-            return Ok(batch);
+            return Ok(());
         };
         let path = &self.files[entry.file];
         let failed = |e| self.io_error(entry.file, e);
@@ -326,6 +346,7 @@ impl LeafStore {
             let [first, last] = chunk.layers.map(|x| block[0] + i32::from(x) * LEAF);
             first <= region.max[0] && last + LEAF > region.min[0]
         };
+        let mut values = [0.0; VOXELS];
         for chunk in entry.chunks.iter().filter(layer_meets) {
             let bytes = read_range(&mut file, chunk.start, chunk.bytes as usize).map_err(failed)?;
             let mut rest = &bytes[..];
@@ -334,13 +355,19 @@ impl LeafStore {
                 if region.meets(origin, LEAF)
                     && let Some((leaf, _)) = leaf_at(rest)
                 {
-                    let values = self.leaf_values(&leaf.mask, &leaf.active);
-                    batch.push(origin, leaf.mask, &values);
+                    let inside =
+                        fill_values(self.background, &leaf.mask, &leaf.active, &mut values);
+                    visit(FullLeaf {
+                        origin,
+                        active: &leaf.mask,
+                        inside: &inside,
+                        values: &values,
+                    });
                 }
                 rest = rest.get(length..).unwrap_or(&[]);
             }
         }
-        Ok(batch)
+        Ok(())
     }
 
     fn io_error(&self, file: usize, source: io::Error) -> LeafFileError {
@@ -353,29 +380,7 @@ impl LeafStore {
     /// All 512 values of a leaf from its active ones; inactive voxels get minus or plus the background.
     pub fn leaf_values(&self, mask: &[u64; 8], active: &[f32]) -> [f32; VOXELS] {
         let mut values = [0.0; VOXELS];
-        let mut inside = [0u64; 8];
-        let mut next = active.iter();
-        for (x, &word) in mask.iter().enumerate() {
-            let mut left = word;
-            while left != 0
-                && let Some(&v) = next.next()
-            {
-                let bit = left.trailing_zeros();
-                values[x << 6 | bit as usize] = v;
-                inside[x] |= u64::from(v < 0.0) << bit;
-                left &= left - 1;
-            }
-        }
-        let has_bit = |bits: &[u64; 8], n: usize| bits[n >> 6] >> (n & 63) & 1 == 1;
-        let background = self.background;
-        flood(
-            LEAF as usize,
-            active.first().is_some_and(|v| *v < 0.0),
-            |n| has_bit(mask, n).then(|| has_bit(&inside, n)),
-            |n, inside| {
-                values[n] = if inside { -background } else { background };
-            },
-        );
+        fill_values(self.background, mask, active, &mut values);
         values
     }
 

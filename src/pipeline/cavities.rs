@@ -46,7 +46,7 @@ pub struct CavityReport {
 /// Least distance that is measured for a requirement, voxels, so that the report has radii somewhat above it.
 const MIN_REACH: f64 = 8.0;
 
-/// The greatest distance that is measured for the requirements, voxels.
+/// The greatest distance that is measured for the requirements, voxels: a cavity is a voxel deeper than its way out.
 pub(super) fn reach(require: &RequireSection, scale: Scale) -> i32 {
     let required = require.escape_radius.map_or(0.0, |r| r.resolve(scale));
     let voxels = (required / scale.voxel_size).ceil() + 1.0;

@@ -4,7 +4,7 @@
 //! Operations would interpret the missing distances as a thin wall.
 
 use super::redistance::Rebuild;
-use super::{LeafView, LevelSet, Session, VdbError};
+use super::{LeafView, LevelSet, Session, VdbError, voxel_mask};
 use crate::band::Region;
 
 /// Share of the background from which a value counts as the full half width.
@@ -70,23 +70,59 @@ impl LevelSet {
 
 /// Adds the values of a leaf to the extremes inside and outside.
 fn add_extremes(leaf: &LeafView<'_>, sides: &mut [SideExtremes; 2]) {
-    for (n, &v) in leaf.values.iter().enumerate() {
-        let side = &mut sides[usize::from(v >= 0.0)];
-        let size = v.abs();
-        if !leaf.is_active(n) {
-            side.has_beyond = true;
+    let negative = voxel_mask::negative(leaf.values);
+    let negative = negative.iter().flat_map(|word| word.to_le_bytes());
+    // Of rows that are active on one side: by side and z.
+    let mut greatest = [[0f32; 8]; 2];
+    for (at, ((row, active), negative)) in leaf.rows().zip(negative).enumerate() {
+        sides[0].has_beyond |= negative & !active != 0;
+        sides[1].has_beyond |= !negative & !active != 0;
+        let side = usize::from(negative == 0);
+        if active == u8::MAX && (side == 1 || negative == u8::MAX) && !may_be_flat(leaf, at) {
+            for (greatest, v) in greatest[side].iter_mut().zip(row) {
+                *greatest = if v.abs() > *greatest {
+                    v.abs()
+                } else {
+                    *greatest
+                };
+            }
             continue;
         }
-        side.active = side.active.max(size);
-        let is_inner = [n >> 6, n >> 3 & 7, n & 7]
-            .iter()
-            .all(|c| (1..7).contains(c));
-        if is_inner && size > side.plateau {
-            let is_alike =
-                |stride: usize| leaf.values[n - stride] == v && leaf.values[n + stride] == v;
-            if [64, 8, 1].into_iter().all(is_alike) {
-                side.plateau = size;
-            }
+        for n in (0..8).filter(|n| active >> n & 1 == 1) {
+            add_voxel(leaf, 8 * at + n, sides);
+        }
+    }
+    for (side, greatest) in sides.iter_mut().zip(greatest) {
+        side.active = greatest.into_iter().fold(side.active, f32::max);
+    }
+}
+
+/// Whether row number `row` may have a voxel whose value its six neighbours share.
+fn may_be_flat(leaf: &LeafView<'_>, row: usize) -> bool {
+    let is_inner = [row >> 3, row & 7].iter().all(|c| (1..7).contains(c));
+    if !is_inner {
+        return false;
+    }
+    let rows = leaf.values.as_chunks::<8>().0;
+    let [own, before, after] = [row, row - 8, row + 8].map(|n| &rows[n]);
+    // Without an early exit it is vectorised.
+    let is_alike = |n: usize| before[n] == own[n] && after[n] == own[n];
+    (0..8).fold(false, |any, n| any | is_alike(n))
+}
+
+/// Adds an active voxel to the extremes inside and outside.
+fn add_voxel(leaf: &LeafView<'_>, n: usize, sides: &mut [SideExtremes; 2]) {
+    let v = leaf.values[n];
+    let side = &mut sides[usize::from(v >= 0.0)];
+    let size = v.abs();
+    side.active = side.active.max(size);
+    let is_inner = [n >> 6, n >> 3 & 7, n & 7]
+        .iter()
+        .all(|c| (1..7).contains(c));
+    if is_inner && size > side.plateau {
+        let is_alike = |stride: usize| leaf.values[n - stride] == v && leaf.values[n + stride] == v;
+        if [64, 8, 1].into_iter().all(is_alike) {
+            side.plateau = size;
         }
     }
 }

@@ -11,8 +11,8 @@
 //! memory and a solid on disk have the same blocks, and so the same cavities.
 
 use super::index::LeafIndex;
-use super::{FileError, LevelSet, Session, VdbError};
-use crate::band::{BLOCK, LEAF, LeafStore, Region, StoreError, VOXELS};
+use super::{FileError, LevelSet, Session, VdbError, voxel_mask};
+use crate::band::{BLOCK, FullLeaf, LEAF, LeafStore, Region, StoreError};
 use crate::frame::Coord;
 use crate::progress::{Cancelled, Progress};
 use crate::union_find::UnionFind;
@@ -94,11 +94,11 @@ pub(super) trait LeafSource: Sync {
     /// The box of the leaves.
     fn bounds(&self) -> Option<Region>;
 
-    /// Calls `visit` with origin and values of the leaves that meet a region.
+    /// Calls `visit` with the leaves that meet a region.
     fn visit_leaves(
         &self,
         region: Region,
-        visit: &mut dyn FnMut(Coord, &[f32; VOXELS]),
+        visit: &mut dyn FnMut(FullLeaf<'_>),
     ) -> Result<(), Self::Error>;
 
     /// Cubes without leaves that lie inside and meet a region: least voxel and edge.
@@ -179,13 +179,18 @@ impl LeafSource for MemorySource<'_> {
     fn visit_leaves(
         &self,
         region: Region,
-        visit: &mut dyn FnMut(Coord, &[f32; VOXELS]),
+        visit: &mut dyn FnMut(FullLeaf<'_>),
     ) -> Result<(), VdbError> {
         for block in region.cubes(BLOCK) {
             for &n in self.leaves.get(&block).into_iter().flatten() {
                 let leaf = &self.index.leaves[n];
                 if region.meets(leaf.origin, LEAF) {
-                    visit(leaf.origin, leaf.values);
+                    visit(FullLeaf {
+                        origin: leaf.origin,
+                        active: &leaf.mask,
+                        inside: &voxel_mask::negative(leaf.values),
+                        values: leaf.values,
+                    });
                 }
             }
         }
@@ -218,13 +223,11 @@ impl LeafSource for LeafStore {
     fn visit_leaves(
         &self,
         region: Region,
-        visit: &mut dyn FnMut(Coord, &[f32; VOXELS]),
+        visit: &mut dyn FnMut(FullLeaf<'_>),
     ) -> Result<(), FileError> {
         for block in self.blocks_in(region) {
-            let batch = self.read(block, region).map_err(StoreError::from)?;
-            for (&origin, values) in batch.origins.iter().zip(&batch.values) {
-                visit(origin, values);
-            }
+            let visited = self.visit(block, region, &mut *visit);
+            visited.map_err(StoreError::from)?;
         }
         Ok(())
     }

@@ -52,14 +52,18 @@ pub(super) struct Part {
 impl Part {
     /// The connected parts of a leaf on a side.
     pub fn all_of(leaf: &LeafView<'_>, side: Side) -> Vec<Self> {
-        let set = voxel_mask::select(leaf.values, |v| (v < 0.0) == (side == Side::Solid));
+        let negative = voxel_mask::negative(leaf.values);
+        let set = match side {
+            Side::Solid => negative,
+            Side::Void => negative.map(|w| !w),
+        };
         let parts = voxel_mask::parts(set);
         let deeper = |d: f32, v: f32| if v > d { v } else { d };
         let depth = |part: &Bits| {
             if *part == set {
                 // A single part: one pass over the leaf suffices.
                 let sign = if side == Side::Solid { -1.0 } else { 1.0 };
-                return leaf.values.iter().fold(0.0, |d, v| deeper(d, sign * v));
+                return leaf.greatest(sign);
             }
             let mut depth = 0.0;
             for (&word, row) in part.iter().zip(leaf.values.chunks_exact(64)) {

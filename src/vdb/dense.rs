@@ -30,10 +30,11 @@ impl DenseValues {
                 -background
             });
         }
-        source.visit_leaves(region, &mut |leaf, values| {
-            own.fill(Region::cube(leaf, LEAF).common(region), background, |v| {
-                let [x, y, z] = [0, 1, 2].map(|a| (v[a] - leaf[a]) as usize);
-                values[x << 6 | y << 3 | z]
+        source.visit_leaves(region, &mut |leaf| {
+            let origin = leaf.origin;
+            own.fill(Region::cube(origin, LEAF).common(region), background, |v| {
+                let [x, y, z] = [0, 1, 2].map(|a| (v[a] - origin[a]) as usize);
+                leaf.values[x << 6 | y << 3 | z]
             });
         })?;
         Ok(own.values.iter().any(|v| *v < 0.0).then_some(own))

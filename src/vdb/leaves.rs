@@ -46,6 +46,43 @@ impl LeafView<'_> {
     pub fn any_active(&self) -> bool {
         self.mask.iter().any(|&w| w != 0)
     }
+
+    /// Rows along z of eight values, in order (x, y), and which of them are active: bit z.
+    pub(super) fn rows(&self) -> impl Iterator<Item = (&[f32; 8], u8)> {
+        let active = self.mask.iter().flat_map(|word| word.to_le_bytes());
+        self.values.as_chunks().0.iter().zip(active)
+    }
+
+    /// The greatest of all values times `sign`, at least 0.
+    pub(super) fn greatest(&self, sign: f32) -> f32 {
+        let higher = |a: f32, b: f32| if b > a { b } else { a };
+        // Eight at a time, which processors compare at once.
+        let mut lanes = [0.0; 8];
+        for (row, _) in self.rows() {
+            for (greatest, v) in lanes.iter_mut().zip(row) {
+                *greatest = higher(*greatest, sign * v);
+            }
+        }
+        lanes.into_iter().fold(0.0, higher)
+    }
+
+    /// The least and the greatest active value; `None` without any. No value is NaN.
+    pub(super) fn active_range(&self) -> Option<[f32; 2]> {
+        let lower = |a: f32, b: f32| if b < a { b } else { a };
+        let higher = |a: f32, b: f32| if b > a { b } else { a };
+        let (mut low, mut high) = ([f32::INFINITY; 8], [f32::NEG_INFINITY; 8]);
+        for (row, active) in self.rows().filter(|(_, active)| *active != 0) {
+            for n in 0..8 {
+                if active == u8::MAX || active >> n & 1 == 1 {
+                    low[n] = lower(low[n], row[n]);
+                    high[n] = higher(high[n], row[n]);
+                }
+            }
+        }
+        let low = low.into_iter().fold(f32::INFINITY, lower);
+        let high = high.into_iter().fold(f32::NEG_INFINITY, higher);
+        (low <= high).then_some([low, high])
+    }
 }
 
 /// A tile of the tree: a cube of one value. Tiles of level sets are inactive and inside; other grids may have

@@ -252,7 +252,7 @@ impl Volume {
     fn inactive_inside(&self) -> Result<u64, VdbError> {
         let mut count = 0;
         for leaf in self.leaves()?.iter() {
-            let below = super::voxel_mask::select(leaf.values, |v| v < 0.0);
+            let below = super::voxel_mask::negative(leaf.values);
             let words = below.iter().zip(leaf.mask);
             count += words
                 .map(|(b, m)| u64::from((b & !m).count_ones()))

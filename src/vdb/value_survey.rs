@@ -6,6 +6,7 @@
 use super::ffi;
 use super::ffi::TileChoice;
 use super::leaves::{LeafView, Leaves, tiles_of};
+use super::voxel_mask::{self, Bits};
 use crate::frame::Coord;
 
 /// Statistics of the values of a grid.
@@ -71,7 +72,8 @@ impl Survey {
         const EXPONENT: u32 = 0x7f80_0000;
         // A loop without an early exit is vectorised.
         let is_bad = |v: &f32| v.to_bits() & EXPONENT == EXPONENT;
-        if leaf.values.iter().fold(false, |any, v| any | is_bad(v)) {
+        let any_bad = leaf.values.iter().fold(false, |any, v| any | is_bad(v));
+        if any_bad {
             for (n, &v) in leaf.values.iter().enumerate().filter(|(_, v)| is_bad(v)) {
                 self.add_non_finite(v, leaf.voxel(n));
             }
@@ -83,18 +85,32 @@ impl Survey {
                 let within = leaf.origin[a]..=last[a];
                 within.contains(&bbox[0][a]) || within.contains(&bbox[1][a])
             });
-        for (n, &v) in leaf.values.iter().enumerate() {
-            if leaf.is_active(n) && v.is_finite() {
-                self.add(v, meets_face && is_outer(leaf.voxel(n), bbox));
+        if any_bad || meets_face {
+            for (n, &v) in leaf.values.iter().enumerate() {
+                if leaf.is_active(n) && v.is_finite() {
+                    self.add(v, meets_face && is_outer(leaf.voxel(n), bbox));
+                }
             }
+            return;
         }
+        let negative = voxel_mask::negative(leaf.values);
+        let negative: Bits = std::array::from_fn(|x| negative[x] & leaf.mask[x]);
+        self.active += voxel_mask::count(&leaf.mask);
+        self.negative += voxel_mask::count(&negative);
+        if let Some(range) = leaf.active_range() {
+            self.widen(range);
+        }
+    }
+
+    fn widen(&mut self, [low, high]: [f32; 2]) {
+        let [least, greatest] = self.range.unwrap_or([low, high]);
+        self.range = Some([least.min(low), greatest.max(high)]);
     }
 
     fn add(&mut self, v: f32, is_outer: bool) {
         self.active += 1;
         self.negative += u64::from(v < 0.0);
-        let [low, high] = self.range.unwrap_or([v, v]);
-        self.range = Some([low.min(v), high.max(v)]);
+        self.widen([v, v]);
         if is_outer {
             self.outer_counts[usize::from(v >= 0.0)] += 1;
             self.max_outer = self.max_outer.max(v.abs());

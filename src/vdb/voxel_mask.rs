@@ -19,6 +19,11 @@ pub(super) fn select(values: &[f32; 512], test: impl Fn(f32) -> bool) -> Bits {
     bits
 }
 
+/// The set of voxels with negative values.
+pub(super) fn negative(values: &[f32; 512]) -> Bits {
+    crate::simd::negative_bits(values)
+}
+
 pub(super) fn is_empty(bits: &Bits) -> bool {
     bits.iter().all(|&w| w == 0)
 }

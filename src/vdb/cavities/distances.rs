@@ -8,19 +8,20 @@
 //! few tenths of a voxel too large.
 //!
 //! All passes run over leaves within reach of leaves with surface, so that the cost grows with the surface. They skip
-//! leaves inside: the ball around a voxel of the void up to its nearest point holds no solid, but the corners of
-//! the way to that point along the axes.
+//! leaves and rows inside: the ball around a voxel of the void up to its nearest point holds no solid, but the corners
+//! of the way to that point along the axes.
 // What the passes call must be inlined into a function that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
 use super::line_distances::{
     LeafRows, along_line, from_crossings, lower, lower_to_rows, squared_steps,
 };
-use super::samples::{Row, Rows, SLOTS, Sample, Samples};
+use super::samples::{ALL_SOLID, Row, Rows, SLOTS, Sample, Samples};
 use super::{LeafSource, Measure};
 use crate::band::{LEAF, Region, VOXELS};
 use crate::frame::Coord;
 use crate::simd::run_vectorized;
+use std::ops::Range;
 
 /// The void of a block.
 pub(super) enum BlockVoid {
@@ -197,6 +198,9 @@ fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
                 for y in (0..SLOTS).filter(|&y| wanted[y]) {
                     let out = found.rows_mut([x, y, z]);
                     for step in 0..8 {
+                        if line[halo + y].solid_row(8 * own + step) == ALL_SOLID {
+                            continue;
+                        }
                         let at = 8 * (halo + y) + step;
                         let mut square = squares[at];
                         lower_to_rows(&mut square, &rows, &has_rows, at, steps);
@@ -227,23 +231,37 @@ fn along_z(
         .collect();
     let wanted = |z: usize| near[z] && !line[z + halo].is_inside();
     let wanted: Vec<usize> = (0..SLOTS).filter(|&z| wanted(z)).collect();
-    let mut column = vec![[0f32; VOXELS]; wanted.len()];
+    let mut column = vec![[-1f32; VOXELS]; wanted.len()];
+    // The leaves within reach of the wanted ones.
+    let reached = match *wanted {
+        [first, .., last] => first..last + 2 * halo + 1,
+        [only] => only..only + 2 * halo + 1,
+        [] => 0..0,
+    };
     let mut squares = vec![f32::INFINITY; 8 * side];
     let mut crossings = Vec::new();
-    for row in 0..64 {
-        for (part, leaf) in squares.chunks_exact_mut(8).zip(&before) {
-            match leaf {
+    for row in (0..64).filter(|_| !wanted.is_empty()) {
+        for z in reached.clone() {
+            let part = &mut squares[8 * z..8 * z + 8];
+            match before[z] {
                 Some(rows) => part.copy_from_slice(&rows[row]),
                 None => part.fill(f32::INFINITY),
             }
         }
-        crossings_along_z(&line, row, &mut crossings);
+        crossings_along_z(&line, reached.clone(), row, &mut crossings);
         for (leaf, &z) in column.iter_mut().zip(&wanted) {
+            let sample = line[z + halo];
+            if sample.solid_row(row) == ALL_SOLID {
+                continue;
+            }
             let at = 8 * (halo + z);
             let mut square = along_line(&squares, at, steps);
-            lower_to_points(&mut square, &crossings, at as f32);
-            let values = line[z + halo].row(row);
-            leaf[8 * row..8 * row + 8].copy_from_slice(&signed(&square, values, found.reach));
+            lower_to_points(&mut square, &crossings, at as f32, found.reach);
+            leaf[8 * row..8 * row + 8].copy_from_slice(&signed(
+                &square,
+                sample.row(row),
+                found.reach,
+            ));
         }
     }
     let mut column = wanted.iter().zip(column).peekable();
@@ -262,31 +280,35 @@ fn along_z(
     }
 }
 
-/// The positions at which one line along z crosses the surface, ascending.
+/// The positions at which one line along z crosses the surface from a leaf of the range on, ascending.
 #[inline(always)]
-fn crossings_along_z(line: &[Sample], row: usize, crossings: &mut Vec<f32>) {
+fn crossings_along_z(line: &[Sample], leaves: Range<usize>, row: usize, crossings: &mut Vec<f32>) {
     crossings.clear();
-    let mut meet = |a: f32, b: f32, z: usize| {
-        if (a < 0.0) != (b < 0.0) {
-            crossings.push(z as f32 + a.abs() / (a.abs() + b.abs()));
-        }
-    };
-    for (n, leaf) in line.iter().enumerate() {
-        if n > 0 && (leaf.is_stored() || line[n - 1].is_stored()) {
-            meet(line[n - 1].row(row)[7], leaf.row(row)[0], 8 * n - 1);
-        }
-        if let Sample::Stored(rows) = leaf {
-            for (z, pair) in rows[row].windows(2).enumerate() {
-                meet(pair[0], pair[1], 8 * n + z);
-            }
+    for n in leaves {
+        let (leaf, next) = (line[n], line.get(n + 1).copied());
+        let next = next.filter(|next| leaf.is_stored() || next.is_stored());
+        let own = leaf.solid_row(row);
+        let after = next.map_or(own >> 7, |next| next.solid_row(row) & 1);
+        // Bit z is set where voxels z and z + 1 differ.
+        let mut differ = own ^ (own >> 1 | after << 7);
+        while differ != 0 {
+            let z = differ.trailing_zeros() as usize;
+            differ &= differ - 1;
+            let values = leaf.row(row);
+            let after = next.map_or(0.0, |next| next.row(row)[0]);
+            let [a, b] = [values[z], *values.get(z + 1).unwrap_or(&after)].map(f32::abs);
+            crossings.push((8 * n + z) as f32 + a / (a + b));
         }
     }
 }
 
-/// Lowers squared distances to those from points on the line; the first of the row is at `at`.
+/// Lowers squared distances to those from points on the line within reach; the first of the row is at `at`.
 #[inline(always)]
-fn lower_to_points(square: &mut Row, points: &[f32], at: f32) {
+fn lower_to_points(square: &mut Row, points: &[f32], at: f32, reach: f32) {
     for point in points {
+        if *point < at - reach || *point > at + 7.0 + reach {
+            continue;
+        }
         for (z, square) in square.iter_mut().enumerate() {
             let distance = at + z as f32 - point;
             *square = lower(*square, distance * distance);

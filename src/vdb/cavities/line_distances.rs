@@ -45,9 +45,15 @@ impl LeafRows {
     }
 }
 
-/// Moves positions to where the surface crosses the lines from one row to the next, `x` steps from the start.
+/// Moves positions to where the surface crosses the lines from row `i` of one leaf to row `j` of another, `x` steps
+/// from the start.
 #[inline(always)]
-fn cross(position: &mut Row, a: &Row, b: &Row, x: f32) {
+fn cross(position: &mut Row, (from, i): (&Sample, usize), (to, j): (&Sample, usize), x: f32) {
+    // Most rows are alike.
+    if from.solid_row(i) == to.solid_row(j) {
+        return;
+    }
+    let (a, b) = (from.row(i), to.row(j));
     for n in 0..8 {
         let (va, vb) = (a[n].abs(), b[n].abs());
         let crosses = (a[n] < 0.0) != (b[n] < 0.0);
@@ -73,12 +79,7 @@ pub(super) fn from_crossings(
         let is_stored = leaf.is_stored();
         if n > 0 && (is_stored || has_values(n - 1)) {
             let x = (8 * n - 1) as f32;
-            cross(
-                &mut position,
-                leaves[n - 1].row(row(7)),
-                leaf.row(row(0)),
-                x,
-            );
+            cross(&mut position, (&leaves[n - 1], row(7)), (leaf, row(0)), x);
         }
         if !is_stored && !needed[n] {
             continue;
@@ -88,8 +89,8 @@ pub(super) fn from_crossings(
             if is_stored && step > 0 {
                 cross(
                     &mut position,
-                    leaf.row(row(step - 1)),
-                    leaf.row(row(step)),
+                    (leaf, row(step - 1)),
+                    (leaf, row(step)),
                     x - 1.0,
                 );
             }
@@ -101,12 +102,7 @@ pub(super) fn from_crossings(
         let is_stored = leaf.is_stored();
         if n + 1 < leaves.len() && (is_stored || has_values(n + 1)) {
             let x = (8 * n + 7) as f32;
-            cross(
-                &mut position,
-                leaf.row(row(7)),
-                leaves[n + 1].row(row(0)),
-                x,
-            );
+            cross(&mut position, (leaf, row(7)), (&leaves[n + 1], row(0)), x);
         }
         if !is_stored && !needed[n] {
             continue;
@@ -114,12 +110,7 @@ pub(super) fn from_crossings(
         for step in (0..8).rev() {
             let x = (8 * n + step) as f32;
             if is_stored && step < 7 {
-                cross(
-                    &mut position,
-                    leaf.row(row(step)),
-                    leaf.row(row(step + 1)),
-                    x,
-                );
+                cross(&mut position, (leaf, row(step)), (leaf, row(step + 1)), x);
             }
             let square = &mut squares[8 * n + step];
             for (square, p) in square.iter_mut().zip(position) {

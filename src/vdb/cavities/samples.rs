@@ -1,8 +1,9 @@
 //! Values of a level set around one block, by leaf.
 
 use super::{LeafSource, Measure};
-use crate::band::{BLOCK, LEAF, Region, VOXELS};
+use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::Coord;
+use crate::vdb::voxel_mask::{self, Bits};
 
 /// Values along z of eight voxels.
 pub(super) type Row = [f32; 8];
@@ -11,13 +12,22 @@ pub(super) type Rows = [Row; 64];
 /// Leaves along the edge of a block.
 pub(super) const SLOTS: usize = (BLOCK / LEAF) as usize;
 
+/// A leaf with values, and which of them are inside.
+pub(super) struct StoredLeaf {
+    rows: Rows,
+    solid: Bits,
+}
+
 /// What a level set has in the place of a leaf.
 #[derive(Clone, Copy)]
 pub(super) enum Sample<'a> {
     Outside,
     Inside,
-    Stored(&'a Rows),
+    Stored(&'a StoredLeaf),
 }
+
+/// What [`Sample::solid_row`] returns for a row in the solid.
+pub(super) const ALL_SOLID: u8 = u8::MAX;
 
 impl Sample<'_> {
     pub fn is_stored(self) -> bool {
@@ -33,7 +43,25 @@ impl Sample<'_> {
         match self {
             Self::Outside => &[1.0; 8],
             Self::Inside => &[-1.0; 8],
-            Self::Stored(rows) => &rows[n],
+            Self::Stored(leaf) => &leaf.rows[n],
+        }
+    }
+
+    /// The voxels inside.
+    fn solid(self) -> Bits {
+        match self {
+            Self::Outside => [0; 8],
+            Self::Inside => [u64::MAX; 8],
+            Self::Stored(leaf) => leaf.solid,
+        }
+    }
+
+    /// Which voxels of row number `n` are inside: bit z.
+    pub fn solid_row(&self, n: usize) -> u8 {
+        match self {
+            Self::Outside => 0,
+            Self::Inside => ALL_SOLID,
+            Self::Stored(leaf) => (leaf.solid[n / 8] >> (8 * (n % 8))) as u8,
         }
     }
 }
@@ -51,7 +79,7 @@ pub(super) struct Samples {
     pub ring: usize,
     /// Number of each leaf, in order (x, y, z).
     numbers: Vec<u32>,
-    leaves: Vec<Rows>,
+    leaves: Vec<StoredLeaf>,
     /// For each leaf, whether the surface crosses an edge of the lattice at one of its voxels.
     has_surface: Vec<bool>,
 }
@@ -77,14 +105,16 @@ impl Samples {
             let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - region.min[a]) / LEAF) as usize);
             (x * side + y) * side + z
         };
-        let mut leaves: Vec<Rows> = Vec::with_capacity(4 * SLOTS.pow(2));
+        let mut leaves: Vec<StoredLeaf> = Vec::with_capacity(4 * SLOTS.pow(2));
         let mut numbers = Vec::new();
-        source.visit_leaves(region, &mut |leaf, values: &[f32; VOXELS]| {
+        source.visit_leaves(region, &mut |leaf| {
             if numbers.is_empty() {
                 numbers = vec![OUTSIDE; side.pow(3)];
             }
-            numbers[slot(leaf)] = leaves.len() as u32;
-            leaves.extend(values.as_chunks().0.first_chunk::<64>());
+            numbers[slot(leaf.origin)] = leaves.len() as u32;
+            let solid = *leaf.inside;
+            let rows = leaf.values.as_chunks().0.first_chunk::<64>();
+            leaves.extend(rows.map(|&rows| StoredLeaf { rows, solid }));
         })?;
         if numbers.is_empty() {
             return Ok(None);
@@ -114,13 +144,11 @@ impl Samples {
 
     /// Finds out what [`Samples::has_surface`] returns.
     fn crosses(&self, at: [usize; 3]) -> bool {
-        let Sample::Stored(rows) = self.at(at) else {
+        let Sample::Stored(leaf) = self.at(at) else {
             return false;
         };
-        let is_inside = rows[0][0] < 0.0;
-        // A loop without an early exit is vectorised.
-        let differs = |row: &Row| row.iter().filter(|v| (**v < 0.0) != is_inside).count() > 0;
-        if rows.iter().any(differs) {
+        let uniform = if leaf.solid[0] & 1 == 1 { u64::MAX } else { 0 };
+        if leaf.solid.iter().any(|word| *word != uniform) {
             return true;
         }
         (0..6).any(|face| {
@@ -134,13 +162,8 @@ impl Samples {
             if beside[axis] >= self.side {
                 return false;
             }
-            let other = self.at(beside);
-            let first = if ahead { 0 } else { 7 };
-            match axis {
-                0 => (0..8).any(|y| differs(other.row(8 * first + y))),
-                1 => (0..8).any(|x| differs(other.row(8 * x + first))),
-                _ => (0..64).any(|n| (other.row(n)[first] < 0.0) != is_inside),
-            }
+            let other = self.at(beside).solid().map(|word| word ^ uniform);
+            !voxel_mask::is_empty(&voxel_mask::face(&other, axis, !ahead))
         })
     }
 

@@ -86,8 +86,8 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
                 leaves[slot(leaf)] = [0; 8];
             }
         }
-        self.source.visit_leaves(region, &mut |leaf, values| {
-            leaves[slot(leaf)] = voxel_mask::select(values, |v| v >= 0.0);
+        self.source.visit_leaves(region, &mut |leaf| {
+            leaves[slot(leaf.origin)] = leaf.inside.map(|w| !w);
         })?;
         Ok(match leaves[0] {
             ALL if leaves.iter().all(|l| *l == ALL) => BlockVoxels::Uniform(true),

@@ -1,0 +1,115 @@
+//! All values of a leaf, from its active ones.
+
+use crate::band::VOXELS;
+use crate::band::flood::flood_leaf;
+use crate::frame::Coord;
+use crate::simd::negative_bits;
+
+/// A leaf with all its values.
+pub struct FullLeaf<'a> {
+    /// Least voxel.
+    pub origin: Coord,
+    /// Active voxels: word x, bit 8 y + z.
+    pub active: &'a [u64; 8],
+    /// Voxels with negative values.
+    pub inside: &'a [u64; 8],
+    /// All values; inactive voxels have minus or plus the background.
+    pub values: &'a [f32; VOXELS],
+}
+
+/// Sets all values of a leaf; returns which are negative.
+pub(super) fn fill_values(
+    background: f32,
+    mask: &[u64; 8],
+    active: &[f32],
+    values: &mut [f32; VOXELS],
+) -> [u64; 8] {
+    let rows = values.as_chunks_mut::<8>().0;
+    let known = || mask.iter().flat_map(|word| word.to_le_bytes());
+    let mut next = 0usize;
+    for (row, known) in rows
+        .iter_mut()
+        .zip(known())
+        .filter(|(_, known)| *known != 0)
+    {
+        let (first, count) = (known.trailing_zeros() as usize, known.count_ones() as usize);
+        let is_run = known >> first == u8::MAX >> (8 - count);
+        // Copied as a whole, with values of other rows beside the run, which are replaced below.
+        let whole = || active.get(next.checked_sub(first)?..)?.first_chunk();
+        if let Some(whole) = is_run.then(whole).flatten() {
+            *row = *whole;
+        } else {
+            let places = (0..8).filter(|z| known >> z & 1 == 1);
+            for (z, v) in places.zip(&active[next.min(active.len())..]) {
+                row[z] = *v;
+            }
+        }
+        next += count;
+    }
+    let negative = negative_bits(values);
+    let inside: [u64; 8] = std::array::from_fn(|x| negative[x] & mask[x]);
+    let first = active.first().is_some_and(|v| *v < 0.0);
+    let inside = flood_leaf(first, mask, &inside);
+    let rows = values.as_chunks_mut::<8>().0;
+    let signs = inside.iter().flat_map(|word| word.to_le_bytes());
+    for ((row, known), inside) in rows.iter_mut().zip(known()).zip(signs) {
+        if known == u8::MAX {
+            continue;
+        }
+        for (z, v) in row.iter_mut().enumerate() {
+            let beyond = if inside >> z & 1 == 1 {
+                -background
+            } else {
+                background
+            };
+            *v = if known >> z & 1 == 1 { *v } else { beyond };
+        }
+    }
+    inside
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::band::flood::flood;
+
+    #[test]
+    fn values_are_those_that_are_put_one_by_one() {
+        let mut state = 1u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1);
+            state ^ state >> 29
+        };
+        // The values of one leaf must not show in the next.
+        let mut values = [0.0; VOXELS];
+        for n in 0..300 {
+            // Runs of every length, and rows with gaps.
+            let row = |b: u8| match n % 3 {
+                0 => b,
+                1 => u8::MAX >> (b & 7) << (b >> 3 & 7),
+                _ => u8::from(b & 1 == 1) * u8::MAX,
+            };
+            let mask: [u64; 8] =
+                std::array::from_fn(|_| u64::from_le_bytes(next().to_le_bytes().map(row)));
+            let has = |slot: usize| mask[slot >> 6] >> (slot & 63) & 1 == 1;
+            let known: Vec<usize> = (0..VOXELS).filter(|&slot| has(slot)).collect();
+            let value = |n: u64| (n >> 40) as f32 / (1 << 23) as f32 - 1.0;
+            let active: Vec<f32> = known.iter().map(|_| value(next())).collect();
+            let mut expected = [0.0; VOXELS];
+            for (&slot, &v) in known.iter().zip(&active) {
+                expected[slot] = v;
+            }
+            let signs = expected;
+            flood(
+                8,
+                active.first().is_some_and(|v| *v < 0.0),
+                |slot| has(slot).then(|| signs[slot] < 0.0),
+                |slot, inside| expected[slot] = if inside { -2.0 } else { 2.0 },
+            );
+            let inside = fill_values(2.0, &mask, &active, &mut values);
+            assert_eq!(values, expected);
+            let is_inside = |slot: usize| inside[slot >> 6] >> (slot & 63) & 1 == 1;
+            assert!((0..VOXELS).all(|slot| is_inside(slot) == (expected[slot] < 0.0)));
+        }
+    }
+}
