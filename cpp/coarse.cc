@@ -19,7 +19,7 @@ Coord CoarseCopy::leaf_of(const Coord& fine) const {
 
 void CoarseCopy::note_leaf(const Coord& origin) {
   const Coord own = leaf_of(origin);
-  if (own != last_) origins_.insert(own);
+  if (own != last_) origins_.push_back(own);
   last_ = own;
 }
 
@@ -30,19 +30,21 @@ void CoarseCopy::put(const Coord& origin, const float* values, const Mask& activ
   const Coord first = origin - Coord(own.x() * step_, own.y() * step_, own.z() * step_);
   const float scale = 1.0f / static_cast<float>(step_ * step_ * step_);
   for_part(Coord(first.x() >> 3, first.y() >> 3, first.z() >> 3), [&](Index at, int i, int j, int k) {
-    float sum = 0.0f;
-    bool on = false;
+    float sums[8] = {};  // in turns, so that one sum does not wait for the other
+    std::uint64_t on = 0;
     for (int a = 0; a < step_; ++a) {
+      const int x = step_ * i + a;
+      const std::uint64_t word = active.template getWord<std::uint64_t>(static_cast<Index>(x));
       for (int b = 0; b < step_; ++b) {
-        for (int c = 0; c < step_; ++c) {
-          const Index n = static_cast<Index>((step_ * i + a) << 6 | (step_ * j + b) << 3 | (step_ * k + c));
-          sum += values[n];
-          on = on || active.isOn(n);
-        }
+        const int row = 8 * (step_ * j + b) + step_ * k;
+        for (int c = 0; c < step_; ++c) sums[c] += values[64 * x + row + c];
+        on |= word >> row & ((1u << step_) - 1);
       }
     }
+    float sum = 0.0f;
+    for (const float part : sums) sum += part;
     leaf->setValueOnly(at, sum * scale);
-    leaf->setActiveState(at, on);
+    leaf->setActiveState(at, on != 0);
   });
 }
 
@@ -62,8 +64,8 @@ std::unique_ptr<Grid> grid_coarse(Grid& handle, std::int32_t step) {
   CoarseCopy copy(fine.background(), step);
   for (auto leaf = fine.tree().cbeginLeaf(); leaf; ++leaf) copy.note_leaf(leaf->origin());
   auto accessor = fine.getConstAccessor();
-  copy.make_leaves([&](const Coord& at) {
-    return accessor.probeConstLeaf(at) ? fine.background() : accessor.getValue(at);
+  copy.make_leaves([&](const Coord&) {
+    return [&](const Coord& at) { return accessor.probeConstLeaf(at) ? fine.background() : accessor.getValue(at); };
   });
   for (auto leaf = fine.tree().beginLeaf(); leaf; ++leaf) {
     copy.put(leaf->origin(), leaf->buffer().data(), leaf->valueMask());

@@ -3,7 +3,8 @@
 
 #include "impl.h"
 
-#include <set>
+#include <algorithm>
+#include <vector>
 
 namespace druse {
 
@@ -19,27 +20,35 @@ class CoarseCopy {
   // Notes a leaf of the grid by its origin; all of them before the first value.
   void note_leaf(const Coord& origin);
 
-  // Makes the leaves of the copy, with the value of the tile at each place that may have no leaf in the grid.
-  template <typename TileValue>
-  void make_leaves(TileValue&& tile_value) {
-    std::set<Coord> all;
+  // Makes the leaves of the copy. `tiles_from(first)` is for the cube of 8 step voxels at `first`, and returns a function
+  // of a voxel there: the value of the tile at a place that may have no leaf in the grid.
+  template <typename TilesFrom>
+  void make_leaves(TilesFrom&& tiles_from) {
+    const auto make_unique = [](std::vector<Coord>& list) {
+      std::sort(list.begin(), list.end());
+      list.erase(std::unique(list.begin(), list.end()), list.end());
+    };
+    make_unique(origins_);
+    std::vector<Coord> all;
+    all.reserve(27 * origins_.size());
     for (const Coord& origin : origins_) {
-      for (int n = 0; n < 27; ++n) all.insert(origin.offsetBy(8 * (n / 9 - 1), 8 * (n / 3 % 3 - 1), 8 * (n % 3 - 1)));
+      for (int n = 0; n < 27; ++n) all.push_back(origin.offsetBy(8 * (n / 9 - 1), 8 * (n / 3 % 3 - 1), 8 * (n % 3 - 1)));
     }
+    make_unique(all);
     for (const Coord& origin : all) {
       auto out = std::make_unique<Leaf>(origin, grid_->background(), false);
+      const Coord first(origin.x() * step_, origin.y() * step_, origin.z() * step_);
+      const auto tile_value = tiles_from(first);
       for (int n = 0; n < step_ * step_ * step_; ++n) {
         const Coord part(n / (step_ * step_), n / step_ % step_, n % step_);
-        const Coord fine(origin.x() * step_ + 8 * part.x(), origin.y() * step_ + 8 * part.y(),
-                         origin.z() * step_ + 8 * part.z());
-        const float value = tile_value(fine);
+        const float value = tile_value(first.offsetBy(8 * part.x(), 8 * part.y(), 8 * part.z()));
         for_part(part, [&](openvdb::Index at, int, int, int) { out->setValueOff(at, value); });
       }
       grid_->tree().addLeaf(out.release());
     }
   }
 
-  // The values of a leaf that was noted.
+  // The values of a leaf that was noted. Leaves in different cubes of 64 voxels may be put on different threads.
   void put(const Coord& origin, const float* values, const Mask& active);
 
   // The copy, in the frame of the grid.
@@ -48,7 +57,7 @@ class CoarseCopy {
  private:
   openvdb::FloatGrid::Ptr grid_;
   std::int32_t step_;
-  std::set<Coord> origins_;
+  std::vector<Coord> origins_;
   Coord last_{1, 1, 1};  // no origin
 
   Coord leaf_of(const Coord& fine) const;

@@ -1,4 +1,5 @@
-// Coarser copies of level sets in files that may be larger than memory: nodes first, then leaf by leaf.
+// Coarser copies of level sets in files that may be larger than memory: nodes first, then leaf by leaf. One thread cuts
+// leaves apart, all of them inflate.
 #include "coarse.h"
 
 #include <openvdb/io/Archive.h>
@@ -6,12 +7,18 @@
 #include <openvdb/io/GridDescriptor.h>
 #include <openvdb/io/io.h>
 
+#include <tbb/parallel_pipeline.h>
+#include <tbb/task_arena.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <map>
+#include <memory>
 #include <stdexcept>
+#include <streambuf>
 #include <string>
 #include <vector>
 
@@ -20,6 +27,12 @@ using namespace openvdb;
 namespace druse {
 
 namespace {
+
+constexpr const char* kEndsEarly = "the file ends early";
+// Size of the largest leaf in a file: its values as they are, masks, and what a compressor adds.
+constexpr std::int64_t kMaxLeafBytes = 4096;
+// More of them would wait for the thread that cuts leaves apart, and for memory that the reader may not have.
+constexpr int kMaxThreads = 8;
 
 // Exposes the steps of the reader.
 struct OpenReader : io::Archive {
@@ -39,7 +52,7 @@ template <typename T>
 T number(std::istream& is) {
   T value{};
   is.read(reinterpret_cast<char*>(&value), sizeof(T));
-  if (!is) throw std::runtime_error("the file ends early");
+  if (!is) throw std::runtime_error(kEndsEarly);
   return value;
 }
 
@@ -67,34 +80,25 @@ class Topology {
     for (Index32 n = 0; n < children; ++n) read_upper(is, coordinates(is), half);
   }
 
-  // Calls `visit` with the origin of each leaf, in the order of the file.
+  std::size_t lower_nodes() const { return lower_.size(); }
+
+  // Calls `visit` with the origin of each leaf of a lower node; nodes and leaves are in the order of the file.
   template <typename Visit>
-  void for_leaves(Visit&& visit) const {
-    for (const auto& [origin, node] : lower_) {
-      for (auto child = node.children.beginOn(); child; ++child) visit(place<Node1>(origin, child.pos()));
-    }
+  void for_leaves(std::size_t lower, Visit&& visit) const {
+    const auto& [origin, node] = lower_[lower];
+    for (auto child = node.children.beginOn(); child; ++child) visit(place<Node1>(origin, child.pos()));
   }
 
-  // The value of the tile at a place without a leaf.
-  float tile_value(const Coord& at) const {
+  // The values of the tiles in the cube of a lower node that contains `first`, as a function of a voxel.
+  auto tiles_from(const Coord& first) const {
+    const Coord origin = first & ~(static_cast<int>(Node1::DIM) - 1);
+    const auto found = numbers_.find(origin);
+    const Lower* node = found == numbers_.end() ? nullptr : &lower_[found->second].second;
     const float size = std::abs(background);
-    const auto signed_background = [&](bool inside) { return inside ? -size : size; };
-    const auto number_in = [&](const Coord& origin, Index log2, Index total) {
-      const Coord within = at - origin;
-      const auto part = [&](int c) { return static_cast<Index>(c) >> total; };
-      return part(within.x()) << 2 * log2 | part(within.y()) << log2 | part(within.z());
+    return [=, tile = node ? 0.0f : upper_tile(origin)](const Coord& at) {
+      if (!node) return tile;
+      return node->inside.isOn(number_in(at - origin, Node1::LOG2DIM, Leaf::TOTAL)) ? -size : size;
     };
-    const Coord lower = at & ~(static_cast<int>(Node1::DIM) - 1);
-    if (const auto found = numbers_.find(lower); found != numbers_.end()) {
-      const Lower& node = lower_[found->second].second;
-      return signed_background(node.inside.isOn(number_in(lower, Node1::LOG2DIM, Leaf::TOTAL)));
-    }
-    const Coord upper = at & ~(static_cast<int>(Node2::DIM) - 1);
-    if (const auto found = upper_.find(upper); found != upper_.end()) {
-      return signed_background(found->second.isOn(number_in(upper, Node2::LOG2DIM, Node1::TOTAL)));
-    }
-    const auto root = inside_roots_.find(upper);
-    return root == inside_roots_.end() ? background : signed_background(root->second);
   }
 
  private:
@@ -113,6 +117,26 @@ class Topology {
     return origin.offsetBy(part(2 * Node::LOG2DIM), part(Node::LOG2DIM), part(0));
   }
 
+  // The number of a node's part of edge 2^total at a place in the node.
+  static Index number_in(const Coord& within, Index log2, Index total) {
+    const auto part = [&](int c) { return static_cast<Index>(c) >> total; };
+    return part(within.x()) << 2 * log2 | part(within.y()) << log2 | part(within.z());
+  }
+
+  // The value of the tile at a place without a lower node.
+  float upper_tile(const Coord& at) const {
+    const Coord upper = at & ~(static_cast<int>(Node2::DIM) - 1);
+    bool inside = false;
+    if (const auto found = upper_.find(upper); found != upper_.end()) {
+      inside = found->second.isOn(number_in(at - upper, Node2::LOG2DIM, Node1::TOTAL));
+    } else if (const auto root = inside_roots_.find(upper); root != inside_roots_.end()) {
+      inside = root->second;
+    } else {
+      return background;
+    }
+    return inside ? -std::abs(background) : std::abs(background);
+  }
+
   // The masks of a node's children and of its tiles inside.
   template <typename Node>
   static std::pair<typename Node::NodeMaskType, typename Node::NodeMaskType> masks(std::istream& is, bool half) {
@@ -121,7 +145,7 @@ class Topology {
     active.load(is);
     std::vector<float> values(Node::NUM_VALUES);
     io::readCompressedValues(is, values.data(), Node::NUM_VALUES, active, half);
-    if (!is) throw std::runtime_error("the file ends early");
+    if (!is) throw std::runtime_error(kEndsEarly);
     for (Index n = 0; n < Node::NUM_VALUES; ++n) {
       if (!children.isOn(n) && values[n] < 0.0f) inside.setOn(n);
     }
@@ -141,17 +165,114 @@ class Topology {
         on.load(is);
         active += on.countOn();
       }
-      if (!is) throw std::runtime_error("the file ends early");
+      if (!is) throw std::runtime_error(kEndsEarly);
     }
   }
 };
+
+// Cuts the leaves of a file apart without inflating them (io::readCompressedValues).
+class LeafCutter {
+ public:
+  LeafCutter(std::istream& is, bool half)
+      : source_(*is.rdbuf()), compression_(io::getDataCompression(is)), value_bytes_(half ? 2 : sizeof(float)) {}
+
+  // Appends the next leaf as it is.
+  void append(std::vector<char>& out) {
+    const char* mask = take(out, Leaf::NodeMaskType::WORD_COUNT * sizeof(Index64));
+    Index active = 0;
+    for (Index n = 0; n < Leaf::NodeMaskType::WORD_COUNT; ++n) {
+      Index64 word = 0;
+      std::memcpy(&word, mask + n * sizeof(word), sizeof(word));
+      active += util::CountOn(word);
+    }
+    const int kind = *take(out, 1);
+    const bool has_mask = kind == io::MASK_AND_NO_INACTIVE_VALS || kind == io::MASK_AND_ONE_INACTIVE_VAL ||
+                          kind == io::MASK_AND_TWO_INACTIVE_VALS;
+    const bool has_one = kind == io::NO_MASK_AND_ONE_INACTIVE_VAL || kind == io::MASK_AND_ONE_INACTIVE_VAL;
+    const std::size_t inactive = has_one ? 1 : kind == io::MASK_AND_TWO_INACTIVE_VALS ? 2 : 0;
+    take(out, inactive * sizeof(float) + (has_mask ? sizeof(Index64) * Leaf::NodeMaskType::WORD_COUNT : 0));
+    const bool all = !(compression_ & io::COMPRESS_ACTIVE_MASK) || kind == io::NO_MASK_AND_ALL_VALS;
+    const Index values = all ? Leaf::SIZE : active;
+    if (value_bytes_ == 2 && values == 0) return;
+    if (compression_ & (io::COMPRESS_BLOSC | io::COMPRESS_ZIP)) {
+      Int64 bytes = 0;
+      std::memcpy(&bytes, take(out, sizeof(bytes)), sizeof(bytes));
+      // Values that do not become smaller are as they are, with a negative size.
+      if (bytes < -kMaxLeafBytes || bytes > kMaxLeafBytes) throw std::runtime_error("a leaf of impossible size");
+      take(out, static_cast<std::size_t>(std::abs(bytes)));
+    } else {
+      take(out, values * value_bytes_);
+    }
+  }
+
+ private:
+  std::streambuf& source_;
+  std::uint32_t compression_;
+  std::size_t value_bytes_;
+
+  const char* take(std::vector<char>& out, std::size_t bytes) {
+    const std::size_t start = out.size();
+    out.resize(start + bytes);
+    const auto count = static_cast<std::streamsize>(bytes);
+    if (source_.sgetn(out.data() + start, count) != count) throw std::runtime_error(kEndsEarly);
+    return out.data() + start;
+  }
+};
+
+// Bytes in memory as a stream.
+struct MemoryBuffer : std::streambuf {
+  explicit MemoryBuffer(std::vector<char>& bytes) { setg(bytes.data(), bytes.data(), bytes.data() + bytes.size()); }
+};
+
+// Puts the values of all leaves from where `is` stands into the copy.
+void put_leaves(std::istream& is, const Topology& topology, bool half, CoarseCopy& copy) {
+  struct Cut {
+    std::size_t lower;
+    std::vector<char> leaves;
+  };
+  LeafCutter cutter(is, half);
+  std::size_t next = 0;
+  const auto cut = [&](tbb::flow_control& flow) -> std::shared_ptr<Cut> {
+    if (next == topology.lower_nodes()) {
+      flow.stop();
+      return nullptr;
+    }
+    auto found = std::make_shared<Cut>(Cut{next++, {}});
+    topology.for_leaves(found->lower, [&](const Coord&) { cutter.append(found->leaves); });
+    return found;
+  };
+  const auto put = [&](const std::shared_ptr<Cut>& found) {
+    MemoryBuffer buffer(found->leaves);
+    std::istream leaves(&buffer);
+    leaves.copyfmt(is);  // the file's version, its compression and the background
+    std::array<float, Leaf::SIZE> values{};
+    topology.for_leaves(found->lower, [&](const Coord& origin) {
+      Leaf::NodeMaskType on;
+      on.load(leaves);
+      io::readCompressedValues(leaves, values.data(), Leaf::SIZE, on, half);
+      if (!leaves) throw std::runtime_error(kEndsEarly);
+      copy.put(origin, values.data(), on);
+    });
+  };
+  const int threads = std::min(tbb::this_task_arena::max_concurrency(), kMaxThreads);
+  tbb::task_arena arena(threads);
+  arena.execute([&] {
+    tbb::parallel_pipeline(
+        2 * static_cast<std::size_t>(threads),
+        tbb::make_filter<void, std::shared_ptr<Cut>>(tbb::filter_mode::serial_in_order, cut) &
+            tbb::make_filter<std::shared_ptr<Cut>, void>(tbb::filter_mode::parallel, put));
+  });
+}
 
 }  // namespace
 
 // Neither the file nor its tree is ever whole in memory.
 std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::Str name, std::uint64_t max_voxels,
                                   std::int32_t& step) {
-  std::ifstream is(std::string(reinterpret_cast<const char*>(path.data()), path.size()), std::ios::binary);
+  std::vector<char> ahead(1 << 20);
+  std::ifstream is;
+  is.rdbuf()->pubsetbuf(ahead.data(), static_cast<std::streamsize>(ahead.size()));
+  is.open(std::string(reinterpret_cast<const char*>(path.data()), path.size()), std::ios::binary);
   if (!is) throw std::runtime_error("the file could not be opened");
   OpenReader archive;
   io::StreamMetadata::Ptr metadata(new io::StreamMetadata);
@@ -181,17 +302,12 @@ std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::St
     const std::uint64_t ratio = topology.active / std::max<std::uint64_t>(max_voxels, 1);
     step = ratio < 5 ? 2 : ratio < 30 ? 4 : 8;
     CoarseCopy copy(topology.background, step);
-    topology.for_leaves([&](const Coord& origin) { copy.note_leaf(origin); });
-    copy.make_leaves([&](const Coord& at) { return topology.tile_value(at); });
+    for (std::size_t n = 0; n < topology.lower_nodes(); ++n) {
+      topology.for_leaves(n, [&](const Coord& origin) { copy.note_leaf(origin); });
+    }
+    copy.make_leaves([&](const Coord& first) { return topology.tiles_from(first); });
     descriptor.seekToBlocks(is);
-    std::array<float, Leaf::SIZE> values{};
-    topology.for_leaves([&](const Coord& origin) {
-      Leaf::NodeMaskType on;
-      on.load(is);
-      io::readCompressedValues(is, values.data(), Leaf::SIZE, on, half);
-      if (!is) throw std::runtime_error("the file ends early");
-      copy.put(origin, values.data(), on);
-    });
+    put_leaves(is, topology, half, copy);
     auto found = copy.finish(grid->transform());
     for (auto it = grid->beginMeta(); it != grid->endMeta(); ++it) {
       found->impl->base->insertMeta(it->first, *it->second);
