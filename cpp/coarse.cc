@@ -48,6 +48,14 @@ void CoarseCopy::put(const Coord& origin, const float* values, const Mask& activ
   });
 }
 
+void CoarseCopy::put_mean(const Coord& origin, float mean, bool on) {
+  Leaf* leaf = grid_->tree().probeLeaf(leaf_of(origin));
+  if (!leaf) throw std::runtime_error("a leaf without topology");
+  const Coord voxel(origin.x() >> 3, origin.y() >> 3, origin.z() >> 3);
+  leaf->setValueOnly(voxel, mean);
+  leaf->setActiveState(voxel, on);
+}
+
 std::unique_ptr<Grid> CoarseCopy::finish(const math::Transform& fine) {
   const auto transform = fine.copy();
   // Voxel (0, 0, 0) of the copy is in the middle of step^3 voxels.

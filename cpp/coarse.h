@@ -51,6 +51,11 @@ class CoarseCopy {
   // The values of a leaf that was noted. Leaves in different cubes of 64 voxels may be put on different threads.
   void put(const Coord& origin, const float* values, const Mask& active);
 
+  std::int32_t step() const { return step_; }
+
+  // The mean of a leaf that was noted, with a step of 8, and whether any of its voxels is active.
+  void put_mean(const Coord& origin, float mean, bool on);
+
   // The copy, in the frame of the grid.
   std::unique_ptr<Grid> finish(const openvdb::math::Transform& fine);
 

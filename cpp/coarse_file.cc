@@ -170,7 +170,53 @@ class Topology {
   }
 };
 
-// Cuts the leaves of a file apart without inflating them (io::readCompressedValues).
+// What a leaf in a file has beside its active values, by the byte before them (io::readCompressedValues).
+struct LeafKind {
+  int number;
+
+  bool has_selection() const {
+    return number == io::MASK_AND_NO_INACTIVE_VALS || number == io::MASK_AND_ONE_INACTIVE_VAL ||
+           number == io::MASK_AND_TWO_INACTIVE_VALS;
+  }
+
+  std::size_t inactive_values() const {
+    if (number == io::MASK_AND_TWO_INACTIVE_VALS) return 2;
+    return number == io::NO_MASK_AND_ONE_INACTIVE_VAL || number == io::MASK_AND_ONE_INACTIVE_VAL ? 1 : 0;
+  }
+
+  // Whether inactive values are among the others.
+  bool has_all(std::uint32_t compression) const {
+    return !(compression & io::COMPRESS_ACTIVE_MASK) || number == io::NO_MASK_AND_ALL_VALS;
+  }
+};
+
+// The mean of a leaf's values from where `is` stands behind its mask, as io::readCompressedValues would read them.
+float leaf_mean(std::istream& is, const Leaf::NodeMaskType& on, float background) {
+  const LeafKind kind{number<std::int8_t>(is)};
+  float inactive[2] = {kind.number == io::NO_MASK_OR_INACTIVE_VALS ? background : -background, background};
+  for (std::size_t n = 0; n < kind.inactive_values(); ++n) inactive[n] = number<float>(is);
+  Leaf::NodeMaskType selected;
+  if (kind.has_selection()) selected.load(is);
+  const std::uint32_t compression = io::getDataCompression(is);
+  const Index count = kind.has_all(compression) ? Leaf::SIZE : on.countOn();
+  std::array<float, Leaf::SIZE> values;
+  io::readData<float>(is, values.data(), count, compression);
+  if (!is) throw std::runtime_error(kEndsEarly);
+  float sums[8] = {};  // in turns, so that one sum does not wait for the other
+  for (Index n = 0; n < count; ++n) sums[n % 8] += values[n];
+  Index second = 0;
+  for (Index n = 0; n < Leaf::NodeMaskType::WORD_COUNT; ++n) {
+    second += util::CountOn(selected.getWord<Index64>(n) & ~on.getWord<Index64>(n));
+  }
+  float sum = 0.0f;
+  for (const float part : sums) sum += part;
+  if (count < Leaf::SIZE) {
+    sum += static_cast<float>(Leaf::SIZE - count - second) * inactive[0] + static_cast<float>(second) * inactive[1];
+  }
+  return sum / Leaf::SIZE;
+}
+
+// Cuts the leaves of a file apart without inflating them.
 class LeafCutter {
  public:
   LeafCutter(std::istream& is, bool half)
@@ -185,14 +231,10 @@ class LeafCutter {
       std::memcpy(&word, mask + n * sizeof(word), sizeof(word));
       active += util::CountOn(word);
     }
-    const int kind = *take(out, 1);
-    const bool has_mask = kind == io::MASK_AND_NO_INACTIVE_VALS || kind == io::MASK_AND_ONE_INACTIVE_VAL ||
-                          kind == io::MASK_AND_TWO_INACTIVE_VALS;
-    const bool has_one = kind == io::NO_MASK_AND_ONE_INACTIVE_VAL || kind == io::MASK_AND_ONE_INACTIVE_VAL;
-    const std::size_t inactive = has_one ? 1 : kind == io::MASK_AND_TWO_INACTIVE_VALS ? 2 : 0;
-    take(out, inactive * sizeof(float) + (has_mask ? sizeof(Index64) * Leaf::NodeMaskType::WORD_COUNT : 0));
-    const bool all = !(compression_ & io::COMPRESS_ACTIVE_MASK) || kind == io::NO_MASK_AND_ALL_VALS;
-    const Index values = all ? Leaf::SIZE : active;
+    const LeafKind kind{*take(out, 1)};
+    const std::size_t selection = kind.has_selection() ? sizeof(Index64) * Leaf::NodeMaskType::WORD_COUNT : 0;
+    take(out, kind.inactive_values() * sizeof(float) + selection);
+    const Index values = kind.has_all(compression_) ? Leaf::SIZE : active;
     if (value_bytes_ == 2 && values == 0) return;
     if (compression_ & (io::COMPRESS_BLOSC | io::COMPRESS_ZIP)) {
       Int64 bytes = 0;
@@ -249,6 +291,10 @@ void put_leaves(std::istream& is, const Topology& topology, bool half, CoarseCop
     topology.for_leaves(found->lower, [&](const Coord& origin) {
       Leaf::NodeMaskType on;
       on.load(leaves);
+      if (copy.step() == 8 && !half) {
+        copy.put_mean(origin, leaf_mean(leaves, on, topology.background), !on.isOff());
+        return;
+      }
       io::readCompressedValues(leaves, values.data(), Leaf::SIZE, on, half);
       if (!leaves) throw std::runtime_error(kEndsEarly);
       copy.put(origin, values.data(), on);

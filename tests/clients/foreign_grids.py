@@ -308,10 +308,15 @@ def levels(client, made):
     print("level sets and fogs with faults: named, mended or refused")
 
 
+# Edge of the averaged cubes, voxels, by radius of the ball.
+STEPS = {60: 4, 120: 8}
+CODECS = ("none", "zip", "active")
+
+
 def averages(client):
     """Views of level sets that are averaged over cubes of voxels as the file is read."""
-    radius = 60  # voxels
-    for name in ("plain", "half", "far", "filled", "named", "beside_a_fog", "stretched"):
+    names = ("plain", "half", "far", "filled", *CODECS)
+    for radius, name in [(60, n) for n in (*names, "named", "beside_a_fog", "stretched")] + [(120, n) for n in names]:
         shift = 700 * H if name == "far" else 0.0
         sphere = vdb.createLevelSetSphere(radius * H, (-shift, shift, 0), H)
         sphere.name = "part" if name == "named" else "surface"
@@ -324,19 +329,26 @@ def averages(client):
         fog.gridClass, fog.name = FOG, "density"
         path = f"{client.work}/{name}.vdb"
         vdb.write(path, [fog, sphere] if name == "beside_a_fog" else [sphere])
+        if name in CODECS:
+            coded = f"{client.work}/coded.vdb"
+            subprocess.run(["vdb_tool", "-quiet", "-read", path, "-write", f"codec={name}", coded], check=True)
+            os.replace(coded, path)
+        name = f"{name}, averaged over {STEPS[radius]}^3"
         found = client.run("view", path, "-o", f"{client.work}/page.html", "--json", "--no-thickness", "--triangles", "2k")
         if found.returncode != 0:
-            client.fail(f"average {name}", found.stderr)
+            client.fail(name, found.stderr)
             continue
         seen = json.loads(found.stdout.splitlines()[-1])
         body = seen["bodies"][0]
         whole = body["closed"] and (body["parts"], body["cavities"]) == (1, 0)
-        client.check(f"average {name}", whole, body)
-        edges = 2 * radius * H * np.array([1, 1.5 if name == "stretched" else 1, 1])
-        client.check(f"average {name}", np.abs(seen["size"] / edges - 1).max() < 0.02, f"{seen['size']}, expected {edges}")
+        client.check(name, whole, body)
+        is_stretched = name.startswith("stretched")
+        edges = 2 * radius * H * np.array([1, 1.5 if is_stretched else 1, 1])
+        client.check(name, np.abs(seen["size"] / edges - 1).max() < 0.02, f"{seen['size']}, expected {edges}")
         # Voxels that are no cubes are resampled, not averaged.
         text = " ".join(seen["notes"])
-        client.check(f"average {name}", ("times those of the file" in text) == (name != "stretched"), text)
+        is_averaged = f"{STEPS[radius]} times those of the file" in text
+        client.check(name, is_averaged != is_stretched, text)
     print("averages for views: whole, and as large as the level set")
 
 
