@@ -66,9 +66,9 @@ macro_rules! shown {
 
 shown!(
     druse::recipe::RecipeError => "recipe",
-    druse::io::ReadError => "error",
-    druse::io::WriteError => "error",
-    druse::vdb::FileError => "error"
+    druse::io::ReadError => "file",
+    druse::io::WriteError => "file",
+    druse::vdb::FileError => "file"
 );
 
 impl From<druse::pipeline::RunError> for Fault {

@@ -1,5 +1,7 @@
 """Level sets, against closed forms and through arrays and files."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -212,12 +214,20 @@ def test_files_keep_the_grid(ball, tmp_path):
     assert again.voxel_size == 0.25 and again.half_width == 3
     ball.save(tmp_path / "half.vdb", half=True, compression="zip")
     assert druse.LevelSet.read(tmp_path / "half.vdb").volume == pytest.approx(ball.volume, rel=1e-3)
-    (tmp_path / "bad.vdb").write_bytes(b"no such file" * 100)
-    with pytest.raises(druse.Error) as caught:
-        druse.LevelSet.read(tmp_path / "bad.vdb")
-    assert "bad.vdb" in caught.value.file
+    whole = (tmp_path / "ball.vdb").read_bytes()
+    for bad in (b"no such file" * 100, whole[: len(whole) // 2]):
+        (tmp_path / "bad.vdb").write_bytes(bad)
+        with pytest.raises(druse.FileError) as caught:
+            druse.LevelSet.read(tmp_path / "bad.vdb")
+        assert "bad.vdb" in caught.value.file
     with pytest.raises(druse.FileError):
         druse.LevelSet.read(tmp_path / "none.vdb")
+
+
+def test_level_sets_are_pickled(ball):
+    again = pickle.loads(pickle.dumps(ball))
+    assert again.content_hash == ball.content_hash
+    assert (again.voxel_size, again.half_width, again.report) == (ball.voxel_size, ball.half_width, ball.report)
 
 
 def test_pictures_in_notebooks(ball):

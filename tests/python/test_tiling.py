@@ -23,6 +23,8 @@ def test_a_scaffold_of_arrays_and_of_other_packages():
     nodes = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
     tet = druse.Scaffold(nodes, {"tetra": [[0, 1, 2, 3]]}, {"load": [1, 2, 3, 4]})
     assert tet.volume == pytest.approx(1 / 6) and tet.fields["load"].tolist() == [1, 2, 3, 4]
+    again = pickle.loads(pickle.dumps(tet))
+    assert again.volume == tet.volume and again.fields["load"].tolist() == [1, 2, 3, 4]
     meshio = types.SimpleNamespace(
         points=nodes,
         cells=[

@@ -6,6 +6,7 @@ import base64
 import json
 import logging
 import os
+import tempfile
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -288,6 +289,13 @@ class LevelSet:
         """The surface as pyvista.PolyData; needs pyvista."""
         return self.mesh().to_pyvista()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        with tempfile.TemporaryDirectory() as place:
+            path = os.path.join(place, "pickled.vdb")
+            self.save(path)
+            with open(path, "rb") as file:
+                return _unpickle, (file.read(), self.report)
+
     def copy(self) -> LevelSet:
         """An independent copy."""
         return LevelSet._of(self._level_set.copy())
@@ -442,3 +450,13 @@ def _clipped(function: Callable[[Floats], Floats], corners: list[list[float]]) -
         return clipped
 
     return call
+
+
+def _unpickle(data: bytes, report: dict[str, Any] | None) -> LevelSet:
+    with tempfile.TemporaryDirectory() as place:
+        path = os.path.join(place, "pickled.vdb")
+        with open(path, "wb") as file:
+            file.write(data)
+        made = LevelSet.read(path)
+    made.report = report
+    return made

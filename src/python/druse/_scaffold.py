@@ -200,6 +200,10 @@ class Scaffold:
         within = self._scaffold.stretch()[0] / 100 if error is None else positive(error, "error")
         return Mesh._of(self._scaffold.surface(within))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        offsets, connectivity, types = self.elements
+        return _unpickle, (np.asarray(self.nodes), offsets, connectivity, types, self.fields)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a .vtu file with the fields; a field of several numbers becomes NAME_0, NAME_1 and so on."""
         nodes: list[tuple[str, Floats]] = []
@@ -289,3 +293,9 @@ def _solids(mesh: Any) -> tuple[npt.NDArray[np.bool_], Any, Any, Any]:
 def _numeric_fields(data: Any) -> dict[str, Any]:
     arrays = {str(name): np.asarray(values) for name, values in data.items()}
     return {name: values for name, values in arrays.items() if values.dtype.kind in "biuf"}
+
+
+def _unpickle(nodes: Any, offsets: Any, connectivity: Any, types: Any, fields: dict[str, Any]) -> Scaffold:
+    made = Scaffold.__new__(Scaffold)
+    made._build(nodes, offsets, connectivity, types, fields)
+    return made
