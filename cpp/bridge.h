@@ -171,7 +171,7 @@ void grid_prune(Grid&, const Host&);
 // coarse.cc
 std::unique_ptr<Grid> grid_coarse(Grid&, std::int32_t step);
 std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::Str name, std::uint64_t max_voxels,
-                                  std::int32_t& step);  // coarse_file.cc
+                                  std::size_t threads, std::int32_t& step);  // coarse_file.cc
 
 // csg.cc
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);

@@ -32,7 +32,7 @@ constexpr const char* kEndsEarly = "the file ends early";
 // Size of the largest leaf in a file: its values as they are, masks, and what a compressor adds.
 constexpr std::int64_t kMaxLeafBytes = 4096;
 // More of them would wait for the thread that cuts leaves apart, and for memory that the reader may not have.
-constexpr int kMaxThreads = 8;
+constexpr std::size_t kMaxThreads = 8;
 
 // Exposes the steps of the reader.
 struct OpenReader : io::Archive {
@@ -267,7 +267,7 @@ struct MemoryBuffer : std::streambuf {
 };
 
 // Puts the values of all leaves from where `is` stands into the copy.
-void put_leaves(std::istream& is, const Topology& topology, bool half, CoarseCopy& copy) {
+void put_leaves(std::istream& is, const Topology& topology, bool half, std::size_t threads, CoarseCopy& copy) {
   struct Cut {
     std::size_t lower;
     std::vector<char> leaves;
@@ -300,11 +300,12 @@ void put_leaves(std::istream& is, const Topology& topology, bool half, CoarseCop
       copy.put(origin, values.data(), on);
     });
   };
-  const int threads = std::min(tbb::this_task_arena::max_concurrency(), kMaxThreads);
-  tbb::task_arena arena(threads);
+  const auto all = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency());
+  const std::size_t own = std::min(threads > 0 ? threads : all, kMaxThreads);
+  tbb::task_arena arena(static_cast<int>(own));
   arena.execute([&] {
     tbb::parallel_pipeline(
-        2 * static_cast<std::size_t>(threads),
+        2 * own,
         tbb::make_filter<void, std::shared_ptr<Cut>>(tbb::filter_mode::serial_in_order, cut) &
             tbb::make_filter<std::shared_ptr<Cut>, void>(tbb::filter_mode::parallel, put));
   });
@@ -314,7 +315,7 @@ void put_leaves(std::istream& is, const Topology& topology, bool half, CoarseCop
 
 // Neither the file nor its tree is ever whole in memory.
 std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::Str name, std::uint64_t max_voxels,
-                                  std::int32_t& step) {
+                                  std::size_t threads, std::int32_t& step) {
   std::vector<char> ahead(1 << 20);
   std::ifstream is;
   is.rdbuf()->pubsetbuf(ahead.data(), static_cast<std::streamsize>(ahead.size()));
@@ -353,7 +354,7 @@ std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::St
     }
     copy.make_leaves([&](const Coord& first) { return topology.tiles_from(first); });
     descriptor.seekToBlocks(is);
-    put_leaves(is, topology, half, copy);
+    put_leaves(is, topology, half, threads, copy);
     auto found = copy.finish(grid->transform());
     for (auto it = grid->beginMeta(); it != grid->endMeta(); ++it) {
       found->impl->base->insertMeta(it->first, *it->second);

@@ -97,7 +97,7 @@ pub use check::{GradientStatistics, LevelSetCheck};
 pub(crate) use colormap::linear_colour;
 pub use components::Component;
 pub use error::{FileError, VdbError};
-pub use file::{FileInfo, GridInfo, info, read};
+pub use file::{CoarseReading, FileInfo, GridInfo, info, read};
 pub use fog::Fog;
 pub use foreign::{Adopted, Cubes, GridReading};
 pub use index_map::IndexMap;

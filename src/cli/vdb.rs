@@ -2,7 +2,7 @@
 
 use super::{Failure, Session};
 use crate::vdb::subprocess::{self, Program};
-use crate::vdb::{self, Adopted, Cubes, FileError, FileInfo, GridReading, LevelSet};
+use crate::vdb::{self, Adopted, CoarseReading, Cubes, FileError, FileInfo, GridReading, LevelSet};
 use clap::{Args, ValueEnum};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -21,6 +21,9 @@ pub(super) struct Parameters {
     /// Active voxels above which a level set is sent as a coarse copy.
     #[arg(long)]
     voxels: Option<u64>,
+    /// Threads that make it.
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
 }
 
 /// The data that a child returns.
@@ -42,7 +45,11 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failu
         Requested::Info => subprocess::report(&p.file, limits),
         Requested::Grid => {
             let out = std::io::stdout().lock();
-            subprocess::send(&p.file, p.grid.as_deref(), p.voxels, limits, out)
+            let reading = p.voxels.map(|max_voxels| CoarseReading {
+                max_voxels,
+                threads: p.threads,
+            });
+            subprocess::send(&p.file, p.grid.as_deref(), reading, limits, out)
                 .map_err(|e| crate::io::ReadError::io(&p.file, e))?;
             String::new()
         }

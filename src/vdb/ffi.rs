@@ -248,12 +248,14 @@ mod bridge {
         ) -> Result<()>;
         /// A level set with means of `step`^3 voxels, 2, 4 or 8. Frees the values that it reads.
         fn grid_coarse(grid: Pin<&mut Grid>, step: i32) -> Result<UniquePtr<Grid>>;
-        /// A level set of a file with means of `step`^3 voxels, 2, 4 or 8, which is set; its leaves are read one by one.
-        /// Null for other grids, and for those of at most `max_voxels` active voxels.
+        /// A level set of a file with means of `step`^3 voxels, 2, 4 or 8, which is set; its leaves are read one by one
+        /// and inflated on `threads` (0: one per core). Null for other grids, and for those of at most `max_voxels`
+        /// active voxels.
         fn file_coarse(
             path: &[u8],
             name: &str,
             max_voxels: u64,
+            threads: usize,
             step: &mut i32,
         ) -> Result<UniquePtr<Grid>>;
         /// 3 indices per value.

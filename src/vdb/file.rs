@@ -253,6 +253,15 @@ pub(super) fn pick(
 /// Greatest number of coarser copies of a level set.
 const MAX_LOD: u32 = 8;
 
+/// How a level set is read that may be too large for a view.
+#[derive(Clone, Copy, Debug)]
+pub struct CoarseReading {
+    /// Active voxels above which it is read as a coarse copy.
+    pub max_voxels: u64,
+    /// Threads that inflate leaves, at most 8; 0 for one per core.
+    pub threads: usize,
+}
+
 /// A level set for views, or a copy of it.
 pub(super) struct ViewGrid {
     pub name: String,
@@ -274,13 +283,13 @@ impl ViewGrid {
     }
 }
 
-/// As [`pick`], for views: instead of a level set `surface` of more than `max_voxels` active voxels, the finest copy
-/// that the file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With
-/// `delayed`, the level set itself is read only without copies.
+/// As [`pick`], for views: instead of a level set `surface` of more voxels than are wished, the finest copy that the
+/// file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With `delayed`, the
+/// level set itself is read only without copies.
 pub(super) fn pick_for_view(
     path: &Path,
     name: Option<&str>,
-    (max_voxels, delayed): (u64, bool),
+    (reading, delayed): (CoarseReading, bool),
 ) -> Result<ViewGrid, FileError> {
     let own = || pick(path, name, delayed).map(|(name, grid)| ViewGrid::new(name, grid, 1));
     let is_nano = path
@@ -300,7 +309,12 @@ pub(super) fn pick_for_view(
         let own_name = name.unwrap_or("surface");
         if names.iter().any(|n| n == own_name) {
             let (bytes, mut step) = (path.as_os_str().as_bytes(), 1);
-            let grid = ffi::file_coarse(bytes, own_name, max_voxels, &mut step).map_err(damaged)?;
+            let CoarseReading {
+                max_voxels,
+                threads,
+            } = reading;
+            let grid = ffi::file_coarse(bytes, own_name, max_voxels, threads, &mut step)
+                .map_err(damaged)?;
             if !grid.is_null() {
                 return Ok(ViewGrid {
                     is_averaged: true,
@@ -312,14 +326,14 @@ pub(super) fn pick_for_view(
     }
     if !delayed {
         let found = own()?;
-        if ffi::grid_active_voxels(&found.grid).map_err(damaged)? <= max_voxels {
+        if ffi::grid_active_voxels(&found.grid).map_err(damaged)? <= reading.max_voxels {
             return Ok(found);
         }
     }
     let mut best = None;
     for (level, index) in (1..=MAX_LOD).rev().filter_map(|l| Some((l, index_of(l)?))) {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
-        let is_small = ffi::grid_active_voxels(&grid).map_err(damaged)? <= max_voxels;
+        let is_small = ffi::grid_active_voxels(&grid).map_err(damaged)? <= reading.max_voxels;
         if !is_small && best.is_some() {
             break;
         }

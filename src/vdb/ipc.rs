@@ -6,7 +6,7 @@
 
 use super::ffi::TileChoice;
 use super::subprocess::Limits;
-use super::{FileError, GridInfo, Volume, ffi};
+use super::{CoarseReading, FileError, GridInfo, Volume, ffi};
 use crate::frame::Coord;
 use serde::{Deserialize, Serialize};
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
@@ -45,24 +45,26 @@ const MAX_LOADED_BYTES: u64 = 256 << 20;
 /// Greatest length of the head; metadata may be long.
 const MAX_HEAD_BYTES: u64 = 64 << 20;
 
-/// Child: reads one grid of a file and writes it to `out`, with `max_voxels` as a coarse copy where it has more.
+/// Child: reads one grid of a file and writes it to `out`, with `reading` as a coarse copy where it has more voxels.
 ///
 /// # Errors
 /// Only errors of `out`; errors of the file are sent to the receiver.
 pub(super) fn send(
     path: &Path,
     name: Option<&str>,
-    max_voxels: Option<u64>,
+    reading: Option<CoarseReading>,
     out: impl Write,
 ) -> io::Result<()> {
     let mut out = BufWriter::with_capacity(BUFFER_BYTES, out);
     let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
-    let delayed = max_voxels.is_some() && bytes > MAX_LOADED_BYTES;
-    let volume = match max_voxels {
-        Some(count) => super::file::pick_for_view(path, name, (count, delayed)).and_then(|found| {
-            let volume = Volume::wrap(path, &found.name, found.grid)?;
-            volume.coarse(path, count, (found.step, found.is_averaged))
-        }),
+    let delayed = reading.is_some() && bytes > MAX_LOADED_BYTES;
+    let volume = match reading {
+        Some(reading) => {
+            super::file::pick_for_view(path, name, (reading, delayed)).and_then(|found| {
+                let volume = Volume::wrap(path, &found.name, found.grid)?;
+                volume.coarse(path, reading.max_voxels, (found.step, found.is_averaged))
+            })
+        }
         None => super::file::pick(path, name, false)
             .and_then(|(name, grid)| Volume::wrap(path, &name, grid)),
     };

@@ -8,7 +8,7 @@
 //! and must call [`report`] or [`send`].
 
 use super::ipc::{self, TransferError};
-use super::{FileError, FileInfo, Volume, info};
+use super::{CoarseReading, FileError, FileInfo, Volume, info};
 use rustix::process::{Resource, Rlimit, setrlimit};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
@@ -111,8 +111,8 @@ impl Program {
         self.fetch_with(path, name, None)
     }
 
-    /// Reads one grid of floats, as [`Program::fetch`] does; a level set of more than `max_voxels` active voxels as a
-    /// coarse copy ([`Volume::coarse_step`]). Values of a large file are read when they are used, so that it may be
+    /// Reads one grid of floats, as [`Program::fetch`] does; a large level set as a coarse copy
+    /// ([`Volume::coarse_step`]). Values of a large file are read when they are used, so that it may be
     /// larger than memory.
     ///
     /// # Errors
@@ -121,21 +121,24 @@ impl Program {
         &self,
         path: &Path,
         name: Option<&str>,
-        max_voxels: u64,
+        reading: CoarseReading,
     ) -> Result<Volume, FileError> {
-        self.fetch_with(path, name, Some(max_voxels))
+        self.fetch_with(path, name, Some(reading))
     }
 
     fn fetch_with(
         &self,
         path: &Path,
         name: Option<&str>,
-        max_voxels: Option<u64>,
+        reading: Option<CoarseReading>,
     ) -> Result<Volume, FileError> {
         let limits = Limits::for_file(path)?;
-        let coarse = max_voxels.map(|count| format!("--voxels={count}"));
+        let coarse = reading.map(|r| {
+            let (voxels, threads) = (r.max_voxels, r.threads);
+            [format!("--voxels={voxels}"), format!("--threads={threads}")]
+        });
         let mut request = vec!["grid"];
-        request.extend(coarse.as_deref());
+        request.extend(coarse.iter().flatten().map(String::as_str));
         request.extend(name);
         let child = self.command(path, limits, &request);
         run_child(child, path, limits, |pipe| ipc::receive(path, pipe, limits))
@@ -197,21 +200,20 @@ pub fn report(path: &Path, limits: Limits) -> String {
     serde_json::to_string(&report).unwrap_or_default()
 }
 
-/// Child: limits its memory, reads one grid of floats and sends it through `out`; a level set of more than
-/// `max_voxels` active voxels as a coarse copy. Changes the limits of the
-/// process; only for a process that does nothing else.
+/// Child: limits its memory, reads one grid of floats and sends it through `out`; with `reading` a large level set as a
+/// coarse copy. Changes the limits of the process; only for a process that does nothing else.
 ///
 /// # Errors
 /// Errors of `out`; errors of the file are sent to the receiver.
 pub fn send(
     path: &Path,
     name: Option<&str>,
-    max_voxels: Option<u64>,
+    reading: Option<CoarseReading>,
     limits: Limits,
     out: impl Write,
 ) -> std::io::Result<()> {
     limits.impose();
-    ipc::send(path, name, max_voxels, out)
+    ipc::send(path, name, reading, out)
 }
 
 /// Parent: runs `child`, which must print [`report`] of the same path and limits; kills it at the time limit.

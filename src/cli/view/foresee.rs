@@ -2,7 +2,7 @@
 
 use super::Parameters;
 use super::elements::{self, Elements};
-use super::load::{VOXELS_PER_TRIANGLE, kind_of, max_voxels};
+use super::load::{VOXELS_PER_TRIANGLE, coarse_reading, kind_of};
 use crate::cli::Failure;
 use crate::cli::kind::FileKind;
 use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
@@ -25,7 +25,7 @@ pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
                 let volume = crate::cli::vdb::reader()?.fetch_coarse(
                     &p.file,
                     p.grid.as_deref(),
-                    max_voxels(p),
+                    coarse_reading(p),
                 )?;
                 step = volume.coarse_step().into();
                 let triangles = volume.band_voxels() as f64 / VOXELS_PER_TRIANGLE;

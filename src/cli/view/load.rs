@@ -13,7 +13,7 @@ use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use crate::mesh::{TriMesh, mesh_components};
 use crate::pipeline;
 use crate::progress::Progress;
-use crate::vdb::{self, Cubes, GridReading, LevelSet, Volume};
+use crate::vdb::{self, CoarseReading, Cubes, GridReading, LevelSet, Volume};
 use std::path::Path;
 
 /// Triangles that are meshed for one that remains: walls survive the simplification better than coarse voxels.
@@ -113,9 +113,12 @@ fn options(p: &Parameters) -> SurfaceOptions {
     }
 }
 
-/// The most active voxels of a level set that is meshed as it is.
-pub(super) fn max_voxels(p: &Parameters) -> u64 {
-    (VOXELS_PER_TRIANGLE * (SIMPLIFICATION_RATIO * p.triangles) as f64) as u64
+/// How level sets are read that have too many voxels to be meshed as they are.
+pub(super) fn coarse_reading(p: &Parameters) -> CoarseReading {
+    CoarseReading {
+        max_voxels: (VOXELS_PER_TRIANGLE * (SIMPLIFICATION_RATIO * p.triangles) as f64) as u64,
+        threads: p.threads,
+    }
 }
 
 /// The unit that lengths are shown in, and its number in a unit of the file: millimetres for small parts in metres.
@@ -134,7 +137,7 @@ fn level_set(
 ) -> Result<(Scene, Option<Sampled>), Failure> {
     progress.stage("reading", None);
     let reader = crate::cli::vdb::reader()?;
-    let volume = reader.fetch_coarse(&p.file, p.grid.as_deref(), max_voxels(p))?;
+    let volume = reader.fetch_coarse(&p.file, p.grid.as_deref(), coarse_reading(p))?;
     let (step, own) = (volume.coarse_step(), volume.name().to_owned());
     let stated = volume.meta("druse.unit").map(str::to_owned);
     let info = volume.info().clone();
