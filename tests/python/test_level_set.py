@@ -225,9 +225,10 @@ def test_files_keep_the_grid(ball, tmp_path):
 
 
 def test_level_sets_are_pickled(ball):
-    again = pickle.loads(pickle.dumps(ball))
-    assert again.content_hash == ball.content_hash
-    assert (again.voxel_size, again.half_width, again.report) == (ball.voxel_size, ball.half_width, ball.report)
+    for part in (ball, ball.copy().subtract(ball.copy().dilate(0.5))):  # and one that holds nothing
+        again = pickle.loads(pickle.dumps(part))
+        assert again.content_hash == part.content_hash and again.volume == part.volume
+        assert (again.voxel_size, again.half_width, again.report) == (part.voxel_size, part.half_width, part.report)
 
 
 def test_pictures_in_notebooks(ball):

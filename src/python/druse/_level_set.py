@@ -6,7 +6,6 @@ import base64
 import json
 import logging
 import os
-import tempfile
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -290,11 +289,8 @@ class LevelSet:
         return self.mesh().to_pyvista()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        with tempfile.TemporaryDirectory() as place:
-            path = os.path.join(place, "pickled.vdb")
-            self.save(path)
-            with open(path, "rb") as file:
-                return _unpickle, (file.read(), self.report)
+        frame = (self.voxel_size, self.half_width, self.origin)
+        return _unpickle, (self.leaves(), frame, self.report)
 
     def copy(self) -> LevelSet:
         """An independent copy."""
@@ -452,11 +448,7 @@ def _clipped(function: Callable[[Floats], Floats], corners: list[list[float]]) -
     return call
 
 
-def _unpickle(data: bytes, report: dict[str, Any] | None) -> LevelSet:
-    with tempfile.TemporaryDirectory() as place:
-        path = os.path.join(place, "pickled.vdb")
-        with open(path, "wb") as file:
-            file.write(data)
-        made = LevelSet.read(path)
+def _unpickle(leaves: tuple[Any, ...], frame: tuple[Any, ...], report: dict[str, Any] | None) -> LevelSet:
+    made = LevelSet.from_leaves(*leaves, *frame)
     made.report = report
     return made
