@@ -233,14 +233,12 @@ fn along_z(
     let wanted: Vec<usize> = (0..SLOTS).filter(|&z| wanted(z)).collect();
     let mut column = vec![[-1f32; VOXELS]; wanted.len()];
     // The leaves within reach of the wanted ones.
-    let reached = match *wanted {
-        [first, .., last] => first..last + 2 * halo + 1,
-        [only] => only..only + 2 * halo + 1,
-        [] => 0..0,
-    };
+    let ends = wanted.first().zip(wanted.last());
+    let reached = ends.map_or(0..0, |(first, last)| *first..last + 2 * halo + 1);
+    let rows = if wanted.is_empty() { 0..0 } else { 0..64 };
     let mut squares = vec![f32::INFINITY; 8 * side];
     let mut crossings = Vec::new();
-    for row in (0..64).filter(|_| !wanted.is_empty()) {
+    for row in rows {
         for z in reached.clone() {
             let part = &mut squares[8 * z..8 * z + 8];
             match before[z] {
