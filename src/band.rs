@@ -44,8 +44,8 @@ pub use leaf::{LeafBatch, LeafSink, SinkError, VOXELS};
 pub use leaf_file::LeafFileWriter;
 pub use leaf_file::{LeafFileError, LeafFileHead};
 pub use leaf_store::{FullLeaf, LeafStore, StoreError, UpperNode};
-pub(crate) use redistance::ClosestPointField;
 pub use redistance::SurfacePoints;
+pub(crate) use redistance::{ClosestPointField, MovedLeaf};
 pub use sinks::{Leaf, LeafCounter, LeafCounts, LeafMap};
 pub use smooth::{LeafRef, Smoother};
 

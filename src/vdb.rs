@@ -73,6 +73,7 @@ mod segments;
 
 // Measures, and conversions to meshes, voxel meshes and fields.
 mod as_field;
+mod coarser;
 mod layers;
 mod measures;
 mod mesh;

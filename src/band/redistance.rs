@@ -22,6 +22,7 @@ use rayon::prelude::*;
 mod block;
 mod cache;
 mod candidates;
+mod coarser;
 mod corner;
 mod field;
 mod search;
@@ -239,19 +240,35 @@ impl SurfacePoints {
     /// The leaf at `origin` after an offset of the surface outwards by `by` world units (inwards if negative).
     /// `inside` holds the voxels that were inside, laid out as a mask.
     pub fn moved(&self, origin: Coord, inside: &[u64; 8], by: f64) -> MovedLeaf {
-        let lengths = OffsetLengths {
+        let lengths = self.lengths(by);
+        let near = search::around(lengths.max_distance(*inside, u64::MAX).max(0.0));
+        self.leaf_from(origin, inside, lengths, near.into_iter())
+    }
+
+    /// The lengths of an offset by world units.
+    fn lengths(&self, by: f64) -> OffsetLengths {
+        OffsetLengths {
             by: by as f32 / self.voxel_size,
             half_width: self.background / self.voxel_size,
             voxel_size: self.voxel_size,
             background: self.background,
-        };
+            spacing: 1.0,
+        }
+    }
+
+    /// The leaf whose first sample is a voxel, from the points of the leaves that lie `near` it, in leaves.
+    fn leaf_from(
+        &self,
+        first: Coord,
+        inside: &[u64; 8],
+        lengths: OffsetLengths,
+        near: impl Iterator<Item = [i32; 3]>,
+    ) -> MovedLeaf {
         let mut search = Search::new(inside, lengths);
-        let radius = search.max_distance();
-        if radius > 0.0 {
-            let steps = search::around(radius);
-            for step in &steps {
+        if search.max_distance() > 0.0 {
+            for step in near {
                 let [x, y, z] = step.map(|s| LEAF * s);
-                let Some(number) = self.index.get(origin.offset(x, y, z)) else {
+                let Some(number) = self.index.get(first.offset(x, y, z)) else {
                     continue;
                 };
                 let range = &self.leaves[number as usize].1;

@@ -27,7 +27,7 @@ pub(super) use costs::{
     share_of_copies,
 };
 use costs::{
-    ELEMENT_BYTES, ELEMENT_DISK_BYTES, WIDENING_NS, cost, deck_elements, file_bytes_per_point,
+    ELEMENT_BYTES, ELEMENT_DISK_BYTES, copy_cost, cost, deck_elements, file_bytes_per_point,
     grids_in_memory, grids_on_disk, memory_bytes_per_point, pixels, spooled_bytes_per_point,
 };
 pub(super) use macro_decks::of_macro_decks;
@@ -449,12 +449,11 @@ fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimate {
             let output_bytes = match kind {
                 OutputKind::Vdb => {
                     let words = super::output::words(inputs.recipe, output);
-                    // Each copy is resampled from the one before, whose band is widened first.
                     let copies = output.lod.map_or(0.0, |levels| {
-                        let wider = last_voxels.coarser().growth();
+                        let (ns, memory) = copy_cost(last_voxels.coarser());
                         let share = share_of_copies(levels);
-                        seconds += c.active * WIDENING_NS * wider * (1.0 + share) * 1e-9 * speed;
-                        2.0 * wider + share
+                        seconds += c.active * ns * (1.0 + share) * 1e-9 * speed;
+                        memory + 2.0 * share
                     });
                     tree * (1.0 + copies) + grids_in_memory(&words, c)
                 }

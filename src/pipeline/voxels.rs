@@ -2,6 +2,7 @@
 
 use super::inputs::Inputs;
 use super::volumes::resample_placement;
+use crate::band::SurfacePoints;
 use crate::recipe::{Resample, Scale};
 use crate::vdb::{MAX_REFINEMENT_RATIO, Placement};
 
@@ -86,6 +87,13 @@ impl Voxels {
 }
 
 impl Resampling {
+    /// Whether the new voxels are every second of the old ones, and the band determines the surface.
+    pub fn is_doubling(&self) -> bool {
+        self.to.scale.voxel_size == 2.0 * self.from.scale.voxel_size
+            && self.placement == Placement::IDENTITY
+            && SurfacePoints::suffices(self.from.half_width)
+    }
+
     /// Edge of a new voxel, in old voxels.
     pub fn factor(&self) -> f64 {
         self.to.scale.voxel_size / (self.from.scale.voxel_size * self.placement.scale)

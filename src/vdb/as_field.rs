@@ -5,7 +5,7 @@
 
 use super::ffi;
 use super::{LevelSet, LevelSetBuilder, Session, VdbError};
-use crate::band::{Band, Region};
+use crate::band::{BLOCK, Band, LeafSink, Region};
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Coord, Mat3, Transform, Vec3, WorldPoint};
 use std::collections::HashMap;
@@ -285,6 +285,14 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let builder = LevelSetBuilder::new(transform, half_width)?;
+        if self.is_doubling(transform, placement, session) {
+            for batch in self.coarser_leaves(half_width, Region::EVERYWHERE, session)? {
+                let block = batch.origins[0].aligned(BLOCK);
+                let added = builder.block(block, &batch);
+                added.map_err(|e| VdbError::band("resampling", e.into()))?;
+            }
+            return builder.finish(session);
+        }
         let field = SampledLevelSet::new(
             self.duplicate()?,
             half_width * transform.voxel_size(),

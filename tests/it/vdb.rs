@@ -12,6 +12,7 @@ use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 mod cavities;
+mod coarser;
 mod components;
 mod figures;
 mod files;

@@ -1,4 +1,4 @@
-//! Distances of 2^3 voxels from their nearest points.
+//! Distances of 2^3 samples from their nearest points.
 // Inlined so that the code is compiled for its caller's target features; closures with SIMD arithmetic would
 // not be.
 #![allow(clippy::inline_always)]
@@ -31,11 +31,13 @@ pub(super) struct OffsetLengths {
     pub voxel_size: f32,
     /// Background, world units.
     pub background: f32,
+    /// Distance between neighbouring samples, voxels.
+    pub spacing: f32,
 }
 
 impl OffsetLengths {
-    /// Largest distance, voxels, at which a point affects a group of voxels; not positive if none does. `all` has a
-    /// bit for each voxel of the group, `inside` for those inside.
+    /// Largest distance, voxels, at which a point affects a group of samples; not positive if none does. `all` has a
+    /// bit for each sample of the group, `inside` for those inside.
     pub fn max_distance<const N: usize>(&self, inside: [u64; N], all: u64) -> f32 {
         let outside = self.half_width + self.by;
         let within = self.half_width - self.by;
@@ -49,27 +51,27 @@ impl OffsetLengths {
     }
 }
 
-/// Computes the values of 2^3 voxels, and a bit for each within the band, from the points of a list that may be
+/// Computes the values of 2^3 samples, and a bit for each within the band, from the points of a list that may be
 /// nearest to one of them. `None` if no point is near enough.
 pub(super) struct Block<'a> {
     /// Padded to a multiple of eight.
     pub list: &'a PointList,
     pub points: &'a [Point],
     pub wedges: &'a [Wedge],
-    /// The least voxel.
+    /// The least sample, counted from the leaf's first.
     pub first: [usize; 3],
     /// Greatest distance of a relevant point, voxels.
     pub max_distance: f32,
-    /// A bit for each voxel inside.
+    /// A bit for each sample inside.
     pub inside: u8,
     pub lengths: OffsetLengths,
 }
 
 impl Block<'_> {
-    /// The nearest point to each voxel: squared distances, and indices in the list.
+    /// The nearest point to each sample: squared distances, and indices in the list.
     #[inline(always)]
     fn nearest<L: Lanes>(&self, l: L, [x, y, z]: [L::F; 3]) -> (L::F, L::F) {
-        let cube = Cube::new(self.first, 2);
+        let cube = Cube::new(self.first, 2, self.lengths.spacing);
         let test = CandidateTest {
             cube,
             nearest_to_centre: NearestToCentre::of(l, self.list.coordinates(), cube),
@@ -105,10 +107,12 @@ impl SimdKernel for Block<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Self::Output {
         let [a, b, c] = self.first;
-        let [a, b, c] = [a as f32, b as f32, c as f32];
-        let x = l.load(&[a, a, a, a, a + 1.0, a + 1.0, a + 1.0, a + 1.0]);
-        let y = l.load(&[b, b, b + 1.0, b + 1.0, b, b, b + 1.0, b + 1.0]);
-        let z = l.load(&[c, c + 1.0, c, c + 1.0, c, c + 1.0, c, c + 1.0]);
+        let spacing = self.lengths.spacing;
+        let [a, b, c] = [spacing * a as f32, spacing * b as f32, spacing * c as f32];
+        let [d, e, f] = [a + spacing, b + spacing, c + spacing];
+        let x = l.load(&[a, a, a, a, d, d, d, d]);
+        let y = l.load(&[b, b, e, e, b, b, e, e]);
+        let z = l.load(&[c, f, c, f, c, f, c, f]);
         let (square, place) = self.nearest(l, [x, y, z]);
         if l.below(square, l.splat(f32::INFINITY)) == 0 {
             return None;
@@ -152,10 +156,10 @@ impl SimdKernel for Block<'_> {
                 if wedge == NO_WEDGE {
                     continue;
                 }
-                let voxel = [n >> 2, n >> 1 & 1, n & 1];
+                let sample = [n >> 2, n >> 1 & 1, n & 1];
                 let mut from = [0.0; 3];
                 for a in 0..3 {
-                    from[a] = (self.first[a] + voxel[a]) as f32 - at[a][n];
+                    from[a] = spacing * (self.first[a] + sample[a]) as f32 - at[a][n];
                 }
                 let size = self.wedges[wedge as usize].distance(from) * sign[n];
                 let least = (squares[n].sqrt() - MAX_SHORTFALL).max(0.0);
@@ -179,7 +183,7 @@ impl SimdKernel for Block<'_> {
     }
 }
 
-/// The signed distances, voxels, of voxels from their displacements to their nearest points and their signs.
+/// The signed distances, voxels, of samples from their displacements to their nearest points and their signs.
 #[inline(always)]
 fn distances<L: Lanes>(
     l: L,

@@ -1,4 +1,4 @@
-//! Candidates for the nearest point to any voxel of a cube.
+//! Candidates for the nearest point to any sample of a cube.
 //!
 //! Relative to the centre of the cube, with q the nearest point to the centre, a point p is nearer than q to a
 //! voxel v only if
@@ -21,21 +21,21 @@ const LANE_INDICES: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 /// Coordinates of points, by axis.
 pub(super) type Coordinates<'a> = [&'a [f32]; 3];
 
-/// A cube of voxels.
+/// A cube of samples.
 #[derive(Clone, Copy)]
 pub(super) struct Cube {
     /// Centre of the cube.
     pub centre: [f32; 3],
-    /// Distance from the centre to the outermost voxels along an axis.
+    /// Distance from the centre to the outermost samples along an axis.
     pub half: f32,
 }
 
 impl Cube {
-    /// The cube of `edge` voxels from its least voxel.
-    pub fn new(first: [usize; 3], edge: usize) -> Self {
-        let half = (edge - 1) as f32 / 2.0;
+    /// The cube of `edge` samples from its least one; samples are `spacing` voxels apart.
+    pub fn new(first: [usize; 3], edge: usize, spacing: f32) -> Self {
+        let half = spacing * (edge - 1) as f32 / 2.0;
         Self {
-            centre: first.map(|c| c as f32 + half),
+            centre: first.map(|c| spacing * c as f32 + half),
             half,
         }
     }

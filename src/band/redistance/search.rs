@@ -1,4 +1,4 @@
-//! The nearest points to the voxels of a leaf, by recursive halving of the leaf and its list of candidates.
+//! The nearest points to the samples of a leaf, by recursive halving of the leaf and its list of candidates.
 
 use super::super::leaf::LEAF;
 use super::MovedLeaf;
@@ -42,6 +42,7 @@ thread_local! {
 
 /// The search of the nearest points for a leaf.
 pub(super) struct Search<'a> {
+    /// Samples inside, as a mask.
     inside: &'a [u64; 8],
     lengths: OffsetLengths,
     /// Points of nearby leaves: coordinates in their leaf, number of the first, and displacement of the leaf.
@@ -57,7 +58,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Greatest distance of a relevant point from the leaf's voxels; not positive if there is none.
+    /// Greatest distance of a relevant point from the leaf's samples; not positive if there is none.
     pub fn max_distance(&self) -> f32 {
         self.lengths.max_distance(*self.inside, u64::MAX)
     }
@@ -67,9 +68,9 @@ impl<'a> Search<'a> {
         self.parts.push((at, first, away.map(|c| c as f32)));
     }
 
-    /// Collects the candidates for the voxels of the leaf.
+    /// Collects the candidates for the samples of the leaf.
     fn near(&self, max_distance: f32, list: &mut PointList) {
-        let cube = Cube::new([0; 3], LEAF as usize);
+        let cube = Cube::new([0; 3], LEAF as usize, self.lengths.spacing);
         let mut nearest_to_centre = NearestToCentre::NO_POINT;
         for (at, _, away) in &self.parts {
             let cube = cube.relative_to(*away);
@@ -108,7 +109,8 @@ impl<'a> Search<'a> {
             if max_distance <= 0.0 {
                 continue;
             }
-            part.narrow(own, Cube::new(corner, 4), max_distance);
+            let cube = Cube::new(corner, 4, self.lengths.spacing);
+            part.narrow(own, cube, max_distance);
             if !part.numbers.is_empty() {
                 self.part(part, (points, wedges), corner, &mut leaf);
             }
@@ -117,14 +119,14 @@ impl<'a> Search<'a> {
         leaf
     }
 
-    /// [`Search::max_distance`] for N^3 voxels at a corner; `all` holds their bits in a word for corner (0, 0, 0).
+    /// [`Search::max_distance`] for N^3 samples at a corner; `all` holds their bits in a word for corner (0, 0, 0).
     fn most_of<const N: usize>(&self, [x, y, z]: [usize; 3], all: u64) -> f32 {
         let all = all << (8 * y + z);
         let inside: [u64; N] = std::array::from_fn(|n| self.inside[x + n] & all);
         self.lengths.max_distance(inside, all)
     }
 
-    /// Computes the values of 4^3 voxels.
+    /// Computes the values of 4^3 samples.
     fn part(
         &self,
         list: &PointList,

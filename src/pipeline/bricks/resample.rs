@@ -125,8 +125,17 @@ impl BrickRun<'_> {
         // The part keeps its global position, because lookups are in world coordinates.
         let part = part(context, &solid.store, around, Coord([0; 3]))?;
         let transform = self.context(step.to, &quiet).transform()?;
+        let session = context.session();
+        if part.is_doubling(transform, step.placement, session) {
+            let made = part.coarser_leaves(step.to.half_width, region, session);
+            for batch in made.map_err(&failed)? {
+                let added = sink.block(batch.origins[0].aligned(BLOCK), &batch);
+                added.map_err(|e| RunError::band("bricks")(e.into()))?;
+            }
+            return Ok(());
+        }
         let reach = step.to.half_width * transform.voxel_size();
-        let field = SampledLevelSet::within(part, source, reach, step.placement, context.session());
+        let field = SampledLevelSet::within(part, source, reach, step.placement, session);
         let field = field.map_err(&failed)?;
         if field.bounds().is_empty() {
             return Ok(());

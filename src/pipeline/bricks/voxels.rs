@@ -54,6 +54,9 @@ impl Voxels {
 impl Resampling {
     /// Halo of old voxels from which new ones are computed.
     pub fn halo(&self) -> i32 {
+        if self.is_doubling() {
+            return whole_leaves(2.0 * self.to.half_width + SURFACE_POINT_REACH + 1.0);
+        }
         let reach = self.from.widening(self.source_half_width(), false);
         whole_leaves(reach + self.from.half_width + INTERPOLATION_REACH + HALO_MARGIN)
     }

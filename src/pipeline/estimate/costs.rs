@@ -1,13 +1,17 @@
 //! Measured costs of operations and files: memory, disk space and time.
 
-use super::super::voxels::Voxels;
+use super::super::voxels::{Resampling, Voxels};
 use super::{Counts, LEAF_BYTES};
 use crate::band::BLOCK;
 use crate::recipe::{GridWord, Op, Output};
 use std::path::Path;
 
 /// Nanoseconds to widen a band, per active voxel and growth factor, on two threads.
-pub(super) const WIDENING_NS: f64 = 200.0;
+const WIDENING_NS: f64 = 200.0;
+/// Time of a copy on voxels of twice the edge, per active voxel of the finer ones.
+const DOUBLING_NS: f64 = 140.0;
+/// Memory of the surface's points over that of the leaves that determine them.
+const POINTS_SHARE: f64 = 1.3;
 
 /// Bytes per point of a mesh while it is decimated.
 pub(in super::super) const DECIMATION_BYTES_PER_POINT: f64 = 125.0;
@@ -56,6 +60,17 @@ const BLOCK_BORDER_SHARE: f64 = 0.02;
 /// Share of a solid's leaves that its coarser copies (voxels of twice, four times ... the edge) have.
 pub(in super::super) fn share_of_copies(levels: u8) -> f64 {
     (1..=i32::from(levels)).map(|n| 4f64.powi(-n)).sum()
+}
+
+/// Time (ns per active voxel of the finer level set) of making a coarser copy, and the memory for it over that of the
+/// finer leaves.
+pub(super) fn copy_cost(step: Resampling) -> (f64, f64) {
+    if step.is_doubling() {
+        (DOUBLING_NS, POINTS_SHARE)
+    } else {
+        // The band is widened first.
+        (WIDENING_NS * step.growth(), 2.0 * step.growth())
+    }
 }
 
 /// Share of its points that an output's mesh keeps. Where decimation has an error limit, the share is
@@ -134,7 +149,11 @@ pub(super) fn cost(op: &Op, on: Voxels) -> (f64, f64) {
             let (mut ns, mut share) = (0.0, 1.0);
             for step in steps.iter().rev() {
                 let old = share * step.factor().powi(2);
-                ns += WIDENING_NS * step.growth() * old + 360.0 * share;
+                ns += if step.is_doubling() {
+                    DOUBLING_NS * old
+                } else {
+                    WIDENING_NS * step.growth() * old + 360.0 * share
+                };
                 share = old;
             }
             (copies, ns)

@@ -1,0 +1,74 @@
+//! Distances on voxels of twice the edge, from the points that finer voxels determine.
+//!
+//! Voxel c of the coarser lattice is voxel 2 c of the finer one. Values are computed at every second voxel
+//! only, from the same points as a wider band of the finer lattice.
+
+use super::super::leaf::LEAF;
+use super::block::OffsetLengths;
+use super::{MovedLeaf, SurfacePoints};
+use crate::frame::Coord;
+use rayon::prelude::*;
+
+/// Finer voxels along the edge of a coarser leaf.
+const EDGE: i32 = 2 * LEAF;
+
+/// Distance along an axis, finer voxels, between the samples of a coarser leaf and the points of the finer leaf
+/// that begins `step` finer leaves after it.
+fn gap(step: i32) -> f32 {
+    // A point belongs to the leaf of the voxel before it, and lies up to one voxel beyond.
+    let before = -(LEAF * step + LEAF);
+    let after = LEAF * step - (EDGE - 2);
+    before.max(after).max(0) as f32
+}
+
+/// Whether the points of a finer leaf, so many finer leaves after a coarser leaf, can lie within reach of it.
+fn is_near(steps: [i32; 3], reach: f32) -> bool {
+    let square: f32 = steps.map(|s| gap(s) * gap(s)).iter().sum();
+    square <= reach * reach
+}
+
+impl SurfacePoints {
+    /// Origins of the leaves of voxels of twice the edge, in these voxels, that the band may meet; ascending.
+    pub fn coarser_leaves(&self) -> Vec<Coord> {
+        let reach = self.reach(0.0);
+        let most = (reach as i32 + LEAF) / EDGE + 1;
+        let near = |&(origin, _): &(Coord, _)| {
+            let own = origin.aligned(EDGE);
+            let all = || (-most..=most).map(|n| EDGE * n);
+            let steps =
+                all().flat_map(move |x| all().flat_map(move |y| all().map(move |z| [x, y, z])));
+            let places = steps.map(move |[x, y, z]| own.offset(x, y, z));
+            let found = places.filter(move |first| {
+                is_near([0, 1, 2].map(|a| (origin[a] - first[a]) / LEAF), reach)
+            });
+            found.map(|first| Coord(first.0.map(|c| c / 2)))
+        };
+        let mut found: Vec<Coord> = self
+            .leaves
+            .par_chunks(256)
+            .flat_map_iter(|part| {
+                let mut found: Vec<Coord> = part.iter().flat_map(near).collect();
+                found.sort_unstable();
+                found.dedup();
+                found
+            })
+            .collect();
+        found.par_sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// The leaf of voxels of twice the edge at `origin`, in these voxels. `inside` holds which of its voxels are
+    /// inside, laid out as a mask.
+    pub fn coarser_leaf(&self, origin: Coord, inside: &[u64; 8]) -> MovedLeaf {
+        let lengths = OffsetLengths {
+            spacing: 2.0,
+            ..self.lengths(0.0)
+        };
+        let most = (lengths.half_width as i32 + LEAF) / LEAF + 1;
+        let all = || -most..=most + 1;
+        let steps = all().flat_map(|x| all().flat_map(move |y| all().map(move |z| [x, y, z])));
+        let near = steps.filter(|&s| is_near(s, lengths.half_width));
+        self.leaf_from(Coord(origin.0.map(|c| 2 * c)), inside, lengths, near)
+    }
+}
