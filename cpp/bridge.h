@@ -39,6 +39,7 @@ struct Tile;
 struct MetaEntry;
 struct GridFacts;
 struct TreeFacts;
+struct BlockEncoding;
 struct Smoothing;
 struct Range;
 struct Camera;
@@ -201,14 +202,17 @@ std::int32_t file_write_nano(const FileOut&, std::int32_t descriptor, std::uint3
 
 // stream.cc
 std::unique_ptr<Stream> stream_open(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
-void stream_grid(Stream&, std::size_t index, const TreeFacts&);
+BlockEncoding stream_grid(Stream&, std::size_t index, const TreeFacts&);
 void stream_root(Stream&, rust::Slice<const std::int32_t> tiles, std::uint32_t nodes);
 void stream_upper(Stream&, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::uint64_t> children,
                   rust::Slice<const std::uint64_t> inside);
-void stream_topology(Stream&, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> leaves,
-                     rust::Slice<const std::uint64_t> masks, rust::Slice<const std::uint64_t> inside);
-void stream_values(Stream&, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> leaves,
-                   rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values);
+std::unique_ptr<std::string> encode_topology(const BlockEncoding&, rust::Slice<const std::int32_t> leaves,
+                                             rust::Slice<const std::uint64_t> masks,
+                                             rust::Slice<const std::uint64_t> inside);
+std::unique_ptr<std::string> encode_values(const BlockEncoding&, rust::Slice<const std::int32_t> leaves,
+                                           rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values);
+void stream_topology(Stream&, const std::string& block);
+void stream_values(Stream&, const std::string& block);
 std::int32_t stream_close(Stream&);
 
 // render.cc

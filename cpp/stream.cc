@@ -8,6 +8,7 @@
 
 #include <cstring>
 #include <optional>
+#include <sstream>
 
 using namespace openvdb;
 
@@ -38,6 +39,16 @@ struct Current {
 const float& background(const Current& c, const FloatTree*) { return c.float_background; }
 const Vec3s& background(const Current& c, const Vec3STree*) { return c.vector_background; }
 
+// Runs `work` with a null pointer to a tree of floats or vectors.
+template <typename Work>
+void with_tree_of(bool vectors, Work&& work) {
+  if (vectors) {
+    work(static_cast<const Vec3STree*>(nullptr));
+  } else {
+    work(static_cast<const FloatTree*>(nullptr));
+  }
+}
+
 }  // namespace
 
 struct Stream::Impl {
@@ -62,11 +73,7 @@ struct Stream::Impl {
   template <typename Work>
   void with_tree_type(Work&& work) {
     if (!current) throw std::logic_error("no grid has begun");
-    if (current->grid->isType<Vec3SGrid>()) {
-      work(static_cast<const Vec3STree*>(nullptr));
-    } else {
-      work(static_cast<const FloatTree*>(nullptr));
-    }
+    with_tree_of(current->grid->isType<Vec3SGrid>(), work);
   }
 
   // Ends the current grid and writes its stream positions.
@@ -109,18 +116,18 @@ void step(Stream& stream, Work&& work) {
 // A block with its leaves; values are given for all leaves or for none.
 template <typename TreeType>
 std::unique_ptr<typename TreeType::RootNodeType::ChildNodeType::ChildNodeType> make_block(
-    const Current& c, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> origins,
+    const typename TreeType::ValueType& outside, rust::Slice<const std::int32_t> origins,
     rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values) {
   using Value = typename TreeType::ValueType;
   using LeafType = typename TreeType::LeafNodeType;
   using BlockType = typename TreeType::RootNodeType::ChildNodeType::ChildNodeType;
   constexpr std::size_t kFloats = LeafType::SIZE * sizeof(Value) / sizeof(float);
   static_assert(sizeof(Value) % sizeof(float) == 0, "values are packed floats");
-  const Value& outside = background(c, static_cast<const TreeType*>(nullptr));
   const std::size_t count = origins.size() / 3;
   if (masks.size() != 8 * count || (!values.empty() && values.size() != kFloats * count))
     throw std::invalid_argument("leaf slices disagree");
-  auto node = std::make_unique<BlockType>(Coord(origin[0], origin[1], origin[2]), outside, false);
+  if (count == 0) throw std::invalid_argument("a block without leaves");
+  auto node = std::make_unique<BlockType>(Coord(origins[0], origins[1], origins[2]), outside, false);
   for (std::size_t n = 0; n < count; ++n) {
     const Coord at(origins[3 * n], origins[3 * n + 1], origins[3 * n + 2]);
     if ((at & ~127) != node->origin() || (at & ~7) != at) throw std::out_of_range("a leaf is not in its block");
@@ -138,6 +145,25 @@ std::unique_ptr<typename TreeType::RootNodeType::ChildNodeType::ChildNodeType> m
 }
 
 bool is_set(rust::Slice<const std::uint64_t> words, Index n) { return words[n >> 6] >> (n & 63) & 1; }
+
+// The bytes that `write` puts into the stream of a grid with these properties.
+template <typename Value, typename Write>
+std::unique_ptr<std::string> encoded(const BlockEncoding& e, const Value& outside, Write&& write) {
+  std::ostringstream os(std::ios::binary);
+  os.exceptions(std::ios::badbit | std::ios::failbit);
+  io::StreamMetadata::Ptr metadata(new io::StreamMetadata);
+  metadata->setHalfFloat(e.half);
+  io::setStreamMetadataPtr(os, metadata, /*transfer=*/false);
+  io::setDataCompression(os, e.compression);
+  io::setGridBackgroundValuePtr(os, &outside);
+  write(os);
+  io::clearStreamMetadataPtr(os);
+  return std::make_unique<std::string>(std::move(os).str());
+}
+
+void append(Stream::Impl& s, const std::string& bytes) {
+  s.os.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+}
 
 }  // namespace
 
@@ -158,7 +184,8 @@ std::unique_ptr<Stream> stream_open(const FileOut& out, std::int32_t file, std::
   return stream;
 }
 
-void stream_grid(Stream& stream, std::size_t index, const TreeFacts& facts) {
+BlockEncoding stream_grid(Stream& stream, std::size_t index, const TreeFacts& facts) {
+  BlockEncoding encoding{};
   step(stream, [&](Stream::Impl& s) {
     s.finish();
     const GridBase::ConstPtr grid = s.grids.at(index);
@@ -186,7 +213,10 @@ void stream_grid(Stream& stream, std::size_t index, const TreeFacts& facts) {
                      StringMetadata(io::compressionToString(io::getDataCompression(s.os))));
     meta->writeMeta(s.os);
     grid->writeTransform(s.os);
+    encoding = BlockEncoding{!scalars,    half,         io::getDataCompression(s.os), s.current->float_background,
+                             facts.inside, facts.inside_active};
   });
+  return encoding;
 }
 
 void stream_root(Stream& stream, rust::Slice<const std::int32_t> tiles, std::uint32_t nodes) {
@@ -232,33 +262,46 @@ void stream_upper(Stream& stream, const std::array<std::int32_t, 3>& origin,
   });
 }
 
-void stream_topology(Stream& stream, const std::array<std::int32_t, 3>& origin,
-                     rust::Slice<const std::int32_t> leaves, rust::Slice<const std::uint64_t> masks,
-                     rust::Slice<const std::uint64_t> inside) {
+std::unique_ptr<std::string> encode_topology(const BlockEncoding& e, rust::Slice<const std::int32_t> leaves,
+                                             rust::Slice<const std::uint64_t> masks,
+                                             rust::Slice<const std::uint64_t> inside) {
   if (inside.size() != Node1::NUM_VALUES / 64) throw std::invalid_argument("a mask of a wrong size");
-  step(stream, [&](Stream::Impl& s) {
-    s.with_tree_type([&](auto* tree) {
-      using TreeType = std::remove_const_t<std::remove_pointer_t<decltype(tree)>>;
-      const Current& c = *s.current;
-      const auto node = make_block<TreeType>(c, origin, leaves, masks, {});
-      for (Index n = 0; n < Node1::NUM_VALUES; ++n) {
-        if (!is_set(inside, n) || node->isChildMaskOn(n)) continue;
-        node->addTile(n, typename TreeType::ValueType(c.inside), c.active);
-      }
-      node->writeTopology(s.os, c.half);
-    });
+  std::unique_ptr<std::string> bytes;
+  with_tree_of(e.vectors, [&](auto* tree) {
+    using TreeType = std::remove_const_t<std::remove_pointer_t<decltype(tree)>>;
+    using Value = typename TreeType::ValueType;
+    const Value outside(e.background);
+    const auto node = make_block<TreeType>(outside, leaves, masks, {});
+    for (Index n = 0; n < Node1::NUM_VALUES; ++n) {
+      if (!is_set(inside, n) || node->isChildMaskOn(n)) continue;
+      node->addTile(n, Value(e.inside), e.inside_active);
+    }
+    bytes = encoded(e, outside, [&](std::ostream& os) { node->writeTopology(os, e.half); });
   });
+  return bytes;
 }
 
-void stream_values(Stream& stream, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> leaves,
-                   rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values) {
+std::unique_ptr<std::string> encode_values(const BlockEncoding& e, rust::Slice<const std::int32_t> leaves,
+                                           rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values) {
+  if (values.empty() && !leaves.empty()) throw std::invalid_argument("leaves without values");
+  std::unique_ptr<std::string> bytes;
+  with_tree_of(e.vectors, [&](auto* tree) {
+    using TreeType = std::remove_const_t<std::remove_pointer_t<decltype(tree)>>;
+    const typename TreeType::ValueType outside(e.background);
+    const auto node = make_block<TreeType>(outside, leaves, masks, values);
+    bytes = encoded(e, outside, [&](std::ostream& os) { node->writeBuffers(os, e.half); });
+  });
+  return bytes;
+}
+
+void stream_topology(Stream& stream, const std::string& block) {
+  step(stream, [&](Stream::Impl& s) { append(s, block); });
+}
+
+void stream_values(Stream& stream, const std::string& block) {
   step(stream, [&](Stream::Impl& s) {
-    s.with_tree_type([&](auto* tree) {
-      using TreeType = std::remove_const_t<std::remove_pointer_t<decltype(tree)>>;
-      if (values.empty() && !leaves.empty()) throw std::invalid_argument("leaves without values");
-      s.begin_values();
-      make_block<TreeType>(*s.current, origin, leaves, masks, values)->writeBuffers(s.os, s.current->half);
-    });
+    s.begin_values();
+    append(s, block);
   });
 }
 

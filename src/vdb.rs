@@ -118,6 +118,7 @@ pub(crate) use render_parts::render_parts;
 pub use shape_ops::{Mask, WallSide};
 pub use solid_cubes::MAX_CUBES;
 pub(crate) use solid_cubes::{SolidCubes, largest_face_component};
+pub(crate) use stream::MAX_BYTES_AT_ONCE;
 pub use stream::{StoredFog, StoredGrid};
 pub use volume::Volume;
 pub use write::{Compression, VdbWriter, WrittenFile};

@@ -4,24 +4,19 @@
 //! per block of 128^3 voxels. Masks and values are read on demand.
 
 use super::flood::{flood, last};
-use super::leaf_file::{
-    Chunk, LEAF_HEAD_BYTES, LeafFileError, LeafFileHead, StoredLeaf, inspect, leaf_at, leaf_length,
-    leaf_slot, read_range, slot_origin,
-};
-use super::{BLOCK, LEAF, LeafBatch, Region, VOXELS};
+use super::leaf_file::{Chunk, LEAF_HEAD_BYTES, LeafFileError, LeafFileHead, StoredLeaf, inspect};
+use super::{BLOCK, LEAF, Region, VOXELS};
 use crate::frame::Coord;
 use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
 mod order;
-mod values;
+mod reading;
 
-pub use values::FullLeaf;
-use values::fill_values;
+pub use reading::FullLeaf;
 
 /// Voxels along the edge of OpenVDB's upper nodes.
 const UPPER_EDGE: i32 = 4096;
@@ -293,6 +288,12 @@ impl LeafStore {
         Some((entry.file, entry.chunks.iter().map(values).sum()))
     }
 
+    /// Number of leaves of a block.
+    pub fn leaves_of(&self, block: Coord) -> u64 {
+        let chunks = self.blocks.get(&block).map_or(&[][..], |b| &b.chunks);
+        chunks.iter().map(|c| u64::from(c.leaves)).sum()
+    }
+
     /// Half width of the band, world units.
     pub fn background(&self) -> f32 {
         self.background
@@ -313,75 +314,11 @@ impl LeafStore {
         self.bounds
     }
 
-    /// Reads the leaves of a block that meet a region. Inactive voxels get minus or plus the background,
-    /// by the signs of the active ones.
-    ///
-    /// # Errors
-    /// [`LeafFileError`] if the file has changed since it was opened.
-    pub fn read(&self, block: Coord, region: Region) -> Result<LeafBatch, LeafFileError> {
-        let mut batch = LeafBatch::default();
-        self.visit(block, region, |leaf| {
-            batch.push(leaf.origin, *leaf.active, leaf.values);
-        })?;
-        Ok(batch)
-    }
-
-    /// Calls `visit` with the leaves that [`LeafStore::read`] returns.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn visit(
-        &self,
-        block: Coord,
-        region: Region,
-        mut visit: impl FnMut(FullLeaf<'_>),
-    ) -> Result<(), LeafFileError> {
-        let Some(entry) = self.blocks.get(&block) else {
-            return Ok(());
-        };
-        let path = &self.files[entry.file];
-        let failed = |e| self.io_error(entry.file, e);
-        let mut file = File::open(path).map_err(failed)?;
-        let layer_meets = |chunk: &&Chunk| {
-            let [first, last] = chunk.layers.map(|x| block[0] + i32::from(x) * LEAF);
-            first <= region.max[0] && last + LEAF > region.min[0]
-        };
-        let mut values = [0.0; VOXELS];
-        for chunk in entry.chunks.iter().filter(layer_meets) {
-            let bytes = read_range(&mut file, chunk.start, chunk.bytes as usize).map_err(failed)?;
-            let mut rest = &bytes[..];
-            while let Some((slot, length)) = leaf_slot(rest).zip(leaf_length(rest)) {
-                let origin = slot_origin(block, slot);
-                if region.meets(origin, LEAF)
-                    && let Some((leaf, _)) = leaf_at(rest)
-                {
-                    let inside =
-                        fill_values(self.background, &leaf.mask, &leaf.active, &mut values);
-                    visit(FullLeaf {
-                        origin,
-                        active: &leaf.mask,
-                        inside: &inside,
-                        values: &values,
-                    });
-                }
-                rest = rest.get(length..).unwrap_or(&[]);
-            }
-        }
-        Ok(())
-    }
-
     fn io_error(&self, file: usize, source: io::Error) -> LeafFileError {
         LeafFileError::Io {
             path: self.files[file].clone(),
             source,
         }
-    }
-
-    /// All 512 values of a leaf from its active ones; inactive voxels get minus or plus the background.
-    pub fn leaf_values(&self, mask: &[u64; 8], active: &[f32]) -> [f32; VOXELS] {
-        let mut values = [0.0; VOXELS];
-        fill_values(self.background, mask, active, &mut values);
-        values
     }
 
     /// Cubes (least voxel, edge of 8 or 128) without leaves that lie inside and meet a region.

@@ -125,13 +125,22 @@ mod bridge {
         cut: f64,
     }
 
-    /// The description of a streamed tree: its active voxels and their box, its memory in bytes, and the value
-    /// and state of its inside tiles.
+    /// A streamed tree: its active voxels and their box, memory in bytes, value and state of its inside tiles.
     struct TreeFacts {
         box_min: [i32; 3],
         box_max: [i32; 3],
         active_voxels: i64,
         bytes: i64,
+        inside: f32,
+        inside_active: bool,
+    }
+
+    /// How the blocks of a streamed grid are stored: as in [`TreeFacts`], and OpenVDB's compression flags.
+    struct BlockEncoding {
+        vectors: bool,
+        half: bool,
+        compression: u32,
+        background: f32,
         inside: f32,
         inside_active: bool,
     }
@@ -420,8 +429,12 @@ mod bridge {
             compression: u32,
             host: &Host<'_>,
         ) -> Result<UniquePtr<Stream>>;
-        /// Begins grid number `index`, of floats or vectors.
-        fn stream_grid(stream: Pin<&mut Stream>, index: usize, facts: &TreeFacts) -> Result<()>;
+        /// Begins grid number `index`, of floats or vectors; returns how its blocks are encoded.
+        fn stream_grid(
+            stream: Pin<&mut Stream>,
+            index: usize,
+            facts: &TreeFacts,
+        ) -> Result<BlockEncoding>;
         /// Inside tiles of 4096 voxels (3 coordinates each, sorted), and the number of nodes that follow.
         fn stream_root(stream: Pin<&mut Stream>, tiles: &[i32], nodes: u32) -> Result<()>;
         /// A node of 4096 voxels: 512 words of slots with a block, and 512 of inside tiles.
@@ -431,22 +444,24 @@ mod bridge {
             children: &[u64],
             inside: &[u64],
         ) -> Result<()>;
-        /// The next block of the node: leaves (3 coordinates and 8 words each), and 64 words of inside tiles.
-        fn stream_topology(
-            stream: Pin<&mut Stream>,
-            origin: &[i32; 3],
+        /// The next block of the node, as `encode_topology` returns it.
+        fn stream_topology(stream: Pin<&mut Stream>, block: &CxxString) -> Result<()>;
+        /// After all blocks of all nodes: their values in the same order, as `encode_values` returns them.
+        fn stream_values(stream: Pin<&mut Stream>, block: &CxxString) -> Result<()>;
+        /// The topology of a block, from any thread: leaves (3 coordinates, 8 words each), 64 words of inside tiles.
+        fn encode_topology(
+            encoding: &BlockEncoding,
             leaves: &[i32],
             masks: &[u64],
             inside: &[u64],
-        ) -> Result<()>;
-        /// After all blocks of all nodes: their values in the same order, 512 per leaf.
-        fn stream_values(
-            stream: Pin<&mut Stream>,
-            origin: &[i32; 3],
+        ) -> Result<UniquePtr<CxxString>>;
+        /// The values of a block, from any thread: 512 per leaf.
+        fn encode_values(
+            encoding: &BlockEncoding,
             leaves: &[i32],
             masks: &[u64],
             values: &[f32],
-        ) -> Result<()>;
+        ) -> Result<UniquePtr<CxxString>>;
         /// Completes the file; returns 0, or the error number of the first write that failed.
         fn stream_close(stream: Pin<&mut Stream>) -> Result<i32>;
 

@@ -1,15 +1,17 @@
 //! Streaming of grids from leaf files into an ordinary `.vdb` file: per grid the topology, then the values,
-//! block by block, without a tree in memory.
+//! some blocks at a time, without a tree in memory.
 
 use super::hash::{ContentHash, GridHead};
 use super::leaves::TileView;
 use super::write::{WriteError, failed};
-use super::{FileError, VdbWriter, WrittenFile, ffi};
+use super::{FileError, Session, VdbWriter, WrittenFile, ffi};
 use crate::band::{
     AttributeStore, LeafBatch, LeafFileError, LeafStore, Region, StoreError, VOXELS,
 };
 use crate::frame::Coord;
-use crate::progress::Progress;
+use crate::progress::{Progress, Threads};
+use cxx::{CxxString, UniquePtr};
+use rayon::prelude::*;
 use std::path::Path;
 use std::pin::Pin;
 
@@ -19,6 +21,9 @@ pub use fog::StoredFog;
 
 /// Memory of a leaf without its values, including its share of the nodes above, bytes.
 const LEAF_OVERHEAD_BYTES: u64 = 192;
+
+/// Memory of the values of the blocks that are encoded at once, bytes.
+pub const MAX_BYTES_AT_ONCE: u64 = 8 << 20;
 
 /// A grid on disk.
 #[derive(Clone, Copy)]
@@ -87,7 +92,8 @@ impl VdbWriter<'_> {
                 reason: format!("{given} grids for {named} names"),
             });
         }
-        let progress = self.session.progress;
+        let session = self.session;
+        let progress = session.progress;
         let factor = self.scale as f32;
         let mut hash = ContentHash::default();
         let mut named: Vec<_> = self.names.iter().zip(grids).enumerate().collect();
@@ -113,7 +119,7 @@ impl VdbWriter<'_> {
                 let options = WriteOptions {
                     factor,
                     background,
-                    progress: host.progress,
+                    session,
                 };
                 if !grid.write(stream.pin_mut(), index, &options)? {
                     return Ok(0);
@@ -125,12 +131,13 @@ impl VdbWriter<'_> {
 }
 
 /// Options of the writing of a grid.
+#[derive(Clone, Copy)]
 struct WriteOptions<'a> {
     /// Factor on the values of level sets, from the store's unit to the file's.
     factor: f32,
     /// Background of the grid, in the file's unit.
     background: f32,
-    progress: &'a dyn Progress,
+    session: Session<'a>,
 }
 
 impl StoredGrid<'_> {
@@ -264,14 +271,63 @@ impl StoredGrid<'_> {
         })
     }
 
-    /// Writes all nodes and leaves; returns false after cancellation.
+    /// The stored form of the topology of a block.
+    fn topology(&self, encoding: &ffi::BlockEncoding, origin: Coord) -> EncodedBlock {
+        let outside = [0; 64];
+        let inside = match self {
+            Self::Attribute(..) => None,
+            _ => self.shape().inside_slots(origin),
+        };
+        let (origins, masks) = match self {
+            Self::Fog(fog) => {
+                let block = fog.block(origin)?;
+                (block.origins, block.masks)
+            }
+            Self::Surface(store) | Self::Attribute(store, ..) => store.masks(origin)?,
+        };
+        let leaves: Vec<[i32; 3]> = origins.iter().map(|o| o.0).collect();
+        let (leaves, masks) = (leaves.as_flattened(), masks.as_flattened());
+        let inside = inside.unwrap_or(&outside);
+        let bytes = ffi::encode_topology(encoding, leaves, masks, inside)?;
+        Ok(bytes)
+    }
+
+    /// The stored form of the values of a block.
+    fn values(&self, encoding: &ffi::BlockEncoding, origin: Coord, factor: f32) -> EncodedBlock {
+        let block = self.block(origin, factor)?;
+        let leaves: Vec<[i32; 3]> = block.origins.iter().map(|o| o.0).collect();
+        let masks = block.masks.as_flattened();
+        let leaves = leaves.as_flattened();
+        let bytes = ffi::encode_values(encoding, leaves, masks, &block.values)?;
+        Ok(bytes)
+    }
+
+    /// Blocks in groups whose values take at most [`MAX_BYTES_AT_ONCE`], or of one block.
+    fn groups<'b>(&self, blocks: &'b [Coord]) -> Vec<&'b [Coord]> {
+        let components = match self {
+            Self::Attribute(_, attribute, _) => attribute.width() as u64,
+            Self::Surface(_) | Self::Fog(_) => 1,
+        };
+        let most = MAX_BYTES_AT_ONCE / (components * size_of::<[f32; VOXELS]>() as u64);
+        let leaves = |block: &Coord| self.shape().leaves_of(*block);
+        let mut sum = blocks.first().map_or(0, leaves);
+        let fits = |_: &Coord, next: &Coord| {
+            let fits = sum + leaves(next) <= most;
+            sum = leaves(next) + if fits { sum } else { 0 };
+            fits
+        };
+        blocks.chunk_by(fits).collect()
+    }
+
+    /// Writes all nodes and leaves; returns false after cancellation. Blocks are read and encoded on all threads,
+    /// and written in order.
     fn write(
         &self,
         mut stream: Pin<&mut ffi::Stream>,
         index: usize,
         options: &WriteOptions,
     ) -> Result<bool, WriteError> {
-        ffi::stream_grid(stream.as_mut(), index, &self.facts(options))?;
+        let encoding = ffi::stream_grid(stream.as_mut(), index, &self.facts(options))?;
         let (upper_nodes, tiles) = self.nodes();
         let tiles: Vec<[i32; 3]> = tiles.iter().map(|c| c.0).collect();
         ffi::stream_root(
@@ -279,47 +335,49 @@ impl StoredGrid<'_> {
             tiles.as_flattened(),
             upper_nodes.len() as u32,
         )?;
-        let outside = [0; 64];
+        let Session {
+            threads, progress, ..
+        } = options.session;
         for upper in &upper_nodes {
             let (at, inside) = (&upper.origin.0, &upper.inside);
             ffi::stream_upper(stream.as_mut(), at, &upper.children, inside)?;
-            for origin in upper.blocks() {
-                let block = self.block(origin, options.factor)?;
-                let inside = match self {
-                    Self::Attribute(..) => None,
-                    _ => self.shape().inside_slots(origin),
-                };
-                let leaves: Vec<[i32; 3]> = block.origins.iter().map(|o| o.0).collect();
-                ffi::stream_topology(
-                    stream.as_mut(),
-                    &origin.0,
-                    leaves.as_flattened(),
-                    block.masks.as_flattened(),
-                    inside.unwrap_or(&outside),
-                )?;
-                options.progress.advance(1);
-                if options.progress.cancelled() {
+            let blocks: Vec<Coord> = upper.blocks().collect();
+            for group in self.groups(&blocks) {
+                for block in encoded(threads, group, |b| self.topology(&encoding, b))? {
+                    ffi::stream_topology(stream.as_mut(), &block)?;
+                }
+                progress.advance(group.len() as u64);
+                if progress.cancelled() {
                     return Ok(false);
                 }
             }
         }
-        for origin in upper_nodes.iter().flat_map(BlockNode::blocks) {
-            let block = self.block(origin, options.factor)?;
-            let leaves: Vec<[i32; 3]> = block.origins.iter().map(|o| o.0).collect();
-            ffi::stream_values(
-                stream.as_mut(),
-                &origin.0,
-                leaves.as_flattened(),
-                block.masks.as_flattened(),
-                &block.values,
-            )?;
-            options.progress.advance(1);
-            if options.progress.cancelled() {
+        let blocks: Vec<Coord> = upper_nodes.iter().flat_map(BlockNode::blocks).collect();
+        for group in self.groups(&blocks) {
+            let values = |b| self.values(&encoding, b, options.factor);
+            for block in encoded(threads, group, values)? {
+                ffi::stream_values(stream.as_mut(), &block)?;
+            }
+            progress.advance(group.len() as u64);
+            if progress.cancelled() {
                 return Ok(false);
             }
         }
         Ok(true)
     }
+}
+
+/// The bytes of a block.
+type EncodedBlock = Result<UniquePtr<CxxString>, WriteError>;
+
+/// The bytes of some blocks, in their order.
+fn encoded(
+    threads: &Threads,
+    blocks: &[Coord],
+    encode: impl Fn(Coord) -> EncodedBlock + Sync,
+) -> Result<Vec<UniquePtr<CxxString>>, WriteError> {
+    let all = || blocks.par_iter().with_max_len(1).map(|b| encode(*b));
+    threads.install(|| all().collect())
 }
 
 /// Scatters the values of active voxels to all voxels of their leaves; 0 elsewhere.

@@ -15,7 +15,7 @@ use super::volumes::attribute_words;
 use crate::band::{BLOCK, LEAF};
 use crate::progress::Threads;
 use crate::recipe::{GridWord, Output};
-use crate::vdb::LevelSet;
+use crate::vdb::{LevelSet, MAX_BYTES_AT_ONCE};
 use std::path::Path;
 
 /// Greatest edge of a brick that Druse chooses, blocks.
@@ -145,13 +145,14 @@ pub(crate) fn memory_bytes(inputs: &Inputs, threads: &Threads, counts: &Counts, 
     } else {
         0.0
     };
-    // The leaves of a block twice, as values and as a node; and the rows of some leaves while attributes
-    // are made.
+    // The leaves of some blocks three times: as values, as a node and as bytes; and the rows of some leaves while
+    // attributes are made.
     let words = attribute_words(inputs.recipe);
     let components = words.iter().map(GridWord::components);
     let max_components = components.clone().max().unwrap_or(1);
     let rows = ATTRIBUTE_BATCH_BYTES * components.sum::<usize>() as f64;
-    let written = density * LEAF_BYTES * 2.0 * max_components as f64 + rows;
+    let block = density * LEAF_BYTES * max_components as f64;
+    let written = 3.0 * block.max(MAX_BYTES_AT_ONCE as f64) + rows;
     let attribute_index = ATTRIBUTE_BYTES_PER_BLOCK * words.len() as f64 * counts.blocks;
     let largest = operated
         .max(resampled)

@@ -1,9 +1,14 @@
-//! All values of a leaf, from its active ones.
+//! Reading of the leaves of a block: all values of each, from its active ones.
 
-use crate::band::VOXELS;
-use crate::band::flood::flood_leaf;
+use super::super::flood::flood_leaf;
+use super::super::leaf_file::{
+    Chunk, LeafFileError, StoredLeaf, leaf_at, leaf_length, leaf_slot, read_range, slot_origin,
+};
+use super::LeafStore;
+use crate::band::{LEAF, LeafBatch, Region, VOXELS};
 use crate::frame::Coord;
 use crate::simd::negative_bits;
+use std::fs::File;
 
 /// A leaf with all its values.
 pub struct FullLeaf<'a> {
@@ -17,8 +22,97 @@ pub struct FullLeaf<'a> {
     pub values: &'a [f32; VOXELS],
 }
 
+impl LeafStore {
+    /// Reads the leaves of a block that meet a region. Inactive voxels get minus or plus the background,
+    /// by the signs of the active ones.
+    ///
+    /// # Errors
+    /// [`LeafFileError`] if the file has changed since it was opened.
+    pub fn read(&self, block: Coord, region: Region) -> Result<LeafBatch, LeafFileError> {
+        let mut batch = LeafBatch::default();
+        self.visit(block, region, |leaf| {
+            batch.push(leaf.origin, *leaf.active, leaf.values);
+        })?;
+        Ok(batch)
+    }
+
+    /// Calls `visit` with the leaves that [`LeafStore::read`] returns.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn visit(
+        &self,
+        block: Coord,
+        region: Region,
+        mut visit: impl FnMut(FullLeaf<'_>),
+    ) -> Result<(), LeafFileError> {
+        let mut values = [0.0; VOXELS];
+        self.visit_stored(block, region, |origin, leaf| {
+            let inside = fill_values(self.background, &leaf.mask, &leaf.active, &mut values);
+            visit(FullLeaf {
+                origin,
+                active: &leaf.mask,
+                inside: &inside,
+                values: &values,
+            });
+        })
+    }
+
+    /// Origins and masks of active voxels of a block's leaves, in order.
+    ///
+    /// # Errors
+    /// As [`LeafStore::read`].
+    pub fn masks(&self, block: Coord) -> Result<(Vec<Coord>, Vec<[u64; 8]>), LeafFileError> {
+        let (mut origins, mut masks) = (Vec::new(), Vec::new());
+        self.visit_stored(block, Region::EVERYWHERE, |origin, leaf| {
+            origins.push(origin);
+            masks.push(leaf.mask);
+        })?;
+        Ok((origins, masks))
+    }
+
+    fn visit_stored(
+        &self,
+        block: Coord,
+        region: Region,
+        mut visit: impl FnMut(Coord, StoredLeaf),
+    ) -> Result<(), LeafFileError> {
+        let Some(entry) = self.blocks.get(&block) else {
+            return Ok(());
+        };
+        let path = &self.files[entry.file];
+        let failed = |e| self.io_error(entry.file, e);
+        let mut file = File::open(path).map_err(failed)?;
+        let layer_meets = |chunk: &&Chunk| {
+            let [first, last] = chunk.layers.map(|x| block[0] + i32::from(x) * LEAF);
+            first <= region.max[0] && last + LEAF > region.min[0]
+        };
+        for chunk in entry.chunks.iter().filter(layer_meets) {
+            let bytes = read_range(&mut file, chunk.start, chunk.bytes as usize).map_err(failed)?;
+            let mut rest = &bytes[..];
+            while let Some((slot, length)) = leaf_slot(rest).zip(leaf_length(rest)) {
+                let origin = slot_origin(block, slot);
+                if region.meets(origin, LEAF)
+                    && let Some((leaf, _)) = leaf_at(rest)
+                {
+                    visit(origin, leaf);
+                }
+                rest = rest.get(length..).unwrap_or(&[]);
+            }
+        }
+        Ok(())
+    }
+
+    /// All 512 values of a leaf from its active ones; inactive voxels get minus or plus the background.
+    pub fn leaf_values(&self, mask: &[u64; 8], active: &[f32]) -> [f32; VOXELS] {
+        let mut values = [0.0; VOXELS];
+        fill_values(self.background, mask, active, &mut values);
+        values
+    }
+}
+
 /// Sets all values of a leaf; returns which are negative.
-pub(super) fn fill_values(
+fn fill_values(
     background: f32,
     mask: &[u64; 8],
     active: &[f32],
