@@ -1,4 +1,6 @@
 //! Reading of the leaves of a block: all values of each, from its active ones.
+// Inlined so that the code is compiled for the processor at hand.
+#![allow(clippy::inline_always)]
 
 use super::super::flood::flood_leaf;
 use super::super::leaf_file::{
@@ -7,7 +9,7 @@ use super::super::leaf_file::{
 use super::LeafStore;
 use crate::band::{LEAF, LeafBatch, Region, VOXELS};
 use crate::frame::Coord;
-use crate::simd::negative_bits;
+use crate::simd::{negative_bits, run_vectorized};
 use std::fs::File;
 
 /// A leaf with all its values.
@@ -118,6 +120,24 @@ fn fill_values(
     active: &[f32],
     values: &mut [f32; VOXELS],
 ) -> [u64; 8] {
+    let mut inside = [0; 8];
+    run_vectorized(
+        #[inline(always)]
+        || {
+            put_active(mask, active, values);
+            let negative = negative_bits(values);
+            let known = std::array::from_fn(|x| negative[x] & mask[x]);
+            let first = active.first().is_some_and(|v| *v < 0.0);
+            inside = flood_leaf(first, mask, &known);
+            put_background(background, mask, &inside, values);
+        },
+    );
+    inside
+}
+
+/// Puts active values in their places; the others are undetermined.
+#[inline(always)]
+fn put_active(mask: &[u64; 8], active: &[f32], values: &mut [f32; VOXELS]) {
     let rows = values.as_chunks_mut::<8>().0;
     let known = || mask.iter().flat_map(|word| word.to_le_bytes());
     let mut next = 0usize;
@@ -140,14 +160,15 @@ fn fill_values(
         }
         next += count;
     }
-    let negative = negative_bits(values);
-    let inside: [u64; 8] = std::array::from_fn(|x| negative[x] & mask[x]);
-    let first = active.first().is_some_and(|v| *v < 0.0);
-    let inside = flood_leaf(first, mask, &inside);
-    let rows = values.as_chunks_mut::<8>().0;
-    let signs = inside.iter().flat_map(|word| word.to_le_bytes());
-    for ((row, known), inside) in rows.iter_mut().zip(known()).zip(signs) {
-        if known == u8::MAX {
+}
+
+/// Sets the inactive values to the background with the sign of `inside`.
+#[inline(always)]
+fn put_background(background: f32, mask: &[u64; 8], inside: &[u64; 8], values: &mut [f32; VOXELS]) {
+    for (n, row) in values.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+        let of_row = |words: &[u64; 8]| (words[n / 8] >> (8 * (n % 8)) & 0xff) as u32;
+        let (known, inside) = (of_row(mask), of_row(inside));
+        if known == 0xff {
             continue;
         }
         for (z, v) in row.iter_mut().enumerate() {
@@ -159,7 +180,6 @@ fn fill_values(
             *v = if known >> z & 1 == 1 { *v } else { beyond };
         }
     }
-    inside
 }
 
 #[cfg(test)]
