@@ -299,8 +299,8 @@ fn points_of<'a>(
 ) -> LeafPoints {
     let own = leaf(n);
     let (mut points, mut wedges, mut corners) = (Vec::new(), Vec::new(), Vec::new());
-    if own.mask != [0; 8] {
-        let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
+    let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
+    if own.mask != [0; 8] && surface_points::has_crossings(&own, values) {
         stencils.gather(&own, values, lengths.0, lengths.1);
         points = stencils.points();
         corners = wedge::find(&mut points, &mut wedges, &own, values, lengths);

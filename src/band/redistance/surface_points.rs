@@ -2,10 +2,11 @@
 // Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 
+use super::super::leaf::LEAF;
 use super::super::smooth::LeafRef;
 use super::block::{MAX_CURVATURE_REDUCTION, MAX_SHORTFALL, MAX_TANGENTIAL, MIN_CURVATURE_FACTOR};
 use crate::frame::{Coord, Mat3, Vec3};
-use crate::simd::{Lanes, SimdKernel, run};
+use crate::simd::{Lanes, SimdKernel, negative_bits, run};
 use std::ops::Range;
 
 /// Voxels along the edge of a leaf with one layer before it and two after it.
@@ -84,6 +85,32 @@ impl Default for Stencils {
             far: 0.0,
         }
     }
+}
+
+/// Whether the surface crosses an edge that begins in a leaf: one between its voxels, or to a leaf that `values`
+/// returns.
+pub(super) fn has_crossings<'a>(
+    leaf: &LeafRef<'a>,
+    values: impl Fn(Coord) -> Option<&'a [f32]>,
+) -> bool {
+    let negative = leaf.values.first_chunk().map_or([0; 8], negative_bits);
+    let first = (negative[0] & 1).wrapping_neg();
+    if negative != [first; 8] {
+        return true;
+    }
+    // Offsets of the voxels of the next leaf's first face: outer and inner steps, by axis.
+    let is_inside = first != 0;
+    [[8, 1], [64, 1], [64, 8]]
+        .iter()
+        .enumerate()
+        .any(|(axis, [outer, inner])| {
+            let mut next = leaf.origin;
+            next.0[axis] += LEAF;
+            values(next).is_some_and(|next| {
+                let face = (0..64).map(|n| next[outer * (n / 8) + inner * (n % 8)]);
+                face.into_iter().any(|v| (v < 0.0) != is_inside)
+            })
+        })
 }
 
 /// Bits of the negative values among the nine voxels along z from a leaf's first, `[x][y]`.
