@@ -218,6 +218,7 @@ std::int32_t stream_close(Stream&);
 // render.cc
 void grid_trace(const Grid&, const Camera&, rust::Slice<const std::uint32_t> samples, rust::Slice<float> hits,
                 const Host&);
-void grid_shade(const Grid&, const Camera&, rust::Slice<float> hits, const Host&);
+void grid_shade(const Grid&, const Camera&, rust::Slice<const std::uint32_t> samples, rust::Slice<float> hits,
+                const Host&);
 
 }  // namespace druse

@@ -283,10 +283,11 @@ void grid_trace(const Grid& handle, const Camera& camera, rust::Slice<const std:
               [](Tracer& tracer, std::size_t i, std::size_t j, float* out) { tracer.sample(i, j, out); });
 }
 
-void grid_shade(const Grid& handle, const Camera& camera, rust::Slice<float> hits, const Host& host) {
+void grid_shade(const Grid& handle, const Camera& camera, rust::Slice<const std::uint32_t> samples,
+                rust::Slice<float> hits, const Host& host) {
   const FloatGrid& grid = floats(handle);
   if (grid.empty()) return;
-  for_each_sample(grid, camera, {}, hits, host,
+  for_each_sample(grid, camera, samples, hits, host,
               [](Tracer& tracer, std::size_t i, std::size_t j, float* out) { tracer.shade(i, j, out); });
 }
 

@@ -114,7 +114,7 @@ pub(crate) use on_disk::{stored_components, stored_voids};
 pub(crate) use ops::MAX_FILTER_WIDTH;
 pub use remove_components::{ComponentSelection, REMOVAL_REACH, RemovedComponents};
 pub use render::{Image, Picture};
-pub(crate) use render_parts::render_parts;
+pub(crate) use render_parts::{SolidParts, render_parts};
 pub use shape_ops::{Mask, WallSide};
 pub use solid_cubes::MAX_CUBES;
 pub(crate) use solid_cubes::{SolidCubes, largest_face_component};

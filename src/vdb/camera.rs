@@ -132,14 +132,14 @@ impl View {
         is_seen.then(|| (clamped(low, -1.0), clamped(high, 1.0)))
     }
 
-    /// The samples from `low` to `high`, both included, as a separate view.
-    pub fn part(&self, low: [usize; 2], high: [usize; 2]) -> Self {
-        Self {
-            corner: self.corner + self.du * low[0] as f64 + self.dv * low[1] as f64,
-            columns: high[0] - low[0] + 1,
-            rows: high[1] - low[1] + 1,
-            ..*self
+    /// The least depth along a ray at which it can be in a box.
+    pub fn nearest_depth(&self, bounds: Aabb) -> f64 {
+        if self.perspective {
+            let nearest = self.eye.sup(&bounds.min).inf(&bounds.max);
+            return (nearest - self.eye).norm();
         }
+        let depths = corners(bounds).map(|c| (c - self.corner).dot(&self.forward));
+        depths.into_iter().fold(f64::INFINITY, f64::min)
     }
 
     /// Samples per row, and rows.
@@ -182,7 +182,7 @@ impl View {
 }
 
 /// The eight corners of a box.
-fn corners(bounds: Aabb) -> [Vec3; 8] {
+pub fn corners(bounds: Aabb) -> [Vec3; 8] {
     std::array::from_fn(|n| {
         let ends = [bounds.min, bounds.max];
         Vec3::new(ends[n & 1].x, ends[n >> 1 & 1].y, ends[n >> 2].z)

@@ -267,7 +267,7 @@ fn values_at(hits: &[Option<Hit>], eye: Vec3, grid: &Volume) -> Result<Vec<f32>,
 }
 
 /// The box of samples with a hit; the whole view if there are none.
-fn covered(values: &[f32], columns: usize) -> ([usize; 2], [usize; 2]) {
+pub(super) fn covered(values: &[f32], columns: usize) -> ([usize; 2], [usize; 2]) {
     let rows = values.len() / (RAY_VALUES * columns);
     let mut found = ([columns, rows], [0, 0]);
     for (n, sample) in values.chunks_exact(RAY_VALUES).enumerate() {

@@ -10,7 +10,7 @@ use crate::frame::{Aabb, Coord, Vec3};
 use crate::io::atomic::write_bytes;
 use crate::mesh::TriMesh;
 use crate::recipe::Output;
-use crate::vdb::render_parts;
+use crate::vdb::{SolidParts, render_parts};
 use std::path::Path;
 
 /// Layer around a brick that is rendered with it, voxels.
@@ -84,25 +84,31 @@ pub(super) fn picture(
 ) -> Result<(), RunError> {
     let StoredSolid { bricks, store } = solid;
     let count = bricks.len();
-    // Three visits per brick: coarse, fine, shadows.
-    brick_run.progress.stage("picture", Some(3 * count as u64));
     let quiet = CancelOnly(brick_run.progress);
     let context = bricks.context(brick_run, &quiet);
     let transform = context.transform()?;
     let picture_options = super::super::output::picture(output);
-    let image = render_parts(&picture_options, frame, context.session(), |visit| {
-        for brick in 0..count {
-            let region = bricks.region(brick);
-            if store.blocks_in(region).next().is_some() {
-                let own = part(context, store, region.grown(LAYER_WIDTH), Coord([0; 3]))?;
-                let corners = [region.min, region.max].map(|c| transform.world(c).0);
-                let around = Aabb::of(corners).dilated(context.scale.voxel_size);
-                visit(&own, around).map_err(RunError::level_set("picture"))?;
-            }
-            brick_run.progress.advance(1);
-        }
-        Ok::<_, RunError>(())
-    })?;
+    let filled = |&n: &usize| store.blocks_in(bricks.region(n)).next().is_some();
+    let numbers: Vec<usize> = (0..count).filter(filled).collect();
+    let around = |n: &usize| {
+        let region = bricks.region(*n);
+        let corners = [region.min, region.max].map(|c| transform.world(c).0);
+        Aabb::of(corners).dilated(2.0 * context.scale.voxel_size)
+    };
+    // Three visits per brick: coarse, fine, shadows.
+    let visits = 3 * numbers.len() as u64;
+    brick_run.progress.stage("picture", Some(visits));
+    let boxes: Vec<Aabb> = numbers.iter().map(around).collect();
+    let mut make = |n: usize| {
+        let region = bricks.region(numbers[n]).grown(LAYER_WIDTH);
+        part(context, store, region, Coord([0; 3]))
+    };
+    let parts = SolidParts {
+        boxes: &boxes,
+        make: &mut make,
+        visited: &|| brick_run.progress.advance(1),
+    };
+    let image = render_parts(&picture_options, frame, context.session(), parts)?;
     let png = image.png().map_err(RunError::level_set("picture"))?;
     write_bytes(path, &png)?;
     Ok(())
