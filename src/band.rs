@@ -20,6 +20,7 @@ use crate::progress::Cancelled;
 mod activate;
 mod attributes;
 mod buffers;
+mod coarser_copy;
 mod contact;
 mod cull;
 mod estimate;
@@ -35,6 +36,7 @@ mod smooth;
 
 pub(crate) use attributes::AttributeFileWriter;
 pub use attributes::AttributeStore;
+pub(crate) use coarser_copy::FinerBand;
 pub use estimate::{Estimate, Sampling};
 #[doc(hidden)]
 pub use leaf::BLOCK;
@@ -44,8 +46,8 @@ pub use leaf::{LeafBatch, LeafSink, SinkError, VOXELS};
 pub use leaf_file::LeafFileWriter;
 pub use leaf_file::{LeafFileError, LeafFileHead};
 pub use leaf_store::{FullLeaf, LeafStore, StoreError, UpperNode};
+pub(crate) use redistance::ClosestPointField;
 pub use redistance::SurfacePoints;
-pub(crate) use redistance::{ClosestPointField, MovedLeaf};
 pub use sinks::{Leaf, LeafCounter, LeafCounts, LeafMap};
 pub use smooth::{LeafRef, Smoother};
 

@@ -2,6 +2,7 @@
 // Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 
+use super::smooth::LeafRef;
 use crate::frame::Coord;
 use crate::simd::{Lanes, SimdKernel, run};
 use std::error::Error;
@@ -59,6 +60,18 @@ impl LeafBatch {
         self.origins.push(origin);
         self.masks.push(mask);
         self.values.push(*values);
+    }
+
+    /// The leaves, in their order.
+    pub fn leaves(&self) -> impl Iterator<Item = LeafRef<'_>> {
+        let heads = self.origins.iter().zip(&self.masks);
+        heads
+            .zip(&self.values)
+            .map(|((origin, mask), values)| LeafRef {
+                origin: *origin,
+                mask: *mask,
+                values,
+            })
     }
 
     /// Active voxels of all leaves.

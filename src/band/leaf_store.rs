@@ -347,17 +347,32 @@ impl LeafStore {
             }
             return;
         }
+        if self.is_block_inside(origin) {
+            found.push((origin, BLOCK));
+        }
+    }
+
+    /// Whether a block without leaves lies inside.
+    fn is_block_inside(&self, origin: Coord) -> bool {
         let node = origin.aligned(UPPER_EDGE);
-        let is_inside = match self.upper_nodes.get(&node) {
+        match self.upper_nodes.get(&node) {
             Some(upper) => {
                 let slot = slot(origin, node);
                 upper.inside[slot >> 6] >> (slot & 63) & 1 == 1
             }
             None => self.is_between_nodes(node),
-        };
-        if is_inside {
-            found.push((origin, BLOCK));
         }
+    }
+
+    /// Whether an absent leaf lies inside.
+    pub fn is_inside(&self, leaf: Coord) -> bool {
+        let origin = leaf.aligned(BLOCK);
+        let Some(block) = self.blocks.get(&origin) else {
+            return self.is_block_inside(origin);
+        };
+        let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - origin[a]) / LEAF) as usize);
+        let slot = x << 8 | y << 4 | z;
+        block.inside[slot >> 6] >> (slot & 63) & 1 == 1
     }
 
     /// Whether an absent node lies inside: between two nodes on its line along z whose facing ends do.

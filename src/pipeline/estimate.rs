@@ -23,8 +23,8 @@ mod costs;
 mod macro_decks;
 
 pub(super) use costs::{
-    DECIMATION_BYTES_PER_POINT, PROJECTION_BYTES_PER_POINT, attribute_values_per_vertex,
-    share_of_copies,
+    DECIMATION_BYTES_PER_POINT, POINTS_SHARE, PROJECTION_BYTES_PER_POINT,
+    attribute_values_per_vertex, share_of_copies,
 };
 use costs::{
     ELEMENT_BYTES, ELEMENT_DISK_BYTES, copy_cost, cost, deck_elements, file_bytes_per_point,

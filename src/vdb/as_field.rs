@@ -286,7 +286,7 @@ impl LevelSet {
     ) -> Result<Self, VdbError> {
         let builder = LevelSetBuilder::new(transform, half_width)?;
         if self.is_doubling(transform, placement, session) {
-            for batch in self.coarser_leaves(half_width, Region::EVERYWHERE, session)? {
+            for batch in self.coarser_leaves(half_width, session)? {
                 let block = batch.origins[0].aligned(BLOCK);
                 let added = builder.block(block, &batch);
                 added.map_err(|e| VdbError::band("resampling", e.into()))?;

@@ -73,10 +73,16 @@ pub(crate) fn memory_bytes(inputs: &Inputs, threads: &Threads, counts: &Counts, 
     } else {
         0.0
     };
-    // Resampling: the part that is resampled at once, and its widened band as leaves and in the tree.
+    // Resampling: the part that is resampled at once, and its widened band as leaves and in the tree; or its
+    // surface's points and the new leaves.
     let resampled = resamplings(inputs, &passes).into_iter().map(|step| {
         let from = in_cube(step.span(edge) / f64::from(BLOCK));
-        from * LEAF_BYTES * (1.0 + 2.0 * step.growth())
+        let more = if step.is_doubling() {
+            estimate::POINTS_SHARE + step.leaf_ratio()
+        } else {
+            2.0 * step.growth()
+        };
+        from * LEAF_BYTES * (1.0 + more)
     });
     let resampled = resampled.fold(0.0, f64::max);
     // Meshing: the leaves with a layer around them, and their points.

@@ -8,9 +8,12 @@ use super::halo::{Pass, total_reach};
 use super::plan::operand_regions;
 use super::solid::{Bricks, StoredSolid};
 use super::{BrickRun, CancelOnly, write_leaves};
-use crate::band::{BLOCK, Band, LEAF, Leaf, LeafMap, LeafSink, Region};
+use crate::band::{
+    BLOCK, Band, FinerBand, LEAF, Leaf, LeafBatch, LeafMap, LeafRef, LeafSink, Region, StoreError,
+};
 use crate::frame::{Aabb, Coord};
-use crate::vdb::SampledLevelSet;
+use crate::vdb::{FileError, SampledLevelSet};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 impl BrickRun<'_> {
@@ -122,20 +125,14 @@ impl BrickRun<'_> {
         if solid.store.blocks_in(around).next().is_none() {
             return Ok(());
         }
+        if step.is_doubling() {
+            return self.double_region(step, solid, (region, around), sink);
+        }
         // The part keeps its global position, because lookups are in world coordinates.
         let part = part(context, &solid.store, around, Coord([0; 3]))?;
         let transform = self.context(step.to, &quiet).transform()?;
-        let session = context.session();
-        if part.is_doubling(transform, step.placement, session) {
-            let made = part.coarser_leaves(step.to.half_width, region, session);
-            for batch in made.map_err(&failed)? {
-                let added = sink.block(batch.origins[0].aligned(BLOCK), &batch);
-                added.map_err(|e| RunError::band("bricks")(e.into()))?;
-            }
-            return Ok(());
-        }
         let reach = step.to.half_width * transform.voxel_size();
-        let field = SampledLevelSet::within(part, source, reach, step.placement, session);
+        let field = SampledLevelSet::within(part, source, reach, step.placement, context.session());
         let field = field.map_err(&failed)?;
         if field.bounds().is_empty() {
             return Ok(());
@@ -148,6 +145,40 @@ impl BrickRun<'_> {
         };
         let result = band.evaluate_within(region, self.threads, &quiet, sink);
         result.map_err(RunError::band("bricks"))?;
+        Ok(())
+    }
+
+    /// As [`Self::resample_region`], for voxels of twice the edge; `around` are the old voxels that determine them.
+    fn double_region(
+        &self,
+        step: &Resampling,
+        solid: &StoredSolid,
+        (region, around): (Region, Region),
+        sink: &dyn LeafSink,
+    ) -> Result<(), RunError> {
+        let store = &solid.store;
+        let blocks: Vec<Coord> = store.blocks_in(around).collect();
+        let read = |block: &Coord| store.read(*block, around);
+        let read = || blocks.par_iter().map(read).collect::<Result<Vec<_>, _>>();
+        let parts = self.threads.install(read);
+        let parts = parts.map_err(|e| FileError::from(StoreError::from(e)))?;
+        let mut leaves: Vec<LeafRef<'_>> = parts.iter().flat_map(LeafBatch::leaves).collect();
+        leaves.sort_unstable_by_key(|leaf| leaf.origin);
+        let finer = FinerBand {
+            leaves,
+            voxel_size: step.from.scale.voxel_size,
+            background: store.background(),
+            is_inside: &|leaf| store.is_inside(leaf),
+        };
+        let quiet = CancelOnly(self.progress);
+        let half_width = step.to.half_width;
+        let made = || finer.coarser_leaves(half_width, region, &quiet);
+        let made = self.threads.install(made);
+        let failed = RunError::level_set("resample");
+        for batch in made.map_err(|e| failed(e.into()))? {
+            let added = sink.block(batch.origins[0].aligned(BLOCK), &batch);
+            added.map_err(|e| RunError::band("bricks")(e.into()))?;
+        }
         Ok(())
     }
 }

@@ -11,7 +11,7 @@ const WIDENING_NS: f64 = 200.0;
 /// Time of a copy on voxels of twice the edge, per active voxel of the finer ones.
 const DOUBLING_NS: f64 = 140.0;
 /// Memory of the surface's points over that of the leaves that determine them.
-const POINTS_SHARE: f64 = 1.3;
+pub(in super::super) const POINTS_SHARE: f64 = 1.3;
 
 /// Bytes per point of a mesh while it is decimated.
 pub(in super::super) const DECIMATION_BYTES_PER_POINT: f64 = 125.0;
