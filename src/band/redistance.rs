@@ -216,17 +216,23 @@ impl SurfacePoints {
     /// a whole leaf; ascending.
     pub fn leaves_within(&self, by: f64) -> Vec<Coord> {
         let around = search::around(self.reach(by));
-        let near = |&(origin, _): &(Coord, _)| {
+        self.leaves_near(|origin, found| {
             let steps = around.iter();
-            let all = steps.map(move |s| origin.offset(LEAF * s[0], LEAF * s[1], LEAF * s[2]));
-            all.collect::<Vec<_>>()
-        };
+            found.extend(steps.map(|s| origin.offset(LEAF * s[0], LEAF * s[1], LEAF * s[2])));
+        })
+    }
+
+    /// The leaves that `add_near` adds for any leaf with points; ascending.
+    fn leaves_near(&self, add_near: impl Fn(Coord, &mut Vec<Coord>) + Sync) -> Vec<Coord> {
         // Deduplicated in chunks first, since neighbouring leaves are near the same leaves.
         let mut found: Vec<Coord> = self
             .leaves
             .par_chunks(256)
             .flat_map_iter(|part| {
-                let mut found: Vec<Coord> = part.iter().flat_map(near).collect();
+                let mut found = Vec::new();
+                for (origin, _) in part {
+                    add_near(*origin, &mut found);
+                }
                 found.sort_unstable();
                 found.dedup();
                 found

@@ -7,7 +7,6 @@ use super::super::leaf::LEAF;
 use super::block::OffsetLengths;
 use super::{MovedLeaf, SurfacePoints};
 use crate::frame::Coord;
-use rayon::prelude::*;
 
 /// Finer voxels along the edge of a coarser leaf.
 const EDGE: i32 = 2 * LEAF;
@@ -32,30 +31,17 @@ impl SurfacePoints {
     pub fn coarser_leaves(&self) -> Vec<Coord> {
         let reach = self.reach(0.0);
         let most = (reach as i32 + LEAF) / EDGE + 1;
-        let near = |&(origin, _): &(Coord, _)| {
+        self.leaves_near(|origin, found| {
             let own = origin.aligned(EDGE);
             let all = || (-most..=most).map(|n| EDGE * n);
-            let steps =
-                all().flat_map(move |x| all().flat_map(move |y| all().map(move |z| [x, y, z])));
-            let places = steps.map(move |[x, y, z]| own.offset(x, y, z));
-            let found = places.filter(move |first| {
-                is_near([0, 1, 2].map(|a| (origin[a] - first[a]) / LEAF), reach)
-            });
-            found.map(|first| Coord(first.0.map(|c| c / 2)))
-        };
-        let mut found: Vec<Coord> = self
-            .leaves
-            .par_chunks(256)
-            .flat_map_iter(|part| {
-                let mut found: Vec<Coord> = part.iter().flat_map(near).collect();
-                found.sort_unstable();
-                found.dedup();
-                found
-            })
-            .collect();
-        found.par_sort_unstable();
-        found.dedup();
-        found
+            for (x, y) in all().flat_map(|x| all().map(move |y| (x, y))) {
+                let firsts = all().map(|z| own.offset(x, y, z));
+                let near = firsts.filter(|first| {
+                    is_near([0, 1, 2].map(|a| (origin[a] - first[a]) / LEAF), reach)
+                });
+                found.extend(near.map(|first| Coord(first.0.map(|c| c / 2))));
+            }
+        })
     }
 
     /// The leaf of voxels of twice the edge at `origin`, in these voxels. `inside` holds which of its voxels are
