@@ -47,10 +47,14 @@ impl LevelSet {
         taken.ok_or_else(consumed)
     }
 
-    fn put(&self, level_set: druse::vdb::LevelSet) {
-        if let Ok(mut slot) = self.0.write() {
-            *slot = Some(level_set);
-        }
+    /// Puts the level set back. Meanwhile other threads may run Python: one of them may hold the lock while it
+    /// raises the exception of an empty level set.
+    fn put(&self, py: Python<'_>, level_set: druse::vdb::LevelSet) {
+        py.detach(|| {
+            if let Ok(mut slot) = self.0.write() {
+                *slot = Some(level_set);
+            }
+        });
     }
 
     /// Reads from the level set.
@@ -78,12 +82,12 @@ impl LevelSet {
         })?;
         match changed {
             Ok(()) => {
-                self.put(level_set);
+                self.put(py, level_set);
                 Ok(())
             }
             Err(e) => {
                 if matches!(e, VdbError::Parameter { .. }) {
-                    self.put(level_set);
+                    self.put(py, level_set);
                 }
                 Err(Fault::from(e).raise(py))
             }

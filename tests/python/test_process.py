@@ -76,6 +76,29 @@ def test_one_level_set_in_two_threads_is_refused_or_right(ball):
     assert ball.volume > 0
 
 
+def test_a_thread_that_raises_keeps_none_waiting(ball, monkeypatch):
+    """While one thread makes the exception of an empty level set, another puts the level set back."""
+    make = druse._errors.make
+    monkeypatch.setattr(druse._errors, "make", lambda *a: (time.sleep(0.001), make(*a))[1])
+    own, refused = ball.copy(), []
+
+    def work(call):
+        for _ in range(100):
+            try:
+                call()
+            except druse.ArgumentError as error:
+                refused.append(str(error))
+
+    calls = [lambda: own.dilate(1e-4), lambda: own.volume, lambda: own.voxel_size]
+    threads = [threading.Thread(target=work, args=(call,), daemon=True) for call in calls]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout=60)
+        assert not thread.is_alive()
+    assert any("empty" in r for r in refused)
+
+
 @pytest.mark.parametrize("what", ["run", "function", "homogenize", "fit"])
 def test_an_interrupt_ends_the_work(what, schwarz):
     def slow(points):
@@ -115,7 +138,7 @@ def test_a_fork_works(ball):
     assert ball.volume > 0
     context = multiprocessing.get_context("fork")
     queue = context.Queue()
-    child = context.Process(target=_volume, args=(queue,))
+    child = context.Process(target=_volume, args=(queue,), daemon=True)  # ended with the tests if it hangs
     child.start()
     volume = queue.get(timeout=60)
     child.join(timeout=60)
