@@ -113,20 +113,12 @@ impl<'a> LeafIndex<'a> {
         FACES.map(|s| self.holder(origin.offset(8 * s[0], 8 * s[1], 8 * s[2])))
     }
 
-    /// Value of the neighbour of voxel `n` of a leaf across a face; `neighbours` are those of the leaf.
-    pub fn neighbour(&self, leaf: usize, neighbours: &[Holder; 6], n: usize, face: usize) -> f32 {
-        let (shift, ahead) = ([6, 3, 0][face / 2], face % 2 == 1);
-        let step = 1 << shift;
-        let at = match (ahead, n >> shift & 7) {
-            (true, 7) => n - 7 * step,
-            (false, 0) => n + 7 * step,
-            (true, _) => return self.leaves[leaf].values[n + step],
-            (false, _) => return self.leaves[leaf].values[n - step],
-        };
-        match neighbours[face] {
-            Holder::Leaf(other) => self.leaves[other].values[at],
-            Holder::Tile(tile) => self.tiles[tile].value,
-            Holder::Background => self.background,
+    /// Row `number` along z, 8 x + y, of a leaf or of a tile's voxels.
+    pub fn row(&self, holder: Holder, number: usize) -> [f32; 8] {
+        match holder {
+            Holder::Leaf(leaf) => self.leaves[leaf].values.as_chunks().0[number],
+            Holder::Tile(tile) => [self.tiles[tile].value; 8],
+            Holder::Background => [self.background; 8],
         }
     }
 

@@ -2,12 +2,15 @@
 //!
 //! Volume and area are OpenVDB's sums: a Dirac delta of 1.5 voxels, central differences and the divergence
 //! theorem. Coordinates are relative to the middle of the leaves, so that a distant part loses no digits.
+// Inlined so that the code is compiled for the processor at hand.
+#![allow(clippy::inline_always)]
 
 use super::components::{Components, Side};
 use super::index::{FACES, Holder, LeafIndex};
 use super::{LevelSet, Session, VdbError};
 use crate::frame::Aabb;
 use crate::progress::Cancelled;
+use crate::simd::run_vectorized;
 use rayon::prelude::*;
 
 /// The result of [`LevelSet::measures`].
@@ -80,47 +83,118 @@ fn middle(index: &LeafIndex<'_>) -> [f64; 3] {
 fn sums(index: &LeafIndex<'_>, leaf: usize, middle: [f64; 3], h: f32) -> [f64; 2] {
     let view = &index.leaves[leaf];
     let mut neighbours: Option<[Holder; FACES.len()]> = None;
-    let (mut area, mut volume) = (0.0, 0.0);
+    let mut sums = RowSums::default();
     let limit = DELTA_HALF_WIDTH * h;
     let low = [0, 1, 2].map(|a| f64::from(view.origin[a]) - middle[a]);
-    for (x, (&word, row)) in view
-        .mask
-        .iter()
-        .zip(view.values.chunks_exact(64))
-        .enumerate()
-    {
-        let mut rest = word;
-        while rest != 0 {
-            let bit = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            let v = row[bit];
-            if v.abs() > limit {
-                continue;
+    run_vectorized(
+        #[inline(always)]
+        || {
+            for (number, (&values, active)) in view.rows().enumerate() {
+                let mut near = [false; 8];
+                for z in 0..8 {
+                    near[z] = active >> z & 1 == 1 && values[z].abs() <= limit;
+                }
+                if near == [false; 8] {
+                    continue;
+                }
+                let faces = neighbours.get_or_insert_with(|| index.face_neighbours(leaf));
+                let (x, y) = (number >> 3, number & 7);
+                let row = Row {
+                    values,
+                    near,
+                    around: around(index, leaf, faces, number),
+                    first: [low[0] + x as f64, low[1] + y as f64, low[2]],
+                };
+                sums.add(&row, f64::from(h));
             }
-            let n = 64 * x + bit;
-            let neighbours = neighbours.get_or_insert_with(|| index.face_neighbours(leaf));
-            let gradient = [0, 2, 4].map(|face| {
-                let [before, after] =
-                    [face, face + 1].map(|f| index.neighbour(leaf, neighbours, n, f));
-                f64::from(after - before) / (2.0 * f64::from(h))
-            });
-            let delta = delta(f64::from(v / h));
-            let at = [x, bit >> 3, bit & 7];
-            area += delta * gradient.iter().map(|s| s * s).sum::<f64>().sqrt();
-            let along = (0..3).map(|a| gradient[a] * (low[a] + at[a] as f64));
-            volume += delta * along.sum::<f64>();
+        },
+    );
+    [sums.area.iter().sum(), sums.volume.iter().sum()]
+}
+
+/// The rows before and after row `number` of a leaf along x, y and z.
+#[inline(always)]
+fn around(
+    index: &LeafIndex<'_>,
+    leaf: usize,
+    faces: &[Holder; FACES.len()],
+    number: usize,
+) -> [[[f32; 8]; 2]; 3] {
+    let own = Holder::Leaf(leaf);
+    let mut rows = [[index.row(own, number); 2]; 3];
+    for (axis, step) in [8, 1].into_iter().enumerate() {
+        let place = number / step % 8;
+        let [before, after] = [faces[2 * axis], faces[2 * axis + 1]];
+        rows[axis] = [
+            match place {
+                0 => index.row(before, number + 7 * step),
+                _ => index.row(own, number - step),
+            },
+            match place {
+                7 => index.row(after, number - 7 * step),
+                _ => index.row(own, number + step),
+            },
+        ];
+    }
+    let [before, after] = &mut rows[2];
+    before.rotate_right(1);
+    before[0] = index.row(faces[4], number)[7];
+    after.rotate_left(1);
+    after[7] = index.row(faces[5], number)[0];
+    rows
+}
+
+/// A row of voxels along z.
+struct Row {
+    values: [f32; 8],
+    /// The active voxels within the delta's width.
+    near: [bool; 8],
+    /// The neighbours before and after each voxel, by axis.
+    around: [[[f32; 8]; 2]; 3],
+    /// Position of the first voxel relative to the middle, voxels.
+    first: [f64; 3],
+}
+
+/// Sums by place along z.
+#[derive(Default)]
+struct RowSums {
+    area: [f64; 8],
+    volume: [f64; 8],
+}
+
+impl RowSums {
+    /// Adds a row of voxels of edge `h`.
+    #[inline(always)]
+    fn add(&mut self, row: &Row, h: f64) {
+        let (per_voxel, per_two) = (1.0 / h, 0.5 / h);
+        let [x, y, z] = row.first;
+        for n in 0..8 {
+            let mut gradient = [0.0; 3];
+            for a in 0..3 {
+                let [before, after] = &row.around[a];
+                gradient[a] = f64::from(after[n] - before[n]) * per_two;
+            }
+            let [i, j, k] = gradient;
+            let delta = delta(f64::from(row.values[n]) * per_voxel);
+            let along = i * x + j * y + k * (z + n as f64);
+            let (area, volume) = (delta * (i * i + j * j + k * k).sqrt(), delta * along);
+            self.area[n] += if row.near[n] { area } else { 0.0 };
+            self.volume[n] += if row.near[n] { volume } else { 0.0 };
         }
     }
-    [area, volume]
 }
 
 /// The Dirac delta (1 + cos(pi v / 1.5)) / 3 at a distance of -1.5 to 1.5 voxels.
+#[inline(always)]
 fn delta(v: f64) -> f64 {
-    // cos(pi s) = sin(pi (1/2 - s)), by the Taylor series of the sine.
-    let t = std::f64::consts::PI * (0.5 - v.abs() / f64::from(DELTA_HALF_WIDTH));
+    /// Terms of the Taylor series of the sine.
+    const TERMS: [f64; 7] = [15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0];
+    // cos(pi s) = sin(pi (1/2 - s)).
+    let t = std::f64::consts::PI * (0.5 - v.abs() * (1.0 / f64::from(DELTA_HALF_WIDTH)));
     let square = t * t;
-    let series = [15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0]
-        .iter()
-        .fold(1.0, |sum: f64, n| 1.0 - square / (n * (n - 1.0)) * sum);
+    let mut series = 1.0;
+    for n in TERMS {
+        series = 1.0 - square * (1.0 / (n * (n - 1.0))) * series;
+    }
     (1.0 + t * series) / 3.0
 }
