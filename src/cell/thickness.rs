@@ -20,6 +20,11 @@ const MAX_CHORD: f64 = 1.2;
 const PERCENTILE: f64 = 0.1;
 /// Accepted relative deviation of the measured thickness from the target.
 const TOLERANCE: f64 = 0.02;
+/// Relative deviation of the thickness at which the search for a level ends.
+const ACCURACY: f64 = 1e-4;
+/// Steps of the search by secants, and by bisection after those, where the thickness jumps.
+const SECANT_STEPS: usize = 12;
+const BISECTIONS: usize = 26;
 /// Parts per edge of the simplex grid on which surface points are found.
 const GRID_PARTS: usize = 24;
 
@@ -92,7 +97,7 @@ impl<'a> ThicknessProbe<'a> {
         most
     }
 
-    /// The chords at a level that are shorter than `most`, and their areas; the others have the length `most`.
+    /// The lengths of the chords at a level, at most `most`, and their areas.
     fn chords(&self, level: f64, most: f64) -> Vec<(f64, f64)> {
         let levels: &[f64] = if self.cell.solid.is_symmetric() {
             &[level, -level]
@@ -107,21 +112,15 @@ impl<'a> ThicknessProbe<'a> {
         patches.par_iter().map(chord).collect()
     }
 
-    /// Whether the thickness at a level is less than a target: its tenth percentile needs no longer chords.
-    fn is_thinner(&self, level: f64, target: f64) -> bool {
-        let chords = self.chords(level, target.min(MAX_CHORD));
-        let area: f64 = chords.iter().map(|c| c.1).sum();
-        if area <= 0.0 {
-            return self.thickness(level) < target;
-        }
-        let short = chords.iter().filter(|c| c.0 < target);
-        short.map(|c| c.1).sum::<f64>() >= PERCENTILE * area
-    }
-
     /// The thickness at a level: 0 without solid, infinite without void.
     fn thickness(&self, level: f64) -> f64 {
+        self.thickness_within(level, MAX_CHORD)
+    }
+
+    /// [`Self::thickness`] where it is less than `most`, which is returned otherwise.
+    fn thickness_within(&self, level: f64, most: f64) -> f64 {
         let solid = self.cell.solid;
-        let mut chords = self.chords(level, MAX_CHORD);
+        let mut chords = self.chords(level, most);
         let area: f64 = chords.iter().map(|c| c.1).sum();
         if area <= 0.0 {
             let empty = solid.value(self.samples.values[0], level) > 0.0;
@@ -135,7 +134,39 @@ impl<'a> ThicknessProbe<'a> {
                 return chord;
             }
         }
-        MAX_CHORD
+        most
+    }
+}
+
+/// Two levels, the first with a thinner solid than wanted.
+struct LevelBracket {
+    levels: [f64; 2],
+    /// Deviations of the thickness from the target, as the secant method uses them.
+    deviations: [f64; 2],
+    /// The end that the last level replaced.
+    replaced: Option<usize>,
+}
+
+impl LevelBracket {
+    /// The level at which the line through both ends meets the target, away from the ends.
+    fn secant(&self) -> f64 {
+        let ([thin, thick], [low, high]) = (self.levels, self.deviations);
+        thin + (thick - thin) * (low / (low - high)).clamp(0.05, 0.95)
+    }
+
+    fn middle(&self) -> f64 {
+        f64::midpoint(self.levels[0], self.levels[1])
+    }
+
+    /// Replaces an end by a level between them. If an end stays twice, its deviation counts half (Illinois method).
+    fn narrow(&mut self, level: f64, deviation: f64) {
+        let end = usize::from(deviation >= 0.0);
+        self.levels[end] = level;
+        self.deviations[end] = deviation;
+        if self.replaced == Some(end) {
+            self.deviations[1 - end] /= 2.0;
+        }
+        self.replaced = Some(end);
     }
 }
 
@@ -201,19 +232,36 @@ impl Cell {
         }
         let probe = ThicknessProbe::new(self)?;
         let (least, greatest) = probe.samples.range();
-        let (mut thin, mut thick) = match self.solid {
+        let (thin, thick) = match self.solid {
             Solid::Below => (least, greatest),
             Solid::Above => (greatest, least),
             _ => (least.abs().max(greatest.abs()), 0.0),
         };
-        for _ in 0..30 {
-            let level = f64::midpoint(thin, thick);
-            if probe.is_thinner(level, thickness) {
-                thin = level;
+        let mut bracket = LevelBracket {
+            levels: [thin, thick],
+            deviations: [-thickness, thickness],
+            replaced: None,
+        };
+        let most = (2.0 * thickness).min(MAX_CHORD);
+        for step in 0..SECANT_STEPS + BISECTIONS {
+            let is_secant = step < SECANT_STEPS && thickness < most;
+            let level = if is_secant {
+                bracket.secant()
             } else {
-                thick = level;
+                bracket.middle()
+            };
+            let found = probe.thickness_within(level, most);
+            let deviation = found.min(2.0 * thickness) - thickness;
+            if deviation.abs() <= ACCURACY * thickness {
+                return Ok(NearestLevel {
+                    level,
+                    thickness: found,
+                    bracket: (found, found),
+                });
             }
+            bracket.narrow(level, deviation);
         }
+        let [thin, thick] = bracket.levels;
         let (below, above) = (probe.thickness(thin), probe.thickness(thick));
         let (level, found) = if (above - thickness).abs() < (below - thickness).abs() {
             (thick, above)
