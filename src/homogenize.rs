@@ -64,7 +64,8 @@ pub use period::Period;
 pub use phases::sharpened;
 pub use phases::{Samples, mean};
 pub use properties::{
-    BoundDistances, Properties, Settings, Start, bytes_per_voxel, properties, properties_from,
+    BoundDistances, InitialSolutions, Properties, Settings, bytes_per_voxel, properties,
+    properties_from,
 };
 pub use stokes::{Permeability, Stokes};
 pub use tensor::{

@@ -103,7 +103,7 @@ pub use fog::Fog;
 pub use foreign::{Adopted, Cubes, GridReading};
 pub use index_map::IndexMap;
 pub(crate) use layers::stored_build_layers;
-pub use layers::{BuildLayers, BuildRequest, LayerFacts, Start};
+pub use layers::{BuildLayers, BuildRequest, LayerFacts, LayerRegion};
 pub use leaves::{LeafView, Leaves, TileView};
 pub use level_set_file::LevelSetFile;
 pub use measures::Measures;

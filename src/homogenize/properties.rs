@@ -111,7 +111,7 @@ pub struct Properties {
 
 /// Solutions that later ones start from.
 #[derive(Default)]
-pub struct Start {
+pub struct InitialSolutions {
     /// Displacements of the load cases.
     pub displacements: Vec<Vec<f64>>,
     /// Potentials of the load cases.
@@ -151,7 +151,7 @@ pub fn properties_from(
     grid: Grid,
     shares: &[f64],
     settings: &Settings,
-    mut start: Option<&mut Start>,
+    mut start: Option<&mut InitialSolutions>,
     progress: &dyn Progress,
 ) -> Result<Properties, HomogenizeError> {
     if !(0.0..1.0).contains(&settings.void) {

@@ -4,7 +4,7 @@ use super::error::{RunError, short_number};
 use super::level_set_ops::StageContext;
 use crate::frame::{LengthUnit, Vec3};
 use crate::recipe::{BuildSection, Scale};
-use crate::vdb::{BuildLayers, BuildRequest, LevelSet, Start};
+use crate::vdb::{BuildLayers, BuildRequest, LayerRegion, LevelSet};
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -128,7 +128,7 @@ impl BuildReport {
             n => (layers[n].area - layers[n - 1].area).abs(),
         };
         let first = layers.first().map_or(0, |l| l.number);
-        let starts = |list: &[Start]| {
+        let starts = |list: &[LayerRegion]| {
             let listed = list.iter().take(MAX_LISTED);
             listed
                 .map(|s| StartReport {

@@ -59,7 +59,7 @@ pub struct LayerFacts {
 
 /// An island or a cup, in the layer where it begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Start {
+pub struct LayerRegion {
     /// A point of it, world units, relative to the centre of voxel (0, 0, 0).
     pub place: Vec3,
     /// Its area in that layer, world units squared.
@@ -72,9 +72,9 @@ pub struct BuildLayers {
     /// From the lowest layer with a solid pixel to the highest.
     pub layers: Vec<LayerFacts>,
     /// The islands, from below.
-    pub islands: Vec<Start>,
+    pub islands: Vec<LayerRegion>,
     /// The cups, from below.
-    pub cups: Vec<Start>,
+    pub cups: Vec<LayerRegion>,
 }
 
 impl LevelSet {
@@ -244,7 +244,7 @@ impl<'a> Analysis<'a> {
         number: i64,
         own: &Components,
         below: Option<&Components>,
-    ) -> Vec<(u32, Start)> {
+    ) -> Vec<(u32, LayerRegion)> {
         let mut is_over = vec![false; own.pixels.len()];
         if let Some(below) = below {
             own.overlaps(below, |component, _| is_over[component as usize] = true);
@@ -255,7 +255,7 @@ impl<'a> Analysis<'a> {
                 let [row, column] = own.middle[component];
                 let place = self.frame.place(number, row, column) * self.voxel_size;
                 let area = self.area(own.pixels[component]);
-                (component as u32, Start { place, area })
+                (component as u32, LayerRegion { place, area })
             })
             .collect()
     }

@@ -2,7 +2,7 @@
 
 use super::{Parameters, warn_of};
 use crate::cli::{Answer, Failure, Session};
-use crate::homogenize::{Properties, Settings, Start, cubic_means, properties_from};
+use crate::homogenize::{InitialSolutions, Properties, Settings, cubic_means, properties_from};
 use crate::io::atomic::write_bytes;
 use crate::pipeline::{CellPeriod, SweepCurve, sampled, shares_of, sweep_picture};
 use crate::progress::Progress;
@@ -120,7 +120,7 @@ pub(super) fn answer(
     settings: &Settings,
     session: &Session,
 ) -> Result<Answer, Failure> {
-    let mut start = Start::default();
+    let mut start = InitialSolutions::default();
     let mut lines: Vec<Line> = Vec::new();
     for &fraction in &sweep.0 {
         session.stage(&format!("fraction {fraction}"), None);

@@ -9,7 +9,8 @@ use super::super::tiling::GradedQuantity;
 use crate::cell::CellError;
 use crate::frame::Element;
 use crate::homogenize::{
-    Grid, HomogenizeError, Isotropic, Packing, Samples, Settings, Start, Voigt, properties_from,
+    Grid, HomogenizeError, InitialSolutions, Isotropic, Packing, Samples, Settings, Voigt,
+    properties_from,
 };
 use crate::recipe::{CellSection, Fraction, Length, Recipe, Section, Size};
 use crate::vdb::Session;
@@ -106,7 +107,7 @@ impl Law {
             notes: Vec::new(),
             points: Vec::new(),
         };
-        let mut start = Start::default();
+        let mut start = InitialSolutions::default();
         let own = [0.0];
         let all = if cell.quantity.is_some() {
             parameters

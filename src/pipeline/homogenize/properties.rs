@@ -5,9 +5,9 @@
 use super::CellPeriod;
 use crate::cell::Cell;
 use crate::homogenize::{
-    Conduction, Derivatives, Elasticity, HomogenizeError, LOADS, Period, Properties, Samples,
-    Sensitivities, Settings, Start, by_coefficients, bytes_per_voxel, properties, properties_from,
-    sharpened,
+    Conduction, Derivatives, Elasticity, HomogenizeError, InitialSolutions, LOADS, Period,
+    Properties, Samples, Sensitivities, Settings, by_coefficients, bytes_per_voxel, properties,
+    properties_from, sharpened,
 };
 use crate::pipeline::{Warning, memory};
 use crate::progress::Progress;
@@ -98,7 +98,7 @@ pub fn cell_properties(
     let surface_per_volume = samples.surface_per_volume();
     let shares = shares_of(*is_sharp, &samples);
     drop(samples);
-    let mut start = options.with_gradient.then(Start::default);
+    let mut start = options.with_gradient.then(InitialSolutions::default);
     let fine = properties_from(grid, &shares, settings, start.as_mut(), progress)?;
     let gradient = start.map(|start| gradient(source, options, level, (&shares, start), progress));
     let gradient = gradient.transpose()?;
@@ -148,7 +148,7 @@ fn gradient(
     source: &CellPeriod,
     options: &PropertyOptions,
     level: f64,
-    (shares, start): (&[f64], Start),
+    (shares, start): (&[f64], InitialSolutions),
     progress: &dyn Progress,
 ) -> Result<Vec<Derivatives>, HomogenizeError> {
     progress.stage("gradient", None);

@@ -4,8 +4,9 @@ use super::difference;
 use druse::cell::{Cell, Series, Solid, Surface, symmetry};
 use druse::frame::Element;
 use druse::homogenize::{
-    Conduction, Control, Elasticity, HomogenizeError, Packing, Period, Properties, Sensitivities,
-    Settings, Start, Voigt, by_coefficients, properties, properties_from, rotated,
+    Conduction, Control, Elasticity, HomogenizeError, InitialSolutions, Packing, Period,
+    Properties, Sensitivities, Settings, Voigt, by_coefficients, properties, properties_from,
+    rotated,
 };
 use druse::progress::{Progress, Silent, Threads};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
@@ -107,14 +108,14 @@ fn numbers(found: &Properties) -> [f64; 5] {
 
 fn derivatives_agree(make: &dyn Fn(&[f64]) -> Cell, packing: Packing, n: usize, values: &[f64]) {
     let settings = tight(true);
-    let evaluated = |values: &[f64], start: Option<&mut Start>| {
+    let evaluated = |values: &[f64], start: Option<&mut InitialSolutions>| {
         let period = Period::of_cell(make(values), packing).unwrap();
         let samples = period.samples(n, 2, &Silent).unwrap();
         let (grid, shares) = (samples.grid(), samples.shares());
         let found = properties_from(grid, &shares, &settings, start, &Silent).unwrap();
         (period, samples, shares, found)
     };
-    let mut start = Start::default();
+    let mut start = InitialSolutions::default();
     let (period, samples, shares, found) = evaluated(values, Some(&mut start));
     let is_cut = |v: usize| shares[v] > 0.0 && shares[v] < 1.0;
     let void = settings.solid.scaled(settings.void);
@@ -226,7 +227,7 @@ fn a_start_from_a_neighbour_ends_at_the_same_numbers_sooner() {
     let period = Period::of_cell(cell, Packing::Bcc).unwrap();
     let samples = period.samples(16, 2, &Silent).unwrap();
     let settings = tight(false);
-    let mut start = Start::default();
+    let mut start = InitialSolutions::default();
     let near = samples.clone().with_level(-0.02);
     let grid = samples.grid();
     properties_from(grid, &near.shares(), &settings, Some(&mut start), &Silent).unwrap();
