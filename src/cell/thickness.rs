@@ -22,6 +22,8 @@ const PERCENTILE: f64 = 0.1;
 const TOLERANCE: f64 = 0.02;
 /// Relative deviation of the thickness at which the search for a level ends.
 const ACCURACY: f64 = 1e-4;
+/// Chords are followed to this multiple of the target.
+const MEASURED_EXCESS: f64 = 1.25;
 /// Steps of the search by secants, and by bisection after those, where the thickness jumps.
 const SECANT_STEPS: usize = 12;
 const BISECTIONS: usize = 26;
@@ -138,38 +140,6 @@ impl<'a> ThicknessProbe<'a> {
     }
 }
 
-/// Two levels, the first with a thinner solid than wanted.
-struct LevelBracket {
-    levels: [f64; 2],
-    /// Deviations of the thickness from the target, as the secant method uses them.
-    deviations: [f64; 2],
-    /// The end that the last level replaced.
-    replaced: Option<usize>,
-}
-
-impl LevelBracket {
-    /// The level at which the line through both ends meets the target, away from the ends.
-    fn secant(&self) -> f64 {
-        let ([thin, thick], [low, high]) = (self.levels, self.deviations);
-        thin + (thick - thin) * (low / (low - high)).clamp(0.05, 0.95)
-    }
-
-    fn middle(&self) -> f64 {
-        f64::midpoint(self.levels[0], self.levels[1])
-    }
-
-    /// Replaces an end by a level between them. If an end stays twice, its deviation counts half (Illinois method).
-    fn narrow(&mut self, level: f64, deviation: f64) {
-        let end = usize::from(deviation >= 0.0);
-        self.levels[end] = level;
-        self.deviations[end] = deviation;
-        if self.replaced == Some(end) {
-            self.deviations[1 - end] /= 2.0;
-        }
-        self.replaced = Some(end);
-    }
-}
-
 /// A level and its thickness, in units of reference length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearestLevel {
@@ -185,6 +155,132 @@ impl NearestLevel {
     /// Whether the thickness equals the target within the accuracy of the measurement.
     pub fn meets(&self, target: f64) -> bool {
         (self.thickness - target).abs() <= TOLERANCE * target
+    }
+}
+
+/// The thickness at a level, or a lower bound of it.
+struct KnownThickness {
+    level: f64,
+    thickness: f64,
+    is_bound: bool,
+}
+
+/// A search for levels by thickness.
+struct LevelSearch<'a> {
+    probe: ThicknessProbe<'a>,
+    /// Levels without solid and without void.
+    ends: [f64; 2],
+    known: Vec<KnownThickness>,
+}
+
+impl<'a> LevelSearch<'a> {
+    fn new(probe: ThicknessProbe<'a>) -> Self {
+        let (least, greatest) = probe.samples.range();
+        let ends = match probe.cell.solid {
+            Solid::Below => [least, greatest],
+            Solid::Above => [greatest, least],
+            _ => [least.abs().max(greatest.abs()), 0.0],
+        };
+        Self {
+            probe,
+            ends,
+            known: Vec::new(),
+        }
+    }
+
+    /// The level whose thickness is nearest to a target.
+    fn nearest(&mut self, target: f64) -> NearestLevel {
+        let mut bracket = self.bracket(target);
+        let most = (MEASURED_EXCESS * target).min(MAX_CHORD);
+        for step in 0..SECANT_STEPS + BISECTIONS {
+            let level = if step < SECANT_STEPS && target < most {
+                bracket.secant()
+            } else {
+                bracket.middle()
+            };
+            let thickness = self.probe.thickness_within(level, most);
+            self.known.push(KnownThickness {
+                level,
+                thickness,
+                is_bound: thickness >= most,
+            });
+            if (thickness - target).abs() <= ACCURACY * target {
+                return NearestLevel {
+                    level,
+                    thickness,
+                    bracket: (thickness, thickness),
+                };
+            }
+            bracket.narrow(level, deviation(thickness, target));
+        }
+        let [thin, thick] = bracket.levels;
+        let [below, above] = bracket.levels.map(|level| self.probe.thickness(level));
+        let (level, thickness) = if (above - target).abs() < (below - target).abs() {
+            (thick, above)
+        } else {
+            (thin, below)
+        };
+        NearestLevel {
+            level,
+            thickness,
+            bracket: (below, above),
+        }
+    }
+
+    /// The nearest known levels on both sides of a target.
+    fn bracket(&self, target: f64) -> LevelBracket {
+        let mut bracket = LevelBracket {
+            levels: self.ends,
+            deviations: [-target, (MEASURED_EXCESS - 1.0) * target],
+            replaced: None,
+        };
+        let known = self.known.iter();
+        for known in known.filter(|k| !k.is_bound || k.thickness >= target) {
+            let deviation = deviation(known.thickness, target);
+            let end = usize::from(deviation >= 0.0);
+            if deviation.abs() <= bracket.deviations[end].abs() {
+                bracket.levels[end] = known.level;
+                bracket.deviations[end] = deviation;
+            }
+        }
+        bracket
+    }
+}
+
+/// Deviation of a thickness from a target, with the limit of what is measured.
+fn deviation(thickness: f64, target: f64) -> f64 {
+    thickness.min(MEASURED_EXCESS * target) - target
+}
+
+/// Two levels, the first with a thinner solid than wanted.
+struct LevelBracket {
+    levels: [f64; 2],
+    /// Deviations of the thickness from the target, as the secant method uses them.
+    deviations: [f64; 2],
+    /// The end that the last level replaced.
+    replaced: Option<usize>,
+}
+
+impl LevelBracket {
+    /// The level at which the line through both ends meets the target, away from the ends.
+    fn secant(&self) -> f64 {
+        let ([thin, thick], [low, high]) = (self.levels, self.deviations);
+        thin + (thick - thin) * (low / (low - high)).clamp(0.02, 0.98)
+    }
+
+    fn middle(&self) -> f64 {
+        f64::midpoint(self.levels[0], self.levels[1])
+    }
+
+    /// Replaces an end by a level between them. If an end stays twice, its deviation counts half (Illinois method).
+    fn narrow(&mut self, level: f64, deviation: f64) {
+        let end = usize::from(deviation >= 0.0);
+        self.levels[end] = level;
+        self.deviations[end] = deviation;
+        if self.replaced == Some(end) {
+            self.deviations[1 - end] /= 2.0;
+        }
+        self.replaced = Some(end);
     }
 }
 
@@ -216,63 +312,37 @@ impl Cell {
     /// # Errors
     /// [`CellError::OutOfRange`] for a thickness that is not positive.
     pub fn nearest_level_for_thickness(&self, thickness: f64) -> Result<NearestLevel, CellError> {
-        if !(thickness.is_finite() && thickness > 0.0) {
+        Ok(self.nearest_levels_for_thicknesses(&[thickness])?[0])
+    }
+
+    /// [`Cell::nearest_level_for_thickness`] for each of some thicknesses. What is measured for one serves the next,
+    /// so that levels may differ from those of single calls within the accuracy of the search.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn nearest_levels_for_thicknesses(
+        &self,
+        thicknesses: &[f64],
+    ) -> Result<Vec<NearestLevel>, CellError> {
+        let is_bad = |t: &&f64| !(t.is_finite() && **t > 0.0);
+        if let Some(&found) = thicknesses.iter().find(is_bad) {
             return Err(CellError::OutOfRange {
                 what: "thickness",
-                found: thickness,
+                found,
                 expected: "a positive length, hex edge 1, tet edge 1.414".to_owned(),
             });
         }
         if self.solid == Solid::Sheet {
-            return Ok(NearestLevel {
-                level: thickness * self.gamma_at(&[0.0]) / 2.0,
+            let gamma = self.gamma_at(&[0.0]);
+            let of = |&thickness: &f64| NearestLevel {
+                level: thickness * gamma / 2.0,
                 thickness,
                 bracket: (thickness, thickness),
-            });
-        }
-        let probe = ThicknessProbe::new(self)?;
-        let (least, greatest) = probe.samples.range();
-        let (thin, thick) = match self.solid {
-            Solid::Below => (least, greatest),
-            Solid::Above => (greatest, least),
-            _ => (least.abs().max(greatest.abs()), 0.0),
-        };
-        let mut bracket = LevelBracket {
-            levels: [thin, thick],
-            deviations: [-thickness, thickness],
-            replaced: None,
-        };
-        let most = (2.0 * thickness).min(MAX_CHORD);
-        for step in 0..SECANT_STEPS + BISECTIONS {
-            let is_secant = step < SECANT_STEPS && thickness < most;
-            let level = if is_secant {
-                bracket.secant()
-            } else {
-                bracket.middle()
             };
-            let found = probe.thickness_within(level, most);
-            let deviation = found.min(2.0 * thickness) - thickness;
-            if deviation.abs() <= ACCURACY * thickness {
-                return Ok(NearestLevel {
-                    level,
-                    thickness: found,
-                    bracket: (found, found),
-                });
-            }
-            bracket.narrow(level, deviation);
+            return Ok(thicknesses.iter().map(of).collect());
         }
-        let [thin, thick] = bracket.levels;
-        let (below, above) = (probe.thickness(thin), probe.thickness(thick));
-        let (level, found) = if (above - thickness).abs() < (below - thickness).abs() {
-            (thick, above)
-        } else {
-            (thin, below)
-        };
-        Ok(NearestLevel {
-            level,
-            thickness: found,
-            bracket: (below, above),
-        })
+        let mut search = LevelSearch::new(ThicknessProbe::new(self)?);
+        Ok(thicknesses.iter().map(|t| search.nearest(*t)).collect())
     }
 
     /// The thickness of the solid, with the measure of [`Cell::level_for_thickness`]: 0 without solid,

@@ -125,10 +125,17 @@ pub(super) fn grade_shifts(
     } else {
         1
     };
+    let targets: Vec<f64> = (0..steps)
+        .map(|i| low + (high - low) * (i as f64 / (steps - 1).max(1) as f64))
+        .collect();
+    let of_thickness = match key {
+        "tiling.thickness" => cell
+            .nearest_levels_for_thicknesses(&targets)
+            .map_err(fault)?,
+        _ => Vec::new(),
+    };
     let mut found = Vec::new();
-    for i in 0..steps {
-        let t = i as f64 / (steps - 1).max(1) as f64;
-        let at = low + (high - low) * t;
+    for (i, &at) in targets.iter().enumerate() {
         let mut nearest = None;
         let level = match key {
             "tiling.level" => at,
@@ -138,7 +145,7 @@ pub(super) fn grade_shifts(
             }
             .map_err(fault)?,
             _ => {
-                let found = cell.nearest_level_for_thickness(at).map_err(fault)?;
+                let found = of_thickness[i];
                 nearest = (!found.meets(at)).then_some(found.thickness);
                 found.level
             }
