@@ -23,7 +23,7 @@ use std::time::Instant;
 /// Active voxels of the steps, about.
 const LEVEL_VOXELS: [f64; 3] = [1e5, 8e5, 5e6];
 /// Time that the first step of a change is to take, without reading files and fitting cells, seconds.
-const FIRST_STEP_SECONDS: f64 = 0.45;
+const FIRST_STEP_SECONDS: f64 = 0.35;
 /// Share of its voxels that the first step keeps at least to be done in that time: in coarser ones a part falls apart.
 const MIN_FIRST_SHARE: f64 = 0.7;
 /// Share of the box's voxels that is active in a lattice of coarse voxels.
