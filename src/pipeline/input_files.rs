@@ -5,7 +5,7 @@ use super::crystals::Crystal;
 use super::error::{RunError, box_text};
 use super::lattice::LatticeSolid;
 use super::report::{Input, Warning};
-use super::run_cache::{FileSolid, RunCache, file_key};
+use super::run_cache::{Kept, ReadInput, RunCache, file_key};
 use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::{Place, ReadError, SolidFile};
 use crate::mesh::{MeshSolid, NoSolidError, RepairKind, TriMesh};
@@ -82,14 +82,44 @@ impl<'a> InputFiles<'a> {
             let unit = self.recipe.unit();
             (key.to_owned(), format!("{file:?} {has_beams} {unit:?} {f}"))
         });
-        let (Some(cache), Some(whole)) = (self.cache, whole) else {
-            let found = self.new_solid(key, file, &path, has_beams)?;
-            return Ok((found.solid, found.lattice));
+        self.kept(
+            |cache| &cache.solids,
+            whole,
+            |files| {
+                let read = if has_beams {
+                    crate::io::read_solid(&path)?
+                } else {
+                    SolidFile {
+                        file: crate::io::read_mesh(&path)?,
+                        beams: Vec::new(),
+                    }
+                };
+                let (solid, lattice) = files.read_solid(key, file, read)?;
+                Ok((Arc::new(solid), lattice.map(Arc::new)))
+            },
+        )
+    }
+
+    /// What `make` makes, or made in an earlier run for the same place and key.
+    pub fn kept<T: Clone>(
+        &mut self,
+        kept: impl Fn(&RunCache) -> &Kept<ReadInput<T>>,
+        key: Option<(String, String)>,
+        make: impl FnOnce(&mut Self) -> Result<T, RunError>,
+    ) -> Result<T, RunError> {
+        let (Some(cache), Some(key)) = (self.cache, key) else {
+            return make(self);
         };
+        let before = (self.inputs.len(), self.warnings.len(), self.paths.len());
         let mut is_new = false;
-        let found = cache.solids.get_or_make(whole, || {
+        let found = kept(cache).get_or_make(key, || {
             is_new = true;
-            self.new_solid(key, file, &path, has_beams)
+            Ok::<_, RunError>(ReadInput {
+                value: make(self)?,
+                inputs: self.inputs[before.0..].to_vec(),
+                warnings: self.warnings[before.1..].to_vec(),
+                paths: self.paths[before.2..].to_vec(),
+            })
         })?;
         if !is_new {
             self.inputs.extend(found.inputs);
@@ -98,33 +128,7 @@ impl<'a> InputFiles<'a> {
                 self.warn(code, message)?;
             }
         }
-        Ok((found.solid, found.lattice))
-    }
-
-    fn new_solid(
-        &mut self,
-        key: &str,
-        file: &FileFrame,
-        path: &Path,
-        has_beams: bool,
-    ) -> Result<FileSolid, RunError> {
-        let before = (self.inputs.len(), self.warnings.len(), self.paths.len());
-        let read = if has_beams {
-            crate::io::read_solid(path)?
-        } else {
-            SolidFile {
-                file: crate::io::read_mesh(path)?,
-                beams: Vec::new(),
-            }
-        };
-        let (solid, lattice) = self.read_solid(key, file, read)?;
-        Ok(FileSolid {
-            solid: Arc::new(solid),
-            lattice: lattice.map(Arc::new),
-            inputs: self.inputs[before.0..].to_vec(),
-            warnings: self.warnings[before.1..].to_vec(),
-            paths: self.paths[before.2..].to_vec(),
-        })
+        Ok(found.value)
     }
 
     /// Makes a crystal and records it.

@@ -1,10 +1,11 @@
-//! What the runs of a changing recipe share: cells, solids and densities, which are made again only where they change.
+//! What the runs of a changing recipe share: cells, solids, scaffolds and densities, which are made again only where
+//! they change.
 
 use super::cell_cache::CellCache;
-use super::lattice::LatticeSolid;
+use super::input_files::SolidAndBeams;
 use super::report::{Input, Warning};
+use super::scaffold::CheckedScaffold;
 use crate::cell::Density;
-use crate::mesh::MeshSolid;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,9 @@ pub struct RunCache {
     /// Fitted cells.
     pub(super) cells: CellCache,
     /// Solids of mesh files.
-    pub(super) solids: Kept<FileSolid>,
+    pub(super) solids: Kept<ReadInput<SolidAndBeams>>,
+    /// Scaffolds of files.
+    pub(super) scaffolds: Kept<ReadInput<CheckedScaffold>>,
     /// Densities of curved elements; `None` where all are affine.
     pub(super) densities: Kept<Option<Density>>,
 }
@@ -27,11 +30,10 @@ impl fmt::Debug for RunCache {
     }
 }
 
-/// A solid of a file with its beams, and what its reading added to the run's lists.
+/// What was read, and what its reading added to the run's lists.
 #[derive(Clone)]
-pub(super) struct FileSolid {
-    pub solid: Arc<MeshSolid>,
-    pub lattice: Option<Arc<LatticeSolid>>,
+pub(super) struct ReadInput<T> {
+    pub value: T,
     pub inputs: Vec<Input>,
     pub warnings: Vec<Warning>,
     pub paths: Vec<PathBuf>,

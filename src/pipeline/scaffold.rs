@@ -4,22 +4,22 @@ use super::error::RunError;
 use super::input_files::InputFiles;
 use super::motion::{FileNodes, NodeMotion, Pose, deformed, node_motion};
 use super::report::{ScaffoldReport, Warning};
-use crate::frame::{Aabb, Vec3};
+use super::run_cache::file_key;
+use crate::frame::Vec3;
 use crate::io::{ElementFile, Group};
 use crate::mesh::MeshSolid;
-use crate::recipe::{
-    BoxKind, BoxScaffold, CrystalFrame, FillKind, FillScaffold, ScaffoldSection, Scale,
-};
-use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Kind, Scaffold, ScaffoldError};
+use crate::recipe::{CrystalFrame, FillKind, Recipe, ScaffoldSection};
+use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Scaffold, ScaffoldError};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Greatest number of hexes that fill a mesh.
-const MAX_HEXES: f64 = 2e7;
+mod generated;
+
+use generated::{box_scaffold, filling_elements};
 
 /// A scaffold with the data of its source.
 pub(super) struct LoadedScaffold {
-    pub scaffold: Scaffold,
+    pub scaffold: Arc<Scaffold>,
     pub report: ScaffoldReport,
     /// Named sets of its elements.
     pub groups: Vec<Group>,
@@ -72,26 +72,61 @@ impl SourceScaffold {
     }
 }
 
+/// A valid scaffold.
+#[derive(Clone)]
+pub(super) struct CheckedScaffold {
+    scaffold: Arc<Scaffold>,
+    report: ScaffoldReport,
+    node_numbers: Vec<u64>,
+    groups: Vec<Group>,
+    envelope: Option<Arc<MeshSolid>>,
+}
+
 /// Reads or makes the scaffold that a section describes, and validates it.
 pub(super) fn load(
     files: &mut InputFiles,
     section: &ScaffoldSection,
 ) -> Result<LoadedScaffold, RunError> {
-    let source = divided_scaffold(files, section, &Pose::current(files.recipe))?;
-    let mut report = validate(files, &source.scaffold, source.path.as_deref())?;
-    report.notes = source.notes;
-    let own = (&source.scaffold, &source.node_numbers[..]);
+    let key = cache_key(files.recipe, section);
+    let checked = files.kept(
+        |cache| &cache.scaffolds,
+        key,
+        |files| {
+            let source = divided_scaffold(files, section, &Pose::current(files.recipe))?;
+            let mut report = validate(files, &source.scaffold, source.path.as_deref())?;
+            report.notes = source.notes;
+            Ok(CheckedScaffold {
+                scaffold: Arc::new(source.scaffold),
+                report,
+                node_numbers: source.node_numbers,
+                groups: source.groups,
+                envelope: source.envelope,
+            })
+        },
+    )?;
+    let own = (&*checked.scaffold, &checked.node_numbers[..]);
     let motion = node_motion(files, section, own, |files, pose| {
         let other = divided_scaffold(files, section, pose)?;
         Ok((other.scaffold, other.node_numbers))
     })?;
     Ok(LoadedScaffold {
-        scaffold: source.scaffold,
-        report,
-        groups: source.groups,
-        envelope: source.envelope,
+        scaffold: checked.scaffold,
+        report: checked.report,
+        groups: checked.groups,
+        envelope: checked.envelope,
         motion,
     })
+}
+
+/// All that the scaffold of a file depends on; `None` for one that moves, or that has no file.
+fn cache_key(recipe: &Recipe, section: &ScaffoldSection) -> Option<(String, String)> {
+    let file = section.file.as_ref().filter(|_| section.motion.is_none())?;
+    let file = file_key(&recipe.resolve(&file.path))?;
+    // Lengths may be given in voxels.
+    let has_lengths = section.shell.is_some() || section.plate.is_some();
+    let scale = has_lengths.then(|| recipe.scale());
+    let key = format!("{section:?} {:?} {scale:?} {file}", recipe.unit());
+    Some(("scaffold".into(), key))
 }
 
 /// The scaffold of a section in a pose, with its elements divided as the section wants them.
@@ -383,90 +418,6 @@ fn validate(
         notes: Vec::new(),
         dihedral_degrees: scaffold.dihedral_range(),
     })
-}
-
-/// A structured box of a whole number of cells, as close to the requested cell size as possible.
-fn box_scaffold(block: &BoxScaffold, scale: Scale) -> Result<Scaffold, ScaffoldError> {
-    let size = Vec3::from(block.size.map(|s| s.resolve(scale)));
-    let cell = block.cell_size.resolve(scale);
-    let counts = [size.x, size.y, size.z].map(|s| (s / cell).round().max(1.0) as usize);
-    let origin = Vec3::from(block.origin.map(|o| o.resolve(scale)));
-    let kind = match block.kind {
-        BoxKind::Hex => Kind::Hex8,
-        BoxKind::Tet => Kind::Tet4,
-        BoxKind::Wedge => Kind::Wedge6,
-    };
-    let scaffold = Scaffold::box_grid(size, counts, kind)?;
-    if origin == Vec3::zeros() {
-        return Ok(scaffold);
-    }
-    moved(&scaffold, |v| v + origin)
-}
-
-/// The cubes of a grid that meet a solid, or tets that fill it.
-fn filling_elements(
-    solid: &MeshSolid,
-    fill: &FillScaffold,
-    scale: Scale,
-) -> Result<Scaffold, ScaffoldError> {
-    let cell = fill.cell_size.resolve(scale);
-    let bounds = solid.bounds();
-    if fill.kind == FillKind::Tet {
-        return Scaffold::stuffed(bounds, cell, |p| solid.signed_distance(p));
-    }
-    let counts = bounds.size().map(|s| (s / cell).ceil().max(1.0));
-    let found = counts.product();
-    if !found.is_finite() || found > MAX_HEXES {
-        return Err(ScaffoldError::TooMany {
-            found: found.min(1e18) as usize,
-            what: "elements",
-        });
-    }
-    // The grid is centred on the solid.
-    let origin = bounds.centre().0 - counts * (cell / 2.0);
-    let counts = [counts.x, counts.y, counts.z].map(|c| c as usize);
-    let grid = Scaffold::box_grid(
-        Vec3::from(counts.map(|c| c as f64 * cell)),
-        counts,
-        Kind::Hex8,
-    )?;
-    let mut elements = Connectivity::default();
-    for e in 0..grid.len() {
-        let own = grid.connectivity().nodes(e);
-        let at = Aabb::of(own.iter().map(|&n| grid.nodes()[n as usize] + origin));
-        // The distance of the centre decides, up to the half diagonal.
-        let d = solid.signed_distance(at.centre().0);
-        if d <= at.half_diagonal() {
-            elements.push(Kind::Hex8, own);
-        }
-    }
-    let nodes: Vec<Vec3> = grid.nodes().iter().map(|v| v + origin).collect();
-    without_unused_nodes(&nodes, &elements)
-}
-
-/// A scaffold without unused nodes.
-fn without_unused_nodes(
-    nodes: &[Vec3],
-    elements: &Connectivity,
-) -> Result<Scaffold, ScaffoldError> {
-    let mut new_number = vec![u32::MAX; nodes.len()];
-    let mut kept = Vec::new();
-    let mut renumbered = Connectivity::default();
-    for e in 0..elements.len() {
-        let own: Vec<u32> = elements
-            .nodes(e)
-            .iter()
-            .map(|&n| {
-                if new_number[n as usize] == u32::MAX {
-                    new_number[n as usize] = kept.len() as u32;
-                    kept.push(nodes[n as usize]);
-                }
-                new_number[n as usize]
-            })
-            .collect();
-        renumbered.push(elements.kind(e), &own);
-    }
-    Scaffold::new(kept, renumbered)
 }
 
 /// A scaffold with its nodes moved; its elements keep their numbers.

@@ -19,6 +19,7 @@ use crate::recipe::{Recipe, Scale};
 use crate::scaffold::{Kind, Scaffold};
 use crate::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
 use crate::vdb::{LevelSet, Session};
+use std::sync::Arc;
 
 /// Diameter of the thickest wall that is measured, over the longest side of the part: of a small mesh, and of a large
 /// one. Balls in thicker walls touch much of the part, which takes long.
@@ -74,6 +75,9 @@ pub fn solid_extent(
     extent_bound(&inputs, recipe.scale(), predicted_offsets(&inputs))
 }
 
+/// A scaffold and its named sets of elements.
+type ScaffoldAndGroups = (Arc<Scaffold>, Vec<Group>);
+
 /// The scaffold of a recipe and its named sets of elements; `None` without one.
 ///
 /// # Errors
@@ -81,7 +85,7 @@ pub fn solid_extent(
 pub fn scaffold_of(
     recipe: &Recipe,
     options: &RunOptions,
-) -> Result<Option<(Scaffold, Vec<Group>)>, RunError> {
+) -> Result<Option<ScaffoldAndGroups>, RunError> {
     let Some(section) = &recipe.sections().scaffold else {
         return Ok(None);
     };
