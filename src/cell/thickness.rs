@@ -199,12 +199,13 @@ impl<'a> LevelSearch<'a> {
                 bracket.middle()
             };
             let thickness = self.probe.thickness_within(level, most);
+            let is_bound = thickness >= most;
             self.known.push(KnownThickness {
                 level,
                 thickness,
-                is_bound: thickness >= most,
+                is_bound,
             });
-            if (thickness - target).abs() <= ACCURACY * target {
+            if !is_bound && (thickness - target).abs() <= ACCURACY * target {
                 return NearestLevel {
                     level,
                     thickness,
@@ -320,7 +321,7 @@ impl Cell {
     ///
     /// # Errors
     /// As there.
-    pub fn nearest_levels_for_thicknesses(
+    pub(crate) fn nearest_levels_for_thicknesses(
         &self,
         thicknesses: &[f64],
     ) -> Result<Vec<NearestLevel>, CellError> {

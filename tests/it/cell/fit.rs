@@ -377,6 +377,13 @@ fn thickness_is_the_diameter_of_struts_and_the_wall_of_sheets() {
         // The field is a distance, so that the level is the growth of the radius.
         assert!((level - diameter / 4.0).abs() < 0.02, "{level}");
         assert!(cell.level_for_thickness(9.0).is_err() && cell.level_for_thickness(-1.0).is_err());
+        // Chords are followed to 1.2: the level for that is the least one with such chords.
+        let [below, longest] =
+            [1.19, 1.2].map(|t| cell.nearest_level_for_thickness(t).unwrap().level);
+        assert!(
+            (longest - below).abs() < 0.01,
+            "{element:?} {below} {longest}"
+        );
     }
     let sheet = Surface::SchwarzP
         .cell(Element::Hex)
