@@ -80,16 +80,17 @@ def test_a_thread_that_raises_keeps_none_waiting(ball, monkeypatch):
     """While one thread makes the exception of an empty level set, another puts the level set back."""
     make = druse._errors.make
     monkeypatch.setattr(druse._errors, "make", lambda *a: (time.sleep(0.001), make(*a))[1])
-    own, refused = ball.copy(), []
+    own, refused, end = ball.copy(), [], time.monotonic() + 30
 
     def work(call):
-        for _ in range(100):
+        while sum("empty" in r for r in refused) < 3 and time.monotonic() < end:
             try:
                 call()
             except druse.ArgumentError as error:
                 refused.append(str(error))
 
-    calls = [lambda: own.dilate(1e-4), lambda: own.volume, lambda: own.voxel_size]
+    # Readers pause, so that the operation takes the level set in between.
+    calls = [lambda: own.dilate(1e-4), lambda: (time.sleep(0.002), own.volume), lambda: (time.sleep(0.003), own.voxel_size)]
     threads = [threading.Thread(target=work, args=(call,), daemon=True) for call in calls]
     for thread in threads:
         thread.start()
