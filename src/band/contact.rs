@@ -24,10 +24,11 @@ pub(super) fn merge_solids(
             step,
             counts,
         };
-        // Most leaves with samples at zero lie along a face of the solid, with no other solid beyond it.
+        // Most leaves with samples at zero lie along a face of the solid, with no other solid beyond it: the layer is a
+        // step outside, but for rounding.
         let bound = culler.field.bound(&lattice.span());
         let mut samples = [bound.lo as f32; 64];
-        if bound.lo <= step {
+        if bound.lo < 0.99 * step {
             culler.field.fill(&lattice, &mut samples);
         }
         samples

@@ -124,10 +124,14 @@ impl SimdKernel for NearZero<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> [u64; 8] {
         let tolerance = l.splat(self.tolerance);
+        let rows = self.values.as_chunks::<8>().0;
         let mut near = [0; 8];
-        for (n, row) in self.values.as_chunks().0.iter().enumerate() {
-            let bits = l.below(l.magnitude(l.load(row)), tolerance);
-            near[n >> 3] |= u64::from(bits) << (8 * (n & 7));
+        for (word, slab) in near.iter_mut().zip(rows.as_chunks::<8>().0) {
+            let mut bytes = [0; 8];
+            for (byte, row) in bytes.iter_mut().zip(slab) {
+                *byte = l.below(l.magnitude(l.load(row)), tolerance);
+            }
+            *word = u64::from_le_bytes(bytes);
         }
         near
     }

@@ -19,11 +19,12 @@ use crate::simd;
 
 mod band_sides;
 mod kernel;
+mod lattice;
 mod leaves;
 mod periods;
 mod scales;
 use band_sides::SidesKernel;
-use kernel::{MAX_SIGN_SAMPLES, PeriodicField, RangeKernel, RowKernel, RuleQ, SignKernel};
+use kernel::{PeriodicField, RangeKernel, RuleQ};
 use periods::{Periods, grid};
 use scales::Scales;
 
@@ -399,86 +400,6 @@ impl HexGrid {
         let all = [along(0), along(1), along(2)];
         let (low, high) = (all.map(|b| b.0), all.map(|b| b.1));
         (box_distance(low.into()), box_distance(high.into()))
-    }
-
-    /// Values on a lattice.
-    pub fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        if lattice.is_empty() {
-            return;
-        }
-        let SampleLattice {
-            origin,
-            step,
-            counts,
-        } = *lattice;
-        if counts == [8; 3] && self.is_step_supported(step) {
-            out.copy_from_slice(&self.leaf(&self.scales, self.is_cut(), origin, step));
-            return;
-        }
-        let w = self.options.half_width;
-        let (least, greatest) = self.box_range(&lattice.span());
-        self.fill_rows(lattice, out);
-        if self.is_cut() && greatest > -w {
-            if least >= w {
-                out.fill(w as f32);
-            } else {
-                for (n, v) in out.iter_mut().enumerate() {
-                    *v = v
-                        .max(self.box_distance_at(lattice.point(n).0) as f32)
-                        .min(w as f32);
-                }
-            }
-        }
-    }
-
-    /// Distances to the zero set of F on any lattice, in rows of up to eight samples.
-    fn fill_rows(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        let depth = lattice.counts[2];
-        for (row, values) in out.chunks_exact_mut(depth).enumerate() {
-            for (piece, values) in values.chunks_mut(8).enumerate() {
-                let mut found = [0.0; 8];
-                simd::run(RowKernel {
-                    field: &self.field,
-                    origin: lattice.point(row * depth + 8 * piece).0,
-                    step: lattice.step,
-                    out: &mut found,
-                });
-                values.copy_from_slice(&found[..values.len()]);
-            }
-        }
-    }
-
-    /// Sets a bit for each negative value on a lattice, without computing distances. Returns false if the lattice
-    /// is too large for that.
-    pub fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> bool {
-        let counts = lattice.counts;
-        if counts.into_iter().any(|n| n > MAX_SIGN_SAMPLES) {
-            return false;
-        }
-        let (_, greatest) = self.box_range(&lattice.span());
-        simd::run(SignKernel {
-            field: &self.field,
-            origin: lattice.origin.0,
-            step: lattice.step,
-            counts,
-            rows: &mut *rows,
-        });
-        if self.is_cut() && greatest >= 0.0 {
-            let is_inside = |axis: usize, n: usize| self.outside_at(lattice, axis, n) < 0.0;
-            let along_z = (0..counts[2]).fold(0, |row, k| row | u64::from(is_inside(2, k)) << k);
-            for (i, rows) in rows.chunks_mut(counts[1]).enumerate() {
-                let x = is_inside(0, i);
-                for (j, row) in rows.iter_mut().enumerate() {
-                    *row &= if x && is_inside(1, j) { along_z } else { 0 };
-                }
-            }
-        }
-        true
-    }
-
-    /// Distance of a lattice's coordinate outside the box.
-    fn outside_at(&self, lattice: &SampleLattice<WorldPoint>, axis: usize, n: usize) -> f64 {
-        self.outside(axis, lattice.origin.0[axis] + lattice.step * n as f64)
     }
 }
 

@@ -114,6 +114,50 @@ fn distances_are_those_of_the_general_way() {
     }
 }
 
+/// A lattice of 8^2 samples beside or within a leaf takes the leaf's values, wherever it begins.
+#[test]
+fn a_layer_has_the_values_of_its_leaf() {
+    let scaffold = Scaffold::box_grid(Vec3::repeat(2.0), [2; 3], Kind::Hex8).unwrap();
+    let h = 0.025;
+    let options = TilingOptions {
+        voxel_size: h,
+        half_width: 3.0 * h,
+        distance: Distance::Fast,
+        boundary: Boundary::Cut,
+    };
+    for cell in cells() {
+        let table = Table::new(&cell).unwrap();
+        let solid = TiledSolid::new(&scaffold, &table, options).unwrap();
+        // On the voxels of a leaf at a corner of the box, at its far faces and inside; and between voxels.
+        for first in [[-8.0; 3], [0.0; 3], [80.0, 72.0, 40.0], [16.3, 31.6, 50.5]] {
+            let origin = WorldPoint(Vec3::from(first) * h);
+            // Layers elsewhere have the values of another leaf, whose scales are interpolated from other places.
+            let is_aligned = first.iter().all(|c| c % 8.0 == 0.0);
+            let most = if is_aligned { 1e-3 } else { 0.1 };
+            let mut leaf = [0.0; 512];
+            let lattice = SampleLattice {
+                origin,
+                step: h,
+                counts: [8; 3],
+            };
+            solid.fill(&lattice, &mut leaf);
+            for (axis, side) in (0..6).map(|n| (n / 2, n % 2)) {
+                let at = 7 * side;
+                let mut layer = lattice;
+                layer.origin.0[axis] += h * at as f64;
+                layer.counts[axis] = 1;
+                let mut values = [0.0; 64];
+                solid.fill(&layer, &mut values);
+                let own = (0..512).filter(|n| n >> (6 - 3 * axis) & 7 == at);
+                for (value, n) in values.iter().zip(own) {
+                    let error = (value - leaf[n]).abs() / h as f32;
+                    assert!(error < most, "{}: {error} at {n}", cell.name());
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn signs_are_those_of_the_values() {
     let size = Vec3::new(2.0, 2.3, 1.8);
