@@ -7,7 +7,7 @@
 
 use crate::frame::Coord;
 use crate::progress::{Cancelled, Progress};
-use crate::simd::run_vectorized;
+use crate::simd::{negative_bits, run_vectorized};
 use rayon::prelude::*;
 
 mod kernel;
@@ -87,13 +87,7 @@ pub struct LeafRef<'a> {
 impl LeafRef<'_> {
     /// Voxels inside the solid, laid out as a mask.
     pub fn inside(&self) -> [u64; 8] {
-        let mut words = [0; 8];
-        for (word, values) in words.iter_mut().zip(self.values.as_chunks::<64>().0) {
-            for (n, v) in values.iter().enumerate() {
-                *word |= u64::from(*v < 0.0) << n;
-            }
-        }
-        words
+        negative_bits(self.values.first_chunk().expect("512 values"))
     }
 }
 

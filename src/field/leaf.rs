@@ -76,19 +76,24 @@ impl SimdKernel for ClassifyValues<'_> {
         let infinity = l.splat(f32::INFINITY);
         let mut bits = LeafBits::default();
         let mut finite = u8::MAX;
-        for (n, row) in self.values.as_chunks_mut().0.iter_mut().enumerate() {
-            let v = l.load(row);
-            let size = l.magnitude(v);
-            let shift = 8 * (n & 7);
-            bits.negative[n >> 3] |= u64::from(l.below(v, zero)) << shift;
-            bits.within[n >> 3] |= u64::from(l.below(size, background)) << shift;
-            // A comparison with NaN is false.
-            let is_finite = l.below(size, infinity);
-            finite &= is_finite;
-            // A row with values that are not finite stays unchanged, so that they can be located.
-            if is_finite == u8::MAX {
-                l.store(l.min(l.max(v, minus), background), row);
+        let rows = self.values.as_chunks_mut::<8>().0;
+        for (x, slab) in rows.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+            let (mut negative, mut within) = ([0; 8], [0; 8]);
+            for (y, row) in slab.iter_mut().enumerate() {
+                let v = l.load(row);
+                let size = l.magnitude(v);
+                negative[y] = l.below(v, zero);
+                within[y] = l.below(size, background);
+                // A comparison with NaN is false.
+                let is_finite = l.below(size, infinity);
+                finite &= is_finite;
+                // A row with values that are not finite stays unchanged, so that they can be located.
+                if is_finite == u8::MAX {
+                    l.store(l.min(l.max(v, minus), background), row);
+                }
             }
+            bits.negative[x & 7] = u64::from_le_bytes(negative);
+            bits.within[x & 7] = u64::from_le_bytes(within);
         }
         bits.finite = finite == u8::MAX;
         bits

@@ -5,11 +5,11 @@
 //! changes sign is found to be open.
 
 use super::{LeafValues, MesherError};
-use crate::band::{LEAF, Region, VOXELS};
+use crate::band::{LEAF, Region};
 use crate::frame::Coord;
 use crate::mesh::MeshError;
 use crate::progress::{Cancelled, Progress};
-use crate::simd::{self, Lanes, SimdKernel};
+use crate::simd::negative_bits;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -122,7 +122,7 @@ impl<'a> CrossedEdges<'a> {
         let signs: Vec<[u64; 8]> = leaves
             .par_iter()
             .with_min_len(BATCH)
-            .map(|leaf| simd::run(Signs(leaf.values)))
+            .map(|leaf| negative_bits(leaf.values))
             .collect();
         let neighbours = leaves
             .par_chunks(BATCH)
@@ -300,24 +300,6 @@ pub(super) fn mixed(words: &[u64]) -> u64 {
     let any = words.iter().fold(0, |a, w| a | w);
     let all = words.iter().fold(u64::MAX, |a, w| a & w);
     any & !all
-}
-
-/// Computes which voxels of a leaf are inside.
-struct Signs<'a>(&'a [f32; VOXELS]);
-
-#[allow(clippy::inline_always)]
-impl SimdKernel for Signs<'_> {
-    type Output = [u64; 8];
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> [u64; 8] {
-        let zero = l.splat(0.0);
-        let mut words = [0; 8];
-        for (n, row) in self.0.as_chunks().0.iter().enumerate() {
-            words[n >> 3] |= u64::from(l.below(l.load(row), zero)) << (8 * (n & 7));
-        }
-        words
-    }
 }
 
 /// A slice as it is, shifted along z, along y and along both; the neighbours are those along z, y and both.
