@@ -146,8 +146,15 @@ impl TriMesh {
     }
 
     /// The three corners of triangle `t`.
+    #[inline]
     pub fn corners(&self, t: usize) -> [Vec3; 3] {
-        self.triangles[t].map(|v| self.vertices[v as usize])
+        // Written out, since `array::map` is slow in loops over large meshes.
+        let [a, b, c] = self.triangles[t];
+        [
+            self.vertices[a as usize],
+            self.vertices[b as usize],
+            self.vertices[c as usize],
+        ]
     }
 
     /// The corners of every triangle, in order.
@@ -157,7 +164,8 @@ impl TriMesh {
 
     /// The bounding box of the triangles; empty for an empty mesh.
     pub fn bounds(&self) -> Aabb {
-        Aabb::of(self.iter_corners().flatten())
+        let corners = self.triangles.iter().flatten();
+        Aabb::of(corners.map(|&v| self.vertices[v as usize]))
     }
 
     /// The enclosed signed volume by the divergence theorem: positive when the triangles wind

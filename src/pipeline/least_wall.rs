@@ -18,6 +18,7 @@ use crate::frame::Vec3;
 use crate::mesh::TriMesh;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
+use std::cmp::Ordering;
 
 /// Greatest number of steps of the shrinking ball; it converges in about six.
 const MAX_SHRINK_STEPS: usize = 40;
@@ -99,16 +100,24 @@ impl WallSamples {
     /// The samples by diameter; `None` without any.
     pub fn histogram(&self) -> Option<Histogram> {
         let mut all: Vec<f64> = self.walls.iter().map(|w| w.thickness).collect();
-        all.sort_unstable_by(f64::total_cmp);
+        all.par_sort_unstable_by(f64::total_cmp);
         Histogram::of(&all, self.thicker as u64)
     }
 
     /// The first percentile, if it is in the measured range.
     pub fn least(mut self) -> Option<Wall> {
-        self.walls
-            .sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
         let rank = (self.walls.len() + self.thicker) / 100;
-        self.walls.get(rank).copied()
+        if rank >= self.walls.len() {
+            return None;
+        }
+        // Of equally thick walls, the order of their places does not depend on how the part was divided.
+        let place = |w: &Wall| -> [f64; 3] { w.centre.into() };
+        let order = |a: &Wall, b: &Wall| {
+            let by_place = place(a).partial_cmp(&place(b)).unwrap_or(Ordering::Equal);
+            a.thickness.total_cmp(&b.thickness).then(by_place)
+        };
+        let (_, wall, _) = self.walls.select_nth_unstable_by(rank, order);
+        Some(*wall)
     }
 }
 
@@ -210,8 +219,9 @@ pub(super) fn ball_at(
     let shrunk = |radius: f64| {
         let opposite = |q: &Site<Vec3>| {
             let d = q.position - p;
-            d.dot(&inward) >= MIN_CONTACT_SINE * d.norm()
-                && d != Vec3::zeros()
+            let along = d.dot(&inward);
+            along > 0.0
+                && along * along >= MIN_CONTACT_SINE * MIN_CONTACT_SINE * d.norm_squared()
                 && q.value.dot(&inward) <= MAX_NORMAL_COSINE
         };
         let centre = p + inward * radius;

@@ -19,7 +19,7 @@ use super::level_set_ops::StageContext;
 use super::nearest::{KdTree, Site};
 use super::spatial_bins::Bins;
 use crate::band::Region;
-use crate::frame::{Coord, Vec3};
+use crate::frame::{Aabb, Coord, Vec3};
 use crate::mesh::TriMesh;
 use crate::progress::Cancelled;
 use crate::vdb::LevelSet;
@@ -149,13 +149,14 @@ impl SolidGeometry {
     /// The geometry of a solid and its mesh.
     pub fn of(context: StageContext, solid: &LevelSet, mesh: &TriMesh) -> Result<Self, RunError> {
         let counted = solid.active_voxels();
+        let bounds = Aabb::of(mesh.vertices().iter().copied());
         Ok(Self {
             lattice: VoxelLattice {
                 origin: solid.origin(),
                 voxel_size: context.scale.voxel_size,
             },
             active_voxels: counted.map_err(RunError::level_set("counting"))?,
-            extent: mesh.bounds().size().max() / context.scale.voxel_size,
+            extent: bounds.size().max() / context.scale.voxel_size,
         })
     }
 }
