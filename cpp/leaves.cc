@@ -96,22 +96,36 @@ std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, 
   throw std::invalid_argument("an attribute of " + std::to_string(components) + " components");
 }
 
+namespace {
+
+// Adds the chosen tiles among the values of a node that is no leaf. An iterator over the whole tree takes several times
+// as long.
+template <typename Node>
+void add_tiles(const Node& node, TileChoice choice, float background, rust::Vec<Tile>& tiles) {
+  for (auto it = node.cbeginValueAll(); it; ++it) {
+    if (choice == TileChoice::Solid && !it.isValueOn() && *it >= 0) continue;
+    if (choice == TileChoice::Distinct && !it.isValueOn() && *it == background) continue;
+    const Coord origin = it.getCoord();
+    Tile tile{};
+    for (int a = 0; a < 3; ++a) tile.origin[a] = origin[a];
+    tile.edge = static_cast<std::int32_t>(Node::ChildNodeType::DIM);
+    tile.value = *it;
+    tile.active = it.isValueOn();
+    tiles.push_back(tile);
+  }
+}
+
+}  // namespace
+
 rust::Vec<Tile> grid_tiles(const Grid& handle, TileChoice choice) {
   if (!handle.impl->grid) return {};  // grids of vectors have no relevant tiles
   const auto& tree = floats(handle).tree();
   rust::Vec<Tile> tiles;
-  auto it = tree.cbeginValueAll();
-  it.setMaxDepth(FloatTree::ValueAllCIter::LEAF_DEPTH - 1);
-  for (; it; ++it) {
-    if (choice == TileChoice::Solid && !it.isValueOn() && *it >= 0) continue;
-    if (choice == TileChoice::Distinct && !it.isValueOn() && *it == tree.background()) continue;
-    const CoordBBox box = it.getBoundingBox();
-    Tile tile{};
-    for (int a = 0; a < 3; ++a) tile.origin[a] = box.min()[a];
-    tile.edge = box.dim()[0];
-    tile.value = *it;
-    tile.active = it.isValueOn();
-    tiles.push_back(tile);
+  const auto add = [&](const auto& node) { add_tiles(node, choice, tree.background(), tiles); };
+  add(tree.root());
+  for (auto upper = tree.root().cbeginChildOn(); upper; ++upper) {
+    add(*upper);
+    for (auto lower = upper->cbeginChildOn(); lower; ++lower) add(*lower);
   }
   return tiles;
 }

@@ -114,35 +114,43 @@ class Tracer {
     return !march(grid_.worldToIndex(point), light_, 0, end == kFar ? kFar : end * per_voxel_, found);
   }
 
-  // Loads the cell around a point; false if its least voxel is not in a leaf.
+  // Moves to the cell around a point; false if its least voxel is not in a leaf.
   bool cell(const Vec3d& at) {
     const Coord base = Coord::floor(at);
     fraction_ = at - base.asVec3d();
     if (base == base_ && leaf_) return true;
     base_ = base;
-    leaf_ = access_.probeConstLeaf(base);
-    if (!leaf_) return false;
+    has_corners_ = false;
+    if (!leaf_ || (base & ~7) != leaf_->origin()) leaf_ = access_.probeConstLeaf(base);
+    return leaf_ != nullptr;
+  }
+
+  // Loads the values at the corners of the cell. Many steps do without them.
+  void load_corners() {
+    if (has_corners_) return;
+    has_corners_ = true;
     const auto inner = [](int c) { return (c & 7) != 7; };
-    if (inner(base[0]) && inner(base[1]) && inner(base[2])) {
-      const float* v = leaf_->buffer().data() + Leaf::coordToOffset(base);
+    if (inner(base_[0]) && inner(base_[1]) && inner(base_[2])) {
+      const float* v = leaf_->buffer().data() + Leaf::coordToOffset(base_);
       const int corner[8] = {0, 1, 8, 9, 64, 65, 72, 73};
       for (int c = 0; c < 8; ++c) corner_[c] = v[corner[c]] * per_voxel_;
     } else {
       for (int c = 0; c < 8; ++c)
-        corner_[c] = access_.getValue(base.offsetBy(c >> 2, c >> 1 & 1, c & 1)) * per_voxel_;
+        corner_[c] = access_.getValue(base_.offsetBy(c >> 2, c >> 1 & 1, c & 1)) * per_voxel_;
     }
-    return true;
   }
 
   // Trilinear value at the current point of the cell.
-  double value() const {
+  double value() {
+    load_corners();
     double x[4];
     for (int c = 0; c < 4; ++c) x[c] = corner_[c] + (corner_[c + 4] - corner_[c]) * fraction_[0];
     const double y0 = x[0] + (x[2] - x[0]) * fraction_[1], y1 = x[1] + (x[3] - x[1]) * fraction_[1];
     return y0 + (y1 - y0) * fraction_[2];
   }
 
-  Vec3d gradient() const {
+  Vec3d gradient() {
+    load_corners();
     const double x = fraction_[0], y = fraction_[1], z = fraction_[2];
     const auto mix = [](double a, double b, double t) { return a + (b - a) * t; };
     const auto along = [&](int step, int u, int v, double s, double t) {
@@ -237,9 +245,11 @@ class Tracer {
   double voxel_ = 1, per_voxel_ = 1;
   int cut_axis_ = -1;
   double cut_side_ = 1;
-  // The current cell: its least voxel, the leaf of that voxel, the values at its corners, the position in the cell.
+  // The current cell: its least voxel, the leaf of that voxel, the values at its corners once they were needed, the
+  // position in the cell.
   Coord base_ = Coord::max();
   const Leaf* leaf_ = nullptr;
+  bool has_corners_ = false;
   double corner_[8] = {};
   Vec3d fraction_{0.0};
 };
