@@ -315,8 +315,10 @@ impl LevelSet {
     /// Bounds of the solid in the outermost leaf at each end of each axis. Few leaves extend them.
     fn bounds_at_ends(&self, leaves: &Leaves<'_>) -> Aabb {
         (0..6).fold(Aabb::EMPTY, |bounds, end| {
-            let (axis, sign) = (end / 2, 1 - 2 * (end as i32 % 2));
-            let outermost = leaves.iter().min_by_key(|l| sign * l.origin[axis]);
+            let (axis, sign) = (end / 2, [1, -1][end % 2]);
+            let outermost = leaves
+                .iter()
+                .min_by_key(|l| sign * i64::from(l.origin[axis]));
             outermost.map_or(bounds, |l| self.extended(bounds, &l))
         })
     }
@@ -324,14 +326,12 @@ impl LevelSet {
     /// Bounds that contain the solid at the voxels of a leaf, too.
     fn extended(&self, mut bounds: Aabb, leaf: &LeafView) -> Aabb {
         // A leaf whose box, dilated by its deepest value, lies within the bounds cannot extend them.
+        let deepest = leaf.greatest(-1.0);
         let ends = [0, VOXELS - 1].map(|n| self.transform.world(leaf.voxel(n)).0 + self.origin);
-        let is_within = |deepest: f64| {
-            let reach = Aabb::of(ends).dilated(deepest);
-            let mut corners = [reach.min, reach.max].into_iter();
-            corners.all(|p| bounds.contains(WorldPoint(p)))
-        };
-        if is_within(self.background()) && leaf.greatest(-1.0) <= self.background() as f32
-            || is_within(f64::from(leaf.greatest(-1.0)))
+        let reach = Aabb::of(ends).dilated(f64::from(deepest));
+        if [reach.min, reach.max]
+            .iter()
+            .all(|&p| bounds.contains(WorldPoint(p)))
         {
             return bounds;
         }

@@ -87,7 +87,7 @@ pub struct LeafRef<'a> {
 impl LeafRef<'_> {
     /// Voxels inside the solid, laid out as a mask.
     pub fn inside(&self) -> [u64; 8] {
-        negative_bits(self.values.first_chunk().expect("512 values"))
+        self.values.first_chunk().map_or([0; 8], negative_bits)
     }
 }
 

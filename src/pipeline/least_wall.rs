@@ -100,7 +100,7 @@ impl WallSamples {
     /// The samples by diameter; `None` without any.
     pub fn histogram(&self) -> Option<Histogram> {
         let mut all: Vec<f64> = self.walls.iter().map(|w| w.thickness).collect();
-        all.par_sort_unstable_by(f64::total_cmp);
+        all.sort_unstable_by(f64::total_cmp);
         Histogram::of(&all, self.thicker as u64)
     }
 
