@@ -21,7 +21,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Active voxels of the steps, about.
-const LEVEL_VOXELS: [f64; 3] = [8e4, 8e5, 5e6];
+const LEVEL_VOXELS: [f64; 3] = [1e5, 8e5, 5e6];
 /// Time that the first step of a change is to take, without reading files and fitting cells, seconds.
 const FIRST_STEP_SECONDS: f64 = 0.35;
 /// Share of its voxels that the first step keeps at least to be done in that time: in coarser ones a part falls apart.
