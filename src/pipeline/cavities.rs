@@ -61,7 +61,8 @@ impl CavitiesReport {
         Self {
             count: cavities.list.len() as u64,
             closed: cavities.closed() as u64,
-            volume: cavities.list.iter().map(|c| c.volume).sum(),
+            // The sum of no numbers is -0.
+            volume: cavities.list.iter().fold(0.0, |sum, c| sum + c.volume),
             escape_radius: cavities.narrowest().map(|c| c.escape_radius),
             limit: cavities.limit,
             list: listed

@@ -6,6 +6,8 @@
 //! the level s, and is deeper than s, is a cavity with escape radius s; a component that never meets it is
 //! closed. Each voxel belongs to the cavity that its steepest ascent ends in.
 //!
+//! Most of the void is found to be open from signs alone (`open_void`), and is not measured.
+//!
 //! Blocks of 128^3 voxels are processed separately, with a halo as wide as the greatest distance. A block
 //! keeps its local maxima and the edges of its maximum spanning forest; faces of blocks add edges. A solid in
 //! memory and a solid on disk have the same blocks, and so the same cavities.
@@ -23,9 +25,13 @@ mod basins;
 mod blocks;
 mod distances;
 mod drains;
+mod grid;
+mod leaf_set;
 mod line_distances;
+mod open_void;
 mod refine;
 mod samples;
+mod slopes;
 mod void_map;
 
 pub use drains::{Channel, DrainRequest, stored_drain_channels};

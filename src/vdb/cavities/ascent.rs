@@ -30,6 +30,13 @@ pub(super) struct Meeting {
     pub basins: [u32; 2],
 }
 
+impl Meeting {
+    /// Its place in the order in which basins are joined.
+    pub fn place(&self) -> (u64, u8) {
+        (self.order, self.side)
+    }
+}
+
 /// The basins of a block's voxels.
 pub(super) struct Labels {
     /// Of leaves that are wide, by number of the leaf.
@@ -344,13 +351,16 @@ impl Labels {
         }
     }
 
-    /// All meetings of different basins, in no order.
+    /// The first meeting of every two basins at a leaf, in no order.
     pub fn meetings(&self, space: &BlockDistances) -> Vec<Meeting> {
+        let mut all = Vec::new();
+        // Those at one leaf: few.
         let mut found = Vec::new();
         for (slot, kind) in space.slots.iter().enumerate() {
             if *kind == Slot::Solid {
                 continue;
             }
+            all.append(&mut found);
             for axis in 0..3 {
                 if matches!(kind, Slot::Mixed(_)) && self.only[slot] == UNLABELLED {
                     self.meet_within(space, slot, axis, &mut found);
@@ -360,7 +370,8 @@ impl Labels {
                 }
             }
         }
-        found
+        all.append(&mut found);
+        all
     }
 
     /// Meetings within a leaf along an axis.
@@ -372,8 +383,15 @@ impl Labels {
         found: &mut Vec<Meeting>,
     ) {
         let step = STEPS[axis];
-        for voxel in (0..VOXELS).filter(|v| !(v / step).is_multiple_of(8)) {
-            self.meet(space, [(slot, voxel), (slot, voxel - step)], axis, found);
+        let Slot::Mixed(leaf) = space.slots[slot] else {
+            return;
+        };
+        let own = &self.mixed[leaf as usize];
+        for voxel in step..VOXELS {
+            // The voxel before the first one of a row is in another leaf.
+            if own[voxel] != own[voxel - step] && !(voxel / step).is_multiple_of(8) {
+                self.meet(space, [(slot, voxel), (slot, voxel - step)], axis, found);
+            }
         }
     }
 
@@ -418,7 +436,7 @@ impl Labels {
             order(space.distance(number), number)
         });
         let side = 2 * axis as u8;
-        found.push(if orders[0] > orders[1] {
+        let meeting = if orders[0] > orders[1] {
             Meeting {
                 order: orders[0],
                 side,
@@ -430,6 +448,12 @@ impl Labels {
                 side: side + 1,
                 basins: [b, a],
             }
-        });
+        };
+        let is_same = |m: &Meeting| m.basins == [a, b] || m.basins == [b, a];
+        match found.iter_mut().find(|m| is_same(m)) {
+            Some(known) if known.place() < meeting.place() => {}
+            Some(known) => *known = meeting,
+            None => found.push(meeting),
+        }
     }
 }

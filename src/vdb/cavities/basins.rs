@@ -106,7 +106,7 @@ impl BlockBasins {
             basins,
             edges: Vec::new(),
         };
-        meetings.sort_unstable_by_key(|m| (m.order, m.side));
+        meetings.sort_unstable_by_key(Meeting::place);
         for meeting in meetings {
             growth.join(&meeting, place(meeting.order as u32));
         }
@@ -114,7 +114,7 @@ impl BlockBasins {
     }
 
     /// The basin of all voids of a block, which is as deep as is measured.
-    fn one(space: &BlockDistances, place: Coord) -> Self {
+    pub fn one(space: &BlockDistances, place: Coord) -> Self {
         let of_leaf = |slot: &Slot| match *slot {
             Slot::Solid => 0,
             Slot::Wide => VOXELS,

@@ -1,19 +1,20 @@
 //! The graph of the void: basins of all blocks, and the levels at which they meet.
 //!
-//! The blocks form a grid. Layers of blocks without any surface nearby are one cell of the grid, however thick
-//! they are. The grid is wider than the solid, so that its first cell is outside.
+//! Void that is surely open is one basin, the outside; only blocks with other void are divided into basins.
 
 use super::ascent::UNLABELLED;
 use super::basins::{Basin, BlockBasins, Edge, Face, Patch};
 use super::distances::BlockVoid;
+use super::grid::{Cell, Grid};
+use super::open_void::{self, Need};
 use super::samples::SLOTS;
 use super::{LeafSource, Measure};
-use crate::band::{BLOCK, Region};
+use crate::band::BLOCK;
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use crate::vdb::Session;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::BTreeMap;
 
 /// Cells near the surface that are measured at once and kept until their faces are joined.
 const CELLS_PER_BATCH: usize = 64;
@@ -25,16 +26,8 @@ pub(super) struct VoidGraph {
     pub edges: Vec<Edge>,
 }
 
-/// A cell of the grid.
-struct Cell {
-    /// Number along each axis.
-    at: [usize; 3],
-    /// Least voxel.
-    origin: Coord,
-    voxels: u64,
-    /// Whether it is one block that the surface may be near.
-    is_near: bool,
-}
+/// Number of the basin that is outside.
+const OUTSIDE: u32 = 0;
 
 impl VoidGraph {
     pub fn new<S: LeafSource>(
@@ -42,32 +35,47 @@ impl VoidGraph {
         measure: Measure,
         session: Session<'_>,
     ) -> Result<Self, S::Error> {
-        let cells = cells(&source.blocks());
-        let near = cells.iter().filter(|c| c.is_near).count();
-        session.progress.stage("cavities", Some(near as u64));
+        let blocks = source.blocks();
+        let grid = Grid::new(&blocks);
+        let near = grid.cells.iter().filter(|c| c.is_near).count();
+        let progress = session.progress;
+        progress.stage("cavities", Some((blocks.len() + near) as u64));
+        let needs = open_void::needs(source, &grid, measure, session)?;
         let mut graph = Self {
-            basins: Vec::new(),
+            basins: vec![Basin {
+                voxels: 0,
+                depth: measure.reach as f32,
+                place: grid.cells[0].origin,
+            }],
             edges: Vec::new(),
         };
         // Faces at the ends of cells, until the next cell along their axis is joined.
         let mut open: BTreeMap<([usize; 3], usize), (u32, Face)> = BTreeMap::new();
+        let measured = |(cell, need): &(&Cell, Need)| cell.is_near && *need != Need::Nothing;
+        let cells: Vec<(&Cell, Need)> = grid.cells.iter().zip(needs).collect();
+        progress.advance((near - cells.iter().filter(|c| measured(c)).count()) as u64);
         let mut rest = &cells[..];
         while !rest.is_empty() {
-            let mut near = (1..).zip(rest).filter(|(_, cell)| cell.is_near);
+            let mut near = (1..).zip(rest).filter(|(_, cell)| measured(cell));
             let count = near.nth(CELLS_PER_BATCH - 1).map_or(rest.len(), |n| n.0);
             let batch = rest.split_off(..count).expect("some of the rest");
             let found = session.threads.install(|| {
                 // Some cells take far longer than others: threads take one after another.
                 let found = batch.par_iter().with_max_len(1).map(|cell| {
-                    if session.progress.cancelled() {
+                    if progress.cancelled() {
                         return Err(Cancelled.into());
                     }
-                    basins_of(source, cell, measure, session)
+                    let found = basins_of(source, *cell, measure);
+                    progress.advance(u64::from(measured(cell)));
+                    found
                 });
                 found.collect::<Result<Vec<_>, S::Error>>()
             })?;
-            for (cell, mut block) in batch.iter().zip(found) {
-                let first = graph.basins.len() as u32;
+            for (&(cell, need), mut block) in batch.iter().zip(found) {
+                let first = match need {
+                    Need::Nothing | Need::Faces => OUTSIDE,
+                    Need::Basins => graph.basins.len() as u32,
+                };
                 for axis in 0..3 {
                     let mut before = cell.at;
                     before[axis] = before[axis].wrapping_sub(1);
@@ -99,6 +107,9 @@ impl VoidGraph {
         (other_first, other): (u32, &Face),
         (axis, origin): (usize, Coord),
     ) {
+        if first == OUTSIDE && other_first == OUTSIDE {
+            return;
+        }
         let mut pairs = Pairs::default();
         match (own, other) {
             (Face::Solid, _) | (_, Face::Solid) => {}
@@ -203,65 +214,30 @@ impl Pairs {
 
 fn basins_of<S: LeafSource>(
     source: &S,
-    cell: &Cell,
+    (cell, need): (&Cell, Need),
     measure: Measure,
-    session: Session<'_>,
 ) -> Result<BlockBasins, S::Error> {
-    let reach = measure.reach as f32;
-    if cell.is_near {
-        let void = BlockVoid::of(source, cell.origin, measure)?;
-        session.progress.advance(1);
-        return Ok(match void {
+    let wide = || BlockBasins::wide(cell.origin, cell.voxels, measure.reach as f32);
+    // A cell without void needs nothing.
+    if need == Need::Nothing {
+        return Ok(BlockBasins::solid());
+    }
+    let found = if cell.is_near {
+        match BlockVoid::of(source, cell.origin, measure)? {
             BlockVoid::Solid => BlockBasins::solid(),
-            BlockVoid::Wide => BlockBasins::wide(cell.origin, cell.voxels, reach),
-            BlockVoid::Mixed(distances) => BlockBasins::of(&distances, cell.origin),
-        });
-    }
-    let is_solid = !source.inside_cubes(Region::cube(cell.origin, 1)).is_empty();
-    Ok(if is_solid {
-        BlockBasins::solid()
-    } else {
-        BlockBasins::wide(cell.origin, cell.voxels, reach)
-    })
-}
-
-/// The cells of the grid in ascending order, from the blocks with leaves.
-fn cells(blocks: &[Coord]) -> Vec<Cell> {
-    let number = |c: i32| i64::from(c.div_euclid(BLOCK));
-    // Layers of blocks within two of a block with leaves; the rest lies between them.
-    let layers: [Vec<i64>; 3] = std::array::from_fn(|a| {
-        let near = blocks
-            .iter()
-            .flat_map(|b| (-2..=2).map(move |d| number(b[a]) + d));
-        near.collect::<BTreeSet<i64>>().into_iter().collect()
-    });
-    let near: HashSet<[i64; 3]> = blocks
-        .iter()
-        .flat_map(|b| {
-            let [x, y, z] = b.0.map(number);
-            (0..27).map(move |n| [x + n / 9 - 1, y + n / 3 % 3 - 1, z + n % 3 - 1])
-        })
-        .collect();
-    // Layers that the cell with this number spans.
-    let span = |a: usize, n: usize| {
-        let next = layers[a].get(n + 1).map_or(layers[a][n] + 1, |next| *next);
-        next - layers[a][n]
-    };
-    let mut found = Vec::new();
-    for x in 0..layers[0].len() {
-        for y in 0..layers[1].len() {
-            for z in 0..layers[2].len() {
-                let at = [x, y, z];
-                let block: [i64; 3] = std::array::from_fn(|a| layers[a][at[a]]);
-                let blocks: i64 = (0..3).map(|a| span(a, at[a])).product();
-                found.push(Cell {
-                    at,
-                    origin: Coord(block.map(|c| (c * i64::from(BLOCK)) as i32)),
-                    voxels: blocks as u64 * EDGE.pow(3) as u64,
-                    is_near: near.contains(&block),
-                });
+            BlockVoid::Wide => wide(),
+            BlockVoid::Mixed(distances) if need == Need::Faces => {
+                BlockBasins::one(&distances, cell.origin)
             }
+            BlockVoid::Mixed(distances) => BlockBasins::of(&distances, cell.origin),
         }
-    }
-    found
+    } else {
+        wide()
+    };
+    let basins = if need == Need::Faces {
+        Vec::new()
+    } else {
+        found.basins
+    };
+    Ok(BlockBasins { basins, ..found })
 }

@@ -159,6 +159,51 @@ fn rooms_wider_than_the_reach_have_their_volume_and_their_bore() {
     assert_eq!((found.list.len(), found.closed()), (1, 1), "{found:#?}");
 }
 
+/// Three rooms in small blocks that beams connect, at several places on the grid of blocks: most of the void is open,
+/// and the rest of it is measured.
+#[test]
+fn rooms_far_apart_are_found_wherever_they_lie() {
+    let rooms_at = |shift: [f64; 3]| {
+        let moved = |p: [f64; 3]| [0, 1, 2].map(|a| p[a] + shift[a]);
+        let part = |min, max| block(moved(min), moved(max));
+        let solids = vec![
+            part([-130.0, -20.0, -20.0], [-90.0, 20.0, 20.0]),
+            part([-20.0, 40.0, -20.0], [20.0, 80.0, 20.0]),
+            part([90.0, -20.0, 10.0], [130.0, 20.0, 50.0]),
+            part([-100.0, -4.0, -4.0], [100.0, 4.0, 4.0]),
+            part([-4.0, 0.0, -4.0], [4.0, 50.0, 4.0]),
+            part([92.0, -4.0, -4.0], [100.0, 4.0, 20.0]),
+        ];
+        let holes = vec![
+            ball(moved([-110.0, 0.0, 0.0]), 12.0),
+            ball(moved([0.0, 60.0, 0.0]), 12.0),
+            part([-4.5, 60.0, -4.5], [4.5, 90.0, 4.5]),
+            ball(moved([110.0, 0.0, 30.0]), 12.0),
+            part([107.5, -2.5, 30.0], [112.5, 2.5, 60.0]),
+        ];
+        let field = intersection(Union(solids), Complement(Box::new(Union(holes))));
+        let extent = druse::frame::Aabb {
+            min: moved([-140.0, -30.0, -30.0]).into(),
+            max: moved([140.0, 90.0, 60.0]).into(),
+        };
+        let found = level_set(&field, extent, 1.0);
+        let voids = found.voids(session()).unwrap();
+        (found.cavities(16, session()).unwrap(), voids)
+    };
+    let first = rooms_at([0.0; 3]).0;
+    for shift in [[0.0; 3], [37.0, -51.0, 90.0], [64.0, 64.0, -64.0]] {
+        let (found, voids) = rooms_at(shift);
+        assert_eq!((found.list.len(), found.closed()), (3, 1), "{found:#?}");
+        for ((c, other), escape) in found.list.iter().zip(&first.list).zip([0.0, 2.5, 4.5]) {
+            assert!((c.escape_radius - escape).abs() < 0.1, "{shift:?}: {c:?}");
+            assert!((c.radius - 12.0).abs() < 0.3, "{shift:?}: {c:?}");
+            let share = c.voxels as f64 / other.voxels as f64;
+            assert!((0.98..1.02).contains(&share), "{shift:?}: {c:?} {other:?}");
+        }
+        assert_eq!(found.list[0].voxels, voids[0].voxels);
+    }
+}
+
 /// Numbers that look random (splitmix64).
 pub(super) struct Random(pub u64);
 
