@@ -16,6 +16,8 @@ use rayon::prelude::*;
 /// Step along a chord and maximal length of a chord, in reference units.
 const CHORD_STEP: f64 = 0.01;
 const MAX_CHORD: f64 = 1.2;
+/// Bisections of the step in which a chord ends.
+const CHORD_BISECTIONS: usize = 20;
 /// The share of the area whose chords are shorter than the thickness.
 const PERCENTILE: f64 = 0.1;
 /// Accepted relative deviation of the measured thickness from the target.
@@ -66,41 +68,61 @@ impl<'a> ThicknessProbe<'a> {
         })
     }
 
-    /// Length of the chord from a surface point along the inward normal, or `most` if it is not shorter.
-    fn chord(&self, from: Vec3, level: f64, most: f64) -> f64 {
+    /// The value at a level beyond or within the element.
+    fn value(&self, x: Vec3, level: f64) -> f64 {
         let (solid, element) = (self.cell.solid, self.cell.element);
-        let phi = |x: Vec3| self.table.value(CellPoint(reflected_inside(element, x)));
+        let phi = self.table.value(CellPoint(reflected_inside(element, x)));
+        solid.value(phi, level)
+    }
+
+    /// The chord from a surface point along the inward normal, to a step; it ends at `most` if it is not shorter.
+    fn chord(&self, patch: &SurfacePatch, level: f64, most: f64) -> Chord {
+        let from = patch.centre.0;
         let (v, g) = self.table.value_and_gradient(CellPoint(from));
-        let inward = -g * solid.value_and_slope(v, level).1;
-        let Some(inward) = inward.try_normalize(1e-9) else {
-            return most;
+        let inward = -g * self.cell.solid.value_and_slope(v, level).1;
+        let mut chord = Chord {
+            from,
+            inward: Vec3::zeros(),
+            ends: [most; 2],
+            area: patch.area,
         };
-        let value = |s: f64| solid.value(phi(from + inward * s), level);
+        let Some(inward) = inward.try_normalize(1e-9) else {
+            return chord;
+        };
+        chord.inward = inward;
         // No value changes faster than the function does.
         let slope = self.table.gradient_sup();
         let (mut s, mut inside) = (CHORD_STEP / 4.0, 0.0);
         while inside < most {
-            let here = value(s);
+            let here = self.value(from + inward * s, level);
             if here > 0.0 && s > CHORD_STEP / 2.0 {
-                let (mut lo, mut hi) = (inside, s);
-                for _ in 0..20 {
-                    let mid = f64::midpoint(lo, hi);
-                    if value(mid) > 0.0 {
-                        hi = mid;
-                    } else {
-                        lo = mid;
-                    }
-                }
-                return lo.min(most);
+                chord.ends = [inside, s];
+                return chord;
             }
             inside = s;
             s += CHORD_STEP.max(-here / slope);
         }
-        most
+        chord
     }
 
-    /// The lengths of the chords at a level, at most `most`, and their areas.
-    fn chords(&self, level: f64, most: f64) -> Vec<(f64, f64)> {
+    /// The length of a chord.
+    fn length(&self, chord: &Chord, level: f64, most: f64) -> f64 {
+        let [mut lo, mut hi] = chord.ends;
+        if lo < hi {
+            for _ in 0..CHORD_BISECTIONS {
+                let mid = f64::midpoint(lo, hi);
+                if self.value(chord.from + chord.inward * mid, level) > 0.0 {
+                    hi = mid;
+                } else {
+                    lo = mid;
+                }
+            }
+        }
+        lo.min(most)
+    }
+
+    /// The chords at a level, at most `most` long.
+    fn chords(&self, level: f64, most: f64) -> Vec<Chord> {
         let levels: &[f64] = if self.cell.solid.is_symmetric() {
             &[level, -level]
         } else {
@@ -110,8 +132,8 @@ impl<'a> ThicknessProbe<'a> {
         for &t in levels {
             patches.extend(SurfacePatch::all(&self.samples, t));
         }
-        let chord = |p: &SurfacePatch| (self.chord(p.centre.0, level, most), p.area);
-        patches.par_iter().map(chord).collect()
+        let chords = patches.par_iter().map(|p| self.chord(p, level, most));
+        chords.collect()
     }
 
     /// The thickness at a level: 0 without solid, infinite without void.
@@ -122,22 +144,47 @@ impl<'a> ThicknessProbe<'a> {
     /// [`Self::thickness`] where it is less than `most`, which is returned otherwise.
     fn thickness_within(&self, level: f64, most: f64) -> f64 {
         let solid = self.cell.solid;
-        let mut chords = self.chords(level, most);
-        let area: f64 = chords.iter().map(|c| c.1).sum();
+        let chords = self.chords(level, most);
+        let area: f64 = chords.iter().map(|c| c.area).sum();
         if area <= 0.0 {
             let empty = solid.value(self.samples.values[0], level) > 0.0;
             return if empty { 0.0 } else { f64::INFINITY };
         }
-        chords.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let mut below = 0.0;
-        for (chord, part) in chords {
-            below += part;
-            if below >= PERCENTILE * area {
-                return chord;
-            }
-        }
-        most
+        let wanted = PERCENTILE * area;
+        let between = |end: usize| {
+            let ends = chords.iter().map(|c| (c.ends[end], c.area));
+            percentile(ends.collect(), 0.0, wanted).unwrap_or(most)
+        };
+        // Only chords that may end there are measured to the end.
+        let [least, greatest] = [0, 1].map(between);
+        let shorter = chords.iter().filter(|c| c.ends[1] < least);
+        let below = shorter.map(|c| c.area).sum();
+        let may_be = |c: &&Chord| c.ends[1] >= least && c.ends[0] <= greatest;
+        let lengths = chords.par_iter().filter(may_be);
+        let lengths = lengths.map(|c| (self.length(c, level, most), c.area));
+        percentile(lengths.collect(), below, wanted).unwrap_or(most)
     }
+}
+
+/// A chord through the solid.
+struct Chord {
+    /// The surface point where it begins, and its direction.
+    from: Vec3,
+    inward: Vec3,
+    /// Lengths between which it ends.
+    ends: [f64; 2],
+    /// Area of the surface that it stands for.
+    area: f64,
+}
+
+/// The length up to which chords have the `wanted` area, with the area of shorter ones; `None` if all have less.
+fn percentile(mut chords: Vec<(f64, f64)>, mut below: f64, wanted: f64) -> Option<f64> {
+    chords.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let mut chords = chords.into_iter();
+    chords.find_map(|(length, area)| {
+        below += area;
+        (below >= wanted).then_some(length)
+    })
 }
 
 /// A level and its thickness, in units of reference length.
