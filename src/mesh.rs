@@ -168,6 +168,14 @@ impl TriMesh {
         Aabb::of(corners.map(|&v| self.vertices[v as usize]))
     }
 
+    /// The bounding box of the vertices, those of no triangle too; empty without any.
+    pub(crate) fn vertex_bounds(&self) -> Aabb {
+        const CHUNK_VERTICES: usize = 1 << 14;
+        let chunks = self.vertices.par_chunks(CHUNK_VERTICES);
+        let boxes: Vec<Aabb> = chunks.map(|c| Aabb::of(c.iter().copied())).collect();
+        boxes.into_iter().fold(Aabb::EMPTY, Aabb::union)
+    }
+
     /// The enclosed signed volume by the divergence theorem: positive when the triangles wind
     /// counter-clockwise seen from outside. Meaningful for closed meshes only.
     pub fn volume(&self) -> f64 {

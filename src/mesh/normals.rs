@@ -2,6 +2,13 @@
 
 use super::TriMesh;
 use crate::frame::Vec3;
+use rayon::prelude::*;
+
+/// Triangles whose vertices' numbers are bounded together.
+const TRIANGLES_PER_BLOCK: usize = 1 << 12;
+/// Parts in which normals are summed: few, as each reads all triangles if vertices are in no order.
+const MAX_PARTS: usize = 16;
+const MIN_VERTICES_PER_PART: usize = 1 << 14;
 
 impl TriMesh {
     /// Outward unit normals at the vertices: means over the adjacent triangles, weighted by angle; zero where a
@@ -17,27 +24,49 @@ impl TriMesh {
                 }
             }
         }
-        normalized(normals)
+        normalize(&mut normals);
+        normals
     }
 
     /// As [`TriMesh::vertex_normals`], weighted by area: for meshes whose triangles differ much in size, where
     /// the normals of the smallest are unreliable.
     pub fn vertex_normals_by_area(&self) -> Vec<Vec3> {
+        let span = |triangles: &[[u32; 3]]| {
+            let all = triangles.as_flattened().iter();
+            let ends = (u32::MAX, 0);
+            all.fold(ends, |(low, high), &v| (low.min(v), high.max(v)))
+        };
+        let blocks = self.triangles.par_chunks(TRIANGLES_PER_BLOCK);
+        let spans: Vec<(u32, u32)> = blocks.map(span).collect();
         let mut normals = vec![Vec3::zeros(); self.vertices.len()];
-        for (t, [a, b, c]) in self.triangles.iter().zip(self.iter_corners()) {
-            let normal = (b - a).cross(&(c - a));
-            for &v in t {
-                normals[v as usize] += normal;
+        let count = (normals.len() / MAX_PARTS).max(MIN_VERTICES_PER_PART);
+        let parts = normals.par_chunks_mut(count).enumerate();
+        // Each part adds its triangles in their order, so that the sums do not depend on the parts.
+        parts.for_each(|(n, part)| {
+            let first = n * count;
+            let last = first + part.len() - 1;
+            let blocks = self.triangles.chunks(TRIANGLES_PER_BLOCK).zip(&spans);
+            let meets = |low: u32, high: u32| low as usize <= last && high as usize >= first;
+            for (block, _) in blocks.filter(|(_, span)| meets(span.0, span.1)) {
+                for t in block.iter().filter(|t| t.iter().any(|&v| meets(v, v))) {
+                    let [a, b, c] = t.map(|v| self.vertices[v as usize]);
+                    let normal = (b - a).cross(&(c - a));
+                    for &v in t {
+                        if let Some(sum) = part.get_mut((v as usize).wrapping_sub(first)) {
+                            *sum += normal;
+                        }
+                    }
+                }
             }
-        }
-        normalized(normals)
+            normalize(part);
+        });
+        normals
     }
 }
 
-/// Vectors scaled to length 1; zero vectors remain zero.
-fn normalized(mut vectors: Vec<Vec3>) -> Vec<Vec3> {
-    for v in &mut vectors {
+/// Scales vectors to length 1; zero vectors remain zero.
+fn normalize(vectors: &mut [Vec3]) {
+    for v in vectors {
         *v = v.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
     }
-    vectors
 }

@@ -9,7 +9,7 @@ use super::output::FinishedSolid;
 use super::precision::needs_double;
 use super::report::MeshFacts;
 use crate::field::WorldField;
-use crate::frame::{Aabb, LengthUnit, Vec3, WorldPoint};
+use crate::frame::{LengthUnit, Vec3, WorldPoint};
 use crate::io::{MeshView, write_beams, write_mesh};
 use crate::mesh::{ProjectionOptions, QuadMesh, TriMesh};
 use crate::mesher::move_off_voxels;
@@ -107,10 +107,7 @@ pub(super) fn write(
         .solid
         .max_coordinate()
         .map_err(RunError::level_set("mesh"))?;
-    let centre = Aabb::of(base_mesh.vertices().iter().copied())
-        .centre()
-        .0
-        .into();
+    let centre = base_mesh.vertex_bounds().centre().0.into();
     let is_double = needs_double(path, (far, centre), (context.scale, factor))?;
     if let Surface::Triangles(mesh) = &surface
         && output.decimate.is_none()

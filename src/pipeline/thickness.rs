@@ -19,7 +19,7 @@ use super::level_set_ops::StageContext;
 use super::nearest::{KdTree, Site};
 use super::spatial_bins::Bins;
 use crate::band::Region;
-use crate::frame::{Aabb, Coord, Vec3};
+use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
 use crate::progress::Cancelled;
 use crate::vdb::LevelSet;
@@ -101,11 +101,12 @@ struct MeshSurface<'a> {
 }
 
 impl<'a> MeshSurface<'a> {
-    fn new(mesh: &'a TriMesh, lattice: VoxelLattice, phase: Phase) -> Self {
+    fn new(context: StageContext, mesh: &'a TriMesh, solid: SolidGeometry, phase: Phase) -> Self {
+        let normals = context.threads.install(|| mesh.vertex_normals_by_area());
         Self {
             mesh,
-            outward: phase.outward(mesh.vertex_normals_by_area()),
-            lattice,
+            outward: phase.outward(normals),
+            lattice: solid.lattice,
         }
     }
 }
@@ -149,7 +150,7 @@ impl SolidGeometry {
     /// The geometry of a solid and its mesh.
     pub fn of(context: StageContext, solid: &LevelSet, mesh: &TriMesh) -> Result<Self, RunError> {
         let counted = solid.active_voxels();
-        let bounds = Aabb::of(mesh.vertices().iter().copied());
+        let bounds = context.threads.install(|| mesh.vertex_bounds());
         Ok(Self {
             lattice: VoxelLattice {
                 origin: solid.origin(),
@@ -171,7 +172,7 @@ impl Thickness {
         mesh: &TriMesh,
         solid: SolidGeometry,
     ) -> Result<Self, RunError> {
-        let surface = MeshSurface::new(mesh, solid.lattice, Phase::Solid);
+        let surface = MeshSurface::new(context, mesh, solid, Phase::Solid);
         Self::new(context, &surface, solid)
     }
 
@@ -203,7 +204,7 @@ pub(super) fn sampled_walls(
     solid: SolidGeometry,
     phase: Phase,
 ) -> Result<WallSamples, RunError> {
-    let surface = MeshSurface::new(mesh, solid.lattice, phase);
+    let surface = MeshSurface::new(context, mesh, solid, phase);
     let walls = walls(context, (phase.stage(), TARGET_SAMPLES), &surface, solid)?;
     let walls = walls.into_iter().map(|(_, wall)| wall);
     Ok(WallSamples::of(walls.collect()))
