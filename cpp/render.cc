@@ -8,6 +8,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -120,23 +121,26 @@ class Tracer {
     fraction_ = at - base.asVec3d();
     if (base == base_ && leaf_) return true;
     base_ = base;
-    has_corners_ = false;
+    corner_ = nullptr;
     if (!leaf_ || (base & ~7) != leaf_->origin()) leaf_ = access_.probeConstLeaf(base);
     return leaf_ != nullptr;
   }
 
-  // Loads the values at the corners of the cell. Many steps do without them.
+  // Finds the values at the corners of the cell. Many steps do without them.
   void load_corners() {
-    if (has_corners_) return;
-    has_corners_ = true;
+    if (corner_) return;
+    Corners& known = corners_[Leaf::coordToOffset(base_)];
+    corner_ = known.value;
+    if (known.base == base_) return;
+    known.base = base_;
     const auto inner = [](int c) { return (c & 7) != 7; };
     if (inner(base_[0]) && inner(base_[1]) && inner(base_[2])) {
       const float* v = leaf_->buffer().data() + Leaf::coordToOffset(base_);
       const int corner[8] = {0, 1, 8, 9, 64, 65, 72, 73};
-      for (int c = 0; c < 8; ++c) corner_[c] = v[corner[c]] * per_voxel_;
+      for (int c = 0; c < 8; ++c) known.value[c] = v[corner[c]] * per_voxel_;
     } else {
       for (int c = 0; c < 8; ++c)
-        corner_[c] = access_.getValue(base_.offsetBy(c >> 2, c >> 1 & 1, c & 1)) * per_voxel_;
+        known.value[c] = access_.getValue(base_.offsetBy(c >> 2, c >> 1 & 1, c & 1)) * per_voxel_;
     }
   }
 
@@ -249,8 +253,13 @@ class Tracer {
   // position in the cell.
   Coord base_ = Coord::max();
   const Leaf* leaf_ = nullptr;
-  bool has_corners_ = false;
-  double corner_[8] = {};
+  const double* corner_ = nullptr;
+  // The latest cells, as adjacent rays pass through the same ones; by the place of the least voxel in its leaf.
+  struct Corners {
+    Coord base = Coord::max();
+    double value[8];
+  };
+  std::array<Corners, Leaf::SIZE> corners_;
   Vec3d fraction_{0.0};
 };
 
