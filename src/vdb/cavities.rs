@@ -109,6 +109,11 @@ pub(super) trait LeafSource: Sync {
 
     /// Cubes without leaves that lie inside and meet a region: least voxel and edge.
     fn inside_cubes(&self, region: Region) -> Vec<(Coord, i32)>;
+
+    /// Whether a block without leaves lies inside.
+    fn is_block_inside(&self, block: Coord) -> bool {
+        !self.inside_cubes(Region::cube(block, 1)).is_empty()
+    }
 }
 
 /// Voxel size and half width of a band, and the greatest distance to measure, in voxels.

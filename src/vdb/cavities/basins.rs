@@ -113,7 +113,7 @@ impl BlockBasins {
         growth.finish()
     }
 
-    /// The basin of all voids of a block, which is as deep as is measured.
+    /// One basin for all voids of a block, where they meet as far from the solid as is measured, or all are open.
     pub fn one(space: &BlockDistances, place: Coord) -> Self {
         let of_leaf = |slot: &Slot| match *slot {
             Slot::Solid => 0,

@@ -218,7 +218,7 @@ fn basins_of<S: LeafSource>(
     measure: Measure,
 ) -> Result<BlockBasins, S::Error> {
     let wide = || BlockBasins::wide(cell.origin, cell.voxels, measure.reach as f32);
-    // A cell without void needs nothing.
+    // Solid, or open with open neighbours: nothing is to be joined.
     if need == Need::Nothing {
         return Ok(BlockBasins::solid());
     }

@@ -18,7 +18,7 @@ use super::line_distances::{
 };
 use super::samples::{ALL_SOLID, Row, Rows, SLOTS, Sample, Samples};
 use super::{LeafSource, Measure};
-use crate::band::{LEAF, Region, VOXELS};
+use crate::band::{LEAF, VOXELS};
 use crate::frame::Coord;
 use crate::simd::run_vectorized;
 use std::ops::Range;
@@ -100,7 +100,7 @@ impl BlockVoid {
         measure: Measure,
     ) -> Result<Self, S::Error> {
         let Some(samples) = Samples::read(source, origin, measure)? else {
-            let is_solid = !source.inside_cubes(Region::cube(origin, 1)).is_empty();
+            let is_solid = source.is_block_inside(origin);
             return Ok(if is_solid { Self::Solid } else { Self::Wide });
         };
         let distances = distances(&samples, measure.reach as usize);

@@ -10,7 +10,7 @@ use super::leaf_set::LeafSet;
 use super::samples::SLOTS;
 use super::slopes::{FaceBits, Slopes};
 use super::{LeafSource, Measure};
-use crate::band::{BLOCK, LEAF, Region};
+use crate::band::{BLOCK, LEAF};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use crate::vdb::Session;
@@ -93,7 +93,7 @@ fn all_slopes<S: LeafSource>(
     // Faces at the ends of blocks, until the next block along their axis is joined.
     let mut open: BTreeMap<(Coord, usize), Box<FaceBits>> = BTreeMap::new();
     let uniform = |block: Coord| {
-        let is_solid = is_inside(source, block);
+        let is_solid = source.is_block_inside(block);
         Box::new([if is_solid { u64::MAX } else { 0 }; SLOTS * SLOTS])
     };
     for batch in blocks.chunks(BLOCKS_PER_BATCH) {
@@ -131,11 +131,6 @@ fn beside(block: Coord, axis: usize, ahead: bool) -> Coord {
     next
 }
 
-/// Whether the first voxel of a block without leaves is inside.
-fn is_inside<S: LeafSource>(source: &S, block: Coord) -> bool {
-    !source.inside_cubes(Region::cube(block, 1)).is_empty()
-}
-
 /// What is known of a cell before the outside grows into it.
 fn space<S: LeafSource>(
     source: &S,
@@ -143,23 +138,20 @@ fn space<S: LeafSource>(
     slopes: &HashMap<Coord, Slopes>,
     ring: usize,
 ) -> Space {
-    let own = slopes.get(&cell.origin);
-    let around: [Option<&Slopes>; 27] = std::array::from_fn(|n| {
-        let by = |n: usize| (n as i32 - 1) * BLOCK;
-        let [x, y, z] = [n / 9, n / 3 % 3, n % 3].map(by);
-        slopes
-            .get(&cell.origin.offset(x, y, z))
-            .filter(|_| cell.is_near)
-    });
-    let is_solid = || is_inside(source, cell.origin);
-    if around.iter().all(Option::is_none) {
+    let is_solid = || source.is_block_inside(cell.origin);
+    if !cell.is_near {
         return if is_solid() {
             Space::Solid
         } else {
             Space::Void { is_open: false }
         };
     }
-    let void = match own {
+    let around: [Option<&Slopes>; 27] = std::array::from_fn(|n| {
+        let by = |n: usize| (n as i32 - 1) * BLOCK;
+        let [x, y, z] = [n / 9, n / 3 % 3, n % 3].map(by);
+        slopes.get(&cell.origin.offset(x, y, z))
+    });
+    let void = match slopes.get(&cell.origin) {
         Some(own) => own.void,
         None if is_solid() => LeafSet::EMPTY,
         None => LeafSet::ALL,
