@@ -5,11 +5,10 @@
 //! angle t with (q - p).n = |q - p| sin(t / 2). A contact counts if t >= 100 degrees and its own normal
 //! is turned as far against n: 90 degrees, below which a ball sits in an edge, and 10 for the noise of
 //! normals, since right edges are common. The least r is found by a shrinking ball (Ma, Bae and Choi
-//! 2012): start from a ball that contains such a point, take the q nearest to its centre, shrink until q
-//! lies on the ball, repeat. Balls that touch at p are nested, so the result does not depend on the
-//! start. The start radius is doubled from a small one, because a search in a large ball visits most of
-//! the part. A ball counts if it is inscribed: no other part of the surface reaches into it. In convex
-//! edges one does; they have no wall thickness.
+//! 2012): each such point inside shrinks it. Balls that touch at p are nested, so the order of the points
+//! does not matter. The search begins with the first points along the normal or else with a small ball
+//! that it doubles, because a large one meets most of the part. A ball counts if it is inscribed: no other
+//! part of the surface reaches into it. In convex edges one does; they have no wall thickness.
 
 use super::histogram::Histogram;
 use super::nearest::Site;
@@ -20,8 +19,6 @@ use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Greatest number of steps of the shrinking ball; it converges in about six.
-const MAX_SHRINK_STEPS: usize = 40;
 /// Sine of half the least angle between opposite contacts.
 const MIN_CONTACT_SINE: f64 = 0.766;
 /// Greatest cosine between the normals at two opposite contacts.
@@ -204,7 +201,7 @@ impl TouchingBall {
     }
 }
 
-/// The ball that touches at a point. The search starts at the radius `first` and ends at `max_radius`.
+/// The ball that touches at a point. The search starts with balls up to `first` and ends with those up to `max_radius`.
 pub(super) fn ball_at(
     SurfacePoint {
         position: p,
@@ -216,36 +213,28 @@ pub(super) fn ball_at(
     if inward == Vec3::zeros() {
         return TouchingBall::Pierced;
     }
-    let shrunk = |radius: f64| {
-        let opposite = |q: &Site<Vec3>| {
-            let d = q.position - p;
-            let along = d.dot(&inward);
-            along > 0.0
-                && along * along >= MIN_CONTACT_SINE * MIN_CONTACT_SINE * d.norm_squared()
-                && q.value.dot(&inward) <= MAX_NORMAL_COSINE
-        };
-        let centre = p + inward * radius;
-        let q = bins.nearest_within(centre, radius * (1.0 - 5e-3), opposite)?;
+    let is_opposite = |q: &Site<Vec3>| {
         let d = q.position - p;
-        Some(d.norm_squared() / (2.0 * d.dot(&inward)))
+        let along = d.dot(&inward);
+        along * along >= MIN_CONTACT_SINE * MIN_CONTACT_SINE * d.norm_squared()
+            && q.value.dot(&inward) <= MAX_NORMAL_COSINE
     };
-    let mut start = first.min(max_radius);
-    let mut radius = loop {
-        match shrunk(start) {
-            Some(radius) => break radius,
-            None if start >= max_radius => return TouchingBall::Wider,
-            None => start = (2.0 * start).min(max_radius),
+    let touching = (p, inward);
+    let radius = if let Some(bound) = bins.ball_along(touching, max_radius, is_opposite) {
+        let smallest = bins.smallest_ball(touching, bound, is_opposite);
+        smallest.unwrap_or(bound)
+    } else {
+        let mut limit = first.min(max_radius);
+        loop {
+            match bins.smallest_ball(touching, limit, is_opposite) {
+                Some(radius) => break radius,
+                None if limit >= max_radius => return TouchingBall::Wider,
+                None => limit = (2.0 * limit).min(max_radius),
+            }
         }
     };
-    for _ in 1..MAX_SHRINK_STEPS {
-        match shrunk(radius) {
-            Some(smaller) => radius = smaller,
-            None => break,
-        }
-    }
     let centre = p + inward * radius;
-    let reach = radius * (1.0 - MAX_PENETRATION);
-    if bins.nearest_within(centre, reach, |_| true).is_some() {
+    if bins.any_within(centre, radius * (1.0 - MAX_PENETRATION)) {
         return TouchingBall::Pierced;
     }
     TouchingBall::Inscribed(Wall {

@@ -1,4 +1,4 @@
-//! Nearest-neighbour search in a grid of cubes over points with values.
+//! Search for points in balls, in a grid of cubes over points with values.
 //!
 //! A few searches take less time than to build a k-d tree.
 
@@ -103,73 +103,120 @@ impl<T: Copy + Send + Sync> Bins<T> {
         ((x * self.counts[1] + y) * self.counts[2] + z) as u32
     }
 
-    /// The site nearest to `centre` within `reach`, a finite length, that `accepts` admits. Of equally
-    /// near sites it is the one with the smallest coordinates, so that the order of the sites does not
-    /// matter.
-    pub fn nearest_within(
+    /// The radius of the smallest ball with `p` on its surface, the unit vector `inward` pointing from there to its
+    /// centre, that passes through another site that `accepts` admits; `None` if it is not below `max_radius`, a
+    /// finite length. The order of the sites does not matter.
+    pub fn smallest_ball(
         &self,
-        centre: Vec3,
-        reach: f64,
+        (p, inward): (Vec3, Vec3),
+        max_radius: f64,
         accepts: impl Fn(&Site<T>) -> bool,
-    ) -> Option<Site<T>> {
-        let mut best = (reach * reach, None::<Site<T>>);
-        let low = self.along(centre.add_scalar(-reach));
-        let high = self.along(centre.add_scalar(reach));
-        // Distance of a cube from the centre along an axis.
-        let gap = |a: usize, n: usize| {
-            let from = self.low[a] + n as f64 * self.edge;
-            let outside = (from - centre[a]).max(centre[a] - from - self.edge);
-            (outside - 2.0 * ROUNDING_TOLERANCE * self.edge).max(0.0)
-        };
+    ) -> Option<f64> {
+        let mut radius = max_radius;
+        let around = self.around(p + inward * radius, radius);
+        self.visit(around, |cube, sites| {
+            // Sites outside the ball have larger ones, since balls that touch at one point are nested.
+            if self.square_distance(cube, p + inward * radius) <= radius * radius {
+                shrink(&mut radius, (p, inward), sites, &accepts);
+            }
+            false
+        });
+        (radius < max_radius).then_some(radius)
+    }
+
+    /// As [`Self::smallest_ball`], with the first sites alone that are in cubes on the line from `p` along `inward`: a
+    /// bound that takes little time.
+    pub fn ball_along(
+        &self,
+        (p, inward): (Vec3, Vec3),
+        max_radius: f64,
+        accepts: impl Fn(&Site<T>) -> bool,
+    ) -> Option<f64> {
+        let mut radius = max_radius;
+        let steps = (4.0 * max_radius / self.edge).ceil() as usize;
+        let mut last = usize::MAX;
+        for n in 0..=steps {
+            let cube = self.cube(p + inward * (n as f64 * self.edge / 2.0)) as usize;
+            if cube != last {
+                let own = self.first[cube] as usize..self.first[cube + 1] as usize;
+                shrink(&mut radius, (p, inward), &self.sites[own], &accepts);
+            }
+            if radius < max_radius {
+                return Some(radius);
+            }
+            last = cube;
+        }
+        None
+    }
+
+    /// Whether a site is nearer to `centre` than `reach`, a finite length.
+    pub fn any_within(&self, centre: Vec3, reach: f64) -> bool {
+        let square = reach * reach;
+        self.visit(self.around(centre, reach), |cube, sites| {
+            let is_near = |site: &Site<T>| (site.position - centre).norm_squared() < square;
+            self.square_distance(cube, centre) < square && sites.iter().any(is_near)
+        })
+    }
+
+    /// The lowest and the highest cube that a ball meets, along each axis.
+    fn around(&self, centre: Vec3, radius: f64) -> [[usize; 3]; 2] {
+        [-radius, radius].map(|shift| self.along(centre.add_scalar(shift)))
+    }
+
+    /// Calls `stop` with the cubes of a range that have sites, and these, until it returns true; whether it did.
+    fn visit(
+        &self,
+        [low, high]: [[usize; 3]; 2],
+        mut stop: impl FnMut([usize; 3], &[Site<T>]) -> bool,
+    ) -> bool {
         for x in low[0]..=high[0] {
-            let across = gap(0, x).powi(2);
             for y in low[1]..=high[1] {
-                let across = across + gap(1, y).powi(2);
-                if across > best.0 {
-                    continue;
-                }
                 let row = (x * self.counts[1] + y) * self.counts[2];
                 for z in low[2]..=high[2] {
                     let own = self.first[row + z] as usize..self.first[row + z + 1] as usize;
-                    if own.is_empty() || across + gap(2, z).powi(2) > best.0 {
-                        continue;
-                    }
-                    for site in &self.sites[own] {
-                        consider(site, centre, &accepts, &mut best);
+                    if !own.is_empty() && stop([x, y, z], &self.sites[own]) {
+                        return true;
                     }
                 }
             }
         }
-        best.1
+        false
+    }
+
+    /// Square of the distance of a point from a cube, or a little less.
+    fn square_distance(&self, cube: [usize; 3], point: Vec3) -> f64 {
+        let gaps = [0, 1, 2].map(|a| {
+            let from = self.low[a] + cube[a] as f64 * self.edge;
+            let outside = (from - point[a]).max(point[a] - from - self.edge);
+            (outside - 2.0 * ROUNDING_TOLERANCE * self.edge).max(0.0)
+        });
+        gaps.iter().map(|g| g * g).sum()
     }
 }
 
-/// Takes a site if it is nearer than the best so far and admitted.
-fn consider<T: Copy>(
-    site: &Site<T>,
-    centre: Vec3,
+/// Shrinks the ball that touches at `p`, until none of the sites that `accepts` admits is inside.
+fn shrink<T>(
+    radius: &mut f64,
+    (p, inward): (Vec3, Vec3),
+    sites: &[Site<T>],
     accepts: &impl Fn(&Site<T>) -> bool,
-    best: &mut (f64, Option<Site<T>>),
 ) {
-    let distance = (site.position - centre).norm_squared();
-    if distance > best.0 {
-        return;
-    }
-    let coordinates = |site: &Site<T>| -> [f64; 3] { site.position.into() };
-    let is_before = |other: &Site<T>| coordinates(site) < coordinates(other);
-    let is_nearer = distance < best.0 || best.1.as_ref().is_some_and(is_before);
-    if is_nearer && accepts(site) {
-        *best = (distance, Some(*site));
+    for site in sites {
+        let offset = site.position - p;
+        let along = offset.dot(&inward);
+        let square = offset.norm_squared();
+        if square < 2.0 * *radius * along && accepts(site) {
+            *radius = square / (2.0 * along);
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::nearest::KdTree;
     use super::*;
 
     #[test]
-    fn nearest_agrees_with_a_tree() {
+    fn searches_agree_with_scans() {
         let mut state = 1u64;
         let mut next = || {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1);
@@ -183,21 +230,42 @@ mod tests {
                 value,
             })
             .collect();
-        let tree = KdTree::new(sites.clone());
+        let mut found = [0; 3];
         for edge in [0.3, 2.0, 50.0] {
             let bins = Bins::new(sites.clone(), edge);
             for n in 0..300 {
-                let (centre, reach) = (point(14.0), 0.1 + f64::from(n % 30) / 10.0);
-                let accepts = |s: &Site<usize>| s.position.x + s.position.y < 4.0;
-                let positions = [
-                    bins.nearest_within(centre, reach, accepts),
-                    tree.nearest_within(centre, reach, accepts),
-                ]
-                .map(|site| site.map(|s| s.position));
-                assert_eq!(positions[0], positions[1]);
+                let (p, reach) = (point(14.0), 0.1 + f64::from(n % 30) / 10.0);
+                let inward = point(1.0).normalize();
+                let accepts = |site: &Site<usize>| n % 2 == 0 || site.value % 3 == 1;
+                let radius = |site: &Site<usize>| {
+                    let offset = site.position - p;
+                    offset.norm_squared() / (2.0 * offset.dot(&inward))
+                };
+                let radii = sites.iter().filter(|s| accepts(s)).map(radius);
+                let scanned = radii
+                    .filter(|r| (0.0..reach).contains(r))
+                    .min_by(f64::total_cmp);
+                let smallest = bins.smallest_ball((p, inward), reach, accepts);
+                assert_eq!(smallest, scanned);
+                let bound = bins.ball_along((p, inward), reach, accepts);
+                let is_bound = |r| smallest.is_some_and(|s| (s..reach).contains(&r));
+                assert!(bound.is_none_or(is_bound), "{bound:?} {smallest:?}");
+                let is_near = |s: &Site<usize>| (s.position - p).norm_squared() < reach * reach;
+                let any = sites.iter().any(is_near);
+                assert_eq!(bins.any_within(p, reach), any);
+                found[0] += usize::from(smallest.is_some());
+                found[1] += usize::from(bound.is_some());
+                found[2] += usize::from(any);
             }
         }
-        let empty = Bins::new(Vec::<Site<()>>::new(), 1.0);
-        assert!(empty.nearest_within(Vec3::zeros(), 5.0, |_| true).is_none());
+        assert!(found.iter().all(|n| (100..800).contains(n)), "{found:?}");
+        let empty = Bins::<()>::new(Vec::new(), 1.0);
+        let z = Vec3::z();
+        assert!(
+            empty
+                .smallest_ball((Vec3::zeros(), z), 5.0, |_| true)
+                .is_none()
+        );
+        assert!(!empty.any_within(Vec3::zeros(), 5.0));
     }
 }
