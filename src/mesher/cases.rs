@@ -239,7 +239,7 @@ mod tests {
         let rounds = if std::env::var_os("DRUSE_FULL").is_some() {
             200
         } else {
-            12
+            4
         };
         for bits in 0..256 {
             let loops = CASES[bits].loops();
