@@ -9,13 +9,14 @@
 use super::level_search::{Samples, SurfacePatch};
 use super::table::Table;
 use super::{Cell, CellError, Solid};
-use crate::field::Field;
-use crate::frame::{CellPoint, Element, Vec3};
+use crate::frame::{CellPoint, Element, Face, Vec3};
 use rayon::prelude::*;
 
 /// Step along a chord and maximal length of a chord, in reference units.
 const CHORD_STEP: f64 = 0.01;
 const MAX_CHORD: f64 = 1.2;
+/// Chords that are followed at once, since a table gives many values in the time of a few.
+const BATCH: usize = 128;
 /// Bisections of the step in which a chord ends.
 const CHORD_BISECTIONS: usize = 20;
 /// The share of the area whose chords are shorter than the thickness.
@@ -32,21 +33,28 @@ const BISECTIONS: usize = 26;
 /// Parts per edge of the simplex grid on which surface points are found.
 const GRID_PARTS: usize = 24;
 
-/// Reflects a point outside the element through the faces until it lies inside. Cells of a hex are
-/// periodic and those of the ball continue beyond it, so their points stay unchanged.
-fn reflected_inside(element: Element, mut x: Vec3) -> Vec3 {
-    if matches!(element, Element::Hex | Element::Ball) {
-        return x;
+/// The faces through which points outside an element are reflected into it. Cells of a hex are periodic and those of the
+/// ball continue beyond it, so their points stay where they are.
+fn mirrors(element: Element) -> Vec<Face> {
+    match element {
+        Element::Hex | Element::Ball => Vec::new(),
+        _ => element.faces(),
     }
-    let faces = element.faces();
+}
+
+/// Reflects a point through the faces until it lies behind all of them.
+fn reflected_inside(mirrors: &[Face], mut x: Vec3) -> Vec3 {
     for _ in 0..8 {
-        let out = |f: &crate::frame::Face| f.normal.dot(&x) - f.offset;
-        let farthest = faces
-            .iter()
-            .max_by(|a, b| out(a).total_cmp(&out(b)))
-            .filter(|f| out(f) > 0.0);
+        let mut farthest = None;
+        let mut greatest = 0.0;
+        for face in mirrors {
+            let out = face.normal.dot(&x) - face.offset;
+            if out > 0.0 && out >= greatest {
+                (greatest, farthest) = (out, Some(face));
+            }
+        }
         let Some(face) = farthest else { break };
-        x -= face.normal * (2.0 * out(face));
+        x -= face.normal * (2.0 * greatest);
     }
     x
 }
@@ -55,6 +63,8 @@ fn reflected_inside(element: Element, mut x: Vec3) -> Vec3 {
 struct ThicknessProbe<'a> {
     cell: &'a Cell,
     samples: Samples,
+    /// Listed once, since values are many.
+    mirrors: Vec<Face>,
     /// The function itself: level 0, solid below.
     table: &'a Table,
 }
@@ -64,61 +74,70 @@ impl<'a> ThicknessProbe<'a> {
         Ok(Self {
             cell,
             samples: cell.samples(GRID_PARTS),
+            mirrors: mirrors(cell.element),
             table: cell.function_table()?,
         })
     }
 
-    /// The value at a level beyond or within the element.
-    fn value(&self, x: Vec3, level: f64) -> f64 {
-        let (solid, element) = (self.cell.solid, self.cell.element);
-        let phi = self.table.value(CellPoint(reflected_inside(element, x)));
-        solid.value(phi, level)
+    /// The solid's values at points beyond or within the element.
+    fn values(&self, points: impl Iterator<Item = Vec3>, level: f64) -> Vec<f64> {
+        let reflected = points.map(|x| CellPoint(reflected_inside(&self.mirrors, x)));
+        let points: Vec<_> = reflected.collect();
+        let mut phi = vec![0.0; points.len()];
+        self.table.values(&points, &mut phi);
+        let solid = self.cell.solid;
+        let values = phi.into_iter();
+        values.map(|v| solid.value(f64::from(v), level)).collect()
     }
 
-    /// The chord from a surface point along the inward normal, to a step; it ends at `most` if it is not shorter.
-    fn chord(&self, patch: &SurfacePatch, level: f64, most: f64) -> Chord {
-        let from = patch.centre.0;
-        let (v, g) = self.table.value_and_gradient(CellPoint(from));
-        let inward = -g * self.cell.solid.value_and_slope(v, level).1;
-        let mut chord = Chord {
-            from,
-            inward: Vec3::zeros(),
-            ends: [most; 2],
-            area: patch.area,
+    /// The chords from points of the surface along the inward normals, each to a step; they end at `most` if they are
+    /// not shorter.
+    fn chords_from(&self, patches: &[SurfacePatch], level: f64, most: f64) -> Vec<Chord> {
+        let centres: Vec<_> = patches.iter().map(|p| p.centre).collect();
+        let mut samples = vec![[0.0; 4]; patches.len()];
+        self.table.values_and_gradients(&centres, &mut samples);
+        let chord = |(patch, [v, x, y, z]): (&SurfacePatch, [f32; 4])| {
+            let gradient = Vec3::from([x, y, z].map(f64::from));
+            let (_, slope) = self.cell.solid.value_and_slope(f64::from(v), level);
+            let inward = (-gradient * slope).try_normalize(1e-9);
+            Chord {
+                from: patch.centre.0,
+                inward: inward.unwrap_or_default(),
+                ends: [most; 2],
+                area: patch.area,
+            }
         };
-        let Some(inward) = inward.try_normalize(1e-9) else {
-            return chord;
-        };
-        chord.inward = inward;
+        let mut chords: Vec<Chord> = patches.iter().zip(samples).map(chord).collect();
+        let with_normal = chords
+            .iter_mut()
+            .filter(|c| most > 0.0 && c.inward != Vec3::zeros());
+        let mut walks: Vec<Walk> = with_normal.map(Walk::new).collect();
         // No value changes faster than the function does.
         let slope = self.table.gradient_sup();
-        let (mut s, mut inside) = (CHORD_STEP / 4.0, 0.0);
-        while inside < most {
-            let here = self.value(from + inward * s, level);
-            if here > 0.0 && s > CHORD_STEP / 2.0 {
-                chord.ends = [inside, s];
-                return chord;
+        while !walks.is_empty() {
+            let values = self.values(walks.iter().map(Walk::place), level);
+            for (walk, value) in walks.iter_mut().zip(values) {
+                walk.value = value;
             }
-            inside = s;
-            s += CHORD_STEP.max(-here / slope);
+            walks.retain_mut(|walk| walk.goes_on(slope) && walk.inside < most);
         }
-        chord
+        chords
     }
 
-    /// The length of a chord.
-    fn length(&self, chord: &Chord, level: f64, most: f64) -> f64 {
-        let [mut lo, mut hi] = chord.ends;
-        if lo < hi {
-            for _ in 0..CHORD_BISECTIONS {
-                let mid = f64::midpoint(lo, hi);
-                if self.value(chord.from + chord.inward * mid, level) > 0.0 {
-                    hi = mid;
-                } else {
-                    lo = mid;
-                }
+    /// The lengths of chords.
+    fn lengths(&self, chords: &[&Chord], level: f64, most: f64) -> Vec<f64> {
+        let mut ends: Vec<[f64; 2]> = chords.iter().map(|c| c.ends).collect();
+        for _ in 0..CHORD_BISECTIONS {
+            let middles: Vec<f64> = ends.iter().map(|e| f64::midpoint(e[0], e[1])).collect();
+            let places = chords.iter().zip(&middles);
+            let values = self.values(places.map(|(c, s)| c.from + c.inward * *s), level);
+            for ((ends, middle), value) in ends.iter_mut().zip(middles).zip(values) {
+                ends[usize::from(value > 0.0)] = middle;
             }
         }
-        lo.min(most)
+        ends.into_iter()
+            .map(|[inside, _]| inside.min(most))
+            .collect()
     }
 
     /// The chords at a level, at most `most` long.
@@ -132,7 +151,8 @@ impl<'a> ThicknessProbe<'a> {
         for &t in levels {
             patches.extend(SurfacePatch::all(&self.samples, t));
         }
-        let chords = patches.par_iter().map(|p| self.chord(p, level, most));
+        let batches = patches.par_chunks(BATCH);
+        let chords = batches.flat_map_iter(|batch| self.chords_from(batch, level, most));
         chords.collect()
     }
 
@@ -160,8 +180,12 @@ impl<'a> ThicknessProbe<'a> {
         let shorter = chords.iter().filter(|c| c.ends[1] < least);
         let below = shorter.map(|c| c.area).sum();
         let may_be = |c: &&Chord| c.ends[1] >= least && c.ends[0] <= greatest;
-        let lengths = chords.par_iter().filter(may_be);
-        let lengths = lengths.map(|c| (self.length(c, level, most), c.area));
+        let measured: Vec<&Chord> = chords.iter().filter(may_be).collect();
+        let batches = measured.par_chunks(BATCH);
+        let lengths = batches.flat_map_iter(|batch| {
+            let lengths = self.lengths(batch, level, most).into_iter();
+            lengths.zip(batch.iter().map(|c| c.area))
+        });
         percentile(lengths.collect(), below, wanted).unwrap_or(most)
     }
 }
@@ -175,6 +199,43 @@ struct Chord {
     ends: [f64; 2],
     /// Area of the surface that it stands for.
     area: f64,
+}
+
+/// A walk along a chord, to the step in which it ends.
+struct Walk<'a> {
+    chord: &'a mut Chord,
+    /// Length to the point that was last inside, and to the present one.
+    inside: f64,
+    at: f64,
+    /// The solid's value there.
+    value: f64,
+}
+
+impl<'a> Walk<'a> {
+    fn new(chord: &'a mut Chord) -> Self {
+        Self {
+            chord,
+            inside: 0.0,
+            at: CHORD_STEP / 4.0,
+            value: 0.0,
+        }
+    }
+
+    fn place(&self) -> Vec3 {
+        self.chord.from + self.chord.inward * self.at
+    }
+
+    /// Ends the chord if the present point is outside; otherwise goes as far as is inside for sure, for a function
+    /// that changes by at most `slope` in a unit of length. Returns whether it went on.
+    fn goes_on(&mut self, slope: f64) -> bool {
+        if self.value > 0.0 && self.at > CHORD_STEP / 2.0 {
+            self.chord.ends = [self.inside, self.at];
+            return false;
+        }
+        self.inside = self.at;
+        self.at += CHORD_STEP.max(-self.value / slope);
+        true
+    }
 }
 
 /// The length up to which chords have the `wanted` area, with the area of shorter ones; `None` if all have less.
@@ -333,11 +394,21 @@ impl LevelBracket {
 }
 
 impl Cell {
-    /// The level at which walls or struts have the given thickness in units of reference length. For a sheet
+    /// The level at which walls or struts have the given thickness in reference lengths (a hex has edge 1, a tet sqrt 2). For a sheet
     /// it is the wall thickness to first order, else the tenth percentile of the chords through the solid.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] for a thickness that is not positive or that no level attains.
+    /// [`CellError::OutOfRange`] for a thickness that is not positive or that no level attains, or
+    /// [`CellError::TableTooLarge`].
+    ///
+    /// ```
+    /// use druse::{cell::{Solid, Surface}, frame::Element};
+    ///
+    /// let sheet = Surface::SchwarzP.cell(Element::Hex).unwrap().sheet(0.1).unwrap();
+    /// let level = sheet.level_for_thickness(0.05).unwrap();
+    /// let thin = sheet.with_solid(Solid::Sheet, level).unwrap();
+    /// assert!((thin.thickness().unwrap() - 0.05).abs() < 1e-12);
+    /// ```
     pub fn level_for_thickness(&self, thickness: f64) -> Result<f64, CellError> {
         let found = self.nearest_level_for_thickness(thickness)?;
         let (below, above) = found.bracket;
@@ -347,10 +418,13 @@ impl Cell {
         Err(CellError::OutOfRange {
             what: "thickness",
             found: thickness,
-            expected: format!(
-                "one that a level gives, in reference lengths: the nearest are {below:.4} and {above:.4}, \
-                 because parts of the solid merge in between"
-            ),
+            expected: if above.is_finite() {
+                format!(
+                    "{below:.4} or {above:.4} reference lengths, the nearest: in between, parts of the solid merge"
+                )
+            } else {
+                format!("at most {below:.4} reference lengths")
+            },
         })
     }
 
@@ -377,7 +451,8 @@ impl Cell {
             return Err(CellError::OutOfRange {
                 what: "thickness",
                 found,
-                expected: "a positive length, hex edge 1, tet edge 1.414".to_owned(),
+                expected: "a positive number of reference lengths (a hex has edge 1, a tet 1.414)"
+                    .to_owned(),
             });
         }
         if self.solid == Solid::Sheet {
