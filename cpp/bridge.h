@@ -2,7 +2,7 @@
 // are pointers to implementations), so that the generated code compiles in a second.
 //
 // Functions that can throw return a `Result` on the Rust side. Signs, winding and units are OpenVDB's here;
-// src/vdb/ corrects them.
+// src/vdb/ corrects them. What each function does is stated in src/vdb/ffi.rs.
 #pragma once
 
 #include <rust/cxx.h>

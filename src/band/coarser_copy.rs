@@ -1,4 +1,4 @@
-//! A level set on voxels of twice the edge: every second voxel, and a band as many voxels wide.
+//! A level set on voxels of twice the edge: every second voxel, with a band of any half width.
 //!
 //! Within the old band values stay as they are. Beyond it they are distances to the surface points of the finer
 //! voxels. A leaf depends only on the finer leaves within its reach, so that parts give what the whole gives.
@@ -93,6 +93,7 @@ impl FinerBand<'_> {
 
 /// Takes over the active values of the finer leaves that are smaller in magnitude than `limit` (world units).
 fn keep(finer: &FinerLeaves, coarser: &mut MovedLeaf, limit: f32) {
+    // Values at the limit are clamped ones, give or take rounding.
     let near = limit * (1.0 - 1e-5);
     for (n, leaf) in finer.iter().enumerate() {
         let Some(leaf) = leaf else { continue };

@@ -42,6 +42,7 @@ pub(super) fn merge_solids(
         }
         if value.abs() >= culler.background as f32 {
             bits.within[word] &= !bit;
+            // Its signs are no longer proved.
             bits.settled = false;
         }
     }

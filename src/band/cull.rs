@@ -60,7 +60,7 @@ impl BatchTestStats {
 #[derive(Default)]
 pub(super) struct CubeClassification {
     /// Cubes of the smallest edge that may hold active voxels, sorted by origin.
-    pub unknown: Vec<Coord>,
+    pub undecided: Vec<Coord>,
     /// Cubes, of any edge up to a block's, that lie inside and hold no active voxel: origin, edge.
     pub inside: Vec<(Coord, i32)>,
     batch_test: BatchTestStats,
@@ -188,7 +188,7 @@ impl<'a> Culler<'a> {
         match side {
             Side::Outside => return,
             Side::Inside if edge <= BLOCK => return cubes.inside.push((origin, edge)),
-            Side::Unknown if edge == smallest => return cubes.unknown.push(origin),
+            Side::Unknown if edge == smallest => return cubes.undecided.push(origin),
             Side::Unknown
                 if edge == LEAF_CUBE_EDGE
                     && smallest == LEAF
@@ -246,7 +246,7 @@ impl<'a> Culler<'a> {
                     continue;
                 }
                 if inside & bit == 0 {
-                    cubes.unknown.push(leaf);
+                    cubes.undecided.push(leaf);
                 } else {
                     cubes.inside.push((leaf, LEAF));
                 }
@@ -281,7 +281,7 @@ impl<'a> Culler<'a> {
             let side = self.side(origin, edge);
             self.halve(origin, edge, side, BLOCK, &mut cubes);
         }
-        cubes.unknown.sort_unstable();
+        cubes.undecided.sort_unstable();
         cubes
     }
 
@@ -292,7 +292,7 @@ impl<'a> Culler<'a> {
         self.halve(block, BLOCK, side, LEAF, &mut cubes);
         // Sorts the leaves by a bit for each.
         let mut marks = [0u16; (BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES) as usize];
-        for leaf in cubes.unknown.drain(..) {
+        for leaf in cubes.undecided.drain(..) {
             let [x, y, z] = [0, 1, 2].map(|a| (leaf[a] - block[a]) / LEAF);
             marks[(x * BLOCK_EDGE_LEAVES + y) as usize] |= 1 << z;
         }
@@ -305,7 +305,7 @@ impl<'a> Culler<'a> {
                     row % BLOCK_EDGE_LEAVES * LEAF,
                     z * LEAF,
                 );
-                cubes.unknown.push(leaf);
+                cubes.undecided.push(leaf);
             }
         }
         cubes

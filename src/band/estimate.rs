@@ -66,7 +66,7 @@ impl Band<'_> {
     ) -> Result<Estimate, BandError> {
         let culler = Culler::new(self, Region::EVERYWHERE)?;
         threads.install(|| {
-            let blocks = culler.blocks().unknown;
+            let blocks = culler.blocks().undecided;
             progress.stage("estimate", Some(blocks.len() as u64));
             let leaves: Vec<Vec<Coord>> = blocks
                 .par_iter()
@@ -75,11 +75,11 @@ impl Band<'_> {
                         return Err(Cancelled);
                     }
                     progress.advance(1);
-                    Ok(culler.leaves(block).unknown)
+                    Ok(culler.leaves(block).undecided)
                 })
                 .collect::<Result<_, _>>()?;
             let leaves: Vec<Coord> = leaves.into_iter().flatten().collect();
-            let drawn = draw(leaves.len(), sampling);
+            let drawn = draw_stratified(leaves.len(), sampling);
             let measured: Vec<LeafSample> = drawn
                 .par_iter()
                 .map(|&n| {
@@ -136,17 +136,17 @@ impl Band<'_> {
         let culler = Culler::new(self, Region::EVERYWHERE)?;
         let sampling = |leaves| Sampling { leaves, seed: 1 };
         threads.install(|| {
-            let blocks = culler.blocks().unknown;
-            let blocks: Vec<Coord> = draw(blocks.len(), sampling(MAX_DRAWN_BLOCKS))
+            let blocks = culler.blocks().undecided;
+            let blocks: Vec<Coord> = draw_stratified(blocks.len(), sampling(MAX_DRAWN_BLOCKS))
                 .into_iter()
                 .map(|n| blocks[n])
                 .collect();
             let leaves: Vec<Coord> = blocks
                 .par_iter()
-                .flat_map_iter(|&block| culler.leaves(block).unknown)
+                .flat_map_iter(|&block| culler.leaves(block).undecided)
                 .collect();
             // Twice the leaves needed: not every leaf that culling keeps has active voxels.
-            let leaves: Vec<Coord> = draw(
+            let leaves: Vec<Coord> = draw_stratified(
                 leaves.len(),
                 sampling(2 * count.div_ceil(DRAWN_VOXELS_PER_LEAF)),
             )
@@ -172,7 +172,7 @@ impl Band<'_> {
                 })
                 .collect::<Result<_, BandError>>()?;
             let places: Vec<WorldPoint> = places.into_iter().flatten().collect();
-            Ok(draw(places.len(), sampling(count))
+            Ok(draw_stratified(places.len(), sampling(count))
                 .into_iter()
                 .map(|n| places[n])
                 .collect())
@@ -211,13 +211,19 @@ fn active_voxels(bits: &LeafBits) -> u64 {
     population(&mask)
 }
 
-/// Draws one number from each of `sampling.leaves` runs of `0..total`.
-fn draw(total: usize, sampling: Sampling) -> Vec<usize> {
-    if total <= sampling.leaves {
+/// Draws one number from each of `count` runs of `0..total`.
+fn draw_stratified(
+    total: usize,
+    Sampling {
+        leaves: count,
+        seed,
+    }: Sampling,
+) -> Vec<usize> {
+    if total <= count {
         return (0..total).collect();
     }
-    let mut state = sampling.seed;
-    (0..sampling.leaves)
+    let mut state = seed;
+    (0..count)
         .map(|run| {
             // SplitMix64, by Steele, Lea and Flood 2014.
             state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -225,8 +231,8 @@ fn draw(total: usize, sampling: Sampling) -> Vec<usize> {
             z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
             z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
             let uniform = ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64;
-            let [first, next] = [run, run + 1]
-                .map(|r| (r as u128 * total as u128 / sampling.leaves as u128) as usize);
+            let [first, next] =
+                [run, run + 1].map(|r| (r as u128 * total as u128 / count as u128) as usize);
             first + (uniform * (next - first) as f64) as usize
         })
         .collect()

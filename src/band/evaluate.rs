@@ -53,10 +53,10 @@ impl Band<'_> {
         let culler = Culler::new(self, region)?;
         threads.install(|| {
             let blocks = culler.blocks();
-            progress.stage("band", Some(BLOCK_PARTS * blocks.unknown.len() as u64));
+            progress.stage("band", Some(BLOCK_PARTS * blocks.undecided.len() as u64));
             sink.inside(&blocks.inside);
             blocks
-                .unknown
+                .undecided
                 .par_iter()
                 .map(|&origin| evaluate_block(&culler, origin, progress, sink))
                 .try_reduce(BandStats::default, |mut a, b| {
@@ -71,7 +71,7 @@ impl Band<'_> {
     /// # Errors
     /// A half width or extent out of range.
     pub fn blocks(&self) -> Result<Vec<Coord>, BandError> {
-        Ok(Culler::new(self, Region::EVERYWHERE)?.blocks().unknown)
+        Ok(Culler::new(self, Region::EVERYWHERE)?.blocks().undecided)
     }
 }
 
@@ -88,7 +88,7 @@ fn evaluate_block(
     sink: &dyn LeafSink,
 ) -> Result<BandStats, BandError> {
     let leaves = culler.leaves(origin);
-    let mut block = Block::new(culler, origin, leaves.unknown);
+    let mut block = Block::new(culler, origin, leaves.undecided);
     let mut inside = leaves.inside;
     let mut stats = BandStats {
         blocks: 1,

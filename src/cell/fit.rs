@@ -1,11 +1,10 @@
 //! Fitting a cell to geometry by weighted least squares over the element.
 //!
-//! The fit minimises (1/V) int w (Phi - g)^2 + lambda sum (1 + |f|^2) a^2 over the real orthonormal
-//! coefficients a of the cell's function Phi, where g is the signed distance to the geometry (negative
-//! inside). The mean is that over the element's interior plus 0.3 times that over its faces plus 0.1 times
-//! that over its edges (0.03 and 0.01 for face-normal cells). Nothing outside the element is used: this is
-//! a Fourier extension, whose normal equations are ill-conditioned but whose regularised solution is
-//! accurate. On the lattice spanned by the tet's edges it is continuous across elements without reflection.
+//! The cell's function Phi is a sum of waves of frequencies f with real orthonormal coefficients a; g is the signed
+//! distance to the geometry (negative inside). The fit minimises mean (Phi - g)^2 + lambda sum (1 + |f|^2) a^2, with
+//! lambda [`FitOptions::regularisation`]. The mean is that over the element's interior plus 0.3 times that over its
+//! faces plus 0.1 times that over its edges (0.03 and 0.01 for face-normal cells). Nothing outside the element is used:
+//! this is a Fourier extension, whose normal equations are ill-conditioned but whose regularised solution is accurate. On the lattice spanned by the tet's edges it is continuous across elements without reflection.
 //!
 //! By symmetry only the fundamental simplex is sampled. Geometry without the element's symmetry is averaged
 //! over its images, which is the orthogonal projection; the report gives the kept energy and the residual.

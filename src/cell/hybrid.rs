@@ -64,7 +64,7 @@ impl Cell {
     }
 
     /// The weighted average of cells of one element, each divided by its gamma. It interpolates between
-    /// them. Bands and lattices may differ.
+    /// them. Band limits and lattices may differ.
     ///
     /// # Errors
     /// [`CellError::Expression`] for no cells, several elements, a cell without slope, or weights
@@ -77,7 +77,7 @@ impl Cell {
         if bad.is_some() || !(total.is_finite() && total > 0.0) {
             let weights: Vec<f64> = parts.iter().map(|p| p.0).collect();
             return Err(CellError::Expression(format!(
-                "the weights are {weights:?}; expected numbers from 0 on with a positive sum"
+                "the weights are {weights:?}; expected non-negative numbers with a positive sum"
             )));
         }
         let expressions = parts

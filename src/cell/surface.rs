@@ -76,7 +76,7 @@ const LIDINOID: &[Product] = &[
     (0.15, [(Cos, 0), (Cos, 0), (Cos, 0)]),
 ];
 
-/// Products exponentials into exponentials, one of each pair +-k.
+/// Expands the products into exponentials; keeps one of each pair +-k.
 fn exponentials(products: &[Product]) -> Vec<(Frequency<3>, [f64; 2])> {
     let mut terms = BTreeMap::<Frequency<3>, [f64; 2]>::new();
     for (factor, axes) in products {

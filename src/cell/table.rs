@@ -465,7 +465,7 @@ fn expression_gradient(
     let (v, g) = expression.gradient_with(&mut |_| {
         remaining
             .next()
-            .map_or((f64::NAN, Vec3::zeros()), |leaf| leaf.slope(p))
+            .map_or((f64::NAN, Vec3::zeros()), |leaf| leaf.value_and_gradient(p))
     });
     (v as f32, g.map(|c| c as f32).into())
 }

@@ -34,7 +34,7 @@ impl Phasors {
     }
 }
 
-/// Number of lattice axes; functions with fewer indices are padded.
+/// Number of lattice axes: six for series of the ball, whose lattice is icosahedral. Functions with fewer are padded.
 pub(super) const AXES: usize = 6;
 /// All axes but the last.
 const LEADING_AXES: usize = AXES - 1;

@@ -40,7 +40,7 @@ pub(super) struct DesignFlags {
     /// Least width of walls and gaps, in reference lengths.
     #[arg(long, value_name = "LENGTH", help_heading = "Design")]
     min_feature: Option<Positive>,
-    /// A .cell file or a surface whose trace on the faces the cell keeps; may be given again.
+    /// A .cell file or a surface; the new cell has the same trace on the element's faces. May be repeated.
     #[arg(long = "match", value_name = "CELL", help_heading = "Design")]
     matched: Vec<PathBuf>,
     /// Print unknowns, stages and bounds, and stop.
@@ -134,7 +134,7 @@ pub(super) fn answer(
                 output,
                 "found a cell without a design; expected one that --target made",
             )
-            .hint("leave --resume away, or --start FILE for a new search from it"));
+            .hint("omit --resume, or begin a new search from it with --start FILE"));
         }
         Some(cell)
     } else {

@@ -110,10 +110,10 @@ impl Cells<'_> {
                         collector.skipped += 1;
                         continue;
                     }
-                    Cell::Refused(found, true) => {
+                    Cell::WrongOrder(found) => {
                         return Err(bad(found, "one of order 1 or 2".into()).with_hint(ORDER_HINT));
                     }
-                    Cell::Refused(found, false) => {
+                    Cell::Refused(found) => {
                         return Err(
                             bad(found, super::scaffold::KINDS_READ.into()).with_hint(ORDER_HINT)
                         );
@@ -131,7 +131,7 @@ impl Cells<'_> {
                 && let Some(off) = self.middle_deviation(own)
             {
                 let found = format!(
-                    "{} with the middle of a triangle {off:.3e} beside the quadratic face",
+                    "{} with the middle of a triangle {off:.3e} away from the quadratic face",
                     types::name(cell_type)
                 );
                 return Err(bad(found, "faces of degree 2".into())
@@ -185,7 +185,7 @@ impl Cells<'_> {
             let count = end.saturating_sub(start);
             start = end;
             let cell_type = u8::try_from(cell_type).unwrap_or(u8::MAX);
-            let flat = usize::from(matches!(cell_type, 69 | 70));
+            let flat = usize::from(types::is_flat_lagrange(cell_type));
             let Some(degree) = types::lagrange_degree(cell_type, count) else {
                 continue;
             };

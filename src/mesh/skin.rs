@@ -22,7 +22,7 @@ pub enum Side {
 /// layer's mid-surface.
 pub struct Skin<'a> {
     solid: &'a MeshSolid,
-    centre_depth: f64,
+    centre_distance: f64,
     half_thickness: f64,
 }
 
@@ -30,20 +30,20 @@ impl<'a> Skin<'a> {
     /// A skin of this thickness, in world units; zero or negative gives an empty solid.
     pub fn new(solid: &'a MeshSolid, thickness: f64, side: Side) -> Self {
         let half_thickness = thickness / 2.0;
-        let centre_depth = match side {
+        let centre_distance = match side {
             Side::Inside => -half_thickness,
             Side::Outside => half_thickness,
             Side::Both => 0.0,
         };
         Self {
             solid,
-            centre_depth,
+            centre_distance,
             half_thickness,
         }
     }
 
     fn value_at(&self, d: f64) -> f64 {
-        (d - self.centre_depth).abs() - self.half_thickness
+        (d - self.centre_distance).abs() - self.half_thickness
     }
 }
 
@@ -56,13 +56,16 @@ impl Field for Skin<'_> {
 
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
         let (d, g) = self.solid.value_and_gradient(p);
-        (self.value_at(d), if d < self.centre_depth { -g } else { g })
+        (
+            self.value_at(d),
+            if d < self.centre_distance { -g } else { g },
+        )
     }
 
     fn bound(&self, region: &Aabb) -> Interval {
         let b = self.solid.bound(region);
         let (lo, hi) = (self.value_at(b.lo), self.value_at(b.hi));
-        let contains_centre = b.contains(self.centre_depth);
+        let contains_centre = b.contains(self.centre_distance);
         Interval::new(
             if contains_centre {
                 -self.half_thickness

@@ -6,8 +6,8 @@
 //!
 //! The cell of a vertex is found from its single-precision position. If corners lie in cells on both sides
 //! of a plane, the quad's edge lies in that plane, and every corner is a mean of crossings that include the
-//! crossing of that edge. Rounding may move a corner across this plane, which assigns the quad to the next
-//! region equally in all parts. It cannot move it across the far side of its cell, which is at least a
+//! crossing of that edge. Rounding may move a corner across this plane; all parts then agree to assign
+//! the quad to the next region. It cannot move it across the far side of its cell, which is at least a
 //! twelfth of a voxel away.
 
 use super::patch::{Patch, SeamVertex};
@@ -25,8 +25,11 @@ pub(crate) struct RegionQuads {
     owned: usize,
     /// For each vertex of the mesh its index in `vertices`.
     local_number: Vec<Option<u32>>,
+    /// The region's own vertices near its lower sides.
     lower: Vec<(SeamVertex, u32)>,
+    /// The vertices that the regions above own.
     upper: Vec<SeamVertex>,
+    /// Greatest x of the regions that are processed together with this one.
     max_x: i32,
 }
 

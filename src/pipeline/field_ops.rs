@@ -41,7 +41,7 @@ pub(super) fn shape_with<'a>(
 ) -> Result<Shape<'a>, RunError> {
     let sections = inputs.recipe.sections();
     let reach = offsets.reach() + sections.band.half_width.0 * scale.voxel_size;
-    let mut solid = inputs.tiled(scale, offsets)?.map(Chained::from);
+    let mut solid = inputs.tiling_shape(scale, offsets)?.map(Chained::from);
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
         let key = format!("op.{n}");

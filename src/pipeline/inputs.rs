@@ -168,7 +168,7 @@ impl<'a> Inputs<'a> {
         })
     }
 
-    /// The tiled scaffold, if the recipe has one.
+    /// The scaffold with its cells, if the recipe has one.
     pub fn tiling(&self) -> Option<&CellTiling> {
         self.tiling.as_ref()
     }
@@ -224,6 +224,7 @@ impl<'a> Inputs<'a> {
     /// Number of leading operations that the first level set already contains.
     pub fn field_operation_count(&self) -> usize {
         match self.volumes.start() {
+            // A run that starts from a stored level set has done its first operation.
             Some(_) => 1,
             None => field_operations(&self.recipe.sections().op) + self.offsets.count,
         }
@@ -275,22 +276,27 @@ impl<'a> Inputs<'a> {
     }
 
     /// The tiled scaffold as a field, if the recipe has one.
-    pub fn tiled(&self, scale: Scale, offsets: Offsets) -> Result<Option<Shape<'_>>, RunError> {
+    pub fn tiling_shape(
+        &self,
+        scale: Scale,
+        offsets: Offsets,
+    ) -> Result<Option<Shape<'_>>, RunError> {
         let Some(tiling) = &self.tiling else {
             return Ok(None);
         };
         let options = self.tiling_options(scale, offsets);
-        if let Some(round) = tiling.round() {
-            return Ok(Some(round.shape(tiling, options, offsets)));
+        // Their distances are closed forms, which need no tables.
+        if let Some(beams) = tiling.round() {
+            return Ok(Some(beams.shape(tiling, options, offsets)));
         }
         let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
         let scaffold = &tiling.loaded.scaffold;
-        let nodes = NODE_TOLERANCE_SHARE * self.tolerance() * options.voxel_size;
+        let node_tolerance = NODE_TOLERANCE_SHARE * self.tolerance() * options.voxel_size;
         let field: Box<WorldField<'_>> = if let Some(sheets) = tiling.sheets() {
             let sheet_options = SheetOptions {
                 tiling: options,
                 offsets,
-                nodes,
+                node_tolerance,
                 visits: Some(&self.visits),
             };
             let (field, kernel) = sheets.field(tiling, || tiling.tabulated(), sheet_options)?;
@@ -301,13 +307,21 @@ impl<'a> Inputs<'a> {
                 ElementContent::Cell(table) => {
                     let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
                     self.kernel.get_or_init(|| solid.kernel());
-                    Box::new(solid.with_visits(&self.visits).with_interpolation(nodes))
+                    Box::new(
+                        solid
+                            .with_visits(&self.visits)
+                            .with_interpolation(node_tolerance),
+                    )
                 }
                 ElementContent::Blend(blend) => {
                     let solid = TiledSolid::with_owned_filling(scaffold, *blend, options)
                         .map_err(failed)?;
                     self.kernel.get_or_init(|| solid.kernel());
-                    Box::new(solid.with_visits(&self.visits).with_interpolation(nodes))
+                    Box::new(
+                        solid
+                            .with_visits(&self.visits)
+                            .with_interpolation(node_tolerance),
+                    )
                 }
             }
         };

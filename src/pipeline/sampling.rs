@@ -117,7 +117,7 @@ impl<'a> Probe<'a> {
                 let sheet_options = SheetOptions {
                     tiling: options,
                     offsets: Offsets::default(),
-                    nodes: 0.0,
+                    node_tolerance: 0.0,
                     visits: None,
                 };
                 let field = if exact {

@@ -55,7 +55,7 @@ pub(super) struct SheetOptions<'a> {
     pub tiling: TilingOptions,
     pub offsets: Offsets,
     /// Displacement of the mid-surface that interpolation between nodes may cause, world units.
-    pub nodes: f64,
+    pub node_tolerance: f64,
     pub visits: Option<&'a Visits>,
 }
 
@@ -207,7 +207,7 @@ fn with_options<'a, F: tiling::Filling + 'a>(
     options: SheetOptions<'a>,
 ) -> (Box<WorldField<'a>>, Kernel) {
     let kernel = solid.kernel();
-    let solid = solid.with_interpolation(options.nodes);
+    let solid = solid.with_interpolation(options.node_tolerance);
     let solid = match options.visits {
         Some(visits) => solid.with_visits(visits),
         None => solid,

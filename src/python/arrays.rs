@@ -1,4 +1,4 @@
-//! Arrays of numpy as points and back.
+//! Conversion between arrays of numpy and points.
 
 use crate::fault::Fault;
 use druse::frame::{CellPoint, Vec3, WorldPoint};

@@ -46,7 +46,7 @@ pub(crate) fn threads(py: Python<'_>) -> PyResult<usize> {
     pool().map(|p| p.count()).map_err(|e| e.raise(py))
 }
 
-/// A thread of its own.
+/// A pool of one thread.
 fn single_thread() -> Result<Arc<Threads>, Fault> {
     let made = Threads::new(1);
     made.map(Arc::new)
@@ -128,7 +128,8 @@ impl Progress for Monitor {
 
 /// The pool of a call.
 fn own_pool(py: Python<'_>) -> PyResult<Arc<Threads>> {
-    // A function of the user, called by a thread of the pool, gets a thread: those of the pool may wait for it.
+    // A call from a user's function that a thread of the pool has called gets its own thread, since the pool may be
+    // waiting for that function.
     let is_nested = rayon::current_thread_index().is_some();
     let threads = if is_nested { single_thread() } else { pool() };
     threads.map_err(|e| e.raise(py))
@@ -143,7 +144,7 @@ pub(crate) fn work<T: Send>(
     let threads = own_pool(py)?;
     let monitor = Monitor::default();
     let (outcome, raised) = std::thread::scope(|scope| {
-        let worker = scope.spawn(|| done(&threads, &monitor, job));
+        let worker = scope.spawn(|| run_job(&threads, &monitor, job));
         let raised = wait(py, progress, &monitor, None);
         (py.detach(|| worker.join()), raised)
     });
@@ -163,7 +164,7 @@ pub(crate) fn work_owned<T: Send + 'static>(
     let threads = own_pool(py)?;
     let monitor = Arc::new(Monitor::default());
     let own = Arc::clone(&monitor);
-    let worker = std::thread::spawn(move || done(&threads, &own, job));
+    let worker = std::thread::spawn(move || run_job(&threads, &own, job));
     match wait(py, progress, &monitor, Some(MAX_STOP_TIME)) {
         Some(raised) => Err(raised),
         None => result(py, py.detach(|| worker.join())),
@@ -174,7 +175,7 @@ pub(crate) fn work_owned<T: Send + 'static>(
 type Outcome<T> = std::thread::Result<Result<T, Fault>>;
 
 /// Does the job in the pool.
-fn done<T: Send>(
+fn run_job<T: Send>(
     threads: &Threads,
     monitor: &Monitor,
     job: impl FnOnce(Session<'_>) -> Result<T, Fault> + Send,
@@ -185,7 +186,7 @@ fn done<T: Send>(
     outcome
 }
 
-/// Waits for the end of the work; the exception that cancels it. After one it waits for at most `limit`.
+/// Waits until the work ends. Returns the exception that cancelled it, if any; after one it waits for at most `limit`.
 fn wait(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,

@@ -153,7 +153,7 @@ pub struct BoxScaffold {
     /// Least corner of the box.
     #[serde(default = "zero")]
     pub origin: [Length; 3],
-    /// "hex", or "tet": every cube in 6.
+    /// "hex": cubes; "tet": every cube cut into 6 tets; "wedge": every cube cut into 2 wedges.
     #[serde(default)]
     pub kind: BoxKind,
 }
@@ -165,9 +165,9 @@ pub enum BoxKind {
     /// Cubes.
     #[default]
     Hex,
-    /// Every cube in 6 tets.
+    /// Every cube cut into 6 tets.
     Tet,
-    /// Every cube in 2 wedges.
+    /// Every cube cut into 2 wedges.
     Wedge,
 }
 

@@ -243,7 +243,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 Some(last) => batch.local_maps[last.local_map as usize].recentred(x, preimage),
                 None => self.store_local_map(local, *near_index, x, preimage),
             };
-            let error = patch.error(
+            let error = patch.local_map_error(
                 self.scaffold,
                 &local_map,
                 tetrahedron_corners(&blocks[number]),

@@ -125,7 +125,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut xi = domain.project(patch.clamp(domain.project(preimage.xi)));
         let mut converged = false;
         for _ in 0..MAX_STEPS {
-            let (p, jacobian) = patch.frame(self.scaffold, xi);
+            let (p, jacobian) = patch.point_and_jacobian(self.scaffold, xi);
             let (f, g) = self
                 .filling
                 .value_and_gradient(patch.number(), CellPoint(xi));

@@ -134,7 +134,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         at.extend(trial_samples().map(|n| lattice.origin.stepped(lattice.step, n).0));
         let patch = &self.patches[number as usize];
         points.clear();
-        let mut local_map = patch.centroid_map();
+        let mut local_map = patch.origin_map();
         if patch.is_affine() {
             local_map.estimate_all(at, points);
         } else {

@@ -101,7 +101,7 @@ impl LocalSearch {
     fn local_map(&self, near_index: usize, patch: &Patch) -> LocalMap {
         self.local_maps[near_index]
             .get()
-            .unwrap_or_else(|| patch.centroid_map())
+            .unwrap_or_else(|| patch.origin_map())
     }
 
     fn store_preimage(&self, near_index: usize, patch: &Patch, x: Vec3, preimage: &Preimage) {

@@ -16,7 +16,7 @@ pub(super) const FACE_TOLERANCE: f64 = 1e-9;
 enum Inverse {
     /// `xi = matrix (x - centre)`.
     Affine { matrix: Mat3, centre: Vec3 },
-    /// By Newton's method, from the affine map at the centroid.
+    /// By Newton's method, from the affine map at the reference origin.
     Curved { matrix: Mat3, centre: Vec3 },
 }
 
@@ -257,9 +257,9 @@ impl Patch {
         })
     }
 
-    /// The affine map at the centroid: the start where no local map is known.
+    /// The affine map at the reference origin: the start where no local map is known.
     #[inline]
-    pub fn centroid_map(&self) -> LocalMap {
+    pub fn origin_map(&self) -> LocalMap {
         let (Inverse::Affine { matrix, centre } | Inverse::Curved { matrix, centre }) =
             &self.inverse;
         LocalMap {
@@ -279,16 +279,16 @@ impl Patch {
         }
     }
 
-    /// The preimage of a point by the affine map; at the centroid if the element is curved.
+    /// The preimage of a point by the affine map; that at the reference origin if the element is curved.
     fn affine_preimage(&self, x: Vec3) -> Preimage {
         let LocalMap {
             x: centre, inverse, ..
-        } = self.centroid_map();
+        } = self.origin_map();
         let outside_distance = self.planes.outside_distance::<f64>(x.into());
         self.preimage_of(inverse * (x - centre), inverse, outside_distance)
     }
 
-    /// The preimage of any point, by the affine map at the centroid if Newton's method fails.
+    /// The preimage of any point, by the affine map at the reference origin if Newton's method fails.
     pub fn preimage_or_affine(&self, scaffold: &Scaffold, x: Vec3) -> Preimage {
         self.preimage(scaffold, x, f64::INFINITY, InverseOptions::default())
             .unwrap_or_else(|| self.affine_preimage(x))
@@ -296,7 +296,7 @@ impl Patch {
 
     /// The point at reference coordinates in the closed cell, and its preimage.
     pub fn at(&self, scaffold: &Scaffold, xi: Vec3) -> (Vec3, Preimage) {
-        let (point, jacobian) = self.frame(scaffold, xi);
+        let (point, jacobian) = self.point_and_jacobian(scaffold, xi);
         let preimage = match (&self.inverse, jacobian.try_inverse()) {
             (Inverse::Curved { .. }, Some(inverse)) => self.preimage_of(xi, inverse, 0.0),
             _ => self.preimage_or_affine(scaffold, point),
@@ -387,7 +387,7 @@ impl Patch {
             let end = x[n] + Vec3::from_fn(|r, _| first_step.step[r][lane]);
             // One Newton step, from the clamped point so that the Jacobian is regular.
             let from = self.clamp(at.0);
-            let (p, jacobian) = self.frame(scaffold, from);
+            let (p, jacobian) = self.point_and_jacobian(scaffold, from);
             if let Some(inverse) = jacobian.try_inverse() {
                 at.0 = from + inverse * (end - p);
                 for (r, c) in (0..3).flat_map(|r| (0..3).map(move |c| (r, c))) {
@@ -404,7 +404,12 @@ impl Patch {
 
     /// Bound of the error, in reference units, of a local map at four points; infinite for pyramids, whose map
     /// is no polynomial.
-    pub fn error(&self, scaffold: &Scaffold, local_map: &LocalMap, points: [Vec3; 4]) -> f64 {
+    pub fn local_map_error(
+        &self,
+        scaffold: &Scaffold,
+        local_map: &LocalMap,
+        points: [Vec3; 4],
+    ) -> f64 {
         if self.is_affine() {
             return 0.0;
         }
@@ -446,7 +451,7 @@ impl Patch {
     }
 
     /// The world point and the Jacobian at reference coordinates inside the element.
-    pub fn frame(&self, scaffold: &Scaffold, xi: Vec3) -> (Vec3, Mat3) {
+    pub fn point_and_jacobian(&self, scaffold: &Scaffold, xi: Vec3) -> (Vec3, Mat3) {
         let (p, jacobian) = scaffold
             .element(self.number)
             .map_and_jacobian(CellPoint(xi));
@@ -475,6 +480,8 @@ impl Patch {
 /// of this one. Outside it is linear: each step is a small fraction (curvature times distance) of the
 /// previous one. On the faces the last digit decides which element owns a point.
 pub(super) fn has_converged(moved: f64, face_distance: f64, for_f32: bool) -> bool {
-    let is_exact = face_distance > 0.0 && !(for_f32 && face_distance > 1e-3);
-    moved < if is_exact { 1e-9 } else { 1e-6 }
+    // Far outside, a single-precision value does not show the error.
+    let is_far = for_f32 && face_distance > 1e-3;
+    let needs_full_precision = face_distance > 0.0 && !is_far;
+    moved < if needs_full_precision { 1e-9 } else { 1e-6 }
 }

@@ -5,7 +5,7 @@
 use crate::progress::{Progress, Threads};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Threads and cancellation of a call into OpenVDB.
+/// Threads and cancellation of a call into OpenVDB. A grid whose change was cancelled is invalid: clear it.
 pub struct Host<'a> {
     pub threads: &'a Threads,
     pub progress: &'a dyn Progress,
@@ -276,7 +276,7 @@ mod bridge {
             quadratic: bool,
             values: &mut [f32],
         ) -> Result<()>;
-
+        /// Smooths the distances in place; the solid's surface moves.
         fn grid_filter(
             grid: Pin<&mut Grid>,
             kind: Filter,
@@ -342,13 +342,13 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<()>;
         fn grid_prune(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
+        /// Combines the grid with the operand, which it consumes.
         fn grid_csg(
             grid: Pin<&mut Grid>,
             operand: UniquePtr<Grid>,
             kind: Csg,
             host: &Host<'_>,
         ) -> Result<()>;
-
         /// World units; wound clockwise seen from outside. `max_coordinate` is the greatest coordinate
         /// magnitude of the whole that the grid is a part of; 0 for a whole grid.
         fn grid_to_mesh(

@@ -1,7 +1,7 @@
 //! Connected components of a solid on disk: counted and removed, as in memory.
 //!
-//! Each block of 128^3 voxels is labelled separately, from the parts of its leaves and the slots between
-//! them. Labels are united over the faces of blocks, slab by slab, and with the empty cubes around them,
+//! Each block of 128^3 voxels is labelled separately, from the parts of its leaves and the empty cubes of
+//! 8^3 voxels between them. Labels are united over the faces of blocks, slab by slab, and with the empty cubes around them,
 //! which are labelled per node of 4096^3 voxels. Memory holds a few bytes per label, and per leaf while
 //! components are selected.
 
@@ -138,7 +138,7 @@ pub fn stored_voids(
     Ok(found.ranking.counted())
 }
 
-/// Components of a solid on disk to be removed, brick by brick.
+/// Components of a solid on disk to be removed, part by part.
 pub struct StoredRemoval {
     selected: SelectedParts,
     removed: RemovedComponents,

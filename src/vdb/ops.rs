@@ -8,20 +8,23 @@ use super::smooth::is_native;
 use super::{LevelSet, Scheme, Session, VdbError};
 use std::pin::Pin;
 
-/// Greatest width of a filter, voxels; OpenVDB's median fails beyond 645.
+/// Greatest width of a filter, voxels to either side; far below the 645 beyond which OpenVDB's median fails.
 pub(crate) const MAX_FILTER_WIDTH: u32 = 64;
 /// Greatest number of iterations of a filter.
 const MAX_FILTER_ITERATIONS: u32 = 1000;
 
-/// Greatest distance outwards, voxels: around a single point the band has some 2e10 voxels.
+/// Greatest distance outwards, voxels: a point that is dilated this far has a band of some 2e10 voxels.
 const MAX_DILATION: f64 = 16_384.0;
+
+/// Keeps OpenVDB's own number of normalisations after each step.
+const OPENVDB_DEFAULT: i32 = -1;
 
 fn smoothing(width: u32, iterations: u32, session: Session<'_>) -> Smoothing {
     Smoothing {
         width: i32::try_from(width).unwrap_or(i32::MAX),
         iterations: i32::try_from(iterations).unwrap_or(i32::MAX),
         high_order: session.scheme == Scheme::Weno5,
-        normalisations: -1,
+        normalisations: OPENVDB_DEFAULT,
     }
 }
 
@@ -50,7 +53,7 @@ impl LevelSet {
     /// # Errors
     /// As [`LevelSet::dilate`].
     pub fn open(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
-        // Before the erosion, since a refused level set stays as it is.
+        // Checked first, so that a refused operation leaves the level set unchanged.
         self.check_dilation(distance)?;
         self.erode(distance, session)?;
         self.dilate(distance, session)
@@ -87,6 +90,7 @@ impl LevelSet {
         if Self::uses_closest_points(session) {
             return self.offset_by_closest_points(operation, outwards, session);
         }
+        // An offset takes its scheme and its normalisations from these.
         let options = smoothing(1, 1, session);
         self.change(operation, session, |grid, host| {
             ffi::grid_offset(grid, -outwards, options, host)
@@ -107,7 +111,7 @@ impl LevelSet {
         self.filter("gaussian", Filter::Gaussian, width, iterations, session)
     }
 
-    /// Replaces each value by the mean of the `2 width + 1` voxels cubed around it, `iterations` times.
+    /// Replaces each value by the mean over the cube of `2 width + 1` voxels a side around it, `iterations` times.
     ///
     /// # Errors
     /// As [`LevelSet::gaussian`].
@@ -120,8 +124,8 @@ impl LevelSet {
         self.filter("mean", Filter::Mean, width, iterations, session)
     }
 
-    /// Replaces each value by the median of the `2 width + 1` voxels cubed around it, `iterations`
-    /// times.
+    /// Replaces each value by the median over the cube of `2 width + 1` voxels a side around
+    /// it, `iterations` times.
     ///
     /// # Errors
     /// As [`LevelSet::gaussian`].
@@ -224,14 +228,14 @@ impl LevelSet {
         operand: Self,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        self.assert_same_voxels(&operand)?;
+        self.check_same_voxels(&operand)?;
         self.change(operation, session, |grid, host| {
             ffi::grid_csg(grid, operand.grid, kind, host)
         })
     }
 
     /// Checks that two level sets have the same voxels and half width.
-    pub(super) fn assert_same_voxels(&self, other: &Self) -> Result<(), VdbError> {
+    pub(super) fn check_same_voxels(&self, other: &Self) -> Result<(), VdbError> {
         let mismatch = |what, left: f64, right: f64, tolerance: f64| {
             let differ = (left - right).abs() > tolerance;
             let error = VdbError::Mismatch { what, left, right };

@@ -173,7 +173,7 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         check_positive("radius of the blend", radius)?;
-        self.assert_same_voxels(&operand)?;
+        self.check_same_voxels(&operand)?;
         // Both distances are needed up to the radius.
         let extra = (radius / self.voxel_size() + 2.0 - self.half_width).ceil();
         let extra = extra.clamp(0.0, 4096.0) as u32;
@@ -257,7 +257,7 @@ impl LevelSet {
         mask: Mask<'_>,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        self.assert_same_voxels(before)?;
+        self.check_same_voxels(before)?;
         let range = mask.range()?;
         let smoothing = Smoothing {
             high_order: session.scheme == Scheme::Weno5,

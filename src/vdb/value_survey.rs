@@ -79,12 +79,10 @@ impl Survey {
             }
         }
         let last = leaf.voxel(511);
-        let meets_face = is_outer(leaf.origin, bbox)
-            || is_outer(last, bbox)
-            || (0..3).any(|a| {
-                let within = leaf.origin[a]..=last[a];
-                within.contains(&bbox[0][a]) || within.contains(&bbox[1][a])
-            });
+        let meets_face = (0..3).any(|a| {
+            let within = leaf.origin[a]..=last[a];
+            within.contains(&bbox[0][a]) || within.contains(&bbox[1][a])
+        });
         if any_bad || meets_face {
             for (n, &v) in leaf.values.iter().enumerate() {
                 if leaf.is_active(n) && v.is_finite() {

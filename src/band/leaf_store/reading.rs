@@ -126,9 +126,9 @@ fn fill_values(
         || {
             put_active(mask, active, values);
             let negative = negative_bits(values);
-            let known = std::array::from_fn(|x| negative[x] & mask[x]);
+            let known_negative = std::array::from_fn(|x| negative[x] & mask[x]);
             let first = active.first().is_some_and(|v| *v < 0.0);
-            inside = flood_leaf(first, mask, &known);
+            inside = flood_leaf(first, mask, &known_negative);
             put_background(background, mask, &inside, values);
         },
     );
@@ -139,21 +139,24 @@ fn fill_values(
 #[inline(always)]
 fn put_active(mask: &[u64; 8], active: &[f32], values: &mut [f32; VOXELS]) {
     let rows = values.as_chunks_mut::<8>().0;
-    let known = || mask.iter().flat_map(|word| word.to_le_bytes());
+    let row_masks = mask.iter().flat_map(|word| word.to_le_bytes());
     let mut next = 0usize;
-    for (row, known) in rows
+    for (row, row_mask) in rows
         .iter_mut()
-        .zip(known())
-        .filter(|(_, known)| *known != 0)
+        .zip(row_masks)
+        .filter(|(_, row_mask)| *row_mask != 0)
     {
-        let (first, count) = (known.trailing_zeros() as usize, known.count_ones() as usize);
-        let is_run = known >> first == u8::MAX >> (8 - count);
-        // Copied as a whole, with values of other rows beside the run, which are replaced below.
+        let (first, count) = (
+            row_mask.trailing_zeros() as usize,
+            row_mask.count_ones() as usize,
+        );
+        let is_run = row_mask >> first == u8::MAX >> (8 - count);
+        // The whole row is copied; `put_background` overwrites the values beside the run.
         let whole = || active.get(next.checked_sub(first)?..)?.first_chunk();
         if let Some(whole) = is_run.then(whole).flatten() {
             *row = *whole;
         } else {
-            let places = (0..8).filter(|z| known >> z & 1 == 1);
+            let places = (0..8).filter(|z| row_mask >> z & 1 == 1);
             for (z, v) in places.zip(&active[next.min(active.len())..]) {
                 row[z] = *v;
             }

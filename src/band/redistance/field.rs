@@ -158,8 +158,8 @@ impl<'a> ClosestPointField<'a> {
         };
         let culler = Culler::new(&band, region).ok()?;
         let mut leaves: Vec<Coord> = Vec::new();
-        for block in culler.blocks().unknown {
-            leaves.extend(culler.leaves(block).unknown);
+        for block in culler.blocks().undecided {
+            leaves.extend(culler.leaves(block).undecided);
         }
         leaves.retain(|&leaf| self.is_requested(Region::cube(leaf, LEAF)));
         let mut buffer = vec![[0.0; VOXELS]; LEAVES_AT_ONCE];

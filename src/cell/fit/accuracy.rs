@@ -45,13 +45,17 @@ const MAX_SOURCE_POINTS: usize = 4000;
 /// waves are measured at fewer points.
 const MAX_EVALUATIONS: f64 = 2e9;
 
+/// Longer than any edge of a flag, reference lengths; the longest is .87.
+const MAX_FLAG_EDGE: f64 = 0.9;
+
 /// The affordable number of measured points of a cell: at most `target`, at least `least`.
 fn point_count(cell: &Cell, target: usize, least: usize) -> usize {
     let most = MAX_EVALUATIONS / cell.expression().exponentials().max(1) as f64;
     target.min((most as usize).max(least))
 }
 
-/// The affordable number of parts per edge of a flag. A flag of n parts per edge has about n^3/6 points.
+/// The affordable number of parts per edge of a flag, a simplex of the element's barycentric subdivision. A flag of n
+/// parts per edge has about n^3/6 points.
 fn part_count(cell: &Cell, domain: &Domain, target: usize, least: usize) -> usize {
     let most = point_count(cell, usize::MAX, 1) as f64 / domain.flags.len() as f64;
     target.min((libm::cbrt(6.0 * most) as usize).max(least))
@@ -88,17 +92,16 @@ pub(super) fn measure(
         ((square / total).sqrt(), largest)
     };
     // The points differ from those of the fit.
-    let stratum = |which: usize| {
-        let mut weights = [0.0; 3];
-        weights[which] = 1.0;
+    let [interior, faces, edges] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let points_on = |weights: [f64; 3]| {
         let (mut all, _) = quadrature_points(element, domain, parts + 3, weights);
         all.retain(|(_, w)| *w > 0.0);
         all
     };
-    let (rms, _) = difference(&stratum(0));
+    let (rms, _) = difference(&points_on(interior));
     stop()?;
-    let (_, face_max) = difference(&stratum(1));
-    let (_, edge_max) = difference(&stratum(2));
+    let (_, face_max) = difference(&points_on(faces));
+    let (_, edge_max) = difference(&points_on(edges));
     stop()?;
     let mut report = FitReport {
         lattice: cell.expression().lattice_name().unwrap_or("").to_owned(),
@@ -292,10 +295,9 @@ fn hausdorff(
     info: &SourceInfo,
     band_limit: f64,
 ) -> Option<Hausdorff> {
-    // A step of a quarter of the shortest wave, where a flag is at most 0.87 long; flags of a small group
-    // are many, so their grids are coarser.
-    let flags = (domain.flags.len() as f64).cbrt();
-    let parts = ((0.9 * 4.0 * band_limit / flags).ceil() as usize).clamp(20, 56);
+    // A step of a quarter of the shortest wave; flags of a small group are many, so their grids are coarser.
+    let flags_per_axis = (domain.flags.len() as f64).cbrt();
+    let parts = ((MAX_FLAG_EDGE * 4.0 * band_limit / flags_per_axis).ceil() as usize).clamp(20, 56);
     let parts = part_count(cell, domain, parts, 20);
     let cell_points = crossings(domain, parts, &|p| cell.value(p));
     let source_points = crossings(domain, parts, &|p| target.value(p));

@@ -1,6 +1,7 @@
 //! Connected components of solid and void in one element.
 //!
-//! The element is filled by flags, each an image of a flag of the domain. Within a flag, grid points of one
+//! The element is filled by flags, the simplices of its barycentric subdivision (centroid, a face's centre, an edge's
+//! middle, a vertex), each an image of a flag of the domain. Within a flag, grid points of one
 //! phase that share a tetrahedron are connected. Two flags that differ in one corner share the grid points
 //! of the facet between them, which have the same coordinates in both.
 
@@ -19,7 +20,7 @@ const GRID_PARTS: usize = 40;
 /// A flag of the element: its representative in the domain, and its neighbours across the facets that omit
 /// one corner.
 struct FlagImage {
-    origin: usize,
+    representative: usize,
     neighbours: [Option<usize>; 4],
 }
 
@@ -36,7 +37,7 @@ fn flag_images(cell: &Cell, domain: &Domain) -> Vec<FlagImage> {
                     .iter()
                     .any(|q| (0..4).all(|c| equal(&(q * f[c]), &own[c])))
             };
-            let origin = domain.flags.iter().position(|f| is_image(&f.corners));
+            let representative = domain.flags.iter().position(|f| is_image(&f.corners));
             let across = |left_out: usize| {
                 // The last corner of a planar flag equals the previous one.
                 let differs = |c: usize| c == left_out || planar && left_out == 2 && c == 3;
@@ -46,7 +47,8 @@ fn flag_images(cell: &Cell, domain: &Domain) -> Vec<FlagImage> {
             };
             FlagImage {
                 // Every flag is an image of a flag of the domain, so the default is never used.
-                origin: origin.unwrap_or(0),
+                representative: representative.unwrap_or(0),
+                // Facet n omits corner n; the first lies on the element's boundary.
                 neighbours: [None, across(1), across(2), across(3)],
             }
         })
@@ -78,24 +80,28 @@ fn count_components(inside: &[Vec<bool>], flag_images: &[FlagImage], planar: boo
         .iter()
         .scan(0, |next, m| {
             let own = *next;
-            *next += local[m.origin].1;
+            *next += local[m.representative].1;
             Some(own)
         })
         .collect();
-    let total = flag_images.iter().map(|m| local[m.origin].1).sum();
+    let total = flag_images.iter().map(|m| local[m.representative].1).sum();
     let mut sets = UnionFind::new(total);
     for i in 0..=GRID_PARTS {
         for j in 0..=i {
             for k in 0..=j {
                 let n = SimplexGrid::index([i, j, k]);
                 let second = if planar { j == 0 } else { j == k };
+                // The facets that the grid point lies on.
                 let on = [false, i == j, second, k == 0 && !planar];
                 for (own, m) in flag_images.iter().enumerate() {
                     for (facet, other) in m.neighbours.iter().enumerate() {
                         let Some(other) = other.filter(|_| on[facet]) else {
                             continue;
                         };
-                        let (a, b) = (local[m.origin].0[n], local[flag_images[other].origin].0[n]);
+                        let (a, b) = (
+                            local[m.representative].0[n],
+                            local[flag_images[other].representative].0[n],
+                        );
                         if a != u32::MAX && b != u32::MAX {
                             sets.union(first[own] + a as usize, first[other] + b as usize);
                         }

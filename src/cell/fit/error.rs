@@ -18,7 +18,9 @@ pub enum FitError {
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
     /// A signed distance to the source that is not finite.
-    #[error("the source's distance at ({x}, {y}, {z}) in the {element} is {value}")]
+    #[error(
+        "the source's distance at ({x}, {y}, {z}) in the {element} is {value}; expected a finite number"
+    )]
     NotFinite {
         /// Reference coordinate of the point.
         x: f64,

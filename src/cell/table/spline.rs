@@ -30,7 +30,7 @@ const HALF_PLANE_LEN: usize = 8;
 /// Neighbours along y in an entry.
 const NEIGHBOURS_PER_ENTRY: usize = 2;
 
-/// The folding of an axis. Coordinates are in fold periods.
+/// The folding of an axis. Coordinates are in fold periods, the shortest lengths after which folded axes repeat.
 #[derive(Clone, Copy, PartialEq)]
 struct Axis {
     /// 1 / (length of the fold period).
@@ -58,8 +58,9 @@ pub(super) struct Spline {
     is_sorted: [bool; 2],
     /// Fold periods along z that one fold period along x or y adds (1/2 for a centred lattice).
     centring_shift: f64,
+    /// Samples per reference length.
     per_unit: [f32; 3],
-    /// Strides in the table of neighbours along y and along z.
+    /// Strides in the table of neighbours along y and along z; floats, since indices are computed in float lanes.
     strides: [f32; 2],
     /// Stride of the planes of coefficients along x.
     plane_stride: usize,

@@ -36,7 +36,8 @@ pub(super) struct SplineSeries {
 }
 
 impl SplineSeries {
-    /// The leaf on a grid that represents its waves, for an element. `whole_group` states that the cell is
+    /// The spline of a series on `grid`, which must be fine enough for its waves, with bounds of the gradient over
+    /// `element`. `whole_group` states that the cell is
     /// independent of the numbering of the nodes. The surface is where the function has the values `surface`.
     pub fn new(
         spectrum: Spectrum,
@@ -108,7 +109,7 @@ impl SplineSeries {
     }
 
     /// The value and the gradient.
-    pub fn slope(&self, p: Vec3) -> (f64, Vec3) {
+    pub fn value_and_gradient(&self, p: Vec3) -> (f64, Vec3) {
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
         for q in &self.rotations {
             let (v, g) = self.spline.value_and_gradient(CellPoint(q * p));

@@ -1,11 +1,11 @@
-//! Where prims stand: their operations of transformation, and their values at a time code.
+//! Placement of USD prims: their transform operations, and the values of properties at a time code.
 
 use super::text::{Prim, Property, Value};
 use crate::frame::Vec3;
 use nalgebra::{Matrix4, Quaternion, Rotation3, UnitQuaternion};
 
-/// The value of a property at a time code: linear between samples of equal length, constant beyond them and for
-/// words. Without a time code the default, else the first sample.
+/// The value of a property at a time code: linear between samples of equal length, constant beyond them; tokens
+/// and strings keep the sample before. Without a time code the default, else the first sample.
 pub(super) fn value_at(property: &Property, time: Option<f64>) -> Option<Value> {
     let samples = &property.samples;
     let (Some(t), Some(first), Some(last)) = (time, samples.first(), samples.last()) else {
@@ -64,7 +64,7 @@ pub(super) fn local(prim: &Prim, time: Option<f64>) -> Result<(Matrix4<f64>, boo
     Ok((map, is_reset))
 }
 
-/// The matrix of an operation such as `xformOp:rotateXYZ:pivot`, for columns.
+/// The matrix of an operation such as `xformOp:rotateXYZ:pivot`, which acts on column vectors.
 fn operation(name: &str, numbers: &[f64]) -> Option<Matrix4<f64>> {
     let kind = name.strip_prefix("xformOp:")?.split(':').next()?;
     let turn = |axis: u8, degrees: f64| {
@@ -94,7 +94,7 @@ fn operation(name: &str, numbers: &[f64]) -> Option<Matrix4<f64>> {
             let q = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-12)?;
             Some(q.to_homogeneous())
         }
-        // Rows in the file are for vectors that stand on the left.
+        // The file's matrices act on row vectors, so that its rows are the columns here.
         ("transform", rows) if rows.len() == 16 => Some(Matrix4::from_column_slice(rows)),
         _ => None,
     }

@@ -78,13 +78,20 @@ pub(super) enum Cell {
     Element(Kind, usize, &'static [u8]),
     /// Counted and skipped.
     Skipped,
-    /// Unsupported: a description, and whether it is a Lagrange cell of another order.
-    Refused(String, bool),
+    /// A Lagrange cell of an unsupported order: its description.
+    WrongOrder(String),
+    /// Unsupported: its description.
+    Refused(String),
 }
 
 /// Whether it is a Lagrange cell, of any order.
 pub(super) fn is_lagrange(cell_type: u8) -> bool {
     (69..=74).contains(&cell_type)
+}
+
+/// Whether it is a Lagrange triangle or quad.
+pub(super) fn is_flat_lagrange(cell_type: u8) -> bool {
+    matches!(cell_type, 69 | 70)
 }
 
 /// The degree along every axis of a supported Lagrange cell.
@@ -104,7 +111,7 @@ pub(super) fn cell(cell_type: u8, nodes: usize, has_old_numbering: bool) -> Cell
                 Cell::Element(Kind::Hex27, nodes, &OLD_HEX27_ORDER)
             }
             Some(&(_, _, kind)) => Cell::Element(kind, nodes, &IDENTITY_ORDER[..nodes]),
-            None => Cell::Refused(format!("{} of {nodes} nodes", name(cell_type)), true),
+            None => Cell::WrongOrder(format!("{} of {nodes} nodes", name(cell_type))),
         };
     }
     match (cell_type, Kind::from_vtk(cell_type)) {
@@ -119,7 +126,7 @@ pub(super) fn cell(cell_type: u8, nodes: usize, has_old_numbering: bool) -> Cell
             &IDENTITY_ORDER[..kind.node_count()],
         ),
         _ if SKIPPED_CELL_TYPES.contains(&cell_type) => Cell::Skipped,
-        _ => Cell::Refused(name(cell_type), false),
+        _ => Cell::Refused(name(cell_type)),
     }
 }
 

@@ -200,7 +200,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                     &mut newton.slopes[neighbours],
                 );
             }
-            let (limits, map) = (self.limits(patch), patch.centroid_map());
+            let (limits, map) = (self.limits(patch), patch.origin_map());
             newton.len = count;
             newton.take_first_step(limits, &map);
             let slopes = &mut newton.slopes[..count];

@@ -186,7 +186,7 @@ impl SimdKernel for LocateKernel<'_> {
             delta,
             location,
         } = self;
-        let start = patch.centroid_map();
+        let start = patch.origin_map();
         let zero = Eight::of(lanes, &[0.0; ROW]);
         let (delta, on_face) = (zero.splat(delta), zero.splat(FACE_TOLERANCE));
         let inverse = start.inverse_rows(zero);

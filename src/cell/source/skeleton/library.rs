@@ -68,6 +68,8 @@ impl Skeleton {
             .map(|f| f.iter().sum::<Vec3>() / f.len() as f64)
             .collect();
         let hex = element == Element::Hex;
+        // Neighbouring face centres of a hex, and neighbouring edge middles of a tet, are sqrt(1/2) apart.
+        let nearest = 0.75;
         let struts: Vec<[Vec3; 2]> = match name {
             "edges" | "sc" => edge_segments(&vertices),
             "fcc" if !hex => edge_segments(&vertices),
@@ -76,13 +78,13 @@ impl Skeleton {
             "cross" if hex => spokes(&faces),
             "diamond" if !hex => spokes(&faces),
             "fcc" => diagonals(),
-            "octet" if hex => [diagonals(), pairs_within(&faces, 0.75)].concat(),
+            "octet" if hex => [diagonals(), pairs_within(&faces, nearest)].concat(),
             "octet" => {
                 let middles: Vec<Vec3> = edge_segments(&vertices)
                     .iter()
                     .map(|[a, b]| (a + b) / 2.0)
                     .collect();
-                [edge_segments(&vertices), pairs_within(&middles, 0.75)].concat()
+                [edge_segments(&vertices), pairs_within(&middles, nearest)].concat()
             }
             // The midpoints of opposite edges of a tet are opposite points.
             "cross" => edge_segments(&vertices)

@@ -1,6 +1,6 @@
-//! The binary form of a model for the page: JSON text, then arrays.
+//! The binary form of a model for the page in the browser: JSON text, then arrays.
 //!
-//! Little-endian: the length of the JSON text as u32; the text, padded with blanks to a multiple of 4; then
+//! Little-endian: the length of the padded JSON text as u32; the text, padded with blanks to a multiple of 4; then
 //! positions (f32, 3 a vertex), triangles (u32, 3 each), the face of each triangle (u32), the two vertices of
 //! each edge (u32) and the group of each face (u32). The text has their counts, and colours of the groups.
 
@@ -26,6 +26,7 @@ pub(super) fn pack(mesh: Option<&PolyMesh>, mut about: Value) -> Vec<u8> {
         numbers.extend(cut.mesh.triangles().iter().flatten().copied());
         numbers.extend(cut.faces.iter().copied());
         let mut edges = 0;
+        // The mesh is closed: each edge occurs once in each direction.
         for face in mesh.faces().iter() {
             let next = face.iter().cycle().skip(1);
             for (&a, &b) in face.iter().zip(next).filter(|(a, b)| a < b) {
