@@ -44,7 +44,11 @@ fn tokens(text: &str) -> Vec<Token> {
         let digits = bytes[from..].iter().take_while(|b| b.is_ascii_digit());
         from + digits.count()
     };
-    let width = |span: Range<usize>| text[span].parse().unwrap_or(1).max(1);
+    // Without digits 1. What is too large for a number is too large for a name, which `expand` refuses.
+    let width = |span: Range<usize>| match &text[span] {
+        "" => 1,
+        digits => digits.parse().unwrap_or(usize::MAX).max(1),
+    };
     let mut found = Vec::new();
     let mut at = 0;
     while at < bytes.len() {

@@ -6,6 +6,8 @@
 use super::{FileError, LevelSet, Session, StoredGrid, VdbError, VdbWriter, WrittenFile};
 use crate::band::{LeafBatch, LeafFileHead, LeafFileWriter, LeafSink, LeafStore, SinkError};
 use crate::frame::{Coord, Transform};
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use tempfile::{NamedTempFile, TempPath};
 
@@ -39,7 +41,7 @@ pub struct LevelSetFile {
 }
 
 impl LevelSetFile {
-    /// Begins a file whose grid is called `surface`. Nothing is at `path` before [`LevelSetFile::finish`].
+    /// Begins a file whose grid is called `surface`. `path` stays untouched until [`LevelSetFile::finish`].
     ///
     /// # Errors
     /// [`FileError::Io`]: the folder is missing or not writable, or the disk is full.
@@ -73,7 +75,8 @@ impl LevelSetFile {
         let leaves: TempPath = self.leaves.finish().map_err(io)?.into_temp_path();
         let files = vec![(leaves.to_path_buf(), self.head)];
         let store = LeafStore::open(files, session.threads, session.progress)?;
-        let named =
+        // It gives the grid its name, transform and half width; the values come from `store`.
+        let empty =
             LevelSet::empty(self.transform, self.half_width, session).map_err(|e| match e {
                 VdbError::Cancelled(c) => FileError::Cancelled(c),
                 e => FileError::OpenVdb {
@@ -83,7 +86,7 @@ impl LevelSetFile {
             })?;
         let staged = temporary(&self.path).map_err(io)?.into_temp_path();
         let mut file = VdbWriter::new(&self.path, session)?;
-        file.level_set("surface", &named)?;
+        file.level_set("surface", &empty)?;
         let written = file.write_streamed_to(&staged, &[StoredGrid::Surface(&store)])?;
         staged.persist(&self.path).map_err(|e| io(e.error))?;
         Ok(written)
@@ -93,7 +96,11 @@ impl LevelSetFile {
 /// A hidden file in the folder of another one.
 fn temporary(beside: &Path) -> std::io::Result<NamedTempFile> {
     let folder = beside.parent().filter(|p| !p.as_os_str().is_empty());
-    NamedTempFile::with_prefix_in(".druse-", folder.unwrap_or(Path::new(".")))
+    // It gets its final name in the end: the mode of a new file. The crate's own default is private.
+    tempfile::Builder::new()
+        .prefix(".druse-")
+        .permissions(Permissions::from_mode(0o666))
+        .tempfile_in(folder.unwrap_or(Path::new(".")))
 }
 
 impl LeafSink for LevelSetFile {

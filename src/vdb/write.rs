@@ -10,7 +10,7 @@ use std::marker::PhantomData;
 use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 
-/// Compression of values. Inactive values are stored only with `None`.
+/// Compression of values. Only [`Compression::None`] stores inactive values too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compression {
     /// No compression.
@@ -183,7 +183,8 @@ impl<'a> VdbWriter<'a> {
     /// # Errors
     /// [`FileError::Name`] for a key that OpenVDB or this writer sets.
     pub fn tag(&mut self, key: &str, value: &str) -> Result<(), FileError> {
-        const RESERVED_KEYS: [&str; 7] = [
+        const RESERVED_KEYS: [&str; 8] = [
+            "druse.version",
             "name",
             "class",
             "creator",
@@ -197,7 +198,11 @@ impl<'a> VdbWriter<'a> {
                 path: self.path.clone(),
                 what: "metadata key",
                 name: key.to_owned(),
-                problem: "is reserved",
+                problem: if key.is_empty() {
+                    "is empty"
+                } else {
+                    "is reserved"
+                },
             });
         }
         self.tags.retain(|(k, _)| k != key);
@@ -226,8 +231,8 @@ impl<'a> VdbWriter<'a> {
         })
     }
 
-    /// Sets the tags and calls `write` with the file, a descriptor and the compression flags; it returns the
-    /// system's error number or 0.
+    /// Sets the tags and calls `write` with the file, a descriptor and the compression flags. `write` returns the
+    /// system's error number, or 0.
     pub(super) fn write_with(
         mut self,
         staged: &Path,

@@ -50,6 +50,9 @@ fn tokens_are_replaced_by_the_frame() {
     for text in ["a.vdb", "a#1.vdb", "100 %.vdb", "$FPS.vdb", "$HIP/a.vdb"] {
         assert_eq!(expand(text, 1).unwrap(), None, "{text}");
     }
+    for digits in ["13", "99999999999999999999999"] {
+        assert!(expand(&format!("a.$F{digits}.vdb"), 1).is_err(), "{digits}");
+    }
     let error = expand("$F4/a.###.vdb", 1).unwrap_err().to_string();
     assert!(error.contains("$F4 and ###, which disagree"), "{error}");
     assert_eq!(without_token("part.$F4.vdb"), "part.vdb");

@@ -60,6 +60,28 @@ fn the_hash_is_of_the_content_alone() {
     assert_ne!(hash(&s, "surface"), hash(&moved, "surface"));
 }
 
+/// A file that is written leaf by leaf is made under another name: all the same its mode is that of a new file.
+#[test]
+fn a_file_of_a_band_is_as_readable_as_any_new_file() {
+    use druse::field::Sphere;
+    use std::os::unix::fs::PermissionsExt;
+    let dir = tempfile::tempdir().unwrap();
+    let [path, plain] = ["band.vdb", "plain"].map(|n| dir.path().join(n));
+    let ball = Sphere {
+        centre: Vec3::zeros(),
+        radius: 5.0,
+    };
+    let extent = Aabb::of([Vec3::repeat(-7.0), Vec3::repeat(7.0)]);
+    let band = druse::band::Band::new(&ball, extent, 0.5).unwrap();
+    let file = vdb::LevelSetFile::create(&path, band.transform, band.half_width).unwrap();
+    band.evaluate(&THREADS, &druse::progress::Silent, &file)
+        .unwrap();
+    file.finish(session()).unwrap();
+    std::fs::write(&plain, "").unwrap();
+    let mode = |p: &Path| std::fs::metadata(p).unwrap().permissions().mode();
+    assert_eq!(mode(&path), mode(&plain));
+}
+
 #[test]
 fn metadata_and_names_are_as_readers_expect() {
     let dir = tempfile::tempdir().unwrap();
@@ -75,7 +97,7 @@ fn metadata_and_names_are_as_readers_expect() {
     for name in ["", "surface", "a[1]"] {
         assert!(file.level_set(name, &s).is_err(), "{name:?}");
     }
-    for key in ["", "creator", "class", "name", "file_voxel_count"] {
+    for key in ["", "creator", "class", "name", "file_voxel_count", "druse.version"] {
         assert!(file.tag(key, "x").is_err(), "{key:?}");
     }
     file.write().unwrap();
