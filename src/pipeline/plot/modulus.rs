@@ -18,13 +18,15 @@ const MARGIN: usize = 24;
 const SAMPLES_PER_EDGE: usize = 3;
 /// Steps of the polar angle; the azimuth has twice as many.
 const STEPS: usize = 160;
-/// Radius of the surface over the edge of the square.
+/// Greatest radius of the surface as a share of the edge of the square.
 const RADIUS_SHARE: f64 = 0.42;
 
 /// A sample of the depth buffer.
 #[derive(Clone, Copy)]
 struct Sample {
+    /// Coordinate towards the viewer: the larger is nearer.
     depth: f64,
+    /// Linear, not gamma-encoded.
     colour: [f32; 3],
 }
 
@@ -89,7 +91,7 @@ pub fn modulus_picture(compliance: &Voigt, title: &str, lines: &[String]) -> Ima
         modulus(n) / max_modulus
     });
     canvas.title(MARGIN, 14, title, TEXT_COLOUR);
-    legend(&mut canvas, [min_modulus, max_modulus], lines);
+    legend(&mut canvas, [min_modulus, min_modulus + span], lines);
     canvas.image()
 }
 
