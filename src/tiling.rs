@@ -143,7 +143,8 @@ pub struct Sample {
 /// Its gradient is not. Two rules turn F into distances:
 ///
 /// - **Rule Q** ([`Distance::Fast`], the default). Each element near `x` estimates the distance to the zero
-///   set by two Newton steps with its own field, continued beyond its faces: `s_e = |x - p2| / |F_e(x)|`.
+///   set by two Newton steps with its own field, continued beyond its faces, which end at p2:
+///   `s_e = |x - p2| / |F_e(x)|`.
 ///   Then `d = F sum w_e s_e / sum w_e`, with weights that fall to zero within one voxel of the shared
 ///   faces. Only the positive scale is blended: d is continuous, and its zero set is that of F.
 /// - **Rule R** ([`Distance::Exact`]). The distance to the closest of the zero points found in each cell, on
@@ -153,8 +154,8 @@ pub struct Sample {
 /// **Boundary.** With D the signed distance to the scaffold's outer faces, the solid is `max(d, D)`.
 /// Outside, d takes its value at the closest point of the scaffold, so that dilating a block of void cells
 /// creates no solid. [`Boundary::Extend`] drops D, for parts that end at another surface. Components of the
-/// scaffold that share no faces are evaluated separately and united by the minimum, so that overlaps depend
-/// on no order.
+/// scaffold that share no faces are evaluated separately and united by the minimum, so that their order
+/// does not matter where they overlap.
 ///
 /// Values are world distances clamped to `[-w, w]`, negative inside. Points are `f64`; the cell's table
 /// rounds to `f32` in the same way in all elements.

@@ -79,7 +79,7 @@ pub(super) struct Chunk {
     pub start: u64,
     pub bytes: u32,
     pub leaves: u32,
-    /// The least and the greatest x of its leaves, leaves from the block's origin.
+    /// Least and greatest x of its leaves, counted in leaves from the block's origin.
     pub layers: [u16; 2],
 }
 
@@ -308,7 +308,8 @@ pub(super) fn inspect(
             let current = Some((chunk.block, leaf.slot));
             let is_out_of_band = |v: &f32| v.is_nan() || v.abs() > max_value;
             if current <= previous || leaf.slot >= 4096 || population(&leaf.mask) == 0 {
-                return Err(invalid(format!("leaves out of order in {chunk:?}")));
+                let found = format!("leaves out of order, out of the block or empty in {chunk:?}");
+                return Err(invalid(found));
             }
             if leaf.active.iter().any(is_out_of_band) {
                 return Err(invalid(format!("values beyond the band in {chunk:?}")));

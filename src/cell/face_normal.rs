@@ -3,16 +3,16 @@
 //! On the face n.x = d the derivative n . grad Phi is a sum of plane waves, one for each in-plane
 //! projection p of the frequencies. It vanishes on the whole face exactly if for every p
 //!
-//! sum over the f with projection p of (f.n) exp(2 pi i f.x0) C = 0     (Eq. 11 and 12)
+//! sum over the f with projection p of (f.n) exp(2 pi i f.x0) C = 0     (Chen, Kabaria, Lew, Eq. 11 and 12)
 //!
-//! with x0 the foot of the origin on the face: homogeneous linear equations A a = 0 in the real
-//! orthonormal coefficients. One face per orbit of the group suffices, and one p per orbit of the
+//! with C the complex coefficient of f and x0 the foot of the origin on the face: homogeneous linear
+//! equations A a = 0 in the real orthonormal coefficients a. One face per orbit of the group suffices, and one p per orbit of the
 //! operators that fix the face, with p and -p equivalent. For a cube under Oh, a square under D4 and the
 //! caps of a prism all rows vanish: they are face-normal by symmetry.
 //!
-//! The fit imposes the equations by least squares in the null space of A. To project the coefficients of
-//! a fit over the element afterwards would spoil the fit. Projection is for coefficients of a Fourier
-//! transform over the period, where it gives the nearest function.
+//! A least-squares fit over the element imposes the equations by solving in the null space of A; projecting its
+//! coefficients afterwards would spoil the fit. Coefficients of a Fourier transform over the period are projected
+//! onto the null space, which gives the nearest function.
 
 use super::{Constraint, Series};
 use crate::field::Field;

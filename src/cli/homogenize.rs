@@ -129,7 +129,7 @@ impl From<HomogenizeError> for Failure {
                 "a larger --residual, or a void less weak: --void 1e-3".to_owned()
             }
             HomogenizeError::NoCoefficients => {
-                "struts as a series: --fitted; leave --gradient away".to_owned()
+                "struts as a series: --fitted; leave out --gradient".to_owned()
             }
             HomogenizeError::NoWalls => "--only stiffness,conductivity".to_owned(),
             _ => return Self::usage(e.to_string()),

@@ -1,7 +1,7 @@
-//! Derivatives of effective properties by the coefficients of a cell.
+//! Derivatives of effective properties with respect to the coefficients of a cell.
 //!
-//! The operators are their own adjoints, so that the derivative by the share of solid in a voxel needs the
-//! strains of the load cases and no other solution. Shares are differentiable by the samples of the field, and
+//! The operators are self-adjoint, so that the derivative with respect to the share of solid in a voxel needs
+//! only the solutions of the load cases. Shares are differentiable with respect to the samples of the field, and
 //! samples are linear in the coefficients; the chain is exact for the discretised problem.
 
 use super::HomogenizeError;
@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 /// Outputs per voxel: 21 of the stiffness, 6 of the conductivity, the volume.
 const OUTPUT_COUNT: usize = 28;
 
-/// Derivatives by one real parameter of a cell.
+/// Derivatives with respect to one real parameter of a cell.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Derivatives {
     /// The index k of the coefficient; `None` for the level.
@@ -126,7 +126,7 @@ impl Basis {
     }
 }
 
-/// Derivatives by the level and by every real parameter of a cell that is one series.
+/// Derivatives with respect to the level and to every real parameter of a cell that is one series.
 ///
 /// # Errors
 /// [`HomogenizeError::NoCoefficients`] for beams and for expressions of several series.
@@ -213,18 +213,18 @@ fn layer(
 ) -> (Vec<[f64; OUTPUT_COUNT]>, [f64; OUTPUT_COUNT]) {
     let counts = samples.counts();
     let parts = samples.parts([0; 3]).count() as f64;
-    // The derivatives by the value of a sample.
+    // The derivatives with respect to the value of a sample.
     let mut weights: BTreeMap<[usize; 3], [f64; OUTPUT_COUNT]> = BTreeMap::new();
     let mut by_level = [0.0; OUTPUT_COUNT];
     let first = sensitivities.elastic.partition_point(|s| s.0 < i * ny * nz);
     let last = sensitivities
         .elastic
         .partition_point(|s| s.0 < (i + 1) * ny * nz);
-    for place in first..last {
-        let (voxel, elastic) = &sensitivities.elastic[place];
+    for n in first..last {
+        let (voxel, elastic) = &sensitivities.elastic[n];
         let mut own = [0.0; OUTPUT_COUNT];
         own[..21].copy_from_slice(elastic);
-        if let Some((_, thermal)) = sensitivities.thermal.get(place) {
+        if let Some((_, thermal)) = sensitivities.thermal.get(n) {
             own[21..27].copy_from_slice(thermal);
         }
         own[27] = 1.0;

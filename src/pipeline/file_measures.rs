@@ -1,4 +1,4 @@
-//! Cavities and layers of the level set of a file.
+//! Cavities and build layers (islands, overhangs, cups) of a level set read from a file.
 
 use super::build::{self, BuildReport};
 use super::cavities::CavitiesReport;

@@ -1,8 +1,8 @@
 //! Triangulation of the faces, for export and for level sets.
 //!
-//! Triangles stay. Planar convex faces become fans from their start vertex. Planar faces with reflex corners are
-//! triangulated by ear clipping in their plane. Other faces become fans about their centre where all edges are
-//! visible from it. Triangles without area are left out.
+//! Triangular faces stay. Planar convex faces become fans from their start vertex. Non-planar faces all of whose edges
+//! are visible from their centre become fans about it. Other faces are triangulated by ear clipping in their mean
+//! plane or, where that fails, as a fan. Triangles without area are kept, so that closed surfaces stay closed.
 
 use super::PolyMesh;
 use super::polygon::{doubled_area_vector, mean, unit};

@@ -3,8 +3,8 @@
 //! The tets of the body-centred cubic lattice, long edges a, short ones a sqrt 3 / 2, are cut where the
 //! field changes its sign. Lattice points too near to a cut (nearer than 0.24999 of a long, 0.41189
 //! of a short edge) are moved onto it first; then the rest of each tet that is inside is one of a few
-//! stencils. Quads between a kept and a cut edge are halved from the end of the long edge, those
-//! between two short ones from the point of even parity, so that neighbours agree. All dihedral angles
+//! stencils. A quad between two cut edges is halved from the inner end of the long one or, if both are
+//! short, from the inner end of even parity, so that neighbours agree. All dihedral angles
 //! stay between 10.7 and 164.8 degrees.
 
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
@@ -74,9 +74,9 @@ fn edge(a: Point, b: Point) -> (Point, Point) {
     (a.min(b), a.max(b))
 }
 
-/// Of two kept points beside a cut one, the point from which the diagonal of the quad between them starts.
-fn halved_from(p: Point, q: Point, cut: Point) -> Point {
-    match (is_long(p, cut), is_long(q, cut)) {
+/// Two points inside and their cuts towards a point outside form a quad: the point from which its diagonal starts.
+fn halved_from(p: Point, q: Point, outside: Point) -> Point {
+    match (is_long(p, outside), is_long(q, outside)) {
         (true, false) => p,
         (false, true) => q,
         _ => {
@@ -93,7 +93,7 @@ impl Scaffold {
     /// `cell`. The field should be close to a distance within a cell of its surface.
     ///
     /// # Errors
-    /// [`ScaffoldError::BadRound`] for a cell without size, [`ScaffoldError::TooMany`],
+    /// [`ScaffoldError::BadRound`] for a cell without size or an empty box, [`ScaffoldError::TooMany`],
     /// [`ScaffoldError::Empty`] where nothing is inside.
     pub fn stuffed(
         bounds: Aabb,
@@ -133,7 +133,7 @@ impl Scaffold {
             cuts: BTreeMap::new(),
             moved: HashMap::new(),
             lattice,
-            names: HashMap::new(),
+            node_of: HashMap::new(),
             nodes: Vec::new(),
             elements: Connectivity::default(),
         };
@@ -177,7 +177,8 @@ struct Stuffing {
     /// Where edges are cut, from their lower end, as a share.
     cuts: BTreeMap<(Point, Point), f64>,
     moved: HashMap<Point, Vec3>,
-    names: HashMap<Vertex, u32>,
+    /// The node made for each vertex.
+    node_of: HashMap<Vertex, u32>,
     nodes: Vec<Vec3>,
     elements: Connectivity,
 }
@@ -271,7 +272,7 @@ impl Stuffing {
         }
         let own = tet.map(|v| {
             let place = self.position(v);
-            *self.names.entry(v).or_insert_with(|| {
+            *self.node_of.entry(v).or_insert_with(|| {
                 self.nodes.push(place);
                 self.nodes.len() as u32 - 1
             })
@@ -285,20 +286,20 @@ impl Stuffing {
         let of = |test: fn(f64) -> bool| -> Vec<Point> {
             (0..4).filter(|&i| test(value[i])).map(|i| tet[i]).collect()
         };
-        let (kept, zero, cut) = (of(|v| v > 0.0), of(|v| v == 0.0), of(|v| v < 0.0));
+        let (inside, zero, outside) = (of(|v| v > 0.0), of(|v| v == 0.0), of(|v| v < 0.0));
         let at = Vertex::Lattice;
         let between = |a: Point, b: Point| {
             let (a, b) = edge(a, b);
             Vertex::Cut(a, b)
         };
-        match (&kept[..], &zero[..], &cut[..]) {
+        match (&inside[..], &zero[..], &outside[..]) {
             ([], ..) => {}
             (_, _, []) => self.push(tet.map(at)),
             ([p], ..) => {
                 let rest: Vec<Vertex> = zero
                     .iter()
                     .map(|&z| at(z))
-                    .chain(cut.iter().map(|&n| between(*p, n)))
+                    .chain(outside.iter().map(|&n| between(*p, n)))
                     .collect();
                 self.push([at(*p), rest[0], rest[1], rest[2]]);
             }
@@ -335,7 +336,7 @@ impl Stuffing {
         }
     }
 
-    /// The minimum of volume over the cube of the longest edge.
+    /// The least ratio of six times a tet's volume to the cube of its longest edge.
     fn roundness(&self, tets: &[[Vertex; 4]]) -> f64 {
         let one = |t: &[Vertex; 4]| {
             let p = t.map(|v| self.position(v));

@@ -61,7 +61,7 @@ fn icosahedral_vector(number: usize) -> [f64; 6] {
     std::array::from_fn(|i| if i < 3 { own[i] } else { conjugate[i - 3] })
 }
 
-/// Names of the lattices, in the order of the table.
+/// Names of the lattices of two and three dimensions, in the order of the table; not `icosahedral`.
 pub const LATTICE_NAMES: [&str; NAMED_LATTICES.len()] = {
     let mut names = [""; NAMED_LATTICES.len()];
     let mut i = 0;

@@ -40,7 +40,8 @@ impl LevelSet {
             let Some(values) = own.values.first_chunk() else {
                 return;
             };
-            // Absent leaves are tiles, at the background on the side of the nearest voxel.
+            // Absent leaves are tiles: the background, with the sign of the voxel one step inside this leaf. The
+            // outermost voxel may be on the contact, where its sign means nothing.
             let layer = |axis: usize, side: usize| {
                 let mut origin = own.origin;
                 origin.0[axis] += if side == 0 { -LEAF } else { LEAF };

@@ -150,7 +150,7 @@ impl Volume {
             return Ok(Plan::Isosurface(value));
         }
         match self.info.class.as_str() {
-            "level set" => self.level_set(how, Vec::new()).map(Plan::LevelSet),
+            "level set" => self.level_set_repair(how, Vec::new()).map(Plan::LevelSet),
             "fog volume" => self.fog_value().map(Plan::Isosurface),
             class => {
                 let [low, high] = survey.range.unwrap_or_default();
@@ -160,7 +160,7 @@ impl Volume {
                     let note = format!(
                         "its class is {class}, and its values are signed distances: read as a level set"
                     );
-                    return self.level_set(how, vec![note]).map(Plan::LevelSet);
+                    return self.level_set_repair(how, vec![note]).map(Plan::LevelSet);
                 }
                 Err(Refusal::new(
                     format!("the class {class} and values from {low} to {high}"),

@@ -8,7 +8,7 @@ use super::smooth::is_native;
 use super::{LevelSet, Scheme, Session, VdbError};
 use std::pin::Pin;
 
-/// Greatest width of a filter, voxels to either side; far below the 645 beyond which OpenVDB's median fails.
+/// Greatest width of a filter, voxels to either side; far below 645, where OpenVDB's median begins to fail.
 pub(crate) const MAX_FILTER_WIDTH: u32 = 64;
 /// Greatest number of iterations of a filter.
 const MAX_FILTER_ITERATIONS: u32 = 1000;

@@ -46,7 +46,7 @@ impl Volume {
     }
 
     /// The repairs that make the grid a level set, or why it cannot be one.
-    pub(super) fn level_set(
+    pub(super) fn level_set_repair(
         &self,
         how: &GridReading,
         notes: Vec<String>,
@@ -86,7 +86,7 @@ impl Volume {
                 return Err(Refusal::new(
                     "distances that are negative inside, as they should be",
                     "a level set that is inside out",
-                    "leave invert away",
+                    "leave out invert",
                 ));
             }
             (false, false) => {}
@@ -172,8 +172,8 @@ impl Volume {
         if !slopes.is_uniform() {
             let [low, _, high] = slopes.0.map(|s| (s / h) as f32);
             repair.notes.push(format!(
-                "its values are no distances (slopes of {low} to {high} per unit of length): widths of operations are off by \
-                 as much; value = 0 rebuilds the distances"
+                "its values are not distances (slopes of {low} to {high} per unit of length): widths of operations are \
+                 off by as much; value = 0 rebuilds the distances"
             ));
             return;
         }
@@ -233,7 +233,7 @@ impl Volume {
         Ok(())
     }
 
-    /// Fills in the signs of inactive values; returns how many were wrong.
+    /// Fills in the signs of inactive values; returns by how many the number of those below zero changed.
     pub(super) fn fill_signs(&mut self, session: Session<'_>) -> Result<u64, VdbError> {
         let failed = |e| VdbError::of("reading a level set", session, &e);
         let before = self.inactive_inside()?;

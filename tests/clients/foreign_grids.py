@@ -276,7 +276,7 @@ def levels(client, made):
         info = client.run("info", path(name)).stdout
         client.check(name, "inside out" in info, info)
     text = client.run("mesh", path("even"), "-o", f"{client.work}/x.stl", "--invert").stderr
-    client.check("invert", "leave invert away" in text, text)
+    client.check("invert", "leave out invert" in text, text)
     client.is_refused("torn", path("torn"), "torn", "the first at (")
     client.is_refused("torn", path("torn"), "torn", command="check")
     client.is_refused("unsigned", path("unsigned"), "unsigned", "--value 0.1")

@@ -109,7 +109,7 @@ impl Systems {
             && (earlier.kind != kind || earlier.given != given)
         {
             let found = format!(
-                "coordinate system {number} again, which is another on line {}",
+                "coordinate system {number} again, which line {} defines differently",
                 earlier.line
             );
             return Err(card.bad(found, "every number once"));
@@ -203,7 +203,7 @@ impl Frame {
     fn through([origin, on_z, in_xz_plane]: [Vec3; 3]) -> Option<Self> {
         let z = (on_z - origin).try_normalize(0.0)?;
         let y = z.cross(&(in_xz_plane - origin).try_normalize(0.0)?);
-        // A point within 1e-9 of the axis defines no direction.
+        // A point within an angle of 1e-9 of the axis, seen from the origin, defines no direction.
         let y = y.try_normalize(1e-9)?;
         let axes = Mat3::from_columns(&[y.cross(&z), y, z]);
         let finite = axes.iter().chain(origin.iter()).all(|c| c.is_finite());

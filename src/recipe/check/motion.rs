@@ -65,8 +65,7 @@ pub(super) fn motion(sections: &Sections, source: &Source) -> Checked {
         }
     }
     if motion.velocity.is_some() && (motion.points.is_some() || motion.deform.is_some()) {
-        let message =
-            "velocity is of the nodes of scaffold.file; expected no points and no deform beside it";
+        let message = "velocity is a field at the nodes of scaffold.file; expected neither points nor deform with it";
         return fault("velocity", message.into());
     }
     if motion.displacement.is_some() && motion.points.is_some() {
@@ -91,6 +90,7 @@ pub(super) fn motion(sections: &Sections, source: &Source) -> Checked {
         fps: sections.fps.0,
     };
     for (n, text) in motion.deform.iter().flatten().enumerate() {
+        // A position, and the same relative to the scaffold's box (0 to 1).
         let names = ["x", "y", "z", "bx", "by", "bz"];
         if let Err(e) = Formula::with_constants(text, &names, &clock.constants()) {
             return fault(&format!("deform.{n}"), e.to_string());

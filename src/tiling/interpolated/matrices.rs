@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 /// Greatest number of nodes along an axis.
 pub(super) const MAX_NODES: usize = 6;
-/// Number of orders of derivation: 0 (the value), 1 and 2.
+/// Number of derivative orders: 0 (the value), 1 and 2.
 pub(super) const ORDERS: usize = 3;
 /// Numbers of nodes along an axis, in the order in which they are tried.
 const COUNTS: [usize; 2] = [4, MAX_NODES];

@@ -18,7 +18,8 @@ use std::collections::BTreeMap;
 
 /// Cells near the surface that are measured at once and kept until their faces are joined.
 const CELLS_PER_BATCH: usize = 64;
-const EDGE: usize = BLOCK as usize;
+/// Voxels along the edge of a block.
+const BLOCK_EDGE: usize = BLOCK as usize;
 
 /// Basins and edges; basin 0 is outside.
 pub(super) struct VoidGraph {
@@ -60,7 +61,7 @@ impl VoidGraph {
             let count = near.nth(CELLS_PER_BATCH - 1).map_or(rest.len(), |n| n.0);
             let batch = rest.split_off(..count).expect("some of the rest");
             let found = session.threads.install(|| {
-                // Some cells take far longer than others: threads take one after another.
+                // Some cells take far longer than others, so that each thread takes one cell at a time.
                 let found = batch.par_iter().with_max_len(1).map(|cell| {
                     if progress.cancelled() {
                         return Err(Cancelled.into());
@@ -123,7 +124,7 @@ impl VoidGraph {
         let pairs = pairs.list;
         self.edges
             .extend(pairs.into_iter().map(|([a, b], (level, n))| {
-                let mut voxel = [(n / EDGE) as i32, (n % EDGE) as i32, 0];
+                let mut voxel = [(n / BLOCK_EDGE) as i32, (n % BLOCK_EDGE) as i32, 0];
                 voxel[axis..].rotate_right(1);
                 Edge {
                     ends: [b + other_first, a + first],
@@ -185,14 +186,14 @@ impl Pairs {
             (FacePart::Uniform(..), FacePart::Uniform(..)) => 1,
             _ => 64,
         };
-        let first = leaf / SLOTS * 8 * EDGE + leaf % SLOTS * 8;
+        let first = leaf / SLOTS * 8 * BLOCK_EDGE + leaf % SLOTS * 8;
         // The best of a run of voxels with the same basins.
         let mut best: Option<([u32; 2], f32, usize)> = None;
         for n in 0..count {
             let (Some((a, d)), Some((b, e))) = (own.at(n), other.at(n)) else {
                 continue;
             };
-            let (level, voxel) = (d.min(e), first + n / 8 * EDGE + n % 8);
+            let (level, voxel) = (d.min(e), first + n / 8 * BLOCK_EDGE + n % 8);
             match &mut best {
                 Some(best) if best.0 == [a, b] => {
                     if level > best.1 {

@@ -166,7 +166,7 @@ fn inside_out_grids_are_named_and_turned_on_request() {
             ..PLAIN
         },
     );
-    assert!(error.contains("leave invert away"), "{error}");
+    assert!(error.contains("leave out invert"), "{error}");
 }
 
 #[test]

@@ -35,11 +35,12 @@ pub(super) struct ViewState<'a> {
     interpreter: Interpreter<'a>,
     sandbox: &'a Sandbox,
     session: &'a Session,
-    /// The script that was opened, and the steps that it made.
-    text: String,
-    opened: Vec<String>,
-    /// Whether parameters were set from outside, so that the text alone makes another model.
-    set: bool,
+    /// The script that was opened.
+    opened_text: String,
+    /// The steps that it made.
+    opened_steps: Vec<String>,
+    /// Whether parameters were set from outside, so that the text alone makes a different model.
+    has_outside_parameters: bool,
     notes: Vec<String>,
 }
 
@@ -53,12 +54,12 @@ impl<'a> ViewState<'a> {
         let mut interpreter = Interpreter::with_history(sandbox, MAX_UNDO_STEPS);
         begin(&mut interpreter, source, None, session)?;
         Ok(Self {
-            opened: interpreter.steps(),
+            opened_steps: interpreter.steps(),
             interpreter,
             sandbox,
             session,
-            text: source.text.clone(),
-            set: !source.parameters.is_empty(),
+            opened_text: source.text.clone(),
+            has_outside_parameters: !source.parameters.is_empty(),
             notes: Vec::new(),
         })
     }
@@ -112,17 +113,17 @@ impl<'a> ViewState<'a> {
             .ok_or_else(|| Refused::new("nothing to redo"))
     }
 
-    /// The script that makes the model: the one that was opened with the steps since, or, where some of its
-    /// own were undone, the steps one by one.
+    /// The script that makes the model: the opened one and the steps since. Where some of its own steps were undone, or
+    /// parameters were set from outside: the parameters, and all steps one by one.
     pub fn script(&self) -> String {
         let steps = self.interpreter.steps();
         let mut text = String::new();
-        let since = if !self.set && steps.starts_with(&self.opened) {
-            text.push_str(&self.text);
+        let since = if !self.has_outside_parameters && steps.starts_with(&self.opened_steps) {
+            text.push_str(&self.opened_text);
             if !text.is_empty() && !text.ends_with('\n') {
                 text.push('\n');
             }
-            &steps[self.opened.len()..]
+            &steps[self.opened_steps.len()..]
         } else {
             for (name, value) in self.interpreter.parameters() {
                 let _ = writeln!(text, "param {name} = {value}");
@@ -167,7 +168,7 @@ impl<'a> ViewState<'a> {
             return Ok(());
         }
         Err(Refused::new(
-            "the script makes another model: more steps were undone than the history keeps, or a file has changed",
+            "the script makes a different model: more steps were made than the history keeps, or a file has changed",
         ))
     }
 
