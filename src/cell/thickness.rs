@@ -12,6 +12,10 @@ use super::{Cell, CellError, Solid};
 use crate::frame::{CellPoint, Element, Face, Vec3};
 use rayon::prelude::*;
 
+mod nearest_level;
+use nearest_level::LevelSearch;
+pub use nearest_level::NearestLevel;
+
 /// Step along a chord and maximal length of a chord, in reference units.
 const CHORD_STEP: f64 = 0.01;
 const MAX_CHORD: f64 = 1.2;
@@ -21,15 +25,6 @@ const BATCH: usize = 128;
 const CHORD_BISECTIONS: usize = 20;
 /// The share of the area whose chords are shorter than the thickness.
 const PERCENTILE: f64 = 0.1;
-/// Accepted relative deviation of the measured thickness from the target.
-const TOLERANCE: f64 = 0.02;
-/// Relative deviation of the thickness at which the search for a level ends.
-const ACCURACY: f64 = 1e-4;
-/// Chords are followed to this multiple of the target.
-const MEASURED_EXCESS: f64 = 1.25;
-/// Steps of the search by secants, and by bisection after those, where the thickness jumps.
-const SECANT_STEPS: usize = 12;
-const BISECTIONS: usize = 26;
 /// Parts per edge of the simplex grid on which surface points are found.
 const GRID_PARTS: usize = 24;
 
@@ -156,9 +151,14 @@ impl<'a> ThicknessProbe<'a> {
         chords.collect()
     }
 
-    /// The thickness at a level: 0 without solid, infinite without void.
+    /// The thickness at a level: 0 without solid, infinite without void or beyond [`MAX_CHORD`].
     fn thickness(&self, level: f64) -> f64 {
-        self.thickness_within(level, MAX_CHORD)
+        let found = self.thickness_within(level, MAX_CHORD);
+        if found < MAX_CHORD {
+            found
+        } else {
+            f64::INFINITY
+        }
     }
 
     /// [`Self::thickness`] where it is less than `most`, which is returned otherwise.
@@ -248,151 +248,6 @@ fn percentile(mut chords: Vec<(f64, f64)>, mut below: f64, wanted: f64) -> Optio
     })
 }
 
-/// A level and its thickness, in units of reference length.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NearestLevel {
-    /// The level.
-    pub level: f64,
-    /// Its thickness: 0 without solid, infinite without void.
-    pub thickness: f64,
-    /// The nearest attainable thicknesses below and above the target.
-    pub bracket: (f64, f64),
-}
-
-impl NearestLevel {
-    /// Whether the thickness equals the target within the accuracy of the measurement.
-    pub fn meets(&self, target: f64) -> bool {
-        (self.thickness - target).abs() <= TOLERANCE * target
-    }
-}
-
-/// The thickness at a level, or a lower bound of it.
-struct KnownThickness {
-    level: f64,
-    thickness: f64,
-    is_bound: bool,
-}
-
-/// A search for levels by thickness.
-struct LevelSearch<'a> {
-    probe: ThicknessProbe<'a>,
-    /// Levels without solid and without void.
-    ends: [f64; 2],
-    known: Vec<KnownThickness>,
-}
-
-impl<'a> LevelSearch<'a> {
-    fn new(probe: ThicknessProbe<'a>) -> Self {
-        let (least, greatest) = probe.samples.range();
-        let ends = match probe.cell.solid {
-            Solid::Below => [least, greatest],
-            Solid::Above => [greatest, least],
-            _ => [least.abs().max(greatest.abs()), 0.0],
-        };
-        Self {
-            probe,
-            ends,
-            known: Vec::new(),
-        }
-    }
-
-    /// The level whose thickness is nearest to a target.
-    fn nearest(&mut self, target: f64) -> NearestLevel {
-        let mut bracket = self.bracket(target);
-        let most = (MEASURED_EXCESS * target).min(MAX_CHORD);
-        for step in 0..SECANT_STEPS + BISECTIONS {
-            let level = if step < SECANT_STEPS && target < most {
-                bracket.secant()
-            } else {
-                bracket.middle()
-            };
-            let thickness = self.probe.thickness_within(level, most);
-            let is_bound = thickness >= most;
-            self.known.push(KnownThickness {
-                level,
-                thickness,
-                is_bound,
-            });
-            if !is_bound && (thickness - target).abs() <= ACCURACY * target {
-                return NearestLevel {
-                    level,
-                    thickness,
-                    bracket: (thickness, thickness),
-                };
-            }
-            bracket.narrow(level, deviation(thickness, target));
-        }
-        let [thin, thick] = bracket.levels;
-        let [below, above] = bracket.levels.map(|level| self.probe.thickness(level));
-        let (level, thickness) = if (above - target).abs() < (below - target).abs() {
-            (thick, above)
-        } else {
-            (thin, below)
-        };
-        NearestLevel {
-            level,
-            thickness,
-            bracket: (below, above),
-        }
-    }
-
-    /// The nearest known levels on both sides of a target.
-    fn bracket(&self, target: f64) -> LevelBracket {
-        let mut bracket = LevelBracket {
-            levels: self.ends,
-            deviations: [-target, (MEASURED_EXCESS - 1.0) * target],
-            replaced: None,
-        };
-        let known = self.known.iter();
-        for known in known.filter(|k| !k.is_bound || k.thickness >= target) {
-            let deviation = deviation(known.thickness, target);
-            let end = usize::from(deviation >= 0.0);
-            if deviation.abs() <= bracket.deviations[end].abs() {
-                bracket.levels[end] = known.level;
-                bracket.deviations[end] = deviation;
-            }
-        }
-        bracket
-    }
-}
-
-/// Deviation of a thickness from a target, with the limit of what is measured.
-fn deviation(thickness: f64, target: f64) -> f64 {
-    thickness.min(MEASURED_EXCESS * target) - target
-}
-
-/// Two levels, the first with a thinner solid than wanted.
-struct LevelBracket {
-    levels: [f64; 2],
-    /// Deviations of the thickness from the target, as the secant method uses them.
-    deviations: [f64; 2],
-    /// The end that the last level replaced.
-    replaced: Option<usize>,
-}
-
-impl LevelBracket {
-    /// The level at which the line through both ends meets the target, away from the ends.
-    fn secant(&self) -> f64 {
-        let ([thin, thick], [low, high]) = (self.levels, self.deviations);
-        thin + (thick - thin) * (low / (low - high)).clamp(0.02, 0.98)
-    }
-
-    fn middle(&self) -> f64 {
-        f64::midpoint(self.levels[0], self.levels[1])
-    }
-
-    /// Replaces an end by a level between them. If an end stays twice, its deviation counts half (Illinois method).
-    fn narrow(&mut self, level: f64, deviation: f64) {
-        let end = usize::from(deviation >= 0.0);
-        self.levels[end] = level;
-        self.deviations[end] = deviation;
-        if self.replaced == Some(end) {
-            self.deviations[1 - end] /= 2.0;
-        }
-        self.replaced = Some(end);
-    }
-}
-
 impl Cell {
     /// The level at which walls or struts have the given thickness in reference lengths (a hex has edge 1, a tet sqrt 2). For a sheet
     /// it is the wall thickness to first order, else the tenth percentile of the chords through the solid.
@@ -469,7 +324,7 @@ impl Cell {
     }
 
     /// The thickness of the solid, with the measure of [`Cell::level_for_thickness`]: 0 without solid,
-    /// infinite without void.
+    /// infinite without void or beyond 1.2 reference lengths.
     ///
     /// # Errors
     /// [`CellError::TableTooLarge`].

@@ -8,7 +8,7 @@ use super::fractions;
 use super::input_files::{InputFiles, SolidAndBeams, hash_text};
 use super::lattice::LatticeSolid;
 use super::offsets::{self, Offsets};
-use super::report::{OffsetReport, Report, SolidReport, Warning};
+use super::report::{OffsetReport, Report, RequestedThickness, SolidReport, Warning};
 use super::scaffold;
 use super::sheets::SheetOptions;
 use super::standalone::StandAlone;
@@ -28,6 +28,8 @@ use std::sync::{Arc, OnceLock};
 /// Share of a tiling's tolerance that interpolation between nodes may use; tables have a separate
 /// tolerance.
 const NODE_TOLERANCE_SHARE: f64 = 0.5;
+/// Share of the requested thickness below which half of the walls count as too thin.
+const MIN_THICKNESS_SHARE: f64 = 0.75;
 
 /// All inputs of a run.
 pub(super) struct Inputs<'a> {
@@ -184,6 +186,9 @@ impl<'a> Inputs<'a> {
             );
             self.files.warn(Warning::THIN_WALLS, message)?;
         }
+        if let Some(message) = self.missed_thickness(solid, scale) {
+            self.files.warn(Warning::THICKNESS, message)?;
+        }
         if solid.components > 1 {
             let message = format!(
                 "the solid has {} components; keep_largest = true keeps the largest",
@@ -219,6 +224,27 @@ impl<'a> Inputs<'a> {
     /// Records a warning; an error in a strict run.
     pub fn warn(&mut self, code: &'static str, message: String) -> Result<(), RunError> {
         self.files.warn(code, message)
+    }
+
+    /// What to say of walls that are thinner than one thickness that was requested everywhere.
+    fn missed_thickness(&self, solid: &SolidReport, scale: Scale) -> Option<String> {
+        let found = solid.thickness.as_ref()?;
+        let Some(RequestedThickness::Uniform(requested)) = found.requested else {
+            return None;
+        };
+        // Other operations change the thickness.
+        let mut operations = self.recipe.sections().op.iter();
+        let keeps_thickness = operations.all(|op| op.operand().is_some());
+        let is_missed = found.p50 < MIN_THICKNESS_SHARE * requested;
+        (keeps_thickness && is_missed).then(|| {
+            format!(
+                "tiling.thickness: half of the walls are thinner than {:.3} {unit} where {requested:.3} {unit} is \
+                 requested; a level has this thickness by its chords, which do not measure so full a solid; use \
+                 volume_fraction, a sheet or a graph",
+                found.p50,
+                unit = scale.unit
+            )
+        })
     }
 
     /// Number of leading operations that the first level set already contains.

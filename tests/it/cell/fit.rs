@@ -357,6 +357,37 @@ fn placements_lead_to_the_same_cell() {
     );
 }
 
+/// Where chords through a solid have no such length, the level with the nearest thickness is found, not a full solid.
+#[test]
+fn a_thickness_that_no_level_has_gives_the_nearest_level() {
+    for (surface, thickness, nearest) in [
+        (Surface::Gyroid, 0.9, 0.7..0.8),
+        (Surface::Gyroid, 3.0, 0.7..0.8),
+        (Surface::Iwp, 1.212, 0.8..1.2),
+        (Surface::FRd, 0.38, 0.32..0.4),
+        (Surface::FRd, 0.68, 0.5..0.85),
+    ] {
+        let cell = surface.cell(Element::Hex).unwrap();
+        let found = cell.nearest_level_for_thickness(thickness).unwrap();
+        assert!(nearest.contains(&found.thickness), "{surface:?}: {found:?}");
+        let (below, above) = found.bracket;
+        assert!(below <= thickness && thickness <= above, "{found:?}");
+        let solid = cell.clone().with_solid(Solid::Below, found.level).unwrap();
+        assert!(solid.volume_fraction() < 0.9999, "{surface:?}: {found:?}");
+        // A level has each of the two.
+        for attained in [below, above] {
+            if attained > 0.0 && attained.is_finite() {
+                let again = cell.nearest_level_for_thickness(attained).unwrap();
+                assert!(again.meets(attained), "{surface:?}: {attained} {again:?}");
+            }
+        }
+        if !found.meets(thickness) && thickness > 1.0 {
+            let error = cell.level_for_thickness(thickness).unwrap_err().to_string();
+            assert!(error.contains("at most"), "{error}");
+        }
+    }
+}
+
 #[test]
 fn thickness_is_the_diameter_of_struts_and_the_wall_of_sheets() {
     let quick = FitOptions {
