@@ -12,7 +12,13 @@ use super::half_edges::{HalfEdge, HalfEdges};
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3};
 use crate::union_find::UnionFind;
+use std::collections::HashMap;
+use std::slice;
 
+/// Points of a possible cavity by which it is known whether it lies in a shell, about.
+const CAVITY_PROBES: usize = 8;
+/// Distance of these points from their triangles, over the size of these.
+const PROBE_OFFSET: f64 = 1e-4;
 /// A signed volume below this fraction of area^1.5 counts as zero.
 const FLAT_VOLUME_RATIO: f64 = 1e-9;
 
@@ -233,12 +239,27 @@ impl Nesting {
                 continue;
             }
             enclosing.sort_unstable();
-            let winding = crossing::by_part(soup, of, &whole, shell.corner);
             within[s] = enclosing;
+        }
+        // A cavity may touch the shell that it lies in: points within it tell the two apart.
+        let probes = cavity_probes(shells, of, soup, &within);
+        for (s, shell) in shells.iter().enumerate() {
+            if within[s].is_empty() {
+                continue;
+            }
+            let points = probes.get(&(s as u32));
+            let points = points.map_or(slice::from_ref(&shell.corner), Vec::as_slice);
+            let windings = points
+                .iter()
+                .map(|p| crossing::by_part(soup, of, &whole, *p));
+            let windings: Vec<Vec<(u32, i64)>> = windings.collect();
             within[s].retain(|w| {
-                winding
-                    .iter()
-                    .any(|present| present.0 == *w && present.1 != 0)
+                let is_in =
+                    |winding: &&Vec<(u32, i64)>| winding.iter().any(|n| n.0 == *w && n.1 != 0);
+                // What fills a shell is no cavity of it, but the same shell inside out.
+                let [own, other] = [s, *w as usize].map(|n| shells[n].volume);
+                let may_hold = own >= 0.0 || other.abs() > own.abs() * (1.0 + FLAT_VOLUME_RATIO);
+                may_hold && 2 * windings.iter().filter(is_in).count() > windings.len()
             });
         }
         Self { within, meets }
@@ -258,6 +279,36 @@ impl Nesting {
         };
         (0..shells.len()).map(is_flipped).collect()
     }
+}
+
+/// Points just behind some triangles of each shell that is oriented inward and may lie in another.
+fn cavity_probes(
+    shells: &[ShellMeasures],
+    of: &[u32],
+    soup: &Soup,
+    within: &[Vec<u32>],
+) -> HashMap<u32, Vec<Vec3>> {
+    let may_be_cavity = |s: u32| shells[s as usize].volume < 0.0 && !within[s as usize].is_empty();
+    let mut triangles: HashMap<u32, Vec<usize>> = HashMap::new();
+    for (slot, &number) in soup.number.iter().enumerate() {
+        let shell = of[number as usize];
+        if may_be_cavity(shell) {
+            triangles.entry(shell).or_default().push(slot);
+        }
+    }
+    let probes = triangles.into_iter().map(|(shell, slots)| {
+        let step = slots.len().div_ceil(CAVITY_PROBES).max(1);
+        // Inward normals lead into the cavity.
+        let probe = |slot: &usize| {
+            let [a, b, c] = soup.corners[*slot];
+            let normal = (b - a).cross(&(c - a));
+            let length = normal.norm().sqrt();
+            let offset = normal.try_normalize(0.0).unwrap_or_default();
+            (a + b + c) / 3.0 + offset * (PROBE_OFFSET * length)
+        };
+        (shell, slots.iter().step_by(step).map(probe).collect())
+    });
+    probes.collect()
 }
 
 fn holds(outer: &Aabb, inner: &Aabb) -> bool {

@@ -312,6 +312,44 @@ fn shells_of_their_own_are_turned_and_those_inside_are_not() {
     assert!(!turned.contains(Vec3::zeros()) && turned.contains(Vec3::new(0.7, 0.0, 0.0)));
 }
 
+/// A cavity may share a face, an edge, a corner or both ends with the shell that it lies in: it stays a cavity.
+#[test]
+fn cavities_that_touch_their_shell_stay_cavities() {
+    let cuboid = |low: [f64; 3], high: [f64; 3]| {
+        TriMesh::cuboid(&Aabb {
+            min: low.into(),
+            max: high.into(),
+        })
+    };
+    let whole = cuboid([0.0; 3], [8.0; 3]);
+    for (name, low, high) in [
+        ("face", [2.0, 2.0, 0.0], [6.0, 6.0, 4.0]),
+        ("edge", [2.0, 0.0, 0.0], [6.0, 4.0, 4.0]),
+        ("corner", [0.0; 3], [4.0; 3]),
+        ("bore", [3.0, 3.0, 0.0], [5.0, 5.0, 8.0]),
+    ] {
+        let cavity = cuboid(low, high);
+        let right = whole.volume() - cavity.volume();
+        let mesh = joined(&[whole.clone(), cavity.flipped()]);
+        let (solid, repairs) = MeshSolid::repaired(mesh).unwrap();
+        assert!(
+            repairs.iter().all(|r| r.kind != RepairKind::Flipped),
+            "{name}"
+        );
+        // By points on a lattice off all faces.
+        let n = 32;
+        let at = |i: usize| (i as f64 + 0.5) / f64::from(n as i32) * 8.0;
+        let points = (0..n * n * n).map(|i| Vec3::new(at(i / n / n), at(i / n % n), at(i % n)));
+        let inside = points.filter(|p| solid.contains(*p)).count();
+        assert_near(inside as f64 / (n * n * n) as f64 * 512.0, right, 1e-12);
+    }
+    // A shell that touches from outside is none: it is turned.
+    let beside = cuboid([8.0, 2.0, 2.0], [12.0, 6.0, 6.0]);
+    let (solid, repairs) = MeshSolid::repaired(joined(&[whole, beside.flipped()])).unwrap();
+    assert!(repairs.iter().any(|r| r.kind == RepairKind::Flipped));
+    assert!(solid.contains(Vec3::new(10.0, 4.0, 4.0)));
+}
+
 #[test]
 fn random_inward_shells_are_turned() {
     let mut noise = Noise::new(17);
