@@ -25,8 +25,19 @@ pub(super) fn measure(
 ) -> Result<Option<TriMesh>, RunError> {
     let failed = RunError::level_set("measure");
     let session = context.session();
+    let is_empty = || {
+        let last = inputs.recipe.sections().op.len();
+        RunError::Empty(match last {
+            0 => "sampling".into(),
+            n => format!("op.{}", n - 1),
+        })
+    };
     if !needs_mesh {
         let found = solid.measures(session).map_err(&failed)?;
+        // A band may be left where nothing is inside any more.
+        if found.bounds.is_empty() {
+            return Err(is_empty());
+        }
         report.volume = found.volume;
         report.area = found.area;
         report.components = found.components;
@@ -37,11 +48,7 @@ pub(super) fn measure(
     context.progress.stage("mesh", None);
     let mesh = solid.to_mesh(session).map_err(&failed)?;
     if mesh.is_empty() {
-        let last = inputs.recipe.sections().op.len();
-        return Err(RunError::Empty(match last {
-            0 => "sampling".into(),
-            n => format!("op.{}", n - 1),
-        }));
+        return Err(is_empty());
     }
     timer.end_stage("mesh")?;
     context.progress.stage("measure", None);

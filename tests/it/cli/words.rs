@@ -81,6 +81,23 @@ fn measures_have_four_digits_in_any_unit() {
     );
 }
 
+/// A band may be left of a plate that was eroded by more than half its thickness; nothing is inside any more.
+#[test]
+fn a_file_of_which_nothing_is_left_is_not_written() {
+    let place = tempfile::tempdir().unwrap();
+    let place = place.path();
+    let plate = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.1\n[[op]]\nunion = { box = { size = [8, 8, 1] } }\n\
+                 [[output]]\nvdb = \"a.vdb\"\n";
+    std::fs::write(place.join("a.toml"), plate).unwrap();
+    output_of(place, "run a.toml");
+    for distance in ["0.5mm", "0.55mm", "0.7mm", "0.81mm"] {
+        let output = druse(place, &format!("filter a.vdb -o b.vdb erode={distance}"));
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains("the solid is empty"), "{distance}: {error}");
+        assert!(!output.status.success() && !place.join("b.vdb").exists());
+    }
+}
+
 #[test]
 fn adaptivity_takes_both_its_ends() {
     let place = tempfile::tempdir().unwrap();
