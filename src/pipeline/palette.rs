@@ -13,7 +13,7 @@ use super::source::SourceFault;
 use crate::cell::{Cell, Density, Solid, Table, fit_matched};
 use crate::field::Field;
 use crate::frame::Element;
-use crate::recipe::{CellSection, Recipe, TilingSection};
+use crate::recipe::{self, CellSection, Length, Recipe, Size, TilingSection};
 use crate::scaffold::Scaffold;
 use crate::tiling::{Blend, FaceJoins, Filling, Interpolation, Member, TilingError};
 use crate::vdb::Session;
@@ -59,6 +59,8 @@ impl TableAccuracy {
 /// Greatest root mean square difference, in edge lengths, of a matched cell from the requested one
 /// without a warning.
 const MAX_MATCHING_RMS: f64 = 0.05;
+/// Thickness in reference lengths of sheets whose tiling gives another.
+const PROVISIONAL_THICKNESS: f64 = 0.1;
 /// Greatest error of the tables of matched cells, edge lengths.
 const MATCHED_TABLE_TOLERANCE: f64 = 2e-5;
 
@@ -114,7 +116,17 @@ pub(super) fn palette_cell(
         invert: None,
         ..section.clone()
     };
-    let section = if is_sheet { &mid_surface } else { section };
+    // The thickness of a sheet that is graded by the tiling is provisional.
+    let is_provisional = section.solid == Some(recipe::Solid::Sheet) && section.levels().is_empty();
+    let provisional = CellSection {
+        thickness: Some(Size(Length::Bare(PROVISIONAL_THICKNESS))),
+        ..section.clone()
+    };
+    let section = match (is_sheet, is_provisional) {
+        (true, _) => &mid_surface,
+        (false, true) => &provisional,
+        (false, false) => section,
+    };
     let shapes = scaffold.shapes();
     let own_element = section.element.map(Element::from);
     let mut entry = PaletteCell {

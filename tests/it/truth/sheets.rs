@@ -246,6 +246,27 @@ fn sheets_are_the_same_in_bricks_and_what_they_leave_out_is_the_rest() {
     );
 }
 
+/// The level of a sheet may come from the tiling alone, by any key.
+#[test]
+fn sheets_take_their_level_from_the_tiling() {
+    let made = |tiling: &str| {
+        let text = format!(
+            "druse = 1\n[cell.p]\nsurface = \"schwarz_p\"\nsolid = \"sheet\"\n\
+             [scaffold]\nbox = {{ size = [2, 2, 2], cell_size = 1 }}\n\
+             [tiling]\ncell = \"p\"\n{tiling}\n[band]\nvoxel_size = 0.03\n"
+        );
+        let report = run(&recipe(&text), &RunOptions::default(), &Silent).unwrap();
+        report.solid.volume / 8.0
+    };
+    let fraction = made("volume_fraction = 0.3");
+    assert!((fraction - 0.3).abs() < 2e-3, "{fraction}");
+    let graded = made("volume_fraction = \"0.2 + 0.2*bz\"");
+    assert!((graded - 0.3).abs() < 4e-3, "{graded}");
+    // A twentieth of the range of the level on either side.
+    let by_level = made("level = 0.3");
+    assert!((0.05..0.3).contains(&by_level), "{by_level}");
+}
+
 #[test]
 fn a_sheet_without_a_thickness_and_one_of_none_are_refused() {
     let text = |tiling: &str| {
