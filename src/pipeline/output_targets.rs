@@ -61,10 +61,15 @@ pub(super) fn output_targets<'a>(
         }
     }
     if let Some(out) = out {
-        std::fs::create_dir_all(out).map_err(|e| crate::io::WriteError::Create {
-            path: out.to_owned(),
-            reason: e.to_string(),
-        })?;
+        // With the folders that names of outputs have in it.
+        let files = targets.files.iter().map(|(_, path)| path);
+        let within = files.chain(&targets.reports).filter(|p| p.starts_with(out));
+        for folder in within.filter_map(|p| p.parent()).chain([out]) {
+            std::fs::create_dir_all(folder).map_err(|e| crate::io::WriteError::Create {
+                path: folder.to_owned(),
+                reason: e.to_string(),
+            })?;
+        }
     }
     if targets.reports.is_empty() {
         let own = out.map(|out| out.join("report.json"));

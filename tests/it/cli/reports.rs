@@ -105,6 +105,27 @@ fn a_report_is_one_page_without_foreign_addresses() {
     );
 }
 
+/// The repetition makes the folders that the names of outputs have.
+#[test]
+fn the_run_of_a_file_in_a_folder_is_repeated() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::create_dir(folder.join("sub")).unwrap();
+    let ball = "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { sphere = { radius = 3 } }\n\
+        [[output]]\nvdb = \"sub/ball.vdb\"\n[[output]]\nreport = \"sub/deeper/r.json\"\n";
+    write(folder, "ball.toml", ball);
+    let out = druse(folder, &["run", "ball.toml", "--quiet", "--out", "made"]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    assert!(folder.join("made/sub/deeper/r.json").exists());
+    let out = druse(folder, &["run", "made/sub/ball.vdb"]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    assert!(text(&out.stdout).contains("made again with the same content hash"));
+    assert_eq!(
+        std::fs::read_dir(folder.join("made/sub")).unwrap().count(),
+        2
+    );
+}
+
 #[test]
 fn the_run_of_a_file_is_repeated_and_compared() {
     let folder = folder();
