@@ -1,10 +1,8 @@
 //! Closest-point redistancing: distances from points of the surface, for offsets of any size in one step.
 //!
-//! [`SurfacePoints::new`] takes the leaves of a band; [`SurfacePoints::moved`] returns a leaf of the moved surface.
-//!
-//! Each crossing of the surface with a lattice edge is a point with a normal and second derivatives from
-//! the voxels around it. The distance of a voxel x is that to the surface through its nearest point q. With
-//! h the component of x - q along the normal n, t the tangential component, and k = t·H t / |t|^2 the normal
+//! [`SurfacePoints::new`] takes the leaves of a band; [`SurfacePoints::moved`] returns a leaf of the moved surface. Each
+//! crossing of the surface with a lattice edge is a point with a normal and second derivatives from the voxels around
+//! it. The distance of a voxel x is that to the surface through its nearest point q. With h the component of x - q along the normal n, t the tangential component, and k = t·H t / |t|^2 the normal
 //! curvature in the direction of t (H is the Hessian of the distance),
 //!
 //! `d = h + k |t|^2 / (2 (1 + h k))`,

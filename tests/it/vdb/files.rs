@@ -97,7 +97,14 @@ fn metadata_and_names_are_as_readers_expect() {
     for name in ["", "surface", "a[1]"] {
         assert!(file.level_set(name, &s).is_err(), "{name:?}");
     }
-    for key in ["", "creator", "class", "name", "file_voxel_count", "druse.version"] {
+    for key in [
+        "",
+        "creator",
+        "class",
+        "name",
+        "file_voxel_count",
+        "druse.version",
+    ] {
         assert!(file.tag(key, "x").is_err(), "{key:?}");
     }
     file.write().unwrap();
