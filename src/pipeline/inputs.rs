@@ -232,9 +232,9 @@ impl<'a> Inputs<'a> {
         let Some(RequestedThickness::Uniform(requested)) = found.requested else {
             return None;
         };
-        // Other operations change the thickness.
+        // All other operations may change the thickness.
         let mut operations = self.recipe.sections().op.iter();
-        let keeps_thickness = operations.all(|op| op.operand().is_some());
+        let keeps_thickness = operations.all(|op| op.name() == "intersect");
         let is_missed = found.p50 < MIN_THICKNESS_SHARE * requested;
         (keeps_thickness && is_missed).then(|| {
             format!(
