@@ -267,6 +267,22 @@ fn sheets_take_their_level_from_the_tiling() {
     assert!((0.05..0.3).contains(&by_level), "{by_level}");
 }
 
+/// Chords through an all but full network are long where its walls are not: the run warns of walls too thin.
+#[test]
+fn networks_that_miss_their_thickness_are_warned_of() {
+    let has_warning = |thickness: f64| {
+        let text = format!(
+            "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\n\
+             [scaffold]\nbox = {{ size = [24, 24, 24], cell_size = 8 }}\n\
+             [tiling]\ncell = \"p\"\nthickness = {thickness}\n[band]\nvoxel_size = 0.3\n"
+        );
+        let report = run(&recipe(&text), &RunOptions::default(), &Silent).unwrap();
+        report.warnings.iter().any(|w| w.code == "W115")
+    };
+    assert!(has_warning(6.0));
+    assert!(!has_warning(2.0));
+}
+
 #[test]
 fn a_sheet_without_a_thickness_and_one_of_none_are_refused() {
     let text = |tiling: &str| {
