@@ -224,6 +224,13 @@ pub trait Field: Send + Sync {
         None
     }
 
+    /// Whether parts of the solid, or of the void, may touch in a plane of samples, which would part them with
+    /// zeros. False where the zero set of one smooth function bounds the solid: its sign changes there, and the
+    /// band searches no leaf for contacts.
+    fn may_touch(&self) -> bool {
+        true
+    }
+
     /// The signs on a lattice of at most 64 samples along z: bit `k` of `rows[i ny + j]` is set if sample
     /// (i, j, k) is negative. Returns the number of evaluated points. For fields that determine a sign faster
     /// than a value.

@@ -480,6 +480,11 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
         Some(hex_grid.sides(first.0, step, band))
     }
 
+    /// A grid of hexes has one field, and no other solid beyond the faces of its box.
+    fn may_touch(&self) -> bool {
+        self.hex_grid.is_none()
+    }
+
     fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {
         match &self.hex_grid {
             Some(hex_grid) if hex_grid.signs(lattice, rows) => lattice.len() as u64,

@@ -2,7 +2,9 @@
 //!
 //! Every figure is measured with its baseline in one process: alternating rounds, processor time, median of
 //! the ratios. `-- P1 P13` measures some, `-- --json` prints one object, `-- --full` takes the sizes of the
-//! guide's table, `-- P18.native` first builds this bench for this processor, under `target/native`.
+//! guide's table, `-- P18.native` first builds this bench for this processor, under `target/native`. Figures that
+//! fell by 15 % or more since they were stored are named at the end; `-- --store` stores those of this run in
+//! `tests/bench/ratios.json`, for processors of this family.
 //!
 //! | workload | what |
 //! |---|---|
@@ -27,6 +29,7 @@ mod workloads {
     pub mod fits;
     #[cfg(feature = "vdb")]
     pub mod mesher;
+    pub mod ratios;
     pub mod reader;
     #[cfg(all(feature = "vdb", feature = "cli"))]
     pub mod stream;
@@ -38,6 +41,7 @@ mod workloads {
     pub mod write;
 }
 use workloads::figure::{FIGURES, Found, matches_key, object, table};
+use workloads::ratios::Ratios;
 #[cfg(all(feature = "vdb", feature = "cli"))]
 use workloads::stream;
 use workloads::{builds, child, fits, table as look_up, w1, w2};
@@ -162,12 +166,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         full: false,
         builds_native: false,
     };
-    let (mut json, mut names) = (false, Vec::new());
+    let (mut json, mut store, mut names) = (false, false, Vec::new());
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             // Cargo's own.
             "--bench" => {}
             "--json" => json = true,
+            "--store" => store = true,
             "--full" => setting.full = true,
             "--child" => return child::run(arguments),
             name => names.push(name.to_owned()),
@@ -193,6 +198,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     } else {
         println!("{}", workloads::baselines::processor());
         print!("{}", table(&found));
+    }
+    let stored = Ratios::read()?;
+    for loss in stored.losses(&found) {
+        eprintln!("{loss}");
+    }
+    if store {
+        stored.store(&found)?;
     }
     Ok(())
 }

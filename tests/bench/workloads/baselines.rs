@@ -207,31 +207,33 @@ pub fn at_reference(key: &'static str, each: &[f64], fusing: &[f64], note: &str)
 /// The processor, by family and model as its maker counts them, and the widest code that it runs: goals were
 /// set on a Zen 4, with AVX-512 and 1 MiB of its own cache for each core.
 pub fn processor() -> String {
-    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let word = |name: &str| {
-        let of = |l: &str| {
-            Some(
-                l.strip_prefix(name)?
-                    .trim_start()
-                    .strip_prefix(':')?
-                    .trim()
-                    .to_owned(),
-            )
-        };
-        info.lines()
-            .find_map(of)
-            .unwrap_or_else(|| "unknown".into())
-    };
-    #[cfg(target_arch = "x86_64")]
-    let code = if is_x86_feature_detected!("avx512f") {
-        "AVX-512"
-    } else if is_x86_feature_detected!("avx2") {
-        "AVX2"
-    } else {
-        "portable"
-    };
-    #[cfg(not(target_arch = "x86_64"))]
-    let code = "portable";
-    let [name, family, model] = ["model name", "cpu family", "model"].map(word);
+    let [name, family, model] = ["model name", "cpu family", "model"].map(of_processor);
+    let code = widest_code();
     format!("{name}, family {family}, model {model}, {code}")
+}
+
+/// The processor's family and the widest code that it runs.
+pub fn processor_family() -> String {
+    format!("family {}, {}", of_processor("cpu family"), widest_code())
+}
+
+/// What the system says of the processor under a name.
+fn of_processor(name: &str) -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let value = |line: &str| {
+        let rest = line.strip_prefix(name)?.trim_start();
+        Some(rest.strip_prefix(':')?.trim().to_owned())
+    };
+    let word = info.lines().find_map(value);
+    word.unwrap_or_else(|| "unknown".into())
+}
+
+fn widest_code() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx512f") {
+        return "AVX-512";
+    } else if is_x86_feature_detected!("avx2") {
+        return "AVX2";
+    }
+    "portable"
 }

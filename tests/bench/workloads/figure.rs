@@ -94,6 +94,15 @@ impl Goal {
         }
     }
 
+    /// By which fraction a value is worse than a stored one; negative where it is better.
+    pub fn loss(self, stored: f64, now: f64) -> f64 {
+        match self {
+            AtLeast(..) => 1.0 - now / stored,
+            AtMost(..) => now / stored - 1.0,
+            Within(..) => (now / stored - 1.0).abs(),
+        }
+    }
+
     /// Floor and aim as texts.
     fn texts(self) -> [String; 2] {
         match self {
@@ -133,6 +142,11 @@ impl Found {
     /// Which figure it is.
     pub fn key(&self) -> &'static str {
         self.key
+    }
+
+    /// The value; none if it could not be measured.
+    pub fn value(&self) -> Option<f64> {
+        self.value
     }
 
     /// Why there is no value.
