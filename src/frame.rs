@@ -24,6 +24,15 @@ pub type Vec3 = Vector3<f64>;
 /// A 3x3 matrix acting on [`Vec3`].
 pub type Mat3 = nalgebra::Matrix3<f64>;
 
+/// Limit of the magnitude of coordinates, lengths and coefficients: the squares of larger ones overflow in single
+/// precision.
+pub const MAX_COORDINATE: f64 = 1e18;
+
+/// Whether a coordinate, length or coefficient is finite and below [`MAX_COORDINATE`].
+pub fn is_in_range(x: f64) -> bool {
+    x.abs() < MAX_COORDINATE
+}
+
 /// Cartesian reference coordinates of an element (mathematics: x in R^d, origin at the centroid).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellPoint<const D: usize>(pub SVector<f64, D>);

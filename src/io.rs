@@ -86,6 +86,6 @@ pub use source::Source;
 pub(crate) use source::quote;
 pub(crate) use stl::StlStream;
 pub use table::read_columns;
-pub(crate) use table::{column_names, read_scattered};
+pub(crate) use table::{column_names, read_scattered, table_text};
 pub use threemf::{ImplicitPart, SliceStackWriter};
 pub use vtk::{write_vtu, write_vtu_fields};

@@ -12,7 +12,7 @@
 //! assert_eq!(cube.flipped().volume(), -8.0);
 //! ```
 
-use crate::frame::{Aabb, Vec3};
+use crate::frame::{Aabb, Vec3, is_in_range};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -29,6 +29,7 @@ mod half_edges;
 mod intersect;
 mod last_results;
 mod lattice;
+mod meeting;
 mod normals;
 mod open_winding;
 mod openness;
@@ -80,8 +81,8 @@ pub enum MeshError {
         /// The number of vertices.
         count: usize,
     },
-    /// A coordinate is infinite or not a number.
-    #[error("vertex {vertex} has the coordinate {value}; expected a finite number")]
+    /// A coordinate is infinite, not a number or too large.
+    #[error("vertex {vertex} has the coordinate {value}; expected a finite number below 1e18")]
     NotFinite {
         /// Number of the vertex, from 0.
         vertex: usize,
@@ -360,14 +361,14 @@ impl TriMesh {
     }
 }
 
-/// Checks that all indices are in range and all coordinates finite.
+/// Checks that all indices and coordinates are in range.
 fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Result<(), MeshError> {
     let count = vertices.len();
     if count > u32::MAX as usize {
         return Err(MeshError::TooMany(count));
     }
     for (vertex, v) in vertices.iter().enumerate() {
-        if let Some(&value) = v.iter().find(|c| !c.is_finite()) {
+        if let Some(&value) = v.iter().find(|c| !is_in_range(**c)) {
             return Err(MeshError::NotFinite { vertex, value });
         }
     }

@@ -26,6 +26,7 @@ mod cell_box;
 mod defects;
 mod divide;
 mod element;
+mod extent;
 mod grid;
 mod kind;
 mod map;
@@ -50,14 +51,12 @@ pub use report::{BadElement, InvalidScaffold, ScaffoldReport, Spot};
 pub use surface::Surface;
 pub use topology::{FaceRef, Neighbour};
 
-use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
+use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint, is_in_range};
 use crate::mesh::Bvh;
 use map::Geometry;
 use rayon::prelude::*;
 use topology::Topology;
 
-/// Maximum coordinate: the squares of larger ones overflow in single precision.
-const MAX_COORDINATE: f64 = 1e18;
 /// Largest distance outside the face planes of an element at which a point still belongs to it, in the cell frame.
 pub(crate) const INSIDE_TOLERANCE: f64 = 1e-9;
 
@@ -246,8 +245,13 @@ impl Scaffold {
                 Geometry::new(elements.kind(e), &points)
             })
             .collect();
+        let straight = geometry.iter().filter(|g| g.curved_controls().is_none());
+        let curved = geometry.iter().filter_map(Geometry::curved_controls);
         Ok(Self {
-            bounds: geometry.iter().fold(Aabb::EMPTY, |a, g| a.union(g.bounds)),
+            bounds: extent::curved_box(
+                curved,
+                straight.fold(Aabb::EMPTY, |a, g| a.union(g.bounds)),
+            ),
             tree: Bvh::new(geometry.len(), |e| geometry[e].bounds),
             topology: Topology::new(&elements),
             numbers: Vec::new(),
@@ -307,7 +311,7 @@ impl Scaffold {
         (0..self.len()).map(|e| self.element(e))
     }
 
-    /// A box around all elements, curved ones included.
+    /// The box of all elements, within 1e-7 of its longest side on curved ones and never smaller.
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
@@ -376,7 +380,7 @@ fn check(nodes: &[Vec3], elements: &Connectivity, planar: bool) -> Result<(), Sc
     }
     if let Some(node) = nodes
         .iter()
-        .position(|p| !p.iter().all(|c| c.abs() < MAX_COORDINATE))
+        .position(|p| !p.iter().all(|c| is_in_range(*c)))
     {
         return Err(ScaffoldError::BadNode {
             node,

@@ -12,7 +12,7 @@
 use super::compatibility::embedded;
 use super::icosahedral::Icosahedral;
 use super::{CellError, Series};
-use crate::frame::Mat3;
+use crate::frame::{Mat3, is_in_range};
 use std::sync::Arc;
 
 mod value;
@@ -110,9 +110,9 @@ impl Expression {
     /// [`CellError::Expression`] for no parts, too many, or a weight that is not finite.
     pub fn sum(parts: Vec<(f64, Self)>) -> Result<Self, CellError> {
         check_parts(parts.iter().map(|p| &p.1))?;
-        if let Some((weight, _)) = parts.iter().find(|p| !p.0.is_finite()) {
+        if let Some((weight, _)) = parts.iter().find(|p| !is_in_range(p.0)) {
             return Err(CellError::Expression(format!(
-                "the weight {weight} is not finite"
+                "the weight {weight} is not finite or too large; expected a number below 1e18"
             )));
         }
         let mut merged: Vec<(f64, Self)> = Vec::new();
@@ -178,9 +178,9 @@ impl Expression {
         node: fn(Vec<Self>, f64) -> Node,
     ) -> Result<Self, CellError> {
         check_parts(parts.iter())?;
-        if !(radius.is_finite() && radius >= 0.0) {
+        if !(is_in_range(radius) && radius >= 0.0) {
             return Err(CellError::Expression(format!(
-                "the radius is {radius}; expected a number from 0 on"
+                "the radius is {radius}; expected a number from 0 on, below 1e18"
             )));
         }
         if parts.len() == 1 {

@@ -3,7 +3,7 @@
 //! [`Cell::from_json`] and [`Cell::to_json`] describe the format.
 
 use super::{Cell, Expression, FitReport, Node, Series, Solid};
-use crate::frame::Element;
+use crate::frame::{Element, is_in_range};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use std::fmt::Write as _;
@@ -73,11 +73,11 @@ fn solid<'de, D: Deserializer<'de>>(d: D) -> Result<Solid, D::Error> {
 
 fn gamma<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     let found = Option::<f64>::deserialize(d)?;
-    if found.is_none_or(|g| g > 0.0) {
+    if found.is_none_or(|g| g > 0.0 && is_in_range(g)) {
         return Ok(found);
     }
     Err(D::Error::custom(format!(
-        "gamma is {}; expected a positive number",
+        "gamma is {}; expected a positive number below 1e18",
         found.unwrap_or_default()
     )))
 }

@@ -187,7 +187,7 @@ impl Products {
         use rayon::prelude::*;
         let n = places.len();
         let tables: Vec<Vec<f64>> = places.iter().map(|x| self.cosines(*x)).collect();
-        // Sums along z for every run first; then along y for every frequency along x.
+        // Sums along z for every run first; every line along z adds their multiples by the factors along x and y.
         let along: Vec<Vec<f64>> = self
             .runs
             .par_iter()

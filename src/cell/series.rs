@@ -3,7 +3,7 @@
 use super::CellError;
 use super::trig_sum::{AXES, TrigSum};
 use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint};
+use crate::frame::{CellBox, CellPoint, is_in_range};
 use crate::symmetry::{Frequency, Lattice, PointGroup};
 use nalgebra::SVector;
 use std::f64::consts::TAU;
@@ -54,8 +54,10 @@ impl<const D: usize> Series<D> {
                 index: format!("{k:?}"),
                 reason,
             };
-            if !c.iter().all(|v| v.is_finite()) {
-                return Err(fail(format!("the coefficient {c:?} is not finite")));
+            if !c.iter().all(|v| is_in_range(*v)) {
+                return Err(fail(format!(
+                    "the coefficient {c:?} is not finite or too large; expected numbers below 1e18"
+                )));
             }
             if k.iter().any(|v| v.saturating_abs() > MAX_INDEX) {
                 return Err(fail(format!("the index is beyond {MAX_INDEX}")));

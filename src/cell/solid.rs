@@ -2,6 +2,7 @@
 
 use super::CellError;
 use crate::field::Interval;
+use crate::frame::is_in_range;
 
 /// Which values of the function are solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -70,7 +71,7 @@ impl Solid {
 
     pub(super) fn check(self, level: f64) -> Result<(), CellError> {
         let positive = !self.is_symmetric() || level > 0.0;
-        if level.is_finite() && positive {
+        if is_in_range(level) && positive {
             return Ok(());
         }
         Err(CellError::OutOfRange {
@@ -78,11 +79,11 @@ impl Solid {
             found: level,
             expected: if self.is_symmetric() {
                 format!(
-                    "a positive number, half the thickness of solid = {:?}",
+                    "a positive number below 1e18, half the thickness of solid = {:?}",
                     self.name()
                 )
             } else {
-                "a finite number".to_owned()
+                "a finite number below 1e18".to_owned()
             },
         })
     }

@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
+#[group(skip)] // the name of the struct is that of others in one command
 pub(super) struct Parameters {
     /// List islands, cups, overhangs and cross-sections of a level set in layers of this height, as in 0.05mm.
     #[arg(long, value_name = "LENGTH")]

@@ -20,8 +20,8 @@ pub(super) fn read(path: &Path, planar: bool) -> Result<Vec<[f64; 3]>, Failure> 
     };
     read.map_err(|e| ReadError::io(path, e))?;
     match path.extension().and_then(|e| e.to_str()) {
-        Some("csv") => Ok(csv(path, &bytes, planar)?),
-        _ if standard_input => Ok(csv(path, &bytes, planar)?),
+        Some("csv") => Ok(csv(path, bytes, planar)?),
+        _ if standard_input => Ok(csv(path, bytes, planar)?),
         _ => {
             let message = "found another extension; expected points as .csv or .npy";
             Err(Failure::data(path, message))
@@ -41,8 +41,8 @@ fn finite(path: &Path, points: Vec<[f64; 3]>) -> Result<Vec<[f64; 3]>, Failure> 
     }
 }
 
-fn csv(path: &Path, bytes: &[u8], planar: bool) -> Result<Vec<[f64; 3]>, ReadError> {
-    let text = String::from_utf8_lossy(bytes);
+fn csv(path: &Path, bytes: Vec<u8>, planar: bool) -> Result<Vec<[f64; 3]>, ReadError> {
+    let text = crate::io::table_text(path, bytes)?;
     let names: &[&str] = if planar {
         &["x", "y"]
     } else {

@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
+#[group(skip)] // the name of the struct is that of others in one command
 pub(super) struct Parameters {
     /// Check the part against the [require] section of this file, a recipe or a part of one.
     #[arg(long, value_name = "TOML")]

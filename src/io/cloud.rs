@@ -4,7 +4,7 @@
 //! names defines the order of the columns. Lines that begin with # and further columns are ignored.
 
 use super::{Place, ReadError, Source, ply, quote};
-use crate::frame::Vec3;
+use crate::frame::{Vec3, is_in_range};
 use std::path::Path;
 
 /// Points and one normal for each, of any length.
@@ -56,7 +56,8 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
             continue;
         }
         let separator = |c: char| c.is_whitespace() || c == ',' || c == ';';
-        let words: Vec<&str> = line.split(separator).filter(|w| !w.is_empty()).collect();
+        let words = line.split(separator).map(|w| w.trim_matches('"'));
+        let words: Vec<&str> = words.filter(|w| !w.is_empty()).collect();
         let numbers: Option<Vec<f64>> = words.iter().map(|w| w.parse().ok()).collect();
         let is_header = std::mem::take(&mut first) && numbers.is_none();
         if is_header {
@@ -73,8 +74,11 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
         }
         let number = |c: &usize| numbers.as_ref().and_then(|n| n.get(*c)).copied();
         let row: Option<Vec<f64>> = columns.iter().map(number).collect();
-        let Some(row) = row.filter(|r| r.iter().all(|c| c.is_finite())) else {
-            let error = source.bad(quote(&line), "six numbers: x y z nx ny nz");
+        let Some(row) = row.filter(|r| r.iter().all(|c| is_in_range(*c))) else {
+            let error = source.bad(
+                quote(&line),
+                "six finite numbers below 1e18: x y z nx ny nz",
+            );
             return Err(if words.len() == 3 {
                 error.with_hint(NORMALS_HINT)
             } else {

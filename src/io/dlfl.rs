@@ -14,7 +14,7 @@
 use super::polymesh::{Draft, replace_by_colors};
 use super::source::quote;
 use super::{Place, ReadError, Source, mtl};
-use crate::frame::Vec3;
+use crate::frame::{Vec3, is_in_range};
 use crate::polymesh::{GroupBy, LoadOptions, PolyMesh};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -64,8 +64,8 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
                 let [x, y, z] = list[..] else {
                     return Err(source.bad(quote(&line), "\"v\" and three numbers"));
                 };
-                if !(x.is_finite() && y.is_finite() && z.is_finite()) {
-                    return Err(source.bad(quote(&line), "finite numbers"));
+                if ![x, y, z].into_iter().all(is_in_range) {
+                    return Err(source.bad(quote(&line), "finite numbers below 1e18"));
                 }
                 draft.vertices.push(Vec3::new(x, y, z));
             }

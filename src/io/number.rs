@@ -1,6 +1,7 @@
 //! Numbers in text, also with Fortran exponents; decimal commas are refused with a hint.
 
 use super::{ReadError, Source, quote};
+use crate::frame::is_in_range;
 
 /// The hint for decimal commas.
 pub(super) const COMMA_HINT: &str =
@@ -19,9 +20,9 @@ fn fortran(text: &str) -> Option<f64> {
     format!("{digits}e{power}").parse().ok()
 }
 
-/// A number that is finite.
+/// A number that is finite and below the limit of coordinates.
 pub(super) fn finite(word: &[u8]) -> Option<f64> {
-    real(word).filter(|x| x.is_finite())
+    real(word).filter(|x| is_in_range(*x))
 }
 
 /// The words of a line, separated by white space.
@@ -60,7 +61,10 @@ mod tests {
         for word in ["1,5", "d", "1.0D", "one", "", "1.#IND"] {
             assert_eq!(real(word.as_bytes()), None, "{word}");
         }
-        assert_eq!(finite(b"nan"), None);
+        assert_eq!(finite(b"-9.9e17"), Some(-9.9e17));
+        for word in ["nan", "-inf", "1e18", "-1e308", "1e999"] {
+            assert_eq!(finite(word.as_bytes()), None, "{word}");
+        }
         let line: Vec<&[u8]> = words(b" a\tbc  d ").collect();
         assert_eq!(line, [&b"a"[..], b"bc", b"d"]);
     }

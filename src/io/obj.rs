@@ -205,7 +205,10 @@ fn vertex<'a>(
         count += 1;
     }
     if count < 3 {
-        return Err(number::line_error(source, "\"v\" and three finite numbers"));
+        return Err(number::line_error(
+            source,
+            "\"v\" and three finite numbers below 1e18",
+        ));
     }
     soup.vertices
         .push(Vec3::new(numbers[0], numbers[1], numbers[2]));

@@ -7,7 +7,7 @@
 use super::number::{self, words};
 use super::polygons::Soup;
 use super::{ReadError, Source, quote};
-use crate::frame::Vec3;
+use crate::frame::{Vec3, is_in_range};
 
 /// Lines without comments and blank lines, with the unread numbers of the current line.
 struct Lines {
@@ -171,10 +171,10 @@ fn content(mut lines: Lines, vertices: u64, faces: u64) -> Result<Soup, ReadErro
         for c in &mut point {
             *c = lines.number(|| format!("vertex {} of {vertices}", n + 1))?;
         }
-        if !point.iter().all(|c| c.is_finite()) {
+        if !point.iter().all(|c| is_in_range(*c)) {
             return Err(number::line_error(
                 &lines.source,
-                "three finite coordinates",
+                "three finite coordinates below 1e18",
             ));
         }
         soup.vertices.push(Vec3::from(point));

@@ -3,7 +3,7 @@
 use super::pc2::Pc2;
 use super::usda::MovingPoints;
 use super::{Place, ReadError};
-use crate::frame::Vec3;
+use crate::frame::{Vec3, is_in_range};
 use std::path::{Path, PathBuf};
 
 /// Difference of frames below which they are equal.
@@ -98,13 +98,16 @@ impl PointCache {
             Samples::Pc2(cache) => cache.read(&self.path, sample)?,
             Samples::Usd(points) => points.at(points.times[sample])?,
         };
-        match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+        match points
+            .iter()
+            .position(|p| !p.iter().all(|c| is_in_range(*c)))
+        {
             None => Ok(points),
             Some(n) => Err(ReadError::data(
                 &self.path,
                 Place::Item("point", n as u64),
                 format!("({}, {}, {})", points[n].x, points[n].y, points[n].z),
-                "finite coordinates",
+                "finite coordinates below 1e18",
             )),
         }
     }

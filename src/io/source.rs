@@ -35,6 +35,22 @@ pub struct Source {
     text: String,
 }
 
+/// Whether text begins as UTF-16 does: with its byte order mark, or with zeros between letters.
+pub(super) fn is_utf16(head: &[u8]) -> bool {
+    let letter = |b: u8| b.is_ascii_graphic() || b.is_ascii_whitespace();
+    match *head {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => true,
+        [a, 0, b, 0, ..] | [0, a, 0, b, ..] => letter(a) && letter(b),
+        _ => false,
+    }
+}
+
+/// The refusal of UTF-16.
+pub(super) fn utf16_error(path: &Path) -> ReadError {
+    ReadError::data(path, Place::Byte(0), "UTF-16 text", "UTF-8 text")
+        .with_hint("save the file again as UTF-8")
+}
+
 impl Source {
     /// Opens a file.
     ///
@@ -166,21 +182,14 @@ impl Source {
 
     /// Skips a byte order mark; refuses UTF-16.
     fn skip_byte_order_mark(&mut self) -> Result<(), ReadError> {
-        let letter = |b: u8| b.is_ascii_graphic() || b.is_ascii_whitespace();
-        match *self.peek(4)? {
-            [0xef, 0xbb, 0xbf, ..] => self.consume(3),
-            [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => return Err(self.utf16()),
-            [a, 0, b, 0, ..] | [0, a, 0, b, ..] if letter(a) && letter(b) => {
-                return Err(self.utf16());
-            }
-            _ => {}
+        let head = self.peek(4)?;
+        if is_utf16(head) {
+            return Err(utf16_error(&self.path));
+        }
+        if head.starts_with(&[0xef, 0xbb, 0xbf]) {
+            self.consume(3);
         }
         Ok(())
-    }
-
-    fn utf16(&self) -> ReadError {
-        ReadError::data(&self.path, Place::Byte(0), "UTF-16 text", "UTF-8 text")
-            .with_hint("save the file again as UTF-8")
     }
 
     /// Reads the next line, for [`Source::current`]; `false` at the end.

@@ -10,7 +10,7 @@ mod text;
 use super::atomic::AtomicFile;
 use super::mesh_file::MeshFile;
 use super::{MeshView, Place, ReadError, Source, WriteError};
-use crate::frame::{LengthUnit, Vec3};
+use crate::frame::{LengthUnit, Vec3, is_in_range};
 use crate::mesh::{TriMesh, VertexMerger};
 use std::collections::HashMap;
 use std::io::{self, Seek, Write};
@@ -69,7 +69,7 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
             let number = |i: usize| f64::from(f32::from_le_bytes(numbers[i]));
             let corners = [0, 3, 6].map(|i| Vec3::new(number(i), number(i + 1), number(i + 2)));
             n += 1;
-            bad = corners.iter().flatten().copied().find(|c| !c.is_finite());
+            bad = corners.iter().flatten().copied().find(|c| !is_in_range(*c));
             if bad.is_some() {
                 break;
             }
@@ -81,7 +81,7 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
                 source.path(),
                 place,
                 format!("the coordinate {bad}"),
-                "a finite number",
+                "a finite number below 1e18",
             ));
         }
     }

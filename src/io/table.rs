@@ -1,6 +1,9 @@
-//! Tables of numbers: `.csv` text with a header of column names.
+//! Tables of numbers: `.csv` text with a header of column names. Names and numbers may stand in quotation marks.
 
+use super::source::{is_utf16, utf16_error};
 use super::{Place, ReadError, quote};
+use crate::frame::is_in_range;
+use std::borrow::Cow;
 use std::path::Path;
 
 /// A line of a table of points with values.
@@ -17,19 +20,55 @@ pub struct ScatteredValue {
 /// Words that mark a missing value.
 const MISSING_VALUE_WORDS: [&str; 5] = ["", "na", "n/a", "null", "-"];
 
-/// The names of a table's columns, in order.
-pub fn column_names(text: &str) -> Vec<&str> {
-    let header = lines(text).map(|(_, l)| l).next();
-    header.map_or_else(Vec::new, |h| h.split(',').map(str::trim).collect())
+/// The text of a table's file.
+///
+/// # Errors
+/// UTF-16 and other bytes that are not UTF-8.
+pub fn table_text(path: &Path, bytes: Vec<u8>) -> Result<String, ReadError> {
+    if is_utf16(&bytes) {
+        return Err(utf16_error(path));
+    }
+    String::from_utf8(bytes).map_err(|e| {
+        let place = Place::Byte(e.utf8_error().valid_up_to() as u64);
+        ReadError::data(path, place, "bytes that are not UTF-8", "UTF-8 text")
+            .with_hint("save the file again as UTF-8")
+    })
 }
 
-/// The named columns of a table, one row per line: finite numbers only. Other columns are ignored.
+/// The names of a table's columns, in order.
+pub fn column_names(text: &str) -> Vec<Cow<'_, str>> {
+    lines(text).next().map_or_else(Vec::new, |(_, h)| words(h))
+}
+
+/// The words between the commas of a line, without the quotation marks around them; two within them stand for one.
+fn words(line: &str) -> Vec<Cow<'_, str>> {
+    let mut words = Vec::new();
+    let (mut start, mut is_quoted) = (0, false);
+    for (end, c) in line.char_indices().chain([(line.len(), ',')]) {
+        is_quoted ^= c == '"';
+        // A mark that is never closed ends with the line.
+        if c != ',' || (is_quoted && end < line.len()) {
+            continue;
+        }
+        let word = line[start..end].trim();
+        let inner = word.strip_prefix('"').and_then(|w| w.strip_suffix('"'));
+        words.push(match inner {
+            Some(inner) if inner.contains('"') => Cow::Owned(inner.replace("\"\"", "\"")),
+            Some(inner) => Cow::Borrowed(inner.trim()),
+            None => Cow::Borrowed(word),
+        });
+        start = end + 1;
+    }
+    words
+}
+
+/// The named columns of a table, one row per line: finite numbers below 1e18 only. Other columns are ignored.
 ///
 /// # Errors
 /// [`ReadError`] with the line, for a header with a missing or duplicate name or a word that is no number.
 pub fn read_columns(path: &Path, text: &str, names: &[&str]) -> Result<Vec<Vec<f64>>, ReadError> {
     let rows = rows(path, text, names, |_, word| {
-        word.parse().ok().filter(|v: &f64| v.is_finite())
+        word.parse().ok().filter(|v| is_in_range(*v))
     })?;
     Ok(rows.into_iter().map(|(_, row)| row).collect())
 }
@@ -48,7 +87,7 @@ pub fn read_scattered(
         if n == 3 && MISSING_VALUE_WORDS.contains(&word.to_lowercase().as_str()) {
             return Some(f64::NAN);
         }
-        word.parse().ok().filter(|v: &f64| n == 3 || v.is_finite())
+        word.parse().ok().filter(|v| n == 3 || is_in_range(*v))
     })?;
     let value = |(line, r): (u64, Vec<f64>)| ScatteredValue {
         line,
@@ -76,7 +115,7 @@ fn rows(
 ) -> Result<Vec<(u64, Vec<f64>)>, ReadError> {
     let mut lines = lines(text);
     let header = lines.next().map_or("", |(_, l)| l.trim());
-    let header_names: Vec<&str> = header.split(',').map(str::trim).collect();
+    let header_names = words(header);
     let bad_header = |expected: String| {
         Err(ReadError::data(
             path,
@@ -85,7 +124,7 @@ fn rows(
             expected,
         ))
     };
-    let is_duplicate = |name: &&&str| header_names.iter().filter(|n| *n == *name).count() > 1;
+    let is_duplicate = |name: &&&str| header_names.iter().filter(|n| *n == **name).count() > 1;
     if let Some(name) = names.iter().find(is_duplicate) {
         return bad_header(format!("the column {name} once"));
     }
@@ -98,14 +137,14 @@ fn rows(
     };
     lines
         .map(|(n, line)| {
-            let words: Vec<&str> = line.split(',').map(str::trim).collect();
+            let words = words(line);
             let header_columns = columns.iter().enumerate();
             let row: Option<Vec<f64>> = header_columns
                 .map(|(n, c)| number(n, words.get(*c)?))
                 .collect();
             let line_number = n as u64 + 1;
             row.map(|row| (line_number, row)).ok_or_else(|| {
-                let expected = format!("finite numbers for {}", names.join(","));
+                let expected = format!("finite numbers below 1e18 for {}", names.join(","));
                 ReadError::data(path, Place::Line(line_number), quote(line), expected)
             })
         })

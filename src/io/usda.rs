@@ -11,7 +11,7 @@ use super::collector::Collector;
 use super::polygons::Soup;
 use super::scaffold::{DataField, ElementFile, FieldAt};
 use super::{Place, ReadError};
-use crate::frame::Vec3;
+use crate::frame::{Vec3, is_in_range};
 use crate::scaffold::Kind;
 use nalgebra::Matrix4;
 use std::path::Path;
@@ -313,9 +313,19 @@ impl Part {
             .chunks_exact(3)
             .map(|c| place::image(map, Vec3::from_column_slice(c)))
             .collect();
-        if let Some(n) = points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-            let found = format!("point {n} of {:?}, which is not finite", prim.name);
-            return Err((line_of("points"), found, "finite coordinates".into()));
+        if let Some(n) = points
+            .iter()
+            .position(|p| !p.iter().all(|c| is_in_range(*c)))
+        {
+            let found = format!(
+                "point {n} of {:?}, which is not finite or too large",
+                prim.name
+            );
+            return Err((
+                line_of("points"),
+                found,
+                "finite coordinates below 1e18".into(),
+            ));
         }
         let name = if is_solid {
             "tetVertexIndices"

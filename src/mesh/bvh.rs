@@ -266,8 +266,40 @@ impl Bvh {
         }
     }
 
+    /// For each node what its slots join to.
+    pub(crate) fn by_node<T: Copy>(
+        &self,
+        slot: impl Fn(usize) -> T,
+        join: impl Fn(T, T) -> T,
+    ) -> Vec<T> {
+        let mut of_nodes: Vec<Option<T>> = vec![None; self.nodes.len()];
+        for (n, node) in self.nodes.iter().enumerate().rev() {
+            let mut all: Option<T> = None;
+            let mut add = |value: T| all = Some(all.map_or(value, |a| join(a, value)));
+            for l in 0..4 {
+                match node.child(l) {
+                    Child::Inner(child) => of_nodes[child].into_iter().for_each(&mut add),
+                    Child::Leaf(slots) => slots.map(&slot).for_each(&mut add),
+                    Child::None => {}
+                }
+            }
+            of_nodes[n] = all;
+        }
+        of_nodes.into_iter().flatten().collect()
+    }
+
     /// Visits every slot whose box may meet `region`, until `visit` returns `false`.
-    pub(crate) fn overlapping(&self, region: &Aabb, mut visit: impl FnMut(usize) -> bool) {
+    pub(crate) fn overlapping(&self, region: &Aabb, visit: impl FnMut(usize) -> bool) {
+        self.overlapping_where(region, |_| true, visit);
+    }
+
+    /// As [`Bvh::overlapping`], in the root's leaves and in the nodes that `enters` admits.
+    pub(crate) fn overlapping_where(
+        &self,
+        region: &Aabb,
+        enters: impl Fn(usize) -> bool,
+        mut visit: impl FnMut(usize) -> bool,
+    ) {
         if self.nodes.is_empty() || region.is_empty() {
             return;
         }
@@ -284,8 +316,10 @@ impl Bvh {
                     continue;
                 }
                 if node.count[l] == 0 {
-                    stack[top] = node.first[l];
-                    top += 1;
+                    if enters(node.first[l] as usize) {
+                        stack[top] = node.first[l];
+                        top += 1;
+                    }
                     continue;
                 }
                 let first = node.first[l] as usize;

@@ -8,7 +8,8 @@
 
 use super::TriMesh;
 use super::half_edges::HalfEdges;
-use super::intersect::{is_degenerate_triangle, meeting_pairs};
+use super::intersect::is_degenerate_triangle;
+use super::meeting::meeting_pairs;
 use super::repair::ShellReport;
 use super::soup::Soup;
 use crate::frame::{Aabb, LengthUnit, Vec3, figures, place_figures};

@@ -10,7 +10,7 @@
 use super::bvh::Bvh;
 use super::soup::Soup;
 use super::winding::{ACCURATE_BETA, Winding};
-use crate::frame::{Aabb, Vec3};
+use crate::frame::{Aabb, Vec3, is_in_range};
 
 /// Number of neighbours for the estimate of a point's share of the surface.
 const NEIGHBOUR_COUNT: usize = 8;
@@ -87,7 +87,7 @@ impl CloudSolid {
         if points.len() > u32::MAX as usize / 2 {
             return Err(CloudError::TooMany(points.len()));
         }
-        let is_finite = |v: &Vec3| v.iter().all(|c| c.is_finite() && c.abs() < 1e150);
+        let is_finite = |v: &Vec3| v.iter().all(|c| is_in_range(*c));
         if let Some(n) = points.iter().position(|p| !is_finite(p)) {
             return Err(CloudError::NotFinite(n));
         }

@@ -3,10 +3,7 @@
 //! Two triangles may share a corner or a side; every other common point is an intersection, contact included.
 //! Signs of volumes and areas come from adaptive exact arithmetic (Shewchuk 1997), without tolerances.
 
-use super::soup::Soup;
-use crate::frame::{Aabb, Vec3};
-use crate::progress::{Cancelled, Progress};
-use rayon::prelude::*;
+use crate::frame::Vec3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
 /// The sign of the volume of the tetrahedron a, b, c, d.
@@ -150,58 +147,4 @@ pub(crate) fn triangles_meet(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {
                 }))
         }
     }
-}
-
-/// Sorted pairs of intersecting triangles by number: one for every triangle that meets one in a later slot.
-/// Triangles without area are skipped.
-pub(crate) fn meeting_pairs(
-    soup: &Soup,
-    progress: &dyn Progress,
-) -> Result<Vec<[u32; 2]>, Cancelled> {
-    let is_degenerate: Vec<bool> = soup
-        .corners
-        .par_iter()
-        .map(is_degenerate_triangle)
-        .collect();
-    let chunks: Vec<Vec<[u32; 2]>> = (0..soup.corners.len())
-        .collect::<Vec<_>>()
-        .par_chunks(4096)
-        .map(|slots| {
-            if progress.cancelled() {
-                return Vec::new();
-            }
-            let pairs = slots
-                .iter()
-                .filter(|&&s| !is_degenerate[s])
-                .filter_map(|&s| first_later_intersection(soup, &is_degenerate, s));
-            let pairs = pairs.collect();
-            progress.advance(slots.len() as u64);
-            pairs
-        })
-        .collect();
-    if progress.cancelled() {
-        return Err(Cancelled);
-    }
-    let mut pairs: Vec<[u32; 2]> = chunks.into_iter().flatten().collect();
-    pairs.par_sort_unstable();
-    Ok(pairs)
-}
-
-/// The numbers of the triangle in slot `s` and of the first one in a later slot that meets it, sorted.
-fn first_later_intersection(soup: &Soup, is_degenerate: &[bool], s: usize) -> Option<[u32; 2]> {
-    let t = &soup.corners[s];
-    let region = Aabb::of(*t);
-    let mut found = None;
-    soup.bvh.overlapping(&region, |other| {
-        let u = &soup.corners[other];
-        if other > s && !is_degenerate[other] && region.meets(Aabb::of(*u)) && triangles_meet(t, u)
-        {
-            found = Some(other);
-        }
-        found.is_none()
-    });
-    found.map(|other| {
-        let (a, b) = (soup.number[s], soup.number[other]);
-        [a.min(b), a.max(b)]
-    })
 }

@@ -8,7 +8,7 @@
 //! planes define an edge, three a corner. A vertex stays within its cell, so that quads keep their order (Ju,
 //! Losasso, Schaefer and Warren, *Dual Contouring of Hermite Data*, 2002).
 
-use super::intersect::meeting_pairs;
+use super::meeting::meeting_pairs;
 use super::soup::Soup;
 use super::{QuadMesh, TriMesh};
 use crate::field::WorldField;

@@ -154,9 +154,10 @@ impl ValueList {
             let e = ReadError::data(path, Place::File, found, "no component");
             return Err(e.with_hint("name the column of that component"));
         }
-        let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, e))?;
+        let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
+        let text = crate::io::table_text(path, bytes)?;
         let header = crate::io::column_names(&text);
-        if !header.contains(&field.field.as_str()) && !header.is_empty() {
+        if !header.iter().any(|h| *h == field.field) && !header.is_empty() {
             let e = ReadError::data(
                 path,
                 Place::Line(1),

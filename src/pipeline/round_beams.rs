@@ -14,7 +14,7 @@ use super::input_files::InputFiles;
 use super::offsets::Offsets;
 use super::report::Warning;
 use super::source::{skeleton, skeleton_notes};
-use super::spatial_value::SpatialContext;
+use super::spatial_value::{SpatialContext, sign_hint};
 use super::tiling::CellTiling;
 use crate::beams::{
     Beam, Beams, Cut, Network, NetworkError, Plate, ReferenceParts, ScaffoldSolid, WeightsAt, Width,
@@ -405,8 +405,12 @@ fn sized_parts(
     };
     let negative = |d: f64, p: Vec3| {
         Err(RunError::Tiling(format!(
-            "{}: found {d} at ({:.4}, {:.4}, {:.4}); expected a thickness that is not negative",
-            spatial.key, p.x, p.y, p.z
+            "{}: found {d} at ({:.4}, {:.4}, {:.4}); expected a thickness that is not negative{}",
+            spatial.key,
+            p.x,
+            p.y,
+            p.z,
+            sign_hint(&thickness)
         )))
     };
     if let Varying::Number(d) = thickness {

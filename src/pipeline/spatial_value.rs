@@ -124,6 +124,16 @@ impl SpatialContext<'_> {
     }
 }
 
+/// What explains a value of the wrong sign, at the end of its message: readers may take d for a depth.
+pub(super) fn sign_hint(varying: &Varying) -> &'static str {
+    match varying {
+        Varying::Formula(text) if has_name(text, ENVELOPE_DISTANCE) => {
+            " (d is negative inside the envelope: 1.2 - 0.1*d grows inwards)"
+        }
+        _ => "",
+    }
+}
+
 /// Whether a formula contains a name as a whole word: "d" is a name of "2 * d", not of "mod(x, 2)".
 fn has_name(formula: &str, name: &str) -> bool {
     let is_separator = |c: char| !(c.is_alphanumeric() || c == '_');

@@ -1,7 +1,7 @@
 //! Half-edge topology: twins of corners, the order round a vertex, and the checks of a manifold.
 
 use super::{Faces, PolyError, PolyMesh};
-use crate::frame::Vec3;
+use crate::frame::{Vec3, is_in_range};
 
 /// Checks vertices, faces and groups, and computes the twin of each corner.
 pub(super) fn twins(
@@ -34,7 +34,7 @@ pub(super) fn twins(
 
 pub(super) fn finite(vertices: &[Vec3]) -> Result<(), PolyError> {
     for (vertex, v) in vertices.iter().enumerate() {
-        if let Some(&value) = v.iter().find(|c| !c.is_finite()) {
+        if let Some(&value) = v.iter().find(|c| !is_in_range(**c)) {
             return Err(PolyError::NotFinite { vertex, value });
         }
     }

@@ -29,7 +29,8 @@ pub struct TilingSection {
     /// Level by the solid's share of the element, graded.
     pub volume_fraction: Option<Varying>,
     /// Full local thickness, graded: in the recipe's unit. Struts of a graph become round beams of this
-    /// diameter; of other cells it sets the level.
+    /// diameter; of other cells it sets the level. In a formula, d is negative inside the envelope:
+    /// "1.2 - 0.1*d" grows inwards.
     pub thickness: Option<Varying>,
     /// Maximum displacement of the surface by look-up tables and interpolation, in voxels, measured where
     /// voxels are finest against the cell. Tables are as small as that allows and leave out waves that they
@@ -81,7 +82,8 @@ pub struct Assignment {
     pub cell: String,
     /// A named set of the scaffold's elements: a physical group, an element set.
     pub group: Option<String>,
-    /// A formula that is positive at the centres of the elements; both left out: everywhere.
+    /// A formula that is positive at the centres of the elements, such as "d + 2" within 2 below the envelope;
+    /// both left out: everywhere.
     #[serde(rename = "where")]
     pub region: Option<String>,
 }
@@ -106,7 +108,7 @@ pub enum Varying {
     /// The same everywhere.
     Number(f64),
     /// A formula of x, y, z (recipe units), bx, by, bz (0 to 1 in the scaffold's box) and d (signed
-    /// distance to the envelope).
+    /// distance to the envelope, negative inside).
     Formula(String),
     /// From a file.
     Field(FieldRef),
@@ -247,7 +249,9 @@ impl JsonSchema for Varying {
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
         let field = generator.subschema_for::<FieldRef>();
         json_schema!({
-            "description": "A number, a formula of x, y, z, bx, by, bz and d, or a field of a file.",
+            "description": "A number, a formula, or a field of a file. Formulas have x, y, z (position), bx, by, bz (0 to 1 in the \
+                scaffold's box) and d: the signed distance to the envelope in the recipe's unit, negative inside. So \
+                \"1.2 - 0.1*d\" grows inwards.",
             "anyOf": [{ "type": "number" }, { "type": "string" }, field]
         })
     }

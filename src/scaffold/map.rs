@@ -20,6 +20,7 @@ const AFFINE_TOLERANCE: f64 = 1e-12;
 
 /// Bounds and map of an element.
 pub(super) struct Geometry {
+    /// The box of its control points, which contains it.
     pub bounds: Aabb,
     /// Bounds of the singular values of the Jacobian.
     pub stretch: (f64, f64),
@@ -89,6 +90,15 @@ impl Geometry {
             bounds,
             stretch: curved.stretch(),
             map: Map::Curved(Box::new(curved)),
+        }
+    }
+
+    /// The control points of a map that may leave the box of its corners.
+    pub fn curved_controls(&self) -> Option<&Net<Vec3>> {
+        match &self.map {
+            Map::Affine(_) | Map::Twisted(_) => None,
+            Map::Curved(c) => Some(&c.net),
+            Map::Collapsed(c) => Some(&c.net),
         }
     }
 

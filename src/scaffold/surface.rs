@@ -9,7 +9,8 @@
 //! Elements become prisms: Tri3 Wedge6, Tri6 Wedge18, Quad4 Hex8, Quad8 Hex20, Quad9 Hex27. The third
 //! reference coordinate runs through the thickness.
 
-use super::{Connectivity, Kind, Scaffold, ScaffoldError};
+use super::bernstein::Net;
+use super::{Connectivity, Kind, Scaffold, ScaffoldError, extent};
 use crate::frame::{Aabb, Vec3};
 use std::collections::BTreeMap;
 
@@ -72,9 +73,20 @@ impl Surface {
         self.elements.is_empty()
     }
 
-    /// The box around the nodes.
+    /// The box of the elements, as [`Scaffold::bounds`].
     pub fn bounds(&self) -> Aabb {
-        Aabb::of(self.nodes.iter().copied())
+        let corners = |e: usize| &self.elements.nodes(e)[..self.elements.kind(e).corner_count()];
+        let corners = (0..self.len()).flat_map(corners);
+        let curved: Vec<Net<Vec3>> = (0..self.len())
+            .filter(|&e| self.elements.kind(e).degree() > 1)
+            .map(|e| {
+                let nodes = self.elements.nodes(e).iter();
+                let points: Vec<Vec3> = nodes.map(|&n| self.nodes[n as usize]).collect();
+                extent::planar_controls(self.elements.kind(e), &points)
+            })
+            .collect();
+        let straight = Aabb::of(corners.map(|&n| self.nodes[n as usize]));
+        extent::curved_box(curved.iter(), straight)
     }
 
     /// Elements of each kind that occurs.

@@ -91,6 +91,16 @@ proptest! {
     }
 
     #[test]
+    fn combinations_of_two_to_eight_operands_keep_the_laws(
+        region in any_region(),
+        balls in prop::collection::vec((-2.0..2.0f64, 0.2..2.0f64), 2..9),
+    ) {
+        let operands = || balls.iter().map(|(x, r)| ball(*x, *r)).collect::<Vec<_>>();
+        assert_field_laws(&Union(operands()), &region, 1e-12);
+        assert_field_laws(&Intersection(operands()), &region, 1e-12);
+    }
+
+    #[test]
     fn union_and_intersection_are_dual(x in -2.0..2.0f64, y in -2.0..2.0f64, z in -2.0..2.0f64) {
         let p = WorldPoint(Vec3::new(x, y, z));
         let both = Union(vec![ball(0.5, 1.0), block()]);

@@ -107,8 +107,9 @@ impl Expression {
                     (transform(i), slope)
                 })
                 .collect();
-            // Each rounded minimum lies at most radius / 4 below the sharp one.
-            let depth = radius * (1.0 + parts.len() as f64 / 4.0);
+            // A rounded minimum of two depends on both where they differ by less than the radius, so an operand can
+            // be one radius above the next that outdoes it: at most (n - 1) radii above the least.
+            let depth = radius * (parts.len() as f64 - 1.0);
             let lowest = ranges.iter().fold(f64::INFINITY, |m, r| m.min(r.0.hi));
             let steepest = ranges
                 .iter()
@@ -226,5 +227,77 @@ impl Field for Expression {
             _ => (Interval::REAL_LINE, f64::INFINITY),
         })
         .0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Cell;
+    use crate::cell::Series;
+    use crate::frame::Element;
+
+    /// Any function: the tests give the values of leaves.
+    fn leaf() -> Expression {
+        let (group, lattice) = Cell::symmetry(Element::Hex, None).unwrap();
+        let term = ([1, 0, 0], [1.0, 0.0]);
+        Series::new(group, lattice, &[term]).unwrap().into()
+    }
+
+    /// Random operands at random points: the value lies in the interval, and the gradient is at most as long as its
+    /// bound. Among them are chains in which each operand is almost one radius above the next.
+    #[test]
+    fn bounds_of_rounded_extremes_hold_for_two_to_eight_operands() {
+        let mut state = 1u64;
+        let mut random = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 33) as f64 / f64::from(1u32 << 31)
+        };
+        let leaves = vec![leaf(); 8];
+        let radius = 0.3;
+        for n in 2..=8 {
+            let least = Expression::least(leaves[..n].to_vec(), radius).unwrap();
+            let greatest = Expression::greatest(leaves[..n].to_vec(), radius).unwrap();
+            for round in 0..4000 {
+                let is_chain = round % 2 == 0;
+                // The middle of each interval, its half width, the value within, and the gradient along x.
+                let operands: Vec<(Interval, f64, f64)> = (0..n)
+                    .map(|i| {
+                        let spread = 3.0 * radius * random();
+                        let step = if is_chain {
+                            radius * (0.8 + 0.2 * random())
+                        } else {
+                            spread
+                        };
+                        let middle = step * (n - i) as f64;
+                        let half = 0.1 * radius * random();
+                        let value = middle + half * (2.0 * random() - 1.0);
+                        let interval = Interval::new(middle - half, middle + half);
+                        (interval, value, 10f64.powf(6.0 * random() - 3.0))
+                    })
+                    .collect();
+                for (expression, sign) in [(&least, 1.0), (&greatest, -1.0)] {
+                    let signed = |i: Interval| if sign > 0.0 { i } else { i.negated() };
+                    let mut each = operands.iter();
+                    let (interval, steepest) = expression.bound_with(&mut |_| {
+                        let o = each.next().unwrap();
+                        (signed(o.0), o.2)
+                    });
+                    let mut each = operands.iter();
+                    let (value, gradient) = expression.gradient_with(&mut |_| {
+                        let o = each.next().unwrap();
+                        (sign * o.1, Vec3::x() * o.2)
+                    });
+                    assert!(interval.contains(value), "{n}: {value} {interval:?}");
+                    let length = gradient.norm();
+                    assert!(
+                        length <= steepest * (1.0 + 1e-12),
+                        "{n}: {length} {steepest}"
+                    );
+                }
+            }
+        }
     }
 }

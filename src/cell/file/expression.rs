@@ -3,7 +3,7 @@
 use super::super::compatibility::{rank, symmetry_of};
 use super::super::{CellError, Expression, Series, lattices};
 use super::CellTextError;
-use crate::frame::Element;
+use crate::frame::{Element, is_in_range};
 use crate::symmetry::{Frequency, Lattice, Operator, PointGroup, SymmetryError};
 use serde::Deserialize;
 
@@ -127,8 +127,8 @@ impl Reader<'_> {
             ExpressionEntry::Least(p) => Expression::least(all(&p.parts)?, p.radius),
             ExpressionEntry::Greatest(p) => Expression::greatest(all(&p.parts)?, p.radius),
             ExpressionEntry::Magnitude(part) => Ok(self.function(part)?.magnitude()),
-            ExpressionEntry::Shift(s) if !s.by.is_finite() => Err(CellError::Expression(format!(
-                "shift by {}; expected a finite number",
+            ExpressionEntry::Shift(s) if !is_in_range(s.by) => Err(CellError::Expression(format!(
+                "shift by {}; expected a finite number below 1e18",
                 s.by
             ))),
             ExpressionEntry::Shift(s) => Ok(self.function(&s.part)?.shifted(s.by)),

@@ -7,7 +7,7 @@
 //! Coordinates are those of the source, by default the element's reference coordinates. A part may extend
 //! beyond the element.
 
-use crate::frame::{Aabb, Vec3};
+use crate::frame::{Aabb, Vec3, is_in_range};
 use crate::mesh::TriangleDistances;
 
 mod library;
@@ -32,7 +32,9 @@ pub enum SkeletonError {
         known: String,
     },
     /// A strut or plate whose radius is not a positive number.
-    #[error("{part} {number}: radius {radius}; expected a positive number of reference lengths")]
+    #[error(
+        "{part} {number}: radius {radius}; expected a positive number of reference lengths, below 1e18"
+    )]
     Radius {
         /// "edge" or "face".
         part: &'static str,
@@ -41,8 +43,10 @@ pub enum SkeletonError {
         /// What was given.
         radius: f64,
     },
-    /// A corner with a coordinate that is not finite.
-    #[error("{part} {number}: a corner is not finite")]
+    /// A corner with a coordinate that is not finite or too large.
+    #[error(
+        "{part} {number}: a corner is not finite or too large; expected coordinates below 1e18"
+    )]
     NotFinite {
         /// "edge" or "face".
         part: &'static str,
@@ -234,15 +238,10 @@ fn check_part(
     corners: &[Vec3],
     radius: f64,
 ) -> Result<(), SkeletonError> {
-    // The square of a larger number would overflow.
-    if corners
-        .iter()
-        .flatten()
-        .any(|c| !c.is_finite() || c.abs() > 1e100)
-    {
+    if corners.iter().flatten().any(|c| !is_in_range(*c)) {
         return Err(SkeletonError::NotFinite { part, number });
     }
-    if radius.is_finite() && radius > 0.0 {
+    if is_in_range(radius) && radius > 0.0 {
         return Ok(());
     }
     Err(SkeletonError::Radius {

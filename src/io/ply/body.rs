@@ -4,7 +4,7 @@
 //! ignored, unless the file has fewer lines than elements: then they belong to the next element.
 
 use super::header::{Format, Header, Layer, Role, Scalar};
-use crate::frame::Vec3;
+use crate::frame::{Vec3, is_in_range};
 use crate::io::number::{self, words};
 use crate::io::polygons::Soup;
 use crate::io::{Place, ReadError, Source, quote};
@@ -217,10 +217,10 @@ impl Rows<'_> {
 
     fn coordinate(&mut self, kind: Scalar) -> Result<f64, ReadError> {
         let x = self.number(kind)?;
-        if x.is_finite() {
+        if is_in_range(x) {
             Ok(x)
         } else {
-            Err(self.bad(format!("the coordinate {x}"), "a finite number"))
+            Err(self.bad(format!("the coordinate {x}"), "a finite number below 1e18"))
         }
     }
 

@@ -132,7 +132,7 @@ impl FacetReader {
         let Some(coordinate) = number::finite(word) else {
             return Err(number::line_error(
                 source,
-                "\"vertex\" and three finite numbers",
+                "\"vertex\" and three finite numbers below 1e18",
             ));
         };
         coordinates.push(coordinate);

@@ -1,7 +1,7 @@
 //! The beam lattice of an object, and its placement.
 
 use super::{Placement, transform_point};
-use crate::frame::Vec3;
+use crate::frame::{Vec3, is_in_range};
 use crate::io::beams::{BeamCap, FileBeam};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -111,11 +111,17 @@ impl Lattice {
                 continue;
             }
             ends.extend(beam.ends);
-            out.beams.push(FileBeam {
+            let placed_beam = FileBeam {
                 ends: [transform_point(at, &a), transform_point(at, &b)],
                 radii: beam.radii.map(|r| r * uniform_scale),
                 caps: beam.caps,
-            });
+            };
+            let mut numbers = placed_beam.ends.iter().flatten().chain(&placed_beam.radii);
+            if !numbers.all(|x| is_in_range(*x)) {
+                let found = format!("beam {} that its transforms put too far", n + 1);
+                return Err((found, "finite numbers below 1e18".to_owned()));
+            }
+            out.beams.push(placed_beam);
         }
         if self.ball_mode == BallMode::None {
             return Ok(out);
@@ -146,6 +152,11 @@ impl Lattice {
             )
         });
         out.balls = balls.collect();
+        let is_far = |b: &(Vec3, f64)| !b.0.iter().chain([&b.1]).all(|x| is_in_range(*x));
+        if out.balls.iter().any(is_far) {
+            let found = "a ball that its transforms put too far";
+            return Err((found.to_owned(), "finite numbers below 1e18".to_owned()));
+        }
         Ok(out)
     }
 }

@@ -3,7 +3,7 @@
 use super::extensions::{self, Space};
 use super::model::{Model, Object, Reference};
 use super::{IDENTITY_PLACEMENT, Placement, display_name};
-use crate::frame::{LengthUnit, Vec3};
+use crate::frame::{LengthUnit, Vec3, is_in_range};
 use crate::io::{Place, ReadError, quote};
 use quick_xml::NsReader;
 use quick_xml::events::{BytesDecl, BytesStart, Event};
@@ -227,10 +227,10 @@ impl<'a, R: BufRead> Parser<'a, R> {
     /// An optional length.
     fn length(&self, e: &BytesStart, name: &str) -> Result<Option<f64>, ReadError> {
         let found: Option<f64> = self.optional(e, name)?;
-        if let Some(value) = found.filter(|v| !(v.is_finite() && *v >= 0.0)) {
+        if let Some(value) = found.filter(|v| !(is_in_range(*v) && *v >= 0.0)) {
             return Err(self.bad(
                 format!("{name}=\"{value}\""),
-                "a finite number of at least 0",
+                "a finite number from 0 and below 1e18",
             ));
         }
         Ok(found)
@@ -263,9 +263,9 @@ impl<'a, R: BufRead> Parser<'a, R> {
             let found = format!("transform={}", quote(&text));
             return Err(self.bad(found, "twelve finite numbers"));
         };
-        if !n.iter().all(|x| x.is_finite()) {
+        if !n.iter().all(|x| is_in_range(*x)) {
             let found = format!("transform={}", quote(&text));
-            return Err(self.bad(found, "twelve finite numbers"));
+            return Err(self.bad(found, "twelve finite numbers below 1e18"));
         }
         let rows = [Vec3::new(a, b, c), Vec3::new(d, e, f), Vec3::new(g, h, i)];
         let longest = rows.iter().map(Vec3::norm).fold(0.0, f64::max);
@@ -336,7 +336,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
             _ => String::new(),
         };
         let local = local.as_ref();
-        if self.open_elements.is_empty() && self.model.objects.is_empty() && !self.has_ended {
+        if self.open_elements.is_empty() && !self.has_ended {
             if space != Space::Core || local != b"model" {
                 let name = String::from_utf8_lossy(local).into_owned();
                 let found = format!("the element {} of {}", quote(&name), quote(&namespace));
@@ -424,8 +424,9 @@ impl<'a, R: BufRead> Parser<'a, R> {
                     self.number(e, "y")?,
                     self.number(e, "z")?,
                 );
-                if !p.iter().all(|c| c.is_finite()) {
-                    return Err(self.bad("a vertex with an infinite coordinate", "finite numbers"));
+                if let Some(c) = p.iter().find(|c| !is_in_range(**c)) {
+                    let found = format!("a vertex with the coordinate {c}");
+                    return Err(self.bad(found, "finite numbers below 1e18"));
                 }
                 self.object(e)?.vertices.push(p);
             }

@@ -1,4 +1,4 @@
-//! Legacy `.vtk` files, versions 2 to 5.1.
+//! Legacy `.vtk` files, versions 2 to 5.1. Keywords are read in any case.
 
 use super::array::Scalar;
 use super::poly::{Polygons, Section};
@@ -17,6 +17,7 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     let mut file = File {
         tokens: Tokens::new(Source::open(path)?),
         binary: false,
+        notes: Vec::new(),
     };
     let (version, is_polygons) = file.header()?;
     let mut collector = Collector::new(path);
@@ -27,18 +28,18 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     while !(points.is_some() && cells.is_some() && types.is_some()) {
         let expected = "POINTS, CELLS and CELL_TYPES";
         let line = file.tokens.needed_line(expected)?.to_owned();
-        let words: Vec<&str> = line.split_whitespace().collect();
-        match words[..] {
-            ["POINTS", count, scalar] => {
+        let (keyword, words) = keyword(&line);
+        match (keyword.as_str(), &words[..]) {
+            ("POINTS", [count, scalar]) => {
                 points = Some(file.points(count, scalar, &mut collector)?);
             }
-            ["CELLS", a, b] => cells = Some(file.cells(version, a, b)?),
-            ["CELL_TYPES", count] => {
+            ("CELLS", [a, b]) => cells = Some(file.cells(version, a, b)?),
+            ("CELL_TYPES", [count]) => {
                 let count = file.count(count, 4, "cell types")?;
                 types = Some(file.whole(Scalar::I32, count)?);
             }
-            ["METADATA"] => file.metadata()?,
-            ["FIELD", _, arrays] => file.field(arrays, &mut Vec::new())?,
+            ("METADATA", []) => file.metadata()?,
+            ("FIELD", [_, arrays]) => file.field(arrays, &mut Vec::new())?,
             _ => return Err(file.bad(&line, expected)),
         }
     }
@@ -58,12 +59,33 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     };
     cells.collect(path, 0, 0, &mut collector)?;
     file.data(None, &mut collector)?;
+    collector.notes.append(&mut file.notes);
     collector.finish(|_| None).map(VtkFile::Elements)
 }
 
 struct File {
     tokens: Tokens,
     binary: bool,
+    /// Remarks about arrays that are left out.
+    notes: Vec<String>,
+}
+
+/// The first word of a line in upper case, and the words after it.
+fn keyword(line: &str) -> (String, Vec<&str>) {
+    let mut words = line.split_whitespace();
+    let first = words.next().unwrap_or_default().to_ascii_uppercase();
+    (first, words.collect())
+}
+
+/// The type of an array: numbers, or values that are no fields.
+enum Values {
+    Numbers(Scalar),
+    /// One bit each.
+    Bits,
+    /// Text; in binary files each string begins with its length.
+    Strings,
+    /// Text on a line each, in binary files too.
+    Variants,
 }
 
 impl File {
@@ -75,9 +97,11 @@ impl File {
     fn header(&mut self) -> Result<((u32, u32), bool), ReadError> {
         let expected = "# vtk DataFile Version, the first line of a legacy VTK file";
         let first = self.tokens.needed_line(expected)?;
+        let begin = "# vtk DataFile Version";
         let version = first
-            .strip_prefix("# vtk DataFile Version")
-            .and_then(super::types::version);
+            .split_at_checked(begin.len())
+            .filter(|(word, _)| word.eq_ignore_ascii_case(begin))
+            .and_then(|(_, version)| super::types::version(version));
         let Some(version) = version else {
             let first = first.to_owned();
             return Err(self.bad(&first, expected));
@@ -87,14 +111,15 @@ impl File {
             return Err(self.bad("", "a title"));
         }
         let form = self.tokens.needed_line("ASCII or BINARY")?.to_owned();
-        self.binary = match form.as_str() {
+        self.binary = match form.to_ascii_uppercase().as_str() {
             "ASCII" => false,
             "BINARY" => true,
             _ => return Err(self.bad(&form, "ASCII or BINARY")),
         };
         let expected = "DATASET UNSTRUCTURED_GRID or DATASET POLYDATA";
         let line = self.tokens.needed_line(expected)?.to_owned();
-        match line.split_whitespace().collect::<Vec<_>>()[..] {
+        let upper = line.to_ascii_uppercase();
+        match upper.split_whitespace().collect::<Vec<_>>()[..] {
             ["DATASET", "UNSTRUCTURED_GRID"] => Ok((version, false)),
             ["DATASET", "POLYDATA"] => Ok((version, true)),
             _ => Err(self.bad(&line, expected)),
@@ -114,21 +139,21 @@ impl File {
             let Some(line) = self.tokens.line()?.map(str::to_owned) else {
                 break None;
             };
-            let words: Vec<&str> = line.split_whitespace().collect();
+            let (keyword, words) = keyword(&line);
             let place = ["VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"];
-            match words[..] {
-                ["POINTS", count, scalar] => {
+            match (keyword.as_str(), &words[..]) {
+                ("POINTS", [count, scalar]) => {
                     self.points(count, scalar, &mut collector)?;
                 }
-                [word, a, b] if place.contains(&word) => {
+                (word, [a, b]) if place.contains(&word) => {
                     let own = place.iter().position(|p| *p == word).unwrap_or(0);
                     let (ends, nodes) = self.cells(version, a, b)?;
                     (sections[own].ends, sections[own].nodes) = (ends, nodes);
                 }
-                ["METADATA"] => self.metadata()?,
-                ["FIELD", _, arrays] => self.field(arrays, &mut Vec::new())?,
-                ["POINT_DATA", _] => break Some(FieldAt::Points),
-                ["CELL_DATA", _] => break Some(FieldAt::Cells),
+                ("METADATA", []) => self.metadata()?,
+                ("FIELD", [_, arrays]) => self.field(arrays, &mut Vec::new())?,
+                ("POINT_DATA", [_]) => break Some(FieldAt::Points),
+                ("CELL_DATA", [_]) => break Some(FieldAt::Cells),
                 _ => return Err(self.bad(&line, expected)),
             }
         };
@@ -139,7 +164,8 @@ impl File {
         }
         let cells = collector.cells;
         let (points, fields) = collector.into_points();
-        let soup = polygons.soup(path, points, fields, cells)?;
+        let mut soup = polygons.soup(path, points, fields, cells)?;
+        soup.warnings = self.notes;
         Ok(VtkFile::Polygons(soup))
     }
 
@@ -243,16 +269,17 @@ impl File {
     ) -> Result<(Vec<i64>, Vec<i64>), ReadError> {
         let offsets = self.count(offsets, 1, "cell offsets")?;
         let total = self.count(total, 1, "numbers of cells")?;
-        let mut read = |keyword: &str, count: usize| {
-            let line = self.tokens.needed_line(keyword)?.to_owned();
-            match line.split_whitespace().collect::<Vec<_>>()[..] {
-                [word, scalar] if word == keyword => {
+        let mut read = |section: &str, count: usize| {
+            let line = self.tokens.needed_line(section)?.to_owned();
+            let (keyword, words) = keyword(&line);
+            match words[..] {
+                [scalar] if keyword == section => {
                     let scalar = self.scalar(scalar)?;
                     let bytes = scalar.size() as u64;
                     let count = self.count(&count.to_string(), bytes, "numbers of cells")?;
                     self.whole(scalar, count)
                 }
-                _ => Err(self.bad(&line, keyword)),
+                _ => Err(self.bad(&line, section)),
             }
         };
         let mut ends = read("OFFSETS", offsets)?;
@@ -272,25 +299,29 @@ impl File {
     ) -> Result<(), ReadError> {
         while let Some(line) = self.tokens.line()? {
             let line = line.to_owned();
-            let words: Vec<&str> = line.split_whitespace().collect();
-            let known = match words[..] {
-                ["POINT_DATA", _] => {
+            let (keyword, words) = keyword(&line);
+            let known = match (keyword.as_str(), &words[..]) {
+                ("POINT_DATA", [_]) => {
                     at = Some(FieldAt::Points);
                     continue;
                 }
-                ["CELL_DATA", _] => {
+                ("CELL_DATA", [_]) => {
                     at = Some(FieldAt::Cells);
                     continue;
                 }
-                ["METADATA"] => {
+                ("METADATA", []) => {
                     self.metadata()?;
                     continue;
                 }
-                ["SCALARS", name, scalar] => (name, scalar, 1),
-                ["SCALARS", name, scalar, n] => (name, scalar, self.count(n, 1, "components")?),
-                ["VECTORS" | "NORMALS", name, scalar] => (name, scalar, 3),
-                ["TENSORS", name, scalar] => (name, scalar, 9),
-                ["FIELD", _, arrays] => {
+                ("SCALARS" | "GLOBAL_IDS" | "PEDIGREE_IDS", [name, scalar]) => (name, scalar, 1),
+                ("SCALARS", [name, scalar, n]) => (name, scalar, self.count(n, 1, "components")?),
+                ("VECTORS" | "NORMALS", [name, scalar]) => (name, scalar, 3),
+                ("TEXTURE_COORDINATES", [name, n, scalar]) => {
+                    (name, scalar, self.count(n, 1, "components")?)
+                }
+                ("TENSORS6", [name, scalar]) => (name, scalar, 6),
+                ("TENSORS", [name, scalar]) => (name, scalar, 9),
+                ("FIELD", [_, arrays]) => {
                     let mut fields = Vec::new();
                     self.field(arrays, &mut fields)?;
                     if let Some(at) = at {
@@ -309,19 +340,16 @@ impl File {
             let Some(at) = at else {
                 return Err(self.bad(&line, "POINT_DATA or CELL_DATA before it"));
             };
-            let number = self.scalar(scalar)?;
-            if words[0] == "SCALARS" {
+            if keyword == "SCALARS" {
                 let table = self.tokens.needed_line("LOOKUP_TABLE")?.to_owned();
-                if !table.starts_with("LOOKUP_TABLE") {
+                if !table.to_ascii_uppercase().starts_with("LOOKUP_TABLE") {
                     return Err(self.bad(&table, "LOOKUP_TABLE"));
                 }
             }
-            let total = value_count(collector, at)
-                .saturating_mul(components)
-                .to_string();
-            let total = self.count(&total, number.size() as u64, "numbers")?;
-            let values = self.reals(number, total)?;
-            collector.field(name, at, components, values);
+            let total = value_count(collector, at).saturating_mul(components);
+            if let Some(values) = self.array(name, scalar, total)? {
+                collector.field(name, at, components, values);
+            }
         }
         Ok(())
     }
@@ -345,7 +373,7 @@ impl File {
         for _ in 0..self.count(arrays, 1, "arrays")? {
             let expected = "name, components, tuples and type of an array";
             let mut line = self.tokens.needed_line(expected)?.to_owned();
-            if line == "METADATA" {
+            if line.eq_ignore_ascii_case("METADATA") {
                 self.metadata()?;
                 self.tokens.needed_line(expected)?.clone_into(&mut line);
             }
@@ -353,19 +381,86 @@ impl File {
             let [name, components, tuples, scalar] = words[..] else {
                 return Err(self.bad(&line, expected));
             };
-            if scalar == "string" {
-                let e = self.bad(scalar, "an array of numbers");
-                return Err(e.with_hint("write the file without field data"));
+            let number = |word: &str, what: &str| {
+                word.parse::<usize>()
+                    .map_err(|_| self.bad(word, &format!("the number of {what}")))
+            };
+            let components = number(components, "components")?;
+            let tuples = number(tuples, "tuples")?;
+            let count = components.saturating_mul(tuples);
+            if let Some(values) = self.array(name, scalar, count)? {
+                found.push((name.to_owned(), components, values));
             }
-            let scalar = self.scalar(scalar)?;
-            let components = self.count(components, 1, "components")?;
-            let tuples = self.count(tuples, 1, "tuples")?;
-            let count = components.saturating_mul(tuples).to_string();
-            let count = self.count(&count, scalar.size() as u64, "numbers")?;
-            let values = self.reals(scalar, count)?;
-            found.push((name.to_owned(), components, values));
         }
         Ok(())
+    }
+
+    /// Reads an array of so many numbers. Strings and bits are no fields: they are left out with a note.
+    fn array(
+        &mut self,
+        name: &str,
+        scalar: &str,
+        count: usize,
+    ) -> Result<Option<Vec<f64>>, ReadError> {
+        let kind = match scalar.to_ascii_lowercase().as_str() {
+            "bit" => Values::Bits,
+            "string" | "utf8_string" => Values::Strings,
+            "variant" => Values::Variants,
+            _ => Values::Numbers(self.scalar(scalar)?),
+        };
+        let bytes = match &kind {
+            Values::Numbers(scalar) => scalar.size() as u64,
+            Values::Bits => 0,
+            Values::Strings | Values::Variants => 1,
+        };
+        let checked = |count: usize, bytes: u64| self.count(&count.to_string(), bytes, "values");
+        match kind {
+            Values::Numbers(scalar) => {
+                let count = checked(count, bytes)?;
+                return self.reals(scalar, count).map(Some);
+            }
+            Values::Bits if self.binary => {
+                let packed = checked(count.div_ceil(8), 1)?;
+                self.tokens.source.exact(&mut vec![0; packed], "bits")?;
+            }
+            Values::Bits => {
+                for _ in 0..checked(count, 1)? {
+                    self.tokens.int("a bit")?;
+                }
+            }
+            Values::Strings if self.binary => {
+                for _ in 0..checked(count, bytes)? {
+                    self.skip_string()?;
+                }
+            }
+            // A string may be empty, so blank lines count.
+            Values::Strings | Values::Variants => {
+                for _ in 0..checked(count, bytes)? {
+                    if self.tokens.source.line()?.is_none() {
+                        return Err(self.bad("", "a string"));
+                    }
+                }
+            }
+        }
+        let note = format!("array {} of {scalar}; left out", quote(name));
+        self.notes.push(note);
+        Ok(None)
+    }
+
+    /// Skips a string of a binary file. The two highest bits of its first byte tell how many bytes its length has:
+    /// 3, 2, 1 and 0 for 1, 2, 4 and 8. The remaining bits are the length, the highest first.
+    fn skip_string(&mut self) -> Result<(), ReadError> {
+        let [first] = self.tokens.source.array::<1>("the length of a string")?;
+        let further = [7, 3, 1, 0][usize::from(first >> 6)];
+        let mut rest = vec![0; further];
+        self.tokens
+            .source
+            .exact(&mut rest, "the length of a string")?;
+        let length = rest
+            .iter()
+            .fold(u64::from(first & 0x3f), |n, b| n << 8 | u64::from(*b));
+        let length = self.tokens.source.count(length, 1, "characters")?;
+        self.tokens.source.exact(&mut vec![0; length], "a string")
     }
 }
 

@@ -5,7 +5,7 @@ use super::super::error::RunError;
 use super::super::grading::node_scales;
 use super::super::input_files::InputFiles;
 use super::super::sheets::SheetThickness;
-use super::super::spatial_value::SpatialContext;
+use super::super::spatial_value::{SpatialContext, sign_hint};
 use super::CellTiling;
 use crate::recipe::{self, Length, Recipe, Size, TilingSection};
 
@@ -45,8 +45,12 @@ impl CellTiling {
         if let Some(n) = not_positive {
             let p = self.points[n];
             return Err(RunError::Tiling(format!(
-                "tiling.thickness is {} at ({}, {}, {}); expected a positive thickness of the sheets",
-                values[n], p.x, p.y, p.z
+                "tiling.thickness is {} at ({}, {}, {}); expected a positive thickness of the sheets{}",
+                values[n],
+                p.x,
+                p.y,
+                p.z,
+                section.thickness.as_ref().map_or("", sign_hint)
             )));
         }
         let is_inverted = cell(&self.palette[0].name).invert == Some(true);

@@ -4,7 +4,7 @@ use super::super::error::RunError;
 use super::super::input_files::InputFiles;
 use super::super::report::Warning;
 use super::super::scattered_data::ScatteredPoints;
-use super::super::spatial_value::SpatialContext;
+use super::super::spatial_value::{SpatialContext, sign_hint};
 use super::CellTiling;
 use crate::frame::Vec3;
 use crate::recipe::TilingSection;
@@ -20,6 +20,7 @@ impl CellTiling {
         let count = self.palette.len();
         let mut weights = vec![0.0; count * self.points.len()];
         let mut negative: Option<(usize, f64)> = None;
+        let mut hint = "";
         for (n, share) in section.transition.iter().enumerate() {
             let key = format!("tiling.transition.{n}.weight");
             let values = self.values(files, &spatial(&key), &share.weight)?;
@@ -27,6 +28,7 @@ impl CellTiling {
             for (at, w) in values.into_iter().enumerate() {
                 if w < 0.0 && self.counts[at] && negative.is_none_or(|(_, least)| w < least) {
                     negative = Some((at, w));
+                    hint = sign_hint(&share.weight);
                 }
                 weights[at * count + cell_index.unwrap_or(0)] += w.max(0.0);
             }
@@ -34,7 +36,7 @@ impl CellTiling {
         if let Some((at, w)) = negative {
             let p = self.points[at];
             let message = format!(
-                "tiling: the weight {w} at ({}, {}, {}) is negative and counts as 0",
+                "tiling: the weight {w} at ({}, {}, {}) is negative and counts as 0{hint}",
                 p.x, p.y, p.z
             );
             files.warn(Warning::WEIGHTS, message)?;

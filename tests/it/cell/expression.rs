@@ -76,6 +76,25 @@ proptest! {
     }
 
     #[test]
+    fn bounds_of_two_to_eight_rounded_operands_contain_every_sample(
+        waves in prop::collection::vec((1i32..3, 0.2f64..1.0, -0.3f64..0.3), 2..9),
+        radius in 0.05f64..0.6,
+        (region, points) in any_box(),
+    ) {
+        let operands: Vec<Expression> = waves
+            .iter()
+            .map(|(k, c, by)| cosines([*k, 0, 0], *c).expression().shifted(*by))
+            .collect();
+        for extreme in [Expression::least, Expression::greatest] {
+            let function = extreme(operands.clone(), radius).unwrap();
+            let bound = function.bound(&region);
+            for p in &points {
+                prop_assert!(bound.contains(function.value(*p)));
+            }
+        }
+    }
+
+    #[test]
     fn gradients_of_hybrids_are_finite_differences(cell in any_hybrid(), p in any_point()) {
         const STEP: f64 = 1e-5;
         let (_, g) = cell.value_and_gradient(p);

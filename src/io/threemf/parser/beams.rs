@@ -1,6 +1,7 @@
 //! The XML elements of beam lattices.
 
 use super::Parser;
+use crate::frame::is_in_range;
 use crate::io::beams::BeamCap;
 use crate::io::threemf::display_name;
 use crate::io::threemf::extensions::Space;
@@ -60,11 +61,16 @@ impl<R: BufRead> Parser<'_, R> {
                     None => self.length(e, "precision")?,
                     found => found,
                 };
+                // And the mode of clipping "clipping".
+                let clip = match self.keyword(e, "clippingmode", &clips)? {
+                    None => self.keyword(e, "clipping", &clips)?,
+                    found => found,
+                };
                 let lattice = Lattice {
                     min_length: min_length.unwrap_or(0.0),
                     radius: self.radius(e, "radius")?.unwrap_or(0.0),
                     cap: self.cap(e, "cap")?.unwrap_or_default(),
-                    clip: self.keyword(e, "clippingmode", &clips)?.unwrap_or_default(),
+                    clip: clip.unwrap_or_default(),
                     clip_mesh: self.optional(e, "clippingmesh")?,
                     representation_mesh: self.optional(e, "representationmesh")?,
                     ball_mode: match self.keyword(e, "ballmode", &balls)? {
@@ -128,7 +134,7 @@ impl<R: BufRead> Parser<'_, R> {
             .trim()
             .parse()
             .ok()
-            .filter(|r: &f64| r.is_finite() && *r > 0.0);
+            .filter(|r| is_in_range(*r) && *r > 0.0);
         let bad = || {
             self.bad(
                 format!("ballradius={}", quote(&text)),

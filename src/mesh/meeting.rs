@@ -1,0 +1,317 @@
+//! The search for triangles that meet beyond their common corners and sides.
+//!
+//! Boxes find candidates. Two kinds of mesh would make every triangle a candidate of every other:
+//! - Slivers, whose boxes are much larger than they are. Each is cut across its longest side into pieces with boxes of
+//!   their own.
+//! - Fans of thousands of triangles around one vertex, a hub, which all their boxes contain. Two triangles of a corner
+//!   meet beyond it exactly if they meet next to it, where they are arcs of a sphere about the corner. So boxes of
+//!   these arcs find the candidates within a fan.
+
+use super::bvh::Bvh;
+use super::intersect::{is_degenerate_triangle, triangles_meet};
+use super::soup::Soup;
+use crate::frame::{Aabb, Vec3};
+use crate::progress::{Cancelled, Progress};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// Triangles at a vertex that make it a hub.
+const MIN_HUB_TRIANGLES: u32 = 64;
+/// Meshes of fewer triangles are searched without pieces: every pair can be tested.
+const MIN_TRIANGLES: usize = 4096;
+/// Maximum number of pieces of a triangle, and of pieces in all for each triangle of the mesh.
+const MAX_PIECES: usize = 32;
+const MAX_PIECES_IN_ALL: usize = 2_000_000;
+/// Covers the rounding of directions.
+const ARC_ROUNDING: f64 = 1e-12;
+/// The label of a triangle without a hub.
+const NO_HUB: u32 = u32::MAX;
+
+/// Sorted pairs of intersecting triangles by number: one for every triangle that meets one in a later slot.
+/// Triangles without area are skipped.
+pub(crate) fn meeting_pairs(
+    soup: &Soup,
+    progress: &dyn Progress,
+) -> Result<Vec<[u32; 2]>, Cancelled> {
+    let search = Search::of(soup);
+    let count = soup.corners.len();
+    let slots: Vec<usize> = (0..count).collect();
+    let chunks = slots.par_chunks(4096).map(|slots| {
+        if progress.cancelled() {
+            return Vec::new();
+        }
+        let pairs = slots.iter().filter_map(|&s| {
+            let [a, b] = [s, search.first_later(s)?].map(|slot| soup.number[slot]);
+            Some([a.min(b), a.max(b)])
+        });
+        let pairs: Vec<[u32; 2]> = pairs.collect();
+        progress.advance(slots.len() as u64);
+        pairs
+    });
+    let mut pairs: Vec<[u32; 2]> = chunks.flatten().collect();
+    if progress.cancelled() {
+        return Err(Cancelled);
+    }
+    pairs.par_sort_unstable();
+    Ok(pairs)
+}
+
+/// The triangles of a soup with the hierarchies of their candidates.
+struct Search<'a> {
+    soup: &'a Soup,
+    is_degenerate: Vec<bool>,
+    /// The hub of each slot; empty without hubs.
+    hubs: Vec<u32>,
+    fans: HashMap<u32, Fan>,
+    pieces: Option<Pieces>,
+    /// The last slot of each node of the soup's hierarchy.
+    last: Vec<u32>,
+}
+
+/// The triangles around one hub.
+struct Fan {
+    /// Ascending.
+    slots: Vec<u32>,
+    arcs: Vec<Aabb>,
+    bvh: Bvh,
+    /// The last slot of each node.
+    last: Vec<u32>,
+}
+
+/// Pieces of all triangles.
+struct Pieces {
+    /// The slot of each piece.
+    slots: Vec<u32>,
+    boxes: Vec<Aabb>,
+    /// The first piece of each slot, and the end of the last.
+    first: Vec<u32>,
+    bvh: Bvh,
+    /// For each node its last slot, and the hub of all its triangles, else [`NO_HUB`].
+    nodes: Vec<(u32, u32)>,
+}
+
+impl<'a> Search<'a> {
+    fn of(soup: &'a Soup) -> Self {
+        let count = soup.corners.len();
+        let is_degenerate = soup.corners.par_iter().map(is_degenerate_triangle);
+        let mut search = Self {
+            soup,
+            is_degenerate: is_degenerate.collect(),
+            hubs: Vec::new(),
+            fans: HashMap::new(),
+            pieces: None,
+            last: soup.bvh.by_node(|slot| slot as u32, u32::max),
+        };
+        if count < MIN_TRIANGLES {
+            return search;
+        }
+        let (hubs, points) = hubs(&soup.corners);
+        let mut slots: HashMap<u32, Vec<u32>> = HashMap::new();
+        for (slot, &hub) in hubs.iter().enumerate() {
+            if hub != NO_HUB && !search.is_degenerate[slot] {
+                slots.entry(hub).or_default().push(slot as u32);
+            }
+        }
+        let pieces = Pieces::of(&soup.corners, &hubs);
+        if slots.is_empty() && pieces.slots.len() < 2 * count {
+            return search;
+        }
+        let fan = |(hub, slots): (u32, Vec<u32>)| {
+            let centre = points[hub as usize];
+            (hub, Fan::of(soup, centre, slots))
+        };
+        search.fans = slots.into_par_iter().map(fan).collect();
+        search.hubs = hubs;
+        search.pieces = Some(pieces);
+        search
+    }
+
+    /// The first slot found after `s` whose triangle meets that of `s`.
+    fn first_later(&self, s: usize) -> Option<usize> {
+        if self.is_degenerate[s] {
+            return None;
+        }
+        let t = &self.soup.corners[s];
+        let region = Aabb::of(*t);
+        let meets = |other: usize| {
+            let u = &self.soup.corners[other];
+            !self.is_degenerate[other] && region.meets(Aabb::of(*u)) && triangles_meet(t, u)
+        };
+        let Some(pieces) = &self.pieces else {
+            let mut found = None;
+            let bvh = &self.soup.bvh;
+            // Nodes without later slots need no visit: equal triangles would visit all before them.
+            bvh.overlapping_where(
+                &region,
+                |n| self.last[n] as usize > s,
+                |other| {
+                    if other > s && meets(other) {
+                        found = Some(other);
+                    }
+                    found.is_none()
+                },
+            );
+            return found;
+        };
+        let hub = self.hubs[s];
+        let fan = self.fans.get(&hub);
+        if let Some(found) = fan.and_then(|fan| fan.first_later(s, meets)) {
+            return Some(found);
+        }
+        for piece in pieces.first[s]..pieces.first[s + 1] {
+            let mut found = None;
+            // Nor do nodes of the same fan.
+            let enters = |n: usize| {
+                let (last, of_all) = pieces.nodes[n];
+                last as usize > s && (hub == NO_HUB || of_all != hub)
+            };
+            let region = &pieces.boxes[piece as usize];
+            pieces.bvh.overlapping_where(region, enters, |slot| {
+                let other = pieces.slots[pieces.bvh.order()[slot] as usize] as usize;
+                let is_fellow = hub != NO_HUB && self.hubs[other] == hub;
+                if other > s && !is_fellow && meets(other) {
+                    found = Some(other);
+                }
+                found.is_none()
+            });
+            if found.is_some() {
+                return found;
+            }
+        }
+        None
+    }
+}
+
+impl Fan {
+    /// The triangles of these slots, which share a corner.
+    fn of(soup: &Soup, hub: Vec3, slots: Vec<u32>) -> Self {
+        let arc = |&slot: &u32| {
+            let corners = soup.corners[slot as usize].iter();
+            let directions: Vec<Vec3> = corners
+                .filter(|p| **p != hub)
+                .map(|p| (p - hub).normalize())
+                .collect();
+            let sum: Vec3 = directions.iter().sum();
+            // The arc between unit vectors a and b bulges by 1 - |a + b| / 2 at most.
+            let bulge = 1.0 - sum.norm() / 2.0;
+            Aabb::of(directions).dilated(bulge.max(0.0) + ARC_ROUNDING)
+        };
+        let arcs: Vec<Aabb> = slots.iter().map(arc).collect();
+        let bvh = Bvh::new(arcs.len(), |i| arcs[i]);
+        Self {
+            last: bvh.by_node(|slot| slots[bvh.order()[slot] as usize], u32::max),
+            slots,
+            arcs,
+            bvh,
+        }
+    }
+
+    /// The first slot found after `s` whose triangle meets that of `s`.
+    fn first_later(&self, s: usize, meets: impl Fn(usize) -> bool) -> Option<usize> {
+        let own = self.slots.binary_search(&(s as u32)).ok()?;
+        let mut found = None;
+        let enters = |n: usize| self.last[n] as usize > s;
+        self.bvh.overlapping_where(&self.arcs[own], enters, |slot| {
+            let other = self.slots[self.bvh.order()[slot] as usize] as usize;
+            if other > s && meets(other) {
+                found = Some(other);
+            }
+            found.is_none()
+        });
+        found
+    }
+}
+
+impl Pieces {
+    fn of(corners: &[[Vec3; 3]], hubs: &[u32]) -> Self {
+        let most = (MAX_PIECES_IN_ALL / corners.len()).clamp(1, MAX_PIECES);
+        let of_each: Vec<Vec<Aabb>> = corners.par_iter().map(|t| pieces(t, most)).collect();
+        let mut first = vec![0];
+        let mut slots = Vec::new();
+        for (slot, own) in of_each.iter().enumerate() {
+            slots.resize(slots.len() + own.len(), slot as u32);
+            first.push(slots.len() as u32);
+        }
+        let boxes: Vec<Aabb> = of_each.into_iter().flatten().collect();
+        let bvh = Bvh::new(boxes.len(), |i| boxes[i]);
+        let node = |slot: usize| {
+            let triangle = slots[bvh.order()[slot] as usize];
+            (triangle, hubs[triangle as usize])
+        };
+        let join =
+            |a: (u32, u32), b: (u32, u32)| (a.0.max(b.0), if a.1 == b.1 { a.1 } else { NO_HUB });
+        Self {
+            nodes: bvh.by_node(node, join),
+            slots,
+            boxes,
+            first,
+            bvh,
+        }
+    }
+}
+
+/// Boxes of at most `most` pieces of a triangle, cut across its longest side into parts four times as long as wide.
+fn pieces(t: &[Vec3; 3], most: usize) -> Vec<Aabb> {
+    let length = |i: usize| (t[(i + 1) % 3] - t[i]).norm();
+    let longest = (1..3).fold(0, |m, i| if length(i) > length(m) { i } else { m });
+    let [a, b, c] = [0, 1, 2].map(|i| t[(longest + i) % 3]);
+    let (side, l) = (b - a, length(longest));
+    let width = side.cross(&(c - a)).norm() / l;
+    // A triangle without area has no width, or no length either: its quotient is no number.
+    let count = (l / (4.0 * width)).clamp(1.0, most as f64) as usize;
+    if count <= 1 {
+        return vec![Aabb::of(*t)];
+    }
+    // The foot of c on the longest side, as a part of it.
+    let foot = (side.dot(&(c - a)) / (l * l)).clamp(0.0, 1.0);
+    // The points of the triangle's outline above and on the longest side at a part s of it.
+    let cut = |s: f64| {
+        let above = if s <= foot {
+            if foot > 0.0 {
+                a + (c - a) * (s / foot)
+            } else {
+                c
+            }
+        } else {
+            c + (b - c) * ((s - foot) / (1.0 - foot))
+        };
+        [a + side * s, above]
+    };
+    let piece = |k: usize| {
+        let [from, to] = [k, k + 1].map(|k| k as f64 / count as f64);
+        let corner = (from <= foot && foot <= to).then_some(c);
+        // The ends of the side itself, without rounding.
+        let ends = [(0, a), (count - 1, b)];
+        let ends = ends.into_iter().filter(|e| e.0 == k).map(|e| e.1);
+        let outline = cut(from).into_iter().chain(cut(to));
+        Aabb::of(outline.chain(corner).chain(ends))
+    };
+    (0..count).map(piece).collect()
+}
+
+/// For each triangle the corner that most triangles share, if it is a hub; and all points by number.
+fn hubs(corners: &[[Vec3; 3]]) -> (Vec<u32>, Vec<Vec3>) {
+    let mut numbers: HashMap<[u64; 3], u32> = HashMap::new();
+    let (mut points, mut counts) = (Vec::new(), Vec::new());
+    let mut number = |p: &Vec3| {
+        // -0 equals 0.
+        let key = [0, 1, 2].map(|a| (p[a] + 0.0).to_bits());
+        let n = *numbers.entry(key).or_insert(points.len() as u32);
+        if n as usize == points.len() {
+            points.push(*p);
+            counts.push(0u32);
+        }
+        counts[n as usize] += 1;
+        n
+    };
+    let numbered: Vec<[u32; 3]> = corners
+        .iter()
+        .map(|t| [number(&t[0]), number(&t[1]), number(&t[2])])
+        .collect();
+    let hub = |t: &[u32; 3]| {
+        let most = t.iter().max_by_key(|v| (counts[**v as usize], **v));
+        let hub = most.filter(|v| counts[**v as usize] >= MIN_HUB_TRIANGLES);
+        hub.map_or(NO_HUB, |v| *v)
+    };
+    (numbered.iter().map(hub).collect(), points)
+}
