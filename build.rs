@@ -52,6 +52,10 @@ mod bridge {
         let built = library.join("build");
         println!("cargo::rustc-link-search=native={}", built.display());
         println!("cargo::rustc-link-lib=static=druse_vdb");
+        // The program's allocations, in Rust too, pass through cpp/allocation.cc.
+        for name in ["malloc", "calloc", "realloc", "posix_memalign"] {
+            println!("cargo::rustc-link-arg-bins=-Wl,--wrap={name},--undefined=__wrap_{name}");
+        }
         let list = std::fs::read_to_string(built.join("libraries.txt"))
             .map_err(|e| format!("the list of libraries that CMake writes: {e}"))?;
         for path in list.lines().map(Path::new) {

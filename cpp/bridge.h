@@ -12,6 +12,8 @@
 #include <exception>
 #include <memory>
 
+#include "exhaustion.h"
+
 namespace rust {
 namespace behavior {
 // cxx passes only std::exception; any other exception would abort the process.
@@ -20,6 +22,7 @@ static void trycatch(Try&& attempt, Fail&& fail) noexcept {
   try {
     attempt();
   } catch (const std::exception& error) {
+    druse::end_if_failed(druse::is_exhaustion(error));
     fail(error.what());
   } catch (...) {
     fail("unknown exception");
@@ -123,6 +126,7 @@ class Stream {
 
 // grid.cc: whole grids, and blocks
 void initialize();
+void end_on_exhaustion(rust::Str words, rust::Str json, std::int32_t code);
 std::unique_ptr<Grid> grid_new(double voxel_size, float background);
 std::unique_ptr<Grid> grid_copy(const Grid&);
 std::unique_ptr<Grid> grid_with_neighbours(const Grid&);

@@ -6,11 +6,12 @@
 //!
 //! | code | meaning | code | meaning |
 //! |---|---|---|---|
-//! | 0 | done | 70 | a bug in Druse |
-//! | 1 | a check failed | 73 | output cannot be created |
-//! | 2 | usage | 74 | input or output error |
-//! | 65 | bad input data | 130 | interrupted |
-//! | 66 | input missing | 143 | terminated |
+//! | 0 | done | 73 | output cannot be created |
+//! | 1 | a check failed | 74 | input or output error, or no memory |
+//! | 2 | usage | 75 | stopped and resumable |
+//! | 65 | bad input data | 129 | terminal closed |
+//! | 66 | input missing | 130, 143 | interrupted, terminated |
+//! | 70 | a bug in Druse | 152 | no processor time |
 
 use crate::vdb::subprocess::Program;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -59,6 +60,7 @@ mod server;
 mod signals;
 mod slice;
 mod sweep;
+mod terminal;
 mod vdb;
 mod vdb_commands;
 mod view;
@@ -176,6 +178,11 @@ pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option
     let session = Session::new(cli.options);
     failure::capture_panics();
     let command = cli.command;
+    match command {
+        // Its parent has the words for it.
+        Command::InspectVdb(_) => vdb::end_reader_on_exhaustion(),
+        _ => Failure::exhausted().print_on_exhaustion(&session),
+    }
     let answered = match session.color_grid() {
         Some(word) if !matches!(command, Command::Preview(_)) => Ok(Err(Failure::usage(format!(
             "found --color {word}; expected auto, always or never"

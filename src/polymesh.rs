@@ -62,6 +62,9 @@ pub use surface::SurfaceError;
 pub use symmetrize::Symmetry;
 pub use triangulate::Triangulated;
 
+/// Maximum number of corners that a remeshing, extrusion or subdivision makes.
+const MAX_CORNERS: u64 = 1 << 27;
+
 /// The faces of a mesh: loops of vertex numbers in one array.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Faces {
@@ -207,6 +210,11 @@ impl PolyMesh {
     /// Number of faces.
     pub fn face_count(&self) -> usize {
         self.faces.len()
+    }
+
+    /// Number of corners of all faces.
+    fn corner_count(&self) -> usize {
+        self.twins.len()
     }
 
     /// Euler characteristic V - E + F: 2 for each component, less 2 for each handle.

@@ -4,7 +4,7 @@ use super::{Answer, Failure, Session};
 use crate::cell::{Cell, default_group, groups, lattices, rank};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
-use crate::io::atomic::write_bytes;
+use crate::io::atomic::{require_writable, write_bytes};
 use crate::io::read_cell;
 use crate::symmetry::{Basis, GROUP_NAMES, Lattice, PointGroup, SymmetryError};
 use clap::{Args, Subcommand};
@@ -120,7 +120,7 @@ pub(super) fn describe(cell: &Cell) -> String {
         "{}: a {} cell, group {} ({} operators), lattice {}\n\
          {} coefficients, {} degrees of freedom, frequencies up to {:.3} per unit of length\n\
          solid {} {:.6}, {:.4} of the element, mean slope on the surface {:.4}\n",
-        cell.name(),
+        super::terminal::line(cell.name()),
         cell.element().name(),
         cell.group(),
         cell.operators().len(),
@@ -282,6 +282,7 @@ fn is_of<const D: usize>(element: Element, group: &PointGroup<D>, lattice: &Latt
 }
 
 fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Failure> {
+    output.map_or(Ok(()), require_writable)?;
     let planar = cell.element().dimension() == 2;
     let columns: &[&str] = if planar {
         &["x", "y", "phi", "gx", "gy"]
@@ -312,7 +313,7 @@ fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Fai
     };
     write_bytes(path, table.as_bytes())?;
     let shown = path.display().to_string();
-    let text = format!("{shown}  {} points", rows.len());
+    let text = format!("{}  {} points", super::terminal::line(&shown), rows.len());
     Ok(Answer::new(
         text,
         json!({ "path": shown, "points": rows.len() }),

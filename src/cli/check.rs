@@ -69,7 +69,7 @@ pub(super) fn solid_screen(
     let mesh = &solid.file.mesh;
     let unit = solid.file.unit;
     let shown = unit.map_or("of no stated unit", LengthUnit::symbol);
-    let mut text = format!("{} ({shown})\n", path.display());
+    let mut text = format!("{} ({shown})\n", super::terminal::path(path));
     let mut facts = mesh_facts(path, report);
     facts["unit"] = json!(unit.map(LengthUnit::symbol));
     facts["notes"] = json!(solid.file.warnings);
@@ -285,13 +285,13 @@ fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answ
     let mut requirements = Vec::new();
     let info = super::vdb::inspect(path)?;
     let unit = super::info::unit_of(&info);
-    let mut text = format!("{}\n", path.display());
+    let mut text = format!("{}\n", super::terminal::path(path));
     let (mut passed, mut grids) = (true, Vec::new());
     for grid in &info.grids {
         if !may_be_level_set(grid) {
             let _ = writeln!(text, "grid {:?}: {}, not checked", grid.name, grid.class);
             for note in &grid.notes {
-                let _ = writeln!(text, "  {note}");
+                let _ = writeln!(text, "  {}", super::terminal::line(note));
             }
             continue;
         }

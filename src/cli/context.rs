@@ -1,8 +1,8 @@
 //! The context of one invocation: output style, progress, colour and treatment of warnings.
 
-use super::Failure;
 use super::progress::{Display, Style};
 use super::signals::Signals;
+use super::{Failure, terminal};
 use crate::pipeline::{RunError, Warning};
 use crate::progress::{Progress, Threads};
 use clap::Args;
@@ -107,6 +107,11 @@ impl Session {
         self.options.strict
     }
 
+    /// Whether a bar shows the progress.
+    pub(super) fn shows_bar(&self) -> bool {
+        self.display.is_bar()
+    }
+
     /// Whether more details are printed.
     pub(super) fn verbose(&self) -> bool {
         self.options.verbose > 0
@@ -135,7 +140,7 @@ impl Session {
     /// A line for the user on stderr, unless quiet.
     pub(super) fn note(&self, text: &str) {
         if !self.options.quiet {
-            self.display.line(text);
+            self.display.line(&terminal::message(text));
         }
     }
 
@@ -148,7 +153,8 @@ impl Session {
         };
         self.display.line(&format!(
             "{on}warning[{}]{off}: {}",
-            warning.code, warning.message
+            warning.code,
+            terminal::message(&warning.message)
         ));
     }
 

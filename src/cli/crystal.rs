@@ -2,7 +2,7 @@
 
 use super::{Answer, Failure, Session};
 use crate::frame::{LengthUnit, Transform, figures};
-use crate::io::atomic::{StagedPath, write_bytes};
+use crate::io::atomic::{StagedPath, require_writable, write_bytes};
 use crate::io::{
     DiskFiles, read_polymesh, read_script, write_legacy_obj, write_mesh, write_polymesh,
 };
@@ -131,6 +131,9 @@ fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.view {
         return view::serve(p, &source, session);
     }
+    for path in &p.output {
+        require_writable(path)?;
+    }
     let files = DiskFiles::new(&source.directory, true);
     let mut interpreter = Interpreter::with_history(&files, if p.interactive { 200 } else { 1 });
     interpreter = interpreter.with_progress(session);
@@ -169,7 +172,12 @@ fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     }
     outputs.extend(files.saved());
     for (path, bytes) in &outputs {
-        let _ = write!(text, "\n{}  {}", path.display(), super::run::size(*bytes));
+        let _ = write!(
+            text,
+            "\n{}  {}",
+            super::terminal::path(path),
+            super::run::size(*bytes)
+        );
         if p.voxel_size.is_none() && is_volume(path) {
             let voxel = voxel_size(p, &mesh, source.unit);
             let _ = write!(text, "  voxels of {voxel} {}", source.unit.symbol());

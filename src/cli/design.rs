@@ -6,6 +6,7 @@ use super::{Answer, Failure, Session};
 use crate::cell::DesignReport;
 use crate::frame::Element;
 use crate::inverse::{InverseError, Prepared};
+use crate::io::atomic::require_writable;
 use crate::io::{read_cell, write_cell};
 use crate::pipeline;
 use crate::progress::Threads;
@@ -126,6 +127,7 @@ pub(super) fn answer(
     if flags.dry_run {
         return plan(&prepared);
     }
+    require_writable(output)?;
     let earlier = if flags.resume {
         let cell = read_cell(output)?;
         let design = cell.report().and_then(|r| r.design.as_ref());
@@ -150,7 +152,12 @@ pub(super) fn answer(
         .hint("the same command with --resume continues from it"));
     }
     let mut text = super::cell::describe(&made.cell);
-    let _ = write!(text, "{}  {}", output.display(), super::run::size(bytes));
+    let _ = write!(
+        text,
+        "{}  {}",
+        super::terminal::path(output),
+        super::run::size(bytes)
+    );
     let mut facts = super::cell::facts(&made.cell);
     facts["path"] = json!(output.display().to_string());
     facts["bytes"] = json!(bytes);

@@ -1,7 +1,7 @@
 //! `druse eval RECIPE --points p.csv`: the tiled field at world points.
 
 use super::{Answer, Failure, Session};
-use crate::io::atomic::{AtomicFile, write_bytes};
+use crate::io::atomic::{AtomicFile, require_writable, write_bytes};
 use crate::pipeline::{FieldSample, Probe, RunOptions};
 use crate::recipe::Recipe;
 use clap::Args;
@@ -34,6 +34,7 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let recipe = Recipe::read(&p.recipe, &p.set)?;
+    p.output.as_ref().map_or(Ok(()), require_writable)?;
     let points = super::points::read(&p.points, false)?;
     let options = RunOptions {
         threads: p.threads,
@@ -68,7 +69,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let shown = path.display().to_string();
     Ok(Answer::new(
         format!(
-            "{shown}  {} points, {outside} outside the scaffold",
+            "{}  {} points, {outside} outside the scaffold",
+            super::terminal::line(&shown),
             found.len()
         ),
         json!({ "path": shown, "points": found.len(), "outside": outside }),

@@ -7,11 +7,17 @@ const MAX_MESSAGE_CHARS: usize = 800;
 
 /// A line cut to [`MAX_LINE_CHARS`] characters around a column (from 1), and a marker to stand below that column.
 pub(super) fn cut(line: &str, column: Option<u64>) -> (String, Option<String>) {
-    // Control characters would move the marker, or the terminal's cursor.
+    // Signs that it obeys would move the marker, or the terminal's cursor.
     let characters: Vec<char> = line
         .trim_end()
         .chars()
-        .map(|c| if c.is_control() { ' ' } else { c })
+        .map(|c| {
+            if super::terminal::is_obeyed(c) {
+                ' '
+            } else {
+                c
+            }
+        })
         .collect();
     let at = column.map(|c| (c as usize).saturating_sub(1).min(characters.len()));
     let last = characters.len().saturating_sub(MAX_LINE_CHARS);

@@ -1,6 +1,6 @@
 //! Errors as the user sees them: one block on stderr, or one object with `--json`.
 
-use super::{Session, excerpt};
+use super::{Session, excerpt, terminal};
 use crate::io::{ErrorClass, ReadError, WriteError};
 use crate::pipeline::RunError;
 use crate::polymesh::ScriptError;
@@ -8,8 +8,10 @@ use crate::recipe::{Place, RecipeError, RecipeFault};
 use crate::vdb::{FileError, VdbError};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::sync::Mutex;
+
+mod exhausted;
 
 /// Exit codes of failures.
 pub(super) const USAGE: u8 = 2;
@@ -114,6 +116,9 @@ impl Failure {
     /// A caught panic.
     pub(super) fn bug() -> Self {
         let panic = PANIC.lock().ok().and_then(|mut p| p.take());
+        if panic.as_deref().is_some_and(exhausted::is_panic) {
+            return Self::exhausted();
+        }
         Self {
             code: EXIT_BUG,
             message: format!(
@@ -130,10 +135,12 @@ impl Failure {
     pub(super) fn stopped(code: u8) -> Self {
         Self {
             code,
-            message: if code == 143 {
-                "terminated; nothing half-written remains".into()
-            } else {
-                "interrupted; nothing half-written remains".into()
+            message: match code {
+                129 => "the terminal was closed; nothing half-written remains".into(),
+                143 => "terminated; nothing half-written remains".into(),
+                152 => "the processor time that the program may use has passed (ulimit -t); nothing half-written remains"
+                    .into(),
+                _ => "interrupted; nothing half-written remains".into(),
             },
             ..Self::default()
         }
@@ -146,6 +153,11 @@ impl Failure {
             message: message.into(),
             ..Self::default()
         }
+    }
+
+    /// Whether the machine, not the input, is at fault.
+    pub(super) fn is_of_machine(&self) -> bool {
+        matches!(self.code, EXIT_CREATE | EXIT_IO)
     }
 
     /// Whether the same command goes on from here.
@@ -172,8 +184,9 @@ impl Failure {
                 text.to_owned()
             }
         };
-        let mut block = format!("{}: {}\n", paint("1;31", "error"), self.message);
-        if let Some(file) = &self.file {
+        let message = terminal::message(&self.message);
+        let mut block = format!("{}: {message}\n", paint("1;31", "error"));
+        if let Some(file) = self.file.as_deref().map(terminal::line) {
             let place = [self.line, self.column]
                 .iter()
                 .map_while(|n| n.map(|n| format!(":{n}")))
@@ -190,7 +203,7 @@ impl Failure {
         if let Some(element) = self.element {
             let _ = writeln!(block, "  {} element {element}", paint("1;34", "-->"));
         }
-        if let Some(hint) = &self.hint {
+        if let Some(hint) = self.hint.as_deref().map(terminal::line) {
             let _ = writeln!(block, "  {} {hint}", paint("1;36", "hint:"));
         }
         block
@@ -200,7 +213,7 @@ impl Failure {
     pub(super) fn print(&self, session: &Session) -> u8 {
         let _ = write!(std::io::stderr(), "{}", self.block(session.colored()));
         if session.json() {
-            let _ = writeln!(std::io::stdout(), "{}", self.json());
+            let _ = writeln!(std::io::stdout(), "{}", terminal::json(&self.json()));
         }
         self.code
     }
@@ -209,10 +222,16 @@ impl Failure {
 /// Arguments that do not parse. `--help` and `--version` arrive here too; they are not errors.
 pub(super) fn usage(error: &clap::Error, json: bool) -> u8 {
     let code = error.exit_code() as u8;
-    let _ = error.print();
+    let plain = error.render().to_string();
+    let shown = terminal::lines(&plain);
+    // The colours of the message hold no sign of an argument.
+    let _ = if shown == plain {
+        error.print()
+    } else {
+        write!(std::io::stderr(), "{shown}")
+    };
     if json && code != 0 {
-        let text = error.render().to_string();
-        let message = text
+        let message = plain
             .lines()
             .next()
             .unwrap_or("")
@@ -221,7 +240,7 @@ pub(super) fn usage(error: &clap::Error, json: bool) -> u8 {
             hint: Some("druse --help lists commands and flags".into()),
             ..Failure::usage(message)
         };
-        let _ = writeln!(std::io::stdout(), "{}", failure.json());
+        let _ = writeln!(std::io::stdout(), "{}", terminal::json(&failure.json()));
     }
     code
 }
@@ -297,7 +316,13 @@ impl From<FileError> for Failure {
         let (message, hint) = (e.to_string(), e.hint());
         let (code, file) = match e {
             FileError::Cancelled(_) => return Self::stopped(130),
-            FileError::Io { path, source } if source.kind() == std::io::ErrorKind::NotFound => {
+            FileError::Io { path, source } if exhausted::is_cause(&source) => {
+                return Self {
+                    file: Some(path.display().to_string()),
+                    ..Self::exhausted()
+                };
+            }
+            FileError::Io { path, source } if source.kind() == ErrorKind::NotFound => {
                 (EXIT_NO_INPUT, path)
             }
             FileError::Io { path, .. } | FileError::OpenVdb { path, .. } => (EXIT_IO, path),
@@ -398,7 +423,7 @@ impl From<RunError> for Failure {
                 Some("restore these files, or name their folder with --from DIR".into()),
             ),
             RunError::Overwrite(_) => (EXIT_CREATE, Some("name it otherwise, or use --out DIR".into())),
-            RunError::Threads(_) => (EXIT_IO, None),
+            RunError::Threads(_) => (EXIT_IO, Some(exhausted::HINT.into())),
             RunError::Band { .. } | RunError::LevelSet { .. } | RunError::Strict { .. } => {
                 (EXIT_DATA, None)
             }

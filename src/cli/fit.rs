@@ -3,6 +3,7 @@
 use super::{Answer, Failure, Session};
 use crate::cell::{Cell, Surface};
 use crate::frame::Element;
+use crate::io::atomic::require_writable;
 use crate::io::write_cell;
 use crate::pipeline::{self, RunError, Warning};
 use crate::progress::Threads;
@@ -44,13 +45,19 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             "found {flag} without --target; expected both"
         )));
     }
+    require_writable(&p.output)?;
     let (cell, warnings) = threads.install(|| make(&name, (input, &p.cell), &threads, session))?;
     let bytes = write_cell(&p.output, &cell)?;
     for warning in warnings {
         session.warn_of(warning.code, warning.message)?;
     }
     let mut text = super::cell::describe(&cell);
-    let _ = write!(text, "{}  {}", p.output.display(), super::run::size(bytes));
+    let _ = write!(
+        text,
+        "{}  {}",
+        super::terminal::path(&p.output),
+        super::run::size(bytes)
+    );
     let mut facts = super::cell::facts(&cell);
     facts["path"] = json!(p.output.display().to_string());
     facts["bytes"] = json!(bytes);

@@ -159,7 +159,7 @@ pub(super) fn summary(
     mut lines: Vec<String>,
 ) -> Answer {
     let scenes: Vec<String> = scenes.iter().map(|s| s.display().to_string()).collect();
-    lines.extend(scenes.iter().cloned());
+    lines.extend(scenes.iter().map(|s| super::terminal::line(s).into_owned()));
     let unchanged = reports.len() - made;
     lines.push(format!("{made} frames made, {unchanged} unchanged"));
     let rows: Vec<Value> = reports

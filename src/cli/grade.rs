@@ -2,6 +2,7 @@
 
 use super::{Answer, Failure, Session};
 use crate::frame::{LengthUnit, figures};
+use crate::io::atomic::require_writable;
 use crate::pipeline::{self, GradeOptions, GradeReport, GradeRule, RunOptions};
 use crate::recipe::Recipe;
 use clap::{Args, ValueEnum};
@@ -70,6 +71,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             p.output.display()
         )));
     }
+    require_writable(&p.output)?;
     let positive = |flag: &str, value: Option<f64>| match value {
         Some(v) if !(v.is_finite() && v > 0.0) => Err(Failure::usage(format!(
             "{flag}: found {v}; expected a positive number"
@@ -127,7 +129,12 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     session.finish();
     let mut text = describe(&report, recipe.unit());
     let shown = p.output.display().to_string();
-    let _ = write!(text, "{shown}  {}", super::run::size(report.bytes));
+    let _ = write!(
+        text,
+        "{}  {}",
+        super::terminal::line(&shown),
+        super::run::size(report.bytes)
+    );
     let mut facts = serde_json::to_value(&report).unwrap_or_default();
     facts["path"] = shown.into();
     Ok(Answer::new(text, facts))

@@ -8,7 +8,7 @@ use crate::frame::Element;
 use crate::homogenize::{
     Control, HomogenizeError, Isotropic, Packing, Properties, Settings, compliance,
 };
-use crate::io::atomic::write_bytes;
+use crate::io::atomic::{require_writable, write_bytes};
 use crate::pipeline::{self, CellPeriod, PropertyOptions, Warning};
 use crate::progress::Threads;
 use crate::recipe::{CellSection, Fraction, Positive, Recipe, Section};
@@ -149,6 +149,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     ] {
         if let Some(path) = path {
             check_extension(path, extensions)?;
+            require_writable(path)?;
         }
     }
     let keeps = p.gradient || p.sweep.is_some();
@@ -363,7 +364,12 @@ fn one(
     let mut files = Vec::new();
     for (path, bytes) in written {
         let shown = path.display().to_string();
-        let _ = writeln!(text, "{shown}  {}", super::run::size(bytes));
+        let _ = writeln!(
+            text,
+            "{}  {}",
+            super::terminal::line(&shown),
+            super::run::size(bytes)
+        );
         files.push(serde_json::json!({ "path": shown, "bytes": bytes }));
     }
     facts["files"] = files.into();

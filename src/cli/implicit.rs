@@ -2,7 +2,7 @@
 
 use super::{Answer, Failure, Session};
 use crate::frame::{Aabb, Element, LengthUnit, Vec3};
-use crate::io::atomic::AtomicFile;
+use crate::io::atomic::{AtomicFile, require_writable};
 use crate::io::{ImplicitPart, read_mesh};
 use crate::mesh::{MeshSolid, TriMesh};
 use crate::recipe::Size;
@@ -67,6 +67,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             Failure::usage(message).hint("other formats take triangles: druse run, druse mesh")
         );
     }
+    require_writable(&p.output)?;
     let cell = super::cell::read(&p.cell)?;
     let edge =
         p.edge.0.in_unit(UNIT, UNIT).ok_or_else(|| {
@@ -100,8 +101,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let size = domain.bounds().size();
     let text = format!(
         "{}  {} with edge {edge} mm in {} x {} x {} mm: {nodes} nodes, {}",
-        p.output.display(),
-        cell.name(),
+        super::terminal::path(&p.output),
+        super::terminal::line(cell.name()),
         crate::frame::figures(size.x),
         crate::frame::figures(size.y),
         crate::frame::figures(size.z),

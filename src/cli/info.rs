@@ -58,12 +58,16 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
         None => scaffold.sources().concat(),
     });
     let voxel = recipe.scale().voxel_size;
-    let mut text = format!("{}: a recipe in {}\n", path.display(), recipe.unit());
+    let mut text = format!(
+        "{}: a recipe in {}\n",
+        super::terminal::path(path),
+        recipe.unit()
+    );
     let list = |items: &[&str]| {
         if items.is_empty() {
             "none".to_owned()
         } else {
-            items.join(", ")
+            super::terminal::line(&items.join(", ")).into_owned()
         }
     };
     let names: Vec<&str> = cells.iter().map(|c| c.as_str()).collect();
@@ -71,7 +75,7 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
     let _ = writeln!(
         text,
         "scaffold    {}",
-        scaffold.as_deref().unwrap_or("none")
+        super::terminal::line(scaffold.as_deref().unwrap_or("none"))
     );
     let _ = writeln!(text, "voxel size  {voxel} {}", recipe.unit());
     let _ = writeln!(text, "operations  {}", list(&ops));
@@ -91,7 +95,7 @@ fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
         .map_err(|_| Failure::stopped(130))?;
     let (mut text, facts, _) = super::check::solid_screen(path, &solid, &report);
     for warning in &solid.file.warnings {
-        let _ = writeln!(text, "note: {warning}");
+        let _ = writeln!(text, "note: {}", super::terminal::line(warning));
     }
     Ok((text, facts))
 }
@@ -132,9 +136,9 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
     let unit = unit_of(info);
     let mut text = format!(
         "{}: OpenVDB, format {} ({}), {}\n",
-        path.display(),
+        super::terminal::path(path),
         info.version,
-        info.writer,
+        super::terminal::line(&info.writer),
         super::run::size(info.bytes)
     );
     for g in &info.grids {
@@ -147,7 +151,9 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
         let _ = writeln!(
             text,
             "grid {:?}: {}, {}, {voxel} {unit}",
-            g.name, g.class, g.grid_type
+            g.name,
+            super::terminal::line(&g.class),
+            super::terminal::line(&g.grid_type)
         );
         let _ = writeln!(
             text,
@@ -185,11 +191,16 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
             let _ = writeln!(text, "  background {}", background as f32);
         }
         for note in &g.notes {
-            let _ = writeln!(text, "  note: {note}");
+            let _ = writeln!(text, "  note: {}", super::terminal::line(note));
         }
         for (key, value) in &g.metadata {
             if key.starts_with("druse.") && key != "druse.recipe" {
-                let _ = writeln!(text, "  {key} {}", value.escape_debug());
+                let _ = writeln!(
+                    text,
+                    "  {} {}",
+                    super::terminal::line(key),
+                    value.escape_debug()
+                );
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::Failure;
 use super::require::{length_unit, shown_unit};
 use crate::frame::LengthUnit;
-use crate::io::atomic::write_bytes;
+use crate::io::atomic::{require_writable, write_bytes};
 use crate::pipeline::{BuildReport, SweepCurve, level_set_layers, sweep_picture};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{BuildSection, Finite, Size};
@@ -79,6 +79,7 @@ impl Parameters {
         let Some(section) = self.section()? else {
             return Ok(None);
         };
+        self.plot.as_ref().map_or(Ok(()), require_writable)?;
         let unit = length_unit(path, unit)?;
         let found = level_set_layers((&section, unit), (solid, unit), threads, progress)?;
         let facts = json!(found);

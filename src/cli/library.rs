@@ -7,6 +7,7 @@ use super::homogenize::Sweep;
 use super::{Answer, Failure, Session};
 use crate::cell::Cell;
 use crate::frame::Element;
+use crate::io::atomic::require_directory;
 use crate::io::write_cell;
 use crate::pipeline;
 use crate::recipe::{CellSection, ElementName, Fraction, Positive, TargetWord};
@@ -54,8 +55,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         .map_err(|e| Failure::usage(format!("--volume-fraction: {e}")))?
         .into_fractions();
     check_names(&fractions)?;
-    std::fs::create_dir_all(&p.output)
-        .map_err(|e| Failure::usage(format!("{}: {e}", p.output.display())))?;
+    require_directory(&p.output)?;
     // The middle cell comes first: the others keep its trace.
     let mut design_order = fractions.clone();
     design_order.swap(0, fractions.len() / 2);
@@ -105,7 +105,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         let _ = writeln!(
             text,
             "{}  volume fraction {fraction}, {bulk}{}",
-            path.display(),
+            super::terminal::path(&path),
             super::run::size(bytes)
         );
         rows.push(json!({

@@ -1,7 +1,7 @@
 //! `druse man`: the manual pages, made from the grammar of the command line.
 
 use super::{Answer, Failure, Session, grammar};
-use crate::io::atomic::write_bytes;
+use crate::io::atomic::{require_directory, write_bytes};
 use clap::Args;
 use serde_json::json;
 use std::path::PathBuf;
@@ -19,10 +19,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
         let json = json!({ "page": page });
         return Ok(Answer::new(page, json));
     };
-    std::fs::create_dir_all(directory).map_err(|e| crate::io::WriteError::Create {
-        path: directory.clone(),
-        reason: e.to_string(),
-    })?;
+    require_directory(directory)?;
     let mut all = grammar();
     all.build();
     let mut files = Vec::new();

@@ -33,7 +33,10 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     write_bytes(&path, text.as_bytes())?;
     let shown = path.display().to_string();
     Ok(Answer::new(
-        format!("{shown}\nrun it with: druse run {shown}"),
+        format!(
+            "{0}\nrun it with: druse run {0}",
+            super::terminal::line(&shown)
+        ),
         json!({ "path": shown }),
     ))
 }

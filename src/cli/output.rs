@@ -1,6 +1,6 @@
 //! The result of a command: text, JSON object and exit code.
 
-use super::Session;
+use super::{Session, terminal};
 use serde_json::Value;
 use std::io::{self, Write};
 
@@ -42,11 +42,11 @@ impl Answer {
     /// Prints the result and returns the exit code. A closed pipe is no error.
     pub(super) fn print(self, session: &Session) -> u8 {
         let text = if session.json() {
-            format!("{}\n", self.json)
+            format!("{}\n", terminal::json(&self.json))
         } else if self.text.is_empty() || self.text.ends_with('\n') {
-            self.text
+            terminal::lines(&self.text).into_owned()
         } else {
-            format!("{}\n", self.text)
+            format!("{}\n", terminal::lines(&self.text))
         };
         match write_stdout(text.as_bytes()) {
             // EX_IOERR of sysexits.h.

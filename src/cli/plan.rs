@@ -48,6 +48,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             p.output.display()
         )));
     }
+    crate::io::atomic::require_writable(&p.output)?;
     let options = RunOptions {
         threads: p.threads,
         memory: Some(p.memory),
@@ -86,7 +87,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         "memory_bytes": plan.memory_bytes,
         "files": lines,
     });
-    Ok(Answer::new(lines.join("\n"), json))
+    let shown: Vec<_> = lines.iter().map(|l| super::terminal::line(l)).collect();
+    Ok(Answer::new(shown.join("\n"), json))
 }
 
 /// Writes the job files of a plan and returns their paths.
@@ -125,5 +127,6 @@ fn sequence(
         "memory_bytes": planned.items.memory_bytes,
         "files": lines,
     });
-    Ok(Answer::new(lines.join("\n"), json))
+    let shown: Vec<_> = lines.iter().map(|l| super::terminal::line(l)).collect();
+    Ok(Answer::new(shown.join("\n"), json))
 }

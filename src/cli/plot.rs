@@ -2,7 +2,7 @@
 //! its rms error by the number of coefficients.
 
 use super::{Answer, Failure, Session};
-use crate::io::atomic::write_bytes;
+use crate::io::atomic::{require_writable, write_bytes};
 use crate::pipeline;
 use crate::recipe::{Caps, CellPlace, CellSection, Positive};
 use clap::Args;
@@ -39,6 +39,7 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
+    require_writable(&p.output)?;
     let cell = super::cell::read(&p.cell)?;
     let plot = threads.install(|| {
         let source = match &p.source {
@@ -65,7 +66,12 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         let _ = writeln!(text, "{count:>6} coefficients: rms error {rms:.3e}");
     }
     let path = p.output.display().to_string();
-    let _ = write!(text, "{path}  {}", super::run::size(bytes));
+    let _ = write!(
+        text,
+        "{}  {}",
+        super::terminal::line(&path),
+        super::run::size(bytes)
+    );
     let facts = json!({ "path": path, "bytes": bytes, "curve": plot.curve });
     Ok(Answer::new(text, facts))
 }

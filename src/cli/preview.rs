@@ -4,7 +4,7 @@ use super::kind::FileKind;
 use super::{Answer, Failure, Session};
 use crate::cell::Cell;
 use crate::frame::Transform;
-use crate::io::atomic::write_bytes;
+use crate::io::atomic::{require_writable, write_bytes};
 use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use crate::mesh::TriMesh;
 use crate::pipeline;
@@ -69,6 +69,7 @@ fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
             "found the output {found}; expected a name with the extension .png"
         )));
     }
+    require_writable(&p.output)?;
     let columns = pipeline::contact_sheet_columns(p.files.len());
     let rows = p.files.len().div_ceil(columns);
     let size = [
@@ -89,7 +90,11 @@ fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     };
     let bytes = write_bytes(&p.output, &png)?;
     let shown = p.output.display().to_string();
-    let mut text = format!("{shown}  {}", super::run::size(bytes));
+    let mut text = format!(
+        "{}  {}",
+        super::terminal::line(&shown),
+        super::run::size(bytes)
+    );
     let grid = session.color_grid().unwrap_or_default();
     for [low, high] in &ranges {
         let _ = write!(text, "\n{grid}: {low} dark violet to {high} yellow");

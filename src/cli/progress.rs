@@ -1,5 +1,6 @@
 //! Progress on stderr: a bar, lines of text or JSON.
 
+use super::terminal;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::Write;
@@ -48,7 +49,12 @@ impl Display {
         }
     }
 
+    pub(super) fn is_bar(&self) -> bool {
+        self.style == Style::Bar
+    }
+
     pub(super) fn stage(&self, name: &str, total: Option<u64>) {
+        let name = &*terminal::line(name);
         match self.style {
             Style::None => {}
             Style::Bar => {

@@ -131,7 +131,7 @@ fn compared(path: &Path, origin: &Origin, report: &Report, keeps_outputs: bool) 
         .or(volumes.first());
     let found = made.and_then(|o| o.content_hash.clone());
     let is_same = found.as_ref() == expected;
-    let shown = path.display();
+    let shown = super::terminal::path(path);
     let mut text = if is_same {
         format!(
             "{shown}: made again with the same content hash\n  {}\n",
@@ -154,11 +154,16 @@ fn compared(path: &Path, origin: &Origin, report: &Report, keeps_outputs: bool) 
     }
     if keeps_outputs {
         for output in &report.outputs {
-            let _ = writeln!(text, "{}  {}", output.path, super::run::size(output.bytes));
+            let _ = writeln!(
+                text,
+                "{}  {}",
+                super::terminal::line(&output.path),
+                super::run::size(output.bytes)
+            );
         }
     }
     let facts = json!({
-        "path": shown.to_string(), "content_hash": origin.content_hash, "content_hash_again": found,
+        "path": path.display().to_string(), "content_hash": origin.content_hash, "content_hash_again": found,
         "version": origin.version, "passed": is_same, "report": report,
     });
     Answer::new(text, facts).verdict(is_same)

@@ -2,7 +2,7 @@
 
 use super::{Answer, Failure, Session};
 use crate::io::ReadError;
-use crate::io::atomic::write_bytes;
+use crate::io::atomic::{require_writable, write_bytes};
 use clap::Args;
 use page::Page;
 use serde_json::{Value, json};
@@ -38,6 +38,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             "found the output {found}; expected a name with the extension .html"
         )));
     }
+    require_writable(&p.output)?;
     let path = &p.report;
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
     let report: Value = serde_json::from_slice(&bytes).map_err(|e| {
@@ -60,7 +61,11 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     };
     let written = write_bytes(&p.output, page.html().as_bytes())?;
     let shown = p.output.display().to_string();
-    let text = format!("{shown}  {}", super::run::size(written));
+    let text = format!(
+        "{}  {}",
+        super::terminal::line(&shown),
+        super::run::size(written)
+    );
     Ok(Answer::new(
         text,
         json!({ "path": shown, "bytes": written }),

@@ -234,7 +234,11 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
                 .unit
                 .as_deref()
                 .map_or(String::new(), |u| format!("  {u}"));
-            format!("{}  {}{unit}", o.path, size(o.bytes))
+            format!(
+                "{}  {}{unit}",
+                super::terminal::line(&o.path),
+                size(o.bytes)
+            )
         })
         .collect();
     lines.extend(report.requirements.iter().map(ToString::to_string));

@@ -2,6 +2,7 @@
 
 use super::{Answer, Failure, Session};
 use crate::frame::figures;
+use crate::io::atomic::require_writable;
 use crate::io::{DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, read_elements};
 use crate::pipeline::{Probe, RunOptions};
 use crate::recipe::Recipe;
@@ -48,6 +49,7 @@ enum What {
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     match &p.what {
         What::Info { file, output } => {
+            output.as_ref().map_or(Ok(()), require_writable)?;
             let (text, facts) = describe(file)?;
             if let Some(output) = output {
                 write(file, output)?;
@@ -86,6 +88,7 @@ fn certificate(
     session: &Session,
 ) -> Result<Answer, Failure> {
     let recipe = Recipe::read(path, set)?;
+    output.map_or(Ok(()), require_writable)?;
     let options = RunOptions {
         isolated: Some(super::vdb::reader()?),
         ..RunOptions::default()
@@ -231,7 +234,7 @@ fn left_out((skipped, unused_nodes): (usize, usize), notes: &[String], text: &mu
         let _ = writeln!(text, "{unused_nodes} node{s} without an element");
     }
     for note in notes {
-        let _ = writeln!(text, "note: {note}");
+        let _ = writeln!(text, "note: {}", super::terminal::line(note));
     }
 }
 
@@ -245,7 +248,7 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     let [min, max] = [bounds.min, bounds.max].map(|v| [v.x, v.y, v.z]);
     let mut text = format!(
         "{}: a surface of {}, {} nodes\nbox {min:?} to {max:?}\n",
-        path.display(),
+        super::terminal::path(path),
         listed.join(", "),
         file.surface.nodes().len()
     );
@@ -263,7 +266,7 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
         "notes": file.notes, "warnings": file.warnings,
     });
     for note in &file.warnings {
-        let _ = writeln!(text, "note: {note}");
+        let _ = writeln!(text, "note: {}", super::terminal::line(note));
     }
     (text, facts)
 }
@@ -319,7 +322,7 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
         "warnings": warnings,
     });
     for note in &warnings {
-        let _ = writeln!(text, "note: {note}");
+        let _ = writeln!(text, "note: {}", super::terminal::line(note));
     }
     (text, facts)
 }
@@ -332,7 +335,7 @@ fn screen(path: &Path, r: &ScaffoldReport) -> String {
         .collect();
     let mut text = format!(
         "{}: {}, {} nodes\n",
-        path.display(),
+        super::terminal::path(path),
         kinds.join(", "),
         r.nodes
     );

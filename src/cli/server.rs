@@ -182,7 +182,9 @@ impl Server {
         let port = self.guard.port;
         let accepting = {
             let is_closed = Arc::clone(&is_closed);
-            std::thread::spawn(move || accept(&self.listener, &self.guard, &requests, &is_closed))
+            std::thread::Builder::new()
+                .spawn(move || accept(&self.listener, &self.guard, &requests, &is_closed))
+                .map_err(|_| Failure::exhausted())?
         };
         let ended = loop {
             if session.signals.stopped() {
@@ -239,11 +241,18 @@ fn accept(
             continue;
         }
         open.fetch_add(1, Ordering::Relaxed);
-        let (guard, requests, open) = (Arc::clone(guard), requests.clone(), Arc::clone(&open));
-        std::thread::spawn(move || {
-            converse(stream, &guard, &requests);
+        let (guard, requests) = (Arc::clone(guard), requests.clone());
+        let answering = {
+            let open = Arc::clone(&open);
+            std::thread::Builder::new().spawn(move || {
+                converse(stream, &guard, &requests);
+                open.fetch_sub(1, Ordering::Relaxed);
+            })
+        };
+        // Without a thread the connection is closed.
+        if answering.is_err() {
             open.fetch_sub(1, Ordering::Relaxed);
-        });
+        }
     }
 }
 

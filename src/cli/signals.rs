@@ -1,11 +1,31 @@
 //! Signals: the first one cancels the work, the second one ends the program at once.
+//!
+//! The hang-up of a terminal and the end of the processor time that the process may use cancel the work, too. Work that
+//! waits for another program, such as the reader of a pipe, does not see that it is cancelled: the program ends by
+//! itself then. A limit on the size of files ends a write with an error, as a full disk does, instead of the program.
 
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use rustix::time::{ClockId, clock_gettime};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXCPU, SIGXFSZ};
+use signal_hook::{flag, low_level};
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::channel;
+use std::time::Duration;
+
+/// Time without work after which a cancelled program counts as one that waits for another.
+const IDLE_TIME: Duration = Duration::from_secs(2);
+/// Processor time that the display of progress uses in it at most.
+const MAX_IDLE_WORK: Duration = Duration::from_millis(40);
+/// Time for the last message, which may go into a pipe that nothing reads.
+const FAREWELL_TIME: Duration = Duration::from_millis(500);
+/// Stack of the thread that waits for signals, bytes.
+const STACK_BYTES: usize = 1 << 18;
 
 /// The signals received so far.
+#[derive(Clone)]
 pub(super) struct Signals {
     stop: Arc<AtomicBool>,
     which: Arc<AtomicUsize>,
@@ -18,16 +38,41 @@ impl Signals {
             stop: Arc::new(AtomicBool::new(false)),
             which: Arc::new(AtomicUsize::new(0)),
         };
-        for signal in [SIGINT, SIGTERM] {
+        // With a handler of any kind, the write that passes the limit fails.
+        let _ = flag::register(SIGXFSZ, Arc::default());
+        warn_before_the_end_of_processor_time();
+        let pipe = UnixStream::pair().ok();
+        for signal in [SIGINT, SIGTERM, SIGHUP, SIGXCPU] {
+            // `nohup` keeps a program alive by this.
+            if signal == SIGHUP && is_ignored(SIGHUP) {
+                continue;
+            }
             let number = signal as usize;
-            // The order matters: the first signal finds `stop` unset, so the shutdown handler ignores it.
-            let _ = flag::register_conditional_shutdown(
-                signal,
-                128 + signal,
-                Arc::clone(&signals.stop),
-            )
-            .and_then(|_| flag::register_usize(signal, Arc::clone(&signals.which), number))
-            .and_then(|_| flag::register(signal, Arc::clone(&signals.stop)));
+            // The order matters: the first signal finds `stop` unset, so the shutdown handler ignores it. The system
+            // sends SIGXCPU again every second.
+            let second = match signal {
+                SIGXCPU => Ok(()),
+                _ => flag::register_conditional_shutdown(
+                    signal,
+                    128 + signal,
+                    Arc::clone(&signals.stop),
+                )
+                .map(drop),
+            };
+            let _ = second
+                .and_then(|()| flag::register_usize(signal, Arc::clone(&signals.which), number))
+                .and_then(|_| flag::register(signal, Arc::clone(&signals.stop)));
+            if let Some(end) = pipe.as_ref().and_then(|p| p.1.try_clone().ok()) {
+                let _ = low_level::pipe::register(signal, end);
+            }
+        }
+        if let Some((wake, _)) = pipe {
+            let own = signals.clone();
+            // Without a thread a second signal is needed.
+            let _ = std::thread::Builder::new()
+                .name("signals".into())
+                .stack_size(STACK_BYTES)
+                .spawn(move || own.end_idle_program(wake));
         }
         signals
     }
@@ -37,9 +82,65 @@ impl Signals {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// 130 or 143 after a signal.
+    /// 128 and the number of a signal after it.
     pub(super) fn exit_code(&self) -> Option<u8> {
         self.stopped()
             .then(|| 128 + self.which.load(Ordering::Relaxed) as u8)
     }
+
+    /// Waits for a signal, then ends the program if it does not work: it waits for another one.
+    fn end_idle_program(&self, mut wake: UnixStream) {
+        let mut byte = [0];
+        if wake.read_exact(&mut byte).is_err() {
+            return;
+        }
+        loop {
+            let before = processor_time();
+            std::thread::sleep(IDLE_TIME);
+            if processor_time().saturating_sub(before) < MAX_IDLE_WORK {
+                break;
+            }
+        }
+        let code = self.exit_code().unwrap_or(128);
+        let (sent, received) = channel();
+        let _ = std::thread::Builder::new().spawn(move || {
+            let words =
+                "error: stopped while waiting for another program, such as the reader of a pipe\n";
+            let _ = std::io::stderr().write_all(words.as_bytes());
+            let _ = sent.send(());
+        });
+        let _ = received.recv_timeout(FAREWELL_TIME);
+        low_level::exit(i32::from(code));
+    }
+}
+
+/// Processor time that the process has used.
+fn processor_time() -> Duration {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
+}
+
+/// Moves the limit of processor time a second below the one that kills the process, so that the signal comes first.
+fn warn_before_the_end_of_processor_time() {
+    let limit = getrlimit(Resource::Cpu);
+    if let (Some(soft), Some(hard)) = (limit.current, limit.maximum)
+        && soft >= hard
+        && hard > 1
+    {
+        let _ = setrlimit(
+            Resource::Cpu,
+            Rlimit {
+                current: Some(hard - 1),
+                ..limit
+            },
+        );
+    }
+}
+
+/// Whether the program was started with a signal ignored.
+fn is_ignored(signal: i32) -> bool {
+    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = text.lines().find_map(|l| l.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok());
+    mask.is_some_and(|m| m >> (signal - 1) & 1 == 1)
 }

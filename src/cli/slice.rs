@@ -4,7 +4,7 @@ use super::kind::FileKind;
 use super::vdb_commands::{Draft, GridChoice};
 use super::{Answer, Failure, Session};
 use crate::frame::{Aabb, LengthUnit, Vec3};
-use crate::io::atomic::{AtomicFile, write_bytes};
+use crate::io::atomic::{AtomicFile, require_directory, write_bytes};
 use crate::io::{SliceStackWriter, WriteError};
 use crate::pipeline::{RunError, RunOptions, SliceOptions, SliceSummary, slice};
 use crate::recipe::{Length, Recipe, Size};
@@ -127,16 +127,13 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         )
         .hint("druse filter turns a part: 'resample={rotate=[90,0,0]}'"));
     }
+    if format == Format::Png {
+        require_directory(&p.output)?;
+    }
     let to_mm = recipe.unit().to(LengthUnit::Millimetre);
     let mut bytes = 0;
     let sliced = if format == Format::Png {
         slice(&recipe, &options, &how, session, |s, n, layer| {
-            if n == 0 {
-                std::fs::create_dir_all(&p.output).map_err(|e| crate::io::WriteError::Create {
-                    path: p.output.clone(),
-                    reason: e.to_string(),
-                })?;
-            }
             let per_metre = 1000.0 / (s.plan.pixel * to_mm);
             let png = grey_png(&s.plan, layer, per_metre)
                 .map_err(|e| RunError::Empty(format!("encoding a picture: {e}")))?;
@@ -239,7 +236,8 @@ fn report_answer(p: &Parameters, s: &SliceSummary, bytes: u64) -> Answer {
     let shown = p.output.display().to_string();
     let (unit, plan) = (s.unit, &s.plan);
     let text = format!(
-        "{shown}  {} layers of {} {unit}, {}x{} pixels of {} {unit}, volume {} {unit}^3, {}",
+        "{}  {} layers of {} {unit}, {}x{} pixels of {} {unit}, volume {} {unit}^3, {}",
+        super::terminal::line(&shown),
         plan.layers(),
         plan.height,
         plan.pixels[0],

@@ -1,6 +1,7 @@
 //! `druse sweep RECIPE KEY=VALUES... -o TABLE.csv`: runs all combinations of values of a recipe's keys.
 
 use super::{Answer, Failure, Session};
+use crate::io::atomic::{require_directory, require_writable};
 use crate::pipeline::{self, Report, RunOptions};
 use crate::progress::Progress;
 use crate::recipe::Recipe;
@@ -70,6 +71,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             combinations.len()
         ));
     }
+    require_writable(&p.output)?;
+    p.out.as_ref().map_or(Ok(()), require_directory)?;
     let mut failed = 0;
     for (n, c) in combinations.iter().enumerate() {
         let label = label(&axes, &c.values);
@@ -92,8 +95,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             }
             Err(e) if session.cancelled() => return Err(e.into()),
             Err(e) => {
-                session.note(&format!("{head}: {e}"));
-                table.add_failure(&c.values, &c.hash, &e.to_string());
+                let message = e.to_string();
+                let failure = Failure::from(e);
+                // A full disk or a folder that takes no files stops the other combinations, too.
+                if failure.is_of_machine() {
+                    return Err(failure);
+                }
+                session.note(&format!("{head}: {message}"));
+                table.add_failure(&c.values, &c.hash, &message);
                 failed += 1;
             }
         }
@@ -103,7 +112,11 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     // Rows of an interrupted sweep come into order at its end.
     table.write(&p.output, combinations.iter().map(|c| c.hash.as_str()))?;
     let path = p.output.display().to_string();
-    let mut text = format!("{path}  {} rows, {known} kept", combinations.len());
+    let mut text = format!(
+        "{}  {} rows, {known} kept",
+        super::terminal::line(&path),
+        combinations.len()
+    );
     if failed > 0 {
         let _ = write!(text, ", {failed} failed");
     }

@@ -78,6 +78,11 @@ pub(super) fn reader() -> Result<Program, Failure> {
     })
 }
 
+/// Has the child end with an exit code of its own once memory runs out.
+pub(super) fn end_reader_on_exhaustion() {
+    vdb::end_on_exhaustion("", "", subprocess::EXIT_EXHAUSTED);
+}
+
 /// The contents of a file, read by a child.
 pub(super) fn inspect(path: &Path) -> Result<FileInfo, Failure> {
     Ok(reader()?.inspect(path)?)

@@ -106,6 +106,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let Some(output) = &p.output else {
         return live::serve(p, session);
     };
+    crate::io::atomic::require_writable(output)?;
     let threads = super::context::threads(p.threads)?;
     let tools = crate::vdb::Session::new(&threads, session);
     let (scene, _) = threads.install(|| load::scene(p, tools, session))?;
@@ -162,20 +163,24 @@ fn parts_text(body: &Body) -> String {
 fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer {
     let path = output.display().to_string();
     let size = scene.bounds().size();
-    let mut text = format!("{path}  {}\n", super::run::size(bytes));
+    let mut text = format!(
+        "{}  {}\n",
+        super::terminal::line(&path),
+        super::run::size(bytes)
+    );
     let mut bodies = Vec::new();
     for body in &scene.bodies {
         let names: Vec<&str> = body.fields.iter().map(|f| f.name.as_str()).collect();
         let _ = writeln!(
             text,
             "{}: {} triangles, {}; coloured by {}",
-            body.name,
+            super::terminal::line(&body.name),
             super::run::grouped(body.triangles.len() as u64),
             parts_text(body),
             if names.is_empty() {
                 "nothing".into()
             } else {
-                names.join(", ")
+                super::terminal::line(&names.join(", ")).into_owned()
             },
         );
         let fields = body

@@ -20,7 +20,7 @@ use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
-use tempfile::{NamedTempFile, TempPath};
+use tempfile::{NamedTempFile, PersistError, TempPath};
 
 /// The destination of the bytes until the file is committed.
 enum Sink {
@@ -88,7 +88,7 @@ impl AtomicFile {
             path: self.shown.clone(),
             written: self.written,
             needed: self.needed,
-            error,
+            error: plain(error),
         }
     }
 
@@ -96,7 +96,22 @@ impl AtomicFile {
     ///
     /// # Errors
     /// [`WriteError::Io`] when writing, syncing or renaming fails.
-    pub fn commit(mut self) -> Result<u64, WriteError> {
+    pub fn commit(self) -> Result<u64, WriteError> {
+        self.finish(|file, target| file.persist(target))
+    }
+
+    /// Completes the file under its name, which no file may have yet; returns its size in bytes.
+    ///
+    /// # Errors
+    /// As [`AtomicFile::commit`], of the kind [`io::ErrorKind::AlreadyExists`] for a name that is taken.
+    pub fn commit_new(self) -> Result<u64, WriteError> {
+        self.finish(|file, target| file.persist_noclobber(target))
+    }
+
+    fn finish(
+        mut self,
+        persist: impl FnOnce(NamedTempFile, &Path) -> Result<File, PersistError>,
+    ) -> Result<u64, WriteError> {
         self.flush().map_err(|e| self.failed(e))?;
         let Self {
             shown,
@@ -108,7 +123,7 @@ impl AtomicFile {
             path: shown.clone(),
             written,
             needed,
-            error,
+            error: plain(error),
         };
         match sink {
             Sink::Direct(file) => {
@@ -119,7 +134,7 @@ impl AtomicFile {
                 let file = file.into_inner().map_err(|e| failed(e.into_error()))?;
                 file.as_file().sync_all().map_err(failed)?;
                 let size = file.as_file().metadata().map_err(failed)?.len();
-                file.persist(&target).map_err(|e| failed(e.error))?;
+                persist(file, &target).map_err(|e| failed(e.error))?;
                 sync_directory(&target).map_err(failed)?;
                 Ok(size)
             }
@@ -130,7 +145,7 @@ impl AtomicFile {
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let n = match &mut self.sink {
-            Sink::Staged(file, _) => file.write(bytes),
+            Sink::Staged(file, _) => file.write(bytes).map_err(plain),
             Sink::Direct(file) => file.write(bytes),
         }?;
         self.written += n as u64;
@@ -139,7 +154,7 @@ impl Write for AtomicFile {
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.sink {
-            Sink::Staged(file, _) => file.flush(),
+            Sink::Staged(file, _) => file.flush().map_err(plain),
             Sink::Direct(file) => file.flush(),
         }
     }
@@ -212,7 +227,7 @@ impl StagedPath {
             path: shown.clone(),
             written: size,
             needed: Some(size),
-            error,
+            error: plain(error),
         };
         path.persist(&target).map_err(|e| failed(e.error))?;
         sync_directory(&target).map_err(failed)?;
@@ -228,6 +243,31 @@ pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<u64, WriteErr
     let mut file = AtomicFile::create(path)?.expecting(bytes.len() as u64);
     file.write_all(bytes).map_err(|e| file.failed(e))?;
     file.commit()
+}
+
+/// Refuses a path at which no file can be made, before the work whose result belongs there.
+///
+/// # Errors
+/// As [`AtomicFile::create`].
+pub fn require_writable(path: impl AsRef<Path>) -> Result<(), WriteError> {
+    let shown = path.as_ref();
+    match Target::of(shown)? {
+        Target::Special => Ok(()),
+        Target::Regular(target) => stage(shown, &target).map(drop),
+    }
+}
+
+/// As [`require_writable`], for files that are made in a directory, which is created.
+///
+/// # Errors
+/// [`WriteError::Create`] names the directory.
+pub fn require_directory(path: impl AsRef<Path>) -> Result<(), WriteError> {
+    let shown = path.as_ref();
+    fs::create_dir_all(shown).map_err(|e| refused(shown, e.to_string()))?;
+    require_writable(shown.join("x")).map_err(|e| match e {
+        WriteError::Create { reason, .. } => refused(shown, reason),
+        e => e,
+    })
 }
 
 /// Removes temporary files of a target that were last modified before `before`: leftovers of killed programs.
@@ -318,19 +358,32 @@ fn stage(shown: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
         .suffix(&suffix)
         .permissions(Permissions::from_mode(0o666))
         .tempfile_in(directory)
-        .map_err(|e| {
-            let reason = if e.kind() == io::ErrorKind::NotFound {
-                format!("the directory {} does not exist", directory.display())
-            } else {
-                e.to_string()
-            };
-            refused(shown, reason)
+        .map_err(|e| match e.kind() {
+            io::ErrorKind::NotFound => refused(
+                shown,
+                format!("the directory {} does not exist", directory.display()),
+            ),
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => WriteError::Io {
+                path: shown.to_owned(),
+                written: 0,
+                needed: None,
+                error: plain(e),
+            },
+            _ => refused(shown, plain(e).to_string()),
         })?;
     if let Ok(meta) = fs::metadata(target) {
         // Keep the mode of a replaced file; a file system without modes may refuse.
         let _ = file.as_file().set_permissions(meta.permissions());
     }
     Ok(file)
+}
+
+/// The error of the system in one that names a temporary file.
+fn plain(error: io::Error) -> io::Error {
+    let inner = error.get_ref().and_then(std::error::Error::source);
+    let inner = inner.and_then(|e| e.downcast_ref::<io::Error>());
+    let number = inner.and_then(io::Error::raw_os_error);
+    number.map_or(error, io::Error::from_raw_os_error)
 }
 
 fn refused(path: &Path, reason: String) -> WriteError {

@@ -1,12 +1,24 @@
 //! Available memory and the memory that the process uses.
 
+use rustix::process::{Resource, getrlimit};
 use std::fs;
 
-/// Bytes that the process may still use: the machine's available memory or the rest of its control
-/// group's limit, whichever is less. `None` where the system reports neither.
+/// Bytes that the process may still use: the machine's available memory, the rest of its control group's limit or of
+/// its own, whichever is least. `None` where the system reports none of them.
 pub(super) fn available() -> Option<u64> {
     let machine = kibibytes("/proc/meminfo", "MemAvailable:");
-    [machine, control_group()].into_iter().flatten().min()
+    let own = [
+        own_limit(Resource::As, "VmSize:"),
+        own_limit(Resource::Data, "VmData:"),
+    ];
+    let all = [machine, control_group()].into_iter().chain(own);
+    all.flatten().min()
+}
+
+/// The rest of a limit of the process (`ulimit`).
+fn own_limit(resource: Resource, used: &str) -> Option<u64> {
+    let limit = getrlimit(resource).current?;
+    Some(limit.saturating_sub(kibibytes("/proc/self/status", used)?))
 }
 
 fn control_group() -> Option<u64> {

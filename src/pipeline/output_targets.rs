@@ -3,6 +3,7 @@
 use super::error::RunError;
 use super::inputs::Inputs;
 use super::output;
+use crate::io::atomic::{require_directory, require_writable};
 use crate::recipe::{Output, OutputKind};
 use std::path::{Path, PathBuf};
 
@@ -65,15 +66,16 @@ pub(super) fn output_targets<'a>(
         let files = targets.files.iter().map(|(_, path)| path);
         let within = files.chain(&targets.reports).filter(|p| p.starts_with(out));
         for folder in within.filter_map(|p| p.parent()).chain([out]) {
-            std::fs::create_dir_all(folder).map_err(|e| crate::io::WriteError::Create {
-                path: folder.to_owned(),
-                reason: e.to_string(),
-            })?;
+            require_directory(folder)?;
         }
     }
     if targets.reports.is_empty() {
         let own = out.map(|out| out.join("report.json"));
         targets.reports.extend(report.map(Path::to_owned).or(own));
+    }
+    let files = targets.files.iter().map(|(_, path)| path);
+    for path in files.chain(&targets.reports) {
+        require_writable(path)?;
     }
     Ok(targets)
 }

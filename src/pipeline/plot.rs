@@ -24,6 +24,8 @@ pub use modulus::modulus_picture;
 pub use sheet::{contact_sheet, contact_sheet_columns};
 pub use sweep::{SweepCurve, sweep_picture};
 
+/// Greatest number of labelled powers of ten.
+const MAX_DECADES: usize = 20;
 /// Sizes in pixels: of a slice, the margins, the header, the chart and the page.
 const SLICE: usize = 380;
 const MARGIN: usize = 16;
@@ -293,7 +295,8 @@ fn truncated<const D: usize>(
 fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     let (left, top) = (MARGIN + 70, HEADER + SLICE + 3 * MARGIN + 34);
     let (width, height) = (2 * SLICE - 100, CHART - 78);
-    let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| c.1 > MIN_PLOTTED_RMS).collect();
+    let is_shown = |rms: f64| rms > MIN_PLOTTED_RMS && rms.is_finite();
+    let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| is_shown(c.1)).collect();
     if shown.len() < 2 {
         canvas.text(
             left,
@@ -309,7 +312,9 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     (low, high) = (low.floor(), high.ceil().max(low.floor() + 1.0));
     let x = |count: f64| left + (count.ln() / max_count.ln() * width as f64).round() as usize;
     let y = |log: f64| top + ((high - log) / (high - low) * height as f64).round() as usize;
-    for decade in low as i32..=high as i32 {
+    let decades = low as i32..=high as i32;
+    let step = (decades.clone().count() / MAX_DECADES).max(1);
+    for decade in decades.step_by(step) {
         let at = y(f64::from(decade));
         canvas.line([left, at], [left + width, at], GRID_COLOUR);
         canvas.text(left - 50, at - 5, &format!("1e{decade}"), TEXT_COLOUR);

@@ -91,6 +91,9 @@ pub enum PolyError {
     /// A face in group 0.
     #[error("face {0} is in group 0; groups count from 1")]
     GroupZero(usize),
+    /// A result with too many corners.
+    #[error("the mesh would have {0} corners or more; expected at most {max}", max = super::MAX_CORNERS)]
+    TooLarge(u64),
     /// More corners than a 32-bit index can hold.
     #[error("{0} corners; expected at most 4294967295")]
     TooMany(u64),
@@ -139,7 +142,7 @@ pub enum ExtrudeError {
     #[error("{0} iterations; expected 1 to 1000")]
     Iterations(usize),
     /// A result with too many corners.
-    #[error("the mesh would have {0} corners or more; expected at most 134217728")]
+    #[error("the mesh would have {0} corners or more; expected at most {max}", max = super::MAX_CORNERS)]
     TooMany(u64),
     /// A face that cannot be extruded so.
     #[error("face {face}: {reason}")]

@@ -8,11 +8,8 @@
 use super::kind::{Dihedral, Kind, Operator};
 use super::polygon::Polygon;
 use super::tier;
-use super::{ExtrudeError, Faces, PolyMesh, operator};
+use super::{ExtrudeError, Faces, MAX_CORNERS, PolyMesh, operator};
 use crate::frame::Vec3;
-
-/// Maximum number of corners of the result.
-const MAX_CORNERS: usize = 1 << 27;
 
 /// An extrusion and its parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,6 +101,10 @@ impl Extrusion {
             ));
             rounds = 1;
         }
+        let corners = self.corners(mesh, chosen, rounds);
+        if corners > MAX_CORNERS {
+            return Err(ExtrudeError::TooMany(corners));
+        }
         let mut extruded = self.extrude_once(mesh, chosen, &mut notes)?;
         for _ in 1..rounds {
             let mut tops = vec![false; extruded.mesh.face_count()];
@@ -115,6 +116,39 @@ impl Extrusion {
         }
         extruded.notes = notes;
         Ok(extruded)
+    }
+
+    /// Corners of the result of a number of iterations.
+    pub(super) fn corners(&self, mesh: &PolyMesh, chosen: &[bool], rounds: usize) -> u64 {
+        let faces = chosen.iter().enumerate().filter(|(_, c)| **c);
+        // Each iteration takes a polygon, then its top of as many corners, and puts a cap there.
+        let added = faces.map(|(f, _)| {
+            let corners = mesh.face(f).len() as u64;
+            self.cap_corners(corners) - corners
+        });
+        let added = added.fold(0, u64::saturating_add);
+        mesh.corner_count() as u64 + added.saturating_mul(rounds as u64)
+    }
+
+    /// Corners of the new faces over a polygon of `n` corners.
+    ///
+    /// The kind makes g n of them. An operator is applied to the closed solid, whose C = m + g m corners lie on C / 2
+    /// edges: faces, edges and vertices give those of its image, without the image of the base.
+    pub(super) fn cap_corners(&self, n: u64) -> u64 {
+        let g = self.kind.cap_corners() as u64;
+        match self.operator {
+            None => g * n,
+            // 2 C of faces, C of vertices, less 2 m; m = n / 2.
+            Some(Operator::Truncate) => (3 * g + 1) * n / 2,
+            // C of faces, C of vertices, less m.
+            Some(Operator::Rectify) => (2 * g + 1) * n,
+            // C of faces, 4 an edge, C of vertices, less m.
+            Some(Operator::Cantellate) => (4 * g + 3) * n,
+            // 2 C of faces, 4 an edge, 2 C of vertices, less 2 m; m = n / 2.
+            Some(Operator::Omnitruncate) => (3 * g + 2) * n,
+            // C of faces, two triangles an edge, C of vertices, less m.
+            Some(Operator::Snub) => (5 * g + 4) * n,
+        }
     }
 
     fn validate(&self) -> Result<(), ExtrudeError> {
@@ -185,9 +219,6 @@ impl Extrusion {
                         .checked_add(1 + k as u32)
                         .ok_or(ExtrudeError::TooMany(u64::from(greatest) + k as u64))?,
                 );
-            }
-            if faces.corners.len() > MAX_CORNERS {
-                return Err(ExtrudeError::TooMany(faces.corners.len() as u64));
             }
         }
         diagnostics.report(self, sources.len(), notes);

@@ -195,6 +195,13 @@ impl Kind {
         }
     }
 
+    /// Corners of the new faces, for each corner of the polygon.
+    pub(super) fn cap_corners(self) -> usize {
+        let row = self.row();
+        let sides = row.rows.iter().flat_map(|faces| faces.iter());
+        sides.map(|side| side.len()).sum::<usize>() + usize::from(row.top.is_some())
+    }
+
     /// Numbers of new vertices and of new faces on a polygon of `n` corners.
     pub fn counts(self, n: usize) -> (usize, usize) {
         let row = self.row();

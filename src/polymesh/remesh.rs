@@ -12,7 +12,7 @@
 #![allow(clippy::unnecessary_wraps)]
 
 use super::topology::Ring;
-use super::{Faces, PolyError, PolyMesh};
+use super::{Faces, MAX_CORNERS, PolyError, PolyMesh};
 use crate::frame::Vec3;
 use std::fmt;
 
@@ -107,7 +107,7 @@ pub enum RemeshError {
     #[error("{0} makes faces without a parent face; groups = parent needs one for each face")]
     NoParent(String),
     /// A result with too many corners.
-    #[error("the mesh would have {0} corners; expected at most 134217728")]
+    #[error("the mesh would have {0} corners; expected at most {max}", max = super::MAX_CORNERS)]
     TooMany(u64),
     /// The result is not a valid mesh.
     #[error("{scheme} of this mesh is not a valid mesh: {error}")]
@@ -118,9 +118,6 @@ pub enum RemeshError {
         error: PolyError,
     },
 }
-
-/// Maximum number of corners of the result.
-const MAX_CORNERS: u64 = 1 << 27;
 
 /// Names of all schemes, duals left out.
 pub fn scheme_names() -> Vec<&'static str> {
@@ -164,6 +161,20 @@ impl Remesh {
     /// Its parameters.
     pub fn parameters(&self) -> &'static [Parameter] {
         self.row().parameters
+    }
+
+    /// Corners of the result for each corner of the mesh, at most.
+    pub(super) fn growth(&self) -> u64 {
+        self.row().growth
+    }
+
+    /// The same, at least.
+    pub(super) fn least_growth(&self) -> u64 {
+        if self.row().is_exact {
+            self.growth()
+        } else {
+            1
+        }
     }
 
     /// The names of its classes of faces.
@@ -212,7 +223,7 @@ impl Remesh {
     /// [`RemeshError`]: a result that is too large, faces without a parent where the grouping needs one, or a
     /// result that is not a manifold, such as the dual of a two-sided polygon.
     pub fn of(&self, mesh: &PolyMesh) -> Result<PolyMesh, RemeshError> {
-        let corners = mesh.twins.len() as u64 * self.row().growth;
+        let corners = mesh.corner_count() as u64 * self.growth();
         if corners > MAX_CORNERS {
             return Err(RemeshError::TooMany(corners));
         }

@@ -23,6 +23,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 mod argument;
+mod growth;
 mod parse;
 mod regroup;
 mod step;
@@ -331,7 +332,7 @@ impl Script {
 
 /// Runs items; returns whether to continue.
 fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<bool, ScriptError> {
-    for item in list {
+    for (n, item) in list.iter().enumerate() {
         match item {
             Item::Parameter { line, .. } | Item::Repeat { line, .. } if *line > until => {
                 return Ok(false);
@@ -365,7 +366,8 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                         hint: None,
                     });
                 }
-                for _ in 0..times as usize {
+                for round in 0..times as usize {
+                    growth::require_bounded(body, times as usize - round, interpreter, until)?;
                     if !items(body, interpreter, until)? {
                         return Ok(false);
                     }
@@ -379,6 +381,7 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                 if interpreter.steps > MAX_STEPS {
                     return Err(statement.fault(0, format!("more than {MAX_STEPS} steps")));
                 }
+                growth::require_bounded(&list[n..], 1, interpreter, until)?;
                 if !interpreter.start_step(&statement.text) {
                     return Err(statement.fault(0, "stopped before this step"));
                 }

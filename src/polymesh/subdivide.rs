@@ -5,7 +5,7 @@
 //! an edge and the centre. Part i keeps the group of the face and starts at its corner i. The unchanged faces come
 //! first, then the parts in the order of their faces.
 
-use super::{Faces, PolyError, PolyMesh};
+use super::{Faces, MAX_CORNERS, PolyError, PolyMesh};
 use crate::frame::Vec3;
 use std::collections::HashMap;
 
@@ -19,16 +19,33 @@ pub enum Parts {
     Triangles,
 }
 
+impl Parts {
+    /// Corners of the parts of a face, for each of its corners.
+    pub(super) fn corners(self) -> u64 {
+        match self {
+            Self::Quads => 4,
+            Self::Triangles => 3,
+        }
+    }
+}
+
 impl PolyMesh {
     /// The mesh with the chosen faces (one flag per face) subdivided, and the number of the first part.
     ///
     /// # Errors
-    /// [`PolyError::TooMany`].
+    /// [`PolyError::TooLarge`].
     ///
     /// # Panics
     /// When the length of `chosen` is not the number of faces.
     pub fn subdivided(&self, chosen: &[bool], into: Parts) -> Result<(Self, usize), PolyError> {
         assert_eq!(chosen.len(), self.face_count());
+        let selected = || (0..chosen.len()).filter(|&f| chosen[f]);
+        // Neighbours that get midpoints come to these.
+        let cut: usize = selected().map(|f| self.face(f).len()).sum();
+        let corners = self.corner_count() as u64 + cut as u64 * (into.corners() - 1);
+        if corners > MAX_CORNERS {
+            return Err(PolyError::TooLarge(corners));
+        }
         let mut vertices = self.vertices().to_vec();
         let mut middles: HashMap<(u32, u32), u32> = HashMap::new();
         let edges = |f: usize| {
@@ -37,7 +54,6 @@ impl PolyMesh {
                 .copied()
                 .zip(face.iter().copied().cycle().skip(1))
         };
-        let selected = || (0..chosen.len()).filter(|&f| chosen[f]);
         if into == Parts::Quads {
             for (a, b) in selected().flat_map(edges) {
                 middles.entry((a.min(b), a.max(b))).or_insert_with(|| {

@@ -175,7 +175,9 @@ impl Source {
             .map(|n| {
                 let value = overrides[n].split_once('=').map_or("", |kv| kv.1);
                 let start = self.override_start(n) + overrides[n].len() - value.len();
-                format!("{:1$}v={2}", "", start.saturating_sub(2), value.trim())
+                // Not by the width of a format, which has 16 bits.
+                let padding = " ".repeat(start.saturating_sub(2));
+                format!("{padding}v={}", value.trim())
             })
             .collect();
         let mut root = DeTable::parse(&text).map_err(|e| RecipeError::toml(self, &e))?;

@@ -164,6 +164,8 @@ mod bridge {
 
         /// Registers the grid types; may be called again.
         fn initialize() -> Result<()>;
+        /// Once memory runs out, writes `words` to stderr and `json` to stdout, and ends the process. For a program.
+        fn end_on_exhaustion(words: &str, json: &str, code: i32);
         /// An empty level set; world units.
         fn grid_new(voxel_size: f64, background: f32) -> Result<UniquePtr<Grid>>;
         fn grid_copy(grid: &Grid) -> Result<UniquePtr<Grid>>;
@@ -371,7 +373,6 @@ mod bridge {
         /// World units.
         fn grid_volume(grid: &Grid, host: &Host<'_>) -> Result<f64>;
         fn grid_area(grid: &Grid, host: &Host<'_>) -> Result<f64>;
-
         /// `path` as bytes.
         fn file_open(path: &[u8], delayed: bool) -> Result<UniquePtr<FileIn>>;
         fn version(self: &FileIn) -> u32;
@@ -379,7 +380,6 @@ mod bridge {
         fn metadata(self: &FileIn) -> Result<Vec<MetaEntry>>;
         fn names(self: &FileIn) -> Result<Vec<String>>;
         fn file_read(file: Pin<&mut FileIn>, index: usize) -> Result<UniquePtr<Grid>>;
-
         /// Names of the grids of a .nvdb file; `path` as bytes.
         fn nano_names(path: &[u8]) -> Result<Vec<String>>;
         /// A grid of a .nvdb file as a grid of OpenVDB.

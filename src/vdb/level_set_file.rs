@@ -94,7 +94,7 @@ impl LevelSetFile {
 }
 
 /// A hidden file in the folder of another one.
-fn temporary(beside: &Path) -> std::io::Result<NamedTempFile> {
+pub(super) fn temporary(beside: &Path) -> std::io::Result<NamedTempFile> {
     let folder = beside.parent().filter(|p| !p.as_os_str().is_empty());
     // It gets its final name in the end: the mode of a new file. The crate's own default is private.
     tempfile::Builder::new()

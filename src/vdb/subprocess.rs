@@ -9,7 +9,7 @@
 
 use super::ipc::{self, TransferError};
 use super::{CoarseReading, FileError, FileInfo, Volume, info};
-use rustix::process::{Resource, Rlimit, setrlimit};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fmt;
@@ -19,6 +19,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
+/// Exit code of a child that runs out of memory.
+pub(crate) const EXIT_EXHAUSTED: u8 = 71;
 
 /// Limits of the child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -39,6 +42,10 @@ impl Limits {
     /// Applies the limits to this process.
     fn impose(self) {
         let limit = |resource, bytes| {
+            // Not above a limit that the process has already.
+            let bytes = getrlimit(resource)
+                .current
+                .map_or(bytes, |own| own.min(bytes));
             let limit = Rlimit {
                 current: Some(bytes),
                 maximum: Some(bytes),
@@ -265,13 +272,22 @@ fn run_child<T: Send>(
     let pipe = running.stdout.take();
     let (status, received) = std::thread::scope(|scope| {
         // Read in parallel: the output may be longer than the pipe's buffer.
-        let receiver = scope.spawn(move || match pipe {
+        let receiver = std::thread::Builder::new().spawn_scoped(scope, move || match pipe {
             Some(pipe) => receive(pipe),
             None => Err(TransferError::Broken("it has no output".into())),
         });
+        let receiver = match receiver {
+            Ok(receiver) => receiver,
+            Err(e) => {
+                let _ = running.kill();
+                let _ = running.wait();
+                return Err(e);
+            }
+        };
         let status = wait(&mut running, Duration::from_millis(limits.milliseconds));
-        (status, receiver.join())
-    });
+        Ok((status, receiver.join()))
+    })
+    .map_err(io)?;
     let Some(status) = status.map_err(io)? else {
         let seconds = limits.milliseconds as f64 / 1000.0;
         return Err(damaged(format!("reading it took more than {seconds} s")));
@@ -279,13 +295,12 @@ fn run_child<T: Send>(
     match received {
         Ok(Ok(received)) => Ok(received),
         Ok(Err(TransferError::Reported(error))) => Err(error),
-        Ok(Err(TransferError::Broken(_))) if !status.success() => {
-            Err(damaged(exit_reason(status, limits)))
-        }
-        Ok(Err(TransferError::Broken(reason))) => {
+        Ok(Err(TransferError::Broken(reason))) if status.success() => {
             Err(damaged(format!("its reader failed: {reason}")))
         }
-        Err(_) => Err(damaged(exit_reason(status, limits))),
+        // The limit of this process, which the child has too, is less than what a sound file may need.
+        _ if has_less_memory(limits) => Err(io(std::io::ErrorKind::OutOfMemory.into())),
+        _ => Err(damaged(exit_reason(status, limits))),
     }
 }
 
@@ -305,7 +320,16 @@ fn wait(child: &mut Child, limit: Duration) -> std::io::Result<Option<ExitStatus
     }
 }
 
+/// Whether the process may use less memory than the child.
+fn has_less_memory(limits: Limits) -> bool {
+    let own = getrlimit(Resource::As).current;
+    own.is_some_and(|bytes| bytes < limits.memory)
+}
+
 fn exit_reason(status: ExitStatus, limits: Limits) -> String {
+    if status.code() == Some(i32::from(EXIT_EXHAUSTED)) {
+        return format!("reading it needs more than {} MiB", limits.memory >> 20);
+    }
     match status.signal() {
         Some(signal) => format!(
             "reading it ended the reader with signal {signal} (allowed: {} MiB)",

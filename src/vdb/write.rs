@@ -1,6 +1,7 @@
 //! Writing of `.vdb` files of format 224, through a stream that reports a full disk.
 
 use super::hash::ContentHash;
+use super::level_set_file::temporary;
 use super::{Attribute, FileError, Fog, LevelSet, Session, ffi};
 use crate::band::{LeafFileError, StoreError};
 use crate::progress::Cancelled;
@@ -210,14 +211,24 @@ impl<'a> VdbWriter<'a> {
         Ok(())
     }
 
-    /// Writes the file to its path.
+    /// Writes the file under its path, where it appears complete or not at all. What is no regular file, such as a
+    /// pipe, is written directly.
     ///
     /// # Errors
-    /// [`FileError::Io`] with the system's error number (28: no space left), which leaves an incomplete
-    /// file; [`FileError::Cancelled`].
+    /// [`FileError::Io`] with the system's error number (28: no space left); [`FileError::Cancelled`].
     pub fn write(self) -> Result<WrittenFile, FileError> {
         let path = self.path.clone();
-        self.write_to(&path)
+        let io = |e| FileError::io(&path, e);
+        // The file that a link leads to is replaced, not the link.
+        let target = path.canonicalize().unwrap_or_else(|_| path.clone());
+        if target.metadata().is_ok_and(|m| !m.is_file()) {
+            return self.write_to(&path);
+        }
+        let staged = temporary(&target).map_err(io)?;
+        let written = self.write_to(staged.path())?;
+        staged.as_file().sync_all().map_err(io)?;
+        staged.persist(&target).map_err(|e| io(e.error))?;
+        Ok(written)
     }
 
     /// Writes the file to a temporary path, which the caller renames; errors name the target.

@@ -6,6 +6,7 @@ mod families;
 mod frames;
 mod homogenize;
 mod hybrid;
+mod limits;
 mod live;
 mod meshes;
 mod portable;

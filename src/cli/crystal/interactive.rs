@@ -1,6 +1,6 @@
 //! The interactive mode: steps from stdin, results on stdout.
 
-use super::super::{Failure, Session};
+use super::super::{Failure, Session, terminal};
 use crate::polymesh::{Interpreter, PolyMesh, Script, VERBS};
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::Path;
@@ -42,7 +42,7 @@ pub(super) fn run_session(
             None => return Ok(()),
             Some(answer) if session.json() || answer.is_empty() => {}
             Some(answer) => {
-                if writeln!(std::io::stdout(), "{answer}").is_err() {
+                if writeln!(std::io::stdout(), "{}", terminal::lines(&answer)).is_err() {
                     return Ok(());
                 }
             }

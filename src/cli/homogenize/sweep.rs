@@ -178,7 +178,7 @@ pub(super) fn answer(
         let _ = writeln!(
             text,
             "{}  {}",
-            path.display(),
+            crate::cli::terminal::path(path),
             crate::cli::run::size(*bytes)
         );
     }

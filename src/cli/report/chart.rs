@@ -33,14 +33,14 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
         return None;
     }
     // A limit beyond the samples lies on the axis too.
-    let end = limit.map_or(top, |l| top.max(1.05 * l.value));
+    let end = limit.map_or(top, |l| top.max((1.05 * l.value).min(f64::MAX)));
     let x = |v: f64| PLOT_LEFT + v / end * PLOT_WIDTH;
     let bottom = PLOT_TOP + PLOT_HEIGHT;
     let mut svg = format!(
         "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
         escaped(label)
     );
-    let share = 100.0 * highest / total;
+    let share = 100.0 * (highest / total);
     let _ = write!(
         svg,
         "<line class=\"axis\" x1=\"{PLOT_LEFT}\" y1=\"{bottom}\" x2=\"{}\" y2=\"{bottom}\"/>\
@@ -64,12 +64,10 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
             (x(bin[1]) - x(bin[0]) - 1.0).max(0.5),
             number(&json!(bin[0])),
             number(&json!(bin[1])),
-            100.0 * count / total,
+            100.0 * (count / total),
         );
     }
-    let step = round_step(end / LABELS as f64);
-    let mut tick = 0.0;
-    while tick <= end * (1.0 + 1e-9) {
+    for tick in ticks(end) {
         let _ = write!(
             svg,
             "<line class=\"axis\" x1=\"{0:.2}\" y1=\"{bottom}\" x2=\"{0:.2}\" y2=\"{1}\"/>\
@@ -79,7 +77,6 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
             bottom + 17.0,
             number(&json!(tick)),
         );
-        tick += step;
     }
     if let Some(limit) = limit {
         let _ = write!(
@@ -98,7 +95,7 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
         let _ = write!(
             caption,
             "; {:.1} % of the samples are above {}",
-            100.0 * above / total,
+            100.0 * (above / total),
             number(&json!(top))
         );
     }
@@ -122,7 +119,8 @@ pub(super) fn curves(list: &[(&str, Vec<[f64; 2]>)], label: &str) -> Option<Stri
         return None;
     }
     let bottom = PLOT_TOP + PLOT_HEIGHT;
-    let x = |v: f64| PLOT_LEFT + (v - low) / (high - low) * PLOT_WIDTH;
+    // Of halves: the difference of two large numbers may have no value.
+    let x = |v: f64| PLOT_LEFT + (v / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0) * PLOT_WIDTH;
     let y = |v: f64| bottom - v / highest * PLOT_HEIGHT;
     let mut svg = format!(
         "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0}\">\
@@ -150,7 +148,8 @@ pub(super) fn curves(list: &[(&str, Vec<[f64; 2]>)], label: &str) -> Option<Stri
         );
     }
     for n in 0..=LABELS {
-        let at = low + (high - low) * n as f64 / LABELS as f64;
+        let share = n as f64 / LABELS as f64;
+        let at = low * (1.0 - share) + high * share;
         let _ = write!(
             svg,
             "<text class=\"tick\" x=\"{:.2}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
@@ -169,10 +168,86 @@ pub(super) fn curves(list: &[(&str, Vec<[f64; 2]>)], label: &str) -> Option<Stri
     Some(svg)
 }
 
+/// At most [`LABELS`] steps from 0 along an axis that ends at a positive number, at multiples of a round number.
+fn ticks(end: f64) -> impl Iterator<Item = f64> {
+    let step = round_step(end / LABELS as f64);
+    // The numbers next to 0 and to infinity have no round step.
+    let (step, count) = if step.is_normal() {
+        (step, (end / step * (1.0 + 1e-9)) as usize)
+    } else {
+        (end, 1)
+    };
+    (0..=count.min(LABELS)).map(move |n| n as f64 * step)
+}
+
 /// A number with one leading digit 1, 2 or 5, at least `value`.
 fn round_step(value: f64) -> f64 {
     let power = 10f64.powf(value.log10().floor());
     let digit = value / power;
     let rounded = [1.0, 2.0, 5.0].into_iter().find(|d| *d >= digit - 1e-9);
     power * rounded.unwrap_or(10.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Limit, curves, histogram, ticks};
+    use serde_json::json;
+
+    /// Numbers of the report, from the least above 0 to the greatest.
+    const SIZES: [f64; 8] = [5e-324, 1e-320, 1e-308, 1e-300, 0.7, 1e300, 1e308, f64::MAX];
+
+    #[test]
+    fn axes_of_any_size_have_few_ticks() {
+        assert_eq!(ticks(1.0).collect::<Vec<_>>(), [0.0, 0.5, 1.0]);
+        assert_eq!(ticks(0.8).count(), 5);
+        for end in SIZES {
+            let all: Vec<f64> = ticks(end).collect();
+            assert!((2..=5).contains(&all.len()), "{end:e}: {all:?}");
+            assert!(all.windows(2).all(|w| w[0] < w[1]), "{end:e}: {all:?}");
+            assert!(
+                all.iter().all(|t| *t <= end * (1.0 + 1e-9)),
+                "{end:e}: {all:?}"
+            );
+        }
+    }
+
+    /// Every coordinate of a drawing is a number, and the drawing is short.
+    fn require_drawn(svg: &str) {
+        assert!(svg.len() < 10_000, "{} bytes", svg.len());
+        for name in [
+            "x", "y", "x1", "x2", "y1", "y2", "width", "height", "points",
+        ] {
+            for value in svg.split(&format!(" {name}=\"")).skip(1) {
+                let value = value.split('"').next().unwrap_or_default();
+                for number in value.split([' ', ',']) {
+                    assert!(number.parse::<f64>().unwrap().is_finite(), "{name}={value}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn charts_of_any_numbers_are_short() {
+        for size in SIZES {
+            let edges = json!([0.0, size / 2.0, size]);
+            for counts in [[1.0, 2.0], [size, size]] {
+                let value = json!({ "edges": edges, "counts": counts, "above": counts[0] });
+                for limit in [None, Some(-size), Some(size / 2.0), Some(size)] {
+                    let limit = limit.map(|value| Limit {
+                        value,
+                        is_met: true,
+                    });
+                    require_drawn(&histogram(&value, "walls", limit.as_ref()).unwrap());
+                }
+            }
+            let points = vec![[-size, size], [0.0, -size], [size, size / 2.0]];
+            require_drawn(&curves(&[("area", points)], "height").unwrap());
+        }
+        let equal = json!({ "edges": [3.0, 3.0, 3.0], "counts": [1, 1] });
+        require_drawn(&histogram(&equal, "walls", None).unwrap());
+        // What is no number has no chart.
+        let words = json!({ "edges": [0.0, "inf", "nan"], "counts": [1, 1] });
+        assert!(histogram(&words, "walls", None).is_none());
+        assert!(curves(&[("area", vec![[1.0, 1.0]; 2])], "height").is_none());
+    }
 }

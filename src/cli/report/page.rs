@@ -204,7 +204,7 @@ impl Page<'_> {
         let requirement = all.find(|r| r["name"] == name)?;
         let mut words = requirement["required"].as_str()?.split_whitespace();
         Some(Limit {
-            value: words.find_map(|w| w.parse().ok())?,
+            value: words.find_map(|w| w.parse().ok().filter(|v: &f64| v.is_finite()))?,
             is_met: requirement["met"] == true,
         })
     }

@@ -8,6 +8,8 @@ use super::work::{Subject, TaskProgress, Work, no_recipe};
 use crate::cli::Failure;
 use crate::cli::server::{Refused, inside};
 use crate::frame::Aabb;
+use crate::io::WriteError;
+use crate::io::atomic::AtomicFile;
 use crate::pipeline::{
     Report, RunError, RunOptions, plan, run, run_keeping_solid, scaffold_of, solid_extent,
 };
@@ -15,7 +17,7 @@ use crate::progress::Progress;
 use crate::recipe::Recipe;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -327,20 +329,24 @@ pub(super) fn save(work: &Work, name: &str) -> Result<Value, Refused> {
     }
     let text = recipe.with(&work.state().edit);
     Recipe::embedded(recipe.path(), &text).map_err(|e| Refused::new(e.to_string()))?;
-    let created = std::fs::OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .open(&path);
-    let written = created.and_then(|mut file| {
-        file.write_all(text.as_bytes())?;
-        file.sync_all()
+    let taken = || Refused {
+        status: 409,
+        message: format!("{} exists already; choose another name", path.display()),
+    };
+    // Also a link that leads nowhere: what it names is not the page's to make.
+    if path.symlink_metadata().is_ok() {
+        return Err(taken());
+    }
+    let written = AtomicFile::create(&path).and_then(|mut file| {
+        file.write_all(text.as_bytes())
+            .map_err(|e| file.failed(e))?;
+        file.commit_new()
     });
     match written {
-        Ok(()) => Ok(json!({ "path": path.display().to_string(), "bytes": text.len() })),
-        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => Err(Refused {
-            status: 409,
-            message: format!("{} exists already; choose another name", path.display()),
-        }),
-        Err(e) => Err(Refused::new(format!("{}: {e}", path.display()))),
+        Ok(bytes) => Ok(json!({ "path": path.display().to_string(), "bytes": bytes })),
+        Err(WriteError::Io { error, .. }) if error.kind() == ErrorKind::AlreadyExists => {
+            Err(taken())
+        }
+        Err(e) => Err(Refused::new(e.to_string())),
     }
 }

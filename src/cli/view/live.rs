@@ -7,7 +7,7 @@ use crate::cli::server::{Method, Refused, Reply, Request, Server};
 use crate::cli::{Answer, Failure, Session};
 use serde_json::json;
 use std::sync::Arc;
-use std::thread::Scope;
+use std::thread::{Builder, Scope};
 
 /// Serves the page of a file or a recipe until the page or a signal ends it.
 pub(super) fn serve(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
@@ -26,7 +26,9 @@ pub(super) fn serve(p: &Parameters, session: &Session) -> Result<Answer, Failure
     let address = server.address().to_owned();
     server.announce(session);
     let served = std::thread::scope(|scope| {
-        scope.spawn(|| work.run());
+        Builder::new()
+            .spawn_scoped(scope, || work.run())
+            .map_err(|_| Failure::exhausted())?;
         let served = server.serve(session, |request| answer(request, &work, scope));
         work.stop();
         served
@@ -133,6 +135,11 @@ fn run<'scope, 'a: 'scope>(
         state.edit.clone()
     };
     let number = work.full.next();
-    scope.spawn(move || levels::run_full(work, recipe, &edit, number));
+    let started =
+        Builder::new().spawn_scoped(scope, move || levels::run_full(work, recipe, &edit, number));
+    if started.is_err() {
+        work.state().full = json!({ "running": false });
+        return Err(Refused::new("found no memory for another thread"));
+    }
     Ok(Reply::json(&work.describe()))
 }

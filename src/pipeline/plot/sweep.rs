@@ -121,5 +121,7 @@ fn rounded_up(value: f64) -> f64 {
     let step = steps
         .into_iter()
         .find(|s| s * power >= value * (1.0 - 1e-12));
-    step.unwrap_or(10.0) * power
+    let rounded = step.unwrap_or(10.0) * power;
+    // The numbers next to 0 and to infinity have no round one above them.
+    if rounded.is_normal() { rounded } else { value }
 }

@@ -1,6 +1,7 @@
 //! The live page of `druse view`, and the rules of the server that all pages share.
 
 mod edits;
+mod saves;
 
 use super::view::{decoded, volume};
 use super::{Place, refuse};
@@ -26,8 +27,12 @@ struct Served {
 
 impl Served {
     fn new(place: &Place, arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_druse"))
-            .args(arguments)
+        let mut program = Command::new(env!("CARGO_BIN_EXE_druse"));
+        Self::of(place, program.args(arguments))
+    }
+
+    fn of(place: &Place, program: &mut Command) -> Self {
+        let mut child = program
             .current_dir(&place.0)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

@@ -1,0 +1,293 @@
+//! Limits of the process and the machine: memory, files, signals, folders. Each ends in one clear error.
+
+use super::{BALL, FILES, Place, json, refuse, text};
+use std::fs;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// The program under limits that a shell sets.
+pub(super) fn limited(limits: &str, arguments: &[&str]) -> Command {
+    let mut shell = Command::new("bash");
+    shell
+        .args(["-c", &format!("{limits} && exec \"$0\" \"$@\"")])
+        .arg(env!("CARGO_BIN_EXE_druse"))
+        .args(arguments);
+    shell
+}
+
+fn run(place: &Place, limits: &str, arguments: &[&str]) -> Output {
+    let mut program = limited(limits, arguments);
+    program.current_dir(&place.0).stdin(Stdio::null());
+    program.output().unwrap()
+}
+
+fn lattice() -> Place {
+    let place = Place::with(&format!("{BALL}{FILES}"));
+    assert!(place.run(&["run", "r.toml"]).status.success());
+    place
+}
+
+/// From a limit that the program hardly starts with to one that suffices.
+#[test]
+fn memory_that_runs_out_ends_in_one_error() {
+    let place = lattice();
+    fs::create_dir(place.0.path().join("out")).unwrap();
+    let commands: [&[&str]; 7] = [
+        &["run", "r.toml", "--out", "out"],
+        &["mesh", "a.vdb", "-o", "out/m.stl"],
+        &["filter", "a.vdb", "dilate=0.5", "-o", "out/f.vdb"],
+        &[
+            "voxelize",
+            "a.stl",
+            "--voxel-size",
+            "0.2",
+            "-o",
+            "out/v.vdb",
+        ],
+        &["preview", "a.vdb", "-o", "out/p.png"],
+        &["check", "a.vdb"],
+        &["sweep", "r.toml", "band.voxel_size=0.2", "-o", "out/s.csv"],
+    ];
+    let mut failures = 0;
+    for arguments in commands {
+        for mebibytes in [160, 200, 240, 320] {
+            let start = Instant::now();
+            let limits = format!("ulimit -c 0 && ulimit -v {}", mebibytes << 10);
+            let output = run(&place, &limits, arguments);
+            let error = text(&output.stderr);
+            let shown = format!(
+                "{arguments:?} in {mebibytes} MiB: {:?}: {error}",
+                output.status
+            );
+            // Allocations that fail again and again would take minutes.
+            assert!(start.elapsed() < Duration::from_secs(60), "{shown}");
+            if output.status.success() {
+                continue;
+            }
+            failures += 1;
+            // A sweep goes on where a run is refused beforehand.
+            let expected = if arguments[0] == "sweep" {
+                [74, 1]
+            } else {
+                [74, 65]
+            };
+            assert!(
+                output.status.code().is_some_and(|c| expected.contains(&c)),
+                "{shown}"
+            );
+            assert!(
+                !error.contains("backtrace") && !error.contains("bug"),
+                "{shown}"
+            );
+            assert!(
+                error.to_lowercase().contains("memory") || error.contains("thread"),
+                "{shown}"
+            );
+            for name in ["m.stl", "f.vdb", "v.vdb", "p.png"] {
+                assert!(!place.0.path().join("out").join(name).exists(), "{shown}");
+            }
+        }
+        fs::remove_dir_all(place.0.path().join("out")).unwrap();
+        fs::create_dir(place.0.path().join("out")).unwrap();
+    }
+    assert!(failures > 0, "no limit was too small");
+}
+
+#[test]
+fn a_limit_of_file_size_is_the_error_of_a_full_disk() {
+    let place = lattice();
+    let before = place.files();
+    for arguments in [
+        &["run", "r.toml"][..],
+        &["mesh", "a.vdb", "-o", "m.stl"],
+        &["filter", "a.vdb", "dilate=0.5", "-o", "f.vdb"],
+        &["preview", "a.vdb", "-o", "p.png"],
+        &["sweep", "r.toml", "band.voxel_size=0.8", "-o", "s.csv"],
+        &["new", "n.toml"],
+        &["man", "--out", "."],
+    ] {
+        // The size is in kibibytes; any file needs a byte.
+        let size = if arguments[0] == "run" { 8 } else { 0 };
+        let output = run(&place, &format!("ulimit -f {size}"), arguments);
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(74), "{arguments:?}: {error}");
+        assert!(
+            error.contains("error: ") && error.contains("large"),
+            "{arguments:?}: {error}"
+        );
+        assert!(
+            !error.contains(".partial") && !error.contains('{'),
+            "{error}"
+        );
+        assert_eq!(place.files(), before, "{arguments:?}");
+    }
+}
+
+#[test]
+fn one_signal_ends_a_run_that_waits_for_a_reader() {
+    let place = lattice();
+    let made = Command::new("mkfifo")
+        .arg(place.0.path().join("pipe.stl"))
+        .status();
+    assert!(made.unwrap().success());
+    for (signal, code) in [("TERM", 143), ("INT", 130), ("HUP", 129)] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_druse"))
+            .args(["mesh", "a.vdb", "-o", "pipe.stl"])
+            .current_dir(&place.0)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(500));
+        assert!(child.try_wait().unwrap().is_none());
+        let kill = Command::new("kill")
+            .args([format!("-{signal}"), child.id().to_string()])
+            .status();
+        assert!(kill.unwrap().success());
+        let end = Instant::now() + Duration::from_secs(60);
+        while child.try_wait().unwrap().is_none() {
+            assert!(Instant::now() < end, "{signal} did not end it");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        assert_eq!(child.wait().unwrap().code(), Some(code));
+    }
+}
+
+#[test]
+fn processor_time_that_runs_out_stops_a_run_as_a_signal_does() {
+    let recipe = format!(
+        "{}[[op]]\ngaussian = {{ width = 3, iterations = 5000 }}\n{FILES}",
+        BALL.replace("0.4", "0.1")
+    );
+    let place = Place::with(&recipe);
+    let output = run(&place, "ulimit -t 3", &["run", "r.toml"]);
+    assert_eq!(output.status.code(), Some(152), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("processor time"));
+    assert_eq!(place.files(), ["r.toml"]);
+}
+
+/// A folder that is missing, a file in place of a folder, and one that takes no files, also of the superuser.
+#[test]
+fn folders_that_take_no_files_are_refused_before_the_work() {
+    let place = lattice();
+    let commands: [(&[&str], &str); 12] = [
+        (&["mesh", "a.vdb", "-o"], "x.stl"),
+        (&["filter", "a.vdb", "dilate=0.5", "-o"], "x.vdb"),
+        (&["voxelize", "a.stl", "--voxel-size", "0.2", "-o"], "x.vdb"),
+        (&["preview", "a.vdb", "-o"], "x.png"),
+        (&["view", "a.vdb", "-o"], "x.html"),
+        (&["slice", "a.vdb", "--layer", "0.5", "-o"], "x.svg"),
+        (&["slice", "a.vdb", "--layer", "0.5", "-o"], "layers"),
+        (&["sweep", "r.toml", "band.voxel_size=0.2", "-o"], "x.csv"),
+        (&["plan", "r.toml", "--memory", "1G", "-o"], "x.json"),
+        (&["crystal", "cube", "-o"], "x.obj"),
+        (
+            &[
+                "cell",
+                "homogenize",
+                "schwarz_p",
+                "--volume-fraction",
+                "0.3",
+                "-o",
+            ],
+            "x.json",
+        ),
+        (&["fit", "a.stl", "--element", "hex", "-o"], "x.cell"),
+    ];
+    for folder in ["r.toml", "/proc"] {
+        for (arguments, name) in commands {
+            let output = format!("{folder}/{name}");
+            let mut all = arguments.to_vec();
+            all.extend([output.as_str(), "--progress=plain"]);
+            let made = place.run(&all);
+            let error = text(&made.stderr);
+            assert_eq!(made.status.code(), Some(73), "{all:?}: {error}");
+            // The first stage of work on a level set, a mesh, a cell or a table.
+            for stage in [
+                "evaluat",
+                "mesh\n",
+                "meshing",
+                "render",
+                "slic",
+                "stiffness",
+            ] {
+                assert!(!error.contains(stage), "{all:?}: {error}");
+            }
+            assert!(!error.contains(".partial"), "{error}");
+        }
+        refuse(
+            &place,
+            &["run", "r.toml", "--out", &format!("{folder}/x")],
+            73,
+            &["/x"],
+        );
+    }
+}
+
+/// Formats of the standard library have widths of 16 bits.
+#[test]
+fn long_recipes_take_overrides() {
+    let comment = format!("# {}\n", "x".repeat(100));
+    let place = Place::with(&format!("{}{BALL}", comment.repeat(10_000)));
+    let report = json(&place.run(&["run", "r.toml", "--set", "band.voxel_size=0.8", "--json"]));
+    assert_eq!(report["band"]["voxel_size"], 0.8);
+    let made = place.run(&["sweep", "r.toml", "band.voxel_size=0.8,1.0", "-o", "s.csv"]);
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    refuse(
+        &place,
+        &["run", "r.toml", "--set", "band.voxel_size=wide"],
+        65,
+        &["--set band.voxel_size=wide"],
+    );
+}
+
+#[test]
+fn names_reach_no_terminal_as_they_are() {
+    const BAD: &str = "x\u{1b}[31m\u{7}\u{9b}2J\u{202e}y\nz";
+    // As a string of TOML.
+    let quoted = serde_json::to_string(BAD).unwrap();
+    let place = Place::with(&format!(
+        "{BALL}[cell.{quoted}]\nsurface = \"schwarz_p\"\nelement = \"hex\"\nlevel = 0\n"
+    ));
+    place.write(
+        "steps.crystal",
+        format!("cube\nassign faces(\u{1b}[31m) 2\n"),
+    );
+    let name = format!("{BAD}.toml");
+    place.write(&name, BALL);
+    let is_shown = |bytes: &[u8]| {
+        let shown = text(bytes);
+        let bad = ['\u{1b}', '\u{7}', '\u{9b}', '\u{202e}', '\r', '\u{7f}'];
+        !shown.contains(bad) && !shown.contains("y\nz")
+    };
+    let missing = format!("{BAD}.vdb");
+    let bad_key = format!("{quoted}=1");
+    let bad_flag = format!("--{BAD}");
+    let commands: [&[&str]; 9] = [
+        &["info", "r.toml"],
+        &["info", "r.toml", "--json"],
+        &["run", "r.toml", "--progress=plain", "-v"],
+        &["info", &name],
+        &["info", &missing],
+        &["info", &missing, "--json"],
+        &["run", "r.toml", "--set", &bad_key],
+        &["run", "r.toml", &bad_flag],
+        &["crystal", "steps.crystal", "--progress=plain"],
+    ];
+    for arguments in commands {
+        let output = place.run(arguments);
+        assert!(
+            is_shown(&output.stdout),
+            "{arguments:?}: {}",
+            text(&output.stdout)
+        );
+        assert!(
+            is_shown(&output.stderr),
+            "{arguments:?}: {}",
+            text(&output.stderr)
+        );
+    }
+    // The object has the name itself.
+    let facts = json(&place.run(&["info", "r.toml", "--json"]));
+    assert_eq!(facts["cells"][0], BAD);
+}
