@@ -9,7 +9,6 @@
 
 use super::rows;
 use super::soup::{DiscPack, PACK_SIZE, Soup};
-use super::triangle::closest_point;
 use crate::field::SampleLattice;
 use crate::frame::{Vec3, WorldPoint};
 use crate::simd::{self, Lanes, SimdKernel};
@@ -24,7 +23,7 @@ const FILTER_SAMPLES: [usize; 2] = [64, 8];
 const MAX_ROW_TRIANGLES: [usize; 2] = [64, 32];
 
 /// Distances of a lattice's samples from the triangles in some packs of a soup, bit for bit those by
-/// [`closest_point`]. The packs must contain the nearest triangle of each sample that is nearer than
+/// [`Soup::closest_point`]. The packs must contain the nearest triangle of each sample that is nearer than
 /// `max_distance`; other samples get a number of at least `max_distance`.
 pub(super) fn distances(
     soup: &Soup,
@@ -181,7 +180,7 @@ impl LatticeDistances<'_> {
     /// The squared distance from the triangle in a slot.
     #[inline(always)]
     fn squared(&self, slot: u32, p: Vec3) -> f64 {
-        (closest_point(&self.soup.corners[slot as usize], p) - p).norm_squared()
+        (self.soup.closest_point(slot as usize, p) - p).norm_squared()
     }
 
     /// The slot of a pack's lane; the last slot for padding lanes.

@@ -3,6 +3,7 @@
 // lanes avoids closures, which would not inherit that instruction set.
 #![allow(clippy::inline_always)]
 
+use super::sliver::{Sliver, is_sliver};
 use super::triangle::closest_point;
 use crate::frame::Vec3;
 use crate::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
@@ -16,30 +17,30 @@ const DISTANCE_MARGIN: f64 = 1.0 + 1e-9;
 /// A triangle with lower bounds of its distance: by its plane and by a ball around it.
 struct Facet {
     corners: [Vec3; 3],
-    /// The unit normal; zero for a needle.
+    /// The unit normal; zero without area.
     normal: Vec3,
     centre: Vec3,
     /// The radius of the ball about the centre.
     radius: f64,
+    sliver: Option<Sliver>,
 }
 
 impl Facet {
     fn new(corners: [Vec3; 3]) -> Self {
         let [a, b, c] = corners;
         let centre = (a + b + c) / 3.0;
-        let normal = (b - a).cross(&(c - a));
-        let longest = (b - a).norm_squared().max((c - a).norm_squared());
         let away = corners.iter().map(|p| (p - centre).norm());
+        let sliver = is_sliver(&corners).then(|| Sliver::of(&corners));
+        let normal = match &sliver {
+            Some(sliver) => sliver.normal(),
+            None => (b - a).cross(&(c - a)).normalize(),
+        };
         Self {
             corners,
-            // The normal of a needle is too inaccurate.
-            normal: if normal.norm() > 1e-6 * longest {
-                normal.normalize()
-            } else {
-                Vec3::zeros()
-            },
+            normal,
             centre,
             radius: away.fold(0.0, f64::max),
+            sliver,
         }
     }
 }
@@ -103,7 +104,14 @@ impl SimdKernel for Distances<'_> {
                 {
                     continue;
                 }
-                squared = squared.min(squared_distance(lanes, &facet.corners, p, &coordinates));
+                let from_facet = match &facet.sliver {
+                    Some(sliver) => {
+                        let offset = difference(sliver.closest(p), p);
+                        dot(offset, offset)
+                    }
+                    None => squared_distance(lanes, &facet.corners, p, &coordinates),
+                };
+                squared = squared.min(from_facet);
                 reach = reach.min(squared.sqrt());
             }
             let distance = squared.sqrt();
@@ -232,14 +240,14 @@ fn squared_distance<L: Lanes>(
         offset[k] = closest.corner[k] + closest.side[k] * s + ac[k] * t - p[k];
     }
     let squared = dot(offset, offset);
-    // Needles are measured by the scalar code.
-    let is_needle = u8::MAX ^ (zero.splat(1e-12) * ab2 * ac2).bits_below(total);
-    if is_needle == 0 {
+    // The area vanishes in rounding from very far: the scalar code takes over.
+    let is_lost = u8::MAX ^ (zero.splat(1e-12) * ab2 * ac2).bits_below(total);
+    if is_lost == 0 {
         return squared;
     }
     let mut row = squared.row();
     for (n, to) in row.iter_mut().enumerate() {
-        if is_needle >> n & 1 != 0 {
+        if is_lost >> n & 1 != 0 {
             let p = Vec3::from(coordinates[n]);
             *to = (closest_point(corners, p) - p).norm_squared();
         }

@@ -20,7 +20,7 @@ const CAVITY_PROBES: usize = 8;
 /// Distance of these points from their triangles, over the size of these.
 const PROBE_OFFSET: f64 = 1e-4;
 /// A signed volume below this fraction of area^1.5 counts as zero.
-const FLAT_VOLUME_RATIO: f64 = 1e-9;
+pub(super) const FLAT_VOLUME_RATIO: f64 = 1e-9;
 
 /// Shells of a mesh of merged vertices.
 pub(crate) struct Shells {

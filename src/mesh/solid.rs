@@ -10,6 +10,7 @@ use super::boundary_edges::BoundaryEdges;
 use super::half_edges::HalfEdges;
 use super::last_results::{self, MeshId};
 use super::open_winding::OpenWinding;
+use super::precision::Precision;
 use super::soup::{ClosestPoint, Soup};
 use super::unite::United;
 use super::{TriMesh, crossing, lattice};
@@ -41,6 +42,7 @@ pub struct MeshSolid {
     /// Triangles inside the solid, and the distance from them within which it has no crack.
     buried: Option<(Soup, f64)>,
     boundary: Option<BoundaryEdges>,
+    precision: Precision,
 }
 
 /// Triangles with their numbers in the mesh.
@@ -122,9 +124,14 @@ impl MeshSolid {
             None if has_caps => (Soup::new(&part(false)), Some(winding_triangles), None),
             None => (winding_triangles, None, None),
         };
+        let bounds = mesh.bounds();
+        let gap = buried
+            .as_ref()
+            .map_or(0.0, |(_, side_offset)| 2.0 * side_offset);
         Self {
             id: MeshId::new(),
-            bounds: mesh.bounds(),
+            precision: Precision::of(&bounds, gap),
+            bounds,
             open,
             caps: has_caps.then(|| Soup::new(&part(true))),
             buried,
@@ -242,7 +249,7 @@ impl MeshSolid {
     /// Distance to the surface, negative inside.
     pub fn signed_distance(&self, p: Vec3) -> f64 {
         let d = self.closest(p).distance;
-        if self.contains(p) { -d } else { d }
+        self.precision.signed(d, self.contains(p))
     }
 
     /// Signed distances of a lattice's samples that are nearer than `max_distance`; other samples get a value
@@ -268,9 +275,11 @@ impl MeshSolid {
             lattice::distances(&self.surface, &packs, lattice, max_distance, &mut distances);
         }
         let regular_sign = self.regular_sign(centre, radius);
-        let inside_all = regular_sign.filter(|_| nearest_to_centre.distance > radius);
+        let slack = self.precision.slack;
+        let inside_all = regular_sign.filter(|_| nearest_to_centre.distance > radius + slack);
         let [_, ny, nz] = lattice.counts;
-        let reach = lattice.step * (1.0 + 1e-9);
+        // The distances of two samples from a surface between them add up to their step at most.
+        let reach = lattice.step * (1.0 + 1e-9) + slack;
         let strides = [1, nz, ny * nz];
         let blocks = self.regular_blocks(lattice, regular_sign.is_some());
         for n in 0..lattice.len() {
@@ -288,7 +297,7 @@ impl MeshSolid {
                 let by_winding = || self.contains(lattice.point(n).0);
                 neighbour.map_or_else(by_winding, |m| out[m].is_sign_negative())
             });
-            out[n] = if inside { -d } else { d } as f32;
+            out[n] = self.precision.signed(d, inside) as f32;
         }
     }
 
@@ -384,7 +393,7 @@ impl Field for MeshSolid {
                 .try_normalize(0.0)
                 .unwrap_or_default()
         };
-        (s * c.distance, gradient)
+        (self.precision.signed(c.distance, s < 0.0), gradient)
     }
 
     fn bound(&self, region: &Aabb) -> Interval {

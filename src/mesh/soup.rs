@@ -1,7 +1,8 @@
 //! A triangle soup with its bounding-volume hierarchy, for distances and winding numbers.
 
 use super::bvh::{Bvh, LocalFrame};
-use super::triangle::closest_point;
+use super::sliver::is_sliver;
+use super::triangle::{closest_point_of_regular, closest_point_of_sliver};
 use crate::frame::{Aabb, Vec3};
 use std::sync::OnceLock;
 
@@ -33,6 +34,7 @@ struct Disc {
     /// The unit normal; zero turns the disc into a ball.
     normal: [f32; 3],
     radius: f32,
+    is_sliver: bool,
 }
 
 impl Disc {
@@ -54,6 +56,7 @@ impl Disc {
             centre: [centre.x as f32, centre.y as f32, centre.z as f32],
             normal: [normal.x as f32, normal.y as f32, normal.z as f32],
             radius: radius as f32,
+            is_sliver: is_sliver(t),
         }
     }
 
@@ -126,6 +129,17 @@ impl Soup {
             number: bvh.order().iter().map(|s| at(s).1).collect(),
             packs: OnceLock::new(),
             bvh,
+        }
+    }
+
+    /// The point of the triangle in a slot closest to `p`.
+    #[inline]
+    pub(super) fn closest_point(&self, slot: usize, p: Vec3) -> Vec3 {
+        let corners = &self.corners[slot];
+        if self.discs[slot].is_sliver {
+            closest_point_of_sliver(corners, p)
+        } else {
+            closest_point_of_regular(corners, p)
         }
     }
 
@@ -250,7 +264,7 @@ impl<'a> Search<'a> {
         if soup.discs[slot].is_beyond(self.q, self.max_distance) {
             return None;
         }
-        let point = closest_point(&soup.corners[slot], self.p);
+        let point = soup.closest_point(slot, self.p);
         let d2 = (point - self.p).norm_squared();
         let number = soup.number[slot];
         if d2 < self.max_squared || (d2 == self.max_squared && number < self.found.0.triangle) {

@@ -1,22 +1,25 @@
 //! One triangle: closest point and solid angle.
 
+use super::sliver::{Sliver, is_sliver};
 use crate::frame::Vec3;
 
-/// The point of a segment closest to `p`.
-fn on_segment([a, b]: [Vec3; 2], p: Vec3) -> Vec3 {
-    let ab = b - a;
-    let length2 = ab.norm_squared();
-    let t = if length2 > 0.0 {
-        ab.dot(&(p - a)) / length2
+/// The point of the closed triangle closest to `p`; a triangle without area counts as its sides.
+pub(crate) fn closest_point(t: &[Vec3; 3], p: Vec3) -> Vec3 {
+    if is_sliver(t) {
+        closest_point_of_sliver(t, p)
     } else {
-        0.0
-    };
-    if t >= 1.0 { b } else { a + ab * t.max(0.0) }
+        closest_point_of_regular(t, p)
+    }
 }
 
-/// The point of the closed triangle closest to `p` (Ericson, *Real-Time Collision Detection*, 5.1.5);
-/// a triangle without area counts as its sides.
-pub(crate) fn closest_point(&[a, b, c]: &[Vec3; 3], p: Vec3) -> Vec3 {
+/// As [`closest_point`], for a sliver.
+pub(super) fn closest_point_of_sliver(t: &[Vec3; 3], p: Vec3) -> Vec3 {
+    Sliver::of(t).closest::<f64>(p.into()).into()
+}
+
+/// As [`closest_point`], for a triangle that is no sliver (Ericson, *Real-Time Collision Detection*, 5.1.5).
+pub(super) fn closest_point_of_regular(t: &[Vec3; 3], p: Vec3) -> Vec3 {
+    let &[a, b, c] = t;
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     if d1 <= 0.0 && d2 <= 0.0 {
@@ -38,17 +41,9 @@ pub(crate) fn closest_point(&[a, b, c]: &[Vec3; 3], p: Vec3) -> Vec3 {
     let vb = d5 * d2 - d1 * d6;
     let va = d3 * d6 - d5 * d4;
     let total = va + vb + vc;
-    // |ab x ac|^2 vanishes in rounding: the triangle is a needle, treated as its sides.
+    // From very far |ab x ac|^2 vanishes in rounding.
     if total.is_nan() || total <= 1e-12 * ab2 * ac2 {
-        let sides = [[a, b], [b, c], [c, a]].map(|s| on_segment(s, p));
-        let nearer = |q: Vec3, r: Vec3| {
-            if (r - p).norm_squared() < (q - p).norm_squared() {
-                r
-            } else {
-                q
-            }
-        };
-        return nearer(nearer(sides[0], sides[1]), sides[2]);
+        return closest_point_of_sliver(t, p);
     }
     if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
         return a + ab * (d1 / ab2);

@@ -12,5 +12,6 @@ mod level_set_files;
 mod moved_solids;
 mod offsets;
 mod sheets;
+mod signs;
 mod solids;
 mod touching;
