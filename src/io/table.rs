@@ -150,3 +150,45 @@ fn rows(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quotation_marks_and_byte_order_marks_are_read() {
+        let path = Path::new("p.csv");
+        let text =
+            "\u{feff}\"x\", \"y\",z,\"Stress, von \"\"Mises\"\"\"\n\"1\",\"2.5\",-3, \"4\" \n";
+        assert_eq!(column_names(text)[3], "Stress, von \"Mises\"");
+        let rows = read_columns(path, text, &["x", "y", "z"]).unwrap();
+        assert_eq!(rows, [[1.0, 2.5, -3.0]]);
+        let values = read_scattered(path, text, "Stress, von \"Mises\"").unwrap();
+        assert_eq!((values[0].value, values[0].line), (4.0, 2));
+        assert_eq!(words("a,\"b,c\",\"open, d"), ["a", "b,c", "\"open, d"]);
+        for word in ["1e18", "1e308", "inf", "nan", "\"\""] {
+            let e = read_columns(path, &format!("x,y,z\n1,{word},2\n"), &["x", "y", "z"]);
+            assert!(e.unwrap_err().to_string().contains("line 2"), "{word}");
+        }
+    }
+
+    #[test]
+    fn other_encodings_are_refused() {
+        let path = Path::new("p.csv");
+        let units: Vec<u16> = "x,y,z".encode_utf16().collect();
+        for (mark, order) in [
+            (&[0xff, 0xfe][..], u16::to_le_bytes as fn(u16) -> [u8; 2]),
+            (&[0xfe, 0xff], u16::to_be_bytes),
+            (&[], u16::to_le_bytes),
+            (&[], u16::to_be_bytes),
+        ] {
+            let bytes = units.iter().flat_map(|u| order(*u));
+            let bytes = mark.iter().copied().chain(bytes).collect();
+            let e = table_text(path, bytes).unwrap_err().to_string();
+            assert!(e.contains("UTF-16"), "{e}");
+        }
+        let e = table_text(path, b"x,y,gr\xf6\xdfe".to_vec()).unwrap_err();
+        assert!(e.to_string().contains("byte 6"), "{e}");
+        assert_eq!(table_text(path, b"x,y".to_vec()).unwrap(), "x,y");
+    }
+}

@@ -74,7 +74,7 @@ pub struct MeshReport {
     pub degenerate: Finding,
     /// Triangles that intersect others; `None` if not checked.
     pub self_intersections: Option<Finding>,
-    /// Orientation, overlap and nesting of shells; `None` if not checked.
+    /// Orientation, overlap and nesting of shells; `None` if not checked, also where too many triangles overlap.
     pub shells: Option<ShellReport>,
 }
 
@@ -254,8 +254,8 @@ pub fn check_with(
                 triangles: pair.to_vec(),
             });
         }
+        report.shells = ShellReport::of(mesh, finding.count == 0);
         report.self_intersections = Some(finding);
-        report.shells = Some(ShellReport::of(mesh));
     }
     Ok(report)
 }

@@ -102,28 +102,33 @@ impl<'a> Search<'a> {
             pieces: None,
             last: soup.bvh.by_node(|slot| slot as u32, u32::max),
         };
-        if count < MIN_TRIANGLES {
-            return search;
+        if count >= MIN_TRIANGLES {
+            search.add_pieces();
         }
+        search
+    }
+
+    /// Adds fans and pieces, if the mesh has hubs or many slivers.
+    fn add_pieces(&mut self) {
+        let soup = self.soup;
         let (hubs, points) = hubs(&soup.corners);
         let mut slots: HashMap<u32, Vec<u32>> = HashMap::new();
         for (slot, &hub) in hubs.iter().enumerate() {
-            if hub != NO_HUB && !search.is_degenerate[slot] {
+            if hub != NO_HUB && !self.is_degenerate[slot] {
                 slots.entry(hub).or_default().push(slot as u32);
             }
         }
         let pieces = Pieces::of(&soup.corners, &hubs);
-        if slots.is_empty() && pieces.slots.len() < 2 * count {
-            return search;
+        if slots.is_empty() && pieces.slots.len() < 2 * soup.corners.len() {
+            return;
         }
         let fan = |(hub, slots): (u32, Vec<u32>)| {
             let centre = points[hub as usize];
             (hub, Fan::of(soup, centre, slots))
         };
-        search.fans = slots.into_par_iter().map(fan).collect();
-        search.hubs = hubs;
-        search.pieces = Some(pieces);
-        search
+        self.fans = slots.into_par_iter().map(fan).collect();
+        self.hubs = hubs;
+        self.pieces = Some(pieces);
     }
 
     /// The first slot found after `s` whose triangle meets that of `s`.
@@ -314,4 +319,87 @@ fn hubs(corners: &[[Vec3; 3]]) -> (Vec<u32>, Vec<Vec3>) {
         hub.map_or(NO_HUB, |v| *v)
     };
     (numbered.iter().map(hub).collect(), points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers from 0 to 1.
+    fn random(state: &mut u64) -> f64 {
+        *state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (*state >> 33) as f64 / f64::from(1u32 << 31)
+    }
+
+    fn soup(triangles: &[[Vec3; 3]]) -> Soup {
+        let numbered: Vec<_> = triangles.iter().copied().zip(0u32..).collect();
+        Soup::new(&numbered)
+    }
+
+    /// Two fans, in planes and askew, of slivers around their hubs, equal triangles, triangles without area, and
+    /// slivers across all of them.
+    fn fans(seed: u64) -> Vec<[Vec3; 3]> {
+        let s = &mut seed.clone();
+        let mut all = Vec::new();
+        for (height, tip) in [(0.0, 0.0), (0.3, 0.3 + random(s))] {
+            let turn = std::f64::consts::TAU / 150.0;
+            let rim =
+                |k: usize| Vec3::new((k as f64 * turn).cos(), (k as f64 * turn).sin(), height);
+            let hub = Vec3::new(0.2 * random(s), 0.0, tip);
+            all.extend((0..150).map(|k| [hub, rim(k), rim((k + 1) % 150)]));
+        }
+        for _ in 0..60 {
+            let mut point = || Vec3::from_fn(|_, _| random(s) - 0.5) * 3.0;
+            let a = point();
+            let b = point();
+            all.push([a, b, a + (b - a) * 0.5 + point() * 0.01]);
+        }
+        all.extend_from_within(10..20);
+        all.push([Vec3::zeros(), Vec3::x(), Vec3::x() * 2.0]);
+        all
+    }
+
+    /// Whether a later triangle meets each triangle: of all pairs, of boxes, and of pieces and arcs.
+    #[test]
+    fn pieces_and_arcs_find_what_all_pairs_have() {
+        for seed in 1..6 {
+            let soup = soup(&fans(seed));
+            let plain = Search::of(&soup);
+            let mut pieced = Search::of(&soup);
+            pieced.add_pieces();
+            assert!(pieced.pieces.is_some() && pieced.fans.len() == 2);
+            let is_area = |s: usize| !is_degenerate_triangle(&soup.corners[s]);
+            for s in 0..soup.corners.len() {
+                let meets = |o: usize| triangles_meet(&soup.corners[s], &soup.corners[o]);
+                let mut later = s + 1..soup.corners.len();
+                let expected = is_area(s) && later.any(|o| is_area(o) && meets(o));
+                assert_eq!(plain.first_later(s).is_some(), expected, "{seed} {s}");
+                assert_eq!(pieced.first_later(s).is_some(), expected, "{seed} {s}");
+            }
+        }
+    }
+
+    /// A prism whose caps are fans from one corner has no triangles that meet; equal triangles do.
+    #[test]
+    fn large_fans_and_equal_triangles_are_searched() {
+        let n = 5000;
+        let turn = std::f64::consts::TAU / n as f64;
+        let rim = |k: usize, z: f64| Vec3::new((k as f64 * turn).cos(), (k as f64 * turn).sin(), z);
+        let mut prism: Vec<[Vec3; 3]> = Vec::new();
+        for k in 0..n {
+            let next = (k + 1) % n;
+            prism.push([rim(k, 0.0), rim(next, 0.0), rim(next, 1.0)]);
+            prism.push([rim(k, 0.0), rim(next, 1.0), rim(k, 1.0)]);
+            if k > 0 && next > 0 {
+                prism.push([rim(0, 1.0), rim(k, 1.0), rim(next, 1.0)]);
+                prism.push([rim(0, 0.0), rim(next, 0.0), rim(k, 0.0)]);
+            }
+        }
+        let silent = &crate::progress::Silent;
+        assert_eq!(meeting_pairs(&soup(&prism), silent).unwrap(), [[0; 2]; 0]);
+        let equal = vec![[Vec3::zeros(), Vec3::x(), Vec3::y()]; 20_000];
+        assert_eq!(meeting_pairs(&soup(&equal), silent).unwrap().len(), 19_999);
+    }
 }

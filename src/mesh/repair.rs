@@ -9,7 +9,11 @@ use super::solid::{NumberedTriangles, SolidParts};
 use super::soup::Soup;
 use super::unite::{United, unite};
 use super::{MeshSolid, TriMesh};
+use crate::frame::Aabb;
 use std::fmt;
+
+/// Maximum number of pairs of triangles whose boxes overlap, each counted twice.
+const MAX_OVERLAPS: u64 = 40_000_000;
 
 /// The kind of a repair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,21 +159,43 @@ impl ShellReport {
         ]
     }
 
-    /// The report of a mesh.
-    pub(super) fn of(mesh: &TriMesh) -> Self {
+    /// The report of a mesh, and whether no triangles of it meet; `None` where too many overlap.
+    pub(super) fn of(mesh: &TriMesh, is_free_of_intersections: bool) -> Option<Self> {
         let oriented = Oriented::of(mesh.clone());
-        let united = oriented.united(oriented.open().as_ref(), true);
+        // A single shell that does not meet itself buries nothing.
+        let united = if is_free_of_intersections && oriented.shells.count == 1 {
+            None
+        } else if has_too_many_overlaps(&oriented.soup) {
+            return None;
+        } else {
+            oriented.united(oriented.open().as_ref(), true)
+        };
         let within = &oriented.nesting.within;
         let measured = &oriented.measured;
-        Self {
+        Some(Self {
             shells: oriented.shells.count,
             inconsistent_faces: oriented.flipped_faces,
             inward_shells: oriented.flipped_shells,
             nested_shells: within.iter().filter(|w| !w.is_empty()).count(),
             overlapping_shells: united.map_or(0, |u| u.shells),
             open_shells: measured.iter().filter(|s| !s.is_closed).count(),
+        })
+    }
+}
+
+/// Whether the boxes of triangles overlap in so many pairs that finding buried triangles takes minutes.
+fn has_too_many_overlaps(soup: &Soup) -> bool {
+    let mut pairs = 0u64;
+    for corners in &soup.corners {
+        soup.bvh.overlapping(&Aabb::of(*corners), |_| {
+            pairs += 1;
+            pairs <= MAX_OVERLAPS
+        });
+        if pairs > MAX_OVERLAPS {
+            return true;
         }
     }
+    false
 }
 
 impl MeshSolid {

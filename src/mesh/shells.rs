@@ -101,16 +101,16 @@ impl Shells {
         let mut net: Vec<(u32, i32)> = Vec::new();
         for edge in sides.edges() {
             net.clear();
-            for side in edge {
-                let shell = self.of[side.triangle() as usize];
+            net.extend(edge.iter().map(|side| {
                 let sign = if side.is_forward() { 1 } else { -1 };
-                match net.iter_mut().find(|n| n.0 == shell) {
-                    Some(present) => present.1 += sign,
-                    None => net.push((shell, sign)),
+                (self.of[side.triangle() as usize], sign)
+            }));
+            // Thousands of shells may share an edge.
+            net.sort_unstable();
+            for own in net.chunk_by(|a, b| a.0 == b.0) {
+                if own.iter().map(|n| n.1).sum::<i32>() != 0 {
+                    shells[own[0].0 as usize].is_closed = false;
                 }
-            }
-            for &(shell, _) in net.iter().filter(|n| n.1 != 0) {
-                shells[shell as usize].is_closed = false;
             }
         }
         for (t, tri) in triangles.iter().enumerate() {
@@ -233,7 +233,9 @@ impl Nesting {
                         enclosing.push(other as u32);
                     }
                 }
-                true
+                // Only a closed shell can lie in others; of an open one the first that it meets suffices, where
+                // thousands may lie in one place.
+                shell.is_closed || !meets[s]
             });
             if enclosing.is_empty() {
                 continue;

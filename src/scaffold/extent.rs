@@ -15,7 +15,7 @@ use std::collections::BinaryHeap;
 /// The largest distance of the box from the elements, relative to its longest side.
 const RELATIVE_TOLERANCE: f64 = 1e-7;
 /// Maximum number of splits for one side of the box. Beyond it, which only long ridges reach that lie askew in many
-/// elements, the side is that of the coefficients of what is left.
+/// elements, the side is that of the coefficients of the remaining parts.
 const MAX_SPLITS: usize = 100_000;
 
 /// A part of an element with an upper bound of its values.

@@ -1,6 +1,8 @@
 //! Laws of `io`: what is written reads back; errors say where; outputs appear whole or not at all.
 
 pub mod cubes;
+mod legacy;
+mod limits;
 mod meshes;
 mod stream;
 mod tables;

@@ -3,6 +3,7 @@
 mod build;
 mod crystals;
 mod decks;
+mod depth;
 mod drains;
 mod macro_decks;
 mod motion;

@@ -185,3 +185,50 @@ fn attributes_of_beams_have_their_defaults() {
         &["object 1: a beam lattice under a transform that shears or stretches"],
     );
 }
+
+/// The first drafts of the extension name the mode of clipping "clipping", and the least length "precision".
+#[test]
+fn clipping_has_its_older_name_too() {
+    let clip = |attribute: &str| {
+        let beam = "<q:beam v1=\"0\" v2=\"1\"/>";
+        let text = lattice(
+            &format!("radius=\"1\" precision=\"0.1\" clippingmesh=\"2\" {attribute}"),
+            beam,
+            "",
+        );
+        let mesh = format!(
+            "<object id=\"2\">{}</object><object id=\"1\">",
+            super::cube(0.0)
+        );
+        let solid = model(&text.replacen("<object id=\"1\">", &mesh, 1)).unwrap();
+        solid.beams[0].clip.as_ref().map(|c| c.keeps_inside)
+    };
+    for name in ["clipping", "clippingmode"] {
+        assert_eq!(clip(&format!("{name}=\"inside\"")), Some(true));
+        assert_eq!(clip(&format!("{name}=\"outside\"")), Some(false));
+        assert_eq!(clip(&format!("{name}=\"none\"")), None);
+    }
+    assert_eq!(clip("clippingmode=\"none\" clipping=\"inside\""), None);
+}
+
+#[test]
+fn numbers_beyond_the_limit_are_refused() {
+    let beam = "<q:beam v1=\"0\" v2=\"1\"/>";
+    for x in ["1e18", "1e308", "inf", "nan"] {
+        refused(
+            &lattice(&format!("radius=\"{x}\""), beam, ""),
+            &["radius", "1e18", "byte"],
+        );
+        let far = lattice("radius=\"1\"", beam, "").replace("x=\"4\"", &format!("x=\"{x}\""));
+        refused(&far, &["coordinate", "1e18", "byte"]);
+        let moved = super::one("", &format!("transform=\"1 0 0 0 1 0 0 0 1 {x} 0 0\""));
+        refused(&moved, &["transform", "1e18", "byte"]);
+    }
+    // Each number is in range, their product is not.
+    let scaled = "transform=\"1e10 0 0 0 1e10 0 0 0 1e10 0 0 0\"";
+    let far = lattice("radius=\"1\"", beam, "").replace("x=\"4\"", "x=\"1e10\"");
+    refused(
+        &far.replace("objectid=\"1\"", &format!("objectid=\"1\" {scaled}")),
+        &["beam 1", "1e18"],
+    );
+}
