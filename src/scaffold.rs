@@ -30,6 +30,7 @@ mod extent;
 mod grid;
 mod kind;
 mod map;
+mod mitre;
 mod orientation;
 mod overlaps;
 mod polynomial;
@@ -48,7 +49,7 @@ pub use kind::{FaceNodes, Kind};
 pub use orientation::Orientation;
 pub use polynomial::Polynomial;
 pub use report::{BadElement, InvalidScaffold, ScaffoldReport, Spot};
-pub use surface::Surface;
+pub use surface::{Surface, ThinWall};
 pub use topology::{FaceRef, Neighbour};
 
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint, is_in_range};

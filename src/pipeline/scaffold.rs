@@ -1,6 +1,6 @@
 //! Scaffolds of a recipe, from a file or a parametric shape.
 
-use super::error::RunError;
+use super::error::{RunError, short_number};
 use super::input_files::InputFiles;
 use super::motion::{FileNodes, NodeMotion, Pose, deformed, node_motion};
 use super::report::{ScaffoldReport, Warning};
@@ -9,7 +9,7 @@ use crate::frame::Vec3;
 use crate::io::{ElementFile, Group};
 use crate::mesh::MeshSolid;
 use crate::recipe::{CrystalFrame, FillKind, Recipe, ScaffoldSection};
-use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Scaffold, ScaffoldError};
+use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Scaffold, ScaffoldError, Surface};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -265,7 +265,10 @@ fn source_scaffold(
             let nodes = nodes.posed(files, section, pose, (file, &path))?;
             let surface = read.surface.with_nodes(nodes).map_err(fail)?;
             let scaffold = match (&section.shell, &section.plate) {
-                (Some(shell), _) => surface.shell(shell.thickness.resolve(scale)),
+                (Some(shell), _) => {
+                    warn_thin_walls(files, &surface)?;
+                    surface.shell(shell.thickness.resolve(scale))
+                }
                 (_, Some(plate)) => {
                     let size = surface.bounds().half_diagonal();
                     if surface.unevenness() > 1e-6 * size {
@@ -309,6 +312,24 @@ fn source_scaffold(
     Ok(source)
 }
 
+/// Warns of a shell whose walls are thinner than asked.
+fn warn_thin_walls(files: &mut InputFiles, surface: &Surface) -> Result<(), RunError> {
+    // A surface without a common outside is refused where its shell is made.
+    let Ok(Some(wall)) = surface.thinnest_wall() else {
+        return Ok(());
+    };
+    files.warn(
+        Warning::SCAFFOLD,
+        format!(
+            "scaffold: at {} nodes the walls of the shell are thinner than asked, at ({}) {} of its thickness: \
+             creases that turn by more than 150 degrees get no longer mitre",
+            wall.count,
+            [wall.place.x, wall.place.y, wall.place.z].map(short_number).join(", "),
+            short_number(wall.fraction)
+        ),
+    )
+}
+
 /// The shell of a crystal's faces. Face groups become element groups.
 fn crystal_shell(
     files: &mut InputFiles,
@@ -322,6 +343,7 @@ fn crystal_shell(
         message: format!("crystal {}: {message}", frame.name),
     };
     let surface = mesh.surface().map_err(|e| invalid(e.to_string()))?;
+    warn_thin_walls(files, &surface)?;
     let scaffold = surface
         .shell(thickness)
         .map_err(|e| invalid(e.to_string()))?;

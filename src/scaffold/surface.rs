@@ -1,8 +1,8 @@
 //! Surfaces: meshes of triangles and quads, which a thickness makes scaffolds of.
 //!
-//! A *shell* has thickness tau along vertex normals: x = X(r, s) + zeta tau sum `N_a(r, s)` `n_a`,
-//! zeta in `[-1/2, 1/2]`, with `n_a` the mean of the normals of the elements at node a, weighted by
-//! their angle there, of unit length. So neighbours share their side faces, and where the surface
+//! A *shell* has thickness tau to both sides of its elements: x = X(r, s) + zeta tau sum `N_a(r, s)` `m_a`,
+//! zeta in `[-1/2, 1/2]`, with `m_a` the mitre at node a: `n_i . m_a = 1` for the normals `n_i` of the elements
+//! there. So walls keep their thickness at creases, neighbours share their side faces, and where the surface
 //! is bent too sharply for the thickness the elements are folded, which [`Scaffold::validate`]
 //! reports. A *plate* is a planar mesh extruded along z.
 //!
@@ -10,9 +10,25 @@
 //! reference coordinate runs through the thickness.
 
 use super::bernstein::Net;
+use super::mitre::{Mitre, Normal};
 use super::{Connectivity, Kind, Scaffold, ScaffoldError, extent};
 use crate::frame::{Aabb, Vec3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::PI;
+
+/// Walls of this part of the thickness count as full.
+const FULL_WALL: f64 = 0.95;
+
+/// The thinnest walls of a shell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThinWall {
+    /// Number of nodes with thinner walls than asked.
+    pub count: usize,
+    /// The node with the thinnest.
+    pub place: Vec3,
+    /// Its wall as a part of the thickness.
+    pub fraction: f64,
+}
 
 /// Nodes and planar elements.
 ///
@@ -136,8 +152,26 @@ impl Surface {
     /// [`ScaffoldError::BadThickness`]; [`ScaffoldError::NoNormal`] for a node at which the elements
     /// have no common outside.
     pub fn shell(&self, thickness: f64) -> Result<Scaffold, ScaffoldError> {
-        let normals = self.normals()?;
-        self.thickened(thickness, &normals)
+        let mitres = self.mitres()?;
+        let along: Vec<Vec3> = mitres.iter().map(|m| m.along).collect();
+        self.thickened(thickness, &along)
+    }
+
+    /// The node of a shell with the thinnest wall beside it, if the walls are thinner than asked there: at creases
+    /// that turn by more than 150 degrees, where mitres are cut off, and where no mitre fits all elements.
+    ///
+    /// # Errors
+    /// As [`Surface::shell`].
+    pub fn thinnest_wall(&self) -> Result<Option<ThinWall>, ScaffoldError> {
+        let mitres = self.mitres()?.into_iter().enumerate();
+        let thin = mitres.filter(|(_, m)| m.least_wall < FULL_WALL);
+        let count = thin.clone().count();
+        let least = thin.min_by(|a, b| a.1.least_wall.total_cmp(&b.1.least_wall));
+        Ok(least.map(|(node, mitre)| ThinWall {
+            count,
+            place: self.nodes[node],
+            fraction: mitre.least_wall,
+        }))
     }
 
     fn thickened(&self, thickness: f64, along: &[Vec3]) -> Result<Scaffold, ScaffoldError> {
@@ -168,44 +202,66 @@ impl Surface {
         Ok(Scaffold::new(nodes, elements)?.with_numbers(self.numbers.clone()))
     }
 
-    /// Unit normals at the nodes; elements are first oriented alike across common edges.
-    fn normals(&self) -> Result<Vec<Vec3>, ScaffoldError> {
+    /// The mitres at the nodes; elements are first oriented alike across common edges. That of a node without
+    /// elements is none.
+    fn mitres(&self) -> Result<Vec<Mitre>, ScaffoldError> {
         let reversed = self.reversed();
-        let mut sums = vec![Vec3::zeros(); self.nodes.len()];
+        let mut normals: Vec<Vec<Normal>> = vec![Vec::new(); self.nodes.len()];
+        let gradients: BTreeMap<Kind, Vec<Vec<Vec3>>> = self
+            .kinds()
+            .into_iter()
+            .map(|(kind, _)| {
+                let nodes = kind.reference_nodes();
+                (
+                    kind,
+                    nodes
+                        .into_iter()
+                        .map(|xi| kind.shape_gradients(xi))
+                        .collect(),
+                )
+            })
+            .collect();
         for e in 0..self.len() {
             let kind = self.elements.kind(e);
-            let own = self.elements.nodes(e);
-            let at = |n: usize| self.nodes[own[n] as usize];
+            let nodes = self.elements.nodes(e);
+            let at = |n: usize| self.nodes[nodes[n] as usize];
             let side = if reversed[e] { -1.0 } else { 1.0 };
             let n = kind.corner_count();
-            let mut whole = Vec3::zeros();
-            for i in 0..n {
-                let (a, b) = (at((i + 1) % n) - at(i), at((i + n - 1) % n) - at(i));
-                let angle = a.angle(&b);
-                let Some(normal) = a.cross(&b).try_normalize(0.0) else {
+            for (i, slopes) in gradients[&kind].iter().enumerate() {
+                // dX/dxi1 and dX/dxi2.
+                let mut tangents = [Vec3::zeros(); 2];
+                for (k, slope) in slopes.iter().enumerate() {
+                    tangents[0] += at(k) * slope.x;
+                    tangents[1] += at(k) * slope.y;
+                }
+                let Some(unit) = tangents[0].cross(&tangents[1]).try_normalize(0.0) else {
                     continue;
                 };
-                sums[own[i] as usize] += normal * (angle * side);
-                whole += normal * side;
-            }
-            for &mid in &own[n..] {
-                sums[mid as usize] += whole / n as f64;
+                let weight = if i < n {
+                    let (a, b) = (at((i + 1) % n) - at(i), at((i + n - 1) % n) - at(i));
+                    a.angle(&b)
+                } else {
+                    // A mid node of an edge sees half a circle of the element.
+                    PI
+                };
+                normals[nodes[i] as usize].push(Normal {
+                    unit: unit * side,
+                    weight,
+                });
             }
         }
-        let used: std::collections::BTreeSet<u32> = (0..self.len())
+        let used: BTreeSet<u32> = (0..self.len())
             .flat_map(|e| self.elements.nodes(e).iter().copied())
             .collect();
-        for (node, sum) in sums.iter_mut().enumerate() {
-            match sum.try_normalize(1e-6) {
-                Some(unit) => *sum = unit,
-                None if used.contains(&(node as u32)) => {
-                    let at = self.nodes[node].into();
-                    return Err(ScaffoldError::NoNormal { node, at });
-                }
-                None => {}
+        let mitre = |(node, normals): (usize, &Vec<Normal>)| match Mitre::of(normals) {
+            Some(mitre) => Ok(mitre),
+            None if used.contains(&(node as u32)) => {
+                let at = self.nodes[node].into();
+                Err(ScaffoldError::NoNormal { node, at })
             }
-        }
-        Ok(sums)
+            None => Ok(Mitre::NONE),
+        };
+        normals.iter().enumerate().map(mitre).collect()
     }
 
     /// The elements to reverse so that neighbours have one orientation; the first of each component stays. On a

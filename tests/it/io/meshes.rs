@@ -37,9 +37,8 @@ fn is_cube(path: &Path) {
     let surface = surface(path).surface;
     let scaffold = surface.shell(1.0).unwrap();
     let volume: f64 = scaffold.elements().map(|e| e.volume()).sum();
-    // Corners move along the mean of their faces' normals.
-    let moved = 1.0 / 3f64.sqrt();
-    let exact = (10.0 + moved).powi(3) - (10.0 - moved).powi(3);
+    // Walls of 1 at the edges too, half to each side.
+    let exact = 11f64.powi(3) - 9f64.powi(3);
     assert!((volume / exact - 1.0).abs() < 0.01, "{name}: {volume}");
     assert_eq!(scaffold.components().len(), 1, "{name}");
 }

@@ -268,6 +268,141 @@ fn shells_have_their_thickness_whatever_way_elements_are_wound() {
     assert!(matches!(e, ScaffoldError::BadThickness(_)));
 }
 
+/// The walls around a polygon of corners in the plane, `height` high, cut into `parts` quads.
+fn walls(corners: &[[f64; 2]], height: f64, parts: u32) -> Surface {
+    let (count, mut elements) = (corners.len() as u32, Connectivity::default());
+    let nodes = (0..=parts).flat_map(|k| {
+        let z = height * f64::from(k) / f64::from(parts);
+        corners.iter().map(move |c| Vec3::new(c[0], c[1], z))
+    });
+    for k in 0..parts {
+        for i in 0..count {
+            let [a, b] = [i, (i + 1) % count].map(|n| n + k * count);
+            elements.push(Kind::Quad4, &[a, b, b + count, a + count]);
+        }
+    }
+    Surface::new(nodes.collect(), elements).unwrap()
+}
+
+#[test]
+fn mitred_walls_keep_their_thickness() {
+    let near = |found: f64, exact: f64, what: &str| {
+        assert!(
+            (found / exact - 1.0).abs() < 5e-3,
+            "{what}: {found} {exact}"
+        );
+    };
+    // Between the offsets of a polygon by t / 2 to both sides lies perimeter x t, whatever its corners.
+    let rhombus = |angle: f64| {
+        let (s, c) = (angle.to_radians() / 2.0).sin_cos();
+        vec![
+            [-10.0 * c, 0.0],
+            [0.0, -10.0 * s],
+            [10.0 * c, 0.0],
+            [0.0, 10.0 * s],
+        ]
+    };
+    let regular = |n: u32| {
+        let corner = |k: u32| (2.0 * PI * f64::from(k) / f64::from(n)).sin_cos();
+        (0..n)
+            .map(corner)
+            .map(|(s, c)| [5.0 * c, 5.0 * s])
+            .collect::<Vec<_>>()
+    };
+    let ell = vec![[0., 0.], [9., 0.], [9., 4.], [5., 4.], [5., 8.], [0., 8.]];
+    let polygons = [
+        ell.clone(),
+        rhombus(35.0),
+        rhombus(60.0),
+        rhombus(90.0),
+        rhombus(140.0),
+        regular(3),
+        regular(5),
+        regular(24),
+        regular(90),
+    ];
+    for corners in &polygons {
+        let surface = walls(corners, 6.0, 2);
+        let length = |(n, a): (usize, &[f64; 2])| {
+            let b = corners[(n + 1) % corners.len()];
+            (b[0] - a[0]).hypot(b[1] - a[1])
+        };
+        let perimeter: f64 = corners.iter().enumerate().map(length).sum();
+        let shell = surface.shell(0.4).unwrap();
+        near(
+            volume(&shell),
+            perimeter * 0.4 * 6.0,
+            &format!("{corners:?}"),
+        );
+        assert!(surface.thinnest_wall().unwrap().is_none(), "{corners:?}");
+    }
+    // Closed solids of quads: a cube, and an L with its caps. With d = t / 2 a right-angled polygon of area A, perimeter
+    // P and 4 more outer than inner corners is offset to A + P d + 4 d^2.
+    for (corners, caps, height, area, perimeter) in [
+        (
+            vec![[0., 0.], [20., 0.], [20., 20.], [0., 20.]],
+            vec![[0, 1, 2, 3]],
+            20.0,
+            400.0,
+            80.0,
+        ),
+        (
+            vec![
+                [0., 0.],
+                [5., 0.],
+                [9., 0.],
+                [9., 4.],
+                [5., 4.],
+                [5., 8.],
+                [0., 8.],
+                [0., 4.],
+            ],
+            vec![[0, 1, 4, 7], [1, 2, 3, 4], [7, 4, 5, 6]],
+            6.0,
+            56.0,
+            34.0,
+        ),
+    ] {
+        let count = corners.len() as u32;
+        let open = walls(&corners, height, 1);
+        let mut elements = open.connectivity().clone();
+        for cap in &caps {
+            elements.push(Kind::Quad4, cap);
+            elements.push(Kind::Quad4, &cap.map(|n| n + count));
+        }
+        let surface = Surface::new(open.nodes().to_vec(), elements).unwrap();
+        for thickness in [0.3, 2.0] {
+            let offset = |d: f64| (area + perimeter * d + 4.0 * d * d) * (height + 2.0 * d);
+            let exact = offset(thickness / 2.0) - offset(-thickness / 2.0);
+            let shell = surface.shell(thickness).unwrap();
+            near(volume(&shell), exact, &format!("{corners:?} {thickness}"));
+        }
+    }
+    // A regular tetrahedron of edge 12: its inscribed ball has the radius 12 / sqrt(24).
+    let mut elements = Connectivity::default();
+    for face in [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]] {
+        elements.push(Kind::Tri3, &face);
+    }
+    let edge = 12.0 / 8f64.sqrt();
+    let corners = [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]];
+    let nodes = corners.map(|c| Vec3::from(c) * edge);
+    let tetrahedron = Surface::new(nodes.to_vec(), elements).unwrap();
+    let (whole, inner) = (12f64.powi(3) / 72f64.sqrt(), 12.0 / 24f64.sqrt());
+    let scaled = |d: f64| whole * (1.0 + d / inner).powi(3);
+    let shell = tetrahedron.shell(1.0).unwrap();
+    near(volume(&shell), scaled(0.5) - scaled(-0.5), "tetrahedron");
+    // A crease that turns by 160 degrees keeps the mitre of 150.
+    let knife = walls(&rhombus(20.0), 6.0, 2)
+        .thinnest_wall()
+        .unwrap()
+        .unwrap();
+    let exact = 80f64.to_radians().cos() / 75f64.to_radians().cos();
+    assert!(
+        (knife.fraction - exact).abs() < 0.01 && knife.count == 6,
+        "{knife:?}"
+    );
+}
+
 #[test]
 fn points_of_a_plate_are_found() {
     let mut elements = Connectivity::default();
