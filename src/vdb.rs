@@ -91,9 +91,9 @@ pub use as_field::{MAX_REFINEMENT_RATIO, Placement, SampledLevelSet};
 pub use attribute::Attribute;
 pub use builder::LevelSetBuilder;
 pub use cavities::{
-    Cavities, Cavity, Channel, DEFAULT_CAVITY_REACH, DrainRequest, MAX_CAVITY_REACH,
+    Cavities, Cavity, Channel, DEFAULT_CAVITY_REACH, DrainPlan, DrainRequest, MAX_CAVITY_REACH,
 };
-pub(crate) use cavities::{stored_cavities, stored_drain_channels};
+pub(crate) use cavities::{stored_blocked_start, stored_cavities, stored_drain_channels};
 pub use check::{GradientStatistics, LevelSetCheck};
 pub(crate) use colormap::linear_colour;
 pub use components::Component;

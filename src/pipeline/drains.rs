@@ -13,7 +13,7 @@ use serde::Serialize;
 /// A channel that `drain` drilled: a cylinder with round ends.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct DrainReport {
-    /// Its end in the cavity.
+    /// Its end in the cavity, where solid begins to be removed.
     pub from: [f64; 3],
     /// Its end outside, or in a cavity that is drained too.
     pub to: [f64; 3],
@@ -64,6 +64,29 @@ pub(super) fn check_count(
     }
 }
 
+/// Refuses a drained solid in which a ball of the channels' radius is still caught; `blocked` is a voxel from which it
+/// does not get outside, `origin` the world position of voxel (0, 0, 0).
+pub(super) fn check_open(
+    stage: &str,
+    request: &DrainRequest,
+    blocked: Option<Coord>,
+    (origin, voxel_size): (Vec3, f64),
+) -> Result<(), RunError> {
+    let Some(voxel) = blocked else {
+        return Ok(());
+    };
+    let place = Vec3::from(voxel.0.map(f64::from)) * voxel_size + origin;
+    Err(RunError::Refused {
+        stage: stage.into(),
+        message: format!(
+            "found a cavity at ({}) that a ball of radius {} cannot leave through its channel; expected one that it can",
+            [place.x, place.y, place.z].map(short_number).join(", "),
+            short_number(request.radius * voxel_size)
+        ),
+        hint: "a finer band.voxel_size, or another radius",
+    })
+}
+
 /// The channels as one solid in the frame of voxel (0, 0, 0), and its reports; `origin` is the world position of
 /// that voxel.
 pub(super) fn drilled<'a>(
@@ -71,12 +94,11 @@ pub(super) fn drilled<'a>(
     radius: f64,
     (origin, voxel_size): (Vec3, f64),
 ) -> (Shape<'a>, Vec<DrainReport>) {
-    let place = |c: Coord| Vec3::from(c.0.map(f64::from)) * voxel_size;
     let radius = radius * voxel_size;
     let mut fields: Vec<Box<WorldField>> = Vec::new();
     let (mut extent, mut reports) = (Aabb::EMPTY, Vec::new());
     for channel in channels {
-        let ends = channel.map(place);
+        let ends = channel.map(|p| p * voxel_size);
         extent = extent.union(Aabb::of(ends).dilated(radius));
         fields.push(Box::new(Capsule { ends, radius }));
         let [from, to] = ends.map(|p| (p + origin).into());
@@ -105,16 +127,18 @@ pub(super) fn apply(
 ) -> Result<(), RunError> {
     let request = request(stage, drain, context.scale)?;
     let failed = RunError::level_set(stage);
-    let found = solid.drain_channels(&request, context.session());
-    let channels = found.map_err(&failed)?;
-    check_count(stage, drain, &channels)?;
-    if channels.is_empty() {
+    let plan = solid.drain_channels(&request, context.session());
+    let plan = plan.map_err(&failed)?;
+    check_count(stage, drain, &plan.channels)?;
+    if plan.channels.is_empty() {
         return Ok(());
     }
     let frame = (solid.origin(), solid.voxel_size());
-    let (shape, reports) = drilled(&channels, request.radius, frame);
+    let (shape, reports) = drilled(&plan.channels, request.radius, frame);
     report.drains.extend(reports);
-    subtract(context, stage, &shape, solid)
+    subtract(context, stage, &shape, solid)?;
+    let blocked = solid.blocked_start(&request, &plan.starts, context.session());
+    check_open(stage, &request, blocked.map_err(&failed)?, frame)
 }
 
 /// Subtracts the channels from a solid or a part of one.

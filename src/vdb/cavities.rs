@@ -23,18 +23,20 @@ use std::collections::BTreeMap;
 mod ascent;
 mod basins;
 mod blocks;
+mod channels;
 mod distances;
 mod drains;
 mod grid;
 mod leaf_set;
 mod line_distances;
+mod narrow;
 mod open_void;
 mod refine;
 mod samples;
 mod slopes;
 mod void_map;
 
-pub use drains::{Channel, DrainRequest, stored_drain_channels};
+pub use drains::{Channel, DrainPlan, DrainRequest, stored_blocked_start, stored_drain_channels};
 
 use basins::{Basin, Edge};
 use blocks::VoidGraph;

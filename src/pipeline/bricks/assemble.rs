@@ -38,13 +38,15 @@ impl BrickRun<'_> {
         };
         timer.end_stage("check")?;
         for (number, pass) in self.passes.iter().enumerate().skip(1) {
+            let mut drained = None;
             let changed = match &pass.kind {
                 PassKind::Operations => self.operate(number, &solid)?,
                 PassKind::Removal(unwanted) => self.remove(number, *unwanted, &solid, report)?,
                 PassKind::Drain => match self.drain(number, &solid, report)? {
-                    Some(bricks) => {
-                        files = self.files(number, &bricks);
-                        solid.bricks = bricks;
+                    Some(done) => {
+                        files = self.files(number, &done.bricks);
+                        solid.bricks = done.bricks.clone();
+                        drained = Some(done);
                         (0..files.len()).collect()
                     }
                     None => Vec::new(),
@@ -63,6 +65,10 @@ impl BrickRun<'_> {
             }
             if !changed.is_empty() {
                 solid.store = self.open(plan, &files, pass.ops.end)?;
+            }
+            if let Some(done) = drained {
+                let context = solid.bricks.context(self, self.progress);
+                done.check(&solid.store, context.scale.voxel_size, context.session())?;
             }
             let last = pass.ops.end - 1;
             let continues = |next: &Pass| next.ops == pass.ops;

@@ -9,14 +9,42 @@ use super::super::report::SolidReport;
 use super::BrickRun;
 use super::halo::{before_resampling, total_reach};
 use super::solid::{Bricks, StoredSolid};
-use crate::band::Region;
+use crate::band::{LeafStore, Region};
 use crate::frame::{Aabb, Coord, Vec3};
 use crate::recipe::Op;
-use crate::vdb::stored_drain_channels;
+use crate::vdb::{DrainRequest, Session, stored_blocked_start, stored_drain_channels};
+
+/// A solid in bricks whose channels are drilled.
+pub(super) struct Drained {
+    /// Its bricks.
+    pub bricks: Bricks,
+    stage: String,
+    request: DrainRequest,
+    /// Voxels from which a ball must get outside.
+    starts: Vec<Coord>,
+}
+
+impl Drained {
+    /// Refuses a drained solid in which a ball of the channels' radius is still caught.
+    ///
+    /// # Errors
+    /// Such a solid, a changed file, and cancellation.
+    pub fn check(
+        &self,
+        store: &LeafStore,
+        voxel_size: f64,
+        session: Session<'_>,
+    ) -> Result<(), RunError> {
+        let wanted = (&self.request, &self.starts[..]);
+        let blocked = stored_blocked_start(store, voxel_size, wanted, session)?;
+        let frame = (Vec3::zeros(), voxel_size);
+        drains::check_open(&self.stage, &self.request, blocked, frame)
+    }
+}
 
 impl BrickRun<'_> {
-    /// Drains the cavities of the solid in a pass, and adds the channels to the report. Returns the bricks of the
-    /// drained solid: more than before where a channel crosses the inside of the solid, where bricks without surface
+    /// Drains the cavities of the solid in a pass, and adds the channels to the report. Returns the drained
+    /// solid, with more bricks than before where a channel crosses the inside of the solid, where bricks without surface
     /// are not stored. `Ok(None)` means that no cavity needs a channel, and that the solid is unchanged.
     ///
     /// # Errors
@@ -26,7 +54,7 @@ impl BrickRun<'_> {
         pass_number: usize,
         solid: &StoredSolid,
         report: &mut SolidReport,
-    ) -> Result<Option<Bricks>, RunError> {
+    ) -> Result<Option<Drained>, RunError> {
         let pass = &self.passes[pass_number];
         let op_number = pass.ops.start;
         let Some(Op::Drain(drain)) = self.inputs.recipe.sections().op.get(op_number) else {
@@ -36,8 +64,8 @@ impl BrickRun<'_> {
         let context = solid.bricks.context(self, self.progress);
         let voxel_size = context.scale.voxel_size;
         let request = drains::request(&stage, drain, context.scale)?;
-        let channels =
-            stored_drain_channels(&solid.store, voxel_size, &request, context.session())?;
+        let plan = stored_drain_channels(&solid.store, voxel_size, &request, context.session())?;
+        let channels = plan.channels;
         drains::check_count(&stage, drain, &channels)?;
         if channels.is_empty() {
             return Ok(None);
@@ -50,11 +78,10 @@ impl BrickRun<'_> {
         let pass_reach = request.radius.ceil() as i32 + pass.halo;
         let later_reach = total_reach(before_resampling(&self.passes[pass_number + 1..]));
         let regions = channels.iter().map(|[from, to]| {
-            let corner =
-                |choose: fn(i32, i32) -> i32| Coord([0, 1, 2].map(|a| choose(from[a], to[a])));
+            let corner = |choose: fn(f64, f64) -> f64| [0, 1, 2].map(|a| choose(from[a], to[a]));
             let hull = Region {
-                min: corner(i32::min),
-                max: corner(i32::max),
+                min: Coord(corner(f64::min).map(|c| c.floor() as i32)),
+                max: Coord(corner(f64::max).map(|c| c.ceil() as i32)),
             };
             hull.grown(pass_reach + later_reach)
         });
@@ -72,6 +99,11 @@ impl BrickRun<'_> {
             }
             drains::subtract(*context, &stage, &channel_shape, part)
         })?;
-        Ok(Some(bricks))
+        Ok(Some(Drained {
+            bricks,
+            stage: stage.clone(),
+            request,
+            starts: plan.starts,
+        }))
     }
 }

@@ -33,7 +33,7 @@ pub(super) struct VoidMap<'a, S> {
 }
 
 /// Number of a leaf in its block.
-fn slot(leaf: Coord) -> usize {
+pub(super) fn slot(leaf: Coord) -> usize {
     let [x, y, z] = [0, 1, 2].map(|a| leaf[a].rem_euclid(BLOCK) / LEAF);
     ((x * SLOTS + y) * SLOTS + z) as usize
 }
@@ -48,6 +48,18 @@ fn beside(leaf: Coord, axis: usize, last: bool) -> Coord {
 /// All faces of a leaf: axis, and whether it is the last one on it.
 fn faces() -> impl Iterator<Item = (usize, bool)> {
     (0..6).map(|n| (n / 2, n % 2 == 1))
+}
+
+/// The voxels of a set in a leaf that share a face with one outside the set; `neighbour` gives the set in the leaves
+/// beside, in the order of [`faces`].
+pub(super) fn rim(leaf: Coord, bits: &Bits, mut neighbour: impl FnMut(Coord) -> Bits) -> Bits {
+    let mut beside_others = voxel_mask::dilated(&bits.map(|w| !w));
+    for (axis, last) in faces() {
+        let other = neighbour(beside(leaf, axis, last)).map(|w| !w);
+        let shared = voxel_mask::face(&other, axis, !last);
+        voxel_mask::add(&mut beside_others, &entering(&shared, axis, last));
+    }
+    [0, 1, 2, 3, 4, 5, 6, 7].map(|x| bits[x] & beside_others[x])
 }
 
 impl<'a, S: LeafSource> VoidMap<'a, S> {
@@ -115,17 +127,16 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
 
     /// The voxels of a leaf that share a face with one that does not belong to it.
     pub fn surface(&mut self, leaf: Coord) -> Result<Bits, S::Error> {
-        let own = self.leaf(leaf)?;
-        if voxel_mask::is_empty(&own) {
-            return Ok(own);
+        let bits = self.leaf(leaf)?;
+        if voxel_mask::is_empty(&bits) {
+            return Ok(bits);
         }
-        let mut beside_solid = voxel_mask::dilated(&own.map(|w| !w));
+        let mut neighbours = Vec::new();
         for (axis, last) in faces() {
-            let other = self.leaf(beside(leaf, axis, last))?.map(|w| !w);
-            let shared = voxel_mask::face(&other, axis, !last);
-            voxel_mask::add(&mut beside_solid, &entering(&shared, axis, last));
+            neighbours.push(self.leaf(beside(leaf, axis, last))?);
         }
-        Ok([0, 1, 2, 3, 4, 5, 6, 7].map(|x| own[x] & beside_solid[x]))
+        let mut next = neighbours.into_iter();
+        Ok(rim(leaf, &bits, |_| next.next().unwrap_or([0; 8])))
     }
 
     /// The connected voxels from `start` on, and whether they lead outside. It follows the way to the nearest end

@@ -1,9 +1,11 @@
 //! `drain`: the shortest channels by closed forms, parts without closed cavities, bricks, and bad input.
 
 use super::recipe;
+use druse::frame::Coord;
 use druse::pipeline::{DrainReport, Report, RunOptions, run};
-use druse::progress::Silent;
+use druse::progress::{Silent, Threads};
 use druse::recipe::Recipe;
+use druse::vdb::{LevelSet, Session};
 use std::fmt::Write;
 use std::path::Path;
 use std::process::Command;
@@ -87,6 +89,168 @@ fn a_narrow_way_out_is_widened_only_on_request() {
     );
     let (one, wide) = escape("[[op]]\ndrain = { radius = 1.5, cavities = \"all\" }\n");
     assert!(one == 1 && wide.unwrap() > 1.2, "{wide:?}");
+}
+
+/// Whether each voxel of a cube of `count` voxels along an edge, its middle at the origin, is solid; from a file.
+fn dense(path: &Path, count: usize) -> Vec<bool> {
+    let threads = Threads::new(1).unwrap();
+    let solid = LevelSet::read(path, None, Session::new(&threads, &Silent)).unwrap();
+    let half = count as i32 / 2;
+    let voxels: Vec<Coord> = (0..count.pow(3))
+        .map(|n| Coord([n / count / count, n / count % count, n % count].map(|c| c as i32 - half)))
+        .collect();
+    solid
+        .values(&voxels)
+        .unwrap()
+        .iter()
+        .map(|v| *v < 0.0)
+        .collect()
+}
+
+/// Squared distance of each voxel from the nearest solid voxel, axis by axis.
+fn squares(solid: &[bool], count: usize) -> Vec<f64> {
+    let mut found: Vec<f64> = solid.iter().map(|s| if *s { 0.0 } else { 1e9 }).collect();
+    for stride in [1, count, count * count] {
+        let before = found.clone();
+        for (n, value) in found.iter_mut().enumerate() {
+            let at = n / stride % count;
+            let line = (0..count).map(|k| {
+                let step = k as f64 - at as f64;
+                before[n + k * stride - at * stride] + step * step
+            });
+            *value = line.fold(1e9, f64::min);
+        }
+    }
+    found
+}
+
+/// The voxels that a ball of a radius (voxels) reaches from the first voxel, which is outside.
+fn reached(squares: &[f64], count: usize, radius: f64) -> Vec<bool> {
+    let mut seen = vec![false; squares.len()];
+    let mut stack = vec![0];
+    while let Some(n) = stack.pop() {
+        if seen[n] || squares[n].sqrt() < radius {
+            continue;
+        }
+        seen[n] = true;
+        for stride in [1, count, count * count] {
+            let at = n / stride % count;
+            stack.extend((at > 0).then(|| n - stride));
+            stack.extend((at + 1 < count).then(|| n + stride));
+        }
+    }
+    seen
+}
+
+#[test]
+fn a_ball_of_the_radius_gets_out_of_cavities_of_any_shape() {
+    const COUNT: usize = 72;
+    // In a box of 12 x 12 x 12: cavities, the radius of the ball that gets out, and where it stands.
+    let cube = |centre: &str| format!("box = {{ size = [3, 3, 3], centre = {centre} }}");
+    let with = |list: &[String]| {
+        let one = |c: &String| format!("[[op]]\nsubtract = {{ {c} }}\n");
+        list.iter().map(one).collect::<String>()
+    };
+    let slot = |size: &str| with(&[format!("box = {{ size = {size}, centre = [0.4, 0.2, 2] }}")]);
+    let cases: Vec<(String, &str, f64, Vec<[f64; 3]>)> = vec![
+        (
+            with(&[cube("[-3, 0.5, 0.5]")]),
+            "",
+            1.0,
+            vec![[-3.0, 0.5, 0.5]],
+        ),
+        (
+            with(&[cube("[3.5, 3.5, 3.5]")]),
+            "",
+            1.0,
+            vec![[3.5, 3.5, 3.5]],
+        ),
+        (
+            with(&[cube("[-3, 0.5, 0.5]")]),
+            ", toward = [1, 0.3, -0.2]",
+            1.0,
+            vec![[-3.0, 0.5, 0.5]],
+        ),
+        (
+            with(&[cube("[-1.75, 0, 0]"), cube("[1.75, 0.5, 0]")]),
+            "",
+            1.0,
+            vec![[-1.75, 0.0, 0.0], [1.75, 0.5, 0.0]],
+        ),
+        // Two rooms with a way between them that is too narrow.
+        (
+            with(&[
+                cube("[-2.5, 0, 0]"),
+                cube("[2.5, 0, 0]"),
+                "box = { size = [5, 0.8, 0.8] }".into(),
+            ]),
+            "",
+            1.0,
+            vec![[-2.5, 0.0, 0.0], [2.5, 0.0, 0.0]],
+        ),
+        // Slots that are thinner than the channel: their own ball gets out.
+        (
+            slot("[6, 6, 1.5]"),
+            "",
+            0.75,
+            vec![[0.4, 0.2, 2.0], [2.0, -1.5, 2.0]],
+        ),
+        (
+            slot("[1.5, 6, 6]"),
+            "",
+            0.75,
+            vec![[0.4, 0.2, 2.0], [0.4, 2.0, 3.5]],
+        ),
+        (
+            slot("[5, 1.25, 1.25]"),
+            "",
+            0.6,
+            vec![[0.4, 0.2, 2.0], [-1.0, 0.2, 2.0]],
+        ),
+        // A cross of three bars.
+        (
+            with(
+                &["[7, 2.5, 2.5]", "[2.5, 7, 2.5]", "[2.5, 2.5, 7]"]
+                    .map(|s| format!("box = {{ size = {s} }}")),
+            ),
+            "",
+            1.0,
+            vec![[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, -2.0, 0.0]],
+        ),
+        // A ball behind one that is smaller than the channel.
+        (
+            with(&[
+                "sphere = { radius = 0.8, centre = [3.5, 0, 0] }".into(),
+                "sphere = { radius = 1.6, centre = [0, 0, 0] }".into(),
+            ]),
+            "",
+            0.8,
+            vec![[3.5, 0.0, 0.0], [0.0, 0.0, 0.0]],
+        ),
+    ];
+    for (cavities, options, ball, places) in cases {
+        for which in ["closed", "all"] {
+            let text = format!(
+                "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = {{ box = {{ size = [12, 12, 12] }} }}\n\
+                 {cavities}[[op]]\ndrain = {{ radius = 1, cavities = \"{which}\"{options} }}\n\
+                 [[output]]\nvdb = \"a.vdb\"\n"
+            );
+            let directory = tempfile::tempdir().unwrap();
+            let options = RunOptions {
+                out: Some(directory.path().to_owned()),
+                ..RunOptions::default()
+            };
+            let report = run(&recipe(&text), &options, &Silent).unwrap();
+            let squares = squares(&dense(&directory.path().join("a.vdb"), COUNT), COUNT);
+            // Voxels may lie beside the axis of a channel.
+            let seen = reached(&squares, COUNT, ball / 0.2 - 1.0);
+            for place in &places {
+                let voxel = place.map(|c| ((c / 0.2).round() + COUNT as f64 / 2.0) as usize);
+                let n = (voxel[0] * COUNT + voxel[1]) * COUNT + voxel[2];
+                assert!(seen[n], "{place:?} of {text}: {:?}", report.solid.drains);
+            }
+        }
+    }
 }
 
 /// Numbers that look random (splitmix64), from 0 to 1.
