@@ -147,6 +147,7 @@ void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Sli
 void grid_attach(Grid&, std::unique_ptr<Block>);
 void grid_flood_fill(Grid&, const Host&);
 std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
+std::unique_ptr<Grid> grid_unfogged(const Grid&, double ramp, const Host&);
 
 // leaves.cc: leaves, tiles and values of a tree
 std::unique_ptr<LeafTable> leaf_table(const Grid&);

@@ -237,4 +237,43 @@ std::unique_ptr<Grid> grid_fog(const Grid& handle, const Host& host) {
   return wrap(fog);
 }
 
+std::unique_ptr<Grid> grid_unfogged(const Grid& handle, double ramp, const Host& host) {
+  FloatGrid::Ptr made;
+  in_arena(host, [&] {
+    const FloatGrid& fog = floats(handle);
+    const float outside = static_cast<float>(ramp);
+    made = fog.deepCopy();
+    FloatTree& tree = made->tree();
+    tools::dilateActiveValues(tree, 1, tools::NN_FACE);
+    auto tile = tree.beginValueAll();
+    tile.setMaxDepth(FloatTree::ValueAllIter::LEAF_DEPTH - 1);
+    for (; tile; ++tile) tile.setValue(*tile > 0 ? -*tile * outside : outside);
+    tree::LeafManager<FloatTree> leaves(tree);
+    leaves.foreach([&](Leaf& leaf, std::size_t) {
+      const auto densities = fog.getConstAccessor();
+      for (auto it = leaf.beginValueAll(); it; ++it) {
+        if (*it > 0) {
+          it.setValue(-*it * outside);
+          continue;
+        }
+        // Along each axis the density goes on falling beyond the surface; the nearest surface counts.
+        float least = it.isValueOn() ? 1.0f : 2.0f;
+        for (int side = 0; side < 6 && it.isValueOn(); ++side) {
+          Coord step(0);
+          step[side / 2] = side % 2 ? 1 : -1;
+          const Coord next = it.getCoord() + step;
+          const float first = densities.getValue(next), second = densities.getValue(next + step);
+          if (!(first > 0)) continue;
+          // In a thin wall the second voxel tells nothing; the distance then falls by a voxel.
+          const float beyond = second > first ? second - 2 * first : 1 / outside - first;
+          least = std::min(least, std::max(beyond, 0.0f));
+        }
+        it.setValue(least * outside);
+      }
+    });
+    tree.root().setBackground(outside, /*updateChildNodes=*/false);
+  });
+  return wrap(made);
+}
+
 }  // namespace druse

@@ -165,7 +165,13 @@ fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<Level
     use FileKind::{Mesh, Scaffold, Vdb};
     Ok(
         match FileKind::of(path, &[Vdb, Mesh, FileKind::Cell, Scaffold])? {
-            Vdb => super::vdb::level_set(path, None, tools)?,
+            Vdb => {
+                let adopted = super::vdb::level_set(path, None, tools)?;
+                for note in &adopted.notes {
+                    session.note(&format!("{}: {note}", path.display()));
+                }
+                adopted.solid
+            }
             Mesh => {
                 let solid = read_solid(path)?;
                 for warning in &solid.file.warnings {

@@ -2,7 +2,7 @@
 
 use super::{Failure, Session};
 use crate::vdb::subprocess::{self, Program};
-use crate::vdb::{self, Adopted, CoarseReading, Cubes, FileError, FileInfo, GridReading, LevelSet};
+use crate::vdb::{self, Adopted, CoarseReading, Cubes, FileError, FileInfo, GridReading};
 use clap::{Args, ValueEnum};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -88,19 +88,19 @@ pub(super) fn inspect(path: &Path) -> Result<FileInfo, Failure> {
     Ok(reader()?.inspect(path)?)
 }
 
-/// The level set of a file, read by a child: the grid `name`, else `surface` or the only one. A fog volume
-/// gives the surface of half density; voxels that are not cubes are resampled onto cubes.
+/// The level set of a file and its notes, read by a child: the grid `name`, else `surface` or the only one. A fog volume
+/// gives its surface; voxels that are not cubes are resampled onto cubes.
 pub(super) fn level_set(
     path: &Path,
     name: Option<&str>,
     session: vdb::Session<'_>,
-) -> Result<LevelSet, Failure> {
+) -> Result<Adopted, Failure> {
     let volume = reader()?.fetch(path, name)?;
     let how = GridReading {
         cubes: Cubes::Edge(volume.info().cube_edge()),
         ..GridReading::default()
     };
-    Ok(volume.solid(path, &how, session)?.solid)
+    Ok(volume.solid(path, &how, session)?)
 }
 
 /// A level set of a file without resampling, and its repairs, for a check: its surface may have holes, and

@@ -15,7 +15,8 @@ pub(super) struct GridChoice {
     /// Name of the grid [default: "surface", the only level set, or the only grid of floats].
     #[arg(long, value_name = "NAME")]
     pub grid: Option<String>,
-    /// The isovalue of a grid that is not a level set [default: 0.5 for a fog volume].
+    /// The isovalue of a grid that is not a level set [default: of a fog that was made of a level set its surface, of
+    /// another fog 0.5].
     #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
     pub value: Option<f64>,
     /// Unit of the file's lengths [default: the file's, else m].

@@ -22,7 +22,7 @@ pub enum Operand {
     Crystal(CrystalRef),
     /// A wall along a closed mesh or crystal.
     Skin(Skin),
-    /// A grid of an OpenVDB file: a level set, or the part of a fog above a value.
+    /// A grid of an OpenVDB file: a level set, a fog, or the part of a grid above a value.
     Vdb(Brief<Grid>),
     /// A ball.
     Sphere(Ball),
@@ -86,7 +86,8 @@ pub struct Grid {
     pub path: PathBuf,
     /// Name of the grid: "surface", the only level set or the only grid of floats when left out.
     pub grid: Option<String>,
-    /// The isovalue of a grid that is not a level set: 0.5 for a fog volume.
+    /// The isovalue of a grid that is not a level set. Without it the surface of a fog is where its density begins to
+    /// rise, if that rises evenly as in the fog of a level set, else 0.5.
     pub value: Option<Finite>,
     /// Unit of its lengths; the unit stated in the file, else metres, when left out.
     pub unit: Option<Unit>,

@@ -224,6 +224,9 @@ mod bridge {
         fn grid_flood_fill(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
         /// A copy as a fog volume `density`.
         fn grid_fog(grid: &Grid, host: &Host<'_>) -> Result<UniquePtr<Grid>>;
+        /// Distances, voxels, of a fog whose density rises from 0 at the surface to 1 over `ramp` voxels; beyond the
+        /// surface only those of voxels beside it.
+        fn grid_unfogged(grid: &Grid, ramp: f64, host: &Host<'_>) -> Result<UniquePtr<Grid>>;
 
         /// Valid only while the grid does not change; the caller must ensure this.
         fn leaf_table(grid: &Grid) -> Result<UniquePtr<LeafTable>>;

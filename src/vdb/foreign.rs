@@ -63,12 +63,19 @@ pub struct Adopted {
 enum Plan {
     /// The isosurface at a value.
     Isosurface(f64),
+    /// The surface at which the density of a fog begins to rise, over this many voxels.
+    FootOfRamp(f64),
     /// A level set with repairs.
     LevelSet(Repair),
 }
 
 /// A fog whose greatest value lies in this range has densities from 0 to 1.
 const FULL_FOG: [f32; 2] = [0.9, 1.1];
+/// The density of a level set made a fog rises evenly: the ninth decile of its slopes is at most this much more than the
+/// median. Where walls are thin, many slopes are less.
+const EVEN_SLOPE: f64 = 1.15;
+/// Least width of such a ramp, voxels. A narrower one is the edge of a smoothed mask, with the surface in its middle.
+const LEAST_RAMP: f64 = 1.8;
 
 impl Volume {
     /// Voxel edge (in the file's unit) and half width (voxels) of the grid's level set, or of its resampling to cubes.
@@ -102,10 +109,19 @@ impl Volume {
         let plan = self.plan(how).map_err(|r| located.refuse(r))?;
         let map = self.info.map;
         let cubes = how.cubes;
-        let (mut solid, notes) = match plan {
+        let (mut solid, notes) = match plan.clone() {
             Plan::Isosurface(value) => {
                 let solid = self.isosurface(value, how.half_width, session);
-                (solid.map_err(failed)?, Vec::new())
+                let notes = if how.value.is_none() {
+                    vec![fog_note(&plan)]
+                } else {
+                    Vec::new()
+                };
+                (solid.map_err(failed)?, notes)
+            }
+            Plan::FootOfRamp(ramp) => {
+                let solid = self.foot_of_ramp(ramp, how.half_width, session);
+                (solid.map_err(failed)?, vec![fog_note(&plan)])
             }
             Plan::LevelSet(repair) => {
                 self.repair(&repair, session).map_err(failed)?;
@@ -151,7 +167,7 @@ impl Volume {
         }
         match self.info.class.as_str() {
             "level set" => self.level_set_repair(how, Vec::new()).map(Plan::LevelSet),
-            "fog volume" => self.fog_value().map(Plan::Isosurface),
+            "fog volume" => self.fog_plan(),
             class => {
                 let [low, high] = survey.range.unwrap_or_default();
                 let is_band =
@@ -200,7 +216,8 @@ impl Volume {
                     refusal.found, refusal.expected, refusal.hint
                 ));
             }
-            Ok(Plan::Isosurface(_)) | Err(_) => {}
+            Ok(plan @ (Plan::Isosurface(_) | Plan::FootOfRamp(_))) => notes.push(fog_note(&plan)),
+            Err(_) => {}
         }
         if !self.info.cubic {
             notes.push(format!(
@@ -211,13 +228,21 @@ impl Volume {
         notes
     }
 
-    /// The value on the surface of a fog volume.
-    fn fog_value(&self) -> Result<f64, Refusal> {
+    /// Where the surface of a fog volume is. OpenVDB makes the fog of a level set with the density 0 at the surface and 1
+    /// from the end of the band on, and so does Druse.
+    fn fog_plan(&self) -> Result<Plan, Refusal> {
         let high = self.survey.range.map_or(0.0, |r| r[1]);
         let low = self.survey.range.map_or(0.0, |r| r[0]);
         let low = low.min(self.info.background.unwrap_or(0.0) as f32);
         if (FULL_FOG[0]..=FULL_FOG[1]).contains(&high) && low > -0.1 {
-            return Ok(0.5);
+            let even = self
+                .slopes()
+                .filter(|Slopes([_, median, high])| *median > 0.0 && *high <= EVEN_SLOPE * median);
+            let ramp = even.map(|slopes| f64::from(high) / slopes.median());
+            return Ok(match ramp {
+                Some(ramp) if ramp >= LEAST_RAMP => Plan::FootOfRamp(ramp),
+                _ => Plan::Isosurface(0.5),
+            });
         }
         let middle = f64::from(low.max(0.0) + high) / 2.0;
         Err(Refusal::new(
@@ -225,5 +250,17 @@ impl Volume {
             "a fog from 0 to 1, or the value on its surface",
             value_hint(middle),
         ))
+    }
+}
+
+/// Says where the surface of a fog is taken.
+fn fog_note(plan: &Plan) -> String {
+    match plan {
+        Plan::FootOfRamp(ramp) => format!(
+            "its density rises evenly from 0 to 1 over {ramp:.1} voxels, as in the fog of a level set: the surface is \
+             taken at density 0; value = 0.5 takes half density"
+        ),
+        Plan::Isosurface(value) => format!("the surface of the fog is taken at density {value}"),
+        Plan::LevelSet(_) => String::new(),
     }
 }

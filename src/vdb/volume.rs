@@ -222,7 +222,6 @@ impl Volume {
                 expected: "a finite number",
             });
         }
-        let (transform, origin) = self.frame()?;
         let outside = self.info.background.unwrap_or(0.0);
         let is_above = if (outside - value).abs() > 0.0 {
             outside < value
@@ -234,8 +233,35 @@ impl Volume {
         let mut grid = ffi::grid_copy(&self.grid).map_err(failed)?;
         let (factor, shift) = (sign as f32, (-sign * value) as f32);
         ffi::grid_scale_values(grid.pin_mut(), factor, shift, &session.host()).map_err(failed)?;
+        self.measured(grid, half_width, session)
+    }
+
+    /// The level set of a fog whose density rises from 0 at the surface to 1 over `ramp` voxels. Beyond the surface the
+    /// density is taken to fall on.
+    ///
+    /// # Errors
+    /// As [`Volume::isosurface`].
+    pub fn foot_of_ramp(
+        &self,
+        ramp: f64,
+        half_width: f64,
+        session: Session<'_>,
+    ) -> Result<LevelSet, VdbError> {
+        let failed = |e| VdbError::of("reading a fog", session, &e);
+        let grid = ffi::grid_unfogged(&self.grid, ramp, &session.host()).map_err(failed)?;
+        self.measured(grid, half_width, session)
+    }
+
+    /// The level set of the surface where the values of a grid on this volume's voxels change their sign.
+    fn measured(
+        &self,
+        mut grid: UniquePtr<ffi::Grid>,
+        half_width: f64,
+        session: Session<'_>,
+    ) -> Result<LevelSet, VdbError> {
+        let (transform, origin) = self.frame()?;
         ffi::grid_set_transform(grid.pin_mut(), transform.voxel_size(), &[0.0; 3])
-            .map_err(failed)?;
+            .map_err(|e| VdbError::of("extracting an isosurface", session, &e))?;
         let values = LevelSet {
             grid,
             transform,

@@ -108,6 +108,8 @@ def spoilt():
     yield "torn", [grid(hole)]
     yield "unsigned", [grid(np.abs(c))]
     yield "fog255", [grid(np.clip(0.5 - d / H, 0, 1) * 255, background=0, kind=FOG, name="density")]
+    # The fog of a level set, as OpenVDB makes it: 0 at the surface, 1 three voxels inside.
+    yield "ramp_fog", [grid(np.clip(-d / (3 * H), 0, 1), background=0, kind=FOG, name="density")]
     yield "fog", [grid(np.clip(0.5 - d / H, 0, 1), background=0, kind=FOG, name="density")]
     yield "no_class", [grid(c, kind=vdb.GridClass.UNKNOWN)]
     yield "voxels", [grid(c / H, background=3)]
@@ -269,6 +271,7 @@ def levels(client, made):
     client.is_solid("even", path("even"), BALL, none, 0.02)
     client.is_solid("half", path("half"), BALL, none, 0.02)
     client.is_solid("fog", path("fog"), BALL, none, 0.03)
+    client.is_solid("fog of a level set", path("ramp_fog"), BALL, none, 0.01)
     for name in ("inside_out", "inside_out_positive"):
         client.is_refused(name, path(name), "inside out", "--invert", "invert = true")
         client.is_refused(name, path(name), "inside out", "--invert", command="check")

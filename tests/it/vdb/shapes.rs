@@ -3,7 +3,7 @@
 use super::*;
 use druse::field::{Capsule, HalfSpace, Sphere};
 use druse::vdb::{
-    self, Mask, Placement, SampledLevelSet, Scheme, Tools, VdbWriter, Volume, WallSide,
+    self, GridReading, Mask, Placement, SampledLevelSet, Scheme, Tools, VdbWriter, Volume, WallSide,
 };
 
 /// Largest error of the values as distances to a field, in voxels, where they are below `within`.
@@ -390,6 +390,51 @@ fn a_fog_turns_back_into_the_solid_it_was_made_of() {
     let error = distance_error(&back, &ball, 0.5);
     assert!(error < 0.1, "{error} voxels");
     assert!(volume.isosurface(f64::NAN, 3.0, session()).is_err());
+    // Without a value the surface is where the ramp begins.
+    let adopted = volume
+        .solid(&path, &GridReading::default(), session())
+        .unwrap();
+    let ball = Sphere {
+        centre: Vec3::zeros(),
+        radius: 6.0,
+    };
+    let error = distance_error(&adopted.solid, &ball, 0.5);
+    assert!(error < 0.1, "{error} voxels");
+    assert!(
+        adopted.notes[0].contains("over 3.0 voxels"),
+        "{:?}",
+        adopted.notes
+    );
+}
+
+#[test]
+fn fogs_of_boxes_and_thin_walls_keep_their_volume() {
+    let directory = tempfile::tempdir().unwrap();
+    // On the voxels, beside them, and a sheet of 4.5 voxels.
+    for size in [[6.0, 5.0, 4.0], [6.1, 5.05, 3.9], [8.0, 8.0, 0.9]] {
+        let half = Vec3::from(size) / 2.0;
+        let block = BoxSolid(Aabb {
+            min: -half,
+            max: half,
+        });
+        let solid = level_set(&block, cube(5.0), 0.2);
+        let before = solid.volume(session()).unwrap();
+        let path = directory.path().join("fog.vdb");
+        let fog = solid.to_fog(session()).unwrap();
+        let mut file = VdbWriter::new(&path, session()).unwrap();
+        file.fog("density", &fog, true).unwrap();
+        file.write().unwrap();
+        let volume = Volume::read(&path, None).unwrap();
+        let adopted = volume
+            .solid(&path, &GridReading::default(), session())
+            .unwrap();
+        let after = adopted.solid.volume(session()).unwrap();
+        assert!(
+            (after / before - 1.0).abs() < 0.02,
+            "{size:?}: {before} {after} {:?}",
+            adopted.notes
+        );
+    }
 }
 
 #[test]
