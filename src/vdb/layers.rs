@@ -2,6 +2,7 @@
 //!
 //! A layer is represented by the plane section at its mid-height, on square pixels of one voxel; a pixel is solid where
 //! the trilinear value at its centre is negative. Pixels are connected over edges. The first layer lies on the plate.
+//! Areas are those within the outline, which runs straight between the centres of pixels ([`raster`]).
 //!
 //! - An **island** is a component of the solid pixels that lies over no solid pixel of the layer below.
 //! - The **overhanging** pixels of a layer are over void, and farther from the solid below than the overhang angle
@@ -26,8 +27,8 @@ mod sections;
 use raster::{Components, Raster};
 use sections::{Frame, sections};
 
-/// Error of the position of an edge that consists of pixels, pixels.
-const EDGE_ERROR: f64 = 0.5;
+/// Distance of the outline from the centre of a solid pixel on its way out: 0 to 1 pixels, on average this.
+const MEAN_EDGE: f64 = 0.5;
 
 /// How a solid is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -165,7 +166,8 @@ impl<'a> Analysis<'a> {
     fn new(request: &BuildRequest, voxel_size: f64, frame: &'a Frame) -> Self {
         let step = frame.layer_height * request.overhang_angle.to_radians().tan();
         let lookback = (1.0 / step).ceil().max(1.0) as usize;
-        let radius = lookback as f64 * step + EDGE_ERROR;
+        // A pixel at which the overhang begins is beyond the step by half a pixel, its support ends a pixel outwards.
+        let radius = lookback as f64 * step + 1.0 + MEAN_EDGE;
         let reach = radius.floor() as i32;
         let mut offsets = Vec::new();
         for row in -reach..=reach {
@@ -189,9 +191,9 @@ impl<'a> Analysis<'a> {
         }
     }
 
-    /// Area of pixels, world units squared.
-    fn area(&self, pixels: u64) -> f64 {
-        pixels as f64 * self.voxel_size * self.voxel_size
+    /// An area of so many pixels, world units squared.
+    fn area(&self, pixels: f64) -> f64 {
+        pixels * self.voxel_size * self.voxel_size
     }
 
     /// Adds the next layer. Layers below the first solid pixel are left out.
@@ -211,18 +213,16 @@ impl<'a> Analysis<'a> {
         let mut cups = self.starts(number, &void, self.below.as_ref().map(|b| &b.void));
         cups.retain(|(component, _)| *component != Components::OUTER);
         let pockets = Pockets::of(&void, self.below.as_ref());
-        let pixel_counts = void.pixels.iter().zip(&pockets.is_open);
-        let sealed_pixels: u64 = pixel_counts
-            .filter(|(_, is_open)| !**is_open)
-            .map(|(count, _)| count)
-            .sum();
+        let void_areas = void.areas.iter().zip(&pockets.is_open);
+        let sealed = void_areas.filter(|(_, is_open)| !**is_open);
+        let sealed_area = sealed.fold(0.0, |sum, (area, _)| sum + area);
         let layer = LayerFacts {
             number,
-            area: self.area(raster.pixels()),
-            overhang_area: self.area(self.overhanging_pixels(&raster)),
+            area: self.area(raster.area()),
+            overhang_area: self.area(self.overhang_area(&raster)),
             island_count: islands.len() as u64,
             cup_count: cups.len() as u64,
-            sealed_area: self.area(sealed_pixels),
+            sealed_area: self.area(sealed_area),
         };
         self.found.layers.push(layer);
         self.found.islands.extend(islands.into_iter().map(|i| i.1));
@@ -254,33 +254,45 @@ impl<'a> Analysis<'a> {
             .map(|component| {
                 let [row, column] = own.middle[component];
                 let place = self.frame.place(number, row, column) * self.voxel_size;
-                let area = self.area(own.pixels[component]);
+                let area = self.area(own.areas[component]);
                 (component as u32, LayerRegion { place, area })
             })
             .collect()
     }
 
-    /// Number of pixels of the next layer that need support; none of the first layer, which lies on the plate.
-    fn overhanging_pixels(&self, raster: &Raster) -> u64 {
+    /// Area of the next layer that needs support, pixels; none of the first layer, which lies on the plate.
+    fn overhang_area(&self, raster: &Raster) -> f64 {
         let (Some(last), Some(lowest)) = (self.rasters.back(), self.rasters.front()) else {
-            return 0;
+            return 0.0;
         };
         // Fewer than `lookback` layers near the plate.
-        let admitted = self.rasters.len() as f64 * self.step + EDGE_ERROR;
-        let max_square = admitted.powi(2);
-        let is_supported = |row: usize, column: usize| {
-            self.offsets
-                .iter()
-                .take_while(|(square, _)| *square <= max_square)
-                .any(|(_, [r, c])| {
-                    lowest.contains(row as i64 + i64::from(*r), column as i64 + i64::from(*c))
-                })
+        let admitted = self.rasters.len() as f64 * self.step;
+        // Distance of a pixel's centre from the outline below: |offset| - (area - 1/2), as a straight outline at the
+        // distance e from the centre of a solid pixel leaves it the area 1/2 + e.
+        let distance = |row: usize, column: usize| {
+            let mut least = f64::INFINITY;
+            for (square, [r, c]) in &self.offsets {
+                let length = square.sqrt();
+                // No outline is farther out than a pixel.
+                if length - 1.0 >= least {
+                    break;
+                }
+                let (row, column) = (row as i64 + i64::from(*r), column as i64 + i64::from(*c));
+                if lowest.contains(row, column) {
+                    let edge = lowest.pixel_area(row as usize, column as usize) - 0.5;
+                    least = least.min(length - edge.clamp(0.0, 1.0));
+                }
+            }
+            least
         };
-        let mut count = 0;
+        let mut sum = 0.0;
         raster.for_each_without(last, |row, column| {
-            count += u64::from(!is_supported(row, column));
+            let area = raster.pixel_area(row, column);
+            // The solid ends area - 1/2 beyond the centre, the support `admitted` beyond the outline below.
+            let beyond = distance(row, column) - admitted + area - 0.5;
+            sum += beyond.clamp(0.0, area.max(0.0));
         });
-        count
+        sum
     }
 }
 

@@ -1,4 +1,8 @@
 //! A layer as pixels, and its connected components as runs along rows.
+//!
+//! The outline of the solid runs between the centres of pixels. A pixel of the solid or the void has the area of its
+//! side of the outline in the cells around its centre, each shared among the pixels of that side: 1, except at the
+//! outline.
 
 use crate::union_find::UnionFind;
 
@@ -9,6 +13,71 @@ pub(super) struct Raster {
     /// Words of 64 columns per row.
     words: usize,
     bits: Vec<u64>,
+    /// The pixels at the outline, by row and column.
+    rim: Vec<RimPixel>,
+}
+
+/// A pixel at the outline.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct RimPixel {
+    pub row: u32,
+    pub column: u32,
+    /// Its area less 1.
+    pub excess: f32,
+}
+
+impl RimPixel {
+    /// The pixel in the middle of 3 x 3 values, row by row, if the outline runs beside it.
+    pub fn of(values: &[[f64; 3]; 3], [row, column]: [u32; 2]) -> Option<Self> {
+        let is_solid = values[1][1] < 0.0;
+        let mut excess = 0.0;
+        for (r, c) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            // Around the cell.
+            let corners = [
+                values[r][c],
+                values[r][c + 1],
+                values[r + 1][c + 1],
+                values[r + 1][c],
+            ];
+            let alike = corners.iter().filter(|v| (**v < 0.0) == is_solid).count();
+            let solid = solid_part(&corners);
+            let part = if is_solid { solid } else { 1.0 - solid };
+            excess += part / alike as f64 - 0.25;
+        }
+        (excess != 0.0).then_some(Self {
+            row,
+            column,
+            excess: excess as f32,
+        })
+    }
+}
+
+/// The part of a square cell in which values are negative; they are linear in the four triangles between its centre and
+/// its edges.
+fn solid_part(corners: &[f64; 4]) -> f64 {
+    let solid = corners.iter().filter(|v| **v < 0.0).count();
+    if solid == 0 || solid == 4 {
+        return (solid / 4) as f64;
+    }
+    let centre = corners.iter().sum::<f64>() / 4.0;
+    let triangle = |n: usize| negative_part([corners[n], corners[(n + 1) % 4], centre]);
+    (0..4).map(triangle).sum::<f64>() / 4.0
+}
+
+/// The part of a triangle in which values that are linear in it are negative.
+fn negative_part(values: [f64; 3]) -> f64 {
+    let negative = values.map(|v| v < 0.0);
+    let count = negative.iter().filter(|n| **n).count();
+    if count == 0 || count == 3 {
+        return (count / 3) as f64;
+    }
+    // The corner that is alone on its side cuts off the parts v / (v - w) of its two edges.
+    let alone = negative.iter().position(|n| *n == (count == 1));
+    let alone = alone.unwrap_or_default();
+    let v = values[alone];
+    let cut = |n: usize| v / (v - values[(alone + n) % 3]);
+    let part = cut(1) * cut(2);
+    if count == 1 { part } else { 1.0 - part }
 }
 
 impl Raster {
@@ -20,7 +89,22 @@ impl Raster {
             columns,
             words,
             bits: vec![0; rows * words],
+            rim: Vec::new(),
         }
+    }
+
+    /// Sets the pixels at the outline; those beyond the last row or column are ignored.
+    pub fn set_rim(&mut self, mut rim: Vec<RimPixel>) {
+        rim.retain(|p| (p.row as usize) < self.rows && (p.column as usize) < self.columns);
+        rim.sort_unstable_by_key(|p| (p.row, p.column));
+        self.rim = rim;
+    }
+
+    /// Area of a pixel, pixels.
+    pub fn pixel_area(&self, row: usize, column: usize) -> f64 {
+        let key = (row as u32, column as u32);
+        let at = self.rim.binary_search_by_key(&key, |p| (p.row, p.column));
+        1.0 + at.map_or(0.0, |n| f64::from(self.rim[n].excess))
     }
 
     /// Sets 64 columns of a row, from a multiple of 64 on; columns beyond the last are ignored.
@@ -39,9 +123,12 @@ impl Raster {
         self.bits.iter().all(|w| *w == 0)
     }
 
-    /// Number of pixels that are set.
-    pub fn pixels(&self) -> u64 {
-        self.bits.iter().map(|w| u64::from(w.count_ones())).sum()
+    /// Area of the pixels that are set, pixels.
+    pub fn area(&self) -> f64 {
+        let count: u64 = self.bits.iter().map(|w| u64::from(w.count_ones())).sum();
+        let at_outline = self.rim.iter();
+        let set = at_outline.filter(|p| self.contains(i64::from(p.row), i64::from(p.column)));
+        count as f64 + set.map(|p| f64::from(p.excess)).sum::<f64>()
     }
 
     /// Whether a pixel is set; none is beyond the ends.
@@ -100,6 +187,8 @@ pub(super) struct Components {
     rows: Vec<usize>,
     /// Number of pixels of each component.
     pub pixels: Vec<u64>,
+    /// Their area, pixels.
+    pub areas: Vec<f64>,
     /// Row and column of a pixel of each component: the middle of its first run.
     pub middle: Vec<[usize; 2]>,
 }
@@ -129,6 +218,8 @@ impl Components {
         let (labels, count) = sets.labels(0..spans.len());
         let mut pixels = vec![0; count];
         let mut middle = vec![[0; 2]; count];
+        let mut excess = vec![0.0; count];
+        let mut rim = raster.rim.iter().peekable();
         let mut runs = Vec::with_capacity(spans.len());
         for row in 0..raster.rows {
             for n in rows[row]..rows[row + 1] {
@@ -138,12 +229,21 @@ impl Components {
                     middle[label as usize] = [row, (span[0] + span[1]) as usize / 2];
                 }
                 *own += u64::from(span[1] - span[0]);
+                // Pixels of the outline between runs are on its other side.
+                let end = (row as u32, span[1]);
+                while let Some(p) = rim.next_if(|p| (p.row, p.column) < end) {
+                    if (p.row, p.column) >= (row as u32, span[0]) {
+                        excess[label as usize] += f64::from(p.excess);
+                    }
+                }
                 runs.push((span, label));
             }
         }
+        let areas = pixels.iter().zip(&excess);
         Self {
             runs,
             rows,
+            areas: areas.map(|(n, e)| *n as f64 + e).collect(),
             pixels,
             middle,
         }
@@ -204,9 +304,50 @@ mod tests {
         }
         let solid = Components::of(&raster, true);
         assert_eq!(solid.pixels, [5, 64, 4, 1, 1]);
-        assert_eq!(solid.pixels.iter().sum::<u64>(), raster.pixels());
+        assert_eq!(solid.pixels.iter().sum::<u64>(), raster.area() as u64);
         let void = Components::of(&raster, false);
         assert_eq!(void.pixels.len(), 1);
-        assert_eq!(void.pixels[0] + raster.pixels(), (5 * columns) as u64);
+        assert_eq!(void.pixels[0] + raster.area() as u64, (5 * columns) as u64);
+    }
+
+    #[test]
+    fn pixels_of_a_disc_have_its_area() {
+        // A disc between the centres of pixels, and one on them.
+        for (centre, radius) in [([10.3, 9.8], 7.4), ([10.0, 10.0], 6.0)] {
+            let value =
+                |r: i64, c: i64| (r as f64 - centre[0]).hypot(c as f64 - centre[1]) - radius;
+            let mut raster = Raster::new(21, 21);
+            let mut rim = Vec::new();
+            for row in 0..21 {
+                let bits = (0..21).fold(0, |w, c| w | u64::from(value(row, c) < 0.0) << c);
+                raster.set(row as usize, 0, bits);
+                for column in 0..21 {
+                    let around = [-1, 0, 1].map(|r| [-1, 0, 1].map(|c| value(row + r, column + c)));
+                    rim.extend(RimPixel::of(&around, [row as u32, column as u32]));
+                }
+            }
+            raster.set_rim(rim);
+            let exact = std::f64::consts::PI * radius * radius;
+            assert!(
+                (raster.area() / exact - 1.0).abs() < 0.01,
+                "{}",
+                raster.area()
+            );
+            let [solid, void] = [true, false].map(|side| Components::of(&raster, side));
+            assert!((solid.areas[0] - raster.area()).abs() < 1e-9);
+            // The margin's outer half pixels belong to no cell, but are counted.
+            assert!((void.areas[0] + raster.area() - 441.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn parts_of_cells_are_exact_for_straight_outlines() {
+        for at in [0.0, 0.2, 0.5, 0.99] {
+            assert!((solid_part(&[-at, -at, 1.0 - at, 1.0 - at]) - at).abs() < 1e-12);
+        }
+        // A corner is cut along the diagonal, and one on which the outline ends is not.
+        assert!((solid_part(&[-1.0, 1.0, 3.0, 1.0]) - 0.125).abs() < 1e-12);
+        assert!(solid_part(&[-1.0, 0.0, 1.0, 0.0]) <= 0.5);
+        assert!((solid_part(&[1.0, -1.0, -3.0, -1.0]) - 0.875).abs() < 1e-12);
     }
 }

@@ -1,6 +1,6 @@
 //! Plane sections of a level set, layer by layer, from its leaves.
 
-use super::raster::Raster;
+use super::raster::{Raster, RimPixel};
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::progress::Cancelled;
@@ -123,13 +123,21 @@ pub(super) fn sections<S: LeafSource>(
         })?;
         for layer in 0..count {
             let mut raster = Raster::new(frame.sizes[0], frame.sizes[1]);
-            for (n, bits) in sampled.iter().enumerate() {
-                let Some(bits) = bits else { continue };
+            let mut rim = Vec::new();
+            for (n, tile) in sampled.iter().enumerate() {
+                let Some(tile) = tile else { continue };
                 for row in 0..TILE {
-                    let word = bits[layer * TILE + row];
+                    let word = tile.bits[layer * TILE + row];
                     raster.set(n / tiles[1] * TILE + row, n % tiles[1], word);
                 }
+                let at_outline = tile.rims.get(layer).into_iter().flatten();
+                rim.extend(at_outline.map(|p| RimPixel {
+                    row: p.row + (n / tiles[1] * TILE) as u32,
+                    column: p.column + (n % tiles[1] * TILE) as u32,
+                    ..*p
+                }));
             }
+            raster.set_rim(rim);
             take(first + layer as i64, raster);
             session.progress.advance(1);
         }
@@ -137,16 +145,27 @@ pub(super) fn sections<S: LeafSource>(
     Ok(())
 }
 
-/// The pixels of a tile, row by row and layer by layer; `None` without any.
+/// The pixels of a tile.
+struct Tile {
+    /// Row by row and layer by layer.
+    bits: Vec<u64>,
+    /// Those at the outline, by layer; rows and columns count from the tile's first. Empty without any.
+    rims: Vec<Vec<RimPixel>>,
+}
+
+/// Pixels along the edge of a tile with one more at each end: the outline is also between a pixel and its neighbours.
+const GROWN: usize = TILE + 2;
+
+/// The pixels of a tile; `None` without any.
 fn tile<S: LeafSource>(
     source: &S,
     frame: &Frame,
     (first, count): (i64, usize),
     at: [usize; 2],
     background: f32,
-) -> Result<Option<Vec<u64>>, S::Error> {
-    let low = at.map(|t| (t * TILE) as i64);
-    let high = low.map(|c| c + TILE as i64 - 1);
+) -> Result<Option<Tile>, S::Error> {
+    let low = at.map(|t| (t * TILE) as i64 - 1);
+    let high = low.map(|c| c + GROWN as i64 - 1);
     let last = first + count as i64 - 1;
     let ends = (0..8).map(|n| {
         let pick = |a: usize| if n >> a & 1 == 0 { low[a] } else { high[a] };
@@ -172,18 +191,52 @@ fn tile<S: LeafSource>(
     let Some(samples) = DenseValues::read(source, region, background)? else {
         return Ok(None);
     };
-    if samples.values.iter().all(|v| *v < 0.0) {
-        return Ok(Some(vec![u64::MAX; count * TILE]));
+    let is_solid = samples.values.iter().all(|v| *v < 0.0);
+    let mut tile = Tile {
+        bits: vec![if is_solid { u64::MAX } else { 0 }; count * TILE],
+        rims: Vec::new(),
+    };
+    if is_solid {
+        return Ok(Some(tile));
     }
-    let mut bits = vec![0u64; count * TILE];
-    for (layer, rows) in bits.chunks_exact_mut(TILE).enumerate() {
-        for (row, word) in rows.iter_mut().enumerate() {
-            for column in 0..TILE {
-                let pixel = [low[0] + row as i64, low[1] + column as i64];
-                let p = frame.at(first + layer as i64, pixel);
-                *word |= u64::from(samples.trilinear(p) < 0.0) << column;
+    let mut values = vec![[0.0; GROWN]; GROWN];
+    for layer in 0..count {
+        for (row, line) in (0..).zip(&mut values) {
+            for (column, value) in (0..).zip(line) {
+                let pixel = [low[0] + row, low[1] + column];
+                *value = samples.trilinear(frame.at(first + layer as i64, pixel));
             }
         }
+        let bits = &mut tile.bits[layer * TILE..(layer + 1) * TILE];
+        tile.rims.push(outlined(&values, bits));
     }
-    Ok(bits.iter().any(|w| *w != 0).then_some(bits))
+    let is_empty = |t: &Tile| t.bits.iter().all(|w| *w == 0) && t.rims.iter().all(Vec::is_empty);
+    Ok(Some(tile).filter(|t| !is_empty(t)))
+}
+
+/// Sets the bits of a tile's solid pixels from the values of the grown tile, and returns the pixels at the outline.
+fn outlined(values: &[[f64; GROWN]], bits: &mut [u64]) -> Vec<RimPixel> {
+    // Bit n is set where the value in column n of the grown tile is negative.
+    let negative = |line: &[f64; GROWN]| {
+        let set = line.iter().enumerate();
+        set.fold(0u128, |word, (n, v)| word | u128::from(*v < 0.0) << n)
+    };
+    let signs: Vec<u128> = values.iter().map(negative).collect();
+    let mut rim = Vec::new();
+    for (row, word) in bits.iter_mut().enumerate() {
+        let [above, here, below] = [signs[row], signs[row + 1], signs[row + 2]];
+        *word = (here >> 1) as u64;
+        // Pixels with a neighbour of the other sign among the eight around.
+        let any = above | here | below;
+        let all = above & here & below;
+        let mut mixed = ((any | any << 1 | any >> 1) & !(all & all << 1 & all >> 1)) >> 1;
+        mixed &= u128::from(u64::MAX);
+        while mixed != 0 {
+            let column = mixed.trailing_zeros() as usize;
+            mixed &= mixed - 1;
+            let around = [0, 1, 2].map(|r| [0, 1, 2].map(|c| values[row + r][column + c]));
+            rim.extend(RimPixel::of(&around, [row as u32, column as u32]));
+        }
+    }
+    rim
 }
