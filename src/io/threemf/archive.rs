@@ -7,8 +7,8 @@ use super::text;
 use crate::frame::LengthUnit;
 use crate::io::unpack_limit::Allowance;
 use crate::io::{Place, ReadError, quote};
-use quick_xml::Reader;
 use quick_xml::events::Event;
+use quick_xml::{Reader, XmlVersion};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -108,7 +108,11 @@ impl Archive {
             match event {
                 Event::Empty(e) | Event::Start(e) if e.local_name().as_ref() == b"Relationship" => {
                     let value = |name: &str| {
-                        let own = e.try_get_attribute(name).ok()??.unescape_value().ok()?;
+                        let own = e
+                            .try_get_attribute(name)
+                            .ok()??
+                            .normalized_value(XmlVersion::Implicit1_0)
+                            .ok()?;
                         Some(own.into_owned())
                     };
                     let kind = value("Type").unwrap_or_default();

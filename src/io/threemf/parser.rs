@@ -5,9 +5,9 @@ use super::model::{Model, Object, Reference};
 use super::{IDENTITY_PLACEMENT, Placement, display_name};
 use crate::frame::{LengthUnit, Vec3, is_in_range};
 use crate::io::{Place, ReadError, quote};
-use quick_xml::NsReader;
 use quick_xml::events::{BytesDecl, BytesStart, Event};
 use quick_xml::name::{QName, ResolveResult};
+use quick_xml::{NsReader, XmlVersion};
 use std::borrow::Cow;
 use std::io::BufRead;
 use std::path::Path;
@@ -17,6 +17,11 @@ mod beams;
 /// Least volume spanned by the rows of a transform, relative to the cube of the longest: below it the transform
 /// is singular.
 const MIN_RELATIVE_VOLUME: f64 = 1e-9;
+
+/// Greatest depth of nested elements, of which models have about ten, and most namespaces that one declares. The reader
+/// compares a prefix with all that are declared around it.
+const MAX_DEPTH: usize = 64;
+const MAX_NAMESPACES: usize = 64;
 
 /// Reads one model.
 pub(super) struct Parser<'a, R: BufRead> {
@@ -43,10 +48,13 @@ fn space_of(result: &ResolveResult) -> Space {
 
 impl<'a, R: BufRead> Parser<'a, R> {
     pub fn new(path: &'a Path, part: &'a str, input: R) -> Self {
+        let mut reader = NsReader::from_reader(input);
+        let resolver = reader.resolver_mut();
+        resolver.set_max_declarations_per_element(MAX_NAMESPACES);
         Self {
             path,
             part,
-            reader: NsReader::from_reader(input),
+            reader,
             model: Model::default(),
             object: None,
             open_elements: Vec::new(),
@@ -80,6 +88,10 @@ impl<'a, R: BufRead> Parser<'a, R> {
             match self.reader.read_event_into(&mut buffer) {
                 Ok(Event::Decl(decl)) => self.declared(&decl)?,
                 Ok(Event::Start(e)) => {
+                    if self.skipped_depth + self.open_elements.len() >= MAX_DEPTH {
+                        let found = format!("elements nested more than {MAX_DEPTH} deep");
+                        return Err(self.bad(found, "a model of 3MF"));
+                    }
                     if self.skipped_depth > 0 || !self.start(&e)? {
                         self.skipped_depth += 1;
                     } else if is_head {
@@ -166,7 +178,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         name: &str,
     ) -> Result<Option<Cow<'e, str>>, ReadError> {
         self.attribute_where(e, |key| {
-            let (result, local) = self.reader.resolve_attribute(key);
+            let (result, local) = self.reader.resolver().resolve_attribute(key);
             let is_bound = matches!(result, ResolveResult::Bound(_));
             is_bound && local.as_ref() == name.as_bytes() && space_of(&result) == space
         })
@@ -185,7 +197,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
                 )
             })?;
             if matches(attribute.key) {
-                let value = attribute.unescape_value();
+                let value = attribute.normalized_value(XmlVersion::Implicit1_0);
                 return value.map(Some).map_err(|e| {
                     self.bad(
                         format!("an attribute that fails ({})", display_name(&e.to_string())),
@@ -294,7 +306,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
     /// Refuses a path whose prefix has no namespace: it may refer to another part.
     fn check_path(&self, e: &BytesStart) -> Result<(), ReadError> {
         let is_unbound = |key: QName| {
-            let (result, local) = self.reader.resolve_attribute(key);
+            let (result, local) = self.reader.resolver().resolve_attribute(key);
             local.as_ref() == b"path" && matches!(result, ResolveResult::Unknown(_))
         };
         match self.attribute_where(e, is_unbound)? {
@@ -325,7 +337,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
 
     /// Processes the start of an element; returns whether its content is read.
     fn start(&mut self, e: &BytesStart) -> Result<bool, ReadError> {
-        let (result, local) = self.reader.resolve_element(e.name());
+        let (result, local) = self.reader.resolver().resolve_element(e.name());
         let space = space_of(&result);
         // Most elements are of known namespaces and need no text.
         let is_known = matches!(space, Space::Core | Space::Beams);
@@ -376,7 +388,10 @@ impl<'a, R: BufRead> Parser<'a, R> {
         for prefix in required.split_whitespace() {
             // The reader resolves prefixes of element names only, so the prefix is given a local name.
             let name = format!("{prefix}:x");
-            let (result, _) = self.reader.resolve_element(QName(name.as_bytes()));
+            let (result, _) = self
+                .reader
+                .resolver()
+                .resolve_element(QName(name.as_bytes()));
             let ResolveResult::Bound(namespace) = result else {
                 let found = format!(
                     "the required extension {} without a namespace",

@@ -3,8 +3,8 @@
 //! `PrusaSlicer` writes parts, modifiers and negative volumes of an object as one mesh, with a separate list
 //! of their triangles.
 
-use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
+use quick_xml::{Reader, XmlVersion};
 use std::collections::BTreeMap;
 use std::io::BufRead;
 
@@ -22,7 +22,11 @@ pub(super) struct Volume {
 
 fn attribute(e: &BytesStart, name: &str) -> Option<String> {
     let own = e.try_get_attribute(name).ok()??;
-    Some(own.unescape_value().ok()?.into_owned())
+    Some(
+        own.normalized_value(XmlVersion::Implicit1_0)
+            .ok()?
+            .into_owned(),
+    )
 }
 
 /// The non-solid volumes of each object. Reading stops at invalid XML.

@@ -338,6 +338,24 @@ fn required_extensions_are_read_or_refused_by_name() {
 }
 
 #[test]
+fn crafted_models_of_many_attributes_and_levels_are_read_or_refused() {
+    // Comparing each name with all before it would take minutes.
+    let many: String = (0..60_000).map(|n| format!("a{n}=\"\" ")).collect();
+    let solid = model(&one("", &many)).unwrap();
+    assert!((solid.file.mesh.volume() - 1000.0).abs() < 1e-9);
+    let twice = format!("{many} a7=\"\"");
+    refused(
+        &one("", &twice),
+        &["attributes that fail", "well-formed XML"],
+    );
+    let spaces: String = (0..60_000).map(|n| format!("xmlns:p{n}=\"u\" ")).collect();
+    refused(&one(&spaces, ""), &["XML that fails", "well-formed XML"]);
+    let deep = format!("{}{}", "<a>".repeat(70_000), "</a>".repeat(70_000));
+    let text = one("", "").replace("<build>", &format!("{deep}<build>"));
+    refused(&text, &["nested more than 64 deep"]);
+}
+
+#[test]
 fn placements_turn_mirror_and_are_never_flat() {
     let mirrored = model(&one("", "transform=\"-1 0 0 0 2 0 0 0 1 3 0 0\"")).unwrap();
     assert!(
