@@ -34,14 +34,15 @@ mod redistance;
 mod sinks;
 mod smooth;
 
-pub(crate) use attributes::AttributeFileWriter;
 pub use attributes::AttributeStore;
+pub(crate) use attributes::{ATTRIBUTE_FILE_MAGIC, AttributeFileWriter};
 pub(crate) use coarser_copy::FinerBand;
 pub use estimate::{Estimate, Sampling};
 #[doc(hidden)]
 pub use leaf::BLOCK;
 pub(crate) use leaf::LEAF;
 pub use leaf::{LeafBatch, LeafSink, SinkError, VOXELS};
+pub(crate) use leaf_file::LEAF_FILE_MAGIC;
 #[doc(hidden)]
 pub use leaf_file::LeafFileWriter;
 pub use leaf_file::{LeafFileError, LeafFileHead};

@@ -89,8 +89,8 @@ mod volumes;
 mod voxels;
 mod warning;
 
-pub(crate) use bricks::relative_path;
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
+pub(crate) use bricks::{check_overridden_outputs, out_of_plan, relative_path};
 pub use build::{BuildReport, ProfileStep, StartReport};
 pub use cavities::{CavitiesReport, CavityReport};
 pub use cells::{make_cell, own_element, with_level};
@@ -139,6 +139,7 @@ use inputs::Inputs;
 use level_set_ops::StageContext;
 use macro_deck::needs_no_voxels;
 use measure::measure;
+pub(crate) use output_targets::{REPORT_NAME, check_confined};
 use output_targets::{Targets, output_targets};
 use stage_timer::StageTimer;
 use thickness::{SolidGeometry, Thickness};
@@ -201,7 +202,7 @@ pub fn run_keeping_solid(
     let mut timer = StageTimer::new(progress);
     let mut inputs = Inputs::load(recipe, &threads, options, progress)?;
     inputs.expect(&options.expected_inputs)?;
-    let outputs = output_targets(&inputs, options.out.as_deref(), options.report.as_deref())?;
+    let outputs = output_targets(&inputs, options.out.as_deref(), options)?;
     timer.end_stage("inputs")?;
     if needs_no_voxels(recipe) {
         let context = StageContext::new(recipe, &threads, progress);

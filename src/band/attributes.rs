@@ -16,7 +16,8 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-const MAGIC: &[u8; 8] = b"DRUSENF1";
+/// First bytes of a file.
+pub(crate) const ATTRIBUTE_FILE_MAGIC: &[u8; 8] = b"DRUSENF1";
 const HEAD_BYTES: u64 = 40;
 const TAIL_BYTES: u64 = 32;
 /// Memory for read-ahead over all cursors, bytes.
@@ -40,7 +41,7 @@ impl<W: Write> AttributeFileWriter<W> {
             out,
             hasher: blake3::Hasher::new(),
         };
-        file.write(MAGIC)?;
+        file.write(ATTRIBUTE_FILE_MAGIC)?;
         file.write(identity)?;
         Ok(file)
     }
@@ -261,7 +262,7 @@ fn check(path: &Path, identity: &[u8; 32], length: u64) -> Result<(), LeafFileEr
         return Err(invalid(format!("{found} bytes instead of {length}")));
     }
     let head = read_range(&mut file, 0, HEAD_BYTES as usize).map_err(failed)?;
-    if head[..8] != MAGIC[..] || head[8..] != identity[..] {
+    if head[..8] != ATTRIBUTE_FILE_MAGIC[..] || head[8..] != identity[..] {
         return Err(invalid("another kind of file, plan or brick".into()));
     }
     let tail = read_range(&mut file, length - TAIL_BYTES, TAIL_BYTES as usize).map_err(failed)?;

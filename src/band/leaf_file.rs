@@ -19,7 +19,8 @@ use std::sync::{Mutex, PoisonError};
 const HEAD_BYTES: u64 = 96;
 const TAIL_BYTES: u64 = 48;
 const INDEX_ENTRY_BYTES: usize = 28;
-const MAGIC: &[u8; 8] = b"DRUSELF1";
+/// First bytes of a file.
+pub(crate) const LEAF_FILE_MAGIC: &[u8; 8] = b"DRUSELF1";
 /// Bytes of a leaf before its values: slot and mask.
 pub(super) const LEAF_HEAD_BYTES: usize = 66;
 /// Bytes of a leaf with 512 values.
@@ -41,7 +42,7 @@ pub struct LeafFileHead {
 impl LeafFileHead {
     fn to_bytes(self) -> [u8; HEAD_BYTES as usize] {
         let mut bytes = [0; HEAD_BYTES as usize];
-        bytes[..8].copy_from_slice(MAGIC);
+        bytes[..8].copy_from_slice(LEAF_FILE_MAGIC);
         bytes[8..40].copy_from_slice(&self.plan);
         bytes[40..48].copy_from_slice(&self.brick.to_le_bytes());
         bytes[48..52].copy_from_slice(&self.background.to_le_bytes());
@@ -255,7 +256,7 @@ pub(super) fn inspect(
         return Err(invalid(format!("{length} bytes")));
     }
     let head = read_range(&mut file, 0, HEAD_BYTES as usize).map_err(failed)?;
-    if head[..8] != MAGIC[..] {
+    if head[..8] != LEAF_FILE_MAGIC[..] {
         return Err(invalid("another kind of file".into()));
     }
     if head != expected.to_bytes() {

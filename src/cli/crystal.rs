@@ -140,6 +140,7 @@ fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     begin(&mut interpreter, &source, p.until, session)?;
     let tools = vdb::Session::new(&threads, session);
     if p.interactive {
+        files.open();
         let draw = |mesh: &PolyMesh, path: &Path| write(p, mesh, path, source.unit, tools);
         let met = |mesh: &PolyMesh| {
             self_intersections(mesh, session)

@@ -76,6 +76,14 @@ impl Failure {
         }
     }
 
+    /// An output that cannot be written where it should be.
+    pub(super) fn output(path: &std::path::Path, message: impl Into<String>) -> Self {
+        Self {
+            code: EXIT_CREATE,
+            ..Self::data(path, message)
+        }
+    }
+
     /// A step of a script that cannot be read or carried out.
     pub(super) fn script(file: &std::path::Path, text: &str, e: &ScriptError) -> Self {
         Self {
@@ -381,7 +389,7 @@ impl From<RunError> for Failure {
             ),
             RunError::Busy(_) => (
                 EXIT_CREATE,
-                Some("wait for it, or --out DIR for another copy".to_owned()),
+                Some("wait for it; druse run --out DIR and druse plan -o PLAN make another copy".to_owned()),
             ),
             RunError::Plan { .. } => (
                 EXIT_DATA,
@@ -424,6 +432,10 @@ impl From<RunError> for Failure {
             ),
             RunError::Overwrite(_) => (EXIT_CREATE, Some("name it otherwise, or use --out DIR".into())),
             RunError::Threads(_) => (EXIT_IO, Some(exhausted::HINT.into())),
+            RunError::Outside { .. } => (
+                EXIT_CREATE,
+                Some("the recipe must name it within that folder, as in part.vdb or sub/part.vdb".into()),
+            ),
             RunError::Band { .. } | RunError::LevelSet { .. } | RunError::Strict { .. } => {
                 (EXIT_DATA, None)
             }

@@ -21,6 +21,8 @@ pub(super) struct Items {
     pub count: usize,
     /// Memory of the greatest, bytes.
     pub memory_bytes: u64,
+    /// The folder of the outputs, where it is not in that of the plan and must be named.
+    pub out: Option<PathBuf>,
 }
 
 /// The job file of a plan: its name, beside the plan, and its text.
@@ -34,10 +36,21 @@ pub(super) fn of(queue: Queue, path: &Path, items: &Items, threads: usize) -> (P
     };
     // Quoted, so that the shell reads any text as one word.
     let word = |text: &str| format!("'{}'", text.replace('\'', r"'\''"));
+    let out = items.out.as_deref().map(Path::to_string_lossy);
+    let out_variable = out.as_ref().map(|o| format!(" OUT={}", word(o)));
+    let (out_variable, [out_flag, out_export]) = match &out_variable {
+        Some(variable) => (variable.as_str(), [r#" --out "$OUT""#, " --env OUT"]),
+        None => ("", [""; 2]),
+    };
+    let script = |text: &str| {
+        let text = text.replace("@OUT_VARIABLE", out_variable);
+        text.replace("@OUT", out_flag)
+            .replace("@EXPORT", out_export)
+    };
     let (suffix, text) = match queue {
         Queue::Slurm => (
             "slurm.sh",
-            SLURM
+            script(SLURM)
                 .replace("@LAST", &last.to_string())
                 .replace("@CPUS", &threads.max(1).to_string())
                 .replace(
@@ -49,13 +62,16 @@ pub(super) fn of(queue: Queue, path: &Path, items: &Items, threads: usize) -> (P
         ),
         Queue::Parallel => (
             "parallel.sh",
-            PARALLEL_SCRIPT
+            script(PARALLEL_SCRIPT)
                 .replace("@LAST", &last.to_string())
                 .replace("@LOG", &word(&format!("{stem}.joblog")))
                 .replace("@THREADS", &threads_flag)
                 .replace("@PLAN", &word(&name)),
         ),
-        Queue::Openjd => ("openjd.json", openjd(&name, &stem, last, threads)),
+        Queue::Openjd => (
+            "openjd.json",
+            openjd(&name, &stem, (last, threads), out.as_deref()),
+        ),
     };
     (path.with_file_name(format!("{stem}.{suffix}")), text)
 }
@@ -66,11 +82,11 @@ const SLURM: &str = r#"#!/bin/sh
 # A brick that fails or is requeued may run again: what is there and whole is left as it is.
 set -e
 cd "$(dirname "$0")"
-export PLAN=@PLAN DRUSE="${DRUSE:-druse}"
+export PLAN=@PLAN DRUSE="${DRUSE:-druse}"@OUT_VARIABLE
 bricks=$(sbatch --parsable --requeue --array=0-@LAST --cpus-per-task=@CPUS --mem=@MEGABYTESM "$@" \
-    --wrap '"$DRUSE" run "$PLAN" --brick "$SLURM_ARRAY_TASK_ID"@THREADS')
+    --wrap '"$DRUSE" run "$PLAN" --brick "$SLURM_ARRAY_TASK_ID"@THREADS@OUT')
 sbatch --dependency="afterok:${bricks%%;*}" --cpus-per-task=@CPUS --mem=@MEGABYTESM "$@" \
-    --wrap '"$DRUSE" merge "$PLAN"@THREADS'
+    --wrap '"$DRUSE" merge "$PLAN"@THREADS@OUT'
 "#;
 
 const PARALLEL_SCRIPT: &str = r#"#!/bin/sh
@@ -78,18 +94,22 @@ const PARALLEL_SCRIPT: &str = r#"#!/bin/sh
 # Flags of this script go to parallel, as in --jobs 4 or --sshlogin. DRUSE names the program.
 set -e
 cd "$(dirname "$0")"
-export PLAN=@PLAN DRUSE="${DRUSE:-druse}"
-seq 0 @LAST | parallel --joblog @LOG --resume-failed --retries 3 --env PLAN --env DRUSE "$@" \
-    '"$DRUSE" run "$PLAN" --brick {}@THREADS'
-"$DRUSE" merge "$PLAN"
+export PLAN=@PLAN DRUSE="${DRUSE:-druse}"@OUT_VARIABLE
+seq 0 @LAST | parallel --joblog @LOG --resume-failed --retries 3 --env PLAN --env DRUSE@EXPORT "$@" \
+    '"$DRUSE" run "$PLAN" --brick {}@THREADS@OUT'
+"$DRUSE" merge "$PLAN"@OUT
 "#;
 
-fn openjd(name: &str, stem: &str, last: usize, threads: usize) -> String {
+fn openjd(name: &str, stem: &str, (last, threads): (usize, usize), out: Option<&str>) -> String {
     let step = |arguments: &[&str]| {
         let mut words: Vec<String> = arguments.iter().map(|&a| a.to_owned()).collect();
         if threads > 0 {
             words.extend(["--threads".to_owned(), threads.to_string()]);
         }
+        words.extend(
+            out.into_iter()
+                .flat_map(|out| ["--out".to_owned(), out.to_owned()]),
+        );
         json!({ "actions": { "onRun": { "command": "{{Param.Druse}}", "args": words } } })
     };
     let template = json!({

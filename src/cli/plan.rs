@@ -3,11 +3,12 @@
 use super::job::{self, Items, Queue};
 use super::run::{grouped, memory, size};
 use super::{Answer, Failure, Session};
-use crate::pipeline::{RunOptions, brick_plan};
+use crate::io::leads_out;
+use crate::pipeline::{RunOptions, brick_plan, relative_path};
 use crate::recipe::Recipe;
 use crate::sequence::FrameList;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Parameters {
@@ -67,6 +68,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let items = Items {
         count: plan.bricks.len(),
         memory_bytes: plan.memory_bytes,
+        out: out_elsewhere(p, session),
     };
     files.extend(job_files(p, &items)?);
     session.finish();
@@ -89,6 +91,19 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     });
     let shown: Vec<_> = lines.iter().map(|l| super::terminal::line(l)).collect();
     Ok(Answer::new(shown.join("\n"), json))
+}
+
+/// The folder of the outputs as an absolute path, where it is not in the folder of the plan, so that the plan by
+/// itself does not send files there.
+pub(super) fn out_elsewhere(p: &Parameters, session: &Session) -> Option<PathBuf> {
+    let folder = p.output.parent().unwrap_or(Path::new(""));
+    let out = p.out.as_deref()?;
+    leads_out(folder, &relative_path(out, folder))?;
+    let shown = out.display();
+    session.note(&format!(
+        "the outputs go to {shown}, outside the folder of the plan: druse merge needs --out {shown}"
+    ));
+    Some(std::path::absolute(out).unwrap_or(out.to_owned()))
 }
 
 /// Writes the job files of a plan and returns their paths.

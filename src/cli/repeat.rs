@@ -2,6 +2,7 @@
 
 use super::run::Parameters;
 use super::{Answer, Failure, Session};
+use crate::io::PartialFolder;
 use crate::pipeline::{Report, RunOptions, run};
 use crate::recipe::Recipe;
 use crate::vdb::FileInfo;
@@ -10,8 +11,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Prefix of the folder that holds the outputs of a repeated run until they are compared.
-const FOLDER_PREFIX: &str = ".druse-repeat-";
+/// Word in the name of the folder that holds the outputs of a repeated run until they are compared.
+const FOLDER_NAME: &str = "druse-repeat";
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let path = &p.recipe;
@@ -43,15 +44,9 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             reason: e.to_string(),
         })
     };
-    let mut builder = tempfile::Builder::new();
     let temporary = match &p.out {
         Some(_) => None,
-        None => Some(
-            builder
-                .prefix(FOLDER_PREFIX)
-                .tempdir_in(own_folder)
-                .map_err(failed)?,
-        ),
+        None => Some(PartialFolder::create(own_folder, FOLDER_NAME).map_err(failed)?),
     };
     let temporary_path = temporary.as_ref().map(|t| t.path().to_owned());
     let options = RunOptions {
@@ -59,6 +54,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         memory: p.memory,
         bricks: p.bricks,
         out: p.out.clone().or(temporary_path),
+        // The recipe came with the file: its names are not the user's own.
+        confined: true,
         strict: session.strict(),
         brief: p.out.is_none(),
         isolated: Some(super::vdb::reader()?),

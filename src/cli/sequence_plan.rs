@@ -8,8 +8,8 @@ use super::job::Items;
 use super::plan::Parameters;
 use super::{Answer, Failure, Session};
 use crate::pipeline::{
-    RunOptions, brick_plan, finished_frame, frame_report, make_bricks, merge_bricks,
-    plan as estimate,
+    RunOptions, brick_plan, check_overridden_outputs, finished_frame, frame_report, make_bricks,
+    merge_bricks, out_of_plan, plan as estimate,
 };
 use crate::recipe::Recipe;
 use crate::sequence::FrameList;
@@ -104,6 +104,7 @@ pub(super) fn plan(
             }
         }
         let path = frame_plan_path(&p.output, frame);
+        refuse_other_file(&path)?;
         let bricks = brick_plan(&recipe, &path, options, session)?;
         memory_bytes = memory_bytes.max(bricks.memory_bytes);
         let name = PathBuf::from(path.file_name().unwrap_or_default());
@@ -130,9 +131,23 @@ pub(super) fn plan(
         items: Items {
             count: plan.items.len(),
             memory_bytes,
+            out: super::plan::out_elsewhere(p, session),
         },
         files,
     })
+}
+
+/// Refuses to replace a file that is no plan by the plan of a frame, whose name the user does not give.
+fn refuse_other_file(path: &Path) -> Result<(), Failure> {
+    let Ok(text) = std::fs::read(path) else {
+        return Ok(());
+    };
+    let plan: Value = serde_json::from_slice(&text).unwrap_or_default();
+    if plan["recipe_blake3"].is_string() && plan["bricks"].is_array() {
+        return Ok(());
+    }
+    let message = "found a file that is no plan; expected the plan of a frame, or nothing there";
+    Err(Failure::output(path, message).hint("another name for the plan: -o PLAN.json"))
 }
 
 /// `seq.json` at frame 7 is `seq.0007.json`.
@@ -155,8 +170,7 @@ impl Opened {
     fn new(path: &Path, options: RunOptions) -> Result<Self, Failure> {
         let plan = read(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let planned = plan.out.as_ref().map(|out| folder.join(out));
-        let out = options.out.clone().or(planned);
+        let out = out_of_plan(path, options.out.as_deref(), plan.out.as_deref())?;
         let frames = FrameList::of(plan.items.iter().map(|i| i.frame));
         if frames.frames().is_empty() {
             return Err(Failure::data(
@@ -164,8 +178,19 @@ impl Opened {
                 "found no items; expected at least one frame",
             ));
         }
+        // Bricks lie beside their plans, which druse plan writes beside this one.
+        let plans = plan.items.iter().filter_map(|i| i.plan.as_deref());
+        let mut elsewhere = plans.filter(|p| p.file_name() != Some(p.as_os_str()));
+        if let Some(other) = elsewhere.next() {
+            let found = format!("found the plan {} of a frame", other.display());
+            let message = format!("{found}; expected the name of a file beside this one");
+            return Err(Failure::data(path, message));
+        }
+        let recipe = folder.join(&plan.recipe);
+        let set = overrides(&plan.set, frames.frames()[0]);
+        check_overridden_outputs(path, &Recipe::read(&recipe, &set)?, &set)?;
         Ok(Self {
-            recipe: folder.join(&plan.recipe),
+            recipe,
             options: RunOptions { out, ..options },
             frames,
             folder,

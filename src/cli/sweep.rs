@@ -2,13 +2,13 @@
 
 use super::{Answer, Failure, Session};
 use crate::io::atomic::{require_directory, require_writable};
-use crate::pipeline::{self, Report, RunOptions};
+use crate::pipeline::{self, REPORT_NAME, Report, RunOptions, check_confined};
 use crate::progress::Progress;
 use crate::recipe::Recipe;
 use clap::Args;
 use serde_json::{Value, json};
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 mod axis;
 mod table;
@@ -72,16 +72,19 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         ));
     }
     require_writable(&p.output)?;
-    p.out.as_ref().map_or(Ok(()), require_directory)?;
+    if let Some(out) = &p.out {
+        check_folders(out, &combinations)?;
+        require_directory(out)?;
+    }
     let mut failed = 0;
     for (n, c) in combinations.iter().enumerate() {
         let label = label(&axes, &c.values);
         if table.holds(&c.hash) {
             continue;
         }
-        let out = p.out.as_ref().map(|dir| dir.join(format!("{:04}", n + 1)));
         let options = RunOptions {
-            out,
+            out: p.out.as_deref().map(|out| folder_of(out, n)),
+            confined: true,
             ..options(p, session)?
         };
         let head = format!("{}/{} {label}", n + 1, combinations.len());
@@ -124,6 +127,45 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         "path": path, "rows": combinations.len(), "kept": known, "failed": failed,
     });
     Ok(Answer::new(text, facts).verdict(failed == 0))
+}
+
+/// The folder of a combination's files.
+fn folder_of(out: &Path, n: usize) -> PathBuf {
+    out.join(format!("{:04}", n + 1))
+}
+
+/// Refuses combinations whose files would lie outside their own folders, where others may write them too, and folders
+/// with the files of another combination, as of a sweep whose values were listed otherwise.
+fn check_folders(out: &Path, combinations: &[Combination]) -> Result<(), Failure> {
+    for (n, c) in combinations.iter().enumerate() {
+        let folder = folder_of(out, n);
+        if folder.is_symlink() {
+            return Err(Failure::output(
+                &folder,
+                "found a link; expected a folder for the files of one combination, or none",
+            ));
+        }
+        check_confined(&c.recipe, &folder)?;
+        let outputs = &c.recipe.sections().output;
+        let report = outputs.iter().find_map(|o| o.report.as_deref());
+        let report = folder.join(report.unwrap_or(Path::new(REPORT_NAME)));
+        let report = std::fs::read(report).unwrap_or_default();
+        let report: Value = serde_json::from_slice(&report).unwrap_or_default();
+        let is_other = |(m, other): (usize, &Combination)| {
+            m != n && report["recipe_blake3"] == other.hash && other.hash != c.hash
+        };
+        if combinations.iter().enumerate().any(is_other) {
+            return Err(Failure::output(
+                &folder,
+                format!(
+                    "found the files of another combination of these values; expected those of {}, or none",
+                    c.values.join(" ")
+                ),
+            )
+            .hint("another folder for --out, or the values in the order in which they were run"));
+        }
+    }
+    Ok(())
 }
 
 fn options(p: &Parameters, session: &Session) -> Result<RunOptions, Failure> {

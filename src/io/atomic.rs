@@ -1,8 +1,9 @@
 //! Atomic output files: they appear complete or not at all.
 //!
 //! A file is written under a hidden temporary name beside its target (symbolic links resolved first), synced
-//! and renamed; then the directory is synced. Dropping it before [`AtomicFile::commit`] removes it. A target that
-//! exists and is no regular file (a pipe, `/dev/stdout`) is written directly, or refused if the format must seek.
+//! and renamed; then the directory is synced. Dropping it before [`AtomicFile::commit`] removes it; what a killed
+//! process left is removed by the next that writes into the folder. A target that exists and is no regular file (a
+//! pipe, `/dev/stdout`) is written directly, or refused if the format must seek.
 //!
 //! ```
 //! use std::io::Write;
@@ -15,12 +16,11 @@
 //! ```
 
 use super::WriteError;
-use std::fs::{self, File, OpenOptions, Permissions};
+use super::partial::{self, folder_of};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
-use tempfile::{NamedTempFile, PersistError, TempPath};
+use tempfile::{NamedTempFile, PersistError};
 
 /// The destination of the bytes until the file is committed.
 enum Sink {
@@ -175,7 +175,8 @@ impl Seek for AtomicFile {
 pub struct StagedPath {
     shown: PathBuf,
     target: PathBuf,
-    path: TempPath,
+    /// Open, because its lock shows that it is written.
+    file: NamedTempFile,
 }
 
 impl StagedPath {
@@ -189,7 +190,7 @@ impl StagedPath {
         match Target::of(&shown)? {
             Target::Special => Err(not_seekable(&shown)),
             Target::Regular(target) => Ok(Self {
-                path: stage(&shown, &target)?.into_temp_path(),
+                file: stage(&shown, &target)?,
                 shown,
                 target,
             }),
@@ -198,14 +199,14 @@ impl StagedPath {
 
     /// The path to write to.
     pub fn path(&self) -> &Path {
-        &self.path
+        self.file.path()
     }
 
     /// Converts an error during writing into one with the file.
     pub fn failed(&self, error: io::Error) -> WriteError {
         WriteError::Io {
             path: self.shown.clone(),
-            written: fs::metadata(&self.path).map_or(0, |m| m.len()),
+            written: fs::metadata(self.path()).map_or(0, |m| m.len()),
             needed: None,
             error,
         }
@@ -216,12 +217,12 @@ impl StagedPath {
     /// # Errors
     /// [`WriteError::Io`] when syncing or renaming fails.
     pub fn commit(self) -> Result<u64, WriteError> {
-        let synced = File::open(&self.path).and_then(|f| f.sync_all().and(f.metadata()));
+        let synced = File::open(self.path()).and_then(|f| f.sync_all().and(f.metadata()));
         let size = synced.map_err(|e| self.failed(e))?.len();
         let Self {
             shown,
             target,
-            path,
+            file,
         } = self;
         let failed = |error| WriteError::Io {
             path: shown.clone(),
@@ -229,7 +230,7 @@ impl StagedPath {
             needed: Some(size),
             error: plain(error),
         };
-        path.persist(&target).map_err(|e| failed(e.error))?;
+        file.persist(&target).map_err(|e| failed(e.error))?;
         sync_directory(&target).map_err(failed)?;
         Ok(size)
     }
@@ -270,38 +271,6 @@ pub fn require_directory(path: impl AsRef<Path>) -> Result<(), WriteError> {
     })
 }
 
-/// Removes temporary files of a target that were last modified before `before`: leftovers of killed programs.
-/// The caller must make sure that no other process writes the target.
-pub fn remove_abandoned(path: impl AsRef<Path>, before: SystemTime) {
-    let Ok(Target::Regular(target)) = Target::of(path.as_ref()) else {
-        return;
-    };
-    let Some((prefix, suffix)) = affixes(&target) else {
-        return;
-    };
-    let entries = fs::read_dir(directory_of(&target));
-    for entry in entries.into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        let is_ours = name.len() > prefix.len() + suffix.len()
-            && name.starts_with(&prefix)
-            && name.ends_with(&suffix);
-        let written = entry.metadata().and_then(|m| m.modified());
-        if is_ours && written.is_ok_and(|t| t < before) {
-            let _ = fs::remove_file(entry.path());
-        }
-    }
-}
-
-/// The prefix and the suffix of the names of a target's temporary files; `None` for a name that is not UTF-8.
-fn affixes(target: &Path) -> Option<(String, String)> {
-    let name = target.file_name()?.to_str()?;
-    let stem: String = name.chars().take(64).collect();
-    let extension = target.extension().and_then(|e| e.to_str());
-    let suffix = extension.map_or_else(|| ".partial".into(), |e| format!(".partial.{e}"));
-    Some((format!(".{stem}."), suffix))
-}
-
 /// The kind of the output's target.
 enum Target {
     /// No file or a regular file, at this path after symbolic links are resolved.
@@ -338,39 +307,24 @@ fn resolve_dangling(shown: &Path) -> Result<PathBuf, WriteError> {
     Err(refused(shown, "too many symbolic links".into()))
 }
 
-/// The directory of a file.
-fn directory_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    }
-}
-
-/// Creates the temporary file `.NAME.XXXXXX.partial.EXT` with the permissions of the target, or those that a
-/// new file gets.
+/// Creates the partial file of a target with the permissions of the target, or those that a new file gets.
 fn stage(shown: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
-    let directory = directory_of(target);
-    let Some((prefix, suffix)) = affixes(target) else {
+    if target.file_name().and_then(|n| n.to_str()).is_none() {
         return Err(refused(shown, "it has no readable file name".into()));
-    };
-    let file = tempfile::Builder::new()
-        .prefix(&prefix)
-        .suffix(&suffix)
-        .permissions(Permissions::from_mode(0o666))
-        .tempfile_in(directory)
-        .map_err(|e| match e.kind() {
-            io::ErrorKind::NotFound => refused(
-                shown,
-                format!("the directory {} does not exist", directory.display()),
-            ),
-            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => WriteError::Io {
-                path: shown.to_owned(),
-                written: 0,
-                needed: None,
-                error: plain(e),
-            },
-            _ => refused(shown, plain(e).to_string()),
-        })?;
+    }
+    let file = partial::create(target).map_err(|e| match e.kind() {
+        io::ErrorKind::NotFound => {
+            let folder = folder_of(target).display();
+            refused(shown, format!("the directory {folder} does not exist"))
+        }
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => WriteError::Io {
+            path: shown.to_owned(),
+            written: 0,
+            needed: None,
+            error: plain(e),
+        },
+        _ => refused(shown, plain(e).to_string()),
+    })?;
     if let Ok(meta) = fs::metadata(target) {
         // Keep the mode of a replaced file; a file system without modes may refuse.
         let _ = file.as_file().set_permissions(meta.permissions());
@@ -402,7 +356,7 @@ fn not_seekable(path: &Path) -> WriteError {
 
 /// Makes a rename durable; directories that cannot be synced (some network file systems) are ignored.
 fn sync_directory(target: &Path) -> io::Result<()> {
-    match File::open(directory_of(target)).and_then(|d| d.sync_all()) {
+    match File::open(folder_of(target)).and_then(|d| d.sync_all()) {
         Err(e) if e.kind() == io::ErrorKind::InvalidInput => Ok(()),
         other => other,
     }

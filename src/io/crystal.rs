@@ -1,26 +1,30 @@
 //! Script files of the polygon stage: reading and execution.
 
-use super::{Place, ReadError, Source, read_polymesh, write_polymesh};
+use super::{Place, ReadError, Source, leads_out, read_polymesh, write_polymesh};
 use crate::polymesh::{
     Files, Interpreter, LoadOptions, Loaded, Note, PolyMesh, Script, ScriptError,
 };
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// The files of a script, relative to a directory; it records loaded and saved files.
 pub struct DiskFiles {
     directory: PathBuf,
     saves: bool,
+    /// Whether the steps come from the user's keyboard now, not from a file.
+    is_by_hand: AtomicBool,
     saved: Mutex<Vec<(PathBuf, u64)>>,
     loaded: Mutex<Vec<PathBuf>>,
 }
 
 impl DiskFiles {
-    /// Files below a directory; without `saves` the script's `save` steps do nothing.
+    /// Files below a directory; without `saves` the script's `save` steps do nothing. They save inside it only.
     pub fn new(directory: impl AsRef<Path>, saves: bool) -> Self {
         Self {
             directory: directory.as_ref().to_owned(),
             saves,
+            is_by_hand: AtomicBool::new(false),
             saved: Mutex::default(),
             loaded: Mutex::default(),
         }
@@ -29,6 +33,11 @@ impl DiskFiles {
     /// Files beside a script.
     pub fn beside(script: &Path, saves: bool) -> Self {
         Self::new(script.parent().unwrap_or(Path::new("")), saves)
+    }
+
+    /// Lets the steps that follow save anywhere: the script has run, and the user types them.
+    pub fn open(&self) {
+        self.is_by_hand.store(true, Ordering::Relaxed);
     }
 
     /// The loaded files.
@@ -58,6 +67,15 @@ impl Files for DiskFiles {
 
     fn save(&self, path: &Path, mesh: &PolyMesh) -> Result<(), String> {
         if self.saves {
+            let materials = path.with_extension("mtl");
+            let outside = |name: &Path| leads_out(&self.directory, name);
+            let reason = outside(path).or_else(|| outside(&materials));
+            if let Some(reason) = reason.filter(|_| !self.is_by_hand.load(Ordering::Relaxed)) {
+                let name = path.display();
+                return Err(format!(
+                    "found {name}, {reason}; expected a name inside the folder of the script"
+                ));
+            }
             let path = self.directory.join(path);
             let bytes = write_polymesh(&path, mesh).map_err(|e| e.to_string())?;
             if let Ok(mut saved) = self.saved.lock() {

@@ -19,14 +19,14 @@ use super::inputs::Inputs;
 use super::level_set_ops::{self, StageContext};
 use super::report::SolidReport;
 use super::voxels::Voxels;
-use super::{RunOptions, StageResults, StageTimer, Targets};
+use super::{RunOptions, StageResults, StageTimer, Targets, memory};
 use crate::band::{
     BLOCK, BandStats, LEAF, LeafBatch, LeafFileHead, LeafFileWriter, LeafSink, LeafStore, Region,
     VOXELS,
 };
 use crate::frame::Coord;
 use crate::io::WriteError;
-use crate::io::atomic::{AtomicFile, remove_abandoned};
+use crate::io::atomic::AtomicFile;
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use crate::vdb::LevelSet;
@@ -55,12 +55,12 @@ mod thickness;
 mod volumes;
 mod voxels;
 
-pub(crate) use farm::relative_path;
 pub use farm::{brick_plan, make_bricks, merge_bricks};
+pub(crate) use farm::{check_overridden_outputs, out_of_plan, relative_path};
 pub use plan::BrickPlan;
 
-use budget::{check_disk, edge_that_fits, leaf_bytes};
-use directory::{Lock, clear, directory_beside, make_directory, nearest_existing, size_of};
+use budget::{Budget, check_disk, edge_that_fits, leaf_bytes};
+use directory::{Lock, clear, directory_beside, nearest_existing, refuse_foreign, size_of};
 use halo::{Pass, before_resampling, max_halo, passes, total_reach};
 use merge::merge_and_write;
 use plan::make_plan;
@@ -209,6 +209,7 @@ impl<'a> BrickRun<'a> {
         if LeafStore::check(&path, &head).is_ok() {
             return Ok(None);
         }
+        refuse_foreign(&path)?;
         let failed = |e: io::Error| RunError::Write(write_error(&path, e));
         let writer = LeafFileWriter::new(AtomicFile::create(&path)?, &head).map_err(failed)?;
         let found = fill(&writer).map_err(|e| leaf_file_error(&path, e))?;
@@ -336,6 +337,8 @@ struct Layout {
     edge: u32,
     halo: i32,
     reach: i32,
+    /// What the process holds before it makes any brick, bytes.
+    held: u64,
 }
 
 /// The plan in bricks of a run that needs bricks or requests them; `None` for a run in memory.
@@ -355,8 +358,7 @@ pub(super) fn plan_if_needed(
             (counts, options.memory.unwrap_or(u64::MAX))
         }
     };
-    // The disk is checked before the memory of bricks, because no budget makes up for a full disk, and
-    // before all blocks are listed, which for a huge part takes very long.
+    // The disk is checked first: no budget makes up for a full disk, and a list of all blocks takes very long.
     let directory = directory_beside(inputs.recipe, options.out.as_deref());
     if let Err(disk_error) = check_disk(nearest_existing(&directory), leaf_bytes(&counts) as u64) {
         if !is_needed {
@@ -367,7 +369,12 @@ pub(super) fn plan_if_needed(
             inputs, threads, &counts, budget, reason,
         ));
     }
-    let found = choose_layout(inputs, threads, &counts, (budget, options.bricks))?;
+    let budget = Budget {
+        bytes: budget,
+        edge: options.bricks,
+        held: memory::resident(),
+    };
+    let found = choose_layout(inputs, threads, &counts, &budget)?;
     make_plan(inputs, &found, &counts, threads, progress).map(Some)
 }
 
@@ -387,14 +394,13 @@ pub(super) fn run(
     timer: &mut StageTimer,
 ) -> Result<StageResults, RunError> {
     let directory = directory_beside(inputs.recipe, options.out.as_deref());
-    make_directory(&directory)?;
     let lock = Lock::take(&directory)?;
+    refuse_foreign(&directory.join(PLAN_FILE))?;
     let (plan, is_new) =
         resumable_plan(&directory, inputs, options.bricks).map_or((plan, true), |p| (p, false));
-    // Removes bricks of another plan and temporary files of a killed run.
-    clear(&directory, |name| is_new || name.starts_with('.'));
-    for path in targets.files.iter().map(|(_, path)| path) {
-        remove_abandoned(path, timer.began);
+    if is_new {
+        // Bricks of another plan.
+        clear(&directory, |_| true);
     }
     let brick_run = BrickRun::new(inputs, plan, directory, threads, timer.progress);
     let bricks = budget::brick_bytes(inputs, brick_run.plan.leaf_bytes);
@@ -412,9 +418,8 @@ pub(super) fn run(
     });
     // Complete bricks are kept for the next run.
     if outcome.is_ok() || brick_run.complete_bricks() == 0 {
-        let _ = std::fs::remove_dir_all(&brick_run.directory);
+        directory::remove(&brick_run.directory, lock);
     }
-    drop(lock);
     outcome.map_err(|e| brick_run.as_stopped(e))
 }
 
@@ -449,12 +454,11 @@ fn choose_layout(
     inputs: &Inputs,
     threads: &Threads,
     counts: &Counts,
-    (budget, edge): (u64, Option<u32>),
+    budget: &Budget,
 ) -> Result<Layout, RunError> {
+    let refused = |reason| estimate::shortage_error(inputs, threads, counts, budget.bytes, reason);
     if let Some(reason) = bricks_refusal(inputs) {
-        return Err(estimate::shortage_error(
-            inputs, threads, counts, budget, reason,
-        ));
+        return Err(refused(reason));
     }
     let passes = passes(inputs);
     let (halo, reach) = (max_halo(&passes), total_reach(before_resampling(&passes)));
@@ -467,12 +471,10 @@ fn choose_layout(
         let reason = format!(
             "its operations need a halo of {halo} voxels, with which the smallest brick spans {span}; expected at most {MAX_PART_EDGE}"
         );
-        return Err(estimate::shortage_error(
-            inputs, threads, counts, budget, reason,
-        ));
+        return Err(refused(reason));
     }
     let max_edge = max_edge as u32;
-    if let Some(edge) = edge.filter(|&e| e > max_edge) {
+    if let Some(edge) = budget.edge.filter(|&e| e > max_edge) {
         return Err(RunError::BrickSpan {
             edge,
             halo,
@@ -480,8 +482,13 @@ fn choose_layout(
             fitting: max_edge,
         });
     }
-    let edge = edge_that_fits(inputs, threads, counts, (budget, edge))?.min(max_edge);
-    Ok(Layout { edge, halo, reach })
+    let edge = edge_that_fits(inputs, threads, counts, budget)?.min(max_edge);
+    Ok(Layout {
+        edge,
+        halo,
+        reach,
+        held: budget.held,
+    })
 }
 
 /// Voxel size and half width of a recipe.

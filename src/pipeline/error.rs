@@ -223,6 +223,16 @@ pub enum RunError {
     /// An output would overwrite an input.
     #[error("the output {} would overwrite an input of the recipe", .0.display())]
     Overwrite(PathBuf),
+    /// An output would lie outside the folder of the outputs, and its name is not the user's own.
+    #[error("found the output {}, {reason}; expected a name inside {}", .name.display(), .folder.display())]
+    Outside {
+        /// The output.
+        name: PathBuf,
+        /// The folder of the outputs.
+        folder: PathBuf,
+        /// How it leads out.
+        reason: String,
+    },
     /// Inputs are not those of the run that is repeated: key and path of each.
     #[error("found inputs that have changed since the run: {}; expected the same bytes", .0.join(", "))]
     ChangedInputs(Vec<String>),

@@ -391,6 +391,18 @@ impl<'a> Inputs<'a> {
         self.kernel().map(|_| self.visits.interpolated_leaves())
     }
 
+    /// Number of triangles of the solids.
+    pub fn triangles(&self) -> u64 {
+        let mut solids: Vec<&Arc<MeshSolid>> = self.solids.values().collect();
+        // Operations of one file have one solid.
+        solids.sort_by_key(|s| Arc::as_ptr(s));
+        solids.dedup_by(|a, b| Arc::ptr_eq(a, b));
+        solids
+            .iter()
+            .map(|s| s.mesh().triangles().len() as u64)
+            .sum()
+    }
+
     /// Number of elements of the scaffold.
     pub fn elements(&self) -> u64 {
         self.tiling

@@ -17,6 +17,9 @@ pub struct RunOptions {
     pub bricks: Option<u32>,
     /// Directory of the outputs and of `report.json`; by default the recipe's own, without a report.
     pub out: Option<PathBuf>,
+    /// Whether every file must lie in `out`, without links below it: the recipe came with a file, or is one of several
+    /// that must not write the same files.
+    pub confined: bool,
     /// The report of a run whose recipe names none; `report.json` in `out` when left out.
     pub report: Option<PathBuf>,
     /// Whether a warning ends the run.

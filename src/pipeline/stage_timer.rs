@@ -3,13 +3,11 @@
 use super::memory;
 use super::report::Stage;
 use crate::progress::{Cancelled, Progress};
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
 /// Times the stages of a run and checks for cancellation after each.
 pub(super) struct StageTimer<'a> {
     pub progress: &'a dyn Progress,
-    /// When the run began.
-    pub began: SystemTime,
     last: Instant,
     pub stages: Vec<Stage>,
 }
@@ -18,7 +16,6 @@ impl<'a> StageTimer<'a> {
     pub fn new(progress: &'a dyn Progress) -> Self {
         Self {
             progress,
-            began: SystemTime::now(),
             last: Instant::now(),
             stages: Vec::new(),
         }

@@ -13,6 +13,8 @@ mod components;
 #[cfg(feature = "vdb")]
 mod grids;
 #[cfg(feature = "vdb")]
+mod merges;
+#[cfg(feature = "vdb")]
 mod meshes;
 #[cfg(feature = "vdb")]
 mod runs;

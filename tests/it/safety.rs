@@ -2,6 +2,8 @@
 //!
 //! Short in every run, long with `DRUSE_FULL=1`.
 
+mod partial_files;
+
 use druse::mesh::check;
 use druse::pipeline::{RunError, RunOptions, run};
 use druse::progress::Silent;

@@ -31,8 +31,10 @@ impl Table {
             rows: BTreeMap::new(),
             order: Vec::new(),
         };
-        let Ok(text) = std::fs::read_to_string(path) else {
-            return Ok(table);
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(table),
+            Err(e) => return Err(crate::io::ReadError::io(path, e).into()),
         };
         let mut rows = parse(&text).into_iter();
         let Some(head) = rows.next() else {

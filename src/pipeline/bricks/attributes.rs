@@ -4,6 +4,7 @@ use super::super::attributes::Attributes;
 use super::super::error::RunError;
 use super::super::thickness::Thickness;
 use super::assemble::missing_bricks;
+use super::directory::refuse_foreign;
 use super::solid::StoredSolid;
 use super::{BrickRun, CancelOnly, write_error};
 use crate::band::{AttributeFileWriter, AttributeStore, LeafBatch, Region, StoreError};
@@ -89,6 +90,7 @@ impl BrickRun<'_> {
             return Ok(());
         }
         let begin = |(path, identity): &(PathBuf, [u8; 32])| {
+            refuse_foreign(path)?;
             let writer = AttributeFileWriter::new(AtomicFile::create(path)?, identity);
             Ok(writer.map_err(|e| write_error(path, e))?)
         };

@@ -6,8 +6,8 @@ use super::super::estimate::{
     attribute_values_per_vertex, copies,
 };
 use super::super::inputs::Inputs;
-use super::super::memory;
 use super::super::thickness::{FIRST_LEVEL_HALO, MAX_LEVEL};
+use super::super::tiling::CellTiling;
 use super::super::voxels::Voxels;
 use super::halo::{coarser_copies, max_halo, needs_segments, passes, removal_halo, resamplings};
 use super::meshes::UNTANGLING_HALO;
@@ -16,8 +16,19 @@ use crate::band::{BLOCK, LEAF};
 use crate::progress::Threads;
 use crate::recipe::{GridWord, Output};
 use crate::vdb::{LevelSet, MAX_BYTES_AT_ONCE};
+use std::collections::BTreeSet;
 use std::path::Path;
 
+/// Formats of files whose contents are counted in triangles.
+const MESH_FORMATS: [&str; 6] = ["stl", "ply", "obj", "off", "3mf", "vtp"];
+/// Memory of the program without inputs.
+const PROGRAM_BYTES: u64 = 32 << 20;
+/// Memory of a triangle of a solid with its search structure.
+const TRIANGLE_BYTES: u64 = 300;
+/// Memory of an element with its cell's map.
+const ELEMENT_BYTES: u64 = 2000;
+/// Memory of what a file holds that is no mesh, in bytes of the file.
+const FILE_FACTOR: u64 = 4;
 /// Greatest edge of a brick that Druse chooses, blocks.
 const MAX_BRICK_EDGE: u32 = 8;
 /// Memory beside the bricks: read-ahead, file buffers, allocator overhead.
@@ -53,11 +64,36 @@ const LEAF_COUNT_MARGIN: f64 = 1.2;
 /// Leaves of a full block.
 const LEAVES_PER_BLOCK: f64 = 4096.0;
 
-/// Memory of a run in bricks of `edge` blocks, bytes.
-pub(crate) fn memory_bytes(inputs: &Inputs, threads: &Threads, counts: &Counts, edge: u32) -> u64 {
+/// Memory of the program and its inputs, bytes, from their sizes alone: what a process holds differs by some pages from
+/// one to the next, and plans of the same inputs are equal.
+pub(crate) fn held_bytes(inputs: &Inputs) -> u64 {
+    let report = inputs.report().inputs;
+    let files: BTreeSet<&Path> = report.iter().map(|i| Path::new(&i.path)).collect();
+    let is_mesh = |path: &Path| {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        extension.is_some_and(|e| MESH_FORMATS.contains(&&*e))
+    };
+    let others = files.into_iter().filter(|path| !is_mesh(path));
+    let others = others.filter_map(|path| std::fs::metadata(path).ok());
+    let others: u64 = others.map(|m| m.len()).sum();
+    let tables = inputs.tiling().map_or(0, CellTiling::table_bytes);
+    PROGRAM_BYTES
+        + TRIANGLE_BYTES * inputs.triangles()
+        + FILE_FACTOR * others
+        + ELEMENT_BYTES * inputs.elements()
+        + tables
+}
+
+/// Memory of a run in bricks of `edge` blocks by a process that holds `held` bytes, bytes.
+pub(crate) fn memory_bytes(
+    inputs: &Inputs,
+    threads: &Threads,
+    counts: &Counts,
+    (edge, held): (u32, u64),
+) -> u64 {
     let passes = passes(inputs);
     let halo = max_halo(&passes);
-    let base = memory::resident() as f64
+    let base = held as f64
         + FIXED_BYTES
         + BYTES_PER_THREAD * threads.count() as f64
         + BYTES_PER_BLOCK * counts.blocks
@@ -186,6 +222,16 @@ fn max_values_per_vertex(inputs: &Inputs) -> usize {
     meshes.map(attribute_values_per_vertex).max().unwrap_or(0)
 }
 
+/// The memory of a run in bricks.
+pub(crate) struct Budget {
+    /// What it may use, bytes.
+    pub bytes: u64,
+    /// The requested edge of the bricks, blocks.
+    pub edge: Option<u32>,
+    /// What the process holds before it makes any brick, bytes.
+    pub held: u64,
+}
+
 /// The greatest edge of bricks, in blocks, that a budget allows, or the requested one.
 ///
 /// # Errors
@@ -194,9 +240,13 @@ pub(crate) fn edge_that_fits(
     inputs: &Inputs,
     threads: &Threads,
     counts: &Counts,
-    (budget, requested): (u64, Option<u32>),
+    &Budget {
+        bytes: budget,
+        edge: requested,
+        held,
+    }: &Budget,
 ) -> Result<u32, RunError> {
-    let cost = |edge: u32| memory_bytes(inputs, threads, counts, edge);
+    let cost = |edge: u32| memory_bytes(inputs, threads, counts, (edge, held));
     let largest_fitting = |max_edge: u32| (1..=max_edge).rev().find(|&edge| cost(edge) <= budget);
     match requested {
         Some(edge) if cost(edge) <= budget => Ok(edge),

@@ -4,12 +4,10 @@ use super::super::error::RunError;
 use super::super::inputs::Inputs;
 use super::super::report::Report;
 use super::super::{RunOptions, StageTimer, finish_report, output_targets, threads};
-use super::budget::{brick_bytes, check_disks};
-use super::directory::{clear, is_derived, nearest_existing, size_of};
-use super::{
-    BrickPlan, BrickRun, check_disk, choose_layout, estimate, make_directory, make_plan,
-    merge_and_write,
-};
+use super::budget::{Budget, brick_bytes, check_disks, held_bytes};
+use super::directory::{Lock, clear, is_derived, make_directory, nearest_existing, size_of};
+use super::{BrickPlan, BrickRun, check_disk, choose_layout, estimate, make_plan, merge_and_write};
+use crate::io::leads_out;
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use std::ops::Range;
@@ -34,8 +32,12 @@ pub fn brick_plan(
     let threads = threads(options)?;
     let inputs = Inputs::load(recipe, &threads, options, progress)?;
     let counts = estimate::counts(&inputs, &threads, progress)?;
-    let budget = options.memory.unwrap_or(DEFAULT_MEMORY);
-    let found = choose_layout(&inputs, &threads, &counts, (budget, options.bricks))?;
+    let budget = Budget {
+        bytes: options.memory.unwrap_or(DEFAULT_MEMORY),
+        edge: options.bricks,
+        held: held_bytes(&inputs),
+    };
+    let found = choose_layout(&inputs, &threads, &counts, &budget)?;
     let mut plan = make_plan(&inputs, &found, &counts, &threads, progress)?;
     let base = plan_directory(path);
     let file = recipe.source().path.clone().unwrap_or_default();
@@ -91,7 +93,8 @@ pub fn make_bricks(
 /// Merges the bricks of a plan and writes the recipe's outputs.
 ///
 /// # Errors
-/// As [`make_bricks`]; [`RunError::Bricks`] lists missing or damaged bricks.
+/// As [`make_bricks`]; [`RunError::Bricks`] lists missing or damaged bricks; [`RunError::Busy`] when another
+/// merge of the plan is at work.
 pub fn merge_bricks(
     path: &Path,
     options: &RunOptions,
@@ -102,13 +105,11 @@ pub fn merge_bricks(
     let threads = threads(options)?;
     let inputs = Inputs::load(&recipe, &threads, options, progress)?;
     let brick_run = open_run(path, plan, &inputs, &threads, progress)?;
-    let planned = brick_run
-        .plan
-        .out
-        .as_ref()
-        .map(|out| plan_directory(path).join(out));
-    let out = options.out.clone().or(planned);
-    let outputs = output_targets(&inputs, out.as_deref(), options.report.as_deref())?;
+    // Two merges make files of the same names beside the bricks, and remove them.
+    let _lock = Lock::take_of_existing(&brick_run.directory)?;
+    let planned = brick_run.plan.out.as_deref();
+    let out = out_of_plan(path, options.out.as_deref(), planned)?;
+    let outputs = output_targets(&inputs, out.as_deref(), options)?;
     timer.end_stage("inputs")?;
     let bricks = brick_bytes(&inputs, brick_run.plan.leaf_bytes);
     let remaining = bricks.saturating_sub(size_of(&brick_run.directory));
@@ -150,6 +151,66 @@ fn plan_error(path: &Path, message: String) -> RunError {
     }
 }
 
+/// The folder of the outputs of a plan's run: the user's own, else the plan's, which must lie in the folder of the
+/// plan, as a plan may come from elsewhere.
+///
+/// # Errors
+/// [`RunError::Plan`].
+pub(crate) fn out_of_plan(
+    path: &Path,
+    own: Option<&Path>,
+    planned: Option<&Path>,
+) -> Result<Option<PathBuf>, RunError> {
+    let (None, Some(planned)) = (own, planned) else {
+        return Ok(own.map(Path::to_owned));
+    };
+    let folder = plan_directory(path);
+    if let Some(reason) = leads_out(folder, planned) {
+        let shown = planned.display();
+        let message = format!(
+            "found the folder {shown} for the outputs, {reason}; expected one inside the folder of the plan, or \
+             --out {}",
+            folder.join(planned).display()
+        );
+        return Err(plan_error(path, message));
+    }
+    Ok(Some(folder.join(planned)))
+}
+
+/// Refuses outputs that a plan's overrides name, not the recipe, outside the folder of the recipe.
+///
+/// # Errors
+/// [`RunError::Plan`].
+pub(crate) fn check_overridden_outputs(
+    path: &Path,
+    recipe: &Recipe,
+    set: &[String],
+) -> Result<(), RunError> {
+    let Some(file) = &recipe.source().path else {
+        return Ok(());
+    };
+    let is_other = |pair: &&String| {
+        !pair
+            .trim_start_matches([' ', '"', '\''])
+            .starts_with("output")
+    };
+    let set: Vec<String> = set.iter().filter(is_other).cloned().collect();
+    let plain = Recipe::read(file, &set);
+    let own = plain.iter().flat_map(|r| &r.sections().output);
+    let own: Vec<&Path> = own.flat_map(|o| o.named()).map(|(_, name)| name).collect();
+    let names = recipe.sections().output.iter().flat_map(|o| o.named());
+    for (_, name) in names.filter(|(_, name)| !own.contains(name)) {
+        if let Some(reason) = leads_out(recipe.source().directory(), name) {
+            let name = name.display();
+            let message = format!(
+                "found the output {name} in its overrides, {reason}; expected a name inside the folder of the recipe"
+            );
+            return Err(plan_error(path, message));
+        }
+    }
+    Ok(())
+}
+
 fn read_plan(path: &Path) -> Result<(BrickPlan, Recipe), RunError> {
     let failed = |e| crate::io::ReadError::io(path, e);
     if std::fs::metadata(path).map_err(failed)?.len() > MAX_PLAN_BYTES {
@@ -172,6 +233,7 @@ fn read_plan(path: &Path) -> Result<(BrickPlan, Recipe), RunError> {
         return Err(plan_error(path, message));
     }
     let recipe = Recipe::read(&file, &plan.set)?;
+    check_overridden_outputs(path, &recipe, &plan.set)?;
     Ok((plan, recipe))
 }
 

@@ -199,7 +199,7 @@ pub(in super::super) fn make_plan(
         bricks: bricks.origins().map(|b| b.0).collect(),
         out: None,
         leaf_bytes: leaf_bytes(counts) as u64,
-        memory_bytes: memory_bytes(inputs, threads, counts, layout.edge),
+        memory_bytes: memory_bytes(inputs, threads, counts, (layout.edge, layout.held)),
     })
 }
 

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 /// A hollow ball across the origin that is smoothed: 64 bricks of one block with a halo, and two passes.
 const RECIPE: &str = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { centre = [0.3, 0.1, 0], radius = 9 } }\n[[op]]\nmean = 1\n[[op]]\nkeep_largest = true\n[[output]]\nvdb = \"a.vdb\"\n[[output]]\nmesh = \"a.stl\"\n";
 
-fn druse(place: &Path, line: &str) -> Command {
+pub(super) fn druse(place: &Path, line: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_druse"));
     command
         .args(line.split(' '))
@@ -21,27 +21,27 @@ fn druse(place: &Path, line: &str) -> Command {
     command
 }
 
-fn done(place: &Path, line: &str) -> Output {
+pub(super) fn done(place: &Path, line: &str) -> Output {
     let output = druse(place, line).output().unwrap();
     assert!(output.status.success(), "{line}: {output:?}");
     output
 }
 
 /// Code and message of a command that must fail.
-fn refused(place: &Path, line: &str) -> (i32, String) {
+pub(super) fn refused(place: &Path, line: &str) -> (i32, String) {
     let output = druse(place, line).output().unwrap();
     let error = String::from_utf8(output.stderr).unwrap();
     assert!(!output.status.success(), "{line}");
     (output.status.code().unwrap(), error)
 }
 
-fn hash(place: &Path, name: &str) -> String {
+pub(super) fn hash(place: &Path, name: &str) -> String {
     let info = done(place, &format!("info {name} --json"));
     let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
     info["content_hash"].as_str().unwrap().to_owned()
 }
 
-fn place() -> tempfile::TempDir {
+pub(super) fn place() -> tempfile::TempDir {
     let place = tempfile::tempdir().unwrap();
     fs::write(place.path().join("r.toml"), RECIPE).unwrap();
     place
