@@ -3,7 +3,7 @@
 use super::run::Parameters;
 use super::{Answer, Failure, Session};
 use crate::io::PartialFolder;
-use crate::pipeline::{Report, RunOptions, run};
+use crate::pipeline::{Report, RunError, RunOptions, run};
 use crate::recipe::Recipe;
 use crate::vdb::FileInfo;
 use serde_json::{Value, json};
@@ -62,9 +62,23 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         expected_inputs: origin.inputs.clone(),
         ..RunOptions::default()
     };
-    let report = run(&recipe, &options, session)?;
+    let report = run(&recipe, &options, session).map_err(|e| refusal(path, e))?;
     session.finish();
     Ok(compared(path, &origin, &report, p.out.is_some()))
+}
+
+/// The failure of a repeated run; an output outside its folder is a fault of the file.
+fn refusal(path: &Path, error: RunError) -> Failure {
+    let RunError::Outside { name, reason, .. } = error else {
+        return error.into();
+    };
+    let message = format!(
+        "found the output {} in its recipe, {reason}; expected a name inside the folder of the run",
+        name.display()
+    );
+    let hint =
+        "druse info FILE --json prints the recipe; save it, and run it with names of your own";
+    Failure::output(path, message).hint(hint)
 }
 
 /// What a file records of the run that wrote it.

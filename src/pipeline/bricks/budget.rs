@@ -22,13 +22,13 @@ use std::path::Path;
 /// Formats of files whose contents are counted in triangles.
 const MESH_FORMATS: [&str; 6] = ["stl", "ply", "obj", "off", "3mf", "vtp"];
 /// Memory of the program without inputs.
-const PROGRAM_BYTES: u64 = 32 << 20;
+const PROGRAM_BYTES: u64 = 64 << 20;
 /// Memory of a triangle of a solid with its search structure.
-const TRIANGLE_BYTES: u64 = 300;
+const TRIANGLE_BYTES: u64 = 400;
 /// Memory of an element with its cell's map.
 const ELEMENT_BYTES: u64 = 2000;
 /// Memory of what a file holds that is no mesh, in bytes of the file.
-const FILE_FACTOR: u64 = 4;
+const FILE_FACTOR: u64 = 12;
 /// Greatest edge of a brick that Druse chooses, blocks.
 const MAX_BRICK_EDGE: u32 = 8;
 /// Memory beside the bricks: read-ahead, file buffers, allocator overhead.

@@ -183,7 +183,7 @@ fn a_repeated_run_writes_in_its_own_folder_alone() {
         ),
         ("report = \"../victim.json\"".to_owned(), "../victim.json"),
         (
-            "fe = \"../victim.inp\"\nkind = \"hex\"".to_owned(),
+            "fe = \"../victim.inp\"\nkind = \"hex8\"\nyoung = 1000\npoisson = 0.3".to_owned(),
             "../victim.inp",
         ),
         (
@@ -290,7 +290,7 @@ fn combinations_of_a_sweep_never_write_one_file() {
         "--out",
         "all",
     ];
-    refused(&place, &other, 73, &["0002", "another combination"]);
+    refused(&place, &other, 73, &["0001", "another combination"]);
     let more = [
         "sweep",
         "r.toml",
@@ -303,7 +303,7 @@ fn combinations_of_a_sweep_never_write_one_file() {
     succeeded(&place.run(&more));
     // A file that is no text is no table to be replaced.
     place.write("t.csv", [0xff, 0xfe, 0x00]);
-    refused(&place, &line, 74, &["t.csv"]);
+    refused(&place, &line, 65, &["t.csv"]);
 }
 
 #[test]
