@@ -21,6 +21,8 @@ mod boundary_edges;
 mod bvh;
 mod check;
 mod cloud;
+#[cfg(feature = "vdb")]
+mod collapse;
 #[cfg(feature = "cli")]
 mod components;
 mod crossing;
@@ -52,6 +54,8 @@ pub(crate) use bvh::Bvh;
 pub(crate) use check::check_with;
 pub use check::{Defect, Finding, MeshReport, check};
 pub use cloud::{CloudError, CloudSolid};
+#[cfg(feature = "vdb")]
+pub(crate) use collapse::{CollapseGoal, collapsed};
 #[cfg(feature = "cli")]
 pub(crate) use components::{MeshComponent, is_closed, mesh_components};
 pub use openness::{Hole, NoSolidError, Openness};

@@ -96,7 +96,8 @@ pub(super) fn write(
     };
     if let (Some(section), Surface::Triangles(mesh)) = (&output.decimate, &surface) {
         context.progress.stage("decimate", None);
-        let decimated_mesh = decimated(mesh, Decimation::new(section, context.scale))?;
+        let decimation = Decimation::new(section, context.scale);
+        let decimated_mesh = context.threads.install(|| decimated(mesh, decimation))?;
         surface = Surface::Triangles(Cow::Owned(decimated_mesh));
     }
     let factor = context.scale.unit.to(unit);

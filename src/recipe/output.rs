@@ -65,8 +65,9 @@ pub struct Output {
     /// Merge flat regions of the mesh, from 0 (none, the default) to 1 (as far as possible). Most such meshes
     /// have self-intersections.
     pub adaptivity: Option<Portion>,
-    /// Merge triangles until this share remains. The mesh stays closed and oriented but may intersect itself. In
-    /// bricks each block of 128^3 voxels is decimated separately; triangles at the faces between blocks stay.
+    /// Merge triangles until this share remains, or the topology allows no more: the mesh stays closed, oriented and
+    /// manifold, with all its pieces and holes, but may intersect itself. In bricks each block of 128^3 voxels is
+    /// decimated separately; triangles at the faces between blocks stay.
     pub decimate: Option<Brief<Decimate>>,
     /// Write the struts of a graph as beams (.3mf with the beam lattice extension) instead of triangles:
     /// whole beams that nothing cuts, round ones in curved elements as polylines; fitted graphs for one cell

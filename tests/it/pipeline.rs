@@ -2,6 +2,7 @@
 
 mod build;
 mod crystals;
+mod decimation;
 mod decks;
 mod depth;
 mod drains;

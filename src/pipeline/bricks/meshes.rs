@@ -172,7 +172,8 @@ impl MeshOutput<'_> {
         if *as_triangles {
             let mut patch = patch.into_triangles();
             if let Some(decimation) = *decimation {
-                patch = decimated_patch(&patch, decimation, last)?;
+                let decimated = || decimated_patch(&patch, decimation, last);
+                patch = context.threads.install(decimated);
             }
             let numbered = weld(welder, &patch)?;
             self.add(context, &patch, (&numbered, projection_error))
@@ -329,7 +330,7 @@ impl<'a> Meshes<'a> {
             let exact = self.exact.as_ref().filter(|_| output.is_exact);
             let field = exact.map(|shape| &*shape.field);
             let patches = solid.block_patches(region, far, field, context.session(), |patch| {
-                decimated_patch(&patch, decimation, region.max[0])
+                Ok::<_, RunError>(decimated_patch(&patch, decimation, region.max[0]))
             })?;
             let numbered = patches.iter().map(|patch| weld(welder, patch));
             let numbered = numbered.collect::<Result<Vec<_>, _>>()?;

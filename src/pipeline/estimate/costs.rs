@@ -14,7 +14,7 @@ const DOUBLING_NS: f64 = 140.0;
 pub(in super::super) const POINTS_SHARE: f64 = 1.3;
 
 /// Bytes per point of a mesh while it is decimated.
-pub(in super::super) const DECIMATION_BYTES_PER_POINT: f64 = 125.0;
+pub(in super::super) const DECIMATION_BYTES_PER_POINT: f64 = 260.0;
 
 /// Bytes per point of OpenVDB's mesh while its vertices are projected onto the field; the test for
 /// intersecting triangles dominates.
