@@ -32,9 +32,14 @@ rust::Slice<const std::uint32_t> Surface::quads() const {
 
 namespace {
 
-// A copy without values so small that vertices of several cells would coincide at one voxel in 32 bits, which
-// would make edges of more than two faces where a wall lies in a plane of voxels. Signs do not change. The grid
-// may be a part of a whole with coordinates up to `max_coordinate`; all parts are then treated alike.
+// Magnitude of values that count as zero, voxels, as in the mesher of src/mesher.rs.
+constexpr double zero_magnitude = 1e-6;
+
+// A copy in which the vertices of several cells never coincide at one voxel in 32 bits, which would make edges of more
+// than two faces where a wall lies in a plane of voxels: at voxels of several crossed edges small values are raised. A
+// vertex on the only crossed edge of a voxel may lie at it: a plane through voxels is met exactly. What counts as zero
+// is outside; other signs do not change. The grid may be a part of a whole with coordinates up to `max_coordinate`;
+// all parts are then treated alike.
 FloatGrid::Ptr without_small_values(const FloatGrid& grid, double max_coordinate) {
   const FloatGrid::Ptr copy = grid.deepCopy();
   const double h = grid.voxelSize()[0];
@@ -45,11 +50,27 @@ FloatGrid::Ptr without_small_values(const FloatGrid& grid, double max_coordinate
   for (int a = 0; a < 3 && !box.empty(); ++a) max_coordinate = std::max({max_coordinate, std::abs(low[a]), std::abs(high[a])});
   const double rounding = 8.0 * max_coordinate / h * std::ldexp(1.0, -23);
   const auto min_magnitude = static_cast<float>(h * std::clamp(rounding, 1e-4, 1e-2));
+  const auto zero = static_cast<float>(h * zero_magnitude);
   tree::LeafManager<FloatTree> leaves(copy->tree());
-  leaves.foreach([min_magnitude](Leaf& leaf, std::size_t) {
+  leaves.foreach([&grid, min_magnitude, zero](Leaf& leaf, std::size_t) {
+    FloatGrid::ConstAccessor original = grid.getConstAccessor();
     float* values = leaf.buffer().data();
-    for (Index n = 0; n < Leaf::SIZE; ++n)
-      if (std::abs(values[n]) < min_magnitude) values[n] = values[n] < 0 ? -min_magnitude : min_magnitude;
+    for (Index n = 0; n < Leaf::SIZE; ++n) {
+      if (std::abs(values[n]) >= min_magnitude) continue;
+      const Coord voxel = leaf.offsetToGlobalCoord(n);
+      const bool inside = values[n] < -zero;
+      int crossed = 0;
+      for (int axis = 0; axis < 3; ++axis)
+        for (int step = -1; step <= 1; step += 2) {
+          Coord neighbour = voxel;
+          neighbour[axis] += step;
+          crossed += (original.getValue(neighbour) < -zero) != inside;
+        }
+      if (crossed > 1)
+        values[n] = inside ? -min_magnitude : min_magnitude;
+      else if (!inside)
+        values[n] = std::max(values[n], 0.0f);
+    }
   });
   return copy;
 }

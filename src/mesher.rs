@@ -8,8 +8,9 @@
 //! of the cell; among these, from the one with the shortest diagonals. Fans meet neither themselves nor
 //! each other, wherever the vertices are on their edges.
 //!
-//! Vertices keep a minimum distance from the ends of their edges, so that they stay strictly inside after
-//! rounding to `f32`; no triangle degenerates. Zero is outside. All eight voxels of a cell with a change of
+//! Vertices keep a minimum distance from an end of their edge where other crossed edges meet, so that they
+//! stay strictly inside after rounding to `f32`; no triangle degenerates. Where no other does, they lie where
+//! the surface does: a plane through voxels is met exactly. Zero is outside. All eight voxels of a cell with a change of
 //! sign must be in leaves; a level set from elsewhere may lack one ([`MesherError::OpenSurface`]). The
 //! result does not depend on the number of threads.
 
@@ -98,6 +99,9 @@ pub struct Mesher<'a> {
     exact_field: Option<&'a WorldField<'a>>,
 }
 
+/// Magnitude of values that count as zero, voxels: what single precision leaves of it.
+const ZERO_MAGNITUDE: f64 = 1e-6;
+
 impl<'a> Mesher<'a> {
     /// A mesher for the lattice of a transform.
     pub fn new(transform: Transform) -> Self {
@@ -160,7 +164,7 @@ impl<'a> Mesher<'a> {
     }
 
     /// The part of a mesh whose cells have their least voxel in a region of whole leaves. `leaves` are those
-    /// of the region and those up to 8 voxels above it on every axis, in order of origin.
+    /// of the region and those up to 8 voxels around it, in order of origin.
     ///
     /// # Errors
     /// [`MesherError`].
@@ -184,7 +188,8 @@ impl<'a> Mesher<'a> {
         } else {
             vertex_position::margin(max_coordinate / self.voxel_size)
         };
-        let crossed = edge_vertices::CrossedEdges::new(leaves, region, progress)?;
+        let threshold = -(ZERO_MAGNITUDE * self.voxel_size) as f32;
+        let crossed = edge_vertices::CrossedEdges::new(leaves, (region, threshold), progress)?;
         let vertices = vertex_position::vertices(&crossed, self, margin, progress)?;
         let triangles = cells::triangles(&crossed, &vertices, progress)?;
         Ok(Patch::new(&crossed, vertices, triangles))

@@ -252,24 +252,29 @@ pub fn run_vectorized(work: impl FnOnce()) {
 
 /// Which of the 512 values of a leaf are negative: word x, bit 8 y + z.
 pub(crate) fn negative_bits(values: &[f32; 512]) -> [u64; 8] {
-    run(NegativeBits(values))
+    bits_below(values, 0.0)
 }
 
-struct NegativeBits<'a>(&'a [f32; 512]);
+/// Which of the 512 values of a leaf are below a threshold: word x, bit 8 y + z.
+pub(crate) fn bits_below(values: &[f32; 512], threshold: f32) -> [u64; 8] {
+    run(BitsBelow(values, threshold))
+}
 
-impl SimdKernel for NegativeBits<'_> {
+struct BitsBelow<'a>(&'a [f32; 512], f32);
+
+impl SimdKernel for BitsBelow<'_> {
     type Output = [u64; 8];
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> [u64; 8] {
-        let zero = l.splat(0.0);
+        let threshold = l.splat(self.1);
         let rows = self.0.as_chunks::<8>().0;
         // Closures of `array::from_fn` would not be compiled for the processor at hand.
         let mut bits = [0; 8];
         for (word, slab) in bits.iter_mut().zip(rows.as_chunks::<8>().0) {
             let mut bytes = [0; 8];
             for (byte, row) in bytes.iter_mut().zip(slab) {
-                *byte = l.below(l.load(row), zero);
+                *byte = l.below(l.load(row), threshold);
             }
             *word = u64::from_le_bytes(bytes);
         }

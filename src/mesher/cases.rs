@@ -244,17 +244,25 @@ mod tests {
         for bits in 0..256 {
             let loops = CASES[bits].loops();
             for _ in 0..rounds {
-                // As often near the ends as in between.
-                let mut position = || match random() {
-                    r if r < 0.25 => 1e-3,
-                    r if r < 0.5 => 1.0 - 1e-3,
-                    _ => 1e-3 + (1.0 - 2e-3) * random(),
+                // As often near the ends as in between; at an end of which no other edge is crossed.
+                let crossed = |corner: usize| {
+                    [1, 2, 4].map(|step| (bits >> corner ^ bits >> (corner ^ step)) & 1 == 1)
+                };
+                let is_alone = |corner| crossed(corner).iter().filter(|c| **c).count() == 1;
+                let mut position = |low: usize, high: usize| {
+                    let margin = |corner| if is_alone(corner) { 0.0 } else { 1e-3 };
+                    match random() {
+                        r if r < 0.25 => margin(low),
+                        r if r < 0.5 => 1.0 - margin(high),
+                        _ => 1e-3 + (1.0 - 2e-3) * random(),
+                    }
                 };
                 let vertices: Vec<Vec3> = (0..CELL_EDGES)
                     .map(|e| {
                         let (base, axis) = edge_base(e);
+                        let low = 4 * base[0] + 2 * base[1] + base[2];
                         let mut p = Vec3::from(base.map(|c| c as f64));
-                        p[axis] = position();
+                        p[axis] = position(low, low + (4 >> axis));
                         p
                     })
                     .collect();

@@ -2,14 +2,15 @@
 //!
 //! A 64-bit word is the slice of a leaf at one x; bit `8 y + z` is a voxel. Voxels without a leaf take the
 //! sign of the nearest voxel of the current leaf: a cell of one sign then stays so, and a cell that
-//! changes sign is found to be open.
+//! changes sign is found to be open. Zero is outside, and so is what rounding makes of it: a plane through
+//! voxels has the same sign at all of them.
 
 use super::{LeafValues, MesherError};
 use crate::band::{LEAF, Region};
 use crate::frame::Coord;
 use crate::mesh::MeshError;
 use crate::progress::{Cancelled, Progress};
-use crate::simd::negative_bits;
+use crate::simd::bits_below;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -101,9 +102,10 @@ pub(super) struct CrossedEdges<'a> {
 pub(super) type Corners = [[u64; 4]; 9];
 
 impl<'a> CrossedEdges<'a> {
+    /// Values below `threshold` are inside.
     pub fn new(
         leaves: &'a [LeafValues<'a>],
-        region: Region,
+        (region, threshold): (Region, f32),
         progress: &dyn Progress,
     ) -> Result<Self, MesherError> {
         if let Some(pair) = leaves.windows(2).find(|p| p[0].origin >= p[1].origin) {
@@ -122,7 +124,7 @@ impl<'a> CrossedEdges<'a> {
         let signs: Vec<[u64; 8]> = leaves
             .par_iter()
             .with_min_len(BATCH)
-            .map(|leaf| negative_bits(leaf.values))
+            .map(|leaf| bits_below(leaf.values, threshold))
             .collect();
         let neighbours = leaves
             .par_chunks(BATCH)
@@ -197,6 +199,30 @@ impl<'a> CrossedEdges<'a> {
                 [1, 2, 3].map(|across| word(upper_slot(dx, 0, 0) + across, x)),
             )
         })
+    }
+
+    /// The sign of a voxel: whether it is inside, if it is in a leaf.
+    fn is_inside(&self, voxel: Coord) -> Option<bool> {
+        let origin = voxel.aligned(LEAF);
+        let n = self
+            .leaves
+            .binary_search_by_key(&origin, |leaf| leaf.origin);
+        let [x, y, z] = voxel.0.map(|c| (c & (LEAF - 1)) as usize);
+        Some(self.signs[n.ok()?][x] >> (8 * y + z) & 1 == 1)
+    }
+
+    /// Whether only one edge at a voxel is crossed. The region's leaves are known, and those around it.
+    pub fn ends_one_edge(&self, voxel: Coord) -> bool {
+        let own = self.is_inside(voxel);
+        let steps = (0..3).flat_map(|a| [(a, -1), (a, 1)]);
+        let crossed = steps.filter(|&(axis, step)| {
+            let mut neighbour = voxel;
+            neighbour.0[axis] = neighbour.0[axis].wrapping_add(step);
+            // What is in no leaf has the sign of its neighbours.
+            let other = self.is_inside(neighbour);
+            other.is_some() && other != own
+        });
+        crossed.count() == 1
     }
 
     /// The crossed edges of word `8 axis + x`.

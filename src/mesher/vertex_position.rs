@@ -1,9 +1,9 @@
 //! Positions of the vertices on their edges.
 
 use super::edge_vertices::{BATCH, CrossedEdges, split, upper_slot};
-use super::{Mesher, MesherError};
+use super::{Mesher, MesherError, ZERO_MAGNITUDE};
 use crate::field::WorldField;
-use crate::frame::{Vec3, WorldPoint};
+use crate::frame::{Coord, Vec3, WorldPoint};
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
@@ -20,8 +20,9 @@ pub(super) fn margin(max_coordinate: f64) -> f64 {
 }
 
 /// Moves vertices of a mesh made [`in_double`](Mesher::in_double) away from the ends of their edges by the
-/// margin that single precision needs for coordinates up to `max_coordinate`. Returns whether it needs more
-/// than double precision. `origin` is the position of voxel (0, 0, 0); world units.
+/// margin that single precision needs for coordinates up to `max_coordinate`, but for vertices alone at a
+/// voxel. Returns whether it needs more than double precision. `origin` is the position of voxel (0, 0, 0);
+/// world units.
 pub fn move_off_voxels(
     vertices: &mut [Vec3],
     voxel_size: f64,
@@ -38,6 +39,10 @@ pub fn move_off_voxels(
         let share = at.map(|c| c - c.floor());
         let from_voxel = share.map(|s| s.min(1.0 - s));
         let axis = from_voxel.imax();
+        // The mesher puts only a vertex that is alone there so near.
+        if from_voxel[axis] < MIN_MARGIN / 2.0 {
+            return;
+        }
         let within = share[axis].clamp(margin, 1.0 - margin);
         v[axis] = (at[axis].floor() + within) * voxel_size + origin[axis];
     });
@@ -70,7 +75,7 @@ pub(super) fn vertices(
             }
             for_each_crossing(crossed, n as usize, |crossing| {
                 if let Some(slot) = slots.next() {
-                    *slot = mesher.place(&crossing, margin);
+                    *slot = mesher.place(crossed, &crossing, margin);
                 }
             });
         }
@@ -83,7 +88,7 @@ pub(super) fn vertices(
 /// An edge that the surface crosses.
 struct Crossing {
     /// The voxel at which the edge begins.
-    voxel: [f64; 3],
+    voxel: Coord,
     axis: usize,
     /// The values at the ends.
     ends: [f32; 2],
@@ -92,7 +97,6 @@ struct Crossing {
 /// Calls `visit` with the crossed edges of a leaf in the order of their vertices.
 fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Crossing)) {
     let leaf = &crossed.leaves[n];
-    let low = leaf.origin.0.map(f64::from);
     for axis in 0..3 {
         let (stride, shift) = ([64, 8, 1][axis], [6, 3, 0][axis]);
         let next = crossed.neighbours[n].upper(
@@ -113,11 +117,8 @@ fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Cro
                     // The leaf exists: both ends of a crossed edge are in leaves.
                     next.map_or(0.0, |n| crossed.leaves[n].values[at - 7 * stride])
                 };
-                let voxel = [
-                    low[0] + x as f64,
-                    low[1] + (at >> 3 & 7) as f64,
-                    low[2] + (at & 7) as f64,
-                ];
+                let [y, z] = [at >> 3 & 7, at & 7].map(|c| c as i32);
+                let voxel = leaf.origin.offset(x as i32, y, z);
                 visit(Crossing {
                     voxel,
                     axis,
@@ -129,8 +130,14 @@ fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Cro
 }
 
 impl Mesher<'_> {
-    fn place(&self, crossing: &Crossing, margin: f64) -> Vec3 {
-        let [a, b] = crossing.ends.map(f64::from);
+    fn place(&self, crossed: &CrossedEdges, crossing: &Crossing, margin: f64) -> Vec3 {
+        // What counts as zero is zero: it is outside.
+        let zero = -ZERO_MAGNITUDE * self.voxel_size;
+        let value = |v: f32| {
+            let v = f64::from(v);
+            if v < zero { v } else { v.max(0.0) }
+        };
+        let [a, b] = crossing.ends.map(value);
         let mut share = a / (a - b);
         if let Some(field) = self.exact_field {
             share = self.exact_zero(field, crossing, share);
@@ -138,11 +145,24 @@ impl Mesher<'_> {
         if share.is_nan() {
             share = 0.5;
         }
-        self.world(crossing, share.clamp(margin, 1.0 - margin))
+        let end = usize::from(share > 0.5);
+        if [share, 1.0 - share][end] < margin {
+            let mut voxel = crossing.voxel;
+            let start = voxel.0[crossing.axis];
+            voxel.0[crossing.axis] = start.wrapping_add(end as i32);
+            // No other vertex can coincide with one that is alone at its voxel.
+            let margin = if crossed.ends_one_edge(voxel) {
+                0.0
+            } else {
+                margin
+            };
+            share = share.clamp(margin, 1.0 - margin);
+        }
+        self.world(crossing, share)
     }
 
     fn world(&self, crossing: &Crossing, share: f64) -> Vec3 {
-        let mut at = crossing.voxel;
+        let mut at = crossing.voxel.0.map(f64::from);
         at[crossing.axis] += share;
         Vec3::from(at) * self.voxel_size + self.origin
     }

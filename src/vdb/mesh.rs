@@ -122,7 +122,7 @@ impl LevelSet {
     }
 
     /// The part of [`LevelSet::to_mesh`] of a larger level set whose cells have their least voxel in a region
-    /// of whole leaves; this level set is the part of it in the region and the leaves above. Disjoint regions
+    /// of whole leaves; this level set is the part of it in the region and the leaves around. Disjoint regions
     /// share no triangle. Vertices on their seams are equal to the last bit if `max_coordinate`, the greatest
     /// coordinate magnitude of the whole in world units, is the same. With `exact`, vertices lie at the zeros
     /// of that field, as in [`LevelSet::to_exact_mesh`].
@@ -171,8 +171,8 @@ impl LevelSet {
         }
         let mut of_block: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
         for (n, leaf) in all.iter().enumerate() {
-            // Cells of the leaves below use voxels of this leaf.
-            let around = Region::cube(leaf.origin.offset(-LEAF, -LEAF, -LEAF), 2 * LEAF);
+            // Cells of the leaves below use voxels of this leaf, and vertices of those above its signs.
+            let around = Region::cube(leaf.origin.offset(-LEAF, -LEAF, -LEAF), 3 * LEAF);
             for block in around.cubes(BLOCK) {
                 of_block.entry(block).or_default().push(n);
             }
@@ -230,9 +230,9 @@ impl LevelSet {
     }
 
     /// The zero set as quadrilaterals, counter-clockwise seen from outside, in world units: one for each
-    /// lattice edge that changes sign. Closed and manifold, also for walls in planes of voxels: values below
-    /// 1e-4 voxel in magnitude (up to 1e-2 beyond 100 voxels, where `f32` is coarser) are raised to it, so
-    /// that vertices of different cells never coincide at a voxel.
+    /// lattice edge that changes sign. Closed and manifold, also for walls in planes of voxels: at voxels of
+    /// several crossed edges, values below 1e-4 voxel in magnitude (up to 1e-2 beyond 100 voxels, where `f32` is
+    /// coarser) are raised to it, so that vertices of different cells never coincide at a voxel.
     ///
     /// `adaptivity` above 0 merges flat regions, 1 as many as possible; most such meshes intersect
     /// themselves. Cancellation is checked before and after: OpenVDB's mesher cannot be interrupted (about

@@ -252,7 +252,7 @@ fn vertices_converge_in_second_order_and_lie_on_an_exact_field() {
         let mesher = Mesher::new(transform(h)).with_exact_field(&ball);
         let on = mesher.mesh(&views(&leaves), &Silent).unwrap();
         assert_sound(&on, "ball");
-        // Vertices near the ends of their edges are kept off them by a thousandth.
+        // Vertices near ends of their edges that others are near are kept off them by a thousandth.
         assert!(depth(&on) < 1.1e-3 * h, "{} {h}", depth(&on));
         errors.push([depth(&plain), (plain.volume() / exact - 1.0).abs()]);
     }

@@ -6,6 +6,7 @@ mod decimation;
 mod decks;
 mod depth;
 mod drains;
+mod flat_ends;
 mod macro_decks;
 mod motion;
 mod offsets;
