@@ -39,6 +39,7 @@ mod precision;
 mod projection;
 mod quads;
 mod repair;
+mod repeated;
 mod rows;
 mod shapes;
 mod shells;

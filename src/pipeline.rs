@@ -14,7 +14,7 @@
 //! assert!((report.solid.volume / volume - 1.0).abs() < 0.01);
 //! ```
 
-use crate::band::BandStats;
+use crate::band::{BandStats, Region};
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use crate::vdb::LevelSet;
@@ -138,7 +138,7 @@ pub(crate) use view::{cell_block, few_triangles, scaffold_of, solid_extent, wall
 use inputs::Inputs;
 use level_set_ops::StageContext;
 use macro_deck::needs_no_voxels;
-use measure::measure;
+use measure::{measure, refuse_torn};
 pub(crate) use output_targets::{REPORT_NAME, check_confined};
 use output_targets::{Targets, output_targets};
 use stage_timer::StageTimer;
@@ -235,6 +235,8 @@ pub fn run_keeping_solid(
         timer.end_stage(&format!("op.{n}.{}", op.name()))?;
     }
 
+    refuse_torn(context, &inputs, &solid, Region::EVERYWHERE)?;
+    timer.end_stage("check")?;
     let needs_mesh = !options.brief || outputs.needs_mesh();
     let mesh = measure(
         context,

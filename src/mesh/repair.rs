@@ -4,6 +4,7 @@ use super::boundary_edges::BoundaryEdges;
 use super::half_edges::HalfEdges;
 use super::open_winding::OpenWinding;
 use super::openness::{NoSolidError, Openness};
+use super::repeated::{Scans, repeated_triangles};
 use super::shells::{Nesting, ShellMeasures, Shells, inconsistent_triangles};
 use super::solid::{NumberedTriangles, SolidParts};
 use super::soup::Soup;
@@ -24,6 +25,8 @@ pub enum RepairKind {
     United,
     /// Holes were closed by the winding number.
     Closed,
+    /// Copies of triangles or of an open surface were left out.
+    Repeated,
 }
 
 /// A repair of a mesh.
@@ -109,6 +112,59 @@ impl Oriented {
             flipped_faces,
             flipped_shells,
         }
+    }
+
+    /// Leaves one copy of what the mesh gives more than once, and says so.
+    fn without_repeats(self, add: &mut impl FnMut(RepairKind, String)) -> Self {
+        if self.measured.iter().all(|s| s.is_closed) {
+            return self;
+        }
+        let without = |mesh: &TriMesh, is_left_out: &[bool]| {
+            let triangles = mesh.triangles().iter().zip(is_left_out);
+            let kept = triangles.filter(|(_, out)| !**out).map(|(t, _)| *t);
+            TriMesh::new_unchecked(mesh.vertices().to_vec(), kept.collect())
+        };
+        let flipped_faces = self.flipped_faces;
+        let mut oriented = self;
+        let is_repeated = repeated_triangles(&oriented.merged);
+        let repeated = is_repeated.iter().filter(|t| **t).count();
+        if repeated > 0 {
+            let all = is_repeated.len();
+            let message = format!("{repeated} of {all} faces are given twice; one copy counts");
+            add(RepairKind::Repeated, message);
+            oriented = Self::of(without(&oriented.mesh, &is_repeated));
+            oriented.flipped_faces += flipped_faces;
+        }
+        let scans = Scans::of(&oriented.mesh, &oriented.shells, &oriented.measured);
+        let of_shells = |shells: &[usize]| -> Vec<bool> {
+            let of = oriented.shells.of.iter();
+            of.map(|s| shells.contains(&(*s as usize))).collect()
+        };
+        let all = oriented.shells.count;
+        let mut mesh = oriented.mesh.clone();
+        if !scans.opposed.is_empty() {
+            let message = format!(
+                "{} of {all} shells are open and oriented against the one that they overlap; flipped",
+                scans.opposed.len()
+            );
+            add(RepairKind::Flipped, message);
+            mesh = mesh.with_flipped(&of_shells(&scans.opposed));
+        }
+        if !scans.covered.is_empty() {
+            let message = format!(
+                "{} of {all} shells are open and lie along a larger one, as scans of one surface do; left out",
+                scans.covered.len()
+            );
+            add(RepairKind::Repeated, message);
+            mesh = without(&mesh, &of_shells(&scans.covered));
+        }
+        if scans.opposed.is_empty() && scans.covered.is_empty() {
+            return oriented;
+        }
+        let flipped_faces = oriented.flipped_faces;
+        oriented = Self::of(mesh);
+        oriented.flipped_faces += flipped_faces;
+        oriented
     }
 
     /// Winding data, if the triangles are no cycle.
@@ -227,7 +283,7 @@ impl MeshSolid {
     ) -> Result<(Self, Vec<Repair>), NoSolidError> {
         let mut repairs = Vec::new();
         let mut add = |kind, message| repairs.push(Repair { kind, message });
-        let oriented = Oriented::of(mesh);
+        let oriented = Oriented::of(mesh).without_repeats(&mut add);
         if oriented.flipped_faces > 0 {
             let message = format!(
                 "{} of {} faces flipped: their neighbours are oriented the other way",

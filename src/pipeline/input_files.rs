@@ -169,7 +169,7 @@ impl<'a> InputFiles<'a> {
         let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| not_a_solid(path, &e))?;
         for repair in repairs {
             let code = match repair.kind {
-                RepairKind::United => Warning::OVERLAP,
+                RepairKind::United | RepairKind::Repeated => Warning::OVERLAP,
                 RepairKind::Flipped | RepairKind::Closed => Warning::MESH,
             };
             self.warn(code, format!("{key}: {repair}"))?;

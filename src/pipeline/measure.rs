@@ -10,8 +10,43 @@ use super::level_set_ops::StageContext;
 use super::report::SolidReport;
 use super::requirements;
 use super::thickness::{SolidGeometry, sampled_walls};
+use crate::band::Region;
 use crate::mesh::TriMesh;
 use crate::vdb::LevelSet;
+
+/// Refuses a solid whose surface is torn, before anything is written: no program could read it. `region` is the part of
+/// the solid that is checked, with the leaves around it.
+pub(super) fn refuse_torn(
+    context: StageContext,
+    inputs: &Inputs,
+    solid: &LevelSet,
+    region: Region,
+) -> Result<(), RunError> {
+    let count_gaps = || solid.band_gaps_within(region);
+    let found = context.threads.install(count_gaps);
+    let found = found.map_err(RunError::level_set("check"))?;
+    let Some(first) = found.first else {
+        return Ok(());
+    };
+    let unit = context.scale.unit.symbol();
+    let h = context.scale.voxel_size;
+    let [x, y, z] = [first.x, first.y, first.z].map(|c| ((c / h).round() * h) as f32 + 0.0);
+    let ops = &inputs.recipe.sections().op;
+    let stage = match ops.split_last() {
+        Some((last, before)) => format!("op.{}.{}", before.len(), last.name()),
+        None => "band".into(),
+    };
+    Err(RunError::Refused {
+        stage,
+        message: format!(
+            "the surface of the solid is torn: {} of {} pairs of voxels across it lack a distance, the first at \
+             ({x}, {y}, {z}) {unit}; expected a complete narrow band around a closed surface; nothing is written",
+            found.gaps, found.crossings
+        ),
+        hint: "look at the inputs near this place: holes, shells that overlap and walls thinner than a voxel tear it \
+               (druse check FILE lists them); close and merge them, or choose smaller voxels or a greater half_width",
+    })
+}
 
 /// Measures volume, area and components of the solid and, on request, its mesh and wall thickness.
 /// Returns the mesh.

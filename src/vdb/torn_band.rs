@@ -2,15 +2,15 @@
 
 use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::TileView;
-use super::voxel_mask::{Bits, select};
+use super::voxel_mask::{Bits, negative as negative_voxels};
 use super::{LevelSet, VdbError};
-use crate::band::LEAF;
+use crate::band::{LEAF, Region};
 use crate::frame::{Coord, Vec3};
 use rayon::prelude::*;
 
 /// Numbers of crossings and of gaps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct BandGaps {
+pub(crate) struct BandGaps {
     /// Pairs of neighbours with different signs.
     pub crossings: u64,
     /// Those pairs with at least one inactive voxel.
@@ -32,6 +32,12 @@ impl BandGaps {
 impl LevelSet {
     /// Counts the gaps of the band.
     pub(super) fn band_gaps(&self) -> Result<BandGaps, VdbError> {
+        self.band_gaps_within(Region::EVERYWHERE)
+    }
+
+    /// Counts the gaps of the leaves in a region. This level set is the whole, or the part of it in the region and the
+    /// leaves around.
+    pub(crate) fn band_gaps_within(&self, region: Region) -> Result<BandGaps, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, false)?;
         let place = |voxel: Coord| self.transform.world(voxel).0 + self.origin;
@@ -39,14 +45,19 @@ impl LevelSet {
             .leaves
             .par_iter()
             .with_min_len(64)
-            .map(|leaf| select(leaf.values, |v| v < 0.0))
+            .map(|leaf| negative_voxels(leaf.values))
             .collect();
         let of_leaves = (0..index.leaves.len())
             .into_par_iter()
             .with_min_len(64)
+            .filter(|&n| region.meets(index.leaves[n].origin, LEAF))
             .map(|n| of_leaf(&index, &negative, n, place))
             .reduce(BandGaps::default, BandGaps::merge);
         let mut found = of_leaves;
+        // A part may have cut its tiles off.
+        if region != Region::EVERYWHERE {
+            return Ok(found);
+        }
         for tile in index.tiles.iter().filter(|t| t.value < 0.0) {
             let gaps = gaps_around(&index, tile);
             found.crossings += gaps;

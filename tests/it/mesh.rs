@@ -1,6 +1,7 @@
 //! Laws of `mesh`: measures, distance, winding number, skins.
 
 mod check;
+mod scans;
 pub mod signs;
 
 use crate::field::assert_field_laws;

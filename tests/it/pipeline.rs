@@ -13,6 +13,7 @@ mod offsets;
 mod outputs;
 mod require;
 mod scaffolds;
+mod scans;
 
 use druse::cell::{FitOptions, Placement, Skeleton, Source, fit_source};
 use druse::frame::Element;

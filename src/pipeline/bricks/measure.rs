@@ -2,6 +2,7 @@
 //! and keeps its own triangles.
 
 use super::super::error::RunError;
+use super::super::measure::refuse_torn;
 use super::assemble::part;
 use super::meshes::Meshes;
 use super::solid::StoredSolid;
@@ -50,6 +51,7 @@ pub(super) fn measure(
     for brick in (0..count).rev() {
         let region = bricks.region(brick);
         let own = part(context, store, region.grown(halo), Coord([0; 3]))?;
+        refuse_torn(context, brick_run.inputs, &own, region)?;
         let bounds = own.parallel_bounds(context.threads);
         found.frame = found.frame.union(bounds.map_err(&failed)?);
         let session = context.session();
