@@ -12,7 +12,7 @@ use super::round_beams::{self, RoundBeams};
 use super::scaffold::LoadedScaffold;
 use super::scattered_data::ScatteredPoints;
 use super::sheets::SheetThickness;
-use super::spatial_value::{SpatialContext, corner_nodes, sign_hint};
+use super::spatial_value::{SpatialContext, corner_nodes};
 use crate::cell::{Cell, Table};
 use crate::field::Field;
 use crate::frame::{CellPoint, Vec3, WorldPoint};
@@ -222,18 +222,8 @@ impl CellTiling {
         };
         let mut values = self.values(files, &spatial(key), varying)?;
         let is_smooth = self.interpolation == Interpolation::Smooth;
-        let counts = |n: &usize| is_smooth || self.counts[*n];
-        let not_positive = (0..values.len()).filter(counts).find(|&n| values[n] <= 0.0);
-        if let (Some(n), true) = (not_positive, key != "tiling.level") {
-            let p = self.points[n];
-            return Err(RunError::Tiling(format!(
-                "{key} is {} at ({}, {}, {}); expected a number above 0{}",
-                values[n],
-                p.x,
-                p.y,
-                p.z,
-                sign_hint(varying)
-            )));
+        if key != "tiling.level" {
+            self.check_positive(key, varying, &values)?;
         }
         self.graded = Some(Graded::of_key(key, values.clone()));
         if key == "tiling.thickness" {

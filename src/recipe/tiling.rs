@@ -249,9 +249,9 @@ impl JsonSchema for Varying {
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
         let field = generator.subschema_for::<FieldRef>();
         json_schema!({
-            "description": "A number, a formula, or a field of a file. Formulas have x, y, z (position), bx, by, bz (0 to 1 in the \
-                scaffold's box) and d: the signed distance to the envelope in the recipe's unit, negative inside. So \
-                \"1.2 - 0.1*d\" grows inwards.",
+            "description": "A number, a formula, or a field of a file. Formulas have x, y, z (position), bx, by, bz (0 to 1 \
+                in the scaffold's box) and d: the signed distance to the envelope in the recipe's unit, negative \
+                inside. So \"1.2 - 0.1*d\" grows inwards.",
             "anyOf": [{ "type": "number" }, { "type": "string" }, field]
         })
     }

@@ -7,9 +7,33 @@ use super::super::input_files::InputFiles;
 use super::super::sheets::SheetThickness;
 use super::super::spatial_value::{SpatialContext, sign_hint};
 use super::CellTiling;
-use crate::recipe::{self, Length, Recipe, Size, TilingSection};
+use crate::recipe::{self, Length, Recipe, Size, TilingSection, Varying};
+use crate::tiling::Interpolation;
 
 impl CellTiling {
+    /// Refuses values at the points that are not positive, with the first place.
+    pub(super) fn check_positive(
+        &self,
+        key: &str,
+        varying: &Varying,
+        values: &[f64],
+    ) -> Result<(), RunError> {
+        let is_smooth = self.interpolation == Interpolation::Smooth;
+        let is_bad = |n: &usize| (is_smooth || self.counts[*n]) && values[*n] <= 0.0;
+        let Some(n) = (0..values.len()).find(is_bad) else {
+            return Ok(());
+        };
+        let p = self.points[n];
+        Err(RunError::Tiling(format!(
+            "{key} is {} at ({}, {}, {}); expected a number above 0{}",
+            values[n],
+            p.x,
+            p.y,
+            p.z,
+            sign_hint(varying)
+        )))
+    }
+
     /// The thickness of sheets at the points: that of `[tiling]`, or the cells' own. Thicknesses without
     /// a unit are multiples of the local size of the elements.
     pub(super) fn sheet_thickness<'s>(

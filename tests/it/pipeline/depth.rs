@@ -37,7 +37,7 @@ const SHEETS: &str =
 fn thickness_grows_inwards_with_minus_d() {
     for cell in [STRUTS, SHEETS] {
         let report = outcome(cell, "cell = \"a\"\nthickness = \"1.2 - 0.1*d\"").unwrap();
-        let [low, high] = [0, 1].map(|n| report.cells[0].1["thickness"][n].as_f64().unwrap());
+        let [low, high] = [0, 1].map(|n| report.cells["a"]["thickness"][n].as_f64().unwrap());
         // d is 0 at the faces and -10 in the middle.
         assert!(
             (low - 1.2).abs() < 1e-3 && (high - 2.2).abs() < 1e-3,
