@@ -171,9 +171,17 @@ pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option
     }
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let json = arguments.iter().any(|a| a == "--json");
+    Failure::exhausted().print_on_exhaustion(None);
     let cli = match Cli::try_parse_from(&arguments) {
         Ok(cli) => cli,
-        Err(e) => return failure::usage(&e, json),
+        Err(e) => {
+            // The error quotes arguments: it is made again of what a terminal may show of them.
+            let shown = arguments
+                .iter()
+                .map(|a| terminal::line(&a.to_string_lossy()).into_owned());
+            let e = Cli::try_parse_from(shown).err().unwrap_or(e);
+            return failure::usage(&e, json);
+        }
     };
     let session = Session::new(cli.options);
     failure::capture_panics();
@@ -181,7 +189,7 @@ pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option
     match command {
         // Its parent has the words for it.
         Command::InspectVdb(_) => vdb::end_reader_on_exhaustion(),
-        _ => Failure::exhausted().print_on_exhaustion(&session),
+        _ => Failure::exhausted().print_on_exhaustion(Some(&session)),
     }
     let answered = match session.color_grid() {
         Some(word) if !matches!(command, Command::Preview(_)) => Ok(Err(Failure::usage(format!(

@@ -231,13 +231,7 @@ impl Failure {
 pub(super) fn usage(error: &clap::Error, json: bool) -> u8 {
     let code = error.exit_code() as u8;
     let plain = error.render().to_string();
-    let shown = terminal::lines(&plain);
-    // The colours of the message hold no sign of an argument.
-    let _ = if shown == plain {
-        error.print()
-    } else {
-        write!(std::io::stderr(), "{shown}")
-    };
+    let _ = error.print();
     if json && code != 0 {
         let message = plain
             .lines()

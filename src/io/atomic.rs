@@ -313,7 +313,7 @@ fn stage(shown: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
         return Err(refused(shown, "it has no readable file name".into()));
     }
     let file = partial::create(target).map_err(|e| match e.kind() {
-        io::ErrorKind::NotFound => {
+        io::ErrorKind::NotFound if !folder_of(target).is_dir() => {
             let folder = folder_of(target).display();
             refused(shown, format!("the directory {folder} does not exist"))
         }
@@ -332,12 +332,13 @@ fn stage(shown: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
     Ok(file)
 }
 
-/// The error of the system in one that names a temporary file.
+/// The error of the system without the name of a temporary file, which is appended to its text.
 fn plain(error: io::Error) -> io::Error {
-    let inner = error.get_ref().and_then(std::error::Error::source);
-    let inner = inner.and_then(|e| e.downcast_ref::<io::Error>());
-    let number = inner.and_then(io::Error::raw_os_error);
-    number.map_or(error, io::Error::from_raw_os_error)
+    let text = error.to_string();
+    match text.split_once(" at path ") {
+        Some((words, _)) => io::Error::new(error.kind(), words),
+        None => error,
+    }
 }
 
 fn refused(path: &Path, reason: String) -> WriteError {

@@ -22,13 +22,13 @@ impl Failure {
     }
 
     /// Has this failure printed, and the program ended with its code, once memory runs out: nothing can be allocated for
-    /// it then.
-    pub(in crate::cli) fn print_on_exhaustion(&self, session: &Session) {
-        let mut words = self.block(session.colored());
-        if session.shows_bar() {
+    /// it then. Without a session it is printed plain.
+    pub(in crate::cli) fn print_on_exhaustion(&self, session: Option<&Session>) {
+        let mut words = self.block(session.is_some_and(Session::colored));
+        if session.is_some_and(Session::shows_bar) {
             words.insert_str(0, CLEAR_LINE);
         }
-        let json = if session.json() {
+        let json = if session.is_some_and(Session::json) {
             format!("{}\n", terminal::json(&self.json()))
         } else {
             String::new()

@@ -35,7 +35,7 @@ fn memory_that_runs_out_ends_in_one_error() {
     let commands: [&[&str]; 7] = [
         &["run", "r.toml", "--out", "out"],
         &["mesh", "a.vdb", "-o", "out/m.stl"],
-        &["filter", "a.vdb", "dilate=0.5", "-o", "out/f.vdb"],
+        &["filter", "a.vdb", "dilate=0.5mm", "-o", "out/f.vdb"],
         &[
             "voxelize",
             "a.stl",
@@ -100,7 +100,7 @@ fn a_limit_of_file_size_is_the_error_of_a_full_disk() {
     for arguments in [
         &["run", "r.toml"][..],
         &["mesh", "a.vdb", "-o", "m.stl"],
-        &["filter", "a.vdb", "dilate=0.5", "-o", "f.vdb"],
+        &["filter", "a.vdb", "dilate=0.5mm", "-o", "f.vdb"],
         &["preview", "a.vdb", "-o", "p.png"],
         &["sweep", "r.toml", "band.voxel_size=0.8", "-o", "s.csv"],
         &["new", "n.toml"],
@@ -156,7 +156,7 @@ fn one_signal_ends_a_run_that_waits_for_a_reader() {
 #[test]
 fn processor_time_that_runs_out_stops_a_run_as_a_signal_does() {
     let recipe = format!(
-        "{}[[op]]\ngaussian = {{ width = 3, iterations = 5000 }}\n{FILES}",
+        "{}[[op]]\ngaussian = {{ width = 3, iterations = 1000 }}\n{FILES}",
         BALL.replace("0.4", "0.1")
     );
     let place = Place::with(&recipe);
@@ -170,9 +170,10 @@ fn processor_time_that_runs_out_stops_a_run_as_a_signal_does() {
 #[test]
 fn folders_that_take_no_files_are_refused_before_the_work() {
     let place = lattice();
+    place.write("c.crystal", "cube\n");
     let commands: [(&[&str], &str); 12] = [
         (&["mesh", "a.vdb", "-o"], "x.stl"),
-        (&["filter", "a.vdb", "dilate=0.5", "-o"], "x.vdb"),
+        (&["filter", "a.vdb", "dilate=0.5mm", "-o"], "x.vdb"),
         (&["voxelize", "a.stl", "--voxel-size", "0.2", "-o"], "x.vdb"),
         (&["preview", "a.vdb", "-o"], "x.png"),
         (&["view", "a.vdb", "-o"], "x.html"),
@@ -180,7 +181,7 @@ fn folders_that_take_no_files_are_refused_before_the_work() {
         (&["slice", "a.vdb", "--layer", "0.5", "-o"], "layers"),
         (&["sweep", "r.toml", "band.voxel_size=0.2", "-o"], "x.csv"),
         (&["plan", "r.toml", "--memory", "1G", "-o"], "x.json"),
-        (&["crystal", "cube", "-o"], "x.obj"),
+        (&["crystal", "c.crystal", "-o"], "x.obj"),
         (
             &[
                 "cell",
