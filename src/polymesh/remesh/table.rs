@@ -42,7 +42,7 @@ pub(super) const TABLE: [Row; 30] = [
     Row { name: "dual", aliases: &[], parameters: &[], classes: ALL_CLASSES, growth: 1, is_exact: true, rule: face::dual },
     Row { name: "root3", aliases: &[], classes: ALL_CLASSES, growth: 3, is_exact: true, rule: face::root3,
         parameters: &[parameter("smooth", 0.0, (-1.0, 2.0), "1 moves old vertices by Kobbelt's rule")] },
-    Row { name: "triangulate", aliases: &[], parameters: &[], classes: ALL_CLASSES, growth: 3, is_exact: true, rule: face::triangulate },
+    Row { name: "triangulate", aliases: &[], parameters: &[], classes: ALL_CLASSES, growth: 3, is_exact: false, rule: face::triangulate },
     Row { name: "stellate", aliases: &["global_stellate"], classes: ALL_CLASSES, growth: 3, is_exact: true, rule: face::stellate,
         parameters: &[parameter("height", 0.0, UNRESTRICTED_RANGE, "of the centres, in mean edges of the face")] },
     Row { name: "double_stellate_star", aliases: &["star"], classes: ALL_CLASSES, growth: 9, is_exact: true, rule: face::star,
