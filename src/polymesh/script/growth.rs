@@ -165,7 +165,7 @@ mod tests {
             mesh: Some(std::sync::Arc::new(mesh.clone())),
             ..Default::default()
         };
-        interpreter.history().push("seed".into(), model);
+        interpreter.history().push("seed", model);
         script.run(&mut interpreter, None).ok()?;
         Some((interpreter.mesh()?.corner_count(), factor(statement)?))
     }
