@@ -367,7 +367,10 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                     });
                 }
                 for round in 0..times as usize {
-                    growth::require_bounded(body, times as usize - round, interpreter, until)?;
+                    // The faults of a step come first: the first round is not counted.
+                    let min_corners = if round > 0 { 0 } else { growth::MIN_CORNERS };
+                    let left = times as usize - round;
+                    growth::require_bounded(body, left, interpreter, until, min_corners)?;
                     if !items(body, interpreter, until)? {
                         return Ok(false);
                     }
@@ -381,7 +384,7 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                 if interpreter.steps > MAX_STEPS {
                     return Err(statement.fault(0, format!("more than {MAX_STEPS} steps")));
                 }
-                growth::require_bounded(&list[n..], 1, interpreter, until)?;
+                growth::require_bounded(&list[n..], 1, interpreter, until, growth::MIN_CORNERS)?;
                 if !interpreter.start_step(&statement.text) {
                     return Err(statement.fault(0, "stopped before this step"));
                 }

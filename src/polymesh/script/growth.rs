@@ -9,17 +9,19 @@ use super::{Interpreter, Item, ScriptError};
 use crate::polymesh::{Extrusion, MAX_CORNERS, Parts, Remesh, extrusion_named};
 
 /// Corners of a mesh from which on the steps that follow are counted: smaller ones cost little to make.
-const MIN_CORNERS: u64 = 1 << 18;
+pub(super) const MIN_CORNERS: u64 = 1 << 18;
 
-/// Refuses items of a script, in `rounds` rounds, after which the mesh would have too many corners.
+/// Refuses items of a script, in `rounds` rounds, after which the mesh would have too many corners, if it has
+/// `min_corners` now.
 pub(super) fn require_bounded(
     list: &[Item],
     rounds: usize,
     interpreter: &Interpreter,
     until: usize,
+    min_corners: u64,
 ) -> Result<(), ScriptError> {
     let corners = interpreter.mesh().map_or(0, |m| m.corner_count() as u64);
-    if corners < MIN_CORNERS {
+    if corners < min_corners.max(1) {
         return Ok(());
     }
     let mut count = Count {
