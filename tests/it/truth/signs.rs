@@ -79,10 +79,10 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
     };
     let outputs = "[[output]]\nmesh = \"made.stl\"\n[[output]]\nvdb = \"made.vdb\"\n";
     let report = made(place, h, &format!("{ops}{outputs}"))?;
-    let (inside, mut edge_loss) = (part.volume(h), 0.1 * h * part.mesh.area());
+    let (inside, mut edge_loss) = (part.volume(h), 0.25 * h * part.mesh.area());
     let found = report.solid.volume;
     let right = if role == 2 {
-        edge_loss += h * h * size.sum();
+        edge_loss += 2.0 * h * h * size.sum();
         size.product() - inside
     } else {
         inside
@@ -100,7 +100,8 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
     if !checked.is_sound() {
         return Err(format!("not sound: {checked}"));
     }
-    let limits = if role == 2 { around } else { bounds }.dilated(0.01 * h + 1e-6 * around.max.amax());
+    let limits =
+        if role == 2 { around } else { bounds }.dilated(0.01 * h + 1e-6 * around.max.amax());
     let written = mesh.bounds();
     if (0..3).any(|a| written.min[a] < limits.min[a] || written.max[a] > limits.max[a]) {
         return Err(format!("{written:?} leaves {limits:?}"));
@@ -121,10 +122,7 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
     if !repairs.is_empty() {
         return Err(format!("repairs {repairs:?}"));
     }
-    let again = format!(
-        "[[op]]\nunion = {{ vdb = {{ path = {:?}, unit = \"mm\" }} }}\n",
-        place.join("made.vdb")
-    );
+    let again = format!("[[op]]\nunion = {{ vdb = {:?} }}\n", place.join("made.vdb"));
     let again = made(place, h, &again)?;
     if (again.solid.volume - found).abs() > 1e-5 * found
         || again.solid.components != report.solid.components
