@@ -34,7 +34,6 @@ fn made(directory: &Path, voxel: f64, ops: &str) -> Result<Report, String> {
 
 /// The number of shells of a mesh with a positive volume.
 fn bodies(mesh: &TriMesh) -> u64 {
-    let mut root: Vec<usize> = (0..mesh.vertices().len()).collect();
     fn find(root: &mut [usize], mut v: usize) -> usize {
         while root[v] != v {
             root[v] = root[root[v]];
@@ -42,6 +41,7 @@ fn bodies(mesh: &TriMesh) -> u64 {
         }
         v
     }
+    let mut root: Vec<usize> = (0..mesh.vertices().len()).collect();
     for &[a, b, c] in mesh.triangles() {
         for other in [b, c] {
             let (a, other) = (find(&mut root, a as usize), find(&mut root, other as usize));
