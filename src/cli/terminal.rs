@@ -2,6 +2,7 @@
 //! hide what stands beside them: they are written as escapes here, and nowhere else.
 
 use std::borrow::Cow;
+use std::fmt::Write;
 
 /// What stands before the hint in the text of an error of several lines.
 const HINT: &str = "\n  hint: ";
@@ -70,7 +71,7 @@ pub(super) fn json(value: &serde_json::Value) -> String {
     for c in text.chars() {
         if is_obeyed(c) {
             for unit in c.encode_utf16(&mut units) {
-                out.push_str(&format!("\\u{unit:04x}"));
+                let _ = write!(out, "\\u{unit:04x}");
             }
         } else {
             out.push(c);
