@@ -1,8 +1,8 @@
 //! A triangle soup with its bounding-volume hierarchy, for distances and winding numbers.
 
 use super::bvh::{Bvh, LocalFrame};
-use super::sliver::is_sliver;
-use super::triangle::{closest_point_of_regular, closest_point_of_sliver};
+use super::sliver::{Sliver, is_sliver};
+use super::triangle::closest_point_of_regular;
 use crate::frame::{Aabb, Vec3};
 use std::sync::OnceLock;
 
@@ -34,7 +34,8 @@ struct Disc {
     /// The unit normal; zero turns the disc into a ball.
     normal: [f32; 3],
     radius: f32,
-    is_sliver: bool,
+    /// The number of the sliver's frame; `u32::MAX` for other triangles.
+    sliver: u32,
 }
 
 impl Disc {
@@ -56,7 +57,7 @@ impl Disc {
             centre: [centre.x as f32, centre.y as f32, centre.z as f32],
             normal: [normal.x as f32, normal.y as f32, normal.z as f32],
             radius: radius as f32,
-            is_sliver: is_sliver(t),
+            sliver: u32::MAX,
         }
     }
 
@@ -111,6 +112,7 @@ pub(crate) struct Soup {
     /// The caller's number of the triangle in each slot.
     pub(crate) number: Vec<u32>,
     discs: Vec<Disc>,
+    slivers: Vec<Sliver>,
     packs: OnceLock<Vec<DiscPack>>,
 }
 
@@ -120,11 +122,19 @@ impl Soup {
         let bvh = Bvh::new(triangles.len(), |i| Aabb::of(triangles[i].0));
         let at = |slot: &u32| triangles[*slot as usize];
         let corners: Vec<_> = bvh.order().iter().map(|s| at(s).0).collect();
+        let mut slivers = Vec::new();
+        let disc = |t: &[Vec3; 3]| {
+            let mut disc = Disc::around(t, bvh.local());
+            if is_sliver(t) {
+                disc.sliver = slivers.len() as u32;
+                slivers.push(Sliver::of(t));
+            }
+            disc
+        };
+        let discs = corners.iter().map(disc).collect();
         Self {
-            discs: corners
-                .iter()
-                .map(|t| Disc::around(t, bvh.local()))
-                .collect(),
+            discs,
+            slivers,
             corners,
             number: bvh.order().iter().map(|s| at(s).1).collect(),
             packs: OnceLock::new(),
@@ -135,11 +145,9 @@ impl Soup {
     /// The point of the triangle in a slot closest to `p`.
     #[inline]
     pub(super) fn closest_point(&self, slot: usize, p: Vec3) -> Vec3 {
-        let corners = &self.corners[slot];
-        if self.discs[slot].is_sliver {
-            closest_point_of_sliver(corners, p)
-        } else {
-            closest_point_of_regular(corners, p)
+        match self.slivers.get(self.discs[slot].sliver as usize) {
+            Some(sliver) => sliver.closest::<f64>(p.into()).into(),
+            None => closest_point_of_regular(&self.corners[slot], p),
         }
     }
 

@@ -13,7 +13,7 @@ pub(crate) fn closest_point(t: &[Vec3; 3], p: Vec3) -> Vec3 {
 }
 
 /// As [`closest_point`], for a sliver.
-pub(super) fn closest_point_of_sliver(t: &[Vec3; 3], p: Vec3) -> Vec3 {
+fn closest_point_of_sliver(t: &[Vec3; 3], p: Vec3) -> Vec3 {
     Sliver::of(t).closest::<f64>(p.into()).into()
 }
 
