@@ -217,15 +217,16 @@ mod tests {
             let weights = kind.shape_functions(CellPoint(xi));
             nodes.iter().zip(weights).map(|(p, w)| p * w).sum()
         };
-        let inside = |xi: Vec3| shape.face_distance(CellPoint(xi)) <= 0.0;
+        let inside = |xi: Vec3| shape.face_distance(CellPoint(xi)) <= 1e-12;
         let mut found = [[f64::NEG_INFINITY; 3]; 2];
-        let steps = 12;
+        let steps = 13;
         for axis in 0..3 {
             for (sign, found) in [-1.0, 1.0].into_iter().zip(&mut found) {
                 let height = |xi: Vec3| sign * at(xi)[axis];
                 let starts = (0..steps * steps * if flat { 1 } else { steps }).map(|i| {
                     let part = [i % steps, i / steps % steps, i / steps / steps];
-                    let t = Vec3::from(part.map(|p| (p as f64 + 0.5) / steps as f64));
+                    // With both ends: a corner may be the greatest point, and far from the next greatest.
+                    let t = Vec3::from(part.map(|p| p as f64 / (steps - 1) as f64));
                     let p = hull.min + (hull.max - hull.min).component_mul(&t);
                     if flat { Vec3::new(p.x, p.y, 0.0) } else { p }
                 });

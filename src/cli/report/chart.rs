@@ -119,8 +119,10 @@ pub(super) fn curves(list: &[(&str, Vec<[f64; 2]>)], label: &str) -> Option<Stri
         return None;
     }
     let bottom = PLOT_TOP + PLOT_HEIGHT;
-    // Of halves: the difference of two large numbers may have no value.
-    let x = |v: f64| PLOT_LEFT + (v / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0) * PLOT_WIDTH;
+    // The difference of two large numbers may have no value: that of their halves does. The least number has no half.
+    let scale = if (high - low).is_finite() { 1.0 } else { 0.5 };
+    let x =
+        |v: f64| PLOT_LEFT + (scale * v - scale * low) / (scale * high - scale * low) * PLOT_WIDTH;
     let y = |v: f64| bottom - v / highest * PLOT_HEIGHT;
     let mut svg = format!(
         "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0}\">\
