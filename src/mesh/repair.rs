@@ -61,6 +61,13 @@ pub struct ShellReport {
     pub open_shells: usize,
 }
 
+/// A mesh without some of its triangles.
+fn without(mesh: &TriMesh, is_left_out: &[bool]) -> TriMesh {
+    let triangles = mesh.triangles().iter().zip(is_left_out);
+    let kept = triangles.filter(|(_, out)| !**out).map(|(t, _)| *t);
+    TriMesh::new_unchecked(mesh.vertices().to_vec(), kept.collect())
+}
+
 /// A mesh with consistent outward orientation, and the structures of its analysis.
 struct Oriented {
     mesh: TriMesh,
@@ -70,6 +77,8 @@ struct Oriented {
     shells: Shells,
     measured: Vec<ShellMeasures>,
     nesting: Nesting,
+    /// Copies of triangles that were left out.
+    repeated_faces: usize,
     flipped_faces: usize,
     flipped_shells: usize,
 }
@@ -77,8 +86,20 @@ struct Oriented {
 impl Oriented {
     fn of(mut mesh: TriMesh) -> Self {
         let mut merged = mesh.merged();
-        let count = merged.vertices().len();
+        let mut count = merged.vertices().len();
         let mut sides = HalfEdges::of(merged.triangles(), count);
+        let mut repeated_faces = 0;
+        // Copies of a closed surface are shells, which are united.
+        if !sides.boundary().is_empty() {
+            let is_repeated = repeated_triangles(&merged);
+            repeated_faces = is_repeated.iter().filter(|t| **t).count();
+            if repeated_faces > 0 {
+                mesh = without(&mesh, &is_repeated);
+                merged = mesh.merged();
+                count = merged.vertices().len();
+                sides = HalfEdges::of(merged.triangles(), count);
+            }
+        }
         let mut flipped_faces = 0;
         if let Some(is_flipped) = inconsistent_triangles(&merged, &sides) {
             flipped_faces = is_flipped.iter().filter(|t| **t).count();
@@ -109,6 +130,7 @@ impl Oriented {
             shells,
             measured,
             nesting,
+            repeated_faces,
             flipped_faces,
             flipped_shells,
         }
@@ -116,30 +138,23 @@ impl Oriented {
 
     /// Leaves one copy of what the mesh gives more than once, and says so.
     fn without_repeats(self, add: &mut impl FnMut(RepairKind, String)) -> Self {
-        if self.measured.iter().all(|s| s.is_closed) {
-            return self;
-        }
-        let without = |mesh: &TriMesh, is_left_out: &[bool]| {
-            let triangles = mesh.triangles().iter().zip(is_left_out);
-            let kept = triangles.filter(|(_, out)| !**out).map(|(t, _)| *t);
-            TriMesh::new_unchecked(mesh.vertices().to_vec(), kept.collect())
-        };
-        let flipped_faces = self.flipped_faces;
-        let mut oriented = self;
-        let is_repeated = repeated_triangles(&oriented.merged);
-        let repeated = is_repeated.iter().filter(|t| **t).count();
-        if repeated > 0 {
-            let all = is_repeated.len();
-            let message = format!("{repeated} of {all} faces are given twice; one copy counts");
+        if self.repeated_faces > 0 {
+            let message = format!(
+                "{} of {} faces are given twice; one copy counts",
+                self.repeated_faces,
+                self.repeated_faces + self.mesh.triangles().len()
+            );
             add(RepairKind::Repeated, message);
-            oriented = Self::of(without(&oriented.mesh, &is_repeated));
-            oriented.flipped_faces += flipped_faces;
         }
+        let mut oriented = self;
         let scans = Scans::of(&oriented.mesh, &oriented.shells, &oriented.measured);
         let of_shells = |shells: &[usize]| -> Vec<bool> {
             let of = oriented.shells.of.iter();
             of.map(|s| shells.contains(&(*s as usize))).collect()
         };
+        if scans.opposed.is_empty() && scans.covered.is_empty() {
+            return oriented;
+        }
         let all = oriented.shells.count;
         let mut mesh = oriented.mesh.clone();
         if !scans.opposed.is_empty() {
@@ -157,9 +172,6 @@ impl Oriented {
             );
             add(RepairKind::Repeated, message);
             mesh = without(&mesh, &of_shells(&scans.covered));
-        }
-        if scans.opposed.is_empty() && scans.covered.is_empty() {
-            return oriented;
         }
         let flipped_faces = oriented.flipped_faces;
         oriented = Self::of(mesh);

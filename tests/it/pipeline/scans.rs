@@ -35,7 +35,7 @@ fn scans_become_a_closed_solid_in_memory_and_in_bricks() {
     scans.append(&scan(9.9).flipped()).unwrap();
     write_obj(&place.path().join("scans.obj"), &scans);
     let text = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.5\n\
-        [[op]]\nunion = { mesh = \"SCANS\", unit = \"mm\" }\n\
+        [[op]]\nunion = { mesh = \"SCANS\" }\n\
         [[output]]\nvdb = \"a.vdb\"\n[[output]]\nmesh = \"a.stl\"\n";
     let path = place.path().join("scans.obj").display().to_string();
     for bricks in [None, Some(1)] {
