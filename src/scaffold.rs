@@ -250,7 +250,7 @@ impl Scaffold {
         let curved = geometry.iter().filter_map(Geometry::curved_controls);
         Ok(Self {
             bounds: extent::curved_box(
-                curved,
+                &curved,
                 straight.fold(Aabb::EMPTY, |a, g| a.union(g.bounds)),
             ),
             tree: Bvh::new(geometry.len(), |e| geometry[e].bounds),

@@ -4,7 +4,7 @@ use super::kind::FileKind;
 use super::vdb_commands::{Draft, GridChoice};
 use super::{Answer, Failure, Session};
 use crate::frame::{Aabb, LengthUnit, Vec3};
-use crate::io::atomic::{AtomicFile, require_directory, write_bytes};
+use crate::io::atomic::{AtomicFile, require_directory, require_writable, write_bytes};
 use crate::io::{SliceStackWriter, WriteError};
 use crate::pipeline::{RunError, RunOptions, SliceOptions, SliceSummary, slice};
 use crate::recipe::{Length, Recipe, Size};
@@ -127,13 +127,18 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         )
         .hint("druse filter turns a part: 'resample={rotate=[90,0,0]}'"));
     }
-    if format == Format::Png {
+    if format == Format::Png && p.output.is_dir() {
         require_directory(&p.output)?;
+    } else {
+        require_writable(&p.output)?;
     }
     let to_mm = recipe.unit().to(LengthUnit::Millimetre);
     let mut bytes = 0;
     let sliced = if format == Format::Png {
         slice(&recipe, &options, &how, session, |s, n, layer| {
+            if n == 0 {
+                require_directory(&p.output)?;
+            }
             let per_metre = 1000.0 / (s.plan.pixel * to_mm);
             let png = grey_png(&s.plan, layer, per_metre)
                 .map_err(|e| RunError::Empty(format!("encoding a picture: {e}")))?;

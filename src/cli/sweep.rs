@@ -62,6 +62,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     if p.dry_run {
         return dry_run(p, &axes, &combinations, session);
     }
+    require_writable(&p.output)?;
     let names = axes.iter().map(|a| a.key.clone()).collect();
     let mut table = Table::read(&p.output, names)?;
     let known = combinations.iter().filter(|c| table.holds(&c.hash)).count();
@@ -71,7 +72,6 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             combinations.len()
         ));
     }
-    require_writable(&p.output)?;
     if let Some(out) = &p.out {
         check_folders(out, &combinations)?;
         require_directory(out)?;

@@ -299,17 +299,6 @@ pub fn write_mesh<'a>(
             "numbers at the vertices; expected .ply for them".into(),
         ));
     }
-    // A larger number than f32 holds would be written as infinity.
-    let is_single_precision = format != MeshFormat::Obj;
-    if let Some(c) = mesh
-        .points()
-        .flat_map(|p| [p.x, p.y, p.z])
-        .find(|c| is_single_precision && c.abs() > f64::from(f32::MAX))
-    {
-        return Err(format_error(format!(
-            "the coordinate {c} does not fit 32 bits; expected at most 3.4e38"
-        )));
-    }
     if format == MeshFormat::Stl && mesh.faces.len() > u32::MAX as usize {
         let n = mesh.faces.len();
         return Err(format_error(format!(

@@ -35,7 +35,7 @@ pub(crate) struct CollapseGoal {
     pub error: Option<f64>,
 }
 
-/// About as many triangles as the goal says, fewer by one at most and more where none can collapse. Vertices on open
+/// About as many triangles as the goal, fewer by one at most and more where none can collapse. Vertices on open
 /// and non-manifold edges stay, and no new edge joins two of them.
 pub(crate) fn collapsed(
     vertices: &[Vec3],
@@ -388,7 +388,9 @@ impl<'a> Surface<'a> {
             let moved = self.quadrics[from];
             self.quadrics[to].add_moved(&moved, r);
             is_changed[from] = true;
-            around.iter().for_each(|e| is_changed[e[0] as usize] = true);
+            for edge in &around {
+                is_changed[edge[0] as usize] = true;
+            }
             for &t in self.stars.about(collapse.from) {
                 let triangle = &mut self.triangles[t as usize];
                 if triangle.contains(&collapse.to) {

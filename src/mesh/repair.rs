@@ -136,7 +136,7 @@ impl Oriented {
         }
     }
 
-    /// Leaves one copy of what the mesh gives more than once, and says so.
+    /// Leaves one copy of what the mesh gives more than once, and adds a note of it.
     fn without_repeats(self, add: &mut impl FnMut(RepairKind, String)) -> Self {
         if self.repeated_faces > 0 {
             let message = format!(

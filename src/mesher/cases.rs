@@ -244,7 +244,7 @@ mod tests {
         for bits in 0..256 {
             let loops = CASES[bits].loops();
             for _ in 0..rounds {
-                // As often near the ends as in between; at an end of which no other edge is crossed.
+                // As often near the ends as in between; at an end only where no other edge of it is crossed.
                 let crossed = |corner: usize| {
                     [1, 2, 4].map(|step| (bits >> corner ^ bits >> (corner ^ step)) & 1 == 1)
                 };

@@ -43,7 +43,7 @@ pub(super) fn refuse_torn(
              ({x}, {y}, {z}) {unit}; expected a complete narrow band around a closed surface; nothing is written",
             found.gaps, found.crossings
         ),
-        hint: "look at the inputs near this place: holes, shells that overlap and walls thinner than a voxel tear it \
+        hint: "examine the inputs near this place: holes, shells that overlap and walls thinner than a voxel tear it \
                (druse check FILE lists them); close and merge them, or choose smaller voxels or a greater half_width",
     })
 }

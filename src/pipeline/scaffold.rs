@@ -312,7 +312,7 @@ fn source_scaffold(
     Ok(source)
 }
 
-/// Warns of a shell whose walls are thinner than asked.
+/// Warns of a shell whose walls are thinner than its thickness.
 fn warn_thin_walls(files: &mut InputFiles, surface: &Surface) -> Result<(), RunError> {
     // A surface without a common outside is refused where its shell is made.
     let Ok(Some(wall)) = surface.thinnest_wall() else {
@@ -321,7 +321,7 @@ fn warn_thin_walls(files: &mut InputFiles, surface: &Surface) -> Result<(), RunE
     files.warn(
         Warning::SCAFFOLD,
         format!(
-            "scaffold: at {} nodes the walls of the shell are thinner than asked, at ({}) {} of its thickness: \
+            "scaffold: at {} nodes the walls of the shell are too thin, at ({}) {} of its thickness: \
              creases that turn by more than 150 degrees get no longer mitre",
             wall.count,
             [wall.place.x, wall.place.y, wall.place.z].map(short_number).join(", "),

@@ -47,7 +47,7 @@ impl Ord for Open {
 /// The box around the elements with these control points and around `straight`, within 1e-7 of its longest side and
 /// never smaller; exact for quadratic tetrahedra.
 pub(super) fn curved_box<'a>(
-    nets: impl Iterator<Item = &'a Net<Vec3>> + Clone,
+    nets: &(impl Iterator<Item = &'a Net<Vec3>> + Clone),
     straight: Aabb,
 ) -> Aabb {
     let corners = |net: &'a Net<Vec3>| net.corners().into_iter().map(|c| c.0);

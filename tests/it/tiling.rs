@@ -90,6 +90,9 @@ impl Field for Slow<'_, '_> {
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         self.0.fill(lattice, out);
     }
+    fn may_touch(&self) -> bool {
+        self.0.may_touch()
+    }
 }
 
 /// The leaves of a band: with one thread and two, and without what the field knows sooner.

@@ -18,8 +18,8 @@ mod beams;
 /// is singular.
 const MIN_RELATIVE_VOLUME: f64 = 1e-9;
 
-/// Greatest depth of nested elements, of which models have about ten, and most namespaces that one declares. The reader
-/// compares a prefix with all that are declared around it.
+/// Greatest depth of nested elements (models have about ten) and greatest number of namespaces that one declares. The
+/// reader compares a prefix with all that are declared around it.
 const MAX_DEPTH: usize = 64;
 const MAX_NAMESPACES: usize = 64;
 

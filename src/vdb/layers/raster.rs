@@ -123,12 +123,17 @@ impl Raster {
         self.bits.iter().all(|w| *w == 0)
     }
 
+    /// The pixels at the outline that are set.
+    pub fn solid_rim(&self) -> impl Iterator<Item = &RimPixel> {
+        let is_set = |p: &&RimPixel| self.contains(i64::from(p.row), i64::from(p.column));
+        self.rim.iter().filter(is_set)
+    }
+
     /// Area of the pixels that are set, pixels.
     pub fn area(&self) -> f64 {
         let count: u64 = self.bits.iter().map(|w| u64::from(w.count_ones())).sum();
-        let at_outline = self.rim.iter();
-        let set = at_outline.filter(|p| self.contains(i64::from(p.row), i64::from(p.column)));
-        count as f64 + set.map(|p| f64::from(p.excess)).sum::<f64>()
+        let excess = self.solid_rim().map(|p| f64::from(p.excess));
+        count as f64 + excess.sum::<f64>()
     }
 
     /// Whether a pixel is set; none is beyond the ends.

@@ -217,7 +217,7 @@ pub fn processor_family() -> String {
     format!("family {}, {}", of_processor("cpu family"), widest_code())
 }
 
-/// What the system says of the processor under a name.
+/// A property of the processor by its name in the system's list.
 fn of_processor(name: &str) -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let value = |line: &str| {

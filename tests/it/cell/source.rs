@@ -369,7 +369,8 @@ fn loose_triangles_bound_what_their_winding_number_does() {
     }
     let soup = TriMesh::new(vertices, triangles).unwrap();
     let source = Source::mesh(Element::Hex, &soup, &HERE, Caps::Exclude).unwrap();
-    assert!(source.warnings()[0].contains("closed by the winding number"));
+    let mut warnings = source.warnings().iter();
+    assert!(warnings.any(|w| w.contains("closed by the winding number")));
     for p in points(Element::Hex, 200) {
         // Near the hole the distance is that to its rim.
         if p.z < 0.15 {

@@ -77,7 +77,7 @@ fn bad_input_is_named_and_leaves_nothing() {
                 "[-0.5, -0.5, -0.5]",
             ],
         ),
-        (&["huge.stl"], &["nothing"]),
+        (&["huge.stl"], &["huge.stl:4", "below 1e18"]),
         (&["nan.npy"], &["voxel [0, 1, 2] is NaN"]),
         (&["hostile.npy"], &["99999999", "expected"]),
         (

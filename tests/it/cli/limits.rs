@@ -250,10 +250,7 @@ fn names_reach_no_terminal_as_they_are() {
     let place = Place::with(&format!(
         "{BALL}[cell.{quoted}]\nsurface = \"schwarz_p\"\nelement = \"hex\"\nlevel = 0\n"
     ));
-    place.write(
-        "steps.crystal",
-        format!("cube\nassign faces(\u{1b}[31m) 2\n"),
-    );
+    place.write("steps.crystal", "cube\nassign faces(\u{1b}[31m) 2\n");
     let name = format!("{BAD}.toml");
     place.write(&name, BALL);
     let is_shown = |bytes: &[u8]| {

@@ -31,10 +31,7 @@ fn meshes(x: &str) -> Vec<(&'static str, Vec<u8>, &'static str)> {
         vertices.chain(faces.iter().map(triangle)).collect()
     };
     let facet = |f: &[usize; 3]| {
-        let loops: String = f
-            .iter()
-            .map(|n| format!("vertex {}\n", corners[*n]))
-            .collect();
+        let loops = f.map(|n| format!("vertex {}\n", corners[n])).concat();
         format!("facet normal 0 0 0\nouter loop\n{loops}endloop\nendfacet\n")
     };
     let ply = format!(
@@ -82,6 +79,10 @@ fn meshes_refuse_coordinates_beyond_the_limit() {
     }
     for x in OUTSIDE {
         for (name, content, at) in meshes(x) {
+            // In single precision 1e18 is a little less.
+            if name == "b.stl" && x.ends_with("1e18") {
+                continue;
+            }
             let message = read_mesh(file(&place, name, content))
                 .unwrap_err()
                 .to_string();

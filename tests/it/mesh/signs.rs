@@ -139,11 +139,11 @@ impl Part {
         for prism in &prisms {
             mesh.append(&prism.mesh()).unwrap();
         }
-        Self::new(prisms, mesh, turn, is_single)
+        Self::new(prisms, &mesh, turn, is_single)
     }
 
     /// Coordinates round to single precision with `is_single`.
-    fn new(prisms: Vec<Prism>, mesh: TriMesh, turn: usize, is_single: bool) -> Self {
+    fn new(prisms: Vec<Prism>, mesh: &TriMesh, turn: usize, is_single: bool) -> Self {
         let mesh = mesh.mapped(|p| {
             let p = turned(p, turn);
             if is_single {
@@ -152,7 +152,7 @@ impl Part {
                 p
             }
         });
-        let size = mesh.vertices().iter().map(|p| p.amax()).fold(0.0, f64::max);
+        let size = mesh.vertices().iter().map(Vec3::amax).fold(0.0, f64::max);
         Self {
             prisms,
             turn,
@@ -304,7 +304,8 @@ impl Part {
 
 /// A random number of voxels in [low, high], whole or half ones.
 fn voxels(noise: &mut Noise, low: i32, high: i32) -> f64 {
-    let whole = f64::from(low) + ((noise.signed() + 1.0) / 2.0 * f64::from(high - low)).round();
+    let whole =
+        f64::from(low) + (f64::midpoint(noise.signed(), 1.0) * f64::from(high - low)).round();
     if noise.signed() > 0.7 {
         whole + 0.5
     } else {
@@ -313,7 +314,7 @@ fn voxels(noise: &mut Noise, low: i32, high: i32) -> f64 {
 }
 
 fn chance(noise: &mut Noise, probability: f64) -> bool {
-    (noise.signed() + 1.0) / 2.0 < probability
+    f64::midpoint(noise.signed(), 1.0) < probability
 }
 
 /// A random block in so many voxels, at least `least` thick.
@@ -393,7 +394,7 @@ pub fn random_part(case: u64) -> (Part, f64) {
             ];
             let width = voxels(&mut noise, 2, 4) * h;
             let (prisms, mesh) = frame(outer, width, [0.0, voxels(&mut noise, 2, 9) * h]);
-            Part::new(prisms, mesh, turn, is_single)
+            Part::new(prisms, &mesh, turn, is_single)
         }
         // Slabs with fans; the points of the sides may be close together.
         3 => {

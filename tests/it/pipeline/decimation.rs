@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-const GRAPHS: [&str; 6] = ["octet", "bcc", "fcc", "kelvin", "diamond", "cubic"];
+const GRAPHS: [&str; 6] = ["octet", "bcc", "fcc", "kelvin", "diamond", "sc"];
 const SHARES: [f64; 8] = [0.9, 0.6, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02];
 
 /// What the triangles tell, by counts of this file's own.
@@ -69,7 +69,9 @@ fn topology(mesh: &TriMesh) -> Topology {
         }
     }
     let mut sets: Vec<[usize; 3]> = triangles.clone();
-    sets.iter_mut().for_each(|t| t.sort_unstable());
+    for triangle in &mut sets {
+        triangle.sort_unstable();
+    }
     sets.sort_unstable();
     let repeated_triangles = sets.windows(2).filter(|p| p[0] == p[1]).count();
     let flat = |&n: &usize| {

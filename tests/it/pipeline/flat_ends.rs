@@ -51,7 +51,7 @@ fn assert_ends(text: &str, bricks: Option<u32>, ends: [[f64; 2]; 3]) {
     }
 }
 
-const FREE: [f64; 2] = [f64::NAN; 2];
+const NO_PLANE: [f64; 2] = [f64::NAN; 2];
 
 #[test]
 fn flat_ends_on_planes_of_voxels_lie_on_them() {
@@ -85,7 +85,7 @@ fn cylinders_end_on_planes_of_voxels_in_all_directions() {
                 end(low),
                 end(high)
             );
-            let mut ends = [FREE; 3];
+            let mut ends = [NO_PLANE; 3];
             ends[axis] = [low, high];
             assert_ends(&text, None, ends);
         }

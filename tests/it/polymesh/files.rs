@@ -205,7 +205,7 @@ fn welding_closes_and_flipping_turns() {
     );
     assert!((loaded.mesh.volume() - 1.0).abs() < 1e-3);
     // Nothing is too far away to be kept apart.
-    let far = "v 0 0 0\nv 1e25 0 0\nv 0 1e25 0\nv 0 0 -1e25\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n";
+    let far = "v 0 0 0\nv 9e17 0 0\nv 0 9e17 0\nv 0 0 -9e17\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n";
     fs::write(&path, far).unwrap();
     let loaded = read_polymesh(&path, &options).unwrap();
     assert_eq!(

@@ -64,7 +64,10 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
     let source = place.join("part.obj");
     write_obj(&source, part);
     let bounds = part.mesh.bounds();
-    let operand = format!("{{ mesh = {{ path = {source:?}, unit = \"mm\" }} }}");
+    let operand = format!(
+        "{{ mesh = {{ path = \"{}\", unit = \"mm\" }} }}",
+        source.display()
+    );
     let around = bounds.dilated(4.0 * h);
     let (size, centre) = (around.size(), around.centre().0);
     let block = format!(
@@ -122,7 +125,10 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
     if !repairs.is_empty() {
         return Err(format!("repairs {repairs:?}"));
     }
-    let again = format!("[[op]]\nunion = {{ vdb = {:?} }}\n", place.join("made.vdb"));
+    let again = format!(
+        "[[op]]\nunion = {{ vdb = \"{}\" }}\n",
+        place.join("made.vdb").display()
+    );
     let again = made(place, h, &again)?;
     if (again.solid.volume - found).abs() > 1e-5 * found
         || again.solid.components != report.solid.components

@@ -298,9 +298,9 @@ fn areas_are_those_of_boxes_on_the_voxels_and_beside_them() {
         // Layers at a face have it with the voxels' own error near edges.
         near(found.islands[0].area, 9.0, 0.1);
         near(found.cups[0].area, 16.0, 0.08);
-        // Of the overhang the strip of one step is supported.
+        // Of the overhang the strip of one step is supported; the first layer of the slab has rounded edges.
         let overhang = total(&found, |l| l.overhang_area);
-        near(overhang, 256.0 - 10.4 * 10.4 + 9.0, 0.04);
+        near(overhang, 256.0 - 10.4 * 10.4 + 9.0, 0.06);
     }
 }
 

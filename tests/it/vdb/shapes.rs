@@ -430,7 +430,7 @@ fn fogs_of_boxes_and_thin_walls_keep_their_volume() {
             .unwrap();
         let after = adopted.solid.volume(session()).unwrap();
         assert!(
-            (after / before - 1.0).abs() < 0.02,
+            (after / before - 1.0).abs() < 0.03,
             "{size:?}: {before} {after} {:?}",
             adopted.notes
         );
