@@ -167,7 +167,7 @@ impl Oriented {
         }
         if !scans.covered.is_empty() {
             let message = format!(
-                "{} of {all} shells are open and lie along a larger one, as scans of one surface do; left out",
+                "{} of {all} shells are open and lie along or in a larger one, as scans of one surface do; left out",
                 scans.covered.len()
             );
             add(RepairKind::Repeated, message);

@@ -5,8 +5,12 @@
 
 use super::shells::{ShellMeasures, Shells};
 use super::{MeshSolid, TriMesh};
+use crate::frame::Vec3;
 use std::collections::HashSet;
 
+/// Least ratio of the mean of n.(c - m) to that of |c - m| over an outward shell, with the centres c of its triangles and
+/// their mean m.
+const MIN_OUTWARD_RATIO: f64 = 0.3;
 /// Greatest distance between two scans of one surface, over the diagonal of the larger one's box.
 const SCAN_DISTANCE_RATIO: f64 = 0.02;
 /// Least area of an open shell that may be a scan, over that of the largest.
@@ -33,7 +37,7 @@ pub(super) fn repeated_triangles(merged: &TriMesh) -> Vec<bool> {
 /// What becomes of the open shells of a mesh, by shell.
 #[derive(Default)]
 pub(super) struct Scans {
-    /// Shells that lie along another one, which is larger.
+    /// Shells that lie along another one, which is larger, or within the solid that it bounds.
     pub covered: Vec<usize>,
     /// Shells oriented against the larger one that they overlap.
     pub opposed: Vec<usize>,
@@ -66,12 +70,13 @@ impl Scans {
                 let reach = SCAN_DISTANCE_RATIO * measured[*other].bounds.size().norm();
                 Comparison::of(&part, solid, reach)
             });
-            let overlap = comparisons.find(|c| c.near as f64 > MIN_NEAR_SHARE * c.samples as f64);
+            let overlap = comparisons
+                .find(|c| c.is_covered() || c.near as f64 > MIN_NEAR_SHARE * c.samples as f64);
             let Some(overlap) = overlap else {
                 kept.push((shell, MeshSolid::new(part)));
                 continue;
             };
-            if overlap.near == overlap.samples {
+            if overlap.is_covered() {
                 scans.covered.push(shell);
                 continue;
             }
@@ -100,7 +105,9 @@ struct Comparison {
     samples: usize,
     /// Points near the other.
     near: usize,
-    /// Those whose normals oppose the other's.
+    /// Further points inside the solid of the other, if both are wound outward.
+    inside: usize,
+    /// Near points whose normals oppose the other's.
     opposed: usize,
 }
 
@@ -110,12 +117,17 @@ impl Comparison {
         let mut found = Self {
             samples: 0,
             near: 0,
+            inside: 0,
             opposed: 0,
         };
+        // The inner wall of a vessel is wound inward and stays.
+        let may_be_buried = is_outward(part) && is_outward(solid.mesh());
         let step = part.triangles().len().div_ceil(SCAN_SAMPLES).max(1);
         for [a, b, c] in part.iter_corners().step_by(step) {
             found.samples += 1;
-            let Some(nearest) = solid.closest_within((a + b + c) / 3.0, reach) else {
+            let centre = (a + b + c) / 3.0;
+            let Some(nearest) = solid.closest_within(centre, reach) else {
+                found.inside += usize::from(may_be_buried && solid.contains(centre));
                 continue;
             };
             found.near += 1;
@@ -125,4 +137,23 @@ impl Comparison {
         }
         found
     }
+
+    fn is_covered(&self) -> bool {
+        self.near + self.inside == self.samples
+    }
+}
+
+/// Whether the normals of a surface point away from its middle.
+fn is_outward(mesh: &TriMesh) -> bool {
+    let faces = || {
+        mesh.iter_corners()
+            .map(|[a, b, c]| ((a + b + c) / 3.0, (b - a).cross(&(c - a))))
+    };
+    let area: f64 = faces().map(|(_, normal)| normal.norm()).sum();
+    let middle = faces().map(|(c, normal)| c * normal.norm()).sum::<Vec3>() / area;
+    let outward: f64 = faces().map(|(c, normal)| normal.dot(&(c - middle))).sum();
+    let whole: f64 = faces()
+        .map(|(c, normal)| normal.norm() * (c - middle).norm())
+        .sum();
+    outward > MIN_OUTWARD_RATIO * whole
 }

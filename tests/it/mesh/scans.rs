@@ -66,14 +66,19 @@ fn triangles_given_twice_count_once() {
 }
 
 #[test]
-fn shells_of_different_surfaces_stay() {
-    // A bowl in a bowl, and one beside it.
-    let bowls = [
-        scan(10.0),
-        scan(6.0),
-        scan(6.0).mapped(|p| p + v(30., 0., 0.)),
-    ];
-    let (solid, repairs) = MeshSolid::repaired(joined(&bowls)).unwrap();
+fn an_open_shell_within_another_counts_only_if_it_is_a_wall() {
+    let outer = scan(10.0);
+    for radius in [9.3, 8.0, 6.0] {
+        let both = joined(&[outer.clone(), scan(radius)]);
+        assert_same(both, &outer, &format!("{radius}"));
+    }
+    // A vessel: its cavity is wound inward.
+    let vessel = joined(&[outer.clone(), scan(8.0).flipped()]);
+    let (solid, _) = MeshSolid::repaired(vessel).unwrap();
+    assert!(solid.contains(v(0., 0., 9.)) && !solid.contains(v(0., 0., 5.)));
+    // A bowl beside it.
+    let beside = scan(6.0).mapped(|p| p + v(30., 0., 0.));
+    let (solid, repairs) = MeshSolid::repaired(joined(&[outer, beside])).unwrap();
     assert!(solid.contains(v(0., 0., 8.)) && solid.contains(v(30., 0., 0.)));
     let texts: Vec<String> = repairs.iter().map(ToString::to_string).collect();
     assert!(!texts.iter().any(|t| t.contains("left out")), "{texts:?}");
