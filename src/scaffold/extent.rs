@@ -218,6 +218,14 @@ mod tests {
             nodes.iter().zip(weights).map(|(p, w)| p * w).sum()
         };
         let inside = |xi: Vec3| shape.face_distance(CellPoint(xi)) <= 1e-12;
+        // From corner to corner, so that a climb can follow every edge and face, and along the axes.
+        let corners = &kind.reference_nodes()[..kind.corner_count()];
+        let pairs = corners
+            .iter()
+            .flat_map(|a| corners.iter().map(move |b| b.0 - a.0));
+        let axes = [Vec3::x(), Vec3::y(), Vec3::z()].into_iter();
+        let axes = axes.filter(|a| !flat || a.z == 0.0).flat_map(|a| [a, -a]);
+        let ways: Vec<Vec3> = pairs.chain(axes).collect();
         let mut found = [[f64::NEG_INFINITY; 3]; 2];
         let steps = 13;
         for axis in 0..3 {
@@ -236,13 +244,7 @@ mod tests {
                 let mut best = best.unwrap();
                 let mut step = 0.1;
                 while step > 1e-9 {
-                    let moves = (0..27).map(|i: i32| {
-                        Vec3::new(
-                            f64::from(i % 3 - 1),
-                            f64::from(i / 3 % 3 - 1),
-                            if flat { 0.0 } else { f64::from(i / 9 - 1) },
-                        )
-                    });
+                    let moves = ways.iter().copied();
                     let next = moves
                         .map(|m| best + m * step)
                         .filter(|p| inside(*p))

@@ -286,15 +286,14 @@ impl<'a> Analysis<'a> {
             least
         };
         let mut sum = 0.0;
-        // What a pixel has gained over the layer below, as far as it has no support.
+        // What a pixel has gained over the layer below, as far as it has no support. A new pixel takes area from the one
+        // behind it, which was counted there.
         let mut add = |row: usize, column: usize, area_below: f64| {
             let area = raster.pixel_area(row, column);
             let growth = area - area_below;
-            if growth > 0.0 {
-                // The solid ends area - 1/2 beyond the centre, the support `admitted` beyond the outline below.
-                let beyond = distance(row, column) - admitted + area - 0.5;
-                sum += beyond.clamp(0.0, growth);
-            }
+            // The solid ends area - 1/2 beyond the centre, the support `admitted` beyond the outline below.
+            let beyond = distance(row, column) - admitted + area - 0.5;
+            sum += growth.signum() * beyond.clamp(0.0, growth.abs());
         };
         raster.for_each_without(last, |row, column| add(row, column, 0.0));
         // Where walls lean by less than a pixel a layer, most layers move the outline within its pixels.
@@ -304,7 +303,7 @@ impl<'a> Analysis<'a> {
                 add(row, column, last.pixel_area(row, column));
             }
         }
-        sum
+        sum.max(0.0)
     }
 }
 

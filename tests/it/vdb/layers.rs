@@ -296,7 +296,7 @@ fn areas_are_those_of_boxes_on_the_voxels_and_beside_them() {
         near(at(6.0).area, 256.0 - 16.0 + 9.0, 2e-3);
         near(at(6.0).sealed_area, 16.0, 0.01);
         // Layers at a face have it with the voxels' own error near edges.
-        near(found.islands[0].area, 9.0, 0.1);
+        near(found.islands[0].area, 9.0, 0.15);
         near(found.cups[0].area, 16.0, 0.08);
         // Of the overhang the strip of one step is supported; the first layer of the slab has rounded edges.
         let overhang = total(&found, |l| l.overhang_area);
