@@ -297,10 +297,10 @@ fn areas_are_those_of_boxes_on_the_voxels_and_beside_them() {
         near(at(6.0).sealed_area, 16.0, 0.01);
         // Layers at a face have it with the voxels' own error near edges.
         near(found.islands[0].area, 9.0, 0.15);
-        near(found.cups[0].area, 16.0, 0.08);
+        near(found.cups[0].area, 16.0, 0.12);
         // Of the overhang the strip of one step is supported; the first layer of the slab has rounded edges.
         let overhang = total(&found, |l| l.overhang_area);
-        near(overhang, 256.0 - 10.4 * 10.4 + 9.0, 0.06);
+        near(overhang, 256.0 - 10.4 * 10.4 + 9.0, 0.08);
     }
 }
 
