@@ -23,34 +23,33 @@
 // The command line and the pipeline use what a library without them does not.
 #![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
 
-pub mod band;
-pub mod beams;
-pub mod cell;
 #[cfg(feature = "cli")]
 #[cfg(feature = "vdb")]
 #[doc(hidden)]
 pub mod cli;
-pub mod field;
-pub mod frame;
 pub mod guide;
-pub mod homogenize;
-pub mod inverse;
-pub mod io;
-pub mod mesh;
-pub mod mesher;
 #[cfg(feature = "vdb")]
 pub mod pipeline;
-pub mod polymesh;
-pub mod progress;
 pub mod recipe;
-pub mod scaffold;
 pub mod sequence;
 #[doc(hidden)]
-pub mod simd;
-#[doc(hidden)]
 pub mod slice;
-pub mod symmetry;
-pub mod tiling;
-mod union_find;
 #[cfg(feature = "vdb")]
 pub mod vdb;
+
+#[doc(inline)]
+pub use druse_cells::{cell, symmetry};
+#[doc(inline)]
+pub use druse_crystal::polymesh;
+#[doc(inline)]
+pub use druse_effective::{homogenize, inverse};
+#[doc(inline)]
+pub use druse_formats::io;
+#[doc(hidden)]
+pub use druse_geometry::simd;
+#[doc(inline)]
+pub use druse_geometry::{field, frame, mesh, progress};
+#[doc(inline)]
+pub use druse_tilings::{band, beams, mesher, scaffold, tiling};
+
+use druse_geometry::union_find;

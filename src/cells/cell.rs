@@ -10,9 +10,9 @@
 //! evaluates a cell fast. [`Cell::from_json`] and [`Cell::to_json`] read and write a `.cell` file.
 //! [`groups`] lists the groups and lattices of each element.
 
-use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 use crate::symmetry::{Lattice, PointGroup};
+use druse_geometry::field::{Field, Interval};
+use druse_geometry::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 use std::sync::{Arc, OnceLock};
 
 mod compatibility;
@@ -71,7 +71,8 @@ pub use source::{
     plate_sets,
 };
 pub use surface::Surface;
-pub(crate) use surface::{Terms, of_terms};
+#[doc(hidden)]
+pub use surface::{Terms, of_terms};
 pub use table::Table;
 pub use trig_products::{Along, Column, FUNCTIONS, Products};
 
@@ -82,6 +83,7 @@ pub use trig_products::{Along, Column, FUNCTIONS, Products};
 /// The field of a planar element's cell does not depend on z.
 ///
 /// ```
+/// # mod druse { pub use druse_cells::*; pub use druse_geometry::*; }
 /// use druse::cell::{Cell, Surface};
 /// use druse::field::Field;
 /// use druse::frame::{CellPoint, Element, Vec3};
@@ -207,7 +209,9 @@ impl Cell {
         self.report.as_deref()
     }
 
-    pub(crate) fn with_report(mut self, report: FitReport) -> Self {
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_report(mut self, report: FitReport) -> Self {
         self.report = Some(Arc::new(report));
         self
     }

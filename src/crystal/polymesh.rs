@@ -14,6 +14,7 @@
 //! - **Tiers** are ratios of the mean edge length of the base face; negative ones make pits.
 //!
 //! ```
+//! # extern crate druse_crystal as druse;
 //! use druse::polymesh::{Extrusion, Kind, PolyMesh, seed};
 //! let cube = seed::platonic("cube", 1.0).unwrap();
 //! let star = Extrusion::regular(Kind::Tetrahedral).of_group(&cube, 1).unwrap();
@@ -21,7 +22,7 @@
 //! assert_eq!(star.mesh.euler(), 2);
 //! ```
 
-use crate::frame::{Aabb, Vec3};
+use druse_geometry::frame::{Aabb, Vec3};
 use std::collections::BTreeMap;
 
 mod archimedean;
@@ -53,7 +54,8 @@ pub use kind::{Dihedral, Kind, Operator, from_name as extrusion_named, names as 
 pub use measure::Summary;
 pub use picture::group_color;
 pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
-pub(crate) use script::VERBS;
+#[doc(hidden)]
+pub use script::VERBS;
 pub use script::{
     Files, GroupBy, Interpreter, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError,
 };

@@ -14,6 +14,7 @@
 //! permeability in squares of the period's edge. The same bytes come out at any number of threads.
 //!
 //! ```
+//! # mod druse { pub use druse_effective::*; pub use druse_geometry::*; }
 //! use druse::homogenize::{Grid, Settings, properties};
 //! use druse::progress::Silent;
 //! // Layers across x, half of them solid.
@@ -27,7 +28,7 @@
 // Small functions of hot loops: they are inlined to use the instruction set of their caller.
 #![allow(clippy::inline_always)]
 
-use crate::progress::Cancelled;
+use druse_geometry::progress::Cancelled;
 
 mod bounds;
 mod cg;
@@ -53,7 +54,8 @@ pub use cg::Control;
 pub use conductivity::{Conduction, Conductivity};
 pub use connectivity::Connectivity;
 pub use derivative::Scheme;
-pub(crate) use elasticity::LOADS;
+#[doc(hidden)]
+pub use elasticity::LOADS;
 pub use elasticity::{Elasticity, Stiffness};
 pub use gradient::{Derivatives, Sensitivities, by_coefficients};
 pub use grid::Grid;
@@ -71,7 +73,8 @@ pub use stokes::{Permeability, Stokes};
 pub use tensor::{
     EngineeringConstants, PAIRS, Voigt, cubic_means, engineering, rotated, symmetrised,
 };
-pub(crate) use tensor::{compliance, directional_modulus};
+#[doc(hidden)]
+pub use tensor::{compliance, directional_modulus};
 
 /// Why properties cannot be computed.
 #[derive(Debug, thiserror::Error)]

@@ -9,6 +9,7 @@
 //! grids; solid and void must be connected.
 //!
 //! ```
+//! # mod druse { pub use druse_effective::*; pub use druse_geometry::*; }
 //! use druse::frame::Element;
 //! use druse::inverse::{Design, Property, Target};
 //! use druse::progress::Silent;
@@ -19,8 +20,8 @@
 //! assert!((made.cell.volume_fraction() - 0.4).abs() < 1e-6);
 //! ```
 
-use crate::cell::CellError;
 use crate::homogenize::HomogenizeError;
+use druse_cells::cell::CellError;
 
 pub mod density;
 mod design;

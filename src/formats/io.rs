@@ -6,6 +6,7 @@
 //! [`atomic`] moves the finished file to its name.
 //!
 //! ```
+//! # extern crate druse_formats as druse;
 //! use druse::io::{ErrorClass, Place, ReadError};
 //! let e = ReadError::data("part.ply", Place::Line(7), "\"abc\"", "a number");
 //! assert_eq!(e.to_string(), "part.ply: line 7: found \"abc\"; expected a number");
@@ -63,23 +64,31 @@ pub use beams::{
     Beam, BeamCap, BeamClip, BeamLattice, BeamPart, FileBeam, SolidFile, read_solid, write_beams,
 };
 pub use cell::{read_cell, write_cell};
-pub(crate) use cloud::TEXT_CLOUDS;
+#[doc(hidden)]
+pub use cloud::TEXT_CLOUDS;
 pub use cloud::{PointFile, read_points};
-pub(crate) use confine::leads_out;
+#[doc(hidden)]
+pub use confine::leads_out;
 pub use crystal::read_crystal;
-pub(crate) use crystal::{DiskFiles, read_script, run_script, script_error};
+#[doc(hidden)]
+pub use crystal::{DiskFiles, read_script, run_script, script_error};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
-pub(crate) use fe_deck::{DeckMaterial, VoxelMesh, write_voxel_deck};
+#[doc(hidden)]
+pub use fe_deck::{DeckMaterial, VoxelMesh, write_voxel_deck};
 pub use frd::{FrdField, FrdFile, read_frd};
 pub use graph::read_skeleton;
-pub(crate) use graph::read_skeleton_noted;
-pub(crate) use macro_deck::{DeckClass, ElementDeck, write_element_deck};
-pub(crate) use mesh_file::is_point_cloud;
+#[doc(hidden)]
+pub use graph::read_skeleton_noted;
+#[doc(hidden)]
+pub use macro_deck::{DeckClass, ElementDeck, write_element_deck};
+#[doc(hidden)]
+pub use mesh_file::is_point_cloud;
 pub use mesh_file::{MeshFile, MeshFormat, read_mesh, stated_unit, write_mesh};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
 pub use npy::{NpyArray, read_npy};
-pub(crate) use partial::PartialFolder;
+#[doc(hidden)]
+pub use partial::PartialFolder;
 pub use point_cache::PointCache;
 pub use polymesh::{read_polymesh, write_legacy_obj, write_polymesh};
 pub use scaffold::{
@@ -90,6 +99,7 @@ pub use source::Source;
 pub(crate) use source::quote;
 pub(crate) use stl::StlStream;
 pub use table::read_columns;
-pub(crate) use table::{column_names, read_scattered, table_text};
+#[doc(hidden)]
+pub use table::{column_names, read_scattered, table_text};
 pub use threemf::{ImplicitPart, SliceStackWriter};
 pub use vtk::{write_vtu, write_vtu_fields};

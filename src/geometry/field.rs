@@ -23,11 +23,14 @@ mod offset;
 mod primitive;
 mod revolved;
 pub use combine::{Complement, Intersection, Union};
-pub(crate) use contact::leaf_contacts;
-pub(crate) use cut_cube::cube_share;
+#[doc(hidden)]
+pub use contact::leaf_contacts;
+#[doc(hidden)]
+pub use cut_cube::cube_share;
 pub use formula::{Formula, FormulaError};
 pub use leaf::{LeafBits, LeafParts, Leaves};
-pub(crate) use offset::ExactIntersection;
+#[doc(hidden)]
+pub use offset::ExactIntersection;
 pub use offset::Offset;
 pub use primitive::{BoxSolid, Sphere};
 pub use revolved::{Capsule, Cylinder, HalfSpace};
@@ -240,7 +243,8 @@ pub trait Field: Send + Sync {
 }
 
 /// [`Field::signs`] from the values of a field.
-pub(crate) fn signs_of_values<F: Field + ?Sized>(
+#[doc(hidden)]
+pub fn signs_of_values<F: Field + ?Sized>(
     field: &F,
     lattice: &SampleLattice<F::Point>,
     rows: &mut [u64],
@@ -252,7 +256,8 @@ pub(crate) fn signs_of_values<F: Field + ?Sized>(
 }
 
 /// Packs the signs of values into bits, in rows of `along` values each.
-pub(crate) fn pack_signs(values: &[f32], along: usize, rows: &mut [u64]) {
+#[doc(hidden)]
+pub fn pack_signs(values: &[f32], along: usize, rows: &mut [u64]) {
     for (row, values) in rows.iter_mut().zip(values.chunks(along.max(1))) {
         let bits = values.iter().enumerate();
         *row = bits.fold(0, |row, (k, &v)| row | u64::from(v < 0.0) << k);

@@ -65,6 +65,7 @@ impl Coord {
     /// OpenVDB, since a damaged file may contain leaves at its end.
     ///
     /// ```
+    /// # extern crate druse_geometry as druse;
     /// use druse::frame::Coord;
     /// assert_eq!(Coord::new(0, 1, i32::MAX).offset(-1, 1, 8), Coord::new(-1, 2, i32::MIN + 7));
     /// ```
@@ -85,6 +86,7 @@ impl Index<usize> for Coord {
 /// Index space to world space: a uniform scale by the voxel size, without rotation or translation.
 ///
 /// ```
+/// # extern crate druse_geometry as druse;
 /// use druse::frame::{Coord, Transform};
 /// let t = Transform::new(0.5).unwrap();
 /// assert_eq!(t.world(Coord::new(2, 0, -4)).0.as_slice(), [1.0, 0.0, -2.0]);

@@ -5,6 +5,7 @@
 //! only indices and finite coordinates are validated.
 //!
 //! ```
+//! # extern crate druse_geometry as druse;
 //! use druse::frame::Aabb;
 //! use druse::mesh::TriMesh;
 //! let cube = TriMesh::cuboid(&Aabb::of([[0.0; 3].into(), [2.0; 3].into()]));
@@ -21,9 +22,7 @@ mod boundary_edges;
 mod bvh;
 mod check;
 mod cloud;
-#[cfg(feature = "vdb")]
 mod collapse;
-#[cfg(feature = "cli")]
 mod components;
 mod crossing;
 mod falloff;
@@ -51,26 +50,31 @@ mod triangle;
 mod unite;
 mod winding;
 
-pub(crate) use bvh::Bvh;
-pub(crate) use check::check_with;
+#[doc(hidden)]
+pub use bvh::Bvh;
+#[doc(hidden)]
+pub use check::check_with;
 pub use check::{Defect, Finding, MeshReport, check};
 pub use cloud::{CloudError, CloudSolid};
-#[cfg(feature = "vdb")]
-pub(crate) use collapse::{CollapseGoal, collapsed};
-#[cfg(feature = "cli")]
-pub(crate) use components::{MeshComponent, is_closed, mesh_components};
+#[doc(hidden)]
+pub use collapse::{CollapseGoal, collapsed};
+#[doc(hidden)]
+pub use components::{MeshComponent, is_closed, mesh_components};
 pub use openness::{Hole, NoSolidError, Openness};
 pub use projection::{ProjectionOptions, ProjectionSummary, VertexProjection};
 pub use quads::QuadMesh;
-pub(crate) use quads::split_quads;
+#[doc(hidden)]
+pub use quads::split_quads;
 pub use repair::{Repair, RepairKind, ShellReport};
-pub(crate) use shells::count_bodies;
+#[doc(hidden)]
+pub use shells::count_bodies;
 pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
 pub use soup::ClosestPoint;
-pub(crate) use soup::TriangleDistances;
-#[cfg(feature = "vdb")]
-pub(crate) use triangle::closest_point;
+#[doc(hidden)]
+pub use soup::TriangleDistances;
+#[doc(hidden)]
+pub use triangle::closest_point;
 
 /// Vertices of a parallel task.
 const CHUNK_VERTICES: usize = 1 << 14;
@@ -133,7 +137,8 @@ impl TriMesh {
     }
 
     /// As [`TriMesh::new`] for indices and coordinates that are known to be valid.
-    pub(crate) fn new_unchecked(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
+    #[doc(hidden)]
+    pub fn new_unchecked(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
         debug_assert!(validate(&vertices, triangles.iter().copied()).is_ok());
         Self {
             vertices,
@@ -180,7 +185,8 @@ impl TriMesh {
     }
 
     /// The bounding box of the vertices, those of no triangle too; empty without any.
-    pub(crate) fn vertex_bounds(&self) -> Aabb {
+    #[doc(hidden)]
+    pub fn vertex_bounds(&self) -> Aabb {
         let boxes = self.boxes_of_chunks();
         boxes.into_iter().fold(Aabb::EMPTY, Aabb::union)
     }
@@ -243,7 +249,8 @@ impl TriMesh {
 
     /// As [`TriMesh::measures`], for a part of a closed surface: volumes of parts about the same point add up to the
     /// volume of the whole.
-    pub(crate) fn measures_about(&self, point: Option<Vec3>) -> MeshMeasures {
+    #[doc(hidden)]
+    pub fn measures_about(&self, point: Option<Vec3>) -> MeshMeasures {
         const CHUNK_TRIANGLES: usize = 1 << 14;
         let chunks = self.triangles.par_chunks(CHUNK_TRIANGLES);
         let bounds = self.bounds_in_parallel();
@@ -418,14 +425,17 @@ impl Hasher for BitHasher {
 
 /// Merges vertices of identical coordinates, in order of first appearance.
 #[derive(Default)]
-pub(crate) struct VertexMerger {
+#[doc(hidden)]
+pub struct VertexMerger {
     index: HashMap<[u64; 3], u32, BuildHasherDefault<BitHasher>>,
-    pub(crate) vertices: Vec<Vec3>,
+    #[doc(hidden)]
+    pub vertices: Vec<Vec3>,
 }
 
 impl VertexMerger {
     /// The index of the vertex at `p`; there must be fewer than 2^32 vertices.
-    pub(crate) fn add(&mut self, p: Vec3) -> u32 {
+    #[doc(hidden)]
+    pub fn add(&mut self, p: Vec3) -> u32 {
         // Adding zero makes -0 equal to 0.
         let key = [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
         *self.index.entry(key).or_insert_with(|| {

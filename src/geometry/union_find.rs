@@ -2,7 +2,8 @@
 
 /// Disjoint sets of the integers below a count, each a set of its own at first. The least member represents
 /// its set, so no result depends on the order of the unions.
-pub(crate) struct UnionFind(Vec<u32>);
+#[doc(hidden)]
+pub struct UnionFind(Vec<u32>);
 
 impl UnionFind {
     /// `count` sets of one member each; at most 2^32.
@@ -11,7 +12,6 @@ impl UnionFind {
     }
 
     /// Adds `count` sets of one member each; returns the first new member.
-    #[cfg(feature = "vdb")]
     pub fn extend(&mut self, count: usize) -> usize {
         let first = self.0.len();
         self.0.extend((first..first + count).map(|n| n as u32));

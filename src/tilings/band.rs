@@ -2,7 +2,7 @@
 //!
 //! The band holds the samples of a world field on the voxel lattice within the half width `w` of the
 //! zero set, in leaves as OpenVDB stores them. Aligned cubes of 128, 64, 32, 16 and 8 voxels are halved
-//! while [`Field::bound`](crate::field::Field::bound), over their samples and one layer around them,
+//! while [`Field::bound`](druse_geometry::field::Field::bound), over their samples and one layer around them,
 //! meets `(-w, w)`. Blocks of 128^3 are evaluated in parallel and passed to a [`LeafSink`].
 //!
 //! - A voxel is **active** if `|d| < w`, or if one of its 26 neighbours has the other sign: a field that
@@ -13,9 +13,9 @@
 //!   neighbour, so that the solids merge.
 //! - Results do not depend on the number of threads or on the order of the blocks.
 
-use crate::field::WorldField;
-use crate::frame::{Aabb, Coord, Transform, WorldPoint};
-use crate::progress::Cancelled;
+use druse_geometry::field::WorldField;
+use druse_geometry::frame::{Aabb, Coord, Transform, WorldPoint};
+use druse_geometry::progress::Cancelled;
 
 mod activate;
 mod attributes;
@@ -35,19 +35,24 @@ mod sinks;
 mod smooth;
 
 pub use attributes::AttributeStore;
-pub(crate) use attributes::{ATTRIBUTE_FILE_MAGIC, AttributeFileWriter};
-pub(crate) use coarser_copy::FinerBand;
+#[doc(hidden)]
+pub use attributes::{ATTRIBUTE_FILE_MAGIC, AttributeFileWriter};
+#[doc(hidden)]
+pub use coarser_copy::FinerBand;
 pub use estimate::{Estimate, Sampling};
 #[doc(hidden)]
 pub use leaf::BLOCK;
-pub(crate) use leaf::LEAF;
+#[doc(hidden)]
+pub use leaf::LEAF;
 pub use leaf::{LeafBatch, LeafSink, SinkError, VOXELS};
-pub(crate) use leaf_file::LEAF_FILE_MAGIC;
+#[doc(hidden)]
+pub use leaf_file::LEAF_FILE_MAGIC;
 #[doc(hidden)]
 pub use leaf_file::LeafFileWriter;
 pub use leaf_file::{LeafFileError, LeafFileHead};
 pub use leaf_store::{FullLeaf, LeafStore, StoreError, UpperNode};
-pub(crate) use redistance::ClosestPointField;
+#[doc(hidden)]
+pub use redistance::ClosestPointField;
 pub use redistance::SurfacePoints;
 pub use sinks::{Leaf, LeafCounter, LeafCounts, LeafMap};
 pub use smooth::{LeafRef, Smoother};
@@ -58,6 +63,7 @@ pub use smooth::{LeafRef, Smoother};
 /// must be correct and the magnitude at least the half width.
 ///
 /// ```
+/// # mod druse { pub use druse_geometry::*; pub use druse_tilings::*; }
 /// use druse::band::{Band, LeafCounter};
 /// use druse::field::Sphere;
 /// use druse::frame::{Aabb, Transform, Vec3};

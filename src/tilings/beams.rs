@@ -10,9 +10,9 @@
 //! [`Network`] maps the struts and plates of a cell through the elements of a scaffold. [`Cut`] clips the
 //! solid at the scaffold's outer faces. [`Rods`] are cones with flat or hemispherical ends.
 
-use crate::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
-use crate::frame::{Aabb, Vec3, WorldPoint};
-use crate::mesh::Bvh;
+use druse_geometry::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
+use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
+use druse_geometry::mesh::Bvh;
 
 mod cut;
 mod fillet;
@@ -38,6 +38,7 @@ const ROUNDING_MARGIN: f64 = 1e-4;
 /// A union of beams and plates.
 ///
 /// ```
+/// # mod druse { pub use druse_geometry::*; pub use druse_tilings::*; }
 /// use druse::beams::{Beam, Beams};
 /// use druse::field::Field;
 /// use druse::frame::{Vec3, WorldPoint};
@@ -131,10 +132,7 @@ impl Beams {
             Part::Beam(_) => 0,
             Part::Plate(facet) => size_of_val(&**facet),
         };
-        self.parts.iter().map(plate).sum::<usize>()
-            + size_of_val(&*self.parts)
-            + size_of_val(self.tree.nodes())
-            + size_of_val(self.tree.order())
+        self.parts.iter().map(plate).sum::<usize>() + size_of_val(&*self.parts) + self.tree.bytes()
     }
 
     /// The smallest distance, and the part that has it.

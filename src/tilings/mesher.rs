@@ -15,10 +15,10 @@
 //! result does not depend on the number of threads.
 
 use crate::band::{LEAF, Region, VOXELS};
-use crate::field::WorldField;
-use crate::frame::{Coord, Transform, Vec3};
-use crate::mesh::{MeshError, TriMesh};
-use crate::progress::{Cancelled, Progress};
+use druse_geometry::field::WorldField;
+use druse_geometry::frame::{Coord, Transform, Vec3};
+use druse_geometry::mesh::{MeshError, TriMesh};
+use druse_geometry::progress::{Cancelled, Progress};
 
 mod cases;
 mod cells;
@@ -30,7 +30,8 @@ mod vertex_position;
 pub use patch::Patch;
 #[doc(hidden)]
 pub use patch::Welder;
-pub(crate) use quads::RegionQuads;
+#[doc(hidden)]
+pub use quads::RegionQuads;
 pub use vertex_position::move_off_voxels;
 
 /// A leaf of a band: least voxel, and 512 values with z fastest.
@@ -68,6 +69,7 @@ pub enum MesherError {
 /// Makes meshes of bands on one lattice of voxels.
 ///
 /// ```
+/// # mod druse { pub use druse_geometry::*; pub use druse_tilings::*; }
 /// use druse::band::{Band, LeafMap};
 /// use druse::field::Sphere;
 /// use druse::frame::{Aabb, Transform, Vec3};

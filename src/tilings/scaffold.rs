@@ -1,7 +1,7 @@
 //! Scaffolds: unstructured meshes of solid elements, with their maps.
 //!
 //! A scaffold owns nodes in world units and elements of the kinds in [`Kind`], nodes in VTK order.
-//! Each element maps its reference cell (see [`crate::frame::Element`]) into the world by
+//! Each element maps its reference cell (see [`druse_geometry::frame::Element`]) into the world by
 //! x = F(xi) = sum `N_a(xi)` `X_a`; [`ElementMap`] evaluates it and its inverse. Elements that share
 //! a face by its corner nodes are neighbours; face-connected elements form a component.
 //!
@@ -10,6 +10,7 @@
 //! [`Scaffold::validate`] finds Jacobians that change sign.
 //!
 //! ```
+//! # mod druse { pub use druse_geometry::*; pub use druse_tilings::*; }
 //! use druse::frame::{CellPoint, Vec3, WorldPoint};
 //! use druse::scaffold::{Kind, Scaffold};
 //! let s = Scaffold::box_grid(Vec3::new(2.0, 1.0, 1.0), [2, 1, 1], Kind::Hex8).unwrap();
@@ -52,8 +53,8 @@ pub use report::{BadElement, InvalidScaffold, ScaffoldReport, Spot};
 pub use surface::{Surface, ThinWall};
 pub use topology::{FaceRef, Neighbour};
 
-use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint, is_in_range};
-use crate::mesh::Bvh;
+use druse_geometry::frame::{Aabb, CellPoint, Vec3, WorldPoint, is_in_range};
+use druse_geometry::mesh::Bvh;
 use map::Geometry;
 use rayon::prelude::*;
 use topology::Topology;
@@ -137,7 +138,7 @@ pub enum ScaffoldError {
     /// An element that the division does not support.
     #[error(
         "{what}: element {element} ({}) cannot be cut so; {}", kind.name(),
-        if kind.shape() == crate::frame::Element::Pyramid {
+        if kind.shape() == druse_geometry::frame::Element::Pyramid {
             "remesh without pyramids (gmsh: Mesh.SubdivisionAlgorithm = 2 for hexes only)"
         } else {
             "use refine, or all_hex before repeat"

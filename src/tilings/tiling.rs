@@ -11,11 +11,11 @@
 //! | `curved` | any | rule Q | blocks of 2^3 samples, Newton's method for the inverse map |
 //! | `distance_scale`, `exact` | any | single points, rule R, several components without a cut | point by point |
 
-use crate::cell::Table;
-use crate::field::{Field, Interval, LeafParts, Leaves, SampleLattice, signs_of_values};
-use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
-use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
+use druse_cells::cell::Table;
+use druse_geometry::field::{Field, Interval, LeafParts, Leaves, SampleLattice, signs_of_values};
+use druse_geometry::frame::{Aabb, CellPoint, Vec3, WorldPoint};
+use druse_geometry::mesh::MeshSolid;
 
 mod affine;
 mod axis_aligned;
@@ -49,9 +49,11 @@ pub use blend::{Blend, Member};
 pub use certificate::{Certificate, Discontinuity, FaceStatistics, certify};
 pub use distribution::{Graded, Interpolation, Weights};
 pub use error::TilingError;
-pub(crate) use interface::FaceJoins;
+#[doc(hidden)]
+pub use interface::FaceJoins;
 pub use source::{CellField, Filling, fills};
-pub(crate) use transition_connectivity::{TransitionCheck, check_transition};
+#[doc(hidden)]
+pub use transition_connectivity::{TransitionCheck, check_transition};
 pub use visits::Visits;
 
 use affine::Quantity;

@@ -14,8 +14,8 @@
 //! the icosahedral group has no lattice in space, so its cell is a single isolated solid.
 
 use super::{CellError, Expression};
-use crate::frame::{Element, Mat3};
 use crate::symmetry::{GroupText, Lattice, PointGroup};
+use druse_geometry::frame::{Element, Mat3};
 use nalgebra::SMatrix;
 
 /// Each element with its named symmetry groups and its lattices; the first of each is the default.

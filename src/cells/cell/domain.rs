@@ -12,7 +12,7 @@
 //! equal volumes stay equal: a is the radius, and on the sphere a triangle is mapped onto the spherical
 //! one by Arvo's sampling map (*Stratified sampling of spherical triangles*, 1995).
 
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 
 /// A simplex of the barycentric subdivision that represents its orbit.
 #[derive(Clone, Debug)]

@@ -17,6 +17,7 @@ use rayon::prelude::*;
 /// If the number of samples is not the product of the shape.
 ///
 /// ```
+/// # extern crate druse_cells as druse;
 /// let row = [false, false, true, true, true, false];
 /// let d = druse::cell::edt::signed_distance(&row, &[6], &[1.0], false);
 /// assert_eq!(d, [1.5, 0.5, -0.5, -1.5, -0.5, 0.5]);

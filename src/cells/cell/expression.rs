@@ -12,7 +12,7 @@
 use super::compatibility::embedded;
 use super::icosahedral::Icosahedral;
 use super::{CellError, Series};
-use crate::frame::{Mat3, is_in_range};
+use druse_geometry::frame::{Mat3, is_in_range};
 use std::sync::Arc;
 
 mod value;

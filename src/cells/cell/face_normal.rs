@@ -15,9 +15,9 @@
 //! onto the null space, which gives the nearest function.
 
 use super::{Constraint, Series};
-use crate::field::Field;
-use crate::frame::{CellPoint, Element};
 use crate::symmetry::Basis;
+use druse_geometry::field::Field;
+use druse_geometry::frame::{CellPoint, Element};
 use nalgebra::{DVector, SMatrix, SVector};
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};

@@ -10,8 +10,8 @@
 
 use super::Constraint;
 use super::face_normal::{self, ProjectionKey, projection_key};
-use crate::frame::{Element, Vec3};
 use crate::symmetry::Basis;
+use druse_geometry::frame::{Element, Vec3};
 use nalgebra::{DVector, Matrix2, Vector2};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -3,7 +3,7 @@
 //! [`Cell::from_json`] and [`Cell::to_json`] describe the format.
 
 use super::{Cell, Expression, FitReport, Node, Series, Solid};
-use crate::frame::{Element, is_in_range};
+use druse_geometry::frame::{Element, is_in_range};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use std::fmt::Write as _;

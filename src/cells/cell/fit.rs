@@ -13,8 +13,8 @@
 //! Results do not depend on the number of threads.
 
 use super::{Cell, CellError};
-use crate::frame::{CellPoint, Element, Mat3};
-use crate::progress::Progress;
+use druse_geometry::frame::{CellPoint, Element, Mat3};
+use druse_geometry::progress::Progress;
 
 mod accuracy;
 mod components;
@@ -67,6 +67,7 @@ const BAND_LIMIT_FACTOR: f64 = 1.5;
 /// symmetric part; a band limit that is too large; an incompatible lattice.
 ///
 /// ```
+/// # mod druse { pub use druse_cells::*; pub use druse_geometry::*; }
 /// use druse::cell::{FitOptions, fit};
 /// use druse::{frame::Element, progress::Silent};
 /// let options = FitOptions { band_limit: 4.0, ..FitOptions::default() };

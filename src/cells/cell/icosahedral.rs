@@ -11,8 +11,8 @@
 //! cos(2 pi f x) cos(2 pi f' y) cos(2 pi f'' z), with far fewer terms than exponentials.
 
 use super::Series;
-use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, Vec3};
+use druse_geometry::field::{Field, Interval};
+use druse_geometry::frame::{CellBox, CellPoint, Vec3};
 use nalgebra::SVector;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

@@ -12,9 +12,9 @@
 
 use super::domain::{Domain, SimplexGrid};
 use super::{Cell, CellError, Solid};
-use crate::field::Field;
-use crate::frame::{CellPoint, Element};
 use correction::layer_correction;
+use druse_geometry::field::Field;
+use druse_geometry::frame::{CellPoint, Element};
 use layer::{layer_share_below, share_of_tetrahedron_below};
 use rayon::prelude::*;
 use std::sync::Arc;

@@ -13,9 +13,9 @@
 use super::edt::signed_distance;
 use super::fit::{Extension, Transform};
 use super::{Cell, FitError, FitOptions, Table, fit};
-use crate::field::Field;
-use crate::frame::{CellPoint, Element, Vec3};
-use crate::progress::{Cancelled, Progress};
+use druse_geometry::field::Field;
+use druse_geometry::frame::{CellPoint, Element, Vec3};
+use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 

@@ -2,9 +2,9 @@
 
 use super::CellError;
 use super::trig_sum::{AXES, TrigSum};
-use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, is_in_range};
 use crate::symmetry::{Frequency, Lattice, PointGroup};
+use druse_geometry::field::{Field, Interval};
+use druse_geometry::frame::{CellBox, CellPoint, is_in_range};
 use nalgebra::SVector;
 use std::f64::consts::TAU;
 

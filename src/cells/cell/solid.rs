@@ -1,8 +1,8 @@
 //! The solid of a cell: one side of a level, or a sheet around the zero surface.
 
 use super::CellError;
-use crate::field::Interval;
-use crate::frame::is_in_range;
+use druse_geometry::field::Interval;
+use druse_geometry::frame::is_in_range;
 
 /// Which values of the function are solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -9,9 +9,9 @@
 
 use super::FitError;
 use super::fit::{Placement, SourceReport};
-use crate::field::Formula;
-use crate::frame::{Aabb, CellPoint, Element, Vec3};
-use crate::mesh::CloudSolid;
+use druse_geometry::field::Formula;
+use druse_geometry::frame::{Aabb, CellPoint, Element, Vec3};
+use druse_geometry::mesh::CloudSolid;
 use serde::{Deserialize, Serialize};
 
 mod mesh;
@@ -62,6 +62,7 @@ type Value = Box<dyn Fn(Vec3) -> f64 + Send + Sync>;
 /// A signed distance in the reference frame of an element, negative inside, with its metadata.
 ///
 /// ```
+/// # mod druse { pub use druse_cells::*; pub use druse_geometry::*; }
 /// use druse::cell::{FitOptions, Placement, Skeleton, Source, fit_source};
 /// use druse::{frame::Element, progress::Silent};
 /// let struts = Skeleton::graph(Element::Hex, "bcc", 0.1).unwrap();

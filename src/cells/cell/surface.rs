@@ -1,8 +1,8 @@
 //! Triply periodic surfaces in closed form, as exact coefficient sets.
 
 use super::{Cell, CellError, Series, default_group, symmetry};
-use crate::frame::Element;
 use crate::symmetry::Frequency;
+use druse_geometry::frame::Element;
 use std::collections::BTreeMap;
 
 /// A triply periodic surface with period 1, by name.
@@ -49,7 +49,8 @@ pub enum Surface {
 
 /// Orbit representatives and coefficients. A product of cosines along n distinct axes has 2^n
 /// exponentials, so that its factor is divided by 2^n.
-pub(crate) type Terms = &'static [(Frequency<3>, [f64; 2])];
+#[doc(hidden)]
+pub type Terms = &'static [(Frequency<3>, [f64; 2])];
 
 /// A product over the axes: a factor, and for each axis the sine or cosine of a multiple of 2 pi x.
 type Product = (f64, [(TrigFunction, i32); 3]);
@@ -218,7 +219,8 @@ impl Surface {
 ///
 /// # Errors
 /// [`CellError`] for an unknown group.
-pub(crate) fn of_terms(
+#[doc(hidden)]
+pub fn of_terms(
     name: &str,
     (element, group): (Element, Option<&str>),
     terms: Terms,

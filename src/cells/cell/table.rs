@@ -13,8 +13,8 @@
 //! absolute value is taken after interpolation.
 
 use super::{Cell, CellError, Expression, Products, Solid};
-use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, Element, Vec3};
+use druse_geometry::field::{Field, Interval};
+use druse_geometry::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
 mod direct;

@@ -9,7 +9,7 @@
 use super::level_search::{Samples, SurfacePatch};
 use super::table::Table;
 use super::{Cell, CellError, Solid};
-use crate::frame::{CellPoint, Element, Face, Vec3};
+use druse_geometry::frame::{CellPoint, Element, Face, Vec3};
 use rayon::prelude::*;
 
 mod nearest_level;
@@ -257,6 +257,7 @@ impl Cell {
     /// [`CellError::TableTooLarge`].
     ///
     /// ```
+    /// # mod druse { pub use druse_cells::*; pub use druse_geometry::*; }
     /// use druse::{cell::{Solid, Surface}, frame::Element};
     ///
     /// let sheet = Surface::SchwarzP.cell(Element::Hex).unwrap().sheet(0.1).unwrap();
@@ -297,7 +298,8 @@ impl Cell {
     ///
     /// # Errors
     /// As there.
-    pub(crate) fn nearest_levels_for_thicknesses(
+    #[doc(hidden)]
+    pub fn nearest_levels_for_thicknesses(
         &self,
         thicknesses: &[f64],
     ) -> Result<Vec<NearestLevel>, CellError> {

@@ -9,7 +9,7 @@
 //! Derivatives are with respect to the angle.
 
 use super::{Cell, Expression, Solid};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::ops::Range;

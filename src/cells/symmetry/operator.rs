@@ -12,6 +12,7 @@ const AXES: [char; 6] = ['x', 'y', 'z', 'u', 'v', 'w'];
 /// The text form lists the images of the coordinates: `-y,x,z` maps (x, y, z) to (-y, x, z).
 ///
 /// ```
+/// # extern crate druse_cells as druse;
 /// use druse::symmetry::Operator;
 /// let r: Operator<3> = "-y,x,z".parse().unwrap();
 /// assert_eq!((r * r).to_string(), "-x,-y,z");

@@ -127,6 +127,7 @@ const MAX_ORDER: [usize; 4] = [1, 2, 12, 48];
 /// A finite group of operators on the coordinates of one lattice.
 ///
 /// ```
+/// # extern crate druse_cells as druse;
 /// use druse::symmetry::{Lattice, PointGroup};
 /// let td = PointGroup::named("Td", &Lattice::<3>::named("fcc2").unwrap()).unwrap();
 /// assert_eq!(td.order(), 24);

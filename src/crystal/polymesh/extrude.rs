@@ -9,7 +9,7 @@ use super::kind::{Dihedral, Kind, Operator};
 use super::polygon::Polygon;
 use super::tier;
 use super::{ExtrudeError, Faces, MAX_CORNERS, PolyMesh, operator};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// An extrusion and its parameters.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,8 +7,8 @@
 
 use super::polygon::unit;
 use super::{Faces, PolyError, PolyMesh};
-use crate::frame::{Mat3, Vec3};
-use crate::symmetry::{Operator, PointGroup};
+use druse_cells::symmetry::{Operator, PointGroup};
+use druse_geometry::frame::{Mat3, Vec3};
 use std::collections::BTreeSet;
 
 /// Lattice systems and their free lengths and angles.

@@ -2,7 +2,7 @@
 
 use super::PolyMesh;
 use super::polygon::{doubled_area_vector, mean, unit};
-use crate::frame::{Aabb, Vec3, figures};
+use druse_geometry::frame::{Aabb, Vec3, figures};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;

@@ -17,7 +17,7 @@ use super::kind::{Kind, Operator};
 use super::polygon::{Polygon, doubled_area_vector, mean, unit};
 use super::topology::Ring;
 use super::{Faces, PolyMesh};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::f64::consts::PI;
 
 /// The cap that `operator` makes on a base polygon.

@@ -5,8 +5,8 @@
 //! fine meshes.
 
 use super::PolyMesh;
-use crate::frame::Vec3;
-use crate::mesh::MeshError;
+use druse_geometry::frame::Vec3;
+use druse_geometry::mesh::MeshError;
 
 /// Samples along each edge of a pixel.
 const SAMPLES_PER_PIXEL_EDGE: usize = 2;

@@ -7,7 +7,7 @@
 //! `D_i` = N - cot(delta) `m_i` with `m_i` = (W_(i-1) + `W_i`) / (1 + W_(i-1).W_i); this holds at reflex and straight
 //! corners too.
 
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// Length of the doubled area vector over the square of the mean edge, below which it is rounding error.
 const MIN_RELATIVE_AREA: f64 = 1e-14;

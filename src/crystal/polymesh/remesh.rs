@@ -13,7 +13,7 @@
 
 use super::topology::Ring;
 use super::{Faces, MAX_CORNERS, PolyError, PolyMesh};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::fmt;
 
 mod corner;

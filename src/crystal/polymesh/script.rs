@@ -4,6 +4,7 @@
 //! that the caller may override, numbers may be expressions (angles in degrees). [`VERBS`] lists the steps.
 //!
 //! ```
+//! # extern crate druse_crystal as druse;
 //! use druse::polymesh::{NoFiles, Script, Interpreter};
 //! let script = Script::parse("param n = 1\ncube\nrepeat n { extrude tetrahedral group=1 }").unwrap();
 //! let mut interpreter = Interpreter::new(&NoFiles);
@@ -17,7 +18,7 @@
 use super::expression::Expression;
 use super::history::{History, Model};
 use super::{PolyMesh, seed};
-use crate::progress::{Progress, Silent};
+use druse_geometry::progress::{Progress, Silent};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -418,6 +419,7 @@ impl PolyMesh {
     /// [`ScriptError`] at the step that cannot be done, or when none makes a mesh.
     ///
     /// ```
+    /// # extern crate druse_crystal as druse;
     /// use druse::polymesh::PolyMesh;
     /// let star = PolyMesh::from_script("cube; extrude tetrahedral all").unwrap();
     /// assert_eq!(star.face_count(), 24);

@@ -3,7 +3,7 @@
 //! Solids are centred on the origin; all faces are in group 1. Lengths are in the model's unit.
 
 use super::{Faces, PolyError, PolyMesh, archimedean};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::f64::consts::{PI, TAU};
 
 /// Names of the Platonic solids.

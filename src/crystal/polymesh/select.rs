@@ -10,8 +10,8 @@
 
 use super::PolyMesh;
 use super::expression::{Expression, ExpressionError, Value};
-use crate::frame::Vec3;
-use crate::mesh::{MeshSolid, TriMesh};
+use druse_geometry::frame::Vec3;
+use druse_geometry::mesh::{MeshSolid, TriMesh};
 use std::cell::RefCell;
 use std::collections::HashMap;
 

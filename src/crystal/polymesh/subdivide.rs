@@ -6,7 +6,7 @@
 //! first, then the parts in the order of their faces.
 
 use super::{Faces, MAX_CORNERS, PolyError, PolyMesh};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::collections::HashMap;
 
 /// The parts that faces are cut into.

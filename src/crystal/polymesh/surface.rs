@@ -1,7 +1,7 @@
 //! Faces as the elements of a surface scaffold.
 
 use super::PolyMesh;
-use crate::scaffold::{Connectivity, Kind, ScaffoldError, Surface};
+use druse_tilings::scaffold::{Connectivity, Kind, ScaffoldError, Surface};
 
 /// Why faces cannot be elements of a surface.
 #[derive(Debug, thiserror::Error)]

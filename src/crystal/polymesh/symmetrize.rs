@@ -6,7 +6,7 @@
 use super::PolyMesh;
 use super::polygon::unit;
 use super::topology::Ring;
-use crate::frame::{Mat3, Vec3};
+use druse_geometry::frame::{Mat3, Vec3};
 
 /// A symmetry of a mesh.
 #[derive(Clone, Debug)]

@@ -5,7 +5,7 @@
 //! For tiers over the middles of edges t is therefore a ratio of slant heights.
 
 use super::polygon::{EdgePlane, Polygon, intersection_direction, mean, unit};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// The rule that places the vertices of a tier. `b_i` is corner i of the base, L its mean edge length, t the
 /// ratio of the tier, `u_i` the slope direction of edge i, `d_i` the ridge direction of corner i.

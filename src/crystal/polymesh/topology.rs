@@ -1,7 +1,7 @@
 //! Half-edge topology: twins of corners, the order round a vertex, and the checks of a manifold.
 
 use super::{Faces, PolyError, PolyMesh};
-use crate::frame::{Vec3, is_in_range};
+use druse_geometry::frame::{Vec3, is_in_range};
 
 /// Checks vertices, faces and groups, and computes the twin of each corner.
 pub(super) fn twins(

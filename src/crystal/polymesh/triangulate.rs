@@ -6,8 +6,8 @@
 
 use super::PolyMesh;
 use super::polygon::{doubled_area_vector, mean, unit};
-use crate::frame::Vec3;
-use crate::mesh::{MeshError, TriMesh};
+use druse_geometry::frame::Vec3;
+use druse_geometry::mesh::{MeshError, TriMesh};
 
 /// Triangles of a polygon mesh.
 pub struct Triangulated {

@@ -4,8 +4,8 @@
 //! changes the path and not the result, since the residual is that of the rounded direction.
 
 use super::HomogenizeError;
-use crate::progress::Progress;
-use crate::simd::run_vectorized;
+use druse_geometry::progress::Progress;
+use druse_geometry::simd::run_vectorized;
 use rayon::prelude::*;
 
 /// Number of values that one task sums or updates.
@@ -123,7 +123,7 @@ pub(super) fn solve(
     let mut beta = 0.0;
     for iteration in 0..=control.max_iterations {
         if progress.cancelled() {
-            return Err(crate::progress::Cancelled.into());
+            return Err(druse_geometry::progress::Cancelled.into());
         }
         system.precondition(r, q);
         let product = dot(r, q);

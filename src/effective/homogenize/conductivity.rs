@@ -6,7 +6,7 @@ use super::grid::Grid;
 use super::spectral::Spectral;
 use super::stencil::{Frequencies, RowMap, green};
 use super::{HomogenizeError, check_shares};
-use crate::progress::Progress;
+use druse_geometry::progress::Progress;
 use std::sync::Mutex;
 
 /// The medium, its operators and buffers.

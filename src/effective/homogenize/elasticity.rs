@@ -12,8 +12,8 @@ use super::spectral::Spectral;
 use super::stencil::{Frequencies, RowMap, green};
 use super::tensor::{PAIRS, Voigt};
 use super::{HomogenizeError, check_shares};
-use crate::frame::Vec3;
-use crate::progress::Progress;
+use druse_geometry::frame::Vec3;
+use druse_geometry::progress::Progress;
 
 /// Names of the load cases.
 pub const LOADS: [&str; 6] = ["11", "22", "33", "23", "13", "12"];

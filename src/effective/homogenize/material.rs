@@ -2,7 +2,7 @@
 
 use super::HomogenizeError;
 use super::tensor::{Voigt, symmetric_index};
-use crate::frame::{Mat3, Vec3};
+use druse_geometry::frame::{Mat3, Vec3};
 
 /// A linear elastic isotropic material, by Lame's moduli.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! Periodic scaffolds of equal tets.
 
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 
 /// A periodic scaffold of tets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,7 +22,8 @@ impl Packing {
     }
 
     /// One tet of the packing; the others are its images under the packing's symmetry.
-    pub(crate) fn tet(self) -> [Vec3; 4] {
+    #[doc(hidden)]
+    pub fn tet(self) -> [Vec3; 4] {
         self.tets()[0]
     }
 

@@ -14,11 +14,11 @@ use super::HomogenizeError;
 use super::grid::Grid;
 use super::packing::Packing;
 use super::phases::{Samples, fine_counts};
-use crate::beams::{Beam, Beams, Plate};
-use crate::cell::{Cell, Skeleton, Solid};
-use crate::field::{Field, SampleLattice};
-use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
-use crate::progress::{Cancelled, Progress};
+use druse_cells::cell::{Cell, Skeleton, Solid};
+use druse_geometry::field::{Field, SampleLattice};
+use druse_geometry::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
+use druse_geometry::progress::{Cancelled, Progress};
+use druse_tilings::beams::{Beam, Beams, Plate};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
@@ -159,7 +159,8 @@ impl Period {
     }
 
     /// A length in the period per reference length, for elements of the same volume; 1 but for tets.
-    pub(crate) fn length_scale(&self) -> f64 {
+    #[doc(hidden)]
+    pub fn length_scale(&self) -> f64 {
         match self.element {
             Element::Tet => self.packing.scales()[1],
             _ => 1.0,

@@ -6,9 +6,9 @@
 
 use super::HomogenizeError;
 use super::grid::Grid;
-use crate::cell::Solid;
-use crate::field::cube_share;
-use crate::frame::Vec3;
+use druse_cells::cell::Solid;
+use druse_geometry::field::cube_share;
+use druse_geometry::frame::Vec3;
 use rayon::prelude::*;
 
 /// Samples of a field over a period.

@@ -11,7 +11,7 @@ use super::phases::mean;
 use super::stokes::Stokes;
 use super::tensor::{EngineeringConstants, Voigt, cubic_means, engineering, symmetrised};
 use super::{Bounds, HomogenizeError, check_shares};
-use crate::progress::Progress;
+use druse_geometry::progress::Progress;
 
 /// Largest difference of equal shares in the test of symmetry.
 const SYMMETRY_TOLERANCE: f64 = 1e-5;

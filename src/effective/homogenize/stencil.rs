@@ -7,7 +7,7 @@
 
 use super::grid::Grid;
 use super::spectral::Spectral;
-use crate::simd::run_vectorized;
+use druse_geometry::simd::run_vectorized;
 use rayon::prelude::*;
 
 /// Layers of corners that one task fills; one more layer of voxels is computed twice.

@@ -12,7 +12,7 @@ use super::HomogenizeError;
 use super::cg::{Control, add, dot};
 use super::grid::Grid;
 use super::spectral::Spectral;
-use crate::progress::Progress;
+use druse_geometry::progress::Progress;
 use rayon::prelude::*;
 
 /// Number of components of a field: three velocities and the pressure.
@@ -345,7 +345,7 @@ impl Stokes {
         let (mut gamma_old, mut sines, mut cosines) = (1.0, [0.0; 2], [1.0; 2]);
         for iteration in 1..=control.max_iterations {
             if progress.cancelled() {
-                return Err(crate::progress::Cancelled.into());
+                return Err(druse_geometry::progress::Cancelled.into());
             }
             scale(&mut z, 1.0 / gamma);
             self.apply(&z, &mut z_next);

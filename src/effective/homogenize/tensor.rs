@@ -1,6 +1,6 @@
 //! Stiffness matrices in Voigt notation (11 22 33 23 13 12, engineering shear) and engineering constants.
 
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use nalgebra::{Matrix3, Matrix6};
 
 /// A symmetric 6x6 matrix over 11 22 33 23 13 12 with engineering shear strains.

@@ -5,7 +5,7 @@
 //! a power before they become moduli, since a mean of moduli over a wide interface is stiffer than any
 //! microstructure.
 
-use crate::cell::Solid;
+use druse_cells::cell::Solid;
 use std::f64::consts::PI;
 
 /// A step from 0 to 1 over [-1, 1], and its slope: (1 + s + sin(pi s) / pi) / 2.

@@ -5,10 +5,10 @@ use super::samples::SampledBasis;
 use super::space::Space;
 use super::target::{Target, UpperBounds};
 use super::{InverseError, Property};
-use crate::cell::{Cell, Solid, symmetry};
-use crate::frame::Element;
 use crate::homogenize::{Control, Isotropic, Settings};
-use crate::symmetry::Basis;
+use druse_cells::cell::{Cell, Solid, symmetry};
+use druse_cells::symmetry::Basis;
+use druse_geometry::frame::Element;
 
 /// Least number of voxels along the period.
 const MIN_VOXELS: usize = 8;

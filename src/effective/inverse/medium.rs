@@ -10,7 +10,7 @@ use crate::homogenize::{
     Conduction, Control, Elasticity, Grid, HomogenizeError, Isotropic, PAIRS, Scheme, Stokes,
     Voigt, symmetrised,
 };
-use crate::progress::Progress;
+use druse_geometry::progress::Progress;
 
 /// Mean strains whose energies are 9 K, 2 (C11 - C12) and C44.
 const MODES: [[f64; 6]; 3] = [

@@ -5,10 +5,10 @@
 use super::InverseError;
 use super::medium::Medium;
 use super::problem::{Evaluation, Problem};
-use crate::progress::Progress;
 use argmin::core::{CostFunction, Error, Executor, Gradient};
 use argmin::solver::linesearch::MoreThuenteLineSearch;
 use argmin::solver::quasinewton::LBFGS;
+use druse_geometry::progress::Progress;
 use std::cell::RefCell;
 
 /// Steps that the quasi-Newton matrix is made of.

@@ -10,9 +10,9 @@ use super::medium::{Medium, Needs};
 use super::objective::{Effective, Objective};
 use super::samples::SampledBasis;
 use super::space::Space;
-use crate::cell::Solid;
 use crate::homogenize::{Connectivity, Grid};
-use crate::progress::Progress;
+use druse_cells::cell::Solid;
+use druse_geometry::progress::Progress;
 
 /// Most steps of the search for the level.
 const MAX_LEVEL_STEPS: usize = 100;

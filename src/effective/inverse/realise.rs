@@ -3,7 +3,7 @@
 use super::InverseError;
 use super::design::Prepared;
 use super::space::Space;
-use crate::cell::{Cell, Series};
+use druse_cells::cell::{Cell, Series};
 
 /// First step of the search for a matched cell's level, reference lengths.
 const FIRST_STEP: f64 = 1e-3;

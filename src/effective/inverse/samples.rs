@@ -1,9 +1,9 @@
 //! The functions of a basis at the voxels of a period, one voxel of each orbit under the cell's symmetries.
 
 use super::InverseError;
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::homogenize::{Grid, Packing};
-use crate::symmetry::Basis;
+use druse_cells::symmetry::Basis;
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{SQRT_2, TAU};
 

@@ -13,9 +13,9 @@ use super::samples::SampledBasis;
 use super::space::{self, Space};
 use super::start::{self, Start};
 use super::verify;
-use crate::cell::{Cell, DesignProperties, DesignReport, DesignStep, FitReport, Solid};
 use crate::homogenize::{Control, HomogenizeError};
-use crate::progress::{Progress, Silent};
+use druse_cells::cell::{Cell, DesignProperties, DesignReport, DesignStep, FitReport, Solid};
+use druse_geometry::progress::{Progress, Silent};
 use rayon::prelude::*;
 
 /// Residual of the solver in a search; a stiffness errs by its square.
@@ -394,7 +394,7 @@ impl Prepared {
         }
         let Some((cost, cell, candidate, properties)) = chosen else {
             if is_stopped {
-                return Err(HomogenizeError::Cancelled(crate::progress::Cancelled).into());
+                return Err(HomogenizeError::Cancelled(druse_geometry::progress::Cancelled).into());
             }
             return Err(fault);
         };

@@ -5,10 +5,10 @@
 
 use super::InverseError;
 use super::samples::SampledBasis;
-use crate::cell::{Cell, Constraint, Solid, face_normal, face_trace};
-use crate::field::Field;
-use crate::frame::Element;
-use crate::symmetry::Basis;
+use druse_cells::cell::{Cell, Constraint, Solid, face_normal, face_trace};
+use druse_cells::symmetry::Basis;
+use druse_geometry::field::Field;
+use druse_geometry::frame::Element;
 use nalgebra::{DMatrix, DVector};
 
 /// Singular values of a projection below this are 0.

@@ -2,10 +2,10 @@
 
 use super::InverseError;
 use super::samples::SampledBasis;
-use crate::cell::{Cell, Solid, Surface, Terms, of_terms};
-use crate::field::Field;
-use crate::frame::{CellPoint, Element};
-use crate::symmetry::Basis;
+use druse_cells::cell::{Cell, Solid, Surface, Terms, of_terms};
+use druse_cells::symmetry::Basis;
+use druse_geometry::field::Field;
+use druse_geometry::frame::{CellPoint, Element};
 use std::f64::consts::TAU;
 
 /// Least share of a start's mean square that the band and the group must keep.

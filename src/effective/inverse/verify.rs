@@ -5,13 +5,13 @@
 use super::InverseError;
 use super::objective::Effective;
 use super::problem::is_connected;
-use crate::cell::{Cell, DesignProperties};
-use crate::field::Field;
-use crate::frame::Element;
 use crate::homogenize::{
     Grid, Packing, Period, Properties, Settings, cubic_means, properties, sharpened,
 };
-use crate::progress::Progress;
+use druse_cells::cell::{Cell, DesignProperties};
+use druse_geometry::field::Field;
+use druse_geometry::frame::Element;
+use druse_geometry::progress::Progress;
 
 /// Samples along each edge of a voxel, from which it is solid or void.
 const FINENESS: usize = 2;

@@ -6,6 +6,7 @@
 //! pipe, `/dev/stdout`) is written directly, or refused if the format must seek.
 //!
 //! ```
+//! # extern crate druse_formats as druse;
 //! use std::io::Write;
 //! let directory = tempfile::tempdir().unwrap();
 //! let path = directory.path().join("note.txt");

@@ -3,8 +3,8 @@
 use super::atomic::AtomicFile;
 use super::mesh_file::{MeshFile, MeshFormat, read_mesh};
 use super::{ReadError, WriteError, threemf};
-use crate::frame::{Aabb, LengthUnit, Vec3};
-use crate::mesh::TriMesh;
+use druse_geometry::frame::{Aabb, LengthUnit, Vec3};
+use druse_geometry::mesh::TriMesh;
 use std::path::Path;
 
 /// A beam between two nodes.

@@ -4,7 +4,7 @@
 //! names defines the order of the columns. Lines that begin with # and further columns are ignored.
 
 use super::{Place, ReadError, Source, ply, quote};
-use crate::frame::{Vec3, is_in_range};
+use druse_geometry::frame::{Vec3, is_in_range};
 use std::path::Path;
 
 /// Points and one normal for each, of any length.

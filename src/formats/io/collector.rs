@@ -10,8 +10,8 @@ use super::scaffold::{
     DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, no_solids,
 };
 use super::{Place, ReadError, quote};
-use crate::frame::Vec3;
-use crate::scaffold::{Connectivity, Kind, Scaffold, ScaffoldError, Surface};
+use druse_geometry::frame::Vec3;
+use druse_tilings::scaffold::{Connectivity, Kind, Scaffold, ScaffoldError, Surface};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 

@@ -5,7 +5,8 @@ use std::path::{Component, Path};
 /// Why a file of this name would lie outside a folder, as the words after the name; `None` if it stays inside.
 ///
 /// Links below the folder lead to places that the user does not name; they are refused wherever they lead.
-pub(crate) fn leads_out(folder: &Path, name: &Path) -> Option<String> {
+#[doc(hidden)]
+pub fn leads_out(folder: &Path, name: &Path) -> Option<String> {
     let mut path = folder.to_owned();
     let mut depth = 0;
     for part in name.components() {

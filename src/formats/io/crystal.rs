@@ -1,7 +1,7 @@
 //! Script files of the polygon stage: reading and execution.
 
 use super::{Place, ReadError, Source, leads_out, read_polymesh, write_polymesh};
-use crate::polymesh::{
+use druse_crystal::polymesh::{
     Files, Interpreter, LoadOptions, Loaded, Note, PolyMesh, Script, ScriptError,
 };
 use std::path::{Path, PathBuf};

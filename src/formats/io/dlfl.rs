@@ -14,8 +14,8 @@
 use super::polymesh::{Draft, replace_by_colors};
 use super::source::quote;
 use super::{Place, ReadError, Source, mtl};
-use crate::frame::{Vec3, is_in_range};
-use crate::polymesh::{GroupBy, LoadOptions, PolyMesh};
+use druse_crystal::polymesh::{GroupBy, LoadOptions, PolyMesh};
+use druse_geometry::frame::{Vec3, is_in_range};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;

@@ -6,7 +6,7 @@
 
 use super::WriteError;
 use super::atomic::AtomicFile;
-use crate::frame::{Coord, Vec3};
+use druse_geometry::frame::{Coord, Vec3};
 use std::io::{self, Write};
 use std::path::Path;
 

@@ -4,7 +4,7 @@
 //! stored in the file. Binary results are refused with a hint.
 
 use super::{Place, ReadError, Source, number, quote};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 

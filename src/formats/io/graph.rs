@@ -11,8 +11,8 @@
 //! ```
 
 use super::{BeamCap, Place, ReadError};
-use crate::cell::Skeleton;
-use crate::frame::Vec3;
+use druse_cells::cell::Skeleton;
+use druse_geometry::frame::Vec3;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -199,7 +199,7 @@ fn skeleton(
         let expected = format!("the key {key}, or one for every {what}");
         ReadError::data(path, item(what, n), format!("no {key}"), expected)
     };
-    let invalid_part = |what, n, e: crate::cell::SkeletonError| {
+    let invalid_part = |what, n, e: druse_cells::cell::SkeletonError| {
         ReadError::data(path, item(what, n), e.to_string(), "a strut or a plate")
     };
     let mut skeleton = Skeleton::new();

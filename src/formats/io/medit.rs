@@ -12,7 +12,7 @@ mod table;
 use super::collector::Collector;
 use super::scaffold::ElementFile;
 use super::{Place, ReadError, quote};
-use crate::scaffold::Kind;
+use druse_tilings::scaffold::Kind;
 use input::Input;
 use std::path::Path;
 use table::{Meaning, TABLE};

@@ -7,9 +7,9 @@ use super::{
     Faces, MeshView, Place, ReadError, Source, WriteError, obj, off, outer_faces, ply, stl,
     threemf, usda, vtk,
 };
-use crate::frame::LengthUnit;
-use crate::mesh::TriMesh;
-use crate::polymesh::{LoadOptions, PolyMesh};
+use druse_crystal::polymesh::{LoadOptions, PolyMesh};
+use druse_geometry::frame::LengthUnit;
+use druse_geometry::mesh::TriMesh;
 use std::path::Path;
 
 /// A mesh with the metadata of its file.

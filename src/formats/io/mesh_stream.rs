@@ -6,7 +6,7 @@
 use super::atomic::AtomicFile;
 use super::mesh_view::{Faces, Rows, VisitVertex};
 use super::{MeshFormat, StlStream, WriteError, obj, ply, threemf};
-use crate::frame::{LengthUnit, Vec3};
+use druse_geometry::frame::{LengthUnit, Vec3};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! Borrowed meshes for the writers: vertices, triangles or quads, vertex attributes.
 
-use crate::frame::Vec3;
-use crate::mesh::{QuadMesh, TriMesh};
+use druse_geometry::frame::Vec3;
+use druse_geometry::mesh::{QuadMesh, TriMesh};
 use std::io;
 
 /// A visitor of a vertex and its attributes.

@@ -13,7 +13,7 @@ use super::collector::Collector;
 use super::scaffold::ElementFile;
 use super::tokens::{Encoding, Tokens};
 use super::{Place, ReadError, Source, quote};
-use crate::scaffold::Kind;
+use druse_tilings::scaffold::Kind;
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! Wavefront material files: reading of colours, writing of a colour for each group.
 
 use super::{ReadError, Source};
-use crate::polymesh::group_color;
+use druse_crystal::polymesh::group_color;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;

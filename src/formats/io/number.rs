@@ -1,7 +1,7 @@
 //! Numbers in text, also with Fortran exponents; decimal commas are refused with a hint.
 
 use super::{ReadError, Source, quote};
-use crate::frame::is_in_range;
+use druse_geometry::frame::is_in_range;
 
 /// The hint for decimal commas.
 pub(super) const COMMA_HINT: &str =

@@ -9,7 +9,7 @@ use super::number::{self, words};
 use super::polygons::Soup;
 use super::polymesh::color_word;
 use super::{ReadError, Source, quote};
-use crate::frame::{LengthUnit, Vec3};
+use druse_geometry::frame::{LengthUnit, Vec3};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 

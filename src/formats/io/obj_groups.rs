@@ -15,7 +15,7 @@ use super::obj::{Annotations, Names};
 use super::polygons::Soup;
 use super::polymesh::{Draft, color_word, replace_by_colors};
 use super::{ReadError, Source, mtl, obj};
-use crate::polymesh::{GroupBy, LoadOptions, PolyMesh, group_color};
+use druse_crystal::polymesh::{GroupBy, LoadOptions, PolyMesh, group_color};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;

@@ -7,7 +7,7 @@
 use super::number::{self, words};
 use super::polygons::Soup;
 use super::{ReadError, Source, quote};
-use crate::frame::{Vec3, is_in_range};
+use druse_geometry::frame::{Vec3, is_in_range};
 
 /// Lines without comments and blank lines, with the unread numbers of the current line.
 struct Lines {

@@ -3,8 +3,8 @@
 use super::ReadError;
 use super::polygons::Soup;
 use super::scaffold::ElementFile;
-use crate::polymesh::Faces;
-use crate::scaffold::{Kind, Surface};
+use druse_crystal::polymesh::Faces;
+use druse_tilings::scaffold::{Kind, Surface};
 use std::path::Path;
 
 /// Greatest deviation of triangles from curved outer faces, relative to half the diagonal of the bounding box.

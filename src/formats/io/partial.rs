@@ -74,7 +74,8 @@ pub(super) fn create(target: &Path) -> io::Result<NamedTempFile> {
 
 /// A folder for files that are not kept: gone with the value, or with the next partial file beside it if the process
 /// is killed.
-pub(crate) struct PartialFolder {
+#[doc(hidden)]
+pub struct PartialFolder {
     folder: TempDir,
     #[expect(dead_code, reason = "its lock is held until it is dropped")]
     lock: File,
@@ -82,6 +83,9 @@ pub(crate) struct PartialFolder {
 
 impl PartialFolder {
     /// Creates the folder `.NAME.MACHINE.XXXXXX.partial` in another one.
+    ///
+    /// # Errors
+    /// What the system finds wrong with the folder.
     pub fn create(parent: &Path, name: &str) -> io::Result<Self> {
         remove_abandoned(parent);
         let suffix = format!(".{PARTIAL}");

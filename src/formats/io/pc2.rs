@@ -4,7 +4,7 @@
 //! of the first sample and the frames between samples (both `f32`), and the number of samples.
 
 use super::{Place, ReadError};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;

@@ -3,7 +3,7 @@
 use super::pc2::Pc2;
 use super::usda::MovingPoints;
 use super::{Place, ReadError};
-use crate::frame::{Vec3, is_in_range};
+use druse_geometry::frame::{Vec3, is_in_range};
 use std::path::{Path, PathBuf};
 
 /// Difference of frames below which they are equal.

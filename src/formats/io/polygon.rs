@@ -1,6 +1,6 @@
 //! Triangulation of a polygon.
 
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// Greatest number of corners of a polygon that is tested for a fan from each corner.
 const MAX_FAN_SEARCH_CORNERS: usize = 32;

@@ -7,10 +7,10 @@ use super::collector::Collector;
 use super::mesh_file::MeshFile;
 use super::scaffold::{DataField, ElementFile};
 use super::{Place, ReadError, polygon};
-use crate::frame::{LengthUnit, Vec3};
-use crate::mesh::TriMesh;
-use crate::polymesh::{Faces, PolyMesh};
-use crate::scaffold::Kind;
+use druse_crystal::polymesh::{Faces, PolyMesh};
+use druse_geometry::frame::{LengthUnit, Vec3};
+use druse_geometry::mesh::TriMesh;
+use druse_tilings::scaffold::Kind;
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -7,9 +7,9 @@ use super::mesh_file::read_soup;
 use super::polygons::Soup;
 use super::scaffold::ELEMENT_FORMATS;
 use super::{Place, ReadError, WriteError, dlfl, mtl, obj_groups, write_mesh};
-use crate::frame::{LengthUnit, Vec3};
-use crate::mesh::VertexMerger;
-use crate::polymesh::{Faces, GroupBy, LoadOptions, Loaded, PolyError, PolyMesh};
+use druse_crystal::polymesh::{Faces, GroupBy, LoadOptions, Loaded, PolyError, PolyMesh};
+use druse_geometry::frame::{LengthUnit, Vec3};
+use druse_geometry::mesh::VertexMerger;
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 

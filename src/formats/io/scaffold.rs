@@ -1,8 +1,8 @@
 //! Scaffold files: the types and functions common to all formats.
 
 use super::{Place, ReadError, inp, medit, mesh_file, msh, nastran, unv, usda, vtk};
-use crate::frame::Aabb;
-use crate::scaffold::{Scaffold, Surface};
+use druse_geometry::frame::Aabb;
+use druse_tilings::scaffold::{Scaffold, Surface};
 use std::path::Path;
 
 /// A named set of elements: a physical group of Gmsh, an element set of Abaqus.
@@ -127,7 +127,7 @@ pub const ELEMENT_FORMATS: [&str; 18] = [
 ///
 /// # Errors
 /// When the file cannot be read, is damaged, or contains solid elements without a
-/// [`Kind`](crate::scaffold::Kind).
+/// [`Kind`](druse_tilings::scaffold::Kind).
 pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
     let path = path.as_ref();
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());

@@ -2,7 +2,7 @@
 
 use super::source::{is_utf16, utf16_error};
 use super::{Place, ReadError, quote};
-use crate::frame::is_in_range;
+use druse_geometry::frame::is_in_range;
 use std::borrow::Cow;
 use std::path::Path;
 

@@ -12,7 +12,7 @@
 use super::ReadError;
 use super::beams::{BeamPart, SolidFile};
 use super::mesh_file::MeshFile;
-use crate::frame::{LengthUnit, Vec3};
+use druse_geometry::frame::{LengthUnit, Vec3};
 use std::path::Path;
 
 mod archive;

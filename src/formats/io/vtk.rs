@@ -20,8 +20,8 @@ use super::collector::Collector;
 use super::polygons::Soup;
 use super::scaffold::ElementFile;
 use super::{Place, ReadError, outer_faces, polygon};
-use crate::frame::Vec3;
-use crate::scaffold::Kind;
+use druse_geometry::frame::Vec3;
+use druse_tilings::scaffold::Kind;
 use std::path::Path;
 use types::{Cell, PYRAMID19_NODE_COUNT};
 

@@ -60,6 +60,7 @@ enum Step {
 /// The text is compiled once to a stack program; an evaluation takes some nanoseconds per operation.
 ///
 /// ```
+/// # extern crate druse_geometry as druse;
 /// use druse::field::Formula;
 /// let f = Formula::parse("min(x, min(2y, 1e-1)) - -z^2", &["x", "y", "z"]);
 /// assert_eq!(f.unwrap_err().column, 13); // 2y: a factor needs its *

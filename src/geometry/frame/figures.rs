@@ -3,6 +3,7 @@
 /// A number with four significant digits, but with its whole integer part: "1000", "12.50", "1.000e-6".
 ///
 /// ```
+/// # extern crate druse_geometry as druse;
 /// use druse::frame::figures;
 /// assert_eq!(figures(1000.0), "1000");
 /// assert_eq!(figures(0.0123456), "0.01235");
@@ -34,6 +35,7 @@ pub fn figures(value: f64) -> String {
 /// A point with six significant digits of its largest coordinate; all have the same number of decimals.
 ///
 /// ```
+/// # extern crate druse_geometry as druse;
 /// use druse::frame::{Vec3, place_figures};
 /// assert_eq!(place_figures(Vec3::new(0.1 + 0.2, -12.0, 1e-17)), "(0.3000, -12.0000, 0.0000)");
 /// ```

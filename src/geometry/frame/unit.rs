@@ -59,6 +59,7 @@ impl LengthUnit {
     /// The factor from a number in this unit to a number in `other`.
     ///
     /// ```
+    /// # extern crate druse_geometry as druse;
     /// use druse::frame::LengthUnit;
     /// assert_eq!(60.0 * LengthUnit::Millimetre.to(LengthUnit::Metre), 0.06);
     /// ```

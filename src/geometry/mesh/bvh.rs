@@ -123,7 +123,8 @@ fn to_f32(p: Vec3) -> [f32; 3] {
 }
 
 /// The hierarchy; slots are primitives in tree order.
-pub(crate) struct Bvh {
+#[doc(hidden)]
+pub struct Bvh {
     nodes: Vec<Node>,
     order: Vec<u32>,
     local: LocalFrame,
@@ -131,7 +132,8 @@ pub(crate) struct Bvh {
 
 impl Bvh {
     /// Builds the tree over `count` primitives with finite boxes.
-    pub(crate) fn new(count: usize, bounds: impl Fn(usize) -> Aabb) -> Self {
+    #[doc(hidden)]
+    pub fn new(count: usize, bounds: impl Fn(usize) -> Aabb) -> Self {
         let whole = (0..count).fold(Aabb::EMPTY, |b, i| b.union(bounds(i)));
         let local = LocalFrame::of(&whole);
         let mut primitives: Vec<Primitive> = (0..count)
@@ -160,8 +162,15 @@ impl Bvh {
         &self.nodes
     }
 
+    /// Memory in bytes.
+    #[doc(hidden)]
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes) + size_of_val(self.order())
+    }
+
     /// The index of the primitive in each slot.
-    pub(crate) fn order(&self) -> &[u32] {
+    #[doc(hidden)]
+    pub fn order(&self) -> &[u32] {
         &self.order
     }
 
@@ -172,7 +181,8 @@ impl Bvh {
 
     /// Visits slots that may be nearer to `p` than `best`, nearest boxes first; `visit` returns the new best
     /// distance if the slot improves it.
-    pub(crate) fn nearest(&self, p: Vec3, best: f64, mut visit: impl FnMut(usize) -> Option<f64>) {
+    #[doc(hidden)]
+    pub fn nearest(&self, p: Vec3, best: f64, mut visit: impl FnMut(usize) -> Option<f64>) {
         if self.nodes.is_empty() {
             return;
         }
@@ -289,7 +299,8 @@ impl Bvh {
     }
 
     /// Visits every slot whose box may meet `region`, until `visit` returns `false`.
-    pub(crate) fn overlapping(&self, region: &Aabb, visit: impl FnMut(usize) -> bool) {
+    #[doc(hidden)]
+    pub fn overlapping(&self, region: &Aabb, visit: impl FnMut(usize) -> bool) {
         self.overlapping_where(region, |_| true, visit);
     }
 

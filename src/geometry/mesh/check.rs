@@ -194,6 +194,7 @@ impl fmt::Display for MeshReport {
 /// Checks all properties of a mesh.
 ///
 /// ```
+/// # extern crate druse_geometry as druse;
 /// use druse::mesh::{TriMesh, check};
 /// let report = check(&TriMesh::ball([0.0; 3].into(), 1.0, 3));
 /// assert!(report.is_sound() && report.components == 1);

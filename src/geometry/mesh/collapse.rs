@@ -28,7 +28,8 @@ const MIN_PASS_SHARE: f64 = 1e-3;
 
 /// Where collapses end.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct CollapseGoal {
+#[doc(hidden)]
+pub struct CollapseGoal {
     /// Number of triangles.
     pub triangles: usize,
     /// Greatest distance, by root mean square, of a moved vertex from the planes of its original triangles.
@@ -37,11 +38,8 @@ pub(crate) struct CollapseGoal {
 
 /// About as many triangles as the goal, fewer by one at most and more where none can collapse. Vertices on open
 /// and non-manifold edges stay, and no new edge joins two of them.
-pub(crate) fn collapsed(
-    vertices: &[Vec3],
-    triangles: &[[u32; 3]],
-    goal: CollapseGoal,
-) -> Vec<[u32; 3]> {
+#[doc(hidden)]
+pub fn collapsed(vertices: &[Vec3], triangles: &[[u32; 3]], goal: CollapseGoal) -> Vec<[u32; 3]> {
     let mut surface = Surface::new(vertices, triangles);
     let max_squared_error = goal.error.map_or(f64::INFINITY, |e| e * e);
     while surface.triangles.len() > goal.triangles {

@@ -7,17 +7,22 @@ use rayon::prelude::*;
 
 /// A connected component of a mesh.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct MeshComponent {
+#[doc(hidden)]
+pub struct MeshComponent {
     /// Number of its triangles.
-    pub(crate) triangles: usize,
+    #[doc(hidden)]
+    pub triangles: usize,
     /// Signed volume; negative for the surface of a cavity. Without meaning where the component is open.
-    pub(crate) volume: f64,
+    #[doc(hidden)]
+    pub volume: f64,
     /// Its box.
-    pub(crate) bounds: Aabb,
+    #[doc(hidden)]
+    pub bounds: Aabb,
 }
 
 /// The components of a mesh, largest volume first, and the component of each vertex.
-pub(crate) fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
+#[doc(hidden)]
+pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
     let mut sets = UnionFind::new(mesh.vertices().len());
     for &[a, b, c] in mesh.triangles() {
         sets.union(a as usize, b as usize);
@@ -52,7 +57,8 @@ pub(crate) fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) 
 }
 
 /// Whether every edge of a mesh has as many triangles on one side as on the other, so that a cut can be filled.
-pub(crate) fn is_closed(mesh: &TriMesh) -> bool {
+#[doc(hidden)]
+pub fn is_closed(mesh: &TriMesh) -> bool {
     let mut sides: Vec<(u64, i32)> = Vec::with_capacity(3 * mesh.triangles().len());
     for &[a, b, c] in mesh.triangles() {
         for (from, to) in [(a, b), (b, c), (c, a)] {

@@ -71,7 +71,8 @@ impl QuadMesh {
 }
 
 /// Splits quads into triangles along the diagonal from the first to the third corner.
-pub(crate) fn split_quads(quads: &[[u32; 4]]) -> Vec<[u32; 3]> {
+#[doc(hidden)]
+pub fn split_quads(quads: &[[u32; 4]]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::with_capacity(2 * quads.len());
     for &[a, b, c, d] in quads {
         triangles.push([a, b, c]);

@@ -22,6 +22,7 @@ use crate::frame::{Aabb, Vec3, WorldPoint};
 /// A mesh without triangles is the empty solid: every point is outside, at infinite distance.
 ///
 /// ```
+/// # extern crate druse_geometry as druse;
 /// use druse::{field::Field, frame::{Aabb, Vec3, WorldPoint}, mesh::{MeshSolid, TriMesh}};
 /// let cube = MeshSolid::new(TriMesh::cuboid(&Aabb::of([[0.0; 3].into(), [2.0; 3].into()])));
 /// assert_eq!(cube.value(WorldPoint(Vec3::new(1.0, 1.0, 0.25))), -0.25);
@@ -143,7 +144,8 @@ impl MeshSolid {
     }
 
     /// The parts of the surface with the numbers of their triangles, without caps.
-    pub(crate) fn surface(&self) -> impl Iterator<Item = ([Vec3; 3], u32)> + '_ {
+    #[doc(hidden)]
+    pub fn surface(&self) -> impl Iterator<Item = ([Vec3; 3], u32)> + '_ {
         let numbers = self.surface.number.iter().copied();
         self.surface.corners.iter().copied().zip(numbers)
     }
@@ -177,30 +179,22 @@ impl MeshSolid {
     }
 
     /// As [`MeshSolid::closest_within`], restricted to some slots.
-    pub(crate) fn closest_among(
-        &self,
-        slots: &[u32],
-        p: Vec3,
-        radius: f64,
-    ) -> Option<ClosestPoint> {
+    #[doc(hidden)]
+    pub fn closest_among(&self, slots: &[u32], p: Vec3, radius: f64) -> Option<ClosestPoint> {
         let found = self.surface.closest_among(slots, p, radius);
         (found.triangle != u32::MAX).then_some(found)
     }
 
     /// Replaces `slots` by all triangles that may be nearer than `reach` to a box: they include the triangle
     /// closest to any point of the box, if it is within `reach`.
-    pub(crate) fn collect(&self, region: &Aabb, reach: f64, slots: &mut Vec<u32>) {
+    #[doc(hidden)]
+    pub fn collect(&self, region: &Aabb, reach: f64, slots: &mut Vec<u32>) {
         self.surface.collect(region, reach, usize::MAX, slots);
     }
 
     /// Adds the slots of `among` that may be nearer than `reach` to a box to `slots`.
-    pub(crate) fn collect_among(
-        &self,
-        among: &[u32],
-        region: &Aabb,
-        reach: f64,
-        slots: &mut Vec<u32>,
-    ) {
+    #[doc(hidden)]
+    pub fn collect_among(&self, among: &[u32], region: &Aabb, reach: f64, slots: &mut Vec<u32>) {
         self.surface.collect_among(among, region, reach, slots);
     }
 

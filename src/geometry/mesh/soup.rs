@@ -144,7 +144,8 @@ impl Soup {
 
     /// The point of the triangle in a slot closest to `p`.
     #[inline]
-    pub(super) fn closest_point(&self, slot: usize, p: Vec3) -> Vec3 {
+    #[doc(hidden)]
+    pub fn closest_point(&self, slot: usize, p: Vec3) -> Vec3 {
         match self.slivers.get(self.discs[slot].sliver as usize) {
             Some(sliver) => sliver.closest::<f64>(p.into()).into(),
             None => closest_point_of_regular(&self.corners[slot], p),
@@ -293,17 +294,20 @@ impl<'a> Search<'a> {
 }
 
 /// Distances to triangles; degenerate ones count as segments or points.
-pub(crate) struct TriangleDistances(Soup);
+#[doc(hidden)]
+pub struct TriangleDistances(Soup);
 
 impl TriangleDistances {
     /// Builds the hierarchy of triangles with finite coordinates.
-    pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
+    #[doc(hidden)]
+    pub fn new(triangles: &[[Vec3; 3]]) -> Self {
         let numbered: Vec<_> = triangles.iter().copied().zip(0u32..).collect();
         Self(Soup::new(&numbered))
     }
 
     /// The distance to the nearest triangle.
-    pub(crate) fn distance(&self, p: Vec3) -> f64 {
+    #[doc(hidden)]
+    pub fn distance(&self, p: Vec3) -> f64 {
         self.0.closest(p, None).0.distance
     }
 }

@@ -4,7 +4,8 @@ use super::sliver::{Sliver, is_sliver};
 use crate::frame::Vec3;
 
 /// The point of the closed triangle closest to `p`; a triangle without area counts as its sides.
-pub(crate) fn closest_point(t: &[Vec3; 3], p: Vec3) -> Vec3 {
+#[doc(hidden)]
+pub fn closest_point(t: &[Vec3; 3], p: Vec3) -> Vec3 {
     if is_sliver(t) {
         closest_point_of_sliver(t, p)
     } else {

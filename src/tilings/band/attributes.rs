@@ -8,8 +8,8 @@
 use super::leaf::population;
 use super::leaf_file::{digest, read_range};
 use super::{BLOCK, LeafFileError, LeafStore, StoreError};
-use crate::frame::Coord;
-use crate::progress::{Cancelled, Progress, Threads};
+use druse_geometry::frame::Coord;
+use druse_geometry::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
@@ -17,7 +17,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// First bytes of a file.
-pub(crate) const ATTRIBUTE_FILE_MAGIC: &[u8; 8] = b"DRUSENF1";
+#[doc(hidden)]
+pub const ATTRIBUTE_FILE_MAGIC: &[u8; 8] = b"DRUSENF1";
 const HEAD_BYTES: u64 = 40;
 const TAIL_BYTES: u64 = 32;
 /// Memory for read-ahead over all cursors, bytes.

@@ -63,7 +63,7 @@ mod tests {
     #[test]
     fn recycled_buffers_are_reused() {
         let mut first = take_batch(100);
-        first.origins.push(crate::frame::Coord([0; 3]));
+        first.origins.push(druse_geometry::frame::Coord([0; 3]));
         let address = first.values.as_ptr();
         recycle_batch(first);
         let second = take_batch(50);

@@ -7,8 +7,8 @@ use super::Region;
 use super::leaf::{BLOCK, LEAF, LeafBatch, VOXELS};
 use super::redistance::{MovedLeaf, SurfacePoints};
 use super::smooth::LeafRef;
-use crate::frame::Coord;
-use crate::progress::{Cancelled, Progress};
+use druse_geometry::frame::Coord;
+use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
 /// Leaves that one thread makes between two checks for cancellation.

@@ -2,8 +2,8 @@
 
 use super::cull::Culler;
 use super::{LEAF, VOXELS};
-use crate::field::{LeafBits, SampleLattice, leaf_contacts};
-use crate::frame::Coord;
+use druse_geometry::field::{LeafBits, SampleLattice, leaf_contacts};
+use druse_geometry::frame::Coord;
 
 /// Gives the samples of a leaf in a contact plane of two solids the value that they would have without the
 /// contact. Neighbours beyond the leaf are sampled again, so that a leaf depends on the field alone.

@@ -1,11 +1,11 @@
 //! Culling: aligned cubes are halved while the field's bound cannot exclude them from the band.
 
 use super::{BLOCK, Band, BandError, LEAF, Region};
-use crate::field::{Interval, LeafParts, WorldField};
-use crate::frame::{Aabb, Coord, Transform};
+use druse_geometry::field::{Interval, LeafParts, WorldField};
+use druse_geometry::frame::{Aabb, Coord, Transform};
 
 /// Edge of the cubes of 4^3 leaves that a field may classify in one call
-/// ([`Field::sides`](crate::field::Field::sides)).
+/// ([`Field::sides`](druse_geometry::field::Field::sides)).
 const LEAF_CUBE_EDGE: i32 = 4 * LEAF;
 /// Leaves along a block's edge.
 const BLOCK_EDGE_LEAVES: i32 = BLOCK / LEAF;

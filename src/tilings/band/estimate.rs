@@ -5,9 +5,9 @@ use super::cull::Culler;
 use super::evaluate::leaf_values;
 use super::leaf::population;
 use super::{Band, BandError, Region, VOXELS};
-use crate::field::LeafBits;
-use crate::frame::{Coord, WorldPoint};
-use crate::progress::{Cancelled, Progress, Threads};
+use druse_geometry::field::LeafBits;
+use druse_geometry::frame::{Coord, WorldPoint};
+use druse_geometry::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 
 /// How much to sample.

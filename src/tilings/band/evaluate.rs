@@ -5,9 +5,9 @@ use super::buffers::{self, Signs};
 use super::contact;
 use super::cull::Culler;
 use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS};
-use crate::field::{LeafBits, Leaves, SampleLattice};
-use crate::frame::{Aabb, Coord, Vec3, WorldPoint};
-use crate::progress::{Cancelled, Progress, Threads};
+use druse_geometry::field::{LeafBits, Leaves, SampleLattice};
+use druse_geometry::frame::{Aabb, Coord, Vec3, WorldPoint};
+use druse_geometry::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 use std::ops::Range;
 

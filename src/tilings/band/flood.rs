@@ -125,7 +125,7 @@ mod tests {
             // Whole rows too, known or not.
             let bytes = |word: u64| {
                 let whole = |b: u8| {
-                    if b & 3 == 0 {
+                    if b.trailing_zeros() >= 2 {
                         0
                     } else if b & 3 == 1 {
                         u8::MAX

@@ -1,7 +1,7 @@
 //! Lookup of leaves by origin.
 
 use super::leaf::{BLOCK, LEAF};
-use crate::frame::Coord;
+use druse_geometry::frame::Coord;
 use std::collections::HashMap;
 
 /// Entry of a block's table without a leaf.

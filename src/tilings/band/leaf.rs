@@ -3,8 +3,8 @@
 #![allow(clippy::inline_always)]
 
 use super::smooth::LeafRef;
-use crate::frame::Coord;
-use crate::simd::{Lanes, SimdKernel, run};
+use druse_geometry::frame::Coord;
+use druse_geometry::simd::{Lanes, SimdKernel, run};
 use std::error::Error;
 
 /// Voxels along a leaf's edge.

@@ -10,7 +10,7 @@
 
 use super::leaf::population;
 use super::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError};
-use crate::frame::Coord;
+use druse_geometry::frame::Coord;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -20,7 +20,8 @@ const HEAD_BYTES: u64 = 96;
 const TAIL_BYTES: u64 = 48;
 const INDEX_ENTRY_BYTES: usize = 28;
 /// First bytes of a file.
-pub(crate) const LEAF_FILE_MAGIC: &[u8; 8] = b"DRUSELF1";
+#[doc(hidden)]
+pub const LEAF_FILE_MAGIC: &[u8; 8] = b"DRUSELF1";
 /// Bytes of a leaf before its values: slot and mask.
 pub(super) const LEAF_HEAD_BYTES: usize = 66;
 /// Bytes of a leaf with 512 values.

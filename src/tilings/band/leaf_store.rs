@@ -6,8 +6,8 @@
 use super::flood::{flood, last};
 use super::leaf_file::{Chunk, LEAF_HEAD_BYTES, LeafFileError, LeafFileHead, StoredLeaf, inspect};
 use super::{BLOCK, LEAF, Region, VOXELS};
-use crate::frame::Coord;
-use crate::progress::{Cancelled, Progress, Threads};
+use druse_geometry::frame::Coord;
+use druse_geometry::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::io;

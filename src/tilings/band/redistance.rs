@@ -16,7 +16,7 @@
 use super::index::LeafIndex;
 use super::leaf::{LEAF, VOXELS};
 use super::smooth::LeafRef;
-use crate::frame::{Coord, Vec3};
+use druse_geometry::frame::{Coord, Vec3};
 use rayon::prelude::*;
 
 mod block;

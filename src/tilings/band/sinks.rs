@@ -1,7 +1,7 @@
 //! Sinks in memory: one counts leaves, one collects them by origin.
 
 use super::{LeafBatch, LeafSink, SinkError, VOXELS};
-use crate::frame::Coord;
+use druse_geometry::frame::Coord;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 

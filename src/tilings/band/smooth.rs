@@ -5,9 +5,9 @@
 //! the number of threads. Voxels without a leaf have the sign of the nearest voxel of a leaf, as in every
 //! closed band.
 
-use crate::frame::Coord;
-use crate::progress::{Cancelled, Progress};
-use crate::simd::{negative_bits, run_vectorized};
+use druse_geometry::frame::Coord;
+use druse_geometry::progress::{Cancelled, Progress};
+use druse_geometry::simd::{negative_bits, run_vectorized};
 use rayon::prelude::*;
 
 mod kernel;
@@ -36,6 +36,7 @@ const BOX_ORDER: [usize; 3] = [0, 2, 1];
 ///   become inactive.
 ///
 /// ```
+/// # mod druse { pub use druse_geometry::*; pub use druse_tilings::*; }
 /// use druse::band::{Band, LeafMap, LeafRef, Smoother};
 /// use druse::field::Sphere;
 /// use druse::frame::{Aabb, Transform, Vec3};

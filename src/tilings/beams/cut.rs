@@ -1,9 +1,9 @@
 //! Beams clipped at the outer faces of a scaffold.
 
 use super::{Beams, LeafContent, Scratch, is_settled, without_band};
-use crate::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
-use crate::frame::{Aabb, Vec3, WorldPoint};
-use crate::mesh::{MeshSolid, TriMesh};
+use druse_geometry::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
+use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
+use druse_geometry::mesh::{MeshSolid, TriMesh};
 
 /// The intersection of beams and a scaffold: the maximum of both distances.
 pub struct Cut<'a> {

@@ -8,7 +8,7 @@
 //! with the smallest value counts.
 
 use super::part::Part;
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// Smallest squared sine of the angle between two distinct directions.
 const MIN_SINE_SQUARED: f64 = 1e-9;

@@ -5,8 +5,8 @@
 //! stored once: those whose corners coincide up to 1e-7 of the scaffold's size. A part is clipped to its
 //! element.
 
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::{ElementMap, Scaffold};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;

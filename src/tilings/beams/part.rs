@@ -6,7 +6,7 @@
 //! the radius there. A plate is a ball swept over a triangle with a linear radius: the beams along its edges,
 //! and over its interior the two planes tangent to all balls.
 
-use crate::frame::{Aabb, Vec3};
+use druse_geometry::frame::{Aabb, Vec3};
 
 /// Largest change of a radius per unit of length; for a larger one, the ball of one end contains the other's.
 const MAX_TAPER: f64 = 1.0 - 1e-9;

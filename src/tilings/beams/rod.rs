@@ -5,9 +5,9 @@
 //! exact inside and outside of one rod. Of several rods the minimum counts, as in [`super::Beams`].
 
 use super::Beam;
-use crate::field::{Field, Interval, SampleLattice};
-use crate::frame::{Aabb, Vec3, WorldPoint};
-use crate::mesh::Bvh;
+use druse_geometry::field::{Field, Interval, SampleLattice};
+use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
+use druse_geometry::mesh::Bvh;
 
 /// A truncated cone with flat or hemispherical ends.
 #[derive(Clone, Copy, Debug, PartialEq)]

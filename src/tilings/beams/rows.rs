@@ -8,8 +8,8 @@
 #![allow(clippy::inline_always)]
 
 use super::part::{Axis, Part, Slab};
-use crate::frame::Vec3;
-use crate::simd::{self, Lanes, SimdKernel};
+use druse_geometry::frame::Vec3;
+use druse_geometry::simd::{self, Lanes, SimdKernel};
 
 /// Samples per row.
 pub(super) const ROW_LEN: usize = 8;

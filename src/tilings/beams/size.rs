@@ -6,8 +6,8 @@
 
 use super::network::{Facet, Strut, subdivided};
 use super::{Beam, Network, Plate};
-use crate::frame::{CellPoint, Vec3};
 use crate::scaffold::Scaffold;
+use druse_geometry::frame::{CellPoint, Vec3};
 
 /// Intervals along a strut at whose ends a diameter is evaluated, and along the side of a plate.
 const STRUT_INTERVALS: usize = 8;

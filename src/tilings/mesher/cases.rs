@@ -226,8 +226,8 @@ mod tests {
 
     #[test]
     fn fans_of_a_cell_meet_only_in_common_edges_for_any_vertex_positions() {
-        use crate::frame::Vec3;
-        use crate::mesh::{TriMesh, check};
+        use druse_geometry::frame::Vec3;
+        use druse_geometry::mesh::{TriMesh, check};
         // A linear congruential generator suffices for positions on edges.
         let mut state = 7u64;
         let mut random = || {

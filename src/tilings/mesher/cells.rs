@@ -3,8 +3,8 @@
 use super::MesherError;
 use super::cases::{CASES, CELL_EDGES, Loop, edge_base};
 use super::edge_vertices::{BATCH, Corners, CrossedEdges, Y_MIN_BITS, Z_MIN_BITS, mixed, split};
-use crate::frame::Vec3;
-use crate::progress::{Cancelled, Progress};
+use druse_geometry::frame::Vec3;
+use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
 /// All triangles in the order of their leaves. A first pass counts them, so that the second can write each

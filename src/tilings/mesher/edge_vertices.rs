@@ -7,10 +7,10 @@
 
 use super::{LeafValues, MesherError};
 use crate::band::{LEAF, Region};
-use crate::frame::Coord;
-use crate::mesh::MeshError;
-use crate::progress::{Cancelled, Progress};
-use crate::simd::bits_below;
+use druse_geometry::frame::Coord;
+use druse_geometry::mesh::MeshError;
+use druse_geometry::progress::{Cancelled, Progress};
+use druse_geometry::simd::bits_below;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};

@@ -3,8 +3,8 @@
 use super::MesherError;
 use super::edge_vertices::CrossedEdges;
 use crate::band::Region;
-use crate::frame::{Coord, Vec3};
-use crate::mesh::MeshError;
+use druse_geometry::frame::{Coord, Vec3};
+use druse_geometry::mesh::MeshError;
 use std::collections::BTreeMap;
 
 /// The identity of a vertex on a seam, equal in all patches that share it.

@@ -12,12 +12,13 @@
 
 use super::patch::{Patch, SeamVertex};
 use crate::band::Region;
-use crate::frame::{Coord, Vec3};
-use crate::mesh::{QuadMesh, split_quads};
+use druse_geometry::frame::{Coord, Vec3};
+use druse_geometry::mesh::{QuadMesh, split_quads};
 
 /// The quads and vertices of a mesh that belong to a region. They are selected by the original vertex
 /// positions; the vertices may be moved afterwards.
-pub(crate) struct RegionQuads {
+#[doc(hidden)]
+pub struct RegionQuads {
     /// Numbers of the quads.
     quads: Vec<u32>,
     /// Numbers of the vertices, the region's own first.
@@ -37,7 +38,8 @@ impl RegionQuads {
     /// Selects the quads of a region in the mesh of a larger part. Corners of its quads are at most `layer`
     /// voxels above it; `last` is the greatest x of the regions processed together with this one; `index`
     /// maps world coordinates to index space.
-    pub(crate) fn new(
+    #[doc(hidden)]
+    pub fn new(
         mesh: &QuadMesh,
         (region, last, layer): (Region, i32, i32),
         index: impl Fn(Vec3) -> Vec3,

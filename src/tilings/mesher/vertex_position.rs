@@ -2,9 +2,9 @@
 
 use super::edge_vertices::{BATCH, CrossedEdges, split, upper_slot};
 use super::{Mesher, MesherError, ZERO_MAGNITUDE};
-use crate::field::WorldField;
-use crate::frame::{Coord, Vec3, WorldPoint};
-use crate::progress::{Cancelled, Progress};
+use druse_geometry::field::WorldField;
+use druse_geometry::frame::{Coord, Vec3, WorldPoint};
+use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
 /// Greatest number of evaluations of an exact field along one edge.

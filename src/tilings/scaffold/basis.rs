@@ -3,7 +3,7 @@
 //! Shape functions and their gradients are sums of these values and derivatives.
 
 use super::kind::{Family, Kind};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// Values and derivatives by r, in the order of the control points; zero beyond them.
 pub(super) struct Basis {

@@ -6,7 +6,7 @@
 //! integral is the mean coefficient times the cell's volume.
 
 use super::kind::Family;
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use nalgebra::DMatrix;
 use std::ops::{Add, Mul, Sub};
 use std::sync::OnceLock;

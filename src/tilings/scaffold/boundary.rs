@@ -8,8 +8,8 @@
 //! both faces that meet there, so the mesh has no cracks.
 
 use super::{FaceRef, Kind, Scaffold};
-use crate::frame::{CellPoint, Vec3};
-use crate::mesh::TriMesh;
+use druse_geometry::frame::{CellPoint, Vec3};
+use druse_geometry::mesh::TriMesh;
 use std::collections::HashMap;
 
 /// Minimum length of the parts that a side is divided into, as a share of the side.

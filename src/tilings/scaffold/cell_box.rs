@@ -11,7 +11,7 @@ use super::bernstein::{Net, Part};
 use super::element::ElementMap;
 use super::kind::Kind;
 use super::map::{Affine, Curved, Map, PAIRS, bend};
-use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
+use druse_geometry::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
 use std::cell::Cell;
 use std::sync::OnceLock;
 

@@ -2,7 +2,7 @@
 
 use super::topology::face_key;
 use super::{FaceRef, Neighbour, Scaffold};
-use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
+use druse_geometry::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use rayon::prelude::*;
 
 /// Distance in the cell frame within which a node lies on a face or on another node.

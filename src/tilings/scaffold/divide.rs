@@ -8,7 +8,7 @@
 
 use super::kind::Family;
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
-use crate::frame::{Element, Vec3};
+use druse_geometry::frame::{Element, Vec3};
 use std::collections::HashMap;
 
 /// Maximum number of elements of a division.

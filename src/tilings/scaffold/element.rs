@@ -3,7 +3,7 @@
 use super::kind::Kind;
 use super::map::{Affine, Geometry, Map};
 use super::polynomial::Polynomial;
-use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
+use druse_geometry::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 
 /// A world point without a preimage near the element.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

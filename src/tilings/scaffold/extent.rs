@@ -7,7 +7,7 @@
 
 use super::bernstein::{Net, index, lattice};
 use super::kind::{Family, Kind};
-use crate::frame::{Aabb, Vec3};
+use druse_geometry::frame::{Aabb, Vec3};
 use nalgebra::{DMatrix, DVector};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -191,8 +191,8 @@ fn most_curved_way(net: &Net<f64>) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::CellPoint;
     use crate::scaffold::{Connectivity, Scaffold, Surface};
+    use druse_geometry::frame::CellPoint;
 
     /// Nodes of a kind, moved by up to `size` in a fixed pseudo-random way.
     fn bent(kind: Kind, size: f64, seed: u64) -> Vec<Vec3> {

@@ -1,7 +1,7 @@
 //! Structured boxes made without a mesher.
 
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// The six tetrahedra of a cube around its diagonal 0-6 (Kuhn), conforming by translation.
 const KUHN: [[usize; 4]; 6] = [

@@ -15,7 +15,7 @@ mod table;
 
 use super::basis::Basis;
 use super::bernstein::{Net, count, index};
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use std::sync::OnceLock;
 use table::{HEX27_LATTICE, Row, TABLE, WEDGE18_LATTICE};
 

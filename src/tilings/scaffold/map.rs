@@ -9,7 +9,7 @@ use super::bernstein::{Net, Part, index, lattice};
 use super::kind::{Family, Kind};
 use super::polynomial::{Polynomial, Powers};
 use super::pyramid::{Collapsed, Twisted};
-use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3};
+use druse_geometry::frame::{Aabb, CellPoint, Element, Mat3, Vec3};
 
 /// Largest |xi| on an axis of a point that the inverse finds; the cell ends at 1/2.
 const MAX_INVERSE_COORDINATE: f64 = 1.5;

@@ -5,7 +5,7 @@
 //! Planes that are nearly alike determine a part of m badly: there a long step along the surface would gain little. It is
 //! damped.
 
-use crate::frame::{Mat3, Vec3};
+use druse_geometry::frame::{Mat3, Vec3};
 
 /// Greatest length of a mitre: that of a crease which turns by 150 degrees, 1 / cos(75 degrees). Longer ones are cut
 /// off.

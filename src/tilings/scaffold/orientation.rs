@@ -7,7 +7,7 @@ use super::bernstein::{Net, Part};
 use super::element::ElementMap;
 use super::kind::{Family, Kind};
 use super::map::{Curved, Map};
-use crate::frame::{CellPoint, Vec3};
+use druse_geometry::frame::{CellPoint, Vec3};
 
 /// The sign of det J over an element.
 #[derive(Clone, Copy, Debug, PartialEq)]

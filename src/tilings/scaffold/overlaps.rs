@@ -10,7 +10,7 @@
 //! faces, they cannot be: the field there has two values.
 
 use super::{ElementMap, FaceRef, Neighbour, Scaffold};
-use crate::frame::{Aabb, CellPoint, Vec3};
+use druse_geometry::frame::{Aabb, CellPoint, Vec3};
 use rayon::prelude::*;
 
 /// Depth of the probed points below outer faces, as a share of the distance to the element's centre.

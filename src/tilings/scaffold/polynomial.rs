@@ -2,8 +2,8 @@
 // Small functions of hot paths: they are inlined to use the instruction set of their caller.
 #![allow(clippy::inline_always)]
 
-use crate::frame::Vec3;
-use crate::simd::Number;
+use druse_geometry::frame::Vec3;
+use druse_geometry::simd::Number;
 
 /// The set of powers.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -17,7 +17,7 @@ pub(super) use collapsed::{
 use super::Orientation;
 use super::cell_box::{beyond_a_face, confine, grow};
 use super::map::{Affine, newton};
-use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
+use druse_geometry::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
 use std::f64::consts::SQRT_2;
 
 /// Number of steps that narrow a box.

@@ -6,7 +6,7 @@
 
 use super::orientation::parametric_scale;
 use super::{Defects, Kind, Orientation, Scaffold};
-use crate::frame::{Aabb, CellPoint, Element};
+use druse_geometry::frame::{Aabb, CellPoint, Element};
 use rayon::prelude::*;
 use std::fmt;
 

@@ -5,7 +5,7 @@
 //! order of the cell size.
 
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::collections::HashMap;
 
 /// Share of the radius that the core takes.

@@ -8,7 +8,7 @@
 //! stay between 10.7 and 164.8 degrees.
 
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
-use crate::frame::{Aabb, Vec3};
+use druse_geometry::frame::{Aabb, Vec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 

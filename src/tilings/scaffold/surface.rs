@@ -12,7 +12,7 @@
 use super::bernstein::Net;
 use super::mitre::{Mitre, Normal};
 use super::{Connectivity, Kind, Scaffold, ScaffoldError, extent};
-use crate::frame::{Aabb, Vec3};
+use druse_geometry::frame::{Aabb, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 

@@ -4,14 +4,14 @@
 //! mesh; where they do not, the face is torn and the report lists it.
 
 use super::{Connectivity, Scaffold};
-use crate::union_find::UnionFind;
+use druse_geometry::union_find::UnionFind;
 
 /// A face of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FaceRef {
     /// The element's number.
     pub element: u32,
-    /// The face's number within the element, in the order of [`crate::frame::Element::faces`].
+    /// The face's number within the element, in the order of [`druse_geometry::frame::Element::faces`].
     pub face: u8,
 }
 

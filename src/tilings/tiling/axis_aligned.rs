@@ -11,11 +11,11 @@
 
 use super::patch::Patch;
 use super::{Boundary, Distance, TilingOptions, Visits};
-use crate::cell::Products;
-use crate::field::{Interval, LeafBits, Leaves, SampleLattice};
-use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::scaffold::Scaffold;
-use crate::simd;
+use druse_cells::cell::Products;
+use druse_geometry::field::{Interval, LeafBits, Leaves, SampleLattice};
+use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
+use druse_geometry::simd;
 
 mod band_sides;
 mod kernel;
@@ -181,7 +181,7 @@ impl HexGrid {
         Some(512 * leaves.origins.len() as u64)
     }
 
-    /// As [`Field::sides`](crate::field::Field::sides).
+    /// As [`Field::sides`](druse_geometry::field::Field::sides).
     pub fn sides(&self, first: Vec3, step: f64, [low, high]: [f64; 2]) -> [u64; 2] {
         let w = self.options.half_width;
         if high.max(-low) > w * f64::from(ROUNDING_FACTOR) {

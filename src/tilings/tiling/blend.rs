@@ -13,10 +13,10 @@ use super::distribution::{Distribution, normalise};
 use super::source::{CellField, Filling, fills, single};
 use super::transition_levels::{TransitionLevels, transition_levels};
 use super::{Interpolation, TilingError, interface};
-use crate::cell::{SmoothFunction, Table};
-use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
+use druse_cells::cell::{SmoothFunction, Table};
+use druse_geometry::field::{Field, Interval};
+use druse_geometry::frame::{CellBox, CellPoint, Element, Vec3};
 use rayon::prelude::*;
 
 /// Samples along an edge of the element's box for volumes.

@@ -3,8 +3,8 @@
 use super::fill::with_affine_buffers;
 use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::{Interval, LeafParts};
-use crate::frame::{Aabb, CellPoint};
+use druse_geometry::field::{Interval, LeafParts};
+use druse_geometry::frame::{Aabb, CellPoint};
 use std::cell::Cell;
 
 /// Relative allowance for rounding to single precision.

@@ -1,9 +1,9 @@
 //! The boundary of the scaffold: signed distance to it, and the cut of the solid at it.
 
 use super::{Boundary, CHORD_TOLERANCE, Filling, TiledSolid};
-use crate::field::Interval;
-use crate::frame::{Aabb, Vec3};
-use crate::mesh::{ClosestPoint, MeshSolid};
+use druse_geometry::field::Interval;
+use druse_geometry::frame::{Aabb, Vec3};
+use druse_geometry::mesh::{ClosestPoint, MeshSolid};
 
 /// Up to this many triangles are tested one by one. Among more, the tree is faster.
 const MAX_LINEAR_SEARCH: usize = 64;

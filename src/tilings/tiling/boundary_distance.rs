@@ -3,8 +3,8 @@
 #![allow(clippy::inline_always)]
 
 use super::inverse_map::{dot, rows};
-use crate::frame::{Aabb, Element, Mat3, Vec3};
-use crate::simd::{self, Four, Lanes, Number, SimdKernel};
+use druse_geometry::frame::{Aabb, Element, Mat3, Vec3};
+use druse_geometry::simd::{self, Four, Lanes, Number, SimdKernel};
 
 /// A half space that contains an element: `normal . x <= offset`, the normal of unit length.
 #[derive(Clone, Copy)]

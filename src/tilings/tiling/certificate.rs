@@ -7,8 +7,8 @@
 
 use super::interface::{corner_weights, joined_vertices, shared_faces, weighted_point};
 use super::source::Filling;
-use crate::frame::{CellPoint, Vec3, WorldPoint};
 use crate::scaffold::{FaceRef, Scaffold};
+use druse_geometry::frame::{CellPoint, Vec3, WorldPoint};
 use rayon::prelude::*;
 use serde::Serialize;
 

@@ -2,8 +2,8 @@
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use crate::frame::{CellPoint, Element, Vec3};
-use crate::simd::Number;
+use druse_geometry::frame::{CellPoint, Element, Vec3};
+use druse_geometry::simd::Number;
 
 /// Normals of the tet's faces, times sqrt 3.
 const TET_NORMALS: [[f64; 3]; 4] = [

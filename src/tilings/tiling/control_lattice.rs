@@ -5,8 +5,8 @@
 //! the `c_j` are. Outside the lattice it keeps the value at the edge.
 
 use super::Interval;
-use crate::frame::{Aabb, Vec3};
 use crate::scaffold::Scaffold;
+use druse_geometry::frame::{Aabb, Vec3};
 
 /// Greatest number of control points; larger scaffolds have a coarser lattice.
 const MAX_POINTS: f64 = 250_000.0;

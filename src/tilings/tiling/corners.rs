@@ -7,8 +7,8 @@
 //! sides, and the functions are positive and sum to one.
 
 use super::Interpolation;
-use crate::frame::{CellPoint, Element, Vec3};
 use crate::scaffold::Kind;
+use druse_geometry::frame::{CellPoint, Element, Vec3};
 
 /// The corner functions of an element at a point, with gradients in the cell frame, in VTK order.
 pub(super) struct CornerFunctions {

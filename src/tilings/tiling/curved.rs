@@ -16,7 +16,7 @@ use super::locality::{LocalSearch, Owner, OwnerBuffers};
 use super::newton_distance::FirstStep;
 use super::patch::{Patch, Preimages};
 use super::{Filling, TiledSolid};
-use crate::frame::{CellPoint, Mat3, Vec3};
+use druse_geometry::frame::{CellPoint, Mat3, Vec3};
 use exterior_samples::ExteriorSample;
 use in_band_samples::{Contribution, ScaleSum};
 

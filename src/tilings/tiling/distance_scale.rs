@@ -4,7 +4,7 @@ use super::locality::{LocalSearch, Owner};
 use super::newton_distance::{self, FirstStep, InverseJacobians, StepLimits, StepStarts};
 use super::patch::{Patch, Preimage};
 use super::{Distance, Filling, TiledSolid};
-use crate::frame::{CellPoint, Vec3};
+use druse_geometry::frame::{CellPoint, Vec3};
 
 impl<F: Filling> TiledSolid<'_, F> {
     /// The distance d(F) at a point of the scaffold, clamped to the band and not cut at the boundary.

@@ -6,9 +6,9 @@
 use super::TilingError;
 use super::control_lattice::ControlLattice;
 use super::corners::CornerFunctions;
-use crate::field::Interval;
-use crate::frame::{Aabb, CellBox, CellPoint, Element, Vec3, WorldPoint};
 use crate::scaffold::Scaffold;
+use druse_geometry::field::Interval;
+use druse_geometry::frame::{Aabb, CellBox, CellPoint, Element, Vec3, WorldPoint};
 
 /// The interpolation of values between the places where they are given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use super::locality::LocalSearch;
 use super::patch::{Patch, Preimage};
 use super::{Filling, TiledSolid};
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use std::sync::LazyLock;
 
 /// Newton steps of one search.

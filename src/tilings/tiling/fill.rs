@@ -6,8 +6,8 @@ use super::curved::{CurvedBatch, LatticeSample};
 use super::interpolated::InterpolationBuffers;
 use super::locality::{LocalSearch, NearElements};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, pack_signs};
-use crate::frame::{Aabb, Vec3, WorldPoint};
+use druse_geometry::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, pack_signs};
+use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
 
 /// Samples along the edge of a part: a box that bounds may decide as a whole.

@@ -5,8 +5,8 @@
 //! tested once, at fixed points of the face.
 
 use super::TilingError;
-use crate::frame::{CellPoint, Element, Vec3};
 use crate::scaffold::{FaceRef, Neighbour, Scaffold};
+use druse_geometry::frame::{CellPoint, Element, Vec3};
 use std::collections::BTreeSet;
 
 /// Greatest jump at a shared face, relative to the mean slope times the reference length.
@@ -95,7 +95,8 @@ struct FaceJoin {
 }
 
 /// The ways in which the faces of a scaffold are joined, each once.
-pub(crate) struct FaceJoins(Vec<FaceJoin>);
+#[doc(hidden)]
+pub struct FaceJoins(Vec<FaceJoin>);
 
 /// The ways in which faces are joined, each once.
 fn face_joins(scaffold: &Scaffold) -> impl Iterator<Item = FaceJoin> + '_ {

@@ -13,8 +13,8 @@ mod matrices;
 use super::locality::NearElements;
 use super::patch::{InverseOptions, Preimages};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::{Interval, Point, SampleLattice};
-use crate::frame::{CellPoint, Vec3, WorldPoint};
+use druse_geometry::field::{Interval, Point, SampleLattice};
+use druse_geometry::frame::{CellPoint, Vec3, WorldPoint};
 use leaf::{LeafValues, RuleQ, evaluate_leaf};
 use matrices::{MAX_NODES, Matrices};
 

@@ -5,9 +5,9 @@
 use super::clamp::{clamp_row, face_distance_row};
 use super::local_map::LocalMap;
 use super::patch::{Preimage, has_converged};
-use crate::frame::{Element, Mat3, Vec3};
 use crate::scaffold::Polynomial;
-use crate::simd::{self, Four, Lanes, Number, SimdKernel, difference};
+use druse_geometry::frame::{Element, Mat3, Vec3};
+use druse_geometry::simd::{self, Four, Lanes, Number, SimdKernel, difference};
 
 /// Newton steps for four points. Points that need more steps are searched for one by one.
 const MAX_STEPS: usize = 12;

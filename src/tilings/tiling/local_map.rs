@@ -5,8 +5,8 @@
 
 use super::inverse_map::{Matrix, product, rows};
 use super::patch::Preimage;
-use crate::frame::{CellPoint, Mat3, Vec3};
-use crate::simd::{self, Lanes, Number, SimdKernel, difference, splat_vector};
+use druse_geometry::frame::{CellPoint, Mat3, Vec3};
+use druse_geometry::simd::{self, Lanes, Number, SimdKernel, difference, splat_vector};
 
 /// The expansion of xi(x) about a point: Newton's method for nearby points starts from it.
 #[derive(Clone, Copy)]

@@ -4,7 +4,7 @@ use super::boundary::RegionFacts;
 use super::local_map::LocalMap;
 use super::patch::{FACE_TOLERANCE, InverseOptions, Patch, Preimage, Preimages};
 use super::{Distance, Filling, TiledSolid, TilingOptions};
-use crate::frame::{Aabb, Vec3};
+use druse_geometry::frame::{Aabb, Vec3};
 use std::cell::Cell;
 
 /// Distance to the farthest of a sample's 26 neighbours, voxels: sqrt 3, rounded up.

@@ -8,8 +8,8 @@
 
 use super::inverse_map::{CurvedMap, Matrix, dot, matrix_to_arrays, product, rows, to_arrays};
 use super::local_map::LocalMap;
-use crate::frame::{CellPoint, Mat3, Vec3};
-use crate::simd::{self, Four, Lanes, Number, SimdKernel};
+use druse_geometry::frame::{CellPoint, Mat3, Vec3};
+use druse_geometry::simd::{self, Four, Lanes, Number, SimdKernel};
 
 /// Newton steps are damped where the slope is below this fraction of its root mean square.
 const DAMPING_FRACTION: f64 = 0.05;

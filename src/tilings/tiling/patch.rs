@@ -5,8 +5,8 @@ use super::boundary_distance::BoundingPlanes;
 use super::inverse_map::CurvedMap;
 use super::local_map::LocalMap;
 use super::newton_distance::{self, FirstStep, StepLimits, StepStarts};
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::Scaffold;
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use std::sync::OnceLock;
 
 /// Points within this distance of a face, in reference units, belong to the element.

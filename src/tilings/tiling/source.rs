@@ -1,10 +1,10 @@
 //! The field in the elements of a tiling: one cell, or a filling of several.
 
 use super::{TilingError, interface};
-use crate::cell::{Cell, Products, SmoothFunction, Table};
-use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
+use druse_cells::cell::{Cell, Products, SmoothFunction, Table};
+use druse_geometry::field::{Field, Interval};
+use druse_geometry::frame::{CellBox, CellPoint, Element, Vec3};
 
 /// A field of the cell frame that can fill a scaffold: smooth, defined beyond its element too (as a periodic
 /// series is), with bounds of its gradient.

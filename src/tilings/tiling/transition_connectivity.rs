@@ -8,8 +8,8 @@
 
 use super::blend::Blend;
 use super::source::CellField;
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
-use crate::union_find::UnionFind;
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
+use druse_geometry::union_find::UnionFind;
 
 /// Voxels along an edge of the element's box.
 const VOXELS: usize = 24;

@@ -1,6 +1,6 @@
 //! Levels of the blend of two cells at which its volume is interpolated linearly.
 
-use crate::field::Interval;
+use druse_geometry::field::Interval;
 
 /// Intervals between tabulated weights.
 const INTERVALS: usize = 16;

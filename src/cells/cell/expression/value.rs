@@ -4,8 +4,8 @@
 //! series and their tables share one implementation.
 
 use super::{Expression, Node};
-use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, Vec3};
+use druse_geometry::field::{Field, Interval};
+use druse_geometry::frame::{CellBox, CellPoint, Vec3};
 
 /// The rounded minimum of two values and its derivatives with respect to them.
 fn rounded_minimum(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
@@ -235,7 +235,7 @@ mod tests {
     use super::*;
     use crate::cell::Cell;
     use crate::cell::Series;
-    use crate::frame::Element;
+    use druse_geometry::frame::Element;
 
     /// Any function: the tests give the values of leaves.
     fn leaf() -> Expression {

@@ -3,8 +3,8 @@
 use super::super::compatibility::{rank, symmetry_of};
 use super::super::{CellError, Expression, Series, lattices};
 use super::CellTextError;
-use crate::frame::{Element, is_in_range};
 use crate::symmetry::{Frequency, Lattice, Operator, PointGroup, SymmetryError};
+use druse_geometry::frame::{Element, is_in_range};
 use serde::Deserialize;
 
 /// A coefficient `c` of the orbit of the index `k`.

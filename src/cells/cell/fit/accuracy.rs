@@ -4,9 +4,9 @@ use super::super::domain::{Domain, Flag, SimplexGrid};
 use super::sampling::{QuadraturePoint, Target, quadrature_points};
 use super::{FitError, FitOptions, FitReport, Hausdorff, SourceReport, components};
 use crate::cell::Cell;
-use crate::field::Field;
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
-use crate::progress::{Cancelled, Progress};
+use druse_geometry::field::Field;
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
+use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
 /// Additional information about a source.

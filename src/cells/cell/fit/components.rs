@@ -9,9 +9,9 @@ use super::super::domain::{Domain, SimplexGrid, all_flags};
 use super::Components;
 use super::sampling::Target;
 use crate::cell::Cell;
-use crate::field::Field;
-use crate::frame::Vec3;
-use crate::union_find::UnionFind;
+use druse_geometry::field::Field;
+use druse_geometry::frame::Vec3;
+use druse_geometry::union_find::UnionFind;
 use rayon::prelude::*;
 
 /// Parts per edge of the simplex grid; features thinner than a fortieth of the element are not resolved.

@@ -6,7 +6,7 @@
 
 use super::iterative::RESIDUAL_TOLERANCE;
 use crate::cell::{CellError, SkeletonError, VoxelError};
-use crate::progress::Cancelled;
+use druse_geometry::progress::Cancelled;
 
 /// Why geometry cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

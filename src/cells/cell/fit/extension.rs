@@ -9,7 +9,7 @@
 //! | tet, the paper's method | cubic | reflection of the cube's corners in the tet's faces | jumps where opposite faces of the cube meet |
 
 use super::FitError;
-use crate::frame::{Element, Vec3};
+use druse_geometry::frame::{Element, Vec3};
 
 /// The map from points of the period to points at which the source is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,7 +105,7 @@ fn fold_triangle(x: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::CellPoint;
+    use druse_geometry::frame::CellPoint;
     use serde_json::Value;
 
     fn vec3(v: &Value) -> Vec3 {
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn extensions_agree_with_the_reference() {
         let data: Value =
-            serde_json::from_str(include_str!("../../../tests/data/tet_fit.json")).unwrap();
+            serde_json::from_str(include_str!("../../../../tests/data/tet_fit.json")).unwrap();
         let case = &data["cases"][0];
         let vertices = Element::Tet.vertices();
         let struts = |p: Vec3| {

@@ -11,8 +11,8 @@
 
 use super::accuracy::SourceInfo;
 use super::{FitError, FitOptions};
-use crate::frame::Element;
 use crate::symmetry::{Basis, Lattice, PointGroup};
+use druse_geometry::frame::Element;
 
 /// Share of the greatest number of unknowns for which a ball is chosen, since the number in it is only estimated.
 const ESTIMATE_MARGIN: f64 = 0.8;

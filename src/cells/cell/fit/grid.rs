@@ -4,8 +4,8 @@
 //! 2 pi on an edge. The means over the points on faces and on edges are added. With N a multiple of 12, the
 //! faces and edges of the elements contain grid points.
 
-use crate::frame::{CellPoint, Element, Vec3};
 use crate::symmetry::{Lattice, PointGroup};
+use druse_geometry::frame::{CellPoint, Element, Vec3};
 use nalgebra::SVector;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

@@ -13,9 +13,9 @@ use super::sampling::{QuadraturePoint, Target};
 use super::solve::NormalEquations;
 use super::transform::{Spectrum, Transform};
 use crate::cell::Constraint;
-use crate::frame::CellPoint;
-use crate::progress::{Cancelled, Progress};
 use crate::symmetry::{Basis, Frequency, Harmonic};
+use druse_geometry::frame::CellPoint;
+use druse_geometry::progress::{Cancelled, Progress};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
@@ -205,8 +205,8 @@ impl<const D: usize> WeightSpectrum<D> {
 mod tests {
     use super::*;
     use crate::cell::symmetry;
-    use crate::frame::Element;
-    use crate::progress::Silent;
+    use druse_geometry::frame::Element;
+    use druse_geometry::progress::Silent;
 
     /// The dense and the iterative solver agree.
     #[test]

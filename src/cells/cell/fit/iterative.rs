@@ -12,8 +12,8 @@ use super::grid::{GridSample, weighted};
 use super::grid_solver::inner_products;
 use super::transform::{Spectrum, Transform};
 
-use crate::progress::{Cancelled, Progress};
 use crate::symmetry::Basis;
+use druse_geometry::progress::{Cancelled, Progress};
 use rustfft::num_complex::Complex64;
 
 /// Relative residual at which the iteration ends. It is far below the error of a fit.

@@ -12,10 +12,10 @@ use super::sampling::{parts_per_edge, quadrature_points};
 use super::solve::{NormalEquations, Sample};
 use super::{FitError, FitOptions, FitReport};
 use crate::cell::{Cell, CellError, Series};
-use crate::field::Field;
-use crate::frame::{CellPoint, Element};
-use crate::progress::Progress;
 use crate::symmetry::Basis;
+use druse_geometry::field::Field;
+use druse_geometry::frame::{CellPoint, Element};
+use druse_geometry::progress::Progress;
 
 /// Maximal total number of unknowns of all elements.
 const MAX_UNKNOWNS: usize = 4000;

@@ -1,7 +1,7 @@
 //! Options of a fit.
 
 use crate::cell::CellError;
-use crate::frame::Element;
+use druse_geometry::frame::Element;
 
 /// The method that determines the coefficients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

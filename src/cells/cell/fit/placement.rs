@@ -1,8 +1,8 @@
 //! Placement of a source: the map from its own coordinates to the reference frame of its element.
 
 use super::FitError;
-use crate::frame::{Aabb, Element, Mat3, Vec3};
-use crate::mesh::TriMesh;
+use druse_geometry::frame::{Aabb, Element, Mat3, Vec3};
+use druse_geometry::mesh::TriMesh;
 
 /// The map from source coordinates to reference coordinates.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -111,6 +111,7 @@ pub fn lanczos<const D: usize>(
 /// If there are not `n`^D samples.
 ///
 /// ```
+/// # extern crate druse_cells as druse;
 /// use druse::cell::fourier_coefficients;
 /// use druse::symmetry::{Lattice, PointGroup};
 /// let lattice = Lattice::<2>::named("square").unwrap();

@@ -14,9 +14,9 @@ use super::{
     Distance, Filter, FitError, FitOptions, Method, SourceInfo, Symmetrise, accuracy, projection,
 };
 use crate::cell::{Cell, CellError, Expression, Series, symmetry};
-use crate::frame::{CellPoint, Element, Vec3};
-use crate::progress::{Cancelled, Progress};
 use crate::symmetry::{Basis, Frequency, Lattice};
+use druse_geometry::frame::{CellPoint, Element, Vec3};
+use druse_geometry::progress::{Cancelled, Progress};
 use nalgebra::SVector;
 use rayon::prelude::*;
 use std::collections::BTreeMap;

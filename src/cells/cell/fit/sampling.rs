@@ -3,8 +3,8 @@
 use super::super::domain::{Domain, Flag, SimplexGrid, all_flags};
 use super::accuracy::SourceInfo;
 use super::{Distance, FitError, Symmetrise};
-use crate::frame::{CellPoint, Element, Mat3};
-use crate::progress::{Cancelled, Progress};
+use druse_geometry::frame::{CellPoint, Element, Mat3};
+use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
 /// Minimal number of samples per unknown.

@@ -3,9 +3,9 @@
 use super::super::Constraint;
 use super::super::trig_sum::Phasors;
 use super::FitError;
-use crate::frame::CellPoint;
-use crate::progress::{Cancelled, Progress};
 use crate::symmetry::{Basis, Frequency};
+use druse_geometry::frame::CellPoint;
+use druse_geometry::progress::{Cancelled, Progress};
 use nalgebra::{Cholesky, DMatrix, DMatrixViewMut, DVector, Dyn};
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;

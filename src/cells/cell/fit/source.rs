@@ -3,9 +3,9 @@
 use super::accuracy::SourceInfo;
 use super::{FitError, FitOptions, Placement, fit_with};
 use crate::cell::{Caps, Cell, Source};
-use crate::frame::Element;
-use crate::mesh::TriMesh;
-use crate::progress::Progress;
+use druse_geometry::frame::Element;
+use druse_geometry::mesh::TriMesh;
+use druse_geometry::progress::Progress;
 
 /// Fits a cell to a source.
 ///

@@ -10,7 +10,7 @@
 
 use super::super::domain::{Flag, SimplexGrid};
 use super::layer::share_of_tetrahedron_below;
-use crate::frame::CellPoint;
+use druse_geometry::frame::CellPoint;
 
 /// Ordered coordinates 1 >= a >= b >= c >= 0 of a point of a flag, which are affine: see [`Flag::point`]. Means over
 /// a section do not change under affine maps.

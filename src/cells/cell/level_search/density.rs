@@ -2,7 +2,7 @@
 
 use super::super::Cell;
 use super::super::domain::{Domain, Flag, SimplexGrid};
-use crate::frame::{CellPoint, Mat3, Vec3};
+use druse_geometry::frame::{CellPoint, Mat3, Vec3};
 use rayon::prelude::*;
 
 /// Parts per edge of a flag, a simplex of the cell's fundamental domain. On each tetrahedron of that grid the density

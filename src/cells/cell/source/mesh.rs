@@ -2,8 +2,8 @@
 
 use super::{Source, SourceKind};
 use crate::cell::fit::{FitError, Placement, SourceReport};
-use crate::frame::{CellPoint, Element, Vec3};
-use crate::mesh::{MeshSolid, TriMesh};
+use druse_geometry::frame::{CellPoint, Element, Vec3};
+use druse_geometry::mesh::{MeshSolid, TriMesh};
 
 /// Treatment of triangles that lie in a face plane of the element.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,7 +5,7 @@
 //! the usual origin of its formula, or may not exist: no origin keeps more than a quarter of a gyroid.
 
 use super::Source;
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 

@@ -7,8 +7,8 @@
 //! Coordinates are those of the source, by default the element's reference coordinates. A part may extend
 //! beyond the element.
 
-use crate::frame::{Aabb, Vec3, is_in_range};
-use crate::mesh::TriangleDistances;
+use druse_geometry::frame::{Aabb, Vec3, is_in_range};
+use druse_geometry::mesh::TriangleDistances;
 
 mod library;
 pub use library::{graphs, plate_sets};

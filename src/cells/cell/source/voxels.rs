@@ -5,7 +5,7 @@
 //! extended. Binary samples become a signed distance to the surface half way between solid and void.
 
 use crate::cell::edt;
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// Minimal number of samples along an axis.
 const MIN_SAMPLES_PER_AXIS: usize = 4;

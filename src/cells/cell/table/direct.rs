@@ -10,8 +10,8 @@ use super::super::Products;
 use super::super::trig_products::Along;
 use super::spline::{GROUP_SIZE, group};
 use super::{Function, Table};
-use crate::frame::CellPoint;
-use crate::simd::{Lanes, SimdKernel, WideLanes};
+use druse_geometry::frame::CellPoint;
+use druse_geometry::simd::{Lanes, SimdKernel, WideLanes};
 use std::f32::consts::TAU;
 
 /// Maximal number of products that replace a look-up. Up to six are measured to be faster; more are

@@ -5,8 +5,8 @@
 //! divided by the local slope.
 
 use super::{Cell, Table};
-use crate::field::Field;
-use crate::frame::{CellPoint, Vec3};
+use druse_geometry::field::Field;
+use druse_geometry::frame::{CellPoint, Vec3};
 use rayon::prelude::*;
 
 /// Maximal number of points in the element, and of points on the surface.

@@ -9,7 +9,7 @@
 use super::grid::Grid;
 use super::hull::{CELLS_PER_BATCH, cell_ranges};
 use super::window_ranges::Range;
-use crate::frame::{Element, Face, Vec3};
+use druse_geometry::frame::{Element, Face, Vec3};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;

@@ -11,7 +11,7 @@
 
 use super::grid::Grid;
 use super::window_ranges::Range;
-use crate::simd::{self, Lanes, SimdKernel};
+use druse_geometry::simd::{self, Lanes, SimdKernel};
 
 /// Spline cells per batch.
 pub(super) const CELLS_PER_BATCH: usize = 8;

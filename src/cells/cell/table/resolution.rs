@@ -14,7 +14,7 @@ use super::displacement::DisplacementProbe;
 use super::grid::Grid;
 use super::{Cell, CellError, Function, MAX_SAMPLES, MIN_SAMPLES, Table, function, spectra};
 use crate::cell::SmoothFunction;
-use crate::frame::CellPoint;
+use druse_geometry::frame::CellPoint;
 use std::f64::consts::TAU;
 
 /// Rounding error of single precision, relative to the root mean square of the function. No smaller error

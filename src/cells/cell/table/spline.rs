@@ -11,15 +11,15 @@
 //! take twice the loads, four times would take twice the memory, on which look-ups wait.
 //!
 //! Eight points are located at a time; the sums are in single precision. The code is compiled for each
-//! instruction set ([`crate::simd`]). The value at a point is bit-identical alone and in a batch.
+//! instruction set ([`druse_geometry::simd`]). The value at a point is bit-identical alone and in a batch.
 
 mod place;
 mod sums;
 mod weights;
 
 use super::grid::{Grid, GridSymmetry};
-use crate::frame::CellPoint;
-use crate::simd::{self, PortableLanes, SimdKernel};
+use druse_geometry::frame::CellPoint;
+use druse_geometry::simd::{self, PortableLanes, SimdKernel};
 pub(super) use place::{POSITION_ERROR, group};
 use sums::{SampleBatch, ValueBatch};
 
@@ -168,8 +168,8 @@ impl Spline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Vec3;
-    use crate::simd::InstructionSet;
+    use druse_geometry::frame::Vec3;
+    use druse_geometry::simd::InstructionSet;
 
     type Wave<'a> = &'a dyn Fn([i64; 3]) -> f32;
 

@@ -5,8 +5,8 @@ use super::gradient_bound::{GradientBounds, SurfaceValues, gradient_bounds_over}
 use super::grid::Grid;
 use super::spline::{POSITION_ERROR, Spline};
 use super::window_ranges::WindowRanges;
-use crate::field::Interval;
-use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
+use druse_geometry::field::Interval;
+use druse_geometry::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 
 /// Bound of the rounding error of a value, relative to the largest coefficient. Rounding of the position
 /// adds [`POSITION_ERROR`] times the slope.

@@ -6,7 +6,7 @@
 
 use super::{FUNCTION_MASK, FUNCTIONS, MAX_HARMONICS, Products, derivative, harmonic};
 use crate::cell::Solid;
-use crate::simd::{Lanes, Pair, WideLanes};
+use druse_geometry::simd::{Lanes, Pair, WideLanes};
 
 /// The values of the functions along one axis, at eight coordinates.
 pub type Along<F> = [F; FUNCTIONS];

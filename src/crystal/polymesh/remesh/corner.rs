@@ -2,7 +2,7 @@
 
 use super::weight::{doo_sabin as doo_sabin_weight, honeycomb, weighted};
 use super::{MeshBuilder, NO_PARENT, Old, RuleResult};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// One point per corner; makes faces, quads over edges and faces round vertices. Faces with two corners are
 /// left out.

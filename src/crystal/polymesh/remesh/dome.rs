@@ -2,7 +2,7 @@
 
 use super::weight::{doo_sabin, weighted};
 use super::{MeshBuilder, Old, RuleResult};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// Heights of the rings in mean edges of the face, and their scales.
 const RINGS: [(f64, f64); 7] = [

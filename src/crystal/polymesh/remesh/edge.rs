@@ -3,7 +3,7 @@
 use super::face::neighbours;
 use super::weight::{honeycomb as honeycomb_weight, weighted};
 use super::{MeshBuilder, NO_PARENT, Old, RuleResult};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::f64::consts::TAU;
 
 /// Midpoints of edges joined round faces and vertices. V' = E, E' = 2E, F' = F + V.

@@ -1,7 +1,7 @@
 //! Schemes that put a point in every face: duals, stellations, quads about corners.
 
 use super::{MeshBuilder, NO_PARENT, Old, RuleResult};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::f64::consts::TAU;
 
 /// The dual mesh: a vertex for each face, a face for each vertex. V' = F, E' = E, F' = V.

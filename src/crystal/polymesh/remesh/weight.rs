@@ -3,7 +3,7 @@
 //! Doo and Sabin's weights: a for the corner itself (its own weight), (1 - a) (3 + 2 cos(2 pi (i - j)/n)) /
 //! (3n - 5) for corner j. They chose a = 1/4 + 5/(4n).
 
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use std::f64::consts::TAU;
 
 /// Doo and Sabin's own weight.

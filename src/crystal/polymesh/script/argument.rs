@@ -3,7 +3,7 @@
 use super::super::expression::{ExpressionError, Value};
 use super::super::select::Scene;
 use super::{Expression, Interpreter, ScriptError, nearest};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 
 /// A word of a script and its place.
 #[derive(Clone, Debug)]

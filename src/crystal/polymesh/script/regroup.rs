@@ -3,9 +3,9 @@
 use super::argument::{Arguments, Word};
 use super::step::{Outcome, StepResult, mesh_of};
 use super::{Interpreter, ScriptError};
-use crate::frame::Mat3;
 use crate::polymesh::PolyMesh;
 use crate::polymesh::form::cartesian_group;
+use druse_geometry::frame::Mat3;
 
 /// Largest difference of the entries of equal matrices.
 const MATRIX_TOLERANCE: f64 = 1e-6;

@@ -2,13 +2,13 @@
 
 use super::argument::{Arguments, Statement, Word};
 use super::{GroupBy, Interpreter, LoadOptions, ScriptError, nearest, regroup};
-use crate::frame::Vec3;
 use crate::polymesh::form::{Form, SYSTEMS};
 use crate::polymesh::history::Model;
 use crate::polymesh::{
     Dihedral, Extrusion, Grouping, Parts, PolyMesh, Remesh, extrusion_named, extrusion_names,
     scheme_names, seed,
 };
+use druse_geometry::frame::Vec3;
 use std::path::Path;
 use std::sync::Arc;
 

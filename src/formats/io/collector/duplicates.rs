@@ -6,9 +6,9 @@
 //! for each node and each element, then a sort of numbers.
 
 use super::Collector;
-use crate::frame::Vec3;
 use crate::io::{Place, ReadError};
-use crate::scaffold::Connectivity;
+use druse_geometry::frame::Vec3;
+use druse_tilings::scaffold::Connectivity;
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 

@@ -1,9 +1,9 @@
 //! Nodes, elements and sets with common numbering: of a deck without parts, a part or an instance.
 
 use super::keyword::{fields, whole};
-use crate::frame::Vec3;
 use crate::io::{Place, ReadError, Source};
-use crate::scaffold::Kind;
+use druse_geometry::frame::Vec3;
+use druse_tilings::scaffold::Kind;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A set as defined in the deck: numbers, ranges and names of other sets.

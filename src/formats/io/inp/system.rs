@@ -1,7 +1,7 @@
 //! Coordinate systems of nodes, and motions of copies.
 
-use crate::frame::{Mat3, Vec3};
 use crate::io::{ReadError, Source, quote};
+use druse_geometry::frame::{Mat3, Vec3};
 
 /// Sine and cosine of an angle in degrees, exact at multiples of 90.
 pub(super) fn sin_cos_degrees(angle: f64) -> (f64, f64) {

@@ -4,7 +4,7 @@
 //! C3D 20 R. Solids and faces are read; lines, points, springs, masses, connectors, rigid lines and
 //! the generators of axisymmetric shells are counted and skipped; every other type is refused.
 
-use crate::scaffold::Kind;
+use druse_tilings::scaffold::Kind;
 
 /// The meaning of an element type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Medit's keywords: codes in binary files and meanings.
 
-use crate::scaffold::Kind;
+use druse_tilings::scaffold::Kind;
 
 /// The meaning of a keyword.
 #[derive(Clone, Copy)]

@@ -4,8 +4,8 @@ use super::super::scaffold::KINDS_READ;
 use super::super::{Place, ReadError};
 use super::Deck;
 use super::cards::Card;
-use crate::frame::Vec3;
-use crate::scaffold::Kind;
+use druse_geometry::frame::Vec3;
+use druse_tilings::scaffold::Kind;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// A card and its kinds in ascending order of their number of nodes.

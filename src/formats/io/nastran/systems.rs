@@ -7,7 +7,7 @@
 
 use super::super::{Place, ReadError, quote};
 use super::cards::Card;
-use crate::frame::{Mat3, Vec3};
+use druse_geometry::frame::{Mat3, Vec3};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 

@@ -4,11 +4,11 @@
 //! ignored, unless the file has fewer lines than elements: then they belong to the next element.
 
 use super::header::{Format, Header, Layer, Role, Scalar};
-use crate::frame::{Vec3, is_in_range};
 use crate::io::number::{self, words};
 use crate::io::polygons::Soup;
 use crate::io::{Place, ReadError, Source, quote};
-use crate::polymesh::Faces;
+use druse_crystal::polymesh::Faces;
+use druse_geometry::frame::{Vec3, is_in_range};
 
 /// The content of the body.
 pub(super) struct Content {

@@ -1,7 +1,7 @@
 //! The header of PLY: the elements of the file and their properties.
 
-use crate::frame::LengthUnit;
 use crate::io::{ReadError, Source, quote};
+use druse_geometry::frame::LengthUnit;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scalar {

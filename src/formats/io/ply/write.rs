@@ -1,8 +1,8 @@
 //! The writer of PLY: binary, little-endian.
 
-use crate::frame::LengthUnit;
 use crate::io::mesh_view::Rows;
 use crate::io::{Faces, MeshView};
+use druse_geometry::frame::LengthUnit;
 use std::io::{self, Write};
 
 fn head(rows: &dyn Rows, unit: LengthUnit) -> String {

@@ -6,10 +6,10 @@
 //! ones are accepted.
 
 use super::{Builder, stated_unit};
-use crate::frame::Vec3;
 use crate::io::mesh_file::MeshFile;
 use crate::io::number::{self, words};
 use crate::io::{ReadError, Source};
+use druse_geometry::frame::Vec3;
 
 /// The meaning of a word.
 #[derive(Clone, Copy, PartialEq)]

@@ -2,9 +2,9 @@
 //! it is evaluated (volumetric and implicit extensions, version 1).
 
 use super::package::begin;
-use crate::cell::{Expression, Node};
-use crate::frame::{LengthUnit, Vec3};
-use crate::mesh::TriMesh;
+use druse_cells::cell::{Expression, Node};
+use druse_geometry::frame::{LengthUnit, Vec3};
+use druse_geometry::mesh::TriMesh;
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::io::{self, Seek, Write};

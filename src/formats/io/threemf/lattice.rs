@@ -1,8 +1,8 @@
 //! The beam lattice of an object, and its placement.
 
 use super::{Placement, transform_point};
-use crate::frame::{Vec3, is_in_range};
 use crate::io::beams::{BeamCap, FileBeam};
+use druse_geometry::frame::{Vec3, is_in_range};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The vertices that have balls.

@@ -2,7 +2,7 @@
 
 use super::Placement;
 use super::lattice::Lattice;
-use crate::frame::{LengthUnit, Vec3};
+use druse_geometry::frame::{LengthUnit, Vec3};
 use std::collections::BTreeMap;
 
 /// A model: its objects and build items.

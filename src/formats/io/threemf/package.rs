@@ -1,8 +1,8 @@
 //! The writer of 3MF: a zip archive with one model of triangles or beams.
 
-use crate::frame::{LengthUnit, Vec3};
 use crate::io::BeamLattice;
 use crate::io::mesh_view::Rows;
+use druse_geometry::frame::{LengthUnit, Vec3};
 use std::io::{self, Seek, Write};
 use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
 

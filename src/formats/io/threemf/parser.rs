@@ -3,8 +3,8 @@
 use super::extensions::{self, Space};
 use super::model::{Model, Object, Reference};
 use super::{IDENTITY_PLACEMENT, Placement, display_name};
-use crate::frame::{LengthUnit, Vec3, is_in_range};
 use crate::io::{Place, ReadError, quote};
+use druse_geometry::frame::{LengthUnit, Vec3, is_in_range};
 use quick_xml::events::{BytesDecl, BytesStart, Event};
 use quick_xml::name::{QName, ResolveResult};
 use quick_xml::{NsReader, XmlVersion};

@@ -1,8 +1,8 @@
 //! The writer of 3MF slice stacks (slice extension, version 1): layers in order, each written when it is known.
 
 use super::package::begin;
-use crate::frame::{Aabb, LengthUnit};
-use crate::mesh::TriMesh;
+use druse_geometry::frame::{Aabb, LengthUnit};
+use druse_geometry::mesh::TriMesh;
 use std::io::{self, BufWriter, Seek, Write};
 use zip::ZipWriter;
 

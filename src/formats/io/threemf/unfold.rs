@@ -4,11 +4,11 @@ use super::archive::Archive;
 use super::lattice::ClipMode;
 use super::model::{Model, Object, Reference};
 use super::{IDENTITY_PLACEMENT, Placement, compose, display_name, transform_point};
-use crate::frame::{LengthUnit, Vec3};
 use crate::io::beams::{BeamClip, BeamPart, SolidFile};
 use crate::io::mesh_file::MeshFile;
 use crate::io::{Place, ReadError};
-use crate::mesh::TriMesh;
+use druse_geometry::frame::{LengthUnit, Vec3};
+use druse_geometry::mesh::TriMesh;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
 

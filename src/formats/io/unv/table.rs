@@ -1,6 +1,6 @@
 //! Element types of universal files and their node orders.
 
-use crate::scaffold::Kind;
+use druse_tilings::scaffold::Kind;
 
 /// A row: types, kind, and the permutation from the file's node order to VTK order (empty for the identity).
 type Row = (&'static [i64], Kind, &'static [u8]);

@@ -1,7 +1,7 @@
 //! Placement of USD prims: their transform operations, and the values of properties at a time code.
 
 use super::text::{Prim, Property, Value};
-use crate::frame::Vec3;
+use druse_geometry::frame::Vec3;
 use nalgebra::{Matrix4, Quaternion, Rotation3, UnitQuaternion};
 
 /// The value of a property at a time code: linear between samples of equal length, constant beyond them; tokens

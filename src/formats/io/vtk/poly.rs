@@ -1,10 +1,10 @@
 //! Polygonal data of both formats: points, lines, polygons, triangle strips.
 
-use crate::frame::Vec3;
 use crate::io::polygons::Soup;
 use crate::io::scaffold::{DataField, FieldAt};
 use crate::io::{Place, ReadError, quote};
-use crate::polymesh::Faces;
+use druse_crystal::polymesh::Faces;
+use druse_geometry::frame::Vec3;
 use std::path::Path;
 
 /// The sections of a piece in their order, with the attributes of their counts in XML.

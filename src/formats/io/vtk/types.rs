@@ -8,7 +8,7 @@
 //! node, which must lie on the quadratic face of the other six nodes: otherwise the faces of neighbours do not
 //! match. Its innermost node does not affect the faces and is ignored.
 
-use crate::scaffold::Kind;
+use druse_tilings::scaffold::Kind;
 
 /// The supported Lagrange cells: type, number of nodes and kind.
 const LAGRANGE_CELLS: [(u8, usize, Kind); 12] = [

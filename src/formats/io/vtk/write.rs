@@ -2,10 +2,10 @@
 //!
 //! A pyramid of 14 nodes becomes VTK's pyramid of 19; the element's map gives the positions of the added nodes.
 
-use crate::frame::{CellPoint, Element, Vec3};
 use crate::io::WriteError;
 use crate::io::atomic::AtomicFile;
-use crate::scaffold::{Kind, Scaffold};
+use druse_geometry::frame::{CellPoint, Element, Vec3};
+use druse_tilings::scaffold::{Kind, Scaffold};
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;

@@ -4,8 +4,8 @@ use super::super::leaf_file::{
     LeafFileError, MAX_LEAF_BYTES, StoredLeaf, leaf_at, leaf_length, read_range,
 };
 use super::{Block, LeafStore, StoreError};
-use crate::frame::Coord;
-use crate::progress::{Cancelled, Progress};
+use druse_geometry::frame::Coord;
+use druse_geometry::progress::{Cancelled, Progress};
 use std::fs::File;
 
 /// Memory for read-ahead over all cursors, bytes.

@@ -8,8 +8,8 @@ use super::super::leaf_file::{
 };
 use super::LeafStore;
 use crate::band::{LEAF, LeafBatch, Region, VOXELS};
-use crate::frame::Coord;
-use crate::simd::{negative_bits, run_vectorized};
+use druse_geometry::frame::Coord;
+use druse_geometry::simd::{negative_bits, run_vectorized};
 use std::fs::File;
 
 /// A leaf with all its values.

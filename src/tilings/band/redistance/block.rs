@@ -6,7 +6,7 @@
 use super::candidates::{CandidateTest, Cube, NearestToCentre, PointList};
 use super::surface_points::{NO_WEDGE, Point};
 use super::wedge::Wedge;
-use crate::simd::{Lanes, SimdKernel};
+use druse_geometry::simd::{Lanes, SimdKernel};
 
 /// Lower bound of 1 + h k (see [`super`]): beyond the centre of curvature other points are nearer.
 pub(super) const MIN_CURVATURE_FACTOR: f32 = 0.3;

@@ -1,6 +1,6 @@
 //! A cache of values by position: the first request computes a value, the least recently used ones are dropped.
 
-use crate::frame::Coord;
+use druse_geometry::frame::Coord;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 

@@ -11,7 +11,7 @@
 // not be.
 #![allow(clippy::inline_always)]
 
-use crate::simd::{Lanes, SimdKernel, run};
+use druse_geometry::simd::{Lanes, SimdKernel, run};
 
 /// Tolerance for rounding, voxels and squared voxels.
 const TOLERANCE: f32 = 1e-3;

@@ -6,7 +6,7 @@
 use super::super::leaf::LEAF;
 use super::block::OffsetLengths;
 use super::{MovedLeaf, SurfacePoints};
-use crate::frame::Coord;
+use druse_geometry::frame::Coord;
 
 /// Finer voxels along the edge of a coarser leaf.
 const EDGE: i32 = 2 * LEAF;

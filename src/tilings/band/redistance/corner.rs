@@ -8,7 +8,7 @@ use super::LeafPoints;
 use super::surface_points::Point;
 use super::vector::{Vector, difference, dot};
 use super::wedge::Wedge;
-use crate::frame::Coord;
+use druse_geometry::frame::Coord;
 
 /// Distance within which two corners are one, voxels.
 const SAME_CORNER: f32 = 0.1;

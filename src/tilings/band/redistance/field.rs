@@ -16,8 +16,8 @@ use super::super::smooth::LeafRef;
 use super::super::{Band, Region};
 use super::cache::{PositionCache, SharedValue};
 use super::{LeafPoints, SurfacePoints};
-use crate::field::{Field, Interval, LeafBits, SampleLattice, WorldField};
-use crate::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
+use druse_geometry::field::{Field, Interval, LeafBits, SampleLattice, WorldField};
+use druse_geometry::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
@@ -376,7 +376,7 @@ fn clamped(bound: Interval, reach: f64) -> Interval {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::Sphere;
+    use druse_geometry::field::Sphere;
 
     /// A ball whose values are not distances, so that only its zero set counts.
     struct Cubic(Sphere);

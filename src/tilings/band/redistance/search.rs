@@ -6,7 +6,7 @@ use super::block::{Block, OffsetLengths};
 use super::candidates::{CandidateTest, Coordinates, Cube, Nearest, NearestToCentre, PointList};
 use super::surface_points::Point;
 use super::wedge::Wedge;
-use crate::simd::run;
+use druse_geometry::simd::run;
 use std::cell::Cell;
 
 /// Steps to the leaves that hold a sample less than `reach` voxels away from one of a leaf: ascending.

@@ -5,8 +5,8 @@
 use super::super::leaf::LEAF;
 use super::super::smooth::LeafRef;
 use super::block::{MAX_CURVATURE_REDUCTION, MAX_SHORTFALL, MAX_TANGENTIAL, MIN_CURVATURE_FACTOR};
-use crate::frame::{Coord, Mat3, Vec3};
-use crate::simd::{Lanes, SimdKernel, negative_bits, run};
+use druse_geometry::frame::{Coord, Mat3, Vec3};
+use druse_geometry::simd::{Lanes, SimdKernel, negative_bits, run};
 use std::ops::Range;
 
 /// Voxels along the edge of a leaf with one layer before it and two after it.

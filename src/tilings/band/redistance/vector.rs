@@ -21,7 +21,8 @@ pub(super) fn sum(a: Vector, b: Vector) -> Vector {
 }
 
 /// a - b.
-pub(super) fn difference(a: Vector, b: Vector) -> Vector {
+#[doc(hidden)]
+pub fn difference(a: Vector, b: Vector) -> Vector {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 

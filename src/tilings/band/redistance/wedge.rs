@@ -11,7 +11,7 @@ use super::block::MAX_SHORTFALL;
 use super::corner::Corner;
 use super::surface_points::Point;
 use super::vector::{Vector, difference, dot, dual, sum, unit};
-use crate::frame::{Coord, Vec3};
+use druse_geometry::frame::{Coord, Vec3};
 
 /// Greatest distance at which planes are searched, voxels along each axis.
 const WINDOW: f32 = 3.0;

@@ -3,7 +3,7 @@
 use super::super::index::LeafIndex;
 use super::super::leaf::LEAF;
 use super::LeafRef;
-use crate::frame::Coord;
+use druse_geometry::frame::Coord;
 use rayon::prelude::*;
 
 /// Eight voxels along z.

@@ -1,7 +1,7 @@
 //! The table of kinds of elements, with nodes in VTK order.
 
 use super::FaceNodes;
-use crate::frame::Element;
+use druse_geometry::frame::Element;
 
 /// A row of the table: one kind.
 pub(super) struct Row {

@@ -12,11 +12,11 @@
 //! h^2 da db dh / sqrt 2.
 
 use super::{Affine, ratios};
-use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::bernstein::{Coefficient, Net, index};
 use crate::scaffold::cell_box::{confine, grow};
 use crate::scaffold::kind::{Family, Kind};
 use crate::scaffold::map::{PAIRS, bend, newton};
+use druse_geometry::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
 use std::f64::consts::SQRT_2;
 use std::sync::OnceLock;
 

@@ -5,11 +5,11 @@
 //! boxes that bounds may decide as a whole.
 
 use super::rule::Quantity;
-use crate::field::{Point, SampleLattice};
-use crate::frame::{Vec3, WorldPoint};
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::fill::BLOCK_EDGE;
 use crate::tiling::locality::NearElements;
+use druse_geometry::field::{Point, SampleLattice};
+use druse_geometry::frame::{Vec3, WorldPoint};
 
 // The masks of eight bits, the offsets of one bit and the spans of two ends hold for this edge only.
 const _: () = assert!(BLOCK_EDGE == 2);

@@ -4,7 +4,7 @@
 #![allow(clippy::inline_always)]
 
 use super::sample_batch::{MAX_SAMPLES, ROW, Row};
-use crate::simd::{self, Eight, Lanes, Number, SimdKernel};
+use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel};
 
 /// Values and distances of a batch's points in the elements that own them.
 pub(super) struct BatchDistances {

@@ -3,10 +3,10 @@
 use super::AffineBuffers;
 use super::block::FillContext;
 use super::sample_batch::{MAX_SAMPLES, bits};
-use crate::frame::{Aabb, Vec3};
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::LocalSearch;
 use crate::tiling::{Filling, TiledSolid};
+use druse_geometry::frame::{Aabb, Vec3};
 
 /// A point more than this outside all elements, voxels, is not in a gap due to rounding.
 pub(super) const GAP_TOLERANCE: f64 = 1e-6;

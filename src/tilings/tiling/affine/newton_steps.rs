@@ -4,11 +4,11 @@
 #![allow(clippy::inline_always)]
 
 use super::sample_batch::{MAX_SAMPLES, ROW, Row};
-use crate::frame::{CellPoint, Vec3};
-use crate::simd::{self, Eight, Lanes, Number, SimdKernel};
 use crate::tiling::inverse_map::{dot, product};
 use crate::tiling::local_map::LocalMap;
 use crate::tiling::newton_distance::{StepLimits, to_world};
+use druse_geometry::frame::{CellPoint, Vec3};
+use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel};
 
 /// Points that take both Newton steps in one element.
 pub(super) struct NewtonBatch {

@@ -3,10 +3,10 @@
 use super::distances::BatchDistances;
 use super::newton_steps::NewtonBatch;
 use super::sample_batch::{BatchLocations, MAX_SAMPLES, SampleBatch, bits};
-use crate::frame::CellPoint;
 use crate::tiling::locality::NearElements;
 use crate::tiling::patch::Patch;
 use crate::tiling::{Filling, TiledSolid};
+use druse_geometry::frame::CellPoint;
 
 /// The quantity to evaluate at points.
 #[derive(Clone, Copy, PartialEq, Eq)]

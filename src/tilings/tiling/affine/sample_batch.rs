@@ -2,11 +2,11 @@
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use crate::frame::{CellPoint, Vec3};
-use crate::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
 use crate::tiling::clamp::face_distance_row;
 use crate::tiling::inverse_map::product;
 use crate::tiling::patch::{FACE_TOLERANCE, Patch};
+use druse_geometry::frame::{CellPoint, Vec3};
+use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
 
 /// Greatest number of points of a batch: a bit each in a `u64`.
 pub(super) const MAX_SAMPLES: usize = 64;

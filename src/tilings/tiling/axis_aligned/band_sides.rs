@@ -4,8 +4,8 @@
 
 use super::F32_PRECISION;
 use super::kernel::{PeriodicField, to_arrays};
-use crate::frame::Vec3;
-use crate::simd::{Lanes, SimdKernel};
+use druse_geometry::frame::Vec3;
+use druse_geometry::simd::{Lanes, SimdKernel};
 
 /// Steps from a cube's first sample to the centres of the two parts of each of its leaves along an axis. Each
 /// part has five samples; together they are the leaf and the layer around it.
@@ -35,7 +35,7 @@ impl SimdKernel for SidesKernel<'_> {
             bounds,
         } = self;
         let (products, periods) = (&field.products, &field.periods);
-        let mut tables = [[[0.0; 8]; crate::cell::FUNCTIONS]; 3];
+        let mut tables = [[[0.0; 8]; druse_cells::cell::FUNCTIONS]; 3];
         let mut halves = [[0.0; 8]; 3];
         for axis in 0..3 {
             let mut parts = [0.0; 8];

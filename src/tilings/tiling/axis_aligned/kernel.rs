@@ -3,9 +3,9 @@
 #![allow(clippy::inline_always)]
 
 use super::periods::{FIRST_EIGHT_STEPS, NEXT_EIGHT_STEPS, Periods};
-use crate::cell::{Along, FUNCTIONS, Products};
-use crate::frame::Vec3;
-use crate::simd::{Lanes, SimdKernel};
+use druse_cells::cell::{Along, FUNCTIONS, Products};
+use druse_geometry::frame::Vec3;
+use druse_geometry::simd::{Lanes, SimdKernel};
 
 /// The periodic field of the box.
 #[derive(Clone, Debug)]
@@ -256,7 +256,7 @@ pub(super) const MAX_SIGN_SAMPLES: usize = 16;
 
 /// The negative samples of a lattice, not cut at the box, as in [`Field::signs`].
 ///
-/// [`Field::signs`]: crate::field::Field::signs
+/// [`Field::signs`]: druse_geometry::field::Field::signs
 pub(super) struct SignKernel<'a> {
     pub field: &'a PeriodicField,
     /// The first sample.

@@ -2,9 +2,9 @@
 
 use super::HexGrid;
 use super::kernel::{MAX_SIGN_SAMPLES, RowKernel, SignKernel};
-use crate::field::SampleLattice;
-use crate::frame::WorldPoint;
-use crate::simd;
+use druse_geometry::field::SampleLattice;
+use druse_geometry::frame::WorldPoint;
+use druse_geometry::simd;
 
 impl HexGrid {
     /// Values on a lattice.

@@ -10,10 +10,10 @@ use super::kernel::{PeriodicField, scale, splat_at};
 use super::scales::{
     Axis, LOCAL_NODES, MAX_POLYNOMIAL_NODES, PER_SAMPLE, Scales, contributing_nodes,
 };
-use crate::cell::Column;
-use crate::field::{LeafBits, Leaves};
-use crate::frame::WorldPoint;
-use crate::simd::{self, InstructionSet, Lanes, SimdKernel, WideLanes};
+use druse_cells::cell::Column;
+use druse_geometry::field::{LeafBits, Leaves};
+use druse_geometry::frame::WorldPoint;
+use druse_geometry::simd::{self, InstructionSet, Lanes, SimdKernel, WideLanes};
 use std::cell::Cell;
 
 /// Number of leaves along each axis whose functions are cached: those of a block.
@@ -185,7 +185,7 @@ impl Sweep<'_> {
         let (less, reach) = (same(-middle), same(rule.sign_reach + middle.abs()));
         let beyond = same((background + by.abs()) / rule.min_scale);
         let mut planes = [[zero; N]; 4];
-        let mut along_z = [l.splat(0.0); crate::cell::FUNCTIONS];
+        let mut along_z = [l.splat(0.0); druse_cells::cell::FUNCTIONS];
         if N == PER_SAMPLE {
             for (to, from) in along_z.iter_mut().zip(&z.along) {
                 *to = l.load(from);

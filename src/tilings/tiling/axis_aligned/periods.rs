@@ -2,9 +2,9 @@
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use crate::frame::{Aabb, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
-use crate::simd::Lanes;
+use druse_geometry::frame::{Aabb, CellPoint, Element, Vec3};
+use druse_geometry::simd::Lanes;
 
 /// The periods in world space, and the box that they fill.
 #[derive(Clone, Copy, Debug)]

@@ -12,8 +12,8 @@
 
 use super::kernel::{PeriodicField, scale, splat_at, to_arrays};
 use super::periods::FIRST_EIGHT_STEPS;
-use crate::cell::{Along, FUNCTIONS};
-use crate::simd::{Lanes, Pair, SimdKernel, WideLanes};
+use druse_cells::cell::{Along, FUNCTIONS};
+use druse_geometry::simd::{Lanes, Pair, SimdKernel, WideLanes};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Stands for scales computed at every sample.
@@ -139,7 +139,7 @@ impl Scales {
     /// A table with these numbers of entries along each axis; `LIMIT_SMOOTHLY` as in [`scale`].
     fn with_entries<const LIMIT_SMOOTHLY: bool>(field: &PeriodicField, counts: [usize; 3]) -> Self {
         let mut values = vec![0.0; counts.iter().product()];
-        crate::simd::run(TableKernel::<LIMIT_SMOOTHLY> {
+        druse_geometry::simd::run(TableKernel::<LIMIT_SMOOTHLY> {
             field,
             counts,
             values: &mut values,

@@ -1,10 +1,10 @@
 //! Samples in no element: the field is continued from the nearest points of the boundary, all of a box together.
 
 use super::{CurvedBatch, LatticeSample};
-use crate::frame::Vec3;
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::{LocalSearch, Owner};
 use crate::tiling::{Filling, TiledSolid};
+use druse_geometry::frame::Vec3;
 
 /// A sample in no element whose value is that of a point of one.
 pub(super) struct ExteriorSample {

@@ -1,10 +1,10 @@
 //! Samples in the band: from gradients in the contributing elements to blended distances.
 
 use super::{CurvedBatch, JacobianSource, LatticeSample};
-use crate::frame::{CellPoint, Vec3};
 use crate::tiling::locality::LocalSearch;
 use crate::tiling::newton_distance::{self, FirstStep, InverseJacobians, StepStarts};
 use crate::tiling::{Filling, TiledSolid};
+use druse_geometry::frame::{CellPoint, Vec3};
 
 /// The contribution of an element to a sample.
 pub(super) struct Contribution {

@@ -5,9 +5,9 @@
 
 use super::matrices::{MAX_NODES, Matrices, ORDERS};
 use super::{EDGE, VOLUME};
-use crate::cell::Fold;
-use crate::simd::{self, Lanes, SimdKernel};
 use crate::tiling::newton_distance::StepLimits;
+use druse_cells::cell::Fold;
+use druse_geometry::simd::{self, Lanes, SimdKernel};
 
 /// Greatest part of a value that may remain after the first step. Of a wave k with a zero at distance d,
 /// (k d)^2 / 2 remains, and the distance errs by a third of that: beyond this part, second derivatives are

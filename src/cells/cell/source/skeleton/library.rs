@@ -1,7 +1,7 @@
 //! The library of strut graphs and plate sets, derived from the element's geometry where possible.
 
 use super::{Skeleton, SkeletonError};
-use crate::frame::{Element, Vec3};
+use druse_geometry::frame::{Element, Vec3};
 
 /// Names of the strut graphs of an element.
 pub fn graphs(element: Element) -> &'static [&'static str] {
@@ -160,7 +160,7 @@ fn pairs_within(points: &[Vec3], distance: f64) -> Vec<[Vec3; 2]> {
 /// Corners of every face of a solid element, in cyclic order.
 fn face_corners(element: Element) -> Vec<Vec<Vec3>> {
     let vertices = element.vertices();
-    let around = |f: &crate::frame::Face| {
+    let around = |f: &druse_geometry::frame::Face| {
         let mut corners: Vec<Vec3> = element
             .face_vertices(f)
             .into_iter()

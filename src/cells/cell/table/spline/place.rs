@@ -6,8 +6,8 @@
 #![allow(clippy::inline_always)]
 
 use super::{GROUP_SIZE, Spline};
-use crate::frame::CellPoint;
-use crate::simd::{Lanes, WideLanes};
+use druse_geometry::frame::CellPoint;
+use druse_geometry::simd::{Lanes, WideLanes};
 
 /// The first of the two axes that each sorting step compares.
 const SORT_STEPS: [usize; 3] = [0, 1, 0];

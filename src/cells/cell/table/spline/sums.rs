@@ -9,8 +9,8 @@
 use super::place::{Positions, group};
 use super::weights::{SLOPE_POLYNOMIALS, VALUE_POLYNOMIALS, Weights};
 use super::{GROUP_SIZE, HALF_PLANE_LEN, Spline};
-use crate::frame::CellPoint;
-use crate::simd::{Lanes, SimdKernel};
+use druse_geometry::frame::CellPoint;
+use druse_geometry::simd::{Lanes, SimdKernel};
 
 /// Groups of points per batch: the smallest number whose weights are kept in memory. A larger array takes
 /// more time to clear for few points than it saves for many.

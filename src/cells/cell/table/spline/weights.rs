@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use super::GROUP_SIZE;
-use crate::simd::{Lanes, WideLanes};
+use druse_geometry::simd::{Lanes, WideLanes};
 
 /// Coefficients of the four cubic weights, by powers of the position in the cell.
 pub(super) const VALUE_POLYNOMIALS: [[f32; 4]; 4] = [

@@ -1,0 +1,7 @@
+//! Files, for [druse](https://docs.rs/druse).
+//!
+//! - [`io`]: readers and writers of meshes, scaffolds, cells, tables and packages, and files that are whole or absent.
+//!
+//! OpenVDB's files are the business of the crate `druse`, which has the public names of the items here too.
+
+pub mod io;
