@@ -47,6 +47,7 @@ mod ipc;
 mod level_set_file;
 mod stream;
 pub mod subprocess;
+mod temporary_file;
 mod write;
 
 // Grids of other programs: conversion to level sets, repairs and checks.
@@ -67,6 +68,7 @@ mod smooth;
 // Connected components and cavities, in memory and on disk.
 mod cavities;
 mod components;
+mod leaf_source;
 mod on_disk;
 mod remove_components;
 mod segments;
@@ -75,6 +77,7 @@ mod segments;
 mod as_field;
 mod coarser;
 mod layers;
+mod limits;
 mod measures;
 mod mesh;
 mod solid_cubes;
@@ -82,6 +85,7 @@ mod solid_cubes;
 // Pictures.
 mod camera;
 mod colormap;
+mod picture;
 mod render;
 mod render_parts;
 mod samples;
@@ -106,6 +110,7 @@ pub(crate) use layers::stored_build_layers;
 pub use layers::{BuildLayers, BuildRequest, LayerFacts, LayerRegion};
 pub use leaves::{LeafView, Leaves, TileView};
 pub use level_set_file::LevelSetFile;
+pub use limits::MAX_CUBES;
 pub use measures::Measures;
 pub(crate) use memory::end_on_exhaustion;
 #[doc(hidden)]
@@ -113,11 +118,10 @@ pub use memory::{peak_memory, resident_memory};
 pub use on_disk::{StoredRemoval, StoredSegments};
 pub(crate) use on_disk::{stored_components, stored_voids};
 pub(crate) use ops::MAX_FILTER_WIDTH;
+pub use picture::{Image, Picture};
 pub use remove_components::{ComponentSelection, REMOVAL_REACH, RemovedComponents};
-pub use render::{Image, Picture};
 pub(crate) use render_parts::{SolidParts, render_parts};
 pub use shape_ops::{Mask, WallSide};
-pub use solid_cubes::MAX_CUBES;
 pub(crate) use solid_cubes::{SolidCubes, largest_face_component};
 pub(crate) use stream::MAX_BYTES_AT_ONCE;
 pub use stream::{StoredFog, StoredGrid};

@@ -1,14 +1,16 @@
 //! `druse cell info`, `eval`, `plot`, `homogenize`, `library` and `implicit`.
 
-use super::{Answer, Failure, Session};
+use super::cell_text::{describe, facts, read};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::cell::{Cell, default_group, groups, lattices, rank};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::io::atomic::{require_writable, write_bytes};
-use crate::io::read_cell;
 use crate::symmetry::{Basis, GROUP_NAMES, Lattice, PointGroup, SymmetryError};
 use clap::{Args, Subcommand};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -83,90 +85,6 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
 }
 
-/// A cell from its file, or from the name of a surface.
-pub(super) fn read(path: &Path) -> Result<Cell, Failure> {
-    match super::fit::surface(path, None)? {
-        Some(cell) => Ok(cell),
-        None => Ok(read_cell(path)?),
-    }
-}
-
-/// The description of a cell, as an object.
-pub(super) fn facts(cell: &Cell) -> Value {
-    let form = cell.expression();
-    json!({
-        "kind": "cell",
-        "name": cell.name(),
-        "element": cell.element().name(),
-        "group": cell.group(),
-        "operators": cell.operators().len(),
-        "any_numbering": cell.fits_any_numbering(),
-        "lattice": form.lattice_name(),
-        "coefficients": form.coefficients(),
-        "degrees_of_freedom": form.degrees_of_freedom(),
-        "band_limit": form.band_limit(),
-        "level": cell.level(),
-        "solid": cell.solid().name(),
-        "volume_fraction": cell.volume_fraction(),
-        "gamma": cell.gamma(),
-        "report": cell.report(),
-    })
-}
-
-/// The description of a cell, as text.
-pub(super) fn describe(cell: &Cell) -> String {
-    let form = cell.expression();
-    let mut text = format!(
-        "{}: a {} cell, group {} ({} operators), lattice {}\n\
-         {} coefficients, {} degrees of freedom, frequencies up to {:.3} per unit of length\n\
-         solid {} {:.6}, {:.4} of the element, mean slope on the surface {:.4}\n",
-        super::terminal::line(cell.name()),
-        cell.element().name(),
-        cell.group(),
-        cell.operators().len(),
-        form.lattice_name().unwrap_or("of several"),
-        form.coefficients(),
-        form.degrees_of_freedom(),
-        form.band_limit(),
-        cell.solid().name(),
-        cell.level(),
-        cell.volume_fraction(),
-        cell.gamma(),
-    );
-    if let Some(design) = cell.report().and_then(|r| r.design.as_ref()) {
-        super::design::describe(design, &mut text);
-    } else if let Some(report) = cell.report() {
-        let _ = writeln!(
-            text,
-            "fit: rms {:.5}, greatest on faces {:.5}, kept energy {:.6}",
-            report.rms, report.face_max, report.kept_energy
-        );
-        if let Some(h) = report.hausdorff {
-            let _ = writeln!(
-                text,
-                "fit: Hausdorff distance of the surfaces {:.5}",
-                h.max()
-            );
-        }
-        if let Some(source) = report.source {
-            let rounded = |c: [f64; 3]| c.map(|c| (c * 1e4).round() / 1e4);
-            let size = match (source.triangles, source.points) {
-                (0, 0) => source.kind.name().to_owned(),
-                (0, points) => format!("{}, {points} samples", source.kind.name()),
-                (triangles, _) => format!("{triangles} triangles ({} caps)", source.caps),
-            };
-            let _ = writeln!(
-                text,
-                "source: {size}, box {:?} to {:?}, {:.1} % inside",
-                rounded(source.box_min),
-                rounded(source.box_max),
-                100.0 * source.share_inside
-            );
-        }
-    }
-    text
-}
-
 fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
     let path = Path::new(name);
     if !GROUP_NAMES.contains(&name) && path.is_file() {
@@ -203,7 +121,7 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
 fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
     let fault = |e| crate::pipeline::group_fault(path, e);
     let group = crate::pipeline::read_group(path)?;
-    let name = super::fit::stem(path);
+    let name = super::cell_text::stem(path);
     if group.dimension == 2 {
         let (group, own) = group
             .group::<2>(&name, lattice.unwrap_or("square"))

@@ -1,6 +1,9 @@
 //! `druse completions SHELL`.
 
-use super::{Answer, Failure, Session, grammar};
+use super::context::Session;
+use super::failure::Failure;
+use super::grammar;
+use super::output::Answer;
 use clap::Args;
 use clap_complete::{Shell, generate};
 use serde_json::json;

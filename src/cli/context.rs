@@ -1,8 +1,9 @@
 //! The context of one invocation: output style, progress, colour and treatment of warnings.
 
+use super::failure::Failure;
 use super::progress::{Display, Style};
 use super::signals::Signals;
-use super::{Failure, terminal};
+use super::terminal;
 use crate::pipeline::{RunError, Warning};
 use crate::progress::{Progress, Threads};
 use clap::Args;

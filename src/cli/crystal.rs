@@ -1,6 +1,8 @@
 //! `druse crystal NAME.crystal -o X`: polygon modelling without a recipe.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::frame::{LengthUnit, Transform, figures};
 use crate::io::atomic::{StagedPath, require_writable, write_bytes};
 use crate::io::{
@@ -11,7 +13,8 @@ use crate::pipeline::{clock_parameters, crystal_script};
 use crate::polymesh::{Interpreter, LoadOptions, PolyMesh, Script, Triangulated};
 use crate::recipe::{Length, PictureSize, Recipe, Scale};
 use crate::sequence::{Clock, FrameList};
-use crate::vdb::{self, Image, LevelSet, VdbWriter};
+use crate::vdb;
+use crate::vdb::{Image, LevelSet, VdbWriter};
 use clap::Args;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -177,7 +180,7 @@ fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
             text,
             "\n{}  {}",
             super::terminal::path(path),
-            super::run::size(*bytes)
+            super::numbers::size(*bytes)
         );
         if p.voxel_size.is_none() && is_volume(path) {
             let voxel = voxel_size(p, &mesh, source.unit);

@@ -2,8 +2,9 @@
 //!
 //! A search that is interrupted leaves the best cell so far; `--resume` continues from it.
 
-use super::{Answer, Failure, Session};
-use crate::cell::DesignReport;
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::frame::Element;
 use crate::inverse::{InverseError, Prepared};
 use crate::io::atomic::require_writable;
@@ -117,10 +118,10 @@ pub(super) fn answer(
     }
     let mut matched = Vec::new();
     for path in &flags.matched {
-        matched.push(super::cell::read(path)?);
+        matched.push(super::cell_text::read(path)?);
     }
     let element = section.own_element().unwrap_or(Element::Hex);
-    let name = super::fit::stem(output);
+    let name = super::cell_text::stem(output);
     let design = pipeline::design(&name, &section, element, matched, &Path::to_path_buf)
         .map_err(|e| Failure::usage(e.to_string()))?;
     let prepared = design.prepare()?;
@@ -151,14 +152,14 @@ pub(super) fn answer(
         ))
         .hint("the same command with --resume continues from it"));
     }
-    let mut text = super::cell::describe(&made.cell);
+    let mut text = super::cell_text::describe(&made.cell);
     let _ = write!(
         text,
         "{}  {}",
         super::terminal::path(output),
-        super::run::size(bytes)
+        super::numbers::size(bytes)
     );
-    let mut facts = super::cell::facts(&made.cell);
+    let mut facts = super::cell_text::facts(&made.cell);
     facts["path"] = json!(output.display().to_string());
     facts["bytes"] = json!(bytes);
     Ok(Answer::new(text, facts))
@@ -195,36 +196,4 @@ fn plan(prepared: &Prepared) -> Result<Answer, Failure> {
         },
     });
     Ok(Answer::new(text, facts))
-}
-
-/// What a design made, for people.
-pub(super) fn describe(report: &DesignReport, text: &mut String) {
-    let _ = writeln!(
-        text,
-        "target {} at volume fraction {}: objective {:.5}, from {}{}",
-        report.target,
-        report.volume_fraction,
-        report.objective,
-        report.start,
-        if report.complete { "" } else { ", interrupted" }
-    );
-    for p in &report.properties {
-        let flow = p
-            .permeability
-            .map_or(String::new(), |k| format!(", permeability {k:.3e}"));
-        let _ = writeln!(
-            text,
-            "{} sharp voxels: bulk {:.5} ({:.3} of its bound), C44 {:.5}, Zener's ratio {:.3}, Poisson's ratio \
-             {:.3}, conductivity {:.4}{flow}",
-            p.voxels, p.bulk, p.bulk_over_bound, p.c44, p.zener, p.poisson, p.conductivity
-        );
-    }
-    if let Some([solid, void]) = report.narrow {
-        let _ = writeln!(
-            text,
-            "narrower than min_feature: {:.1} % of the solid, {:.1} % of the void",
-            100.0 * solid,
-            100.0 * void
-        );
-    }
 }

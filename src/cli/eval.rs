@@ -1,6 +1,8 @@
 //! `druse eval RECIPE --points p.csv`: the tiled field at world points.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::io::atomic::{AtomicFile, require_writable, write_bytes};
 use crate::pipeline::{FieldSample, Probe, RunOptions};
 use crate::recipe::Recipe;

@@ -1,6 +1,7 @@
 //! Errors as the user sees them: one block on stderr, or one object with `--json`.
 
-use super::{Session, excerpt, terminal};
+use super::context::Session;
+use super::{excerpt, terminal};
 use crate::io::{ErrorClass, ReadError, WriteError};
 use crate::pipeline::RunError;
 use crate::polymesh::ScriptError;

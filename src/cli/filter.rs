@@ -1,9 +1,11 @@
 //! `druse filter IN.vdb -o OUT OP...`: applies operations of a recipe to a grid of a file.
 
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use super::vdb_commands::{
     Draft, GridChoice, answer as report_answer, longest_edge_text, output_key, path_value,
 };
-use super::{Answer, Failure, Session};
 use crate::recipe::GridWord;
 use clap::Args;
 use std::path::PathBuf;

@@ -1,11 +1,15 @@
 //! `druse fit INPUT -o X.cell`, and `druse fit --target`.
 
-use super::{Answer, Failure, Session};
-use crate::cell::{Cell, Surface};
+use super::cell_text::stem;
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
+use crate::cell::Cell;
 use crate::frame::Element;
 use crate::io::atomic::require_writable;
 use crate::io::write_cell;
-use crate::pipeline::{self, RunError, Warning};
+use crate::pipeline;
+use crate::pipeline::{RunError, Warning};
 use crate::progress::Threads;
 use crate::recipe::CellSection;
 use clap::Args;
@@ -51,14 +55,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     for warning in warnings {
         session.warn_of(warning.code, warning.message)?;
     }
-    let mut text = super::cell::describe(&cell);
+    let mut text = super::cell_text::describe(&cell);
     let _ = write!(
         text,
         "{}  {}",
         super::terminal::path(&p.output),
-        super::run::size(bytes)
+        super::numbers::size(bytes)
     );
-    let mut facts = super::cell::facts(&cell);
+    let mut facts = super::cell_text::facts(&cell);
     facts["path"] = json!(p.output.display().to_string());
     facts["bytes"] = json!(bytes);
     Ok(Answer::new(text, facts))
@@ -124,19 +128,4 @@ pub(super) fn of_input(error: RunError, input: &Path) -> Failure {
         RunError::Cell { fault, .. } => Failure::data(input, fault.to_string()),
         error => error.into(),
     }
-}
-
-/// The surface that an argument names, unless it is a file; on its own element unless another is given.
-pub(super) fn surface(argument: &Path, element: Option<Element>) -> Result<Option<Cell>, Failure> {
-    let Some(surface) = argument.to_str().and_then(Surface::from_name) else {
-        return Ok(None);
-    };
-    let failed = |e: crate::cell::CellError| Failure::data(argument, e.to_string());
-    let element = element.unwrap_or(surface.element());
-    surface.cell(element).map(Some).map_err(failed)
-}
-
-pub(super) fn stem(path: &Path) -> String {
-    path.file_stem()
-        .map_or_else(|| "cell".into(), |s| s.to_string_lossy().into_owned())
 }

@@ -1,6 +1,8 @@
 //! `--frames`: a command once per frame, and sequences of runs.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::pipeline::{
     RunOptions, check_frames, check_output_tokens, check_series, finished_frame, frame_report, run,
     write_sequence_scenes,
@@ -120,7 +122,7 @@ impl Sequence<'_> {
         };
         let report = run(&recipe, &options, session)?;
         let value = serde_json::to_value(&report).unwrap_or_default();
-        Ok((value, super::run::reported(&report, session), true))
+        Ok((value, super::run_text::reported(&report, session), true))
     }
 
     /// Writes the scenes of the whole sequence, from the reports of its frames.

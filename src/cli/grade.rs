@@ -1,9 +1,12 @@
 //! `druse grade RECIPE --results r.frd --field S -o field.vtu`: a new grading from results of the recipe's deck.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::frame::{LengthUnit, figures};
 use crate::io::atomic::require_writable;
-use crate::pipeline::{self, GradeOptions, GradeReport, GradeRule, RunOptions};
+use crate::pipeline;
+use crate::pipeline::{GradeOptions, GradeReport, GradeRule, RunOptions};
 use crate::recipe::Recipe;
 use clap::{Args, ValueEnum};
 use std::fmt::Write;
@@ -133,7 +136,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         text,
         "{}  {}",
         super::terminal::line(&shown),
-        super::run::size(report.bytes)
+        super::numbers::size(report.bytes)
     );
     let mut facts = serde_json::to_value(&report).unwrap_or_default();
     facts["path"] = shown.into();

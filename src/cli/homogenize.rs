@@ -3,13 +3,16 @@
 //! The results on two grids, one half as fine, give an estimate of the discretisation error. A sweep uses one grid
 //! at each volume fraction and starts from the previous solution.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::frame::Element;
 use crate::homogenize::{
     Control, HomogenizeError, Isotropic, Packing, Properties, Settings, compliance,
 };
 use crate::io::atomic::{require_writable, write_bytes};
-use crate::pipeline::{self, CellPeriod, PropertyOptions, Warning};
+use crate::pipeline;
+use crate::pipeline::{CellPeriod, PropertyOptions, Warning};
 use crate::progress::Threads;
 use crate::recipe::{CellSection, Fraction, Positive, Recipe, Section};
 use clap::{Args, ValueEnum};
@@ -261,7 +264,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
     }
     // A formula is not a path.
     let name = if p.cell.is_file() {
-        super::fit::stem(&p.cell)
+        super::cell_text::stem(&p.cell)
     } else {
         p.cell.to_string_lossy().into_owned()
     };
@@ -368,7 +371,7 @@ fn one(
             text,
             "{}  {}",
             super::terminal::line(&shown),
-            super::run::size(bytes)
+            super::numbers::size(bytes)
         );
         files.push(serde_json::json!({ "path": shown, "bytes": bytes }));
     }

@@ -1,6 +1,8 @@
 //! `druse cell implicit`: a cell repeated in space as a 3MF with an implicit function instead of triangles.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::frame::{Aabb, Element, LengthUnit, Vec3};
 use crate::io::atomic::{AtomicFile, require_writable};
 use crate::io::{ImplicitPart, read_mesh};
@@ -68,7 +70,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         );
     }
     require_writable(&p.output)?;
-    let cell = super::cell::read(&p.cell)?;
+    let cell = super::cell_text::read(&p.cell)?;
     let edge =
         p.edge.0.in_unit(UNIT, UNIT).ok_or_else(|| {
             Failure::usage("found --edge in voxels; expected a length, as in 5mm")
@@ -106,7 +108,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         crate::frame::figures(size.x),
         crate::frame::figures(size.y),
         crate::frame::figures(size.z),
-        super::run::size(bytes)
+        super::numbers::size(bytes)
     );
     let facts = json!({
         "path": p.output.display().to_string(), "unit": UNIT.symbol(), "edge": edge, "nodes": nodes,

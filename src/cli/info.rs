@@ -1,7 +1,9 @@
 //! `druse info FILE`: a summary of any file that Druse reads.
 
+use super::context::Session;
+use super::failure::Failure;
 use super::kind::FileKind;
-use super::{Answer, Failure, Session};
+use super::output::Answer;
 use crate::frame::{Aabb, Vec3};
 use crate::io::{read_cell, read_solid};
 use crate::recipe::Recipe;
@@ -24,7 +26,10 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         Recipe => recipe(path)?,
         Cell => {
             let cell = read_cell(path)?;
-            (super::cell::describe(&cell), super::cell::facts(&cell))
+            (
+                super::cell_text::describe(&cell),
+                super::cell_text::facts(&cell),
+            )
         }
         Mesh => mesh(path, session)?,
         Scaffold => {
@@ -93,7 +98,7 @@ fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
     let solid = read_solid(path)?;
     let report = crate::mesh::check_with(&solid.file.mesh, false, session)
         .map_err(|_| Failure::stopped(130))?;
-    let (mut text, facts, _) = super::check::solid_screen(path, &solid, &report);
+    let (mut text, facts, _) = super::solid_text::solid_screen(path, &solid, &report);
     for warning in &solid.file.warnings {
         let _ = writeln!(text, "note: {}", super::terminal::line(warning));
     }
@@ -139,7 +144,7 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
         super::terminal::path(path),
         info.version,
         super::terminal::line(&info.writer),
-        super::run::size(info.bytes)
+        super::numbers::size(info.bytes)
     );
     for g in &info.grids {
         let map = g.index_map();
@@ -158,9 +163,9 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
         let _ = writeln!(
             text,
             "  {} active voxels, {} leaves, {} in memory{}",
-            super::run::grouped(g.active_voxels),
-            super::run::grouped(g.leaves),
-            super::run::size(g.bytes),
+            super::numbers::grouped(g.active_voxels),
+            super::numbers::grouped(g.leaves),
+            super::numbers::size(g.bytes),
             if g.half { ", half floats" } else { "" }
         );
         if let Some([min, max]) = g.bbox {

@@ -1,6 +1,6 @@
 //! The kind of a file, by its extension.
 
-use super::Failure;
+use super::failure::Failure;
 use crate::io::ReadError;
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! `--layer LENGTH` of `druse check`: the layers of a part.
 
-use super::Failure;
+use super::failure::Failure;
 use super::require::{length_unit, shown_unit};
 use crate::frame::LengthUnit;
 use crate::io::atomic::{require_writable, write_bytes};

@@ -3,8 +3,10 @@
 //! The cell of the middle volume fraction is designed freely; the others keep its trace on the faces of the element.
 //! Each cell is written as soon as it is complete.
 
+use super::context::Session;
+use super::failure::Failure;
 use super::homogenize::Sweep;
-use super::{Answer, Failure, Session};
+use super::output::Answer;
 use crate::cell::Cell;
 use crate::frame::Element;
 use crate::io::atomic::require_directory;
@@ -106,7 +108,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             text,
             "{}  volume fraction {fraction}, {bulk}{}",
             super::terminal::path(&path),
-            super::run::size(bytes)
+            super::numbers::size(bytes)
         );
         rows.push(json!({
             "path": path.display().to_string(),

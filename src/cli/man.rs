@@ -1,6 +1,9 @@
 //! `druse man`: the manual pages, made from the grammar of the command line.
 
-use super::{Answer, Failure, Session, grammar};
+use super::context::Session;
+use super::failure::Failure;
+use super::grammar;
+use super::output::Answer;
 use crate::io::atomic::{require_directory, write_bytes};
 use clap::Args;
 use serde_json::json;

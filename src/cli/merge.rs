@@ -1,6 +1,8 @@
 //! `druse merge PLAN`.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::pipeline::{RunOptions, merge_bricks};
 use clap::Args;
 use std::path::PathBuf;
@@ -29,5 +31,5 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         return super::sequence_plan::merge(&p.plan, options, session);
     }
     let report = merge_bricks(&p.plan, &options, session)?;
-    Ok(super::run::reported(&report, session))
+    Ok(super::run_text::reported(&report, session))
 }

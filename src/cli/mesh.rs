@@ -3,11 +3,13 @@
 //! The options become the keys of a recipe, which is run. An input deck (.inp, for `CalculiX` and Abaqus) is the text
 //! of the nodes, elements and material of a finite-element analysis.
 
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use super::vdb_commands::{
     Draft, GridChoice, answer as report_answer, length_value, longest_edge_text, output_key,
     path_value, toml_table,
 };
-use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::recipe::{Fraction, MesherWord, Portion, Positive, Size};
 use clap::Args;

@@ -1,6 +1,8 @@
 //! `druse new NAME`: a commented recipe to start from, which runs as it is.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::io::atomic::write_bytes;
 use clap::Args;
 use serde_json::json;

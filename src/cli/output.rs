@@ -1,8 +1,10 @@
 //! The result of a command: text, JSON object and exit code.
 
-use super::{Session, terminal};
+use super::context::Session;
+use super::terminal;
 use serde_json::Value;
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 
 /// The result of a command.
 pub(super) struct Answer {

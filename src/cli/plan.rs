@@ -1,8 +1,11 @@
 //! `druse plan RECIPE -o PLAN`.
 
-use super::job::{self, Items, Queue};
-use super::run::{grouped, memory, size};
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::job;
+use super::job::{Items, Queue};
+use super::numbers::{grouped, memory, size};
+use super::output::Answer;
 use crate::io::leads_out;
 use crate::pipeline::{RunOptions, brick_plan, relative_path};
 use crate::recipe::Recipe;

@@ -1,7 +1,9 @@
 //! `druse cell plot X.cell -o X.png [--source INPUT]`: draws a cell, optionally beside its source, and lists
 //! its rms error by the number of coefficients.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::io::atomic::{require_writable, write_bytes};
 use crate::pipeline;
 use crate::recipe::{Caps, CellPlace, CellSection, Positive};
@@ -40,7 +42,7 @@ pub(super) struct Parameters {
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     require_writable(&p.output)?;
-    let cell = super::cell::read(&p.cell)?;
+    let cell = super::cell_text::read(&p.cell)?;
     let plot = threads.install(|| {
         let source = match &p.source {
             None => None,
@@ -70,7 +72,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         text,
         "{}  {}",
         super::terminal::line(&path),
-        super::run::size(bytes)
+        super::numbers::size(bytes)
     );
     let facts = json!({ "path": path, "bytes": bytes, "curve": plot.curve });
     Ok(Answer::new(text, facts))

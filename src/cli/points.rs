@@ -1,7 +1,7 @@
 //! Points for evaluation: `.csv` with a header `x,y,z`, or `.npy` of shape [n, 3]; `-` is a `.csv` on stdin.
 //! Points of planar cells have x and y, their z is 0.
 
-use super::Failure;
+use super::failure::Failure;
 use crate::io::{Place, ReadError};
 use std::io::Read;
 use std::path::Path;

@@ -1,16 +1,18 @@
 //! `druse preview FILE... -o X.png`.
 
+use super::context::Session;
+use super::failure::Failure;
 use super::kind::FileKind;
-use super::{Answer, Failure, Session};
+use super::output::Answer;
 use crate::cell::Cell;
 use crate::frame::Transform;
 use crate::io::atomic::{require_writable, write_bytes};
 use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use crate::mesh::TriMesh;
-use crate::pipeline;
 use crate::recipe::{Cut, PictureSize};
 use crate::sequence::FrameList;
-use crate::vdb::{self, Image, LevelSet, Picture};
+use crate::vdb::{Image, LevelSet, Picture};
+use crate::{pipeline, vdb};
 use clap::Args;
 use serde_json::json;
 use std::fmt::Write;
@@ -93,7 +95,7 @@ fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let mut text = format!(
         "{}  {}",
         super::terminal::line(&shown),
-        super::run::size(bytes)
+        super::numbers::size(bytes)
     );
     let grid = session.color_grid().unwrap_or_default();
     for [low, high] in &ranges {
@@ -110,7 +112,7 @@ fn picture(
     [width, height]: [usize; 2],
     (session, tools): (&Session, vdb::Session),
 ) -> Result<(Image, Option<[f32; 2]>), Failure> {
-    let solid = match super::fit::surface(path, None)? {
+    let solid = match super::cell_text::surface(path, None)? {
         Some(cell) => cell_picture(path, &cell, tools)?,
         None => solid_of(path, session, tools)?,
     };

@@ -1,7 +1,9 @@
 //! `druse run FILE.vdb`: repeats the run that wrote a file, and compares the content hashes.
 
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use super::run::Parameters;
-use super::{Answer, Failure, Session};
 use crate::io::PartialFolder;
 use crate::pipeline::{Report, RunError, RunOptions, run};
 use crate::recipe::Recipe;
@@ -169,7 +171,7 @@ fn compared(path: &Path, origin: &Origin, report: &Report, keeps_outputs: bool) 
                 text,
                 "{}  {}",
                 super::terminal::line(&output.path),
-                super::run::size(output.bytes)
+                super::numbers::size(output.bytes)
             );
         }
     }

@@ -1,6 +1,8 @@
 //! `druse report report.json -o part.html`: a run's report as one page that needs no other file.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::io::ReadError;
 use crate::io::atomic::{require_writable, write_bytes};
 use clap::Args;
@@ -64,7 +66,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let text = format!(
         "{}  {}",
         super::terminal::line(&shown),
-        super::run::size(written)
+        super::numbers::size(written)
     );
     Ok(Answer::new(
         text,

@@ -1,6 +1,7 @@
 //! `--require FILE` of `druse check`: a part against requirements.
 
-use super::{Answer, Failure};
+use super::failure::Failure;
+use super::output::Answer;
 use crate::frame::LengthUnit;
 use crate::io::SolidFile;
 use crate::mesh::{MeshReport, count_bodies};

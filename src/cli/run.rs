@@ -1,8 +1,12 @@
 //! `druse run RECIPE`, and `druse run PLAN --brick N`. `druse run FILE.vdb` is in `repeat`.
 
-use super::{Answer, Failure, Session};
-use crate::frame::figures;
-use crate::pipeline::{self, Estimate, MacroDeckFacts, Report, RunOptions, plan, run};
+use super::context::Session;
+use super::failure::Failure;
+use super::numbers::{grouped, memory, size};
+use super::output::Answer;
+use super::run_text::reported;
+use crate::pipeline;
+use crate::pipeline::{Estimate, RunOptions, plan, run};
 use crate::recipe::Recipe;
 use crate::sequence::FrameList;
 use clap::Args;
@@ -155,137 +159,6 @@ fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answe
     Ok(Answer::new(text, json!({ "made": made, "left": left })))
 }
 
-/// The summary printed at the end of a run or a merge.
-pub(super) fn reported(report: &Report, session: &Session) -> Answer {
-    session.finish();
-    for note in report.scaffold.iter().flat_map(|s| &s.notes) {
-        session.note(&format!("scaffold: {note}"));
-    }
-    // Masks have no box.
-    for input in report.inputs.iter().filter(|i| !i.bounds.is_empty()) {
-        let [a, b] =
-            [input.bounds.min, input.bounds.max].map(|v| v.map(|c| (c * 1e4).round() / 1e4));
-        session.note(&format!(
-            "{}: {} spans [{}, {}, {}] to [{}, {}, {}]{}",
-            input.key,
-            input.path,
-            a.x,
-            a.y,
-            a.z,
-            b.x,
-            b.y,
-            b.z,
-            if input.key.starts_with("cell.") {
-                " (reference coordinates)".to_owned()
-            } else {
-                format!(" {}", report.unit)
-            }
-        ));
-    }
-    if session.verbose() {
-        for stage in &report.stages {
-            session.note(&format!("{:>8.2} s  {}", stage.seconds, stage.name));
-        }
-    }
-    for warning in &report.warnings {
-        session.warn(warning);
-    }
-    if let Some(bricks) = report.bricks {
-        let found = match bricks.found_whole {
-            0 => String::new(),
-            n => format!(", {n} of them there already"),
-        };
-        session.note(&format!(
-            "went through {} bricks of {} voxels a side{found}",
-            grouped(bricks.count),
-            bricks.edge * 128
-        ));
-    }
-    if let (Some(n), Some(scaffold)) = (report.band.elements_visited, &report.scaffold) {
-        session.note(&format!(
-            "evaluated {} samples in {} leaves ({} of {} elements)",
-            grouped(report.band.voxels_evaluated),
-            grouped(report.band.leaves_touched),
-            grouped(n),
-            grouped(scaffold.elements.values().sum())
-        ));
-        if let Some(count) = report.band.leaves_by_nodes.filter(|n| *n > 0) {
-            session.note(&format!(
-                "interpolated {} leaves from samples at coarser nodes",
-                grouped(count)
-            ));
-        }
-    }
-    for o in &report.outputs {
-        if let Some(deck) = &o.macro_deck {
-            session.note(&deck_summary(
-                deck,
-                &o.path,
-                o.unit.as_deref().unwrap_or(""),
-            ));
-        }
-    }
-    session.note(&summary(report));
-    let mut lines: Vec<String> = report
-        .outputs
-        .iter()
-        .map(|o| {
-            let unit = o
-                .unit
-                .as_deref()
-                .map_or(String::new(), |u| format!("  {u}"));
-            format!(
-                "{}  {}{unit}",
-                super::terminal::line(&o.path),
-                size(o.bytes)
-            )
-        })
-        .collect();
-    lines.extend(report.requirements.iter().map(ToString::to_string));
-    let json = serde_json::to_value(report).unwrap_or_else(|e| json!({ "error": e.to_string() }));
-    Answer::new(lines.join("\n"), json).verdict(report.meets_requirements())
-}
-
-fn summary(report: &Report) -> String {
-    let solid = &report.solid;
-    let seconds: f64 = report.stages.iter().map(|s| s.seconds).sum();
-    let unit = &report.unit;
-    // Components are not counted in bricks.
-    let components = match solid.components {
-        0 => String::new(),
-        1 => "1 component, ".to_owned(),
-        n => format!("{n} components, "),
-    };
-    if report.band.active_voxels == 0 {
-        return format!(
-            "no voxels, {seconds:.1} s, {}",
-            size(report.peak_memory_bytes)
-        );
-    }
-    format!(
-        "{} active voxels, volume {} {unit}^3, area {} {unit}^2, {components}{seconds:.1} s, {}",
-        grouped(report.band.active_voxels),
-        figures(solid.volume),
-        figures(solid.area),
-        size(report.peak_memory_bytes)
-    )
-}
-
-/// One line about a deck of the scaffold's elements.
-fn deck_summary(deck: &MacroDeckFacts, path: &str, unit: &str) -> String {
-    let materials: usize = deck.laws.iter().map(|l| l.materials).sum();
-    let mass = deck
-        .mass
-        .map_or(String::new(), |m| format!(", mass {}", figures(m)));
-    format!(
-        "{path}: {} elements, {materials} materials from {} homogenised cells, {} of {} {unit}^3 solid{mass}",
-        grouped(deck.elements),
-        deck.laws.iter().map(|l| l.points).sum::<usize>(),
-        figures(deck.solid_volume),
-        figures(deck.volume)
-    )
-}
-
 fn prediction(e: &Estimate) -> String {
     let lines = [
         ("elements", grouped(e.elements)),
@@ -316,35 +189,6 @@ fn prediction(e: &Estimate) -> String {
     shown.join("\n")
 }
 
-/// A count with separated thousands.
-pub(super) fn grouped(n: u64) -> String {
-    let digits = n.to_string();
-    let mut text = String::new();
-    for (place, digit) in digits.chars().enumerate() {
-        if place > 0 && (digits.len() - place).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
-
-/// Bytes as text; K, M, G are powers of 1024.
-pub(super) fn size(bytes: u64) -> String {
-    let mut value = bytes as f64;
-    for unit in ["B", "KiB", "MiB"] {
-        if value < 1024.0 {
-            return if unit == "B" {
-                format!("{bytes} B")
-            } else {
-                format!("{value:.1} {unit}")
-            };
-        }
-        value /= 1024.0;
-    }
-    format!("{value:.1} GiB")
-}
-
 /// Parses "3" and "0-7".
 fn bricks(text: &str) -> Result<Range<usize>, String> {
     let parsed = match text.split_once('-') {
@@ -355,25 +199,4 @@ fn bricks(text: &str) -> Result<Range<usize>, String> {
         .filter(|&(first, last): &(usize, usize)| first <= last && last < usize::MAX)
         .map(|(first, last)| first..last + 1)
         .ok_or_else(|| format!("found {text:?}, expected a number or a range such as 0-7"))
-}
-
-/// Parses "2G", "512M", "1073741824".
-pub(super) fn memory(text: &str) -> Result<u64, String> {
-    let upper = text.trim().to_ascii_uppercase();
-    let number = upper.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let power = match upper[number.len()..]
-        .trim_end_matches("IB")
-        .trim_end_matches('B')
-    {
-        "" => 0,
-        "K" => 1,
-        "M" => 2,
-        "G" => 3,
-        "T" => 4,
-        _ => 5,
-    };
-    let value: Option<f64> = number.trim().parse().ok().filter(|v| *v > 0.0 && power < 5);
-    value
-        .map(|v| (v * 1024f64.powi(power)) as u64)
-        .ok_or_else(|| format!("found {text:?}, expected a size such as 512M or 2G"))
 }

@@ -1,6 +1,8 @@
 //! `druse scaffold info FILE` and `druse scaffold check FILE`.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::frame::figures;
 use crate::io::atomic::require_writable;
 use crate::io::{DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, read_elements};

@@ -1,6 +1,8 @@
 //! `druse schema`: the recipe's JSON schema, or its reference for people.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use clap::Args;
 
 #[derive(Args)]

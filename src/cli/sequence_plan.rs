@@ -3,10 +3,12 @@
 //! The plan of a sequence is a `.json` file that lists its items. Frames in bricks have plans of their own beside it.
 //! `druse run PLAN --brick N` makes item N, `druse merge PLAN` completes the frames, as for a plan of bricks.
 
+use super::context::Session;
+use super::failure::Failure;
 use super::frames::{Sequence, overrides, summary};
 use super::job::Items;
+use super::output::Answer;
 use super::plan::Parameters;
-use super::{Answer, Failure, Session};
 use crate::pipeline::{
     RunOptions, brick_plan, check_overridden_outputs, finished_frame, frame_report, make_bricks,
     merge_bricks, out_of_plan, plan as estimate,
@@ -299,7 +301,7 @@ pub(super) fn merge(
         };
         let report = merge_bricks(&opened.folder.join(plan), &options, session)?;
         reports.push((frame, serde_json::to_value(&report).unwrap_or_default()));
-        let answer = super::run::reported(&report, session);
+        let answer = super::run_text::reported(&report, session);
         passed &= answer.passed();
         lines.push(answer.into_parts().0);
         made += 1;

@@ -5,7 +5,8 @@
 //! token are checked before a body is read. Sizes and times of requests are bounded. Each connection has a thread of
 //! its own and carries one request, so that a slow client delays only itself.
 
-use super::{Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
 use request::{Guard, Refusal, read_request};
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};

@@ -1,8 +1,10 @@
 //! `druse slice IN.vdb|RECIPE -o X --layer LENGTH`.
 
+use super::context::Session;
+use super::failure::Failure;
 use super::kind::FileKind;
+use super::output::Answer;
 use super::vdb_commands::{Draft, GridChoice};
-use super::{Answer, Failure, Session};
 use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::atomic::{AtomicFile, require_directory, require_writable, write_bytes};
 use crate::io::{SliceStackWriter, WriteError};
@@ -249,7 +251,7 @@ fn report_answer(p: &Parameters, s: &SliceSummary, bytes: u64) -> Answer {
         plan.pixels[1],
         plan.pixel,
         crate::frame::figures(s.volume),
-        super::run::size(bytes)
+        super::numbers::size(bytes)
     );
     let axis = ["x", "y", "z"][plan.axis];
     let json = json!({

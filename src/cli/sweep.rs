@@ -1,8 +1,11 @@
 //! `druse sweep RECIPE KEY=VALUES... -o TABLE.csv`: runs all combinations of values of a recipe's keys.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::io::atomic::{require_directory, require_writable};
-use crate::pipeline::{self, REPORT_NAME, Report, RunOptions, check_confined};
+use crate::pipeline;
+use crate::pipeline::{REPORT_NAME, Report, RunOptions, check_confined};
 use crate::progress::Progress;
 use crate::recipe::Recipe;
 use clap::Args;
@@ -247,7 +250,7 @@ fn dry_run(
             n + 1,
             label(axes, &c.values),
             estimate.seconds,
-            super::run::size(estimate.peak_memory_bytes)
+            super::numbers::size(estimate.peak_memory_bytes)
         );
         facts.push(json!({ "values": c.values, "estimate": estimate }));
     }
@@ -256,7 +259,7 @@ fn dry_run(
         text,
         "{} runs, {seconds:.1} s, at most {}",
         combinations.len(),
-        super::run::size(memory)
+        super::numbers::size(memory)
     );
     let keys: Vec<&String> = axes.iter().map(|a| &a.key).collect();
     let facts = json!({ "keys": keys, "runs": facts, "seconds": seconds });

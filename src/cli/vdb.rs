@@ -1,8 +1,10 @@
 //! Opening `.vdb` files in a child process, so that a damaged file cannot crash the program.
 
-use super::{Failure, Session};
-use crate::vdb::subprocess::{self, Program};
-use crate::vdb::{self, Adopted, CoarseReading, Cubes, FileError, FileInfo, GridReading};
+use super::context::Session;
+use super::failure::Failure;
+use crate::vdb;
+use crate::vdb::subprocess::Program;
+use crate::vdb::{Adopted, CoarseReading, Cubes, FileError, FileInfo, GridReading, subprocess};
 use clap::{Args, ValueEnum};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -36,7 +38,7 @@ enum Requested {
 }
 
 /// Runs in the child: reads the file and writes the data to stdout.
-pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failure> {
+pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::output::Answer, Failure> {
     let limits = subprocess::Limits {
         memory: p.memory,
         milliseconds: p.milliseconds,
@@ -54,7 +56,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failu
             String::new()
         }
     };
-    Ok(super::Answer::new(line, serde_json::Value::Null))
+    Ok(super::output::Answer::new(line, serde_json::Value::Null))
 }
 
 /// The program of the child, where it is not this process's executable.

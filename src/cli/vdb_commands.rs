@@ -1,6 +1,8 @@
 //! Commands on `.vdb` files, run as recipes with the same sections, keys and parser.
 
-use super::{Answer, Failure, Session};
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use crate::frame::LengthUnit;
 use crate::pipeline::{Report, RunOptions, run};
 use crate::recipe::{Length, Onto, Recipe, Size};
@@ -152,7 +154,7 @@ impl Draft {
         }
         let lines = report.outputs.iter().map(|o| {
             let unit = o.unit.as_deref().unwrap_or("");
-            format!("{}  {}  {unit}", o.path, super::run::size(o.bytes))
+            format!("{}  {}  {unit}", o.path, super::numbers::size(o.bytes))
                 .trim_end()
                 .to_owned()
         });

@@ -5,8 +5,10 @@
 //! controls there. Both run in browsers with WebGL 2 and `DecompressionStream`: Chrome and Edge 80, Firefox 113,
 //! Safari 16.4, or newer.
 
+use super::context::Session;
+use super::failure::Failure;
 use super::kind::FileKind;
-use super::{Answer, Failure, Session};
+use super::output::Answer;
 use crate::progress::Progress;
 use clap::Args;
 use scene::{Body, Scene};
@@ -127,14 +129,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
 }
 
 fn prediction(found: &Value) -> String {
-    let count = |key: &str| super::run::grouped(found[key].as_u64().unwrap_or(0));
+    let count = |key: &str| super::numbers::grouped(found[key].as_u64().unwrap_or(0));
     let mut text = format!(
         "{}: {}\n{} triangles of {}; a page of about {}\n",
         found["path"].as_str().unwrap_or_default(),
         found["kind"].as_str().unwrap_or_default(),
         count("triangles"),
         count("source_triangles"),
-        super::run::size(found["page_bytes"].as_u64().unwrap_or(0)),
+        super::numbers::size(found["page_bytes"].as_u64().unwrap_or(0)),
     );
     if let Some(step) = found["step"].as_u64().filter(|s| *s > 1) {
         let _ = writeln!(text, "meshed on every {step} voxels");
@@ -166,7 +168,7 @@ fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer 
     let mut text = format!(
         "{}  {}\n",
         super::terminal::line(&path),
-        super::run::size(bytes)
+        super::numbers::size(bytes)
     );
     let mut bodies = Vec::new();
     for body in &scene.bodies {
@@ -175,7 +177,7 @@ fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer 
             text,
             "{}: {} triangles, {}; coloured by {}",
             super::terminal::line(&body.name),
-            super::run::grouped(body.triangles.len() as u64),
+            super::numbers::grouped(body.triangles.len() as u64),
             parts_text(body),
             if names.is_empty() {
                 "nothing".into()

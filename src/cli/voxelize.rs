@@ -1,9 +1,11 @@
 //! `druse voxelize MESH -o X.vdb --voxel-size LENGTH`.
 
+use super::context::Session;
+use super::failure::Failure;
+use super::output::Answer;
 use super::vdb_commands::{
     Draft, answer as report_answer, length_value, longest_edge_text, path_value, toml_table,
 };
-use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use clap::Args;
 use std::path::PathBuf;

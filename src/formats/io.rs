@@ -14,6 +14,7 @@
 //! ```
 
 pub mod atomic;
+mod beam_parts;
 mod beams;
 mod cell;
 mod cloud;
@@ -21,6 +22,7 @@ mod collector;
 mod confine;
 mod crystal;
 mod dlfl;
+mod element_file;
 mod error;
 mod fe_deck;
 mod frd;
@@ -29,6 +31,7 @@ mod inp;
 mod macro_deck;
 mod medit;
 mod mesh_file;
+mod mesh_format;
 mod mesh_stream;
 mod mesh_view;
 mod msh;
@@ -45,6 +48,7 @@ mod pc2;
 mod ply;
 mod point_cache;
 mod polygon;
+mod polygon_draft;
 mod polygons;
 mod polymesh;
 mod scaffold;
@@ -58,11 +62,10 @@ mod unv;
 mod usda;
 mod vtk;
 
+pub use beam_parts::{Beam, BeamCap, BeamClip, BeamLattice, BeamPart, FileBeam, SolidFile};
 #[doc(hidden)]
 pub use beams::is_strut_file;
-pub use beams::{
-    Beam, BeamCap, BeamClip, BeamLattice, BeamPart, FileBeam, SolidFile, read_solid, write_beams,
-};
+pub use beams::{read_solid, write_beams};
 pub use cell::{read_cell, write_cell};
 #[doc(hidden)]
 pub use cloud::TEXT_CLOUDS;
@@ -72,6 +75,9 @@ pub use confine::leads_out;
 pub use crystal::read_crystal;
 #[doc(hidden)]
 pub use crystal::{DiskFiles, read_script, run_script, script_error};
+pub use element_file::{
+    DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,
+};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
 #[doc(hidden)]
 pub use fe_deck::{DeckMaterial, VoxelMesh, write_voxel_deck};
@@ -83,7 +89,8 @@ pub use graph::read_skeleton_noted;
 pub use macro_deck::{DeckClass, ElementDeck, write_element_deck};
 #[doc(hidden)]
 pub use mesh_file::is_point_cloud;
-pub use mesh_file::{MeshFile, MeshFormat, read_mesh, stated_unit, write_mesh};
+pub use mesh_file::{read_mesh, stated_unit, write_mesh};
+pub use mesh_format::{MeshFile, MeshFormat};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
 pub use npy::{NpyArray, read_npy};
@@ -91,13 +98,8 @@ pub use npy::{NpyArray, read_npy};
 pub use partial::PartialFolder;
 pub use point_cache::PointCache;
 pub use polymesh::{read_polymesh, write_legacy_obj, write_polymesh};
-pub use scaffold::{
-    DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,
-    read_elements, read_scaffold,
-};
+pub use scaffold::{read_elements, read_scaffold};
 pub use source::Source;
-pub(crate) use source::quote;
-pub(crate) use stl::StlStream;
 pub use table::read_columns;
 #[doc(hidden)]
 pub use table::{column_names, read_scattered, table_text};

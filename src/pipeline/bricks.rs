@@ -12,14 +12,19 @@
 //! balls, rows of attributes, decimation, decks, welding and the file writers. Only the loops around them differ:
 //! components and fog are found on a tree or per block, meshes and attributes come whole or in patches.
 
-use super::error::RunError;
-use super::estimate::{self, Counts};
-use super::field_ops::Shape;
-use super::inputs::Inputs;
-use super::level_set_ops::{self, StageContext};
-use super::report::SolidReport;
-use super::voxels::Voxels;
-use super::{RunOptions, StageResults, StageTimer, Targets, memory};
+use super::base::context::{CancelOnly, StageContext};
+use super::base::error::RunError;
+use super::base::memory;
+use super::base::report::{SolidReport, StageResults};
+use super::base::shape::Shape;
+use super::base::stage_timer::StageTimer;
+use super::content::inputs::Inputs;
+use super::estimate;
+use super::estimate::Counts;
+use super::inputs::run_options::RunOptions;
+use super::ops::level_set_ops;
+use super::ops::voxels::Voxels;
+use super::outputs::output_targets::Targets;
 use crate::band::{
     BLOCK, BandStats, LEAF, LeafBatch, LeafFileHead, LeafFileWriter, LeafSink, LeafStore, Region,
     VOXELS,
@@ -73,17 +78,6 @@ const PLAN_FILE: &str = "plan.json";
 const MAX_PART_EDGE: i32 = 4096;
 /// Leaves per batch written to a file.
 const LEAVES_PER_BATCH: usize = 256;
-
-/// Progress that forwards cancellation and hides stages: a brick is one unit of its run's progress.
-pub(super) struct CancelOnly<'a>(pub &'a dyn Progress);
-
-impl Progress for CancelOnly<'_> {
-    fn stage(&self, _: &str, _: Option<u64>) {}
-    fn advance(&self, _: u64) {}
-    fn cancelled(&self) -> bool {
-        self.0.cancelled()
-    }
-}
 
 /// The source of the first pass.
 enum FirstPassSource<'a> {
@@ -173,7 +167,7 @@ impl<'a> BrickRun<'a> {
     ) -> Result<(BandStats, usize), RunError> {
         let source = match self.inputs.volumes.start() {
             Some(solid) => FirstPassSource::File(solid),
-            None => FirstPassSource::Field(super::field_ops::shape(
+            None => FirstPassSource::Field(super::field::field_ops::shape(
                 self.inputs,
                 self.first.voxels.scale,
             )?),

@@ -4,9 +4,9 @@
 //! at the element's thickness (over the element's size), volume fraction or level, in the element's frame. The
 //! mean stretch of the elements is part of the period; deviations from it are not.
 
-use super::error::RunError;
-use super::inputs::Inputs;
-use super::tiling::{CellTiling, GradedQuantity};
+use super::base::error::RunError;
+use super::content::inputs::Inputs;
+use super::content::tiling::{CellTiling, GradedQuantity};
 use crate::frame::{Element, Mat3};
 use crate::homogenize::Packing;
 use crate::scaffold::ElementMap;

@@ -6,13 +6,14 @@
 //! finest samplings is extrapolated. Level-set operations that move the surface are treated as offsets
 //! of the field.
 
-use super::error::{RunError, short_number};
-use super::field_ops::{extent_bound, shape_with};
-use super::inputs::Inputs;
-use super::memory;
-use super::offsets::{Offsets, predicted_offsets};
-use super::thickness::TARGET_POINTS;
-use super::voxels::Voxels;
+use super::base::error::{RunError, short_number};
+use super::base::memory;
+use super::base::offset::Offsets;
+use super::content::inputs::Inputs;
+use super::field::field_ops::{extent_bound, shape_with};
+use super::field::offsets::predicted_offsets;
+use super::measure::thickness::TARGET_POINTS;
+use super::ops::voxels::Voxels;
 use crate::band::{Band, ClosestPointField, Sampling};
 use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
@@ -436,7 +437,7 @@ fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimate {
         for (kind, path) in output.named() {
             disk += match kind {
                 OutputKind::Vdb => {
-                    let words = super::output::words(inputs.recipe, output);
+                    let words = super::outputs::output::words(inputs.recipe, output);
                     let copies = share_of_copies(output.lod.unwrap_or(0));
                     grids_on_disk(&words, c) + copies * grids_on_disk(&[GridWord::Surface], c)
                 }
@@ -448,7 +449,7 @@ fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimate {
             // A copy in the file's unit and the other grids; a mesh of another kind; rays and hits.
             let output_bytes = match kind {
                 OutputKind::Vdb => {
-                    let words = super::output::words(inputs.recipe, output);
+                    let words = super::outputs::output::words(inputs.recipe, output);
                     let copies = output.lod.map_or(0.0, |levels| {
                         let (ns, memory) = copy_cost(last_voxels.coarser());
                         let share = share_of_copies(levels);
@@ -480,7 +481,7 @@ fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimate {
         peak_memory_bytes: memory::resident().saturating_add(peak as u64),
         table_bytes: inputs
             .tiling()
-            .map_or(0, super::tiling::CellTiling::table_bytes),
+            .map_or(0, super::content::tiling::CellTiling::table_bytes),
         disk_bytes: disk as u64,
         bricks: 0,
         brick_bytes: 0,

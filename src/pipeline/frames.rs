@@ -1,10 +1,10 @@
 //! Frames of a sequence: missing input files, and frames whose files are up to date.
 
-use super::error::RunError;
-use super::input_files::{digest, hash_text};
-use super::motion::nearest_text;
-use super::output;
-use super::usda::{SceneFrame, sequence_scene};
+use super::base::error::RunError;
+use super::inputs::input_files::{digest, hash_text};
+use super::inputs::motion::nearest_text;
+use super::outputs::output;
+use super::outputs::usda::{SceneFrame, sequence_scene};
 use crate::frame::{Aabb, Vec3};
 use crate::io::ReadError;
 use crate::io::atomic::write_bytes;

@@ -7,12 +7,12 @@
 //! stressed), or the value at which the part has the required mass (optimality criteria, Bendsoe and Sigmund 2003;
 //! for stiffness the exponent is 1/2). A filter takes means of the measure within a radius, against checkerboards.
 
-use super::RunOptions;
+use super::base::error::RunError;
+use super::content::inputs::Inputs;
+use super::content::tiling::GradedQuantity;
 use super::effective::{EffectiveElements, Law, LawSettings};
-use super::error::RunError;
-use super::inputs::Inputs;
-use super::macro_deck::solid_material;
-use super::tiling::GradedQuantity;
+use super::inputs::run_options::RunOptions;
+use super::outputs::macro_deck::solid_material;
 use crate::frame::{LengthUnit, Vec3};
 use crate::io::write_vtu_fields;
 use crate::progress::{Progress, Threads};

@@ -1,11 +1,11 @@
 //! Periods of cells for homogenization: from a section, a finished cell or a cell of a recipe.
 
-use super::RunOptions;
-use super::cells::{make, recipe_element};
-use super::error::RunError;
-use super::input_files::InputFiles;
-use super::report::Warning;
-use super::source::{CellFault, skeleton_by};
+use super::base::error::{CellFault, RunError};
+use super::base::warning::Warning;
+use super::inputs::cells::{make, recipe_element};
+use super::inputs::input_files::InputFiles;
+use super::inputs::run_options::RunOptions;
+use super::inputs::source::skeleton_by;
 use crate::cell::Cell;
 use crate::frame::Element;
 use crate::homogenize::{HomogenizeError, Packing, Period};

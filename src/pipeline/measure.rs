@@ -1,117 +1,13 @@
-//! The measures of the finished solid in memory.
+//! Numbers of a finished solid: its walls, cavities and layers, and the requirements on them.
 
-use super::StageTimer;
-use super::build;
-use super::cut_faces::CutFaces;
-use super::error::RunError;
-use super::inputs::Inputs;
-use super::least_wall::Phase;
-use super::level_set_ops::StageContext;
-use super::report::SolidReport;
-use super::requirements;
-use super::thickness::{SolidGeometry, sampled_walls};
-use crate::band::Region;
-use crate::mesh::TriMesh;
-use crate::vdb::LevelSet;
-
-/// Refuses a solid whose surface is torn, before anything is written: no program could read it. `region` is the part of
-/// the solid that is checked, with the leaves around it.
-pub(super) fn refuse_torn(
-    context: StageContext,
-    inputs: &Inputs,
-    solid: &LevelSet,
-    region: Region,
-) -> Result<(), RunError> {
-    let count_gaps = || solid.band_gaps_within(region);
-    let found = context.threads.install(count_gaps);
-    let found = found.map_err(RunError::level_set("check"))?;
-    let Some(first) = found.first else {
-        return Ok(());
-    };
-    let unit = context.scale.unit.symbol();
-    let h = context.scale.voxel_size;
-    let [x, y, z] = [first.x, first.y, first.z].map(|c| ((c / h).round() * h) as f32 + 0.0);
-    let ops = &inputs.recipe.sections().op;
-    let stage = match ops.split_last() {
-        Some((last, before)) => format!("op.{}.{}", before.len(), last.name()),
-        None => "band".into(),
-    };
-    Err(RunError::Refused {
-        stage,
-        message: format!(
-            "the surface of the solid is torn: {} of {} pairs of voxels across it lack a distance, the first at \
-             ({x}, {y}, {z}) {unit}; expected a complete narrow band around a closed surface; nothing is written",
-            found.gaps, found.crossings
-        ),
-        hint: "examine the inputs near this place: holes, shells that overlap and walls thinner than a voxel tear it \
-               (druse check FILE lists them); close and merge them, or choose smaller voxels or a greater half_width",
-    })
-}
-
-/// Measures volume, area and components of the solid and, on request, its mesh and wall thickness.
-/// Returns the mesh.
-pub(super) fn measure(
-    context: StageContext,
-    inputs: &Inputs,
-    solid: &LevelSet,
-    report: &mut SolidReport,
-    (needs_mesh, needs_walls): (bool, bool),
-    timer: &mut StageTimer,
-) -> Result<Option<TriMesh>, RunError> {
-    let failed = RunError::level_set("measure");
-    let session = context.session();
-    let is_empty = || {
-        let last = inputs.recipe.sections().op.len();
-        RunError::Empty(match last {
-            0 => "sampling".into(),
-            n => format!("op.{}", n - 1),
-        })
-    };
-    if !needs_mesh {
-        let found = solid.measures(session).map_err(&failed)?;
-        // A band may be left where nothing is inside any more.
-        if found.bounds.is_empty() {
-            return Err(is_empty());
-        }
-        report.volume = found.volume;
-        report.area = found.area;
-        report.components = found.components;
-        report.bounds = Some(found.bounds);
-        timer.end_stage("measure")?;
-        return Ok(None);
-    }
-    context.progress.stage("mesh", None);
-    let mesh = solid.to_mesh(session).map_err(&failed)?;
-    if mesh.is_empty() {
-        return Err(is_empty());
-    }
-    timer.end_stage("mesh")?;
-    context.progress.stage("measure", None);
-    // The measures are those of the mesh that is written. OpenVDB's own have an error of the same size
-    // and opposite sign.
-    let found = context.threads.install(|| mesh.measures());
-    report.volume = found.volume;
-    report.area = found.area;
-    report.components = solid.components(session).map_err(&failed)?.len() as u64;
-    report.bounds = Some(found.bounds);
-    (report.volume_fraction_target, report.volume_fraction_cell) = inputs.volume_fractions();
-    report.volume_fraction = inputs.reference_volume().map(|whole| report.volume / whole);
-    timer.end_stage("measure")?;
-    if !needs_walls {
-        return Ok(Some(mesh));
-    }
-    let geometry = SolidGeometry::of(context, solid, &mesh)?;
-    let walls = sampled_walls(context, &mesh, geometry, Phase::Solid)?;
-    let cut = CutFaces::new(inputs, context.scale.voxel_size);
-    report.add_walls(walls, inputs.target_thickness(), &cut, context.threads);
-    timer.end_stage("walls")?;
-    if let Some(require) = &inputs.recipe.sections().require {
-        requirements::measure(require, context, (solid, &mesh, geometry), report)?;
-        timer.end_stage("requirements")?;
-    }
-    if let Some(section) = &inputs.recipe.sections().build {
-        report.build = Some(build::measure(section, context, solid)?);
-        timer.end_stage("layers")?;
-    }
-    Ok(Some(mesh))
-}
+pub mod build;
+pub mod cavities;
+pub mod cut_faces;
+pub mod file_measures;
+pub mod least_wall;
+pub mod nearest;
+pub mod requirements;
+pub mod solid_measures;
+pub mod spatial_bins;
+pub mod thickness;
+pub mod verdict;

@@ -1,14 +1,15 @@
 //! Probes of a recipe's tiled field at points, and its continuity over shared faces, without sampling a
 //! band.
 
-use super::error::RunError;
-use super::inputs::Inputs;
-use super::offsets::Offsets;
-use super::report::{ContinuityReport, ScaffoldReport, Warning};
-use super::round_beams::RoundBeams;
-use super::sheets::SheetOptions;
-use super::tiling::{CellTiling, ElementContent};
-use super::{RunOptions, threads};
+use super::base::error::RunError;
+use super::base::offset::Offsets;
+use super::base::report::{ContinuityReport, ScaffoldReport};
+use super::base::warning::Warning;
+use super::content::inputs::Inputs;
+use super::content::round_beams::RoundBeams;
+use super::content::sheets::SheetOptions;
+use super::content::tiling::{CellTiling, ElementContent};
+use super::inputs::run_options::{RunOptions, threads};
 use crate::cell::{Cell, Table};
 use crate::field::{Field, WorldField};
 use crate::frame::{Vec3, WorldPoint};

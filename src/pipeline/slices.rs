@@ -1,11 +1,12 @@
 //! Layers of a recipe's solid: of its exact field where possible, else of its level set.
 
-use super::error::RunError;
-use super::field_ops::shape;
-use super::inputs::Inputs;
-use super::level_set_ops::{StageContext, apply};
-use super::report::SolidReport;
-use super::{RunOptions, threads};
+use super::base::context::StageContext;
+use super::base::error::RunError;
+use super::base::report::SolidReport;
+use super::content::inputs::Inputs;
+use super::field::field_ops::shape;
+use super::inputs::run_options::{RunOptions, threads};
+use super::ops::level_set_ops::apply;
 use crate::field::WorldField;
 use crate::frame::{Aabb, LengthUnit};
 use crate::progress::{Cancelled, Progress};

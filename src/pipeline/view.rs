@@ -1,15 +1,16 @@
 //! Geometry for interactive views: few triangles, wall thickness at their vertices, blocks of cells, boxes of solids.
 
-use super::RunOptions;
-use super::decimate::triangles_to_count;
-use super::error::RunError;
-use super::field_ops::{Shape, extent_bound};
-use super::input_files::InputFiles;
-use super::inputs::Inputs;
-use super::least_wall::{Phase, TouchingBall, balls};
-use super::level_set_ops::StageContext;
-use super::offsets::predicted_offsets;
-use super::scaffold;
+use super::base::context::StageContext;
+use super::base::error::RunError;
+use super::base::shape::Shape;
+use super::content::inputs::Inputs;
+use super::field::field_ops::extent_bound;
+use super::field::offsets::predicted_offsets;
+use super::inputs::input_files::InputFiles;
+use super::inputs::run_options::{RunOptions, threads};
+use super::inputs::scaffold;
+use super::measure::least_wall::{Phase, TouchingBall, balls};
+use super::outputs::decimate::triangles_to_count;
 use crate::cell::{Cell, Table};
 use crate::frame::{Aabb, Element, LengthUnit, Vec3};
 use crate::io::Group;
@@ -67,7 +68,7 @@ pub fn solid_extent(
     options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<Option<Aabb>, RunError> {
-    let threads = super::threads(options)?;
+    let threads = threads(options)?;
     let inputs = Inputs::load(recipe, &threads, options, progress)?;
     if inputs.volumes.start().is_some() {
         return Ok(None);
@@ -90,7 +91,7 @@ pub fn scaffold_of(
         return Ok(None);
     };
     let mut files = InputFiles::new(recipe, options);
-    let loaded = super::threads(options)?.install(|| scaffold::load(&mut files, section))?;
+    let loaded = threads(options)?.install(|| scaffold::load(&mut files, section))?;
     Ok(Some((loaded.scaffold, loaded.groups)))
 }
 

@@ -3,8 +3,9 @@
 //! Values are interpolated quadratically along each axis. The bound of a region is the range of the voxels
 //! around it, widened by the overshoot of a parabola through three of them.
 
-use super::ffi;
-use super::{LevelSet, LevelSetBuilder, Session, VdbError};
+use super::builder::LevelSetBuilder;
+use super::error::VdbError;
+use super::{LevelSet, Session, ffi};
 use crate::band::{BLOCK, Band, LeafSink, Region};
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Coord, Mat3, Transform, Vec3, WorldPoint};

@@ -1,6 +1,7 @@
 //! Attributes of a surface: one or three values at every active voxel of its band.
 
-use super::{LevelSet, Session, VdbError, ffi};
+use super::error::VdbError;
+use super::{LevelSet, Session, ffi};
 use crate::frame::WorldPoint;
 use crate::progress::Cancelled;
 use cxx::UniquePtr;

@@ -3,8 +3,10 @@
 //! A file has one half width, its background. Some programs write fewer voxels inside or, rarely, outside.
 //! Operations would interpret the missing distances as a thin wall.
 
+use super::error::VdbError;
+use super::leaves::LeafView;
 use super::redistance::Rebuild;
-use super::{LeafView, LevelSet, Session, VdbError, voxel_mask};
+use super::{LevelSet, Session, voxel_mask};
 use crate::band::Region;
 
 /// Share of the background from which a value counts as the full half width.

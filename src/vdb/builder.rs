@@ -1,7 +1,7 @@
 //! Building of a level set from leaves: blocks are filled on any thread, then attached, then signs are filled.
 
-use super::ffi;
-use super::{LevelSet, Session, VdbError};
+use super::error::VdbError;
+use super::{LevelSet, Session, ffi};
 use crate::band::{BLOCK, Band, LEAF, LeafBatch, LeafSink, SinkError};
 use crate::frame::{Coord, Transform, Vec3};
 use cxx::UniquePtr;

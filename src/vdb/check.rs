@@ -1,8 +1,9 @@
 //! Check of the guarantees of a level set.
 
 use super::components::{Components, Side};
+use super::error::VdbError;
 use super::index::{FACES, Holder, LeafIndex};
-use super::{LevelSet, Session, VdbError};
+use super::{LevelSet, Session};
 use crate::progress::Cancelled;
 use rayon::prelude::*;
 use serde::Serialize;

@@ -1,7 +1,9 @@
 //! Copies of a level set on voxels of twice the edge.
 
+use super::as_field::Placement;
+use super::error::VdbError;
 use super::smooth::leaf_of;
-use super::{LevelSet, Placement, Session, VdbError};
+use super::{LevelSet, Session};
 use crate::band::{FinerBand, LeafBatch, Region, SurfacePoints};
 use crate::frame::{Coord, Transform, Vec3};
 

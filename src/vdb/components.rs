@@ -5,10 +5,11 @@
 //! hollow sphere is one component with one void. A component that is nowhere deeper than a thousandth of a
 //! voxel is rounding and does not count.
 
+use super::error::VdbError;
 use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::LeafView;
-use super::voxel_mask::{self, Bits};
-use super::{LevelSet, Session, VdbError};
+use super::voxel_mask::Bits;
+use super::{LevelSet, Session, voxel_mask};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use crate::union_find::UnionFind;

@@ -1,7 +1,8 @@
 //! Merging of solids that touch in a plane of voxels.
 
+use super::error::VdbError;
 use super::smooth::{leaf_of, write_leaves};
-use super::{LevelSet, Session, VdbError};
+use super::{LevelSet, Session};
 use crate::band::{LEAF, LeafBatch};
 use crate::field::leaf_contacts;
 use crate::frame::Coord;

@@ -1,6 +1,6 @@
 //! Values of a level set in a box, dense.
 
-use super::cavities::LeafSource;
+use super::leaf_source::LeafSource;
 use crate::band::{LEAF, Region};
 use crate::frame::{Coord, Vec3};
 

@@ -61,7 +61,7 @@ pub enum VdbError {
     /// A voxel mesh with too many elements.
     #[error(
         "the voxel mesh would have {0} elements or more; expected at most {max}: give a larger element_size",
-        max = super::MAX_CUBES
+        max = super::limits::MAX_CUBES
     )]
     TooManyCubes(u64),
     /// OpenVDB refused.

@@ -3,9 +3,12 @@
 //! Files are read completely and at once: OpenVDB's delayed loading of a damaged file crashes, hangs or
 //! exhausts memory. Read untrusted files in a child process, see [`subprocess`](super::subprocess).
 
+use super::error::FileError;
 use super::foreign::GridReading;
 use super::hash::ContentHash;
-use super::{FileError, IndexMap, LevelSet, Session, Volume, ffi};
+use super::index_map::IndexMap;
+use super::volume::Volume;
+use super::{LevelSet, Session, ffi};
 use cxx::UniquePtr;
 use serde::{Deserialize, Serialize};
 use std::fs::File;

@@ -1,6 +1,7 @@
 //! Fog volumes: density 1 deep inside, a linear ramp over the inner half of the band, 0 outside.
 
-use super::{LevelSet, Session, VdbError, ffi};
+use super::error::VdbError;
+use super::{LevelSet, Session, ffi};
 use cxx::UniquePtr;
 
 /// A fog volume made from a level set, for renderers; it can only be written.

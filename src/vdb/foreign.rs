@@ -4,11 +4,13 @@
 //! distances in other units than the voxels, a missing class. On request an inside-out grid is inverted, and a grid
 //! of non-cubic voxels is resampled to cubes. Everything else is refused with a remedy.
 
+use super::error::{FileError, VdbError};
 use super::refusal::{Located, Refusal, place_of, torn, value_hint};
 use super::repair::Repair;
 use super::resample::on_cubes;
 use super::value_survey::Slopes;
-use super::{FileError, LevelSet, Session, VdbError, Volume};
+use super::volume::Volume;
+use super::{LevelSet, Session};
 use crate::frame::Vec3;
 use std::path::Path;
 

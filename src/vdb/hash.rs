@@ -6,9 +6,10 @@
 //! active values in order of offset (f32, three for vectors, -0 as 0); number of active tiles (u64) and, per
 //! tile in order of origin, origin (3 x i32), edge (i32) and value (f32). All numbers are little-endian.
 
+use super::error::VdbError;
 use super::ffi::TileChoice;
 use super::leaves::{TileView, tiles_of};
-use super::{LevelSet, VdbError, ffi};
+use super::{LevelSet, ffi};
 
 /// The hash of several grids, which are added in order of name.
 #[derive(Default)]

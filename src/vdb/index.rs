@@ -1,8 +1,9 @@
 //! Lookup of the leaf or tile at a voxel, and of the neighbours of a leaf.
 
+use super::LevelSet;
+use super::error::VdbError;
 use super::ffi::TileChoice;
 use super::leaves::{LeafView, Leaves, TileView, tiles_of};
-use super::{LevelSet, VdbError};
 use crate::frame::Coord;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};

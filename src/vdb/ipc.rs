@@ -4,12 +4,16 @@
 //! (3 x i32), mask (8 x u64), 512 values (f32); `T`, origin, edge (i32), value, active (u8); at last
 //! `E`. The receiver does not trust the sender: it limits the number of records and checks each.
 
+use super::error::FileError;
+use super::ffi;
 use super::ffi::TileChoice;
+use super::file::{CoarseReading, GridInfo};
 use super::subprocess::Limits;
-use super::{CoarseReading, FileError, GridInfo, Volume, ffi};
+use super::volume::Volume;
 use crate::frame::Coord;
 use serde::{Deserialize, Serialize};
-use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
+use std::io;
+use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
 /// The first line: the grid's description, or why there is none.
@@ -102,7 +106,7 @@ pub(super) fn send(
     let (Head::Grid(_), Ok(volume)) = (&head, &volume) else {
         return out.flush();
     };
-    let broken = |e: super::VdbError| io::Error::other(e.to_string());
+    let broken = |e: super::error::VdbError| io::Error::other(e.to_string());
     let mut record = [0; 1 + LEAF_BYTES];
     record[0] = b'L';
     for leaf in volume.leaves().map_err(broken)?.iter() {

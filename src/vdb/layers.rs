@@ -13,9 +13,10 @@
 //! - A **pocket** is a connected part of the void of all layers so far; it is **open** where it leads outside the
 //!   outline of a layer, else **sealed**.
 
-use super::cavities::{LeafSource, MemorySource};
+use super::error::{FileError, VdbError};
 use super::index::LeafIndex;
-use super::{FileError, LevelSet, Session, VdbError};
+use super::leaf_source::{LeafSource, MemorySource};
+use super::{LevelSet, Session};
 use crate::band::LeafStore;
 use crate::frame::Vec3;
 use crate::union_find::UnionFind;

@@ -1,7 +1,8 @@
 //! Views of the leaves and tiles of a level set, without copies.
 
+use super::error::VdbError;
 use super::ffi::TileChoice;
-use super::{LevelSet, VdbError, ffi};
+use super::{LevelSet, ffi};
 use crate::frame::{Coord, WorldPoint};
 use cxx::UniquePtr;
 use std::marker::PhantomData;

@@ -3,11 +3,13 @@
 //! Leaves go to a temporary file beside the target as they come, 4 bytes an active voxel and 66 a leaf, then
 //! block by block into the target. The result has the bytes of a level set written from memory.
 
-use super::{FileError, LevelSet, Session, StoredGrid, VdbError, VdbWriter, WrittenFile};
+use super::error::{FileError, VdbError};
+use super::stream::StoredGrid;
+use super::temporary_file::temporary;
+use super::write::{VdbWriter, WrittenFile};
+use super::{LevelSet, Session};
 use crate::band::{LeafBatch, LeafFileHead, LeafFileWriter, LeafSink, LeafStore, SinkError};
 use crate::frame::{Coord, Transform};
-use std::fs::Permissions;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use tempfile::{NamedTempFile, TempPath};
 
@@ -91,16 +93,6 @@ impl LevelSetFile {
         staged.persist(&self.path).map_err(|e| io(e.error))?;
         Ok(written)
     }
-}
-
-/// A hidden file in the folder of another one.
-pub(super) fn temporary(beside: &Path) -> std::io::Result<NamedTempFile> {
-    let folder = beside.parent().filter(|p| !p.as_os_str().is_empty());
-    // It gets its final name in the end: the mode of a new file. The crate's own default is private.
-    tempfile::Builder::new()
-        .prefix(".druse-")
-        .permissions(Permissions::from_mode(0o666))
-        .tempfile_in(folder.unwrap_or(Path::new(".")))
 }
 
 impl LeafSink for LevelSetFile {

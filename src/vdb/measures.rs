@@ -6,8 +6,9 @@
 #![allow(clippy::inline_always)]
 
 use super::components::{Components, Side};
+use super::error::VdbError;
 use super::index::{FACES, Holder, LeafIndex};
-use super::{LevelSet, Session, VdbError};
+use super::{LevelSet, Session};
 use crate::frame::Aabb;
 use crate::progress::Cancelled;
 use crate::simd::run_vectorized;

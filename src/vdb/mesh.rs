@@ -1,6 +1,7 @@
 //! Level set to mesh and back. OpenVDB's quads run clockwise seen from outside; this module reverses them.
 
-use super::{LevelSet, Session, VdbError, ffi};
+use super::error::VdbError;
+use super::{LevelSet, Session, ffi};
 use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
 use crate::frame::{Aabb, Coord, Transform, Vec3};
@@ -287,7 +288,7 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         // Checks the half width.
-        super::LevelSetBuilder::new(transform, half_width)?;
+        super::builder::LevelSetBuilder::new(transform, half_width)?;
         let points: Vec<f32> = mesh
             .vertices()
             .iter()
@@ -311,8 +312,8 @@ impl LevelSet {
 }
 
 /// The leaves as input of the mesher.
-pub(super) fn leaf_values<'a>(leaves: &'a super::Leaves<'_>) -> Vec<LeafValues<'a>> {
-    let value = |leaf: super::LeafView<'a>| LeafValues {
+pub(super) fn leaf_values<'a>(leaves: &'a super::leaves::Leaves<'_>) -> Vec<LeafValues<'a>> {
+    let value = |leaf: super::leaves::LeafView<'a>| LeafValues {
         origin: leaf.origin,
         values: leaf.values,
     };

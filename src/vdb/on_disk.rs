@@ -5,9 +5,10 @@
 //! which are labelled per node of 4096^3 voxels. Memory holds a few bytes per label, and per leaf while
 //! components are selected.
 
-use super::components::{ComponentStats, Ranking, Side, UNBOUNDED_PLACE};
+use super::components::{Component, ComponentStats, Ranking, Side, UNBOUNDED_PLACE};
+use super::error::{FileError, VdbError};
 use super::remove_components::{ComponentSelection, RemovedComponents};
-use super::{Component, FileError, LevelSet, Session, VdbError};
+use super::{LevelSet, Session};
 use crate::band::{BLOCK, LeafStore, Region, StoreError};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
@@ -179,7 +180,7 @@ impl StoredRemoval {
     }
 
     /// Removes the components from a part of the solid whose voxel (0, 0, 0) is voxel `first` of the whole.
-    /// The part must extend [`REMOVAL_REACH`](super::REMOVAL_REACH) half widths beyond the region that is
+    /// The part must extend [`REMOVAL_REACH`](super::remove_components::REMOVAL_REACH) half widths beyond the region that is
     /// used afterwards. Only its band is valid afterwards, not the signs beyond.
     ///
     /// # Errors

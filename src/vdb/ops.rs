@@ -3,9 +3,10 @@
 //! The sign of offsets is corrected here: OpenVDB's `offset(+d)` adds d to the distance, which shrinks the
 //! solid.
 
-use super::ffi::{self, Csg, Filter, Smoothing};
+use super::error::VdbError;
+use super::ffi::{Csg, Filter, Smoothing};
 use super::smooth::is_native;
-use super::{LevelSet, Scheme, Session, VdbError};
+use super::{LevelSet, Scheme, Session, ffi};
 use std::pin::Pin;
 
 /// Greatest width of a filter, voxels to either side; far below 645, where OpenVDB's median begins to fail.

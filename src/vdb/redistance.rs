@@ -1,7 +1,8 @@
 //! Offsets and wider bands by closest-point redistancing.
 
+use super::error::VdbError;
 use super::smooth::{leaf_of, write_leaves};
-use super::{LevelSet, Scheme, Session, Tools, VdbError, ffi};
+use super::{LevelSet, Scheme, Session, Tools, ffi};
 use crate::band::{LEAF, LeafBatch, Region, SurfacePoints, VOXELS};
 use crate::frame::Coord;
 use crate::progress::Cancelled;

@@ -1,7 +1,9 @@
 //! Messages for grids that are refused: what was found, what is expected, and the remedy.
 
+use super::error::{FileError, VdbError};
+use super::file::GridInfo;
 use super::torn_band::BandGaps;
-use super::{FileError, GridInfo, VdbError, Volume};
+use super::volume::Volume;
 use crate::frame::Vec3;
 use std::path::Path;
 

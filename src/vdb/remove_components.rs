@@ -5,11 +5,12 @@
 //! the remaining voxels; all others become background. Any removal also removes, uncounted, components that
 //! are only rounding.
 
-use super::components::{Components, Ranking, Side};
-use super::ffi;
+use super::components::{Component, Components, Ranking, Side};
+use super::error::VdbError;
 use super::index::{FACES, LeafIndex, offset};
-use super::voxel_mask::{self, Bits};
-use super::{Component, LeafView, LevelSet, Session, VdbError};
+use super::leaves::LeafView;
+use super::voxel_mask::Bits;
+use super::{LevelSet, Session, ffi, voxel_mask};
 use crate::band::LEAF;
 use crate::frame::Coord;
 use std::cmp::Reverse;

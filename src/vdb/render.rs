@@ -6,57 +6,14 @@
 
 use super::camera::View;
 use super::colormap::ValueColours;
-use super::samples::Samples;
-use super::shading::{Hit, Lights, SAMPLES_PER_EDGE, Vec3f, ambient_openness, shade_image};
-use super::{LevelSet, Session, VdbError, Volume, ffi};
+use super::error::VdbError;
+use super::picture::{Image, MAX_PIXELS, Picture, RAY_VALUES};
+use super::samples::{Hit, SAMPLES_PER_EDGE, Samples, Vec3f};
+use super::shading::{Lights, ambient_openness, shade_image};
+use super::volume::Volume;
+use super::{LevelSet, Session, ffi};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use rayon::prelude::*;
-
-/// Options of a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Picture {
-    /// Width in pixels.
-    pub width: usize,
-    /// Height in pixels.
-    pub height: usize,
-    /// Direction from the part towards the eye, z up; any length.
-    pub towards_eye: Vec3,
-    /// Perspective of 30 degrees, or parallel rays.
-    pub perspective: bool,
-    /// Axis and world coordinate of a section plane; the part on the eye's side is not shown.
-    pub cut: Option<(usize, f64)>,
-    /// Whether the background is transparent instead of white.
-    pub transparent: bool,
-}
-
-impl Default for Picture {
-    fn default() -> Self {
-        Self {
-            width: 1000,
-            height: 800,
-            towards_eye: Vec3::new(-0.55, -1.0, 0.62),
-            perspective: true,
-            cut: None,
-            transparent: false,
-        }
-    }
-}
-
-/// An image: pixels row by row from the top, red, green, blue and straight alpha.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Image {
-    /// Width in pixels.
-    pub width: usize,
-    /// Height in pixels.
-    pub height: usize,
-    /// 4 bytes per pixel, sRGB.
-    pub rgba: Vec<u8>,
-}
-
-/// Values per sample that the bridge returns: depth, normal, cut, light.
-pub(super) const RAY_VALUES: usize = 6;
-/// Greatest number of pixels of a picture.
-const MAX_PIXELS: usize = 1 << 26;
 
 /// Traces samples of a view under a light; returns [`RAY_VALUES`] values per sample. An empty list of sample
 /// numbers means all samples.
@@ -228,29 +185,6 @@ impl LevelSet {
             ..Picture::default()
         };
         self.render(&picture, session)?.png()
-    }
-}
-
-impl Image {
-    /// The bytes of a PNG file.
-    ///
-    /// # Errors
-    /// [`VdbError::Parameter`] for a size that PNG cannot hold.
-    pub fn png(&self) -> Result<Vec<u8>, VdbError> {
-        let mut bytes = Vec::new();
-        let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
-        encoder.set_color(png::ColorType::Rgba);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-        let written = encoder
-            .write_header()
-            .and_then(|mut w| w.write_image_data(&self.rgba));
-        written.map_err(|_| VdbError::Parameter {
-            name: "size of the picture in pixels",
-            value: self.width as f64 * self.height as f64,
-            expected: "a size that PNG can hold",
-        })?;
-        Ok(bytes)
     }
 }
 

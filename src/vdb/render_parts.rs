@@ -6,9 +6,10 @@
 //! needs are not made.
 
 use super::camera::{View, corners};
-use super::ffi;
-use super::render::{Image, Picture, RAY_VALUES, covered};
-use super::{LevelSet, Session, VdbError};
+use super::error::VdbError;
+use super::picture::{Image, Picture, RAY_VALUES};
+use super::render::covered;
+use super::{LevelSet, Session, ffi};
 use crate::frame::{Aabb, Vec3};
 
 /// Samples along the edge of a tile of a view.

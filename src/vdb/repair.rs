@@ -1,10 +1,12 @@
 //! Repairs of level sets from other programs: scale, sign, background, active tiles, inactive signs.
 
+use super::error::VdbError;
 use super::ffi::TileChoice;
 use super::foreign::GridReading;
 use super::refusal::{Refusal, value_hint};
 use super::value_survey::Slopes;
-use super::{Session, VdbError, Volume, ffi};
+use super::volume::Volume;
+use super::{Session, ffi};
 
 /// The repairs of a level set.
 #[derive(Clone, Debug, Default, PartialEq)]

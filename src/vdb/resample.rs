@@ -3,7 +3,11 @@
 //! The surface is meshed in index space, where voxels are cubes, and the vertices are mapped to the world. Distances
 //! are then measured from this mesh, so that they do not depend on the scale of the grid's values.
 
-use super::{GridInfo, IndexMap, LevelSet, LevelSetBuilder, Session, VdbError};
+use super::builder::LevelSetBuilder;
+use super::error::VdbError;
+use super::file::GridInfo;
+use super::index_map::IndexMap;
+use super::{LevelSet, Session};
 use crate::band::Band;
 use crate::frame::{Transform, Vec3};
 use crate::mesh::MeshSolid;

@@ -1,6 +1,5 @@
 //! Samples of a picture: one per pixel, and further samples of pixels with an edge in them.
 
-use super::shading::{Hit, SAMPLES_PER_EDGE};
 
 /// The hits of all samples; none where a ray misses.
 pub(super) struct Samples {
@@ -120,4 +119,20 @@ fn is_edge(first: Option<&Hit>, second: Option<&Hit>) -> bool {
         || a.lit != b.lit
         || a.normal.dot(&b.normal) < MIN_NORMAL_COSINE
         || a.normal.dot(&to).powi(2) > MAX_RISE * to.norm_squared()
+}
+
+/// Samples along each edge of a divided pixel.
+pub(super) const SAMPLES_PER_EDGE: usize = 2;
+
+/// A position or direction in single precision, which saves memory per sample.
+pub(super) type Vec3f = nalgebra::Vector3<f32>;
+
+/// The intersection of a ray with the solid.
+#[derive(Clone, Copy)]
+pub(super) struct Hit {
+    /// Position relative to the eye.
+    pub position: Vec3f,
+    pub normal: Vec3f,
+    pub on_cut: bool,
+    pub lit: bool,
 }

@@ -1,10 +1,12 @@
 //! The connected components of a level set as separate level sets: each is made by removal of the others.
 
+use super::builder::LevelSetBuilder;
 use super::components::{Components, Side};
+use super::error::VdbError;
 use super::index::LeafIndex;
 use super::remove_components::{REMOVAL_REACH, Removal, band_leaves};
-use super::voxel_mask::{self, Bits};
-use super::{LevelSet, LevelSetBuilder, Session, VdbError};
+use super::voxel_mask::Bits;
+use super::{LevelSet, Session, voxel_mask};
 use crate::band::{BLOCK, LEAF, LeafBatch, LeafSink, Region};
 use crate::frame::Coord;
 use crate::progress::Cancelled;

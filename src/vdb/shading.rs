@@ -2,28 +2,12 @@
 
 use super::camera::View;
 use super::colormap::ValueColours;
-use super::render::{Image, Picture};
-use super::samples::Samples;
+use super::picture::{Image, Picture};
+use super::samples::{Hit, Samples, Vec3f};
 use crate::frame::Vec3;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use std::sync::LazyLock;
-
-/// Samples along each edge of a divided pixel.
-pub(super) const SAMPLES_PER_EDGE: usize = 2;
-
-/// A position or direction in single precision, which saves memory per sample.
-pub(super) type Vec3f = nalgebra::Vector3<f32>;
-
-/// The intersection of a ray with the solid.
-#[derive(Clone, Copy)]
-pub(super) struct Hit {
-    /// Position relative to the eye.
-    pub position: Vec3f,
-    pub normal: Vec3f,
-    pub on_cut: bool,
-    pub lit: bool,
-}
 
 /// Screen-space ambient occlusion: the openness of each sample, from 1 (free) to 0 (buried), from the
 /// positions of the first samples of pixels within `reach` (world units; `radius` pixels at the centre). It is

@@ -1,7 +1,10 @@
 //! Shape operations: wider bands, walls, trims, blends, fillets, and masked changes.
 
-use super::ffi::{self, Csg, Smoothing};
-use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, Volume};
+use super::builder::LevelSetBuilder;
+use super::error::VdbError;
+use super::ffi::{Csg, Smoothing};
+use super::volume::Volume;
+use super::{LevelSet, Scheme, Session, ffi};
 use crate::band::{Band, Region, SurfacePoints};
 use crate::field::BoxSolid;
 use crate::frame::Aabb;

@@ -1,7 +1,9 @@
 //! Smoothing by this crate's filter: leaves are copied out of the tree and back.
 
-use super::ffi::{self, Filter};
-use super::{Leaves, LevelSet, Scheme, Session, Tools, VdbError};
+use super::error::VdbError;
+use super::ffi::Filter;
+use super::leaves::Leaves;
+use super::{LevelSet, Scheme, Session, Tools, ffi};
 use crate::band::{LeafBatch, LeafRef, Smoother};
 use crate::frame::Coord;
 use crate::progress::Cancelled;

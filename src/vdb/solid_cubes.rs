@@ -3,8 +3,10 @@
 //! A cell lies between eight voxel centres, so that a part whose faces lie on voxel centres is met exactly. It is
 //! named by its low corner, a voxel.
 
+use super::error::VdbError;
 use super::index::LeafIndex;
-use super::{LevelSet, Session, VdbError};
+use super::limits::MAX_CUBES;
+use super::{LevelSet, Session};
 use crate::band::Region;
 use crate::field::cube_share;
 use crate::frame::Coord;
@@ -21,9 +23,6 @@ const MAX_CUT_DISTANCE: f32 = 1.8;
 /// A share this much below the threshold still counts: a surface through the middle of a cube gives 0.5 up to
 /// rounding.
 const SHARE_TOLERANCE: f64 = 1e-3;
-/// Maximum number of cubes.
-pub const MAX_CUBES: u64 = 1 << 28;
-
 /// A cube and the solid in it, in parts of a cell ([`PARTS_PER_CELL`]).
 type CubeParts = (Coord, u64);
 

@@ -1,10 +1,11 @@
 //! Streaming of grids from leaf files into an ordinary `.vdb` file: per grid the topology, then the values,
 //! some blocks at a time, without a tree in memory.
 
+use super::error::FileError;
 use super::hash::{ContentHash, GridHead};
 use super::leaves::TileView;
-use super::write::{WriteError, failed};
-use super::{FileError, Session, VdbWriter, WrittenFile, ffi};
+use super::write::{VdbWriter, WriteError, WrittenFile, failed};
+use super::{Session, ffi};
 use crate::band::{
     AttributeStore, LeafBatch, LeafFileError, LeafStore, Region, StoreError, VOXELS,
 };

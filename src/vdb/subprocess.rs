@@ -7,8 +7,11 @@
 //! A [`Program`] defines the command of the child. It is called with the file, the limits and the request,
 //! and must call [`report`] or [`send`].
 
-use super::ipc::{self, TransferError};
-use super::{CoarseReading, FileError, FileInfo, Volume, info};
+use super::error::FileError;
+use super::file::{CoarseReading, FileInfo, info};
+use super::ipc;
+use super::ipc::TransferError;
+use super::volume::Volume;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;

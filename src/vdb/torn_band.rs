@@ -1,9 +1,10 @@
 //! Gaps in a narrow band: pairs of neighbours with different signs and at least one inactive voxel.
 
+use super::LevelSet;
+use super::error::VdbError;
 use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::TileView;
 use super::voxel_mask::{Bits, negative as negative_voxels};
-use super::{LevelSet, VdbError};
 use crate::band::{LEAF, Region};
 use crate::frame::{Coord, Vec3};
 use rayon::prelude::*;

@@ -1,10 +1,13 @@
 //! Grids of floats of any class: fog volumes, masks, grids of other programs.
 
+use super::error::{FileError, VdbError};
+use super::file::GridInfo;
+use super::index_map::IndexMap;
 use super::leaves::{Leaves, samples_of};
 use super::refusal::Located;
 use super::resample::on_cubes;
 use super::value_survey::Survey;
-use super::{FileError, GridInfo, IndexMap, LevelSet, Session, VdbError, ffi};
+use super::{LevelSet, Session, ffi};
 use crate::frame::{Coord, Transform, Vec3, WorldPoint};
 use crate::mesh::TriMesh;
 use crate::mesher::Mesher;

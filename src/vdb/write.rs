@@ -1,8 +1,11 @@
 //! Writing of `.vdb` files of format 224, through a stream that reports a full disk.
 
+use super::attribute::Attribute;
+use super::error::FileError;
+use super::fog::Fog;
 use super::hash::ContentHash;
-use super::level_set_file::temporary;
-use super::{Attribute, FileError, Fog, LevelSet, Session, ffi};
+use super::temporary_file::temporary;
+use super::{LevelSet, Session, ffi};
 use crate::band::{LeafFileError, StoreError};
 use crate::progress::Cancelled;
 use cxx::UniquePtr;

@@ -1,6 +1,8 @@
 //! The interactive mode: steps from stdin, results on stdout.
 
-use super::super::{Failure, Session, terminal};
+use super::super::terminal;
+use crate::cli::context::Session;
+use crate::cli::failure::Failure;
 use crate::polymesh::{Interpreter, PolyMesh, Script, VERBS};
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::Path;
@@ -92,7 +94,7 @@ fn reply(
         ("steps", _) => interpreter.steps().join("\n"),
         ("draw", _) => match (second, interpreter.mesh()) {
             (Some(path), Some(mesh)) => match draw(mesh, Path::new(path)) {
-                Ok(bytes) => format!("{path}  {}", super::super::run::size(bytes)),
+                Ok(bytes) => format!("{path}  {}", crate::cli::numbers::size(bytes)),
                 Err(e) => format!("error: {}", e.one_line()),
             },
             (None, _) => "error: draw needs a file, as in draw x.png".into(),

@@ -5,8 +5,10 @@
 //! keys and WebGL. It loads nothing from the network.
 
 use super::super::server::{Method, Refused, Reply, Request, Server};
-use super::super::{Answer, Failure, Session};
 use super::{Parameters, Source};
+use crate::cli::context::Session;
+use crate::cli::failure::Failure;
+use crate::cli::output::Answer;
 use serde_json::json;
 use state::ViewState;
 

@@ -1,7 +1,8 @@
 //! Memory or threads that run out, as the user sees it.
 
 use super::{EXIT_IO, Failure};
-use crate::cli::{Session, terminal};
+use crate::cli::context::Session;
+use crate::cli::terminal;
 use std::io::ErrorKind;
 
 /// What helps where memory or threads run out.

@@ -1,7 +1,9 @@
 //! `--sweep volume_fraction=FROM:TO:STEP`: a table and curves over the volume fraction.
 
 use super::{Parameters, warn_of};
-use crate::cli::{Answer, Failure, Session};
+use crate::cli::context::Session;
+use crate::cli::failure::Failure;
+use crate::cli::output::Answer;
 use crate::homogenize::{InitialSolutions, Properties, Settings, cubic_means, properties_from};
 use crate::io::atomic::write_bytes;
 use crate::pipeline::{CellPeriod, SweepCurve, sampled, shares_of, sweep_picture};
@@ -179,7 +181,7 @@ pub(super) fn answer(
             text,
             "{}  {}",
             crate::cli::terminal::path(path),
-            crate::cli::run::size(*bytes)
+            crate::cli::numbers::size(*bytes)
         );
     }
     let files: Vec<Value> = files

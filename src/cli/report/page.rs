@@ -315,7 +315,7 @@ impl Page<'_> {
             }
             vec![
                 text(&o["path"]),
-                crate::cli::run::size(bytes),
+                crate::cli::numbers::size(bytes),
                 text(&o["unit"]),
                 hashes,
             ]
@@ -373,8 +373,10 @@ impl Page<'_> {
         let mut out = format!(
             "<p>{seconds:.1} s with {} threads, {} of memory, {} active voxels",
             number(&self.report["threads"]),
-            crate::cli::run::size(self.report["peak_memory_bytes"].as_u64().unwrap_or(0)),
-            crate::cli::run::grouped(self.report["band"]["active_voxels"].as_u64().unwrap_or(0)),
+            crate::cli::numbers::size(self.report["peak_memory_bytes"].as_u64().unwrap_or(0)),
+            crate::cli::numbers::grouped(
+                self.report["band"]["active_voxels"].as_u64().unwrap_or(0)
+            ),
         );
         if let Some(count) = self.report["bricks"]["count"].as_u64() {
             let _ = write!(out, ", {count} bricks");

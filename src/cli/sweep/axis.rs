@@ -1,6 +1,6 @@
 //! The values of one key of a sweep.
 
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 
 /// Greatest number of values of a range.
 const MAX_VALUES: f64 = 10_000.0;

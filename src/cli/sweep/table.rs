@@ -1,6 +1,6 @@
 //! The table of a sweep: CSV with a row per combination, by the hash of its recipe.
 
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 use crate::io::atomic::write_bytes;
 use serde_json::Value;
 use std::collections::BTreeMap;

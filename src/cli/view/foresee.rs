@@ -1,9 +1,9 @@
 //! What the page of a file would hold, for `--dry-run`.
 
-use super::Parameters;
-use super::elements::{self, Elements};
+use super::elements::Elements;
 use super::load::{VOXELS_PER_TRIANGLE, coarse_reading, kind_of};
-use crate::cli::Failure;
+use super::{Parameters, elements};
+use crate::cli::failure::Failure;
 use crate::cli::kind::FileKind;
 use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ const PAGE_BYTES: u64 = 60_000;
 
 /// What the page of a file would hold, without making meshes.
 pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
-    let is_surface = crate::cli::fit::surface(&p.file, None)?.is_some();
+    let is_surface = crate::cli::cell_text::surface(&p.file, None)?.is_some();
     let mut step = 1u64;
     let (kind, found) = if is_surface {
         ("cell", p.triangles)

@@ -5,7 +5,7 @@ use super::load;
 use super::recipe_text::{Edit, RecipeText};
 use super::sampled::{Grid, Sampled};
 use super::work::{Subject, TaskProgress, Work, no_recipe};
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 use crate::cli::server::{Refused, inside};
 use crate::frame::Aabb;
 use crate::io::WriteError;
@@ -240,7 +240,7 @@ fn publish(
     scene
         .facts
         .push(["voxel".into(), load::with_unit(size, unit)]);
-    let count = crate::cli::run::grouped(report.band.active_voxels);
+    let count = crate::cli::numbers::grouped(report.band.active_voxels);
     scene.facts.push(["active voxels".into(), count]);
     if !step.left_out.is_empty() {
         scene.facts.push(["left out".into(), step.left_out.clone()]);
@@ -296,7 +296,7 @@ pub(super) fn run_full(work: &Work, text: &RecipeText, edit: &Edit, number: u64)
     let full = match done {
         Ok(report) => {
             let files = report.outputs.iter().map(|o| {
-                let size = crate::cli::run::size(o.bytes);
+                let size = crate::cli::numbers::size(o.bytes);
                 json!({ "path": o.path, "size": size })
             });
             let requirements = report.requirements.iter().map(ToString::to_string);

@@ -3,8 +3,10 @@
 use super::recipe_text::RecipeText;
 use super::work::{Subject, Work, no_recipe};
 use super::{Parameters, levels, load, page};
+use crate::cli::context::Session;
+use crate::cli::failure::Failure;
+use crate::cli::output::Answer;
 use crate::cli::server::{Method, Refused, Reply, Request, Server};
-use crate::cli::{Answer, Failure, Session};
 use serde_json::json;
 use std::sync::Arc;
 use std::thread::{Builder, Scope};

@@ -6,14 +6,15 @@ use super::scene::{At, Field, Scene};
 use super::surface::{SurfaceOptions, body};
 use super::{KINDS, Parameters, elements};
 use crate::cell::Cell;
+use crate::cli::failure::Failure;
 use crate::cli::kind::FileKind;
-use crate::cli::{Failure, run};
+use crate::cli::numbers;
 use crate::frame::{Vec3, WorldPoint, figures};
 use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use crate::mesh::{TriMesh, mesh_components};
-use crate::pipeline;
 use crate::progress::Progress;
-use crate::vdb::{self, CoarseReading, Cubes, GridReading, LevelSet, Volume};
+use crate::vdb::{CoarseReading, Cubes, GridReading, LevelSet, Volume};
+use crate::{pipeline, vdb};
 use std::path::Path;
 
 /// Triangles that are meshed for one that remains: walls survive the simplification better than coarse voxels.
@@ -37,7 +38,7 @@ pub(super) fn scene(
     tools: vdb::Session,
     progress: &dyn Progress,
 ) -> Result<(Scene, Option<Sampled>), Failure> {
-    if let Some(cell) = crate::cli::fit::surface(&p.file, None)? {
+    if let Some(cell) = crate::cli::cell_text::surface(&p.file, None)? {
         return Ok((cell_scene(p, &cell, tools, progress)?, None));
     }
     let scene = match kind_of(&p.file)? {
@@ -56,7 +57,7 @@ pub(super) fn is_large(path: &Path) -> bool {
 
 /// Refuses a file that no page shows.
 pub(super) fn check(path: &Path) -> Result<(), Failure> {
-    if crate::cli::fit::surface(path, None)?.is_none() {
+    if crate::cli::cell_text::surface(path, None)?.is_none() {
         kind_of(path)?;
     }
     Ok(())
@@ -208,7 +209,7 @@ fn level_set(
         ["voxel".into(), with_unit(edge / f64::from(step), unit)],
     ];
     if step == 1 {
-        facts.push(["active voxels".into(), run::grouped(info.active_voxels)]);
+        facts.push(["active voxels".into(), numbers::grouped(info.active_voxels)]);
     }
     if body.is_closed {
         let volume: f64 = components.iter().map(|c| c.volume).sum();
@@ -253,8 +254,8 @@ fn simplified(found: usize, kept: usize, notes: &mut Vec<String>) {
     if kept < found {
         notes.push(format!(
             "simplified to {} of {} triangles",
-            run::grouped(kept as u64),
-            run::grouped(found as u64)
+            numbers::grouped(kept as u64),
+            numbers::grouped(found as u64)
         ));
     }
 }
@@ -325,7 +326,7 @@ fn surface_scene(
     simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
     let mut facts = vec![[
         "triangles in the file".into(),
-        run::grouped(mesh.triangles().len() as u64),
+        numbers::grouped(mesh.triangles().len() as u64),
     ]];
     if body.is_closed {
         let volume: f64 = components.iter().map(|c| c.volume).sum();
@@ -369,7 +370,7 @@ pub(super) fn scaffold_scene(p: &Parameters, own: Elements, warnings: &[String])
     if is_outer {
         notes.push(format!(
             "only outer faces: all faces would be more than {} triangles; --triangles with a larger number shows all",
-            run::grouped(p.triangles as u64)
+            numbers::grouped(p.triangles as u64)
         ));
     }
     let kinds: Vec<String> = report
@@ -379,7 +380,7 @@ pub(super) fn scaffold_scene(p: &Parameters, own: Elements, warnings: &[String])
         .collect();
     let facts = vec![
         ["elements".into(), kinds.join(", ")],
-        ["nodes".into(), run::grouped(report.nodes as u64)],
+        ["nodes".into(), numbers::grouped(report.nodes as u64)],
         ["volume".into(), figures(report.volume)],
         [
             "quality".into(),
@@ -432,7 +433,7 @@ fn cell_scene(
         simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
         bodies.push(body);
     }
-    let text = crate::cli::cell::describe(cell);
+    let text = crate::cli::cell_text::describe(cell);
     let facts = text
         .lines()
         .take(1)

@@ -1,7 +1,7 @@
 //! The page: its parts and the geometry in one file.
 
 use super::scene::Scene;
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 use crate::io::atomic::write_bytes;
 use flate2::Compression;
 use serde_json::{Value, json};

@@ -5,7 +5,7 @@
 
 use super::absent_keys::{AbsentKey, absent_keys};
 use super::schema_words::SchemaWords;
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 use crate::cli::server::Refused;
 use crate::recipe::{Length, Recipe};
 use serde_json::{Value, json};

@@ -1,6 +1,6 @@
 //! Slices of a grid: values on planes across an axis.
 
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 use crate::cli::server::Refused;
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::vdb::{LevelSet, Volume};

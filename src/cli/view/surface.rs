@@ -1,7 +1,7 @@
 //! The body of a triangle mesh: vertices divided at creases, components, wall thickness.
 
-use super::Failure;
 use super::scene::{At, Body, Field, normal_bytes};
+use crate::cli::failure::Failure;
 use crate::frame::Vec3;
 use crate::mesh::{MeshComponent, TriMesh, is_closed, mesh_components};
 use crate::pipeline;

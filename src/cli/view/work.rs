@@ -6,8 +6,10 @@ use super::sampled::Sampled;
 use super::scene::Scene;
 use super::{Parameters, load};
 
+use crate::cli::context;
+use crate::cli::context::Session;
+use crate::cli::failure::Failure;
 use crate::cli::server::Refused;
-use crate::cli::{Failure, Session, context};
 use crate::pipeline::RunCache;
 use crate::progress::{Progress, Threads};
 use serde_json::{Value, json};

@@ -16,11 +16,13 @@
 //! assert_eq!(file.commit().unwrap(), 5);
 //! ```
 
-use super::WriteError;
-use super::partial::{self, folder_of};
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use super::error::WriteError;
+use super::partial;
+use super::partial::folder_of;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 use tempfile::{NamedTempFile, PersistError};
 
 /// The destination of the bytes until the file is committed.

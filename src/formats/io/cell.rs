@@ -1,6 +1,7 @@
 //! `.cell` files: unit cells as JSON text (see [`Cell::from_json`] for the format).
 
-use super::{Place, ReadError, WriteError, atomic};
+use super::atomic;
+use super::error::{Place, ReadError, WriteError};
 use druse_cells::cell::Cell;
 use std::fs;
 use std::path::Path;

@@ -3,7 +3,9 @@
 //! Blanks, commas or semicolons separate the columns of text (`.xyz`, `.pts`, `.csv`, `.txt`). A first line of
 //! names defines the order of the columns. Lines that begin with # and further columns are ignored.
 
-use super::{Place, ReadError, Source, ply, quote};
+use super::error::{Place, ReadError};
+use super::ply;
+use super::source::{Source, quote};
 use druse_geometry::frame::{Vec3, is_in_range};
 use std::path::Path;
 

@@ -6,10 +6,11 @@
 
 mod duplicates;
 
-use super::scaffold::{
+use super::element_file::{
     DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, no_solids,
 };
-use super::{Place, ReadError, quote};
+use super::error::{Place, ReadError};
+use super::source::quote;
 use druse_geometry::frame::Vec3;
 use druse_tilings::scaffold::{Connectivity, Kind, Scaffold, ScaffoldError, Surface};
 use std::collections::{BTreeMap, HashMap};

@@ -1,6 +1,9 @@
 //! Script files of the polygon stage: reading and execution.
 
-use super::{Place, ReadError, Source, leads_out, read_polymesh, write_polymesh};
+use super::confine::leads_out;
+use super::error::{Place, ReadError};
+use super::polymesh::{read_polymesh, write_polymesh};
+use super::source::Source;
 use druse_crystal::polymesh::{
     Files, Interpreter, LoadOptions, Loaded, Note, PolyMesh, Script, ScriptError,
 };

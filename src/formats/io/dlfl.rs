@@ -11,9 +11,10 @@
 //! The format can represent more than a polygon mesh: double edges, faces that visit a vertex twice,
 //! points. Such files are refused with the number of the face.
 
-use super::polymesh::{Draft, replace_by_colors};
-use super::source::quote;
-use super::{Place, ReadError, Source, mtl};
+use super::error::{Place, ReadError};
+use super::mtl;
+use super::polygon_draft::{Draft, replace_by_colors};
+use super::source::{Source, quote};
 use druse_crystal::polymesh::{GroupBy, LoadOptions, PolyMesh};
 use druse_geometry::frame::{Vec3, is_in_range};
 use std::collections::BTreeMap;

@@ -4,10 +4,11 @@
 //! numbers are in memory. The deck holds nodes, elements, node sets and element surfaces of the six sides of the
 //! box, one material and one solid section. It holds no loads and no steps: include it from a deck that does.
 
-use super::WriteError;
 use super::atomic::AtomicFile;
+use super::error::WriteError;
 use druse_geometry::frame::{Coord, Vec3};
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 use std::path::Path;
 
 /// Numbers in a line of a set.

@@ -3,7 +3,9 @@
 //! Lines have fixed columns, since numbers may touch. Components that a post-processor computes (`ALL`) are not
 //! stored in the file. Binary results are refused with a hint.
 
-use super::{Place, ReadError, Source, number, quote};
+use super::error::{Place, ReadError};
+use super::number;
+use super::source::{Source, quote};
 use druse_geometry::frame::Vec3;
 use std::ops::Range;
 use std::path::{Path, PathBuf};

@@ -10,7 +10,8 @@
 //! thicknesses = [0.06]                # optional: one for every face
 //! ```
 
-use super::{BeamCap, Place, ReadError};
+use super::beam_parts::BeamCap;
+use super::error::{Place, ReadError};
 use druse_cells::cell::Skeleton;
 use druse_geometry::frame::Vec3;
 use serde::Deserialize;
@@ -72,7 +73,7 @@ const STRUTS_PER_CONE: usize = 8;
 
 /// The beams of a 3MF.
 fn read_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
-    let solid = super::read_solid(path)?;
+    let solid = super::beams::read_solid(path)?;
     let mut notes = solid.file.warnings;
     let mut skeleton = Skeleton::new();
     let (mut varying, mut butt_caps, mut balls, mut clipped) = (0, 0, 0, 0);

@@ -22,8 +22,9 @@ mod system;
 mod types;
 
 use super::collector::Collector;
-use super::scaffold::ElementFile;
-use super::{Place, ReadError, Source, quote};
+use super::element_file::ElementFile;
+use super::error::{Place, ReadError};
+use super::source::{Source, quote};
 use assembly::{Assembly, Part};
 use copy::Ncopy;
 use druse_tilings::scaffold::Kind;

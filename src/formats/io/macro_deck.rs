@@ -5,14 +5,15 @@
 //! renumbered. Each class of elements has one material. Its axes follow the elements: one `*ORIENTATION` if all
 //! frames are equal, otherwise a `*DISTRIBUTION` by element. The deck holds no loads and no steps.
 
-use super::WriteError;
 use super::atomic::AtomicFile;
+use super::element_file::Group;
+use super::error::WriteError;
 use super::fe_deck::{DeckCounts, SIDES, check_extension, refused, write_set};
-use super::scaffold::Group;
 use druse_geometry::frame::{Mat3, Vec3};
 use druse_tilings::scaffold::{FaceRef, Kind, Scaffold};
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 use std::path::Path;
 
 /// Distance from a side of the box at which a node is on it, over the size of the box.

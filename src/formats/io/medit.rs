@@ -10,8 +10,9 @@ mod input;
 mod table;
 
 use super::collector::Collector;
-use super::scaffold::ElementFile;
-use super::{Place, ReadError, quote};
+use super::element_file::ElementFile;
+use super::error::{Place, ReadError};
+use super::source::quote;
 use druse_tilings::scaffold::Kind;
 use input::Input;
 use std::path::Path;
@@ -90,7 +91,7 @@ impl File<'_> {
                 let count = self.input.count(1, name)?;
                 if count > 0 {
                     let found = format!("{count} {name}");
-                    let e = self.input.bad(found, super::scaffold::KINDS_READ);
+                    let e = self.input.bad(found, super::element_file::KINDS_READ);
                     return Err(e.with_hint("convert the mesh to .msh or .vtu, or to first order"));
                 }
                 self.input.skip_section()?;

@@ -1,60 +1,17 @@
 //! Mesh files by extension: reading as polygons or triangles, and writing.
 
 use super::atomic::AtomicFile;
+use super::element_file::ELEMENT_FORMATS;
+use super::error::{Place, ReadError, WriteError};
+use super::mesh_format::{MeshFile, MeshFormat};
+use super::mesh_view::{Faces, MeshView};
 use super::polygons::Soup;
-use super::scaffold::{ELEMENT_FORMATS, read_elements};
-use super::{
-    Faces, MeshView, Place, ReadError, Source, WriteError, obj, off, outer_faces, ply, stl,
-    threemf, usda, vtk,
-};
+use super::scaffold::read_elements;
+use super::source::Source;
+use super::{obj, off, outer_faces, ply, stl, threemf, usda, vtk};
 use druse_crystal::polymesh::{LoadOptions, PolyMesh};
 use druse_geometry::frame::LengthUnit;
-use druse_geometry::mesh::TriMesh;
 use std::path::Path;
-
-/// A mesh with the metadata of its file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MeshFile {
-    /// The mesh; vertices of equal coordinates are merged where the format has no shared vertices (STL).
-    pub mesh: TriMesh,
-    /// The unit that the file states, if any.
-    pub unit: Option<LengthUnit>,
-    /// Anomalies that did not prevent reading, one sentence each.
-    pub warnings: Vec<String>,
-}
-
-/// A mesh format.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MeshFormat {
-    /// Stereolithography: binary or text, triangles without shared vertices. The format has no unit; Druse
-    /// writes it into the header.
-    Stl,
-    /// Polygon file format: text or binary of either byte order.
-    Ply,
-    /// Wavefront: text.
-    Obj,
-    /// 3D Manufacturing Format: zipped XML, with a unit.
-    ThreeMf,
-}
-
-impl MeshFormat {
-    /// Every format with its extension.
-    pub const EXTENSIONS: [(Self, &'static str); 4] = [
-        (Self::Stl, "stl"),
-        (Self::Ply, "ply"),
-        (Self::Obj, "obj"),
-        (Self::ThreeMf, "3mf"),
-    ];
-
-    /// The format of a path's extension, ignoring case.
-    pub fn of(path: impl AsRef<Path>) -> Option<Self> {
-        let extension = path.as_ref().extension()?.to_str()?.to_ascii_lowercase();
-        Self::EXTENSIONS
-            .into_iter()
-            .find(|f| f.1 == extension)
-            .map(|f| f.0)
-    }
-}
 
 /// A description of the extension, for error messages.
 fn extension_of(path: &Path) -> String {
@@ -242,11 +199,11 @@ fn open_checked(path: &Path) -> Result<Source, ReadError> {
 /// The polygon mesh of a script or of a `.dlfl` file.
 fn polymesh(path: &Path) -> Result<(PolyMesh, Vec<String>), ReadError> {
     if extension(path) == "crystal" {
-        let (mesh, notes) = super::read_crystal(path)?;
+        let (mesh, notes) = super::crystal::read_crystal(path)?;
         let notes = notes.iter().map(|n| format!("line {}: {}", n.line, n.text));
         return Ok((mesh, notes.collect()));
     }
-    let loaded = super::read_polymesh(path, &LoadOptions::default())?;
+    let loaded = super::polymesh::read_polymesh(path, &LoadOptions::default())?;
     Ok((loaded.mesh, loaded.warnings))
 }
 

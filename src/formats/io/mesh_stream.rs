@@ -4,11 +4,15 @@
 //! spooled to unnamed temporary files in the output directory and merged at the end.
 
 use super::atomic::AtomicFile;
+use super::error::WriteError;
+use super::mesh_format::MeshFormat;
 use super::mesh_view::{Faces, Rows, VisitVertex};
-use super::{MeshFormat, StlStream, WriteError, obj, ply, threemf};
+use super::stl::StlStream;
+use super::{obj, ply, threemf};
 use druse_geometry::frame::{LengthUnit, Vec3};
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io;
+use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Some faces of a mesh with their vertices.

@@ -10,9 +10,10 @@ mod v2;
 mod v4;
 
 use super::collector::Collector;
-use super::scaffold::ElementFile;
+use super::element_file::ElementFile;
+use super::error::{Place, ReadError};
+use super::source::{Source, quote};
 use super::tokens::{Encoding, Tokens};
-use super::{Place, ReadError, Source, quote};
 use druse_tilings::scaffold::Kind;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -376,7 +377,7 @@ impl File<'_> {
                 path,
                 place,
                 format!("a {name}"),
-                super::scaffold::KINDS_READ,
+                super::element_file::KINDS_READ,
             )
             .with_hint("mesh with elements of order 1 or 2")),
             None => Err(ReadError::data(

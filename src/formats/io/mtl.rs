@@ -1,6 +1,7 @@
 //! Wavefront material files: reading of colours, writing of a colour for each group.
 
-use super::{ReadError, Source};
+use super::error::ReadError;
+use super::source::Source;
 use druse_crystal::polymesh::group_color;
 use std::collections::BTreeMap;
 use std::fmt::Write;

@@ -12,8 +12,9 @@ mod systems;
 mod table;
 
 use super::collector::Collector;
-use super::scaffold::ElementFile;
-use super::{Place, ReadError, quote};
+use super::element_file::ElementFile;
+use super::error::{Place, ReadError};
+use super::source::quote;
 use cards::{Card, Cards};
 use druse_geometry::frame::Vec3;
 use std::collections::{BTreeMap, HashMap};

@@ -1,6 +1,7 @@
 //! `.npy` files: one array of numbers in `NumPy`'s format, versions 1 to 3.
 
-use super::{Place, ReadError, Source, quote};
+use super::error::{Place, ReadError};
+use super::source::{Source, quote};
 use std::path::Path;
 
 /// An array of numbers in C order (last axis fastest), independent of the order in the file.

@@ -1,6 +1,7 @@
 //! Numbers in text, also with Fortran exponents; decimal commas are refused with a hint.
 
-use super::{ReadError, Source, quote};
+use super::error::ReadError;
+use super::source::{Source, quote};
 use druse_geometry::frame::is_in_range;
 
 /// The hint for decimal commas.

@@ -3,15 +3,17 @@
 //! Free-form curves and surfaces, points and lines are counted and ignored. Statements that execute other files
 //! (`call`, `csh`) and undefined statements are refused.
 
+use super::error::ReadError;
 use super::mesh_view::Rows;
-use super::mtl;
-use super::number::{self, words};
+use super::number::words;
+use super::polygon_draft::color_word;
 use super::polygons::Soup;
-use super::polymesh::color_word;
-use super::{ReadError, Source, quote};
+use super::source::{Source, quote};
+use super::{mtl, number};
 use druse_geometry::frame::{LengthUnit, Vec3};
 use std::collections::BTreeMap;
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 
 /// Statements without effect on the shape of the surface.
 const IGNORED_STATEMENTS: &[&[u8]] = &[

@@ -11,10 +11,12 @@
 //! numbered. Where the options request groups by colour, a material is replaced by its colour in the `.mtl` file.
 //! The writer uses `usemtl groupN`, and numbers that read back exactly.
 
+use super::error::ReadError;
 use super::obj::{Annotations, Names};
+use super::polygon_draft::{Draft, color_word, replace_by_colors};
 use super::polygons::Soup;
-use super::polymesh::{Draft, color_word, replace_by_colors};
-use super::{ReadError, Source, mtl, obj};
+use super::source::Source;
+use super::{mtl, obj};
 use druse_crystal::polymesh::{GroupBy, LoadOptions, PolyMesh, group_color};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -27,7 +29,7 @@ use std::path::Path;
 pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadError> {
     let (soup, annotations) = obj::read_annotated(Source::open(path)?)?;
     if soup.faces.is_empty() {
-        let place = super::Place::File;
+        let place = super::error::Place::File;
         return Err(ReadError::data(path, place, "no faces", "faces (f)"));
     }
     let mut draft = draft_of(soup);

@@ -4,9 +4,11 @@
 //! are colours, normals or texture coordinates and are ignored, unless the file has fewer lines than items:
 //! then they belong to the next item. `OFF BINARY` and vertices of four or more coordinates are refused.
 
-use super::number::{self, words};
+use super::error::ReadError;
+use super::number;
+use super::number::words;
 use super::polygons::Soup;
-use super::{ReadError, Source, quote};
+use super::source::{Source, quote};
 use druse_geometry::frame::{Vec3, is_in_range};
 
 /// Lines without comments and blank lines, with the unread numbers of the current line.

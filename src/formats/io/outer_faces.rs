@@ -1,8 +1,8 @@
 //! The surface of a finite-element file: planar elements as they are, outer faces of solids.
 
-use super::ReadError;
+use super::element_file::ElementFile;
+use super::error::ReadError;
 use super::polygons::Soup;
-use super::scaffold::ElementFile;
 use druse_crystal::polymesh::Faces;
 use druse_tilings::scaffold::{Kind, Surface};
 use std::path::Path;

@@ -3,7 +3,7 @@
 //! The head is `POINTCACHE2` and a zero byte, then, little-endian, the version (1), the number of points, the frame
 //! of the first sample and the frames between samples (both `f32`), and the number of samples.
 
-use super::{Place, ReadError};
+use super::error::{Place, ReadError};
 use druse_geometry::frame::Vec3;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};

@@ -11,8 +11,9 @@ mod write;
 pub(super) use write::{size, write};
 
 use super::cloud::PointFile;
+use super::error::ReadError;
 use super::polygons::Soup;
-use super::{ReadError, Source};
+use super::source::Source;
 use body::content;
 use header::{Role, header};
 

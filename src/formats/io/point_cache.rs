@@ -1,8 +1,8 @@
 //! Points that move: their places at the samples of a point cache (.pc2) or of a USD layer (.usda).
 
+use super::error::{Place, ReadError};
 use super::pc2::Pc2;
 use super::usda::MovingPoints;
-use super::{Place, ReadError};
 use druse_geometry::frame::{Vec3, is_in_range};
 use std::path::{Path, PathBuf};
 

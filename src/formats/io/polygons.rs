@@ -4,9 +4,10 @@
 //! surface scaffolds, and polygon meshes. Only finite coordinates are guaranteed.
 
 use super::collector::Collector;
-use super::mesh_file::MeshFile;
-use super::scaffold::{DataField, ElementFile};
-use super::{Place, ReadError, polygon};
+use super::element_file::{DataField, ElementFile};
+use super::error::{Place, ReadError};
+use super::mesh_format::MeshFile;
+use super::polygon;
 use druse_crystal::polymesh::{Faces, PolyMesh};
 use druse_geometry::frame::{LengthUnit, Vec3};
 use druse_geometry::mesh::TriMesh;

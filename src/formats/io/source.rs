@@ -4,7 +4,7 @@
 //! after a text header is data even if it is an LF. A byte order mark before the first line is ignored;
 //! UTF-16 is refused.
 
-use super::{Place, ReadError};
+use super::error::{Place, ReadError};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::ops::Range;

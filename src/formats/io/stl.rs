@@ -8,12 +8,15 @@
 mod text;
 
 use super::atomic::AtomicFile;
-use super::mesh_file::MeshFile;
-use super::{MeshView, Place, ReadError, Source, WriteError};
+use super::error::{Place, ReadError, WriteError};
+use super::mesh_format::MeshFile;
+use super::mesh_view::MeshView;
+use super::source::Source;
 use druse_geometry::frame::{LengthUnit, Vec3, is_in_range};
 use druse_geometry::mesh::{TriMesh, VertexMerger};
 use std::collections::HashMap;
-use std::io::{self, Seek, Write};
+use std::io;
+use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// Size of the header and the count.

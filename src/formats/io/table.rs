@@ -1,7 +1,7 @@
 //! Tables of numbers: `.csv` text with a header of column names. Names and numbers may stand in quotation marks.
 
-use super::source::{is_utf16, utf16_error};
-use super::{Place, ReadError, quote};
+use super::error::{Place, ReadError};
+use super::source::{is_utf16, quote, utf16_error};
 use druse_geometry::frame::is_in_range;
 use std::borrow::Cow;
 use std::path::Path;

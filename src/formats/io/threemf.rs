@@ -9,9 +9,9 @@
 //! The XML is parsed here: existing libraries of the format support triangles only, or keep the whole archive
 //! in memory as a document.
 
-use super::ReadError;
-use super::beams::{BeamPart, SolidFile};
-use super::mesh_file::MeshFile;
+use super::beam_parts::{BeamPart, SolidFile};
+use super::error::ReadError;
+use super::mesh_format::MeshFile;
 use druse_geometry::frame::{LengthUnit, Vec3};
 use std::path::Path;
 
@@ -78,7 +78,7 @@ pub(super) fn read(path: &Path) -> Result<MeshFile, ReadError> {
     let count: usize = beams.iter().map(BeamPart::len).sum();
     let found = format!("a beam lattice of {count} beams and balls");
     Err(
-        ReadError::data(path, super::Place::File, found, "triangles alone").with_hint(
+        ReadError::data(path, super::error::Place::File, found, "triangles alone").with_hint(
             "beams are read by druse voxelize, info, check and preview, by union, intersect and subtract, \
              and as the graph of a cell; elsewhere mesh their level set first",
         ),

@@ -1,6 +1,7 @@
 //! A reader of numbers from text or binary sections.
 
-use super::{ReadError, Source, quote};
+use super::error::ReadError;
+use super::source::{Source, quote};
 
 /// The encoding of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,9 @@
 //! A limit on the unpacked size of a compressed file, against files made to exhaust the memory.
 
-use super::{Place, ReadError};
+use super::error::{Place, ReadError};
 use std::cell::Cell;
-use std::io::{self, Read};
+use std::io;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// The limit for small files.

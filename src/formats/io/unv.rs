@@ -7,8 +7,10 @@
 mod table;
 
 use super::collector::Collector;
-use super::scaffold::{ElementFile, KINDS_READ};
-use super::{Place, ReadError, Source, number, quote};
+use super::element_file::{ElementFile, KINDS_READ};
+use super::error::{Place, ReadError};
+use super::number;
+use super::source::{Source, quote};
 use std::collections::HashMap;
 use std::path::Path;
 use table::{BEAM_TYPES, ELEMENT_TYPES, LINE_TYPES};

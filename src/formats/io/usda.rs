@@ -8,9 +8,9 @@
 //! The text is parsed here: the library of the format in Rust is as large as this crate.
 
 use super::collector::Collector;
+use super::element_file::{DataField, ElementFile, FieldAt};
+use super::error::{Place, ReadError};
 use super::polygons::Soup;
-use super::scaffold::{DataField, ElementFile, FieldAt};
-use super::{Place, ReadError};
 use druse_geometry::frame::{Vec3, is_in_range};
 use druse_tilings::scaffold::Kind;
 use nalgebra::Matrix4;

@@ -17,9 +17,10 @@ pub use write::{write_vtu, write_vtu_fields};
 pub use xml::read as read_xml;
 
 use super::collector::Collector;
+use super::element_file::ElementFile;
+use super::error::{Place, ReadError};
 use super::polygons::Soup;
-use super::scaffold::ElementFile;
-use super::{Place, ReadError, outer_faces, polygon};
+use super::{outer_faces, polygon};
 use druse_geometry::frame::Vec3;
 use druse_tilings::scaffold::Kind;
 use std::path::Path;
@@ -114,9 +115,8 @@ impl Cells<'_> {
                         return Err(bad(found, "one of order 1 or 2".into()).with_hint(ORDER_HINT));
                     }
                     Cell::Refused(found) => {
-                        return Err(
-                            bad(found, super::scaffold::KINDS_READ.into()).with_hint(ORDER_HINT)
-                        );
+                        return Err(bad(found, super::element_file::KINDS_READ.into())
+                            .with_hint(ORDER_HINT));
                     }
                 };
             if own.len() != count {

@@ -1,16 +1,16 @@
 //! The finished solid on disk: the passes after the first, and parts of the solid in memory.
 
-use super::super::StageTimer;
-use super::super::error::RunError;
-use super::super::level_set_ops::StageContext;
-use super::super::report::SolidReport;
 use super::halo::{Pass, PassKind, before_resampling};
 use super::solid::{Bricks, StoredSolid};
-use super::{BrickRun, CancelOnly, crop, operate_on};
+use super::{BrickRun, crop, operate_on};
 use crate::band::{
     LeafFileError, LeafFileHead, LeafSink, LeafStore, Region, SinkError, StoreError,
 };
 use crate::frame::Coord;
+use crate::pipeline::base::context::{CancelOnly, StageContext};
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::report::SolidReport;
+use crate::pipeline::base::stage_timer::StageTimer;
 use crate::progress::Progress;
 use crate::vdb::{
     ComponentSelection, FileError, LevelSet, LevelSetBuilder, StoredRemoval, VdbError,

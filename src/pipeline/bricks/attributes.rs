@@ -1,15 +1,16 @@
 //! Attributes of a solid in bricks: one file per word and brick, made once and read for every output.
 
-use super::super::attributes::Attributes;
-use super::super::error::RunError;
-use super::super::thickness::Thickness;
 use super::assemble::missing_bricks;
 use super::directory::refuse_foreign;
 use super::solid::StoredSolid;
-use super::{BrickRun, CancelOnly, write_error};
+use super::{BrickRun, write_error};
 use crate::band::{AttributeFileWriter, AttributeStore, LeafBatch, Region, StoreError};
 use crate::frame::{Coord, Transform};
 use crate::io::atomic::AtomicFile;
+use crate::pipeline::base::context::CancelOnly;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::measure::thickness::Thickness;
+use crate::pipeline::outputs::attributes::Attributes;
 use crate::progress::Cancelled;
 use crate::recipe::GridWord;
 use crate::vdb::FileError;

@@ -1,18 +1,19 @@
 //! Memory and disk space of a run in bricks.
 
-use super::super::error::RunError;
+use super::super::estimate;
 use super::super::estimate::{
-    self, Counts, DECIMATION_BYTES_PER_POINT, LEAF_BYTES, PROJECTION_BYTES_PER_POINT,
+    Counts, DECIMATION_BYTES_PER_POINT, LEAF_BYTES, PROJECTION_BYTES_PER_POINT,
     attribute_values_per_vertex, copies,
 };
-use super::super::inputs::Inputs;
-use super::super::thickness::{FIRST_LEVEL_HALO, MAX_LEVEL};
-use super::super::tiling::CellTiling;
-use super::super::voxels::Voxels;
 use super::halo::{coarser_copies, max_halo, needs_segments, passes, removal_halo, resamplings};
 use super::meshes::UNTANGLING_HALO;
 use super::volumes::attribute_words;
 use crate::band::{BLOCK, LEAF};
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::content::inputs::Inputs;
+use crate::pipeline::content::tiling::CellTiling;
+use crate::pipeline::measure::thickness::{FIRST_LEVEL_HALO, MAX_LEVEL};
+use crate::pipeline::ops::voxels::Voxels;
 use crate::progress::Threads;
 use crate::recipe::{GridWord, Output};
 use crate::vdb::{LevelSet, MAX_BYTES_AT_ONCE};

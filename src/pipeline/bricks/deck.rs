@@ -1,12 +1,13 @@
 //! Finite-element decks of a solid in bricks: each brick adds the solid in its own voxels.
 
-use super::super::deck;
-use super::super::error::RunError;
-use super::super::report::OutputFile;
+use super::BrickRun;
 use super::assemble::part;
 use super::solid::StoredSolid;
-use super::{BrickRun, CancelOnly};
 use crate::frame::{Coord, Vec3};
+use crate::pipeline::base::context::CancelOnly;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::report::OutputFile;
+use crate::pipeline::outputs::deck;
 use crate::recipe::Output;
 use std::path::Path;
 

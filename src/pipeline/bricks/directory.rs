@@ -2,16 +2,17 @@
 //!
 //! Only those are ever removed or replaced. The directory may be a link, and may hold a user's files.
 
-use super::super::error::RunError;
 use super::PLAN_FILE;
 use crate::band::{ATTRIBUTE_FILE_MAGIC, LEAF_FILE_MAGIC};
 use crate::io::WriteError;
+use crate::pipeline::base::error::RunError;
 use crate::recipe::{OutputKind, Recipe};
 use rustix::fs::{Access, FlockOperation, access, flock};
 use rustix::io::Errno;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
-use std::fs::{self, File};
+use std::fs;
+use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,8 @@ pub(crate) fn directory_beside(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
     let named = || outputs.iter().flat_map(|o| o.named());
     let vdb = named().find(|(kind, _)| *kind == OutputKind::Vdb);
     let path = vdb.or_else(|| named().next()).map(|(_, path)| path);
-    let target = super::super::output::target(recipe, out, path.unwrap_or(Path::new("run")));
+    let target =
+        crate::pipeline::outputs::output::target(recipe, out, path.unwrap_or(Path::new("run")));
     let name = target.file_name().unwrap_or_default().to_string_lossy();
     target.with_file_name(format!(".{name}.bricks"))
 }

@@ -3,14 +3,14 @@
 //! A run in bricks is a sequence of passes. Each pass processes every brick with its *halo*, the voxels around the
 //! brick that can influence it.
 
-use super::super::drains;
-use super::super::error::RunError;
-use super::super::report::SolidReport;
 use super::BrickRun;
 use super::halo::{before_resampling, total_reach};
 use super::solid::{Bricks, StoredSolid};
 use crate::band::{LeafStore, Region};
 use crate::frame::{Aabb, Coord, Vec3};
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::report::SolidReport;
+use crate::pipeline::ops::drains;
 use crate::recipe::Op;
 use crate::vdb::{DrainRequest, Session, stored_blocked_start, stored_drain_channels};
 

@@ -1,13 +1,17 @@
 //! Runs shared by several machines: a plan in a file, single bricks, and a merge.
 
-use super::super::error::RunError;
-use super::super::inputs::Inputs;
-use super::super::report::Report;
-use super::super::{RunOptions, StageTimer, finish_report, output_targets, threads};
 use super::budget::{Budget, brick_bytes, check_disks, held_bytes};
 use super::directory::{Lock, clear, is_derived, make_directory, nearest_existing, size_of};
-use super::{BrickPlan, BrickRun, check_disk, choose_layout, estimate, make_plan, merge_and_write};
+use super::{BrickPlan, BrickRun, check_disk, choose_layout, make_plan, merge_and_write};
 use crate::io::leads_out;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::report::Report;
+use crate::pipeline::base::stage_timer::StageTimer;
+use crate::pipeline::content::inputs::Inputs;
+use crate::pipeline::estimate;
+use crate::pipeline::inputs::run_options::{RunOptions, threads};
+use crate::pipeline::outputs::output_targets::output_targets;
+use crate::pipeline::outputs::run_report::finish_report;
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use std::ops::Range;

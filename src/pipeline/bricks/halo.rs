@@ -1,11 +1,11 @@
 //! The passes of a run in bricks, and the halo of each: how far its operations reach.
 
-use super::super::inputs::Inputs;
-use super::super::level_set_ops::unwanted;
-use super::super::offsets::uses_surface_points;
-use super::super::voxels::{Resampling, Voxels};
 use super::voxels::{HALO_MARGIN, SURFACE_POINT_REACH, whole_leaves};
 use crate::band::SurfacePoints;
+use crate::pipeline::content::inputs::Inputs;
+use crate::pipeline::field::offsets::uses_surface_points;
+use crate::pipeline::ops::level_set_ops::unwanted;
+use crate::pipeline::ops::voxels::{Resampling, Voxels};
 use crate::recipe::{Kernel, Op, Recipe, Size};
 use crate::vdb::{ComponentSelection, LevelSet, MAX_FILTER_WIDTH, REMOVAL_REACH};
 use std::ops::Range;

@@ -1,13 +1,15 @@
 //! Wall thickness of a solid in bricks, sampled in cubes spread over it.
 
-use super::super::error::RunError;
-use super::super::least_wall::{self, MAX_BRICK_WALL, Phase, WallSamples};
+use super::BrickRun;
 use super::assemble::part;
 use super::solid::StoredSolid;
-use super::{BrickRun, CancelOnly};
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
+use crate::pipeline::base::context::CancelOnly;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::measure::least_wall;
+use crate::pipeline::measure::least_wall::{MAX_BRICK_WALL, Phase, WallSamples};
 
 /// Edge of a cube, voxels. With its halo it has as many leaves as a block.
 const CUBE_EDGE: i32 = 64;

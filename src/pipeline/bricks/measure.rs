@@ -1,15 +1,16 @@
 //! Volume, area and pictures of a solid in bricks. Each brick is meshed with a layer of leaves around it
 //! and keeps its own triangles.
 
-use super::super::error::RunError;
-use super::super::measure::refuse_torn;
+use super::BrickRun;
 use super::assemble::part;
 use super::meshes::Meshes;
 use super::solid::StoredSolid;
-use super::{BrickRun, CancelOnly};
 use crate::frame::{Aabb, Coord, Vec3};
 use crate::io::atomic::write_bytes;
 use crate::mesh::TriMesh;
+use crate::pipeline::base::context::CancelOnly;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::measure::solid_measures::refuse_torn;
 use crate::recipe::Output;
 use crate::vdb::{SolidParts, render_parts};
 use std::path::Path;
@@ -89,7 +90,7 @@ pub(super) fn picture(
     let quiet = CancelOnly(brick_run.progress);
     let context = bricks.context(brick_run, &quiet);
     let transform = context.transform()?;
-    let picture_options = super::super::output::picture(output);
+    let picture_options = crate::pipeline::outputs::output::picture(output);
     let filled = |&n: &usize| store.blocks_in(bricks.region(n)).next().is_some();
     let numbers: Vec<usize> = (0..count).filter(filled).collect();
     let around = |n: &usize| {

@@ -1,13 +1,5 @@
 //! The merge of bricks: from leaf files to the outputs, without the whole tree in memory.
 
-use super::super::build::{self, BuildReport};
-use super::super::cavities::{self, CavitiesReport};
-use super::super::cut_faces::CutFaces;
-use super::super::error::RunError;
-use super::super::least_wall::Phase;
-use super::super::macro_deck;
-use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
-use super::super::{StageResults, StageTimer, Targets, output};
 use super::BrickRun;
 use super::deck::deck;
 use super::least_wall::sampled_walls;
@@ -16,6 +8,18 @@ use super::meshes::Meshes;
 use super::thickness::thickness;
 use super::volumes::Volumes;
 use crate::frame::Vec3;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::layer_facts::BuildReport;
+use crate::pipeline::base::report::{
+    BandReport, BricksReport, OutputFile, SolidReport, StageResults,
+};
+use crate::pipeline::base::stage_timer::StageTimer;
+use crate::pipeline::base::void_facts::CavitiesReport;
+use crate::pipeline::measure::cut_faces::CutFaces;
+use crate::pipeline::measure::least_wall::Phase;
+use crate::pipeline::measure::{build, cavities};
+use crate::pipeline::outputs::output_targets::Targets;
+use crate::pipeline::outputs::{macro_deck, output};
 use crate::vdb::{stored_build_layers, stored_cavities, stored_components, stored_voids};
 use std::path::Path;
 

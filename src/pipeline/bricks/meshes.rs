@@ -1,16 +1,5 @@
 //! Mesh files of a solid in bricks, written while patches pass, each as its output requests.
 
-use super::super::Targets;
-use super::super::attributes::Attributes;
-use super::super::beams::beams as beams_of;
-use super::super::decimate::{Decimation, decimated_patch};
-use super::super::error::RunError;
-use super::super::field_ops::{Shape, shape};
-use super::super::level_set_ops::StageContext;
-use super::super::meshing::{is_obj, max_magnitude};
-use super::super::precision::needs_double;
-use super::super::report::MeshFacts;
-use super::super::thickness::Thickness;
 use super::BrickRun;
 use super::assemble::part;
 use super::solid::StoredSolid;
@@ -20,6 +9,18 @@ use crate::frame::{Coord, LengthUnit, Vec3};
 use crate::io::{BeamLattice, Faces, MeshPart, MeshStream, write_beams};
 use crate::mesh::{ProjectionOptions, ProjectionSummary};
 use crate::mesher::{Patch, Welder, move_off_voxels};
+use crate::pipeline::base::context::StageContext;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::report::MeshFacts;
+use crate::pipeline::base::shape::Shape;
+use crate::pipeline::field::field_ops::shape;
+use crate::pipeline::measure::thickness::Thickness;
+use crate::pipeline::outputs::attributes::Attributes;
+use crate::pipeline::outputs::beams::beams as beams_of;
+use crate::pipeline::outputs::decimate::{Decimation, decimated_patch};
+use crate::pipeline::outputs::meshing::{is_obj, max_magnitude};
+use crate::pipeline::outputs::output_targets::Targets;
+use crate::pipeline::outputs::precision::needs_double;
 use crate::recipe::{Output, OutputKind, Scale};
 use crate::vdb::{LevelSet, VdbError};
 use std::collections::BTreeMap;

@@ -1,18 +1,18 @@
 //! The plan of a run in bricks: the bricks and everything that decides their values.
 
-use super::super::error::RunError;
 use super::super::estimate::Counts;
-use super::super::field_ops::{operation_shape, shape};
-use super::super::inputs::Inputs;
-use super::super::level_set_ops::StageContext;
-use super::super::report::Input;
-use super::super::voxels::Voxels;
 use super::budget::{leaf_bytes, memory_bytes};
 use super::halo::{Pass, before_resampling, passes, total_reach};
 use super::solid::Bricks;
 use super::{Layout, voxel_size_and_half_width};
 use crate::band::{BLOCK, Region};
 use crate::frame::{Aabb, Coord};
+use crate::pipeline::base::context::StageContext;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::report::Input;
+use crate::pipeline::content::inputs::Inputs;
+use crate::pipeline::field::field_ops::{operation_shape, shape};
+use crate::pipeline::ops::voxels::Voxels;
 use crate::progress::{Progress, Threads};
 use crate::simd;
 use crate::vdb::LevelSet;

@@ -1,7 +1,7 @@
 //! Runs that cannot use bricks: outputs that must be whole in memory, and inputs off the voxel lattice.
 
-use super::super::inputs::Inputs;
 use crate::frame::Vec3;
+use crate::pipeline::content::inputs::Inputs;
 use crate::recipe::OutputKind;
 
 /// Why a `.nvdb` cannot be streamed.

@@ -1,17 +1,18 @@
 //! Resampling of solids in bricks: by operations, and for coarser copies. The new bricks differ from the
 //! old ones; each is made from the parts of old bricks that lie in it.
 
-use super::super::error::RunError;
-use super::super::voxels::Resampling;
 use super::assemble::part;
 use super::halo::{Pass, total_reach};
 use super::plan::operand_regions;
 use super::solid::{Bricks, StoredSolid};
-use super::{BrickRun, CancelOnly, write_leaves};
+use super::{BrickRun, write_leaves};
 use crate::band::{
     BLOCK, Band, FinerBand, LEAF, Leaf, LeafBatch, LeafMap, LeafRef, LeafSink, Region, StoreError,
 };
 use crate::frame::{Aabb, Coord};
+use crate::pipeline::base::context::CancelOnly;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::ops::voxels::Resampling;
 use crate::vdb::{FileError, SampledLevelSet};
 use rayon::prelude::*;
 use std::collections::BTreeMap;

@@ -1,11 +1,12 @@
 //! The components of a solid in bricks, each as a separate solid.
 
-use super::super::error::RunError;
 use super::assemble::part;
 use super::halo::{coarser_copies, removal_halo};
 use super::solid::{Bricks, StoredSolid};
-use super::{BrickRun, CancelOnly, crop_where};
+use super::{BrickRun, crop_where};
 use crate::band::{BLOCK, Region};
+use crate::pipeline::base::context::CancelOnly;
+use crate::pipeline::base::error::RunError;
 use crate::progress::Cancelled;
 use crate::vdb::StoredSegments;
 

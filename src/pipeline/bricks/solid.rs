@@ -1,11 +1,11 @@
 //! A solid on disk: its leaves and the bricks that contain them.
 
-use super::super::level_set_ops::StageContext;
-use super::super::voxels::Voxels;
 use super::BrickRun;
 use super::plan::BrickPlan;
 use crate::band::{BLOCK, LEAF, LeafStore, Region};
 use crate::frame::Coord;
+use crate::pipeline::base::context::StageContext;
+use crate::pipeline::ops::voxels::Voxels;
 use crate::progress::Progress;
 use std::collections::BTreeSet;
 

@@ -1,14 +1,17 @@
 //! The local thickness of a solid in bricks, measured brick by brick with a halo.
 
-use super::super::error::RunError;
-use super::super::least_wall::{SurfacePoint, surface_points};
-use super::super::thickness::{RegionalSurface, SolidGeometry, Thickness, VoxelLattice};
+use super::BrickRun;
 use super::assemble::part;
 use super::solid::StoredSolid;
-use super::{BrickRun, CancelOnly};
 use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
+use crate::pipeline::base::context::CancelOnly;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::measure::least_wall::{SurfacePoint, surface_points};
+use crate::pipeline::measure::thickness::{
+    RegionalSurface, SolidGeometry, Thickness, VoxelLattice,
+};
 
 /// The surface of a solid in bricks, meshed on demand: a brick at once, larger regions block by block.
 struct BrickSurface<'a> {

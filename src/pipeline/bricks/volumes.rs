@@ -1,15 +1,15 @@
 //! `.vdb` files of a solid in bricks: its level set, fog and attributes, streamed grid by grid.
 
-use super::super::error::RunError;
-use super::super::output;
-use super::super::report::OutputFile;
-use super::super::thickness::Thickness;
 use super::BrickRun;
 use super::halo::{coarser_copies, needs_segments};
 use super::solid::{Bricks, StoredSolid};
 use crate::band::{AttributeStore, StoreError};
 use crate::frame::Aabb;
 use crate::io::atomic::{StagedPath, write_bytes};
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::report::OutputFile;
+use crate::pipeline::measure::thickness::Thickness;
+use crate::pipeline::outputs::output;
 use crate::recipe::{GridWord, Output, OutputKind, Recipe, Segments};
 use crate::vdb::{Attribute, FileError, LevelSet, StoredFog, StoredGrid};
 use std::path::Path;
@@ -185,7 +185,7 @@ impl<'a> Volumes<'a> {
             let others = surfaces.iter().map(|(name, _)| name);
             let others: Vec<String> = others.filter(|n| !names.contains(n)).cloned().collect();
             names.extend(others);
-            let text = super::super::usda::scene(path, unit, bounds, &names);
+            let text = crate::pipeline::outputs::usda::scene(path, unit, bounds, &names);
             write_bytes(&scene, text.as_bytes())?;
             files.push(output::file_entry(&scene, Some(unit))?);
         }

@@ -1,8 +1,8 @@
 //! Regions and portions of a resampling in bricks.
 
-use super::super::voxels::{INTERPOLATION_REACH, Resampling, Voxels};
 use crate::band::{BLOCK, LEAF, Region, SurfacePoints};
 use crate::frame::{Aabb, Coord, Transform};
+use crate::pipeline::ops::voxels::{INTERPOLATION_REACH, Resampling, Voxels};
 
 /// Safety margin of halos, voxels.
 pub(super) const HALO_MARGIN: f64 = 8.0;

@@ -2,16 +2,15 @@
 //!
 //! Between tabulated values, cubic polynomials through four of them interpolate.
 
-use super::super::error::RunError;
 use super::super::homogenize::{CellPeriod, period_fault, recipe_period};
-use super::super::source::CellFault;
-use super::super::tiling::GradedQuantity;
 use crate::cell::CellError;
 use crate::frame::Element;
 use crate::homogenize::{
     Grid, HomogenizeError, InitialSolutions, Isotropic, Packing, Samples, Settings, Voigt,
     properties_from,
 };
+use crate::pipeline::base::error::{CellFault, RunError};
+use crate::pipeline::content::tiling::GradedQuantity;
 use crate::recipe::{CellSection, Fraction, Length, Recipe, Section, Size};
 use crate::vdb::Session;
 
@@ -122,7 +121,7 @@ impl Law {
             let fraction = crate::homogenize::mean(&shares);
             let mut stiffness = [[0.0; 6]; 6];
             if settings.stiffness {
-                let quiet = super::super::bricks::CancelOnly(session.progress);
+                let quiet = crate::pipeline::base::context::CancelOnly(session.progress);
                 let found = properties_from(grid, &shares, &properties, Some(&mut start), &quiet)
                     .map_err(failed)?;
                 stiffness = found.stiffness.unwrap_or(stiffness);

@@ -1,8 +1,8 @@
 //! Measured costs of operations and files: memory, disk space and time.
 
-use super::super::voxels::{Resampling, Voxels};
 use super::{Counts, LEAF_BYTES};
 use crate::band::BLOCK;
+use crate::pipeline::ops::voxels::{Resampling, Voxels};
 use crate::recipe::{GridWord, Op, Output};
 use std::path::Path;
 
@@ -11,14 +11,14 @@ const WIDENING_NS: f64 = 200.0;
 /// Time of a copy on voxels of twice the edge, per active voxel of the finer ones.
 const DOUBLING_NS: f64 = 140.0;
 /// Memory of the surface's points over that of the leaves that determine them.
-pub(in super::super) const POINTS_SHARE: f64 = 1.3;
+pub(crate) const POINTS_SHARE: f64 = 1.3;
 
 /// Bytes per point of a mesh while it is decimated.
-pub(in super::super) const DECIMATION_BYTES_PER_POINT: f64 = 260.0;
+pub(crate) const DECIMATION_BYTES_PER_POINT: f64 = 260.0;
 
 /// Bytes per point of OpenVDB's mesh while its vertices are projected onto the field; the test for
 /// intersecting triangles dominates.
-pub(in super::super) const PROJECTION_BYTES_PER_POINT: f64 = 860.0;
+pub(crate) const PROJECTION_BYTES_PER_POINT: f64 = 860.0;
 
 /// Bytes per point of an output's mesh beyond the mesh that a run has anyway: another mesh, and the
 /// attributes by point and by word.
@@ -36,7 +36,7 @@ pub(super) fn memory_bytes_per_point(output: &Output) -> f64 {
 }
 
 /// Number of attribute values that an output's mesh has at each vertex.
-pub(in super::super) fn attribute_values_per_vertex(output: &Output) -> usize {
+pub(crate) fn attribute_values_per_vertex(output: &Output) -> usize {
     let words = output.grids.as_deref().unwrap_or_default();
     words.iter().map(GridWord::components).sum()
 }
@@ -58,7 +58,7 @@ pub(super) fn file_bytes_per_point(output: &Output, path: &Path) -> f64 {
 const BLOCK_BORDER_SHARE: f64 = 0.02;
 
 /// Share of a solid's leaves that its coarser copies (voxels of twice, four times ... the edge) have.
-pub(in super::super) fn share_of_copies(levels: u8) -> f64 {
+pub(crate) fn share_of_copies(levels: u8) -> f64 {
     (1..=i32::from(levels)).map(|n| 4f64.powi(-n)).sum()
 }
 

@@ -1,12 +1,12 @@
 //! Costs of decks of the scaffold's elements: homogenised cells, memory, disk space and time.
 
 use super::super::effective::table_points;
-use super::super::error::RunError;
-use super::super::inputs::Inputs;
-use super::super::macro_deck::RESOLUTION;
-use super::super::memory;
 use super::Estimate;
 use crate::homogenize::{Settings, bytes_per_voxel};
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::memory;
+use crate::pipeline::content::inputs::Inputs;
+use crate::pipeline::outputs::macro_deck::RESOLUTION;
 use crate::recipe::Output;
 
 /// Seconds per voxel of one homogenised cell with six load cases, on two threads.
@@ -17,7 +17,7 @@ const ELEMENT_DISK_BYTES: f64 = 250.0;
 const ELEMENT_BYTES: f64 = 400.0;
 
 /// The estimate of a run whose files are all decks of the scaffold's elements.
-pub(in super::super) fn of_macro_decks(inputs: &Inputs) -> Result<Estimate, RunError> {
+pub(crate) fn of_macro_decks(inputs: &Inputs) -> Result<Estimate, RunError> {
     let mut estimate = Estimate {
         elements: inputs.elements(),
         peak_memory_bytes: memory::resident(),
@@ -29,7 +29,7 @@ pub(in super::super) fn of_macro_decks(inputs: &Inputs) -> Result<Estimate, RunE
 
 impl Estimate {
     /// Adds the costs of the recipe's decks of the scaffold's elements.
-    pub(in super::super) fn add_macro_decks(&mut self, inputs: &Inputs) -> Result<(), RunError> {
+    pub(crate) fn add_macro_decks(&mut self, inputs: &Inputs) -> Result<(), RunError> {
         let outputs = &inputs.recipe.sections().output;
         let decks: Vec<&Output> = outputs.iter().filter(|o| o.is_macro_deck()).collect();
         if decks.is_empty() {

@@ -3,9 +3,9 @@
 use super::{GradeOptions, GradeRule};
 use crate::frame::{Vec3, WorldPoint};
 use crate::io::{DataField, ElementFile, FieldAt, Place, ReadError, read_elements, read_frd};
-use crate::pipeline::error::RunError;
-use crate::pipeline::scattered_data::ScatteredPoints;
-use crate::pipeline::source::has_extension;
+use crate::pipeline::base::error::RunError;
+use crate::pipeline::inputs::scattered_data::ScatteredPoints;
+use crate::pipeline::inputs::source::has_extension;
 use crate::scaffold::{Kind, Scaffold};
 use std::path::Path;
 

@@ -2,8 +2,8 @@
 
 use super::{GradeRule, centres};
 use crate::frame::Vec3;
+use crate::pipeline::base::error::RunError;
 use crate::pipeline::effective::{EffectiveElements, Law};
-use crate::pipeline::error::RunError;
 use crate::scaffold::Scaffold;
 use std::collections::HashMap;
 

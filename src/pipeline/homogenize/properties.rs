@@ -9,7 +9,8 @@ use crate::homogenize::{
     Properties, Samples, Sensitivities, Settings, by_coefficients, bytes_per_voxel, properties,
     properties_from, sharpened,
 };
-use crate::pipeline::{Warning, memory};
+use crate::pipeline::base::memory;
+use crate::pipeline::base::warning::Warning;
 use crate::progress::Progress;
 use serde_json::{Value, json};
 

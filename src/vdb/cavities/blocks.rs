@@ -6,13 +6,14 @@ use super::ascent::UNLABELLED;
 use super::basins::{Basin, BlockBasins, Edge, Face, Patch};
 use super::distances::BlockVoid;
 use super::grid::{Cell, Grid};
-use super::open_void::{self, Need};
+use super::open_void::Need;
 use super::samples::SLOTS;
-use super::{LeafSource, Measure};
+use super::{Measure, open_void};
 use crate::band::BLOCK;
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use crate::vdb::Session;
+use crate::vdb::leaf_source::LeafSource;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 

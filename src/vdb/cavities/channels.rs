@@ -1,16 +1,17 @@
 //! The search for channels between rooms of the void.
 
+use super::Measure;
 use super::drains::{Channel, DrainRequest};
 use super::narrow::{Narrow, voxels_of};
 use super::void_map::{VoidMap, VoxelSet};
-use super::{LeafSource, Measure};
 use crate::band::{LEAF, Region};
 use crate::frame::{Coord, Vec3};
 use crate::progress::Cancelled;
 use crate::union_find::UnionFind;
-use crate::vdb::Session;
 use crate::vdb::index::offset;
-use crate::vdb::voxel_mask::{self, Bits};
+use crate::vdb::leaf_source::LeafSource;
+use crate::vdb::voxel_mask::Bits;
+use crate::vdb::{Session, voxel_mask};
 use std::collections::{BTreeMap, HashMap};
 
 /// First distance up to which a cavity's surroundings are searched, voxels.

@@ -13,14 +13,15 @@
 // What the passes call must be inlined into a function that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
+use super::Measure;
 use super::line_distances::{
     LeafRows, along_line, from_crossings, lower, lower_to_rows, squared_steps,
 };
 use super::samples::{ALL_SOLID, Row, Rows, SLOTS, Sample, Samples};
-use super::{LeafSource, Measure};
 use crate::band::{LEAF, VOXELS};
 use crate::frame::Coord;
 use crate::simd::run_vectorized;
+use crate::vdb::leaf_source::LeafSource;
 use std::ops::Range;
 
 /// The void of a block.

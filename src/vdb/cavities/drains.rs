@@ -12,13 +12,15 @@
 use super::channels::{Search, SearchPlan};
 use super::narrow::{Narrow, narrow_cavities};
 use super::void_map::{VoidMap, VoxelSet};
-use super::{Cavity, LeafSource, Measure, MemorySource, prepared};
+use super::{Cavity, Measure, prepared};
 use crate::band::{LeafStore, Region};
 use crate::frame::{Coord, Vec3};
 use crate::progress::Cancelled;
+use crate::vdb::error::{FileError, VdbError};
 use crate::vdb::index::LeafIndex;
+use crate::vdb::leaf_source::{LeafSource, MemorySource};
 use crate::vdb::on_disk::stored_voids;
-use crate::vdb::{FileError, LevelSet, Session, VdbError};
+use crate::vdb::{LevelSet, Session};
 
 /// Loss of a channel's radius at voxels that may lie beside its axis and between the distances there, voxels.
 const SAMPLING_LOSS: f64 = 1.5;

@@ -2,10 +2,12 @@
 
 use super::distances::{BlockVoid, Slot};
 use super::void_map::{VoidMap, VoxelSet, slot};
-use super::{LeafSource, MIN_DEPTH, Measure};
+use super::{MIN_DEPTH, Measure};
 use crate::band::{BLOCK, LEAF};
 use crate::frame::Coord;
-use crate::vdb::voxel_mask::{self, Bits};
+use crate::vdb::leaf_source::LeafSource;
+use crate::vdb::voxel_mask;
+use crate::vdb::voxel_mask::Bits;
 use std::collections::BTreeMap;
 
 /// Step of the depths at which narrow cavities are measured together, voxels.

@@ -5,15 +5,16 @@
 //! next leaf in that direction is open. The outside is open. This takes only the signs of the voxels. Distances are then
 //! measured in blocks with other leaves, and at the faces of the blocks beside those.
 
+use super::Measure;
 use super::grid::{Cell, Grid};
 use super::leaf_set::LeafSet;
 use super::samples::SLOTS;
 use super::slopes::{FaceBits, Slopes};
-use super::{LeafSource, Measure};
 use crate::band::{BLOCK, LEAF};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use crate::vdb::Session;
+use crate::vdb::leaf_source::LeafSource;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 

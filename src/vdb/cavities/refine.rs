@@ -1,11 +1,12 @@
 //! Distances of single voxels from the surface, by triangles instead of points on lattice edges.
 
-use super::{Cavity, LeafSource, Measure};
+use super::{Cavity, Measure};
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::closest_point;
 use crate::vdb::Session;
 use crate::vdb::dense::DenseValues;
+use crate::vdb::leaf_source::LeafSource;
 use rayon::prelude::*;
 
 /// Greatest number of cavities, narrowest first, whose radii are refined.

@@ -1,9 +1,11 @@
 //! Values of a level set around one block, by leaf.
 
-use super::{LeafSource, Measure};
+use super::Measure;
 use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::Coord;
-use crate::vdb::voxel_mask::{self, Bits};
+use crate::vdb::leaf_source::LeafSource;
+use crate::vdb::voxel_mask;
+use crate::vdb::voxel_mask::Bits;
 
 /// Values along z of eight voxels.
 pub(super) type Row = [f32; 8];

@@ -4,13 +4,14 @@
 //! such a direction without coming nearer to the solid: the point of the solid that is nearest after the step would be as
 //! near before it, one step behind.
 
-use super::LeafSource;
 use super::distances::{place, slot_at};
 use super::leaf_set::LeafSet;
 use super::samples::SLOTS;
 use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::Coord;
-use crate::vdb::voxel_mask::{self, Bits};
+use crate::vdb::leaf_source::LeafSource;
+use crate::vdb::voxel_mask;
+use crate::vdb::voxel_mask::Bits;
 
 /// The voxels inside on a face of a block, packed by leaf in order of the two other axes.
 pub(super) type FaceBits = [u64; SLOTS * SLOTS];

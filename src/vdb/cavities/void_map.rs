@@ -1,11 +1,13 @@
 //! The void as sets of voxels, read block by block when needed.
 
+use super::Measure;
 use super::distances::{BlockVoid, Slot};
-use super::{LeafSource, Measure};
 use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::Coord;
 use crate::vdb::index::offset;
-use crate::vdb::voxel_mask::{self, Bits};
+use crate::vdb::leaf_source::LeafSource;
+use crate::vdb::voxel_mask;
+use crate::vdb::voxel_mask::Bits;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
 

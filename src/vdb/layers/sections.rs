@@ -5,8 +5,8 @@ use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::progress::Cancelled;
 use crate::vdb::Session;
-use crate::vdb::cavities::LeafSource;
 use crate::vdb::dense::DenseValues;
+use crate::vdb::leaf_source::LeafSource;
 use rayon::prelude::*;
 
 /// Edge of the tiles that are sampled at once, pixels: the bits of a word.

@@ -2,11 +2,12 @@
 
 use super::super::components::{Part, Side};
 use super::super::leaves::LeafView;
-use super::super::voxel_mask::{self, Bits};
-use super::super::{LevelSet, Session, VdbError};
+use super::super::voxel_mask::Bits;
+use super::super::{LevelSet, Session, voxel_mask};
 use super::StoredComponents;
 use crate::band::LEAF;
 use crate::frame::Coord;
+use crate::vdb::error::VdbError;
 use std::collections::HashMap;
 
 /// Selected parts on one side of the surface.

@@ -3,11 +3,12 @@
 use super::super::components::Side;
 use super::super::remove_components::band_leaves;
 use super::super::segments::neighbourhood_edge;
-use super::super::{FileError, LevelSet, Session, VdbError};
+use super::super::{LevelSet, Session};
 use super::StoredComponents;
 use super::removal::{SelectedParts, leaf_at};
 use crate::band::{BLOCK, LEAF, LeafStore, Region};
 use crate::frame::Coord;
+use crate::vdb::error::{FileError, VdbError};
 use std::collections::BTreeSet;
 
 /// The components of a solid on disk, largest first, as [`LevelSet::segments`] returns them.

@@ -1,10 +1,11 @@
 //! The state of the viewer: the model that is edited, its history, and the script that reproduces it.
 
 use super::super::super::server::Refused;
-use super::super::super::{Failure, Session};
 use super::super::{Source, begin, self_intersections};
 use super::sandbox::Sandbox;
 use super::scene;
+use crate::cli::context::Session;
+use crate::cli::failure::Failure;
 use crate::io::DiskFiles;
 use crate::io::atomic::write_bytes;
 use crate::polymesh::{

@@ -6,7 +6,7 @@
 //! for each node and each element, then a sort of numbers.
 
 use super::Collector;
-use crate::io::{Place, ReadError};
+use crate::io::error::{Place, ReadError};
 use druse_geometry::frame::Vec3;
 use druse_tilings::scaffold::Connectivity;
 use std::collections::BTreeMap;

@@ -12,7 +12,8 @@ use super::model::{Model, Set, Sets};
 use super::system::Motion;
 use super::types::node_order;
 use crate::io::collector::Collector;
-use crate::io::{Place, ReadError, quote};
+use crate::io::error::{Place, ReadError};
+use crate::io::source::quote;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 

@@ -5,12 +5,13 @@ use super::copy::{Ncopy, elcopy};
 use super::generate::Rule;
 use super::keyword::Keyword;
 use super::model::Model;
-use super::names::{self, UnreadKeyword};
+use super::names::UnreadKeyword;
 use super::system::{Coordinates, Motion};
-use super::types::{self, Meaning};
-use super::{Deck, Scope, Section};
-use crate::io::scaffold::KINDS_READ;
-use crate::io::{ReadError, Source, quote};
+use super::types::Meaning;
+use super::{Deck, Scope, Section, names, types};
+use crate::io::element_file::KINDS_READ;
+use crate::io::error::ReadError;
+use crate::io::source::{Source, quote};
 
 impl Deck<'_> {
     /// The section that a keyword begins; some keywords take effect at once.

@@ -4,7 +4,8 @@ use super::generate::{Generated, node, owned, shifted_number};
 use super::keyword::Keyword;
 use super::model::Model;
 use super::system::Motion;
-use crate::io::{ReadError, Source, quote};
+use crate::io::error::ReadError;
+use crate::io::source::{Source, quote};
 use druse_geometry::frame::Vec3;
 
 /// Copies an element with shifted numbers; without shift it is the element itself. Returns its number.

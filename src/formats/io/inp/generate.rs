@@ -4,7 +4,8 @@ use super::copy::copy_element;
 use super::keyword::{Keyword, MAX_NUMBER, real, signed, whole};
 use super::model::Model;
 use super::system::{Coordinates, sin_cos_degrees};
-use crate::io::{ReadError, Source, quote};
+use crate::io::error::ReadError;
+use crate::io::source::{Source, quote};
 use druse_geometry::frame::Vec3;
 
 /// Greatest number of generated nodes and elements of a deck: a few bytes can claim any number.

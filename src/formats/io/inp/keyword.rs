@@ -1,6 +1,7 @@
 //! Keyword lines and the fields of data lines.
 
-use crate::io::{ReadError, Source, quote};
+use crate::io::error::ReadError;
+use crate::io::source::{Source, quote};
 use std::collections::BTreeMap;
 
 /// Greatest number of a node or an element.

@@ -1,7 +1,8 @@
 //! Nodes, elements and sets with common numbering: of a deck without parts, a part or an instance.
 
 use super::keyword::{fields, whole};
-use crate::io::{Place, ReadError, Source};
+use crate::io::error::{Place, ReadError};
+use crate::io::source::Source;
 use druse_geometry::frame::Vec3;
 use druse_tilings::scaffold::Kind;
 use std::collections::{BTreeMap, BTreeSet};
@@ -239,6 +240,6 @@ fn second_element(number: u64, source: &Source) -> ReadError {
 }
 
 fn no_set(what: &str, name: &str, source: &Source) -> ReadError {
-    let found = format!("the {what} set {}", crate::io::quote(name));
+    let found = format!("the {what} set {}", crate::io::source::quote(name));
     source.bad(found, "a set that was given before")
 }

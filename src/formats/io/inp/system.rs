@@ -1,6 +1,7 @@
 //! Coordinate systems of nodes, and motions of copies.
 
-use crate::io::{ReadError, Source, quote};
+use crate::io::error::ReadError;
+use crate::io::source::{Source, quote};
 use druse_geometry::frame::{Mat3, Vec3};
 
 /// Sine and cosine of an angle in degrees, exact at multiples of 90.

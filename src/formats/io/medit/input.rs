@@ -1,7 +1,9 @@
 //! Keywords and numbers of a Medit file, from text or binary.
 
-use super::super::{Place, ReadError, Source, number, quote};
+use super::super::number;
 use super::table::TABLE;
+use crate::io::error::{Place, ReadError};
+use crate::io::source::{Source, quote};
 use std::path::Path;
 
 pub(super) enum Input {

@@ -4,8 +4,10 @@
 //! report each case.
 
 use super::File;
-use crate::io::scaffold::{DataField, ElementFile, FieldAt};
-use crate::io::{ReadError, collector::Collector, quote};
+use crate::io::collector::Collector;
+use crate::io::element_file::{DataField, ElementFile, FieldAt};
+use crate::io::error::ReadError;
+use crate::io::source::quote;
 use std::collections::HashMap;
 
 /// The fields read so far.

@@ -1,7 +1,7 @@
 //! Sections of `.msh` versions 1 and 2.
 
 use super::{File, Type};
-use crate::io::ReadError;
+use crate::io::error::ReadError;
 use crate::io::tokens::Encoding;
 
 /// Reads nodes; parametric ones also have an entity and their parameters on it.
@@ -138,6 +138,6 @@ fn count_line(file: &mut File, what: &str) -> Result<u64, ReadError> {
     if let Ok(count) = line.parse() {
         return Ok(count);
     }
-    let found = crate::io::quote(line);
+    let found = crate::io::source::quote(line);
     Err(file.text_error(found, what))
 }

@@ -4,7 +4,7 @@
 //! number, and numbers of nodes and elements have 32 bits.
 
 use super::{File, Type, Version};
-use crate::io::ReadError;
+use crate::io::error::ReadError;
 use std::collections::BTreeMap;
 
 /// Physical groups of surfaces and volumes, by dimension and number.

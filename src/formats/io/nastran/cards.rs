@@ -5,7 +5,8 @@
 //! field. If both the tenth field of a line and the first field of the next have a name, they must be equal:
 //! decks with continuations out of order are refused.
 
-use super::super::{Place, ReadError, Source, quote};
+use crate::io::error::{Place, ReadError};
+use crate::io::source::{Source, quote};
 use std::path::{Path, PathBuf};
 
 /// A card: its name in capitals and its fields from the second on.

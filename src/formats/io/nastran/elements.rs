@@ -1,9 +1,9 @@
 //! Element cards: solids and shells with nodes in Nastran order.
 
-use super::super::scaffold::KINDS_READ;
-use super::super::{Place, ReadError};
 use super::Deck;
 use super::cards::Card;
+use crate::io::element_file::KINDS_READ;
+use crate::io::error::{Place, ReadError};
 use druse_geometry::frame::Vec3;
 use druse_tilings::scaffold::Kind;
 use std::hash::{DefaultHasher, Hash, Hasher};

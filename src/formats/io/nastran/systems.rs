@@ -5,8 +5,9 @@
 //! coordinates are radius, azimuth and height; spherical ones radius, angle from the z axis and
 //! azimuth; angles are degrees.
 
-use super::super::{Place, ReadError, quote};
 use super::cards::Card;
+use crate::io::error::{Place, ReadError};
+use crate::io::source::quote;
 use druse_geometry::frame::{Mat3, Vec3};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;

@@ -4,9 +4,11 @@
 //! ignored, unless the file has fewer lines than elements: then they belong to the next element.
 
 use super::header::{Format, Header, Layer, Role, Scalar};
-use crate::io::number::{self, words};
+use crate::io::error::{Place, ReadError};
+use crate::io::number;
+use crate::io::number::words;
 use crate::io::polygons::Soup;
-use crate::io::{Place, ReadError, Source, quote};
+use crate::io::source::{Source, quote};
 use druse_crystal::polymesh::Faces;
 use druse_geometry::frame::{Vec3, is_in_range};
 

@@ -1,6 +1,7 @@
 //! The header of PLY: the elements of the file and their properties.
 
-use crate::io::{ReadError, Source, quote};
+use crate::io::error::ReadError;
+use crate::io::source::{Source, quote};
 use druse_geometry::frame::LengthUnit;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

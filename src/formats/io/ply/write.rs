@@ -1,9 +1,9 @@
 //! The writer of PLY: binary, little-endian.
 
-use crate::io::mesh_view::Rows;
-use crate::io::{Faces, MeshView};
+use crate::io::mesh_view::{Faces, MeshView, Rows};
 use druse_geometry::frame::LengthUnit;
-use std::io::{self, Write};
+use std::io;
+use std::io::Write;
 
 fn head(rows: &dyn Rows, unit: LengthUnit) -> String {
     let [vertices, faces] = rows.counts();

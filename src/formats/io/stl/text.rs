@@ -6,9 +6,11 @@
 //! ones are accepted.
 
 use super::{Builder, stated_unit};
-use crate::io::mesh_file::MeshFile;
-use crate::io::number::{self, words};
-use crate::io::{ReadError, Source};
+use crate::io::error::ReadError;
+use crate::io::mesh_format::MeshFile;
+use crate::io::number;
+use crate::io::number::words;
+use crate::io::source::Source;
 use druse_geometry::frame::Vec3;
 
 /// The meaning of a word.

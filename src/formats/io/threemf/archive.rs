@@ -2,10 +2,11 @@
 
 use super::model::Model;
 use super::parser::Parser;
-use super::slicer::{self, Volume};
-use super::text;
+use super::slicer::Volume;
+use super::{slicer, text};
+use crate::io::error::{Place, ReadError};
+use crate::io::source::quote;
 use crate::io::unpack_limit::Allowance;
-use crate::io::{Place, ReadError, quote};
 use druse_geometry::frame::LengthUnit;
 use quick_xml::events::Event;
 use quick_xml::{Reader, XmlVersion};

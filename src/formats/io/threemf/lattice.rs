@@ -1,7 +1,7 @@
 //! The beam lattice of an object, and its placement.
 
 use super::{Placement, transform_point};
-use crate::io::beams::{BeamCap, FileBeam};
+use crate::io::beam_parts::{BeamCap, FileBeam};
 use druse_geometry::frame::{Vec3, is_in_range};
 use std::collections::{BTreeMap, BTreeSet};
 

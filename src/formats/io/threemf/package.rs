@@ -1,10 +1,12 @@
 //! The writer of 3MF: a zip archive with one model of triangles or beams.
 
-use crate::io::BeamLattice;
+use crate::io::beam_parts::BeamLattice;
 use crate::io::mesh_view::Rows;
 use druse_geometry::frame::{LengthUnit, Vec3};
-use std::io::{self, Seek, Write};
-use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
+use std::io;
+use std::io::{Seek, Write};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 const CONTENT_TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types"><Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/><Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>

@@ -1,9 +1,10 @@
 //! The XML parser of a model, event by event. Namespaces identify elements and attributes.
 
-use super::extensions::{self, Space};
+use super::extensions::Space;
 use super::model::{Model, Object, Reference};
-use super::{IDENTITY_PLACEMENT, Placement, display_name};
-use crate::io::{Place, ReadError, quote};
+use super::{IDENTITY_PLACEMENT, Placement, display_name, extensions};
+use crate::io::error::{Place, ReadError};
+use crate::io::source::quote;
 use druse_geometry::frame::{LengthUnit, Vec3, is_in_range};
 use quick_xml::events::{BytesDecl, BytesStart, Event};
 use quick_xml::name::{QName, ResolveResult};

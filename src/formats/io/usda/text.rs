@@ -1,6 +1,8 @@
 //! The text of USD: prims with their properties, as far as geometry needs them.
 
-use crate::io::{Place, ReadError, number, quote};
+use crate::io::error::{Place, ReadError};
+use crate::io::number;
+use crate::io::source::quote;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

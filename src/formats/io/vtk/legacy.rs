@@ -4,9 +4,10 @@ use super::array::Scalar;
 use super::poly::{Polygons, Section};
 use super::{Cells, VtkFile};
 use crate::io::collector::Collector;
-use crate::io::scaffold::FieldAt;
+use crate::io::element_file::FieldAt;
+use crate::io::error::ReadError;
+use crate::io::source::{Source, quote};
 use crate::io::tokens::Tokens;
-use crate::io::{ReadError, Source, quote};
 use std::path::Path;
 
 /// Reads a legacy `.vtk` file.

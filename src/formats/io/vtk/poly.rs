@@ -1,8 +1,9 @@
 //! Polygonal data of both formats: points, lines, polygons, triangle strips.
 
+use crate::io::element_file::{DataField, FieldAt};
+use crate::io::error::{Place, ReadError};
 use crate::io::polygons::Soup;
-use crate::io::scaffold::{DataField, FieldAt};
-use crate::io::{Place, ReadError, quote};
+use crate::io::source::quote;
 use druse_crystal::polymesh::Faces;
 use druse_geometry::frame::Vec3;
 use std::path::Path;

@@ -2,8 +2,8 @@
 //!
 //! A pyramid of 14 nodes becomes VTK's pyramid of 19; the element's map gives the positions of the added nodes.
 
-use crate::io::WriteError;
 use crate::io::atomic::AtomicFile;
+use crate::io::error::WriteError;
 use druse_geometry::frame::{CellPoint, Element, Vec3};
 use druse_tilings::scaffold::{Kind, Scaffold};
 use std::fmt::Write as _;

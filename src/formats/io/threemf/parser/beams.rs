@@ -1,11 +1,12 @@
 //! The XML elements of beam lattices.
 
 use super::Parser;
-use crate::io::beams::BeamCap;
+use crate::io::beam_parts::BeamCap;
+use crate::io::error::ReadError;
+use crate::io::source::quote;
 use crate::io::threemf::display_name;
 use crate::io::threemf::extensions::Space;
 use crate::io::threemf::lattice::{BallMode, ClipMode, Lattice, Strut};
-use crate::io::{ReadError, quote};
 use druse_geometry::frame::is_in_range;
 use quick_xml::events::BytesStart;
 use std::io::BufRead;

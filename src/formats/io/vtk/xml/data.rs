@@ -4,7 +4,7 @@
 //! of a block, the size of the last one (0 if full), the compressed size of each, and the blocks.
 
 use super::super::array::Scalar;
-use crate::io::quote;
+use crate::io::source::quote;
 use crate::io::unpack_limit::Allowance;
 use flate2::read::ZlibDecoder;
 use std::io::Read;

@@ -1,0 +1,16 @@
+//! What all stages of a run share: errors, the report's data, warnings, threads and voxels. No file here knows its users.
+
+pub mod chain;
+pub mod context;
+pub mod deck_facts;
+pub mod error;
+pub mod histogram;
+pub mod layer_facts;
+pub mod memory;
+pub mod offset;
+pub mod report;
+pub mod requirement;
+pub mod shape;
+pub mod stage_timer;
+pub mod void_facts;
+pub mod warning;

@@ -1,0 +1,99 @@
+//! What all stages of a run share: threads, progress, and the voxels of the solid.
+
+use super::error::RunError;
+use super::shape::Shape;
+use crate::band::{Band, BandStats, Region};
+use crate::frame::Transform;
+use crate::progress::{Progress, Threads};
+use crate::recipe::{Recipe, Scale};
+use crate::vdb::{LevelSet, LevelSetBuilder, Session};
+
+/// The context that all stages of a run share.
+#[derive(Clone, Copy)]
+pub(crate) struct StageContext<'a> {
+    pub threads: &'a Threads,
+    pub progress: &'a dyn Progress,
+    /// Its voxel size is that of the solid; resampling changes it.
+    pub scale: Scale,
+    pub half_width: f64,
+    /// The region of the level set, if it is not the whole. Beyond its border the level set is cut off
+    /// and wrong, and every operation carries the error further inward.
+    pub region: Option<Region>,
+}
+
+impl<'a> StageContext<'a> {
+    /// The context of a recipe.
+    pub fn new(recipe: &Recipe, threads: &'a Threads, progress: &'a dyn Progress) -> Self {
+        Self {
+            threads,
+            progress,
+            scale: recipe.scale(),
+            half_width: recipe.sections().band.half_width.0,
+            region: None,
+        }
+    }
+
+    /// The session of calls into OpenVDB.
+    pub fn session(&self) -> Session<'a> {
+        Session::new(self.threads, self.progress)
+    }
+
+    /// The transform of the voxels.
+    pub fn transform(&self) -> Result<Transform, RunError> {
+        Transform::new(self.scale.voxel_size)
+            .ok_or_else(|| RunError::Empty(format!("a voxel size of {}", self.scale.voxel_size)))
+    }
+
+    /// The narrow band of a shape.
+    pub fn band<'s>(&self, shape: &'s Shape) -> Result<Band<'s>, RunError> {
+        Ok(Band {
+            field: &*shape.field,
+            transform: self.transform()?,
+            half_width: self.half_width,
+            extent: shape.extent,
+        })
+    }
+
+    /// Samples a field into a level set.
+    pub fn sample(&self, shape: &Shape, name: &str) -> Result<(LevelSet, BandStats), RunError> {
+        let transform = self.transform()?;
+        self.progress.stage(name, None);
+        let (region, builder) = match self.region {
+            Some(region) => (
+                region,
+                LevelSetBuilder::of_part(transform, self.half_width, region.min),
+            ),
+            None => (
+                Region::EVERYWHERE,
+                LevelSetBuilder::new(transform, self.half_width),
+            ),
+        };
+        let builder = builder.map_err(RunError::level_set(name))?;
+        let stats = self
+            .band(shape)?
+            .evaluate_within(region, self.threads, self.progress, &builder)
+            .map_err(RunError::band(name))?;
+        let solid = builder
+            .finish(self.session())
+            .map_err(RunError::level_set(name))?;
+        Ok((solid, stats))
+    }
+}
+
+impl StageContext<'_> {
+    /// The context for a band of another half width.
+    pub fn with_half_width(self, half_width: f64) -> Self {
+        Self { half_width, ..self }
+    }
+}
+
+/// Progress that forwards cancellation and hides stages: a brick is one unit of its run's progress.
+pub(crate) struct CancelOnly<'a>(pub &'a dyn Progress);
+
+impl Progress for CancelOnly<'_> {
+    fn stage(&self, _: &str, _: Option<u64>) {}
+    fn advance(&self, _: u64) {}
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+}

@@ -1,0 +1,68 @@
+//! Moves of the solid's surface that act on its field.
+
+use crate::recipe::{Op, Side};
+
+/// Offsets of the field: a move and an optional wall, world units.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Offsets {
+    /// Number of operations that the offsets replace.
+    pub count: usize,
+    /// Distance outward; negative inward.
+    pub distance: f64,
+    /// Half the thickness of a wall, if a wall remains.
+    pub half_wall: Option<f64>,
+    /// Whether the tiling uses closest points regardless of the recipe: for estimates.
+    pub exact: bool,
+    /// Whether the field only predicts a run, so that approximate distances are enough.
+    pub is_estimate: bool,
+}
+
+impl Offsets {
+    /// The same offsets for a field that only predicts a run.
+    pub fn for_estimate(self) -> Self {
+        Self {
+            is_estimate: true,
+            ..self
+        }
+    }
+
+    /// Distance from the field's own surface up to which values must be distances, beside the band,
+    /// world units.
+    pub fn reach(&self) -> f64 {
+        self.distance.abs() + self.half_wall.unwrap_or(0.0)
+    }
+
+    /// Greatest distance of the solid's surface outside the field's own, world units.
+    pub fn growth(&self) -> f64 {
+        (self.distance + self.half_wall.unwrap_or(0.0)).max(0.0)
+    }
+
+    /// The offsets with one more operation; `None` if the operation is not an offset, reverses the
+    /// direction or follows a wall.
+    pub fn with(self, op: &Op, scale: crate::recipe::Scale) -> Option<Self> {
+        if op.mask().is_some() || op.is_by_filter() || self.half_wall.is_some() {
+            return None;
+        }
+        let count = self.count + 1;
+        let (distance, half_wall) = match op {
+            Op::Dilate(m) => (m.distance.resolve(scale), None),
+            Op::Erode(m) => (-m.distance.resolve(scale), None),
+            Op::Hollow(h) => {
+                let half_wall = h.thickness.resolve(scale) / 2.0;
+                let distance = match h.side {
+                    Side::Inside => -half_wall,
+                    Side::Outside => half_wall,
+                    Side::Both => 0.0,
+                };
+                (distance, Some(half_wall))
+            }
+            _ => return None,
+        };
+        (self.distance * distance >= 0.0).then_some(Self {
+            count,
+            distance: self.distance + distance,
+            half_wall,
+            ..self
+        })
+    }
+}

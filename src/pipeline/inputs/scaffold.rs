@@ -1,0 +1,467 @@
+//! Scaffolds of a recipe, from a file or a parametric shape.
+
+use super::input_files::InputFiles;
+use super::motion::{FileNodes, NodeMotion, Pose, deformed, node_motion};
+use super::run_cache::file_key;
+use crate::frame::Vec3;
+use crate::io::{ElementFile, Group};
+use crate::mesh::MeshSolid;
+use crate::pipeline::base::error::{RunError, short_number};
+use crate::pipeline::base::report::ScaffoldReport;
+use crate::pipeline::base::warning::Warning;
+use crate::recipe::{CrystalFrame, FillKind, Recipe, ScaffoldSection};
+use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Scaffold, ScaffoldError, Surface};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+mod generated;
+
+use generated::{box_scaffold, filling_elements};
+
+/// Chordal error of the scaffold's curved outer faces, voxels.
+const CHORDAL_ERROR: f64 = 0.05;
+
+/// The outer faces of the scaffold's components.
+pub(crate) fn outer_faces(scaffold: &Scaffold, voxel_size: f64) -> Vec<MeshSolid> {
+    let error = CHORDAL_ERROR * voxel_size;
+    let components = 0..scaffold.components().len();
+    let outer = components.map(|n| scaffold.boundary(n, error).mesh);
+    outer.map(MeshSolid::new).collect()
+}
+
+/// A scaffold with the data of its source.
+pub(crate) struct LoadedScaffold {
+    pub scaffold: Arc<Scaffold>,
+    pub report: ScaffoldReport,
+    /// Named sets of its elements.
+    pub groups: Vec<Group>,
+    /// The mesh that bounds the solid, where cubes fill it.
+    pub envelope: Option<Arc<MeshSolid>>,
+    /// Velocity and place at rest of its nodes, where an output needs them.
+    pub motion: NodeMotion,
+}
+
+/// A scaffold as its source describes it, before subdivision.
+struct SourceScaffold {
+    scaffold: Scaffold,
+    path: Option<PathBuf>,
+    /// The file's number of each node; empty without a file.
+    node_numbers: Vec<u64>,
+    groups: Vec<Group>,
+    envelope: Option<Arc<MeshSolid>>,
+    /// What its file's reader merged or left out.
+    notes: Vec<String>,
+}
+
+impl SourceScaffold {
+    fn generated(scaffold: Scaffold) -> Self {
+        Self {
+            scaffold,
+            path: None,
+            node_numbers: Vec::new(),
+            groups: Vec::new(),
+            envelope: None,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Replaces the scaffold's elements by parts of them and updates the groups.
+    fn divided(self, divided: Divided) -> Self {
+        let parents = divided.parents;
+        let groups = self.groups.into_iter().map(|g| {
+            let is_in = |p: &u32| g.elements.binary_search(p).is_ok();
+            let parts = (0..parents.len() as u32).filter(|&e| is_in(&parents[e as usize]));
+            Group {
+                elements: parts.collect(),
+                name: g.name,
+            }
+        });
+        Self {
+            groups: groups.collect(),
+            scaffold: divided.scaffold,
+            ..self
+        }
+    }
+}
+
+/// A valid scaffold.
+#[derive(Clone)]
+pub(crate) struct CheckedScaffold {
+    scaffold: Arc<Scaffold>,
+    report: ScaffoldReport,
+    node_numbers: Vec<u64>,
+    groups: Vec<Group>,
+    envelope: Option<Arc<MeshSolid>>,
+}
+
+/// Reads or makes the scaffold that a section describes, and validates it.
+pub(crate) fn load(
+    files: &mut InputFiles,
+    section: &ScaffoldSection,
+) -> Result<LoadedScaffold, RunError> {
+    let key = cache_key(files.recipe, section);
+    let checked = files.kept(
+        |cache| &cache.scaffolds,
+        key,
+        |files| {
+            let source = divided_scaffold(files, section, &Pose::current(files.recipe))?;
+            let mut report = validate(files, &source.scaffold, source.path.as_deref())?;
+            report.notes = source.notes;
+            Ok(CheckedScaffold {
+                scaffold: Arc::new(source.scaffold),
+                report,
+                node_numbers: source.node_numbers,
+                groups: source.groups,
+                envelope: source.envelope,
+            })
+        },
+    )?;
+    let own = (&*checked.scaffold, &checked.node_numbers[..]);
+    let motion = node_motion(files, section, own, |files, pose| {
+        let other = divided_scaffold(files, section, pose)?;
+        Ok((other.scaffold, other.node_numbers))
+    })?;
+    Ok(LoadedScaffold {
+        scaffold: checked.scaffold,
+        report: checked.report,
+        groups: checked.groups,
+        envelope: checked.envelope,
+        motion,
+    })
+}
+
+/// All that the scaffold of a file depends on; `None` for one that moves, or that has no file.
+fn cache_key(recipe: &Recipe, section: &ScaffoldSection) -> Option<(String, String)> {
+    let file = section.file.as_ref().filter(|_| section.motion.is_none())?;
+    let file = file_key(&recipe.resolve(&file.path))?;
+    // Lengths may be given in voxels.
+    let has_lengths = section.shell.is_some() || section.plate.is_some();
+    let scale = has_lengths.then(|| recipe.scale());
+    let key = format!("{section:?} {:?} {scale:?} {file}", recipe.unit());
+    Some(("scaffold".into(), key))
+}
+
+/// The scaffold of a section in a pose, with its elements divided as the section wants them.
+fn divided_scaffold(
+    files: &mut InputFiles,
+    section: &ScaffoldSection,
+    pose: &Pose,
+) -> Result<SourceScaffold, RunError> {
+    let mut source = source_scaffold(files, section, pose)?;
+    let path = source.path.clone();
+    let fail = |e: ScaffoldError| failed(path.as_deref(), &e);
+    if source.path.is_none() && section.motion.is_some() {
+        let nodes = source.scaffold.nodes().to_vec();
+        let nodes = deformed(files.recipe, section, pose, nodes)?;
+        source.scaffold = with_nodes(&source.scaffold, nodes).map_err(fail)?;
+    }
+    if section.skip_inverted {
+        source = without_inverted(files, source)?;
+    }
+    if section.all_quad {
+        let divided = source.scaffold.all_quad().map_err(fail)?;
+        source = source.divided(divided);
+    }
+    if section.all_hex {
+        let divided = source.scaffold.all_hex().map_err(fail)?;
+        source = source.divided(divided);
+    }
+    for _ in 0..section.refine {
+        let divided = source.scaffold.refined().map_err(fail)?;
+        source = source.divided(divided);
+    }
+    if let Some(times) = section.repeat {
+        let divided = source.scaffold.repeated(times).map_err(fail)?;
+        source = source.divided(divided);
+    }
+    Ok(source)
+}
+
+fn failed(path: Option<&Path>, error: &ScaffoldError) -> RunError {
+    RunError::Scaffold {
+        file: path.map(Path::to_owned),
+        element: None,
+        message: error.to_string(),
+    }
+}
+
+fn source_scaffold(
+    files: &mut InputFiles,
+    section: &ScaffoldSection,
+    pose: &Pose,
+) -> Result<SourceScaffold, RunError> {
+    let scale = files.recipe.scale();
+    let made = |s: Result<Scaffold, ScaffoldError>| {
+        s.map(SourceScaffold::generated)
+            .map_err(|e| failed(None, &e))
+    };
+    let at = |o: &[crate::recipe::Length; 3]| Vec3::from(o.map(|o| o.resolve(scale)));
+    if let Some(block) = &section.block {
+        return made(box_scaffold(block, scale));
+    }
+    if let Some(c) = &section.cylinder {
+        let [radius, height, cell] = [c.radius, c.height, c.cell_size].map(|s| s.resolve(scale));
+        let shift = at(&c.origin);
+        let scaffold = match c.inner_radius {
+            Some(inner) => Scaffold::tube(inner.resolve(scale), radius, height, cell),
+            None => Scaffold::cylinder(radius, height, cell),
+        };
+        return made(scaffold.and_then(|s| moved(&s, |v| v + shift)));
+    }
+    if let Some(c) = &section.sphere {
+        let [radius, cell] = [c.radius, c.cell_size].map(|s| s.resolve(scale));
+        let shift = at(&c.centre);
+        return made(Scaffold::ball(radius, cell).and_then(|s| moved(&s, |v| v + shift)));
+    }
+    if let Some(fill) = &section.fill {
+        let Some(surface) = fill.surface() else {
+            return Err(RunError::Empty("no mesh to fill".into()));
+        };
+        let key = format!("scaffold.fill.{}", surface.word());
+        let solid = files.solid(&key, surface)?;
+        let scaffold = filling_elements(&solid, fill, scale).map_err(|e| failed(None, &e))?;
+        // The mesh cuts the cubes; tets conform to it.
+        let envelope = (fill.kind == FillKind::Hex).then_some(solid);
+        return Ok(SourceScaffold {
+            envelope,
+            ..SourceScaffold::generated(scaffold)
+        });
+    }
+    if let (Some(frame), Some(shell)) = (&section.crystal, &section.shell) {
+        return crystal_shell(files, frame, shell.thickness.resolve(scale));
+    }
+    let Some(file) = &section.file else {
+        return Err(RunError::Empty("no scaffold".into()));
+    };
+    let path = pose.path(files.recipe, file);
+    let fail = |e: ScaffoldError| failed(Some(&path), &e);
+    let read = crate::io::read_elements(&path)?;
+    for warning in read.warnings() {
+        files.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
+    }
+    let notes = read.notes().to_vec();
+    let source = match read {
+        ElementFile::Solids(read) => {
+            if section.shell.is_some() || section.plate.is_some() {
+                return Err(RunError::Scaffold {
+                    file: Some(path),
+                    element: None,
+                    message: "shell and plate belong to a surface; the file has solid elements"
+                        .into(),
+                });
+            }
+            let nodes = FileNodes {
+                nodes: read.scaffold.nodes(),
+                numbers: &read.node_numbers,
+                unused: read.unused_nodes,
+                fields: &read.fields,
+            };
+            let nodes = nodes.posed(files, section, pose, (file, &path))?;
+            let scaffold = with_nodes(&read.scaffold, nodes).map_err(fail)?;
+            SourceScaffold {
+                scaffold,
+                node_numbers: read.node_numbers,
+                groups: read.groups,
+                path: Some(path.clone()),
+                envelope: None,
+                notes,
+            }
+        }
+        ElementFile::Surface(read) => {
+            let nodes = FileNodes {
+                nodes: read.surface.nodes(),
+                numbers: &read.node_numbers,
+                unused: read.unused_nodes,
+                fields: &read.fields,
+            };
+            let nodes = nodes.posed(files, section, pose, (file, &path))?;
+            let surface = read.surface.with_nodes(nodes).map_err(fail)?;
+            let scaffold = match (&section.shell, &section.plate) {
+                (Some(shell), _) => {
+                    warn_thin_walls(files, &surface)?;
+                    surface.shell(shell.thickness.resolve(scale))
+                }
+                (_, Some(plate)) => {
+                    let size = surface.bounds().half_diagonal();
+                    if surface.unevenness() > 1e-6 * size {
+                        files.warn(
+                            Warning::SCAFFOLD,
+                            format!(
+                                "scaffold: the mesh deviates from a plane of constant z by up to {:.3e}; \
+                                 the plate follows it (shell = has its thickness along normals)",
+                                surface.unevenness()
+                            ),
+                        )?;
+                    }
+                    surface.plate(plate.height.resolve(scale))
+                }
+                (None, None) => {
+                    return Err(RunError::Scaffold {
+                        file: Some(path),
+                        element: None,
+                        message: format!(
+                            "found only {} surface elements; expected solids, or a thickness for the \
+                             surface: shell = {{ thickness = ... }}, plate = {{ height = ... }}",
+                            surface.len()
+                        ),
+                    });
+                }
+            };
+            SourceScaffold {
+                scaffold: scaffold.map_err(fail)?,
+                node_numbers: read.node_numbers,
+                groups: read.groups,
+                path: Some(path.clone()),
+                envelope: None,
+                notes,
+            }
+        }
+    };
+    let key = pose.key();
+    if files.inputs.iter().all(|i| i.key != key) {
+        files.record(&key, &path, source.scaffold.bounds())?;
+    }
+    Ok(source)
+}
+
+/// Warns of a shell whose walls are thinner than its thickness.
+fn warn_thin_walls(files: &mut InputFiles, surface: &Surface) -> Result<(), RunError> {
+    // A surface without a common outside is refused where its shell is made.
+    let Ok(Some(wall)) = surface.thinnest_wall() else {
+        return Ok(());
+    };
+    files.warn(
+        Warning::SCAFFOLD,
+        format!(
+            "scaffold: at {} nodes the walls of the shell are too thin, at ({}) {} of its thickness: \
+             creases that turn by more than 150 degrees get no longer mitre",
+            wall.count,
+            [wall.place.x, wall.place.y, wall.place.z].map(short_number).join(", "),
+            short_number(wall.fraction)
+        ),
+    )
+}
+
+/// The shell of a crystal's faces. Face groups become element groups.
+fn crystal_shell(
+    files: &mut InputFiles,
+    frame: &CrystalFrame,
+    thickness: f64,
+) -> Result<SourceScaffold, RunError> {
+    let mesh = files.crystal("scaffold.crystal", frame)?.mesh;
+    let invalid = |message: String| RunError::Scaffold {
+        file: None,
+        element: None,
+        message: format!("crystal {}: {message}", frame.name),
+    };
+    let surface = mesh.surface().map_err(|e| invalid(e.to_string()))?;
+    warn_thin_walls(files, &surface)?;
+    let scaffold = surface
+        .shell(thickness)
+        .map_err(|e| invalid(e.to_string()))?;
+    let groups = mesh.group_counts().into_keys().map(|group| {
+        let elements =
+            (0..mesh.face_count() as u32).filter(|&f| mesh.groups()[f as usize] == group);
+        Group {
+            name: format!("group{group}"),
+            elements: elements.collect(),
+        }
+    });
+    Ok(SourceScaffold {
+        groups: groups.collect(),
+        ..SourceScaffold::generated(scaffold)
+    })
+}
+
+/// Removes elements whose Jacobian changes its sign or vanishes, with a warning.
+fn without_inverted(
+    files: &mut InputFiles,
+    source: SourceScaffold,
+) -> Result<SourceScaffold, RunError> {
+    let found = source.scaffold.report();
+    let mut inverted: Vec<u32> = found
+        .folded
+        .iter()
+        .chain(&found.degenerate)
+        .map(|b| b.element)
+        .collect();
+    if inverted.is_empty() {
+        return Ok(source);
+    }
+    inverted.sort_unstable();
+    let numbers: Vec<String> = inverted
+        .iter()
+        .take(5)
+        .map(|&e| source.scaffold.number(e as usize).to_string())
+        .collect();
+    files.warn(
+        Warning::SCAFFOLD,
+        format!(
+            "scaffold: {} inverted elements are left out: elements {}",
+            inverted.len(),
+            numbers.join(", ")
+        ),
+    )?;
+    let whole = &source.scaffold;
+    let keeps = |e: &usize| inverted.binary_search(&(*e as u32)).is_err();
+    let kept: Vec<usize> = (0..whole.len()).filter(keeps).collect();
+    let mut elements = Connectivity::default();
+    for &e in &kept {
+        elements.push(whole.connectivity().kind(e), whole.connectivity().nodes(e));
+    }
+    let numbers = kept.iter().map(|&e| whole.number(e)).collect();
+    let scaffold = Scaffold::new(whole.nodes().to_vec(), elements)
+        .map_err(|e| failed(source.path.as_deref(), &e))?
+        .with_numbers(numbers);
+    let parents = kept.iter().map(|&e| e as u32).collect();
+    Ok(source.divided(Divided { scaffold, parents }))
+}
+
+/// Refuses invalid scaffolds and warns of defects.
+fn validate(
+    files: &mut InputFiles,
+    scaffold: &Scaffold,
+    path: Option<&Path>,
+) -> Result<ScaffoldReport, RunError> {
+    let found = scaffold.validate().map_err(|e| {
+        let (element, message) = match &e {
+            InvalidScaffold::Folded(inverted, _) | InvalidScaffold::Degenerate(inverted, _) => (
+                inverted.number,
+                format!("{e}; skip_inverted = true leaves such elements out"),
+            ),
+            InvalidScaffold::Overlap([_, second], _) => (*second, e.to_string()),
+        };
+        RunError::Scaffold {
+            file: path.map(Path::to_owned),
+            element: Some(element),
+            message,
+        }
+    })?;
+    for warning in found.warnings() {
+        files.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
+    }
+    let kinds = found.kinds.iter();
+    Ok(ScaffoldReport {
+        elements: kinds
+            .map(|(kind, n)| (kind.name().to_owned(), *n as u64))
+            .collect(),
+        inverted: found.folded.len() as u64,
+        hanging: found.defects.hanging.len() as u64,
+        components: found.components as u64,
+        volume: found.volume,
+        notes: Vec::new(),
+        dihedral_degrees: scaffold.dihedral_range(),
+    })
+}
+
+/// A scaffold with its nodes moved; its elements keep their numbers.
+fn moved(scaffold: &Scaffold, map: impl Fn(Vec3) -> Vec3) -> Result<Scaffold, ScaffoldError> {
+    with_nodes(scaffold, scaffold.nodes().iter().map(|&v| map(v)).collect())
+}
+
+/// A scaffold with other nodes; its elements keep their numbers.
+fn with_nodes(scaffold: &Scaffold, nodes: Vec<Vec3>) -> Result<Scaffold, ScaffoldError> {
+    let numbers = (0..scaffold.len()).map(|e| scaffold.number(e)).collect();
+    let elements = scaffold.connectivity().clone();
+    Ok(Scaffold::new(nodes, elements)?.with_numbers(numbers))
+}

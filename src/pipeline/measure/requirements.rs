@@ -1,0 +1,418 @@
+//! The requirements of `[require]`, judged on the finished part.
+//!
+//! Every requirement is judged by a number of the report. Gaps, cavities and mass are measured here, and
+//! only where a requirement needs them.
+
+use super::cavities;
+use super::file_measures::{cavities_of, file_context, level_set_layers};
+use super::least_wall::{MAX_BRICK_WALL, Phase};
+use super::thickness::{SolidGeometry, VoxelLattice, sampled_walls};
+use crate::frame::{Aabb, LengthUnit};
+use crate::mesh::TriMesh;
+use crate::pipeline::base::context::StageContext;
+use crate::pipeline::base::error::{RunError, short_number};
+use crate::pipeline::base::layer_facts::BuildReport;
+use crate::pipeline::base::report::{Report, SolidReport};
+use crate::pipeline::base::requirement::Requirement;
+use crate::pipeline::base::void_facts::CavitiesReport;
+use crate::progress::{Progress, Threads};
+use crate::recipe::{RequireFile, RequireSection, Scale, Size};
+use crate::vdb::{LevelSet, Session};
+
+/// Relative excess of a part over the box that it must fit, up to which it is rounding.
+const SIZE_TOLERANCE: f64 = 1e-6;
+
+/// Measures what only requirements need of a solid in memory: cavities and gaps.
+pub(crate) fn measure(
+    require: &RequireSection,
+    context: StageContext,
+    (solid, mesh, geometry): (&LevelSet, &TriMesh, SolidGeometry),
+    report: &mut SolidReport,
+) -> Result<(), RunError> {
+    if require.escape_radius.is_some() {
+        let reach = cavities::reach(require, context.scale);
+        let found = cavities_of(context, solid, reach)?;
+        report.closed_cavities = require.closed_cavities.map(|_| found.closed);
+        report.cavities = Some(found);
+    } else if require.closed_cavities.is_some() {
+        context.progress.stage("cavities", None);
+        let cavities = solid.voids(context.session());
+        let cavities = cavities.map_err(RunError::level_set("cavities"))?;
+        report.closed_cavities = Some(cavities.len() as u64);
+    }
+    if require.least_gap.is_some() {
+        report.add_gaps(sampled_walls(context, mesh, geometry, Phase::Void)?);
+    }
+    Ok(())
+}
+
+/// Mass in grams of a solid whose lengths are in `unit`.
+pub(crate) fn mass(r: &RequireSection, solid: &SolidReport, unit: LengthUnit) -> Option<f64> {
+    let density = r.density?.0;
+    Some(density * solid.volume * unit.to(LengthUnit::Centimetre).powi(3))
+}
+
+/// Judges all requirements by a run's report; lengths are in the unit of `scale`.
+pub(crate) fn judge(require: &RequireSection, report: &Report, scale: Scale) -> Vec<Requirement> {
+    let mut judge = Judge {
+        scale,
+        wall_limit: report
+            .bricks
+            .map(|_| f64::from(MAX_BRICK_WALL) * scale.voxel_size),
+        list: Vec::new(),
+    };
+    judge.solid(require, &report.solid);
+    if let Some(most) = require.value_jump_max {
+        let jump = report.continuity.as_ref();
+        let value = jump.map(|c| c.value_jump_max);
+        let met = value.is_none_or(|v| v <= most.0);
+        judge.list.push(Requirement {
+            name: "value_jump_max",
+            required: format!("at most {}", short_number(most.0)),
+            found: value.map_or("no shared faces".into(), |v| format!("{v:.3e}")),
+            value,
+            met,
+            place: jump
+                .and_then(|c| c.worst.first())
+                .map(|w| w.at)
+                .filter(|_| !met),
+            hint: None,
+        });
+        judge.advise(
+            "cells without group have the full symmetry of their element and match on shared faces",
+        );
+    }
+    judge.list
+}
+
+/// Judges the level set of a file; `unit` is that of its lengths.
+///
+/// # Errors
+/// [`RunError`]: a requirement that only a run can judge, a file that is too large, or
+/// cancellation.
+pub fn judge_level_set(
+    file: &RequireFile,
+    (solid, unit): (&LevelSet, LengthUnit),
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<Vec<Requirement>, RunError> {
+    let session = Session::new(threads, progress);
+    let failed = RunError::level_set("measure");
+    let voxel_size = solid.voxel_size();
+    let context = file_context((solid, unit), threads, progress);
+    let mesh = solid.to_mesh(session).map_err(&failed)?;
+    if mesh.is_empty() {
+        return Err(RunError::Empty("reading".into()));
+    }
+    let found = threads.install(|| mesh.measures());
+    let mut report = SolidReport {
+        volume: found.volume,
+        bounds: Some(found.bounds),
+        components: solid.components(session).map_err(&failed)?.len() as u64,
+        ..SolidReport::default()
+    };
+    let geometry = SolidGeometry {
+        lattice: VoxelLattice {
+            origin: solid.origin(),
+            voxel_size,
+        },
+        active_voxels: solid.active_voxels().map_err(&failed)?,
+        extent: found.bounds.size().max() / voxel_size,
+    };
+    if file.section.least_wall.is_some() {
+        let wall = sampled_walls(context, &mesh, geometry, Phase::Solid)?.least();
+        report.least_wall = wall.map(|w| w.thickness);
+        report.least_wall_place = wall.map(|w| w.centre.into());
+    }
+    measure(
+        &file.section,
+        context,
+        (solid, &mesh, geometry),
+        &mut report,
+    )?;
+    if let Some(section) = file
+        .build
+        .as_ref()
+        .filter(|_| !file.section.of_builds().is_empty())
+    {
+        let part = (solid, unit);
+        report.build = Some(level_set_layers(
+            (section, file.unit),
+            part,
+            threads,
+            progress,
+        )?);
+    }
+    Ok(judge_file(file, report, unit, voxel_size))
+}
+
+/// Judges the closed mesh of a file; `unit` is that of its lengths. `components` and `cavities` are
+/// those that the shells of the mesh bound.
+pub fn judge_mesh(
+    file: &RequireFile,
+    (volume, bounds, unit): (f64, Aabb, LengthUnit),
+    (components, cavities): (u64, u64),
+) -> Vec<Requirement> {
+    let report = SolidReport {
+        volume,
+        bounds: Some(bounds),
+        components,
+        closed_cavities: Some(cavities),
+        ..SolidReport::default()
+    };
+    judge_file(file, report, unit, f64::NAN)
+}
+
+/// Judges the measures of a file, which are in the file's unit.
+fn judge_file(
+    file: &RequireFile,
+    mut report: SolidReport,
+    unit: LengthUnit,
+    voxel_size: f64,
+) -> Vec<Requirement> {
+    report.mass = mass(&file.section, &report, unit);
+    let factor = unit.to(file.unit);
+    let scaled = |v: Option<f64>| v.map(|v| v * factor);
+    let moved = |p: Option<[f64; 3]>| p.map(|p| p.map(|c| c * factor));
+    report.cavities = report.cavities.map(|c| c.scaled(factor));
+    report.build = report.build.map(|b| b.scaled(factor));
+    report.least_wall = scaled(report.least_wall);
+    report.least_gap = scaled(report.least_gap);
+    report.least_wall_place = moved(report.least_wall_place);
+    report.least_gap_place = moved(report.least_gap_place);
+    report.bounds = report.bounds.map(|b| Aabb {
+        min: b.min * factor,
+        max: b.max * factor,
+    });
+    let mut judge = Judge {
+        scale: Scale {
+            unit: file.unit,
+            voxel_size: voxel_size * factor,
+        },
+        wall_limit: None,
+        list: Vec::new(),
+    };
+    judge.solid(&file.section, &report);
+    judge.list
+}
+
+/// Collects verdicts.
+struct Judge {
+    scale: Scale,
+    /// Greatest diameter of walls and gaps that was measured, if it is limited.
+    wall_limit: Option<f64>,
+    list: Vec<Requirement>,
+}
+
+impl Judge {
+    /// Judges the measures of the solid.
+    fn solid(&mut self, r: &RequireSection, solid: &SolidReport) {
+        if let Some(least) = r.least_wall {
+            let found = solid.least_wall.or(self.wall_limit);
+            self.at_least("least_wall", least, (found, solid.least_wall_place));
+            self.advise("make walls thicker there: thickness, or dilate");
+        }
+        if let Some(least) = r.least_gap {
+            let found = solid.least_gap;
+            if found.is_none() {
+                self.no_gap(least);
+            } else {
+                self.at_least("least_gap", least, (found, solid.least_gap_place));
+            }
+            self.advise("widen gaps there: larger cells, less thickness, or close them with close");
+        }
+        if let Some(count) = r.components {
+            self.count("components", ("exactly", count), Some(solid.components));
+            self.advise("keep_largest = true keeps one component");
+        }
+        if let Some(most) = r.closed_cavities {
+            self.count("closed_cavities", ("at most", most), solid.closed_cavities);
+            self.advise("fill_voids = true fills them; open cells drain them");
+        }
+        if let Some(least) = r.escape_radius {
+            self.escape(least, solid.cavities.as_ref());
+            self.advise("widen the way out, or drill one: subtract a cylinder there");
+        }
+        if let Some(build) = &solid.build {
+            self.build(r, build);
+        }
+        if let Some(range) = r.volume_fraction {
+            self.within("volume_fraction", range, "", solid.volume_fraction);
+            self.advise("volume_fraction, level or thickness of the cell change it");
+        }
+        if let Some(range) = r.mass {
+            self.within("mass", range, " g", solid.mass);
+        }
+        if let (Some(sizes), Some(bounds)) = (r.fits, solid.bounds) {
+            self.fits(sizes, bounds);
+        }
+    }
+
+    /// Adds a hint to the last requirement if it is not met.
+    fn advise(&mut self, hint: &'static str) {
+        if let Some(last) = self.list.last_mut().filter(|r| !r.met) {
+            last.hint = Some(hint);
+        }
+    }
+
+    fn length(&self, v: f64) -> String {
+        format!("{} {}", short_number(v), self.scale.unit)
+    }
+
+    fn at_least(
+        &mut self,
+        name: &'static str,
+        least: Size,
+        (value, place): (Option<f64>, Option<[f64; 3]>),
+    ) {
+        let limit = least.resolve(self.scale);
+        let met = value.is_some_and(|v| v >= limit);
+        self.list.push(Requirement {
+            name,
+            required: format!("at least {}", self.length(limit)),
+            found: match (value, place) {
+                (Some(v), Some(_)) => self.length(v),
+                (Some(v), None) => {
+                    format!(
+                        "more than {}, the greatest that is measured",
+                        self.length(v)
+                    )
+                }
+                (None, _) => "no opposite walls".into(),
+            },
+            value,
+            met,
+            place: place.filter(|_| !met),
+            hint: None,
+        });
+    }
+
+    fn no_gap(&mut self, least: Size) {
+        let limit = least.resolve(self.scale);
+        // Gaps wider than the limit may exist.
+        let unmeasured_from = self.wall_limit.filter(|&measured| measured < limit);
+        self.list.push(Requirement {
+            name: "least_gap",
+            required: format!("at least {}", self.length(limit)),
+            found: match unmeasured_from {
+                Some(measured) => format!(
+                    "none up to {}, the greatest that is measured",
+                    self.length(measured)
+                ),
+                None => "no gap".into(),
+            },
+            value: None,
+            met: unmeasured_from.is_none(),
+            place: None,
+            hint: None,
+        });
+    }
+
+    fn escape(&mut self, least: Size, cavities: Option<&CavitiesReport>) {
+        let limit = least.resolve(self.scale);
+        let narrowest = cavities.and_then(|c| c.list.first());
+        let value = narrowest.map(|c| c.escape_radius);
+        let measured = cavities.map_or(0.0, |c| c.limit);
+        self.list.push(Requirement {
+            name: "escape_radius",
+            required: format!("at least {}", self.length(limit)),
+            found: match narrowest {
+                Some(c) if c.throat.is_none() => "a closed cavity".into(),
+                Some(c) => self.length(c.escape_radius),
+                None => format!(
+                    "no cavity that a ball of {} cannot leave",
+                    self.length(measured)
+                ),
+            },
+            value,
+            met: value.unwrap_or(measured) >= limit,
+            place: narrowest
+                .filter(|c| c.escape_radius < limit)
+                .map(|c| c.throat.unwrap_or(c.place)),
+            hint: None,
+        });
+    }
+
+    /// Judges the layers of the build.
+    fn build(&mut self, r: &RequireSection, build: &BuildReport) {
+        for (name, most, found, list) in [
+            ("islands", r.islands, build.islands, &build.island_list),
+            ("cups", r.cups, build.cups, &build.cup_list),
+        ] {
+            let Some(most) = most else { continue };
+            self.count(name, ("at most", most), Some(found));
+            if let Some(last) = self.list.last_mut().filter(|r| !r.met) {
+                last.place = list.first().map(|s| s.place);
+            }
+            self.advise(match name {
+                "islands" => "another build.up, or supports there",
+                _ => "another build.up, or drain = { radius = ... } for closed ones",
+            });
+        }
+        if let Some(most) = r.overhang_area {
+            let unit = self.scale.unit;
+            let area = |v: f64| format!("{} {unit}^2", short_number(v));
+            self.list.push(Requirement {
+                name: "overhang_area",
+                required: format!("at most {}", area(most)),
+                found: area(build.overhang_area),
+                value: Some(build.overhang_area),
+                met: build.overhang_area <= most,
+                place: None,
+                hint: None,
+            });
+            self.advise("another build.up, steeper walls, or supports");
+        }
+    }
+
+    fn count(&mut self, name: &'static str, (how, limit): (&str, u64), found: Option<u64>) {
+        let met = found.is_some_and(|n| match how {
+            "exactly" => n == limit,
+            _ => n <= limit,
+        });
+        self.list.push(Requirement {
+            name,
+            required: format!("{how} {limit}"),
+            found: found.map_or("not counted".into(), |n| n.to_string()),
+            value: found.map(|n| n as f64),
+            met,
+            place: None,
+            hint: None,
+        });
+    }
+
+    fn within(&mut self, name: &'static str, range: [f64; 2], unit: &str, value: Option<f64>) {
+        let [low, high] = range;
+        self.list.push(Requirement {
+            name,
+            required: format!("from {} to {}{unit}", short_number(low), short_number(high)),
+            found: value.map_or("not measured".into(), |v| {
+                format!("{}{unit}", short_number(v))
+            }),
+            value,
+            met: value.is_some_and(|v| (low..=high).contains(&v)),
+            place: None,
+            hint: None,
+        });
+    }
+
+    fn fits(&mut self, sizes: [Size; 3], bounds: Aabb) {
+        let size: [f64; 3] = bounds.size().into();
+        let limit = sizes.map(|s| s.resolve(self.scale));
+        let met = size
+            .iter()
+            .zip(limit)
+            .all(|(s, r)| *s <= r * (1.0 + SIZE_TOLERANCE));
+        let size_text = |v: [f64; 3]| v.map(short_number).join(" x ");
+        let unit = self.scale.unit;
+        self.list.push(Requirement {
+            name: "fits",
+            required: format!("at most {} {unit}", size_text(limit)),
+            found: format!("{} {unit}", size_text(size)),
+            value: None,
+            met,
+            place: None,
+            hint: None,
+        });
+    }
+}

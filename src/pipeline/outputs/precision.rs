@@ -1,0 +1,46 @@
+//! The floating-point precision that a mesh file needs: far from the origin, single precision cannot
+//! resolve the voxels.
+
+use crate::io::WriteError;
+use crate::pipeline::base::error::RunError;
+use crate::recipe::Scale;
+use std::path::Path;
+
+/// Greatest spacing of single-precision numbers that a file may have, voxels.
+const MAX_SPACING: f64 = 0.1;
+
+/// Whether a mesh file needs double precision. `far` is the greatest magnitude of its coordinates in
+/// recipe units; `factor` converts to the file's unit.
+///
+/// # Errors
+/// [`WriteError::Format`] for formats without double precision, with the operation that moves
+/// the part and the formats that have it.
+pub(crate) fn needs_double(
+    path: &Path,
+    (far, centre): (f64, [f64; 3]),
+    (scale, factor): (Scale, f64),
+) -> Result<bool, RunError> {
+    let reach = (far * factor) as f32;
+    let spacing = f64::from(reach.next_up() - reach) / factor;
+    if spacing <= MAX_SPACING * scale.voxel_size {
+        return Ok(false);
+    }
+    let is_stl = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("stl"));
+    if !is_stl {
+        return Ok(true);
+    }
+    let [x, y, z] = centre.map(|c| -c.round());
+    let (unit, voxel) = (scale.unit, scale.voxel_size);
+    Err(WriteError::Format {
+        path: path.to_owned(),
+        reason: format!(
+            "coordinates reach {far} {unit}, where the single precision of STL has steps of {spacing} {unit}; \
+             expected steps of at most a tenth of the voxel, {voxel} {unit}: move the part to the origin with \
+             [[op]] resample = {{ translate = [{x}, {y}, {z}] }}, or write .ply, .obj or .3mf, \
+             which hold double precision"
+        ),
+    }
+    .into())
+}
