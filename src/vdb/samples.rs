@@ -1,6 +1,5 @@
 //! Samples of a picture: one per pixel, and further samples of pixels with an edge in them.
 
-
 /// The hits of all samples; none where a ray misses.
 pub(super) struct Samples {
     width: usize,
