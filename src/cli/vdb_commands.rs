@@ -154,9 +154,13 @@ impl Draft {
         }
         let lines = report.outputs.iter().map(|o| {
             let unit = o.unit.as_deref().unwrap_or("");
-            format!("{}  {}  {unit}", o.path, super::numbers::size(o.bytes))
-                .trim_end()
-                .to_owned()
+            format!(
+                "{}  {}  {unit}",
+                super::terminal::line(&o.path),
+                super::numbers::size(o.bytes)
+            )
+            .trim_end()
+            .to_owned()
         });
         let lines = lines.collect();
         Ok((report, lines))

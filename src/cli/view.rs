@@ -132,7 +132,7 @@ fn prediction(found: &Value) -> String {
     let count = |key: &str| super::numbers::grouped(found[key].as_u64().unwrap_or(0));
     let mut text = format!(
         "{}: {}\n{} triangles of {}; a page of about {}\n",
-        found["path"].as_str().unwrap_or_default(),
+        super::terminal::line(found["path"].as_str().unwrap_or_default()),
         found["kind"].as_str().unwrap_or_default(),
         count("triangles"),
         count("source_triangles"),

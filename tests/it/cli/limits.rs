@@ -261,7 +261,14 @@ fn names_reach_no_terminal_as_they_are() {
     let missing = format!("{BAD}.vdb");
     let bad_key = format!("{quoted}=1");
     let bad_flag = format!("--{BAD}");
-    let commands: [&[&str]; 9] = [
+    let solid = format!("{BAD}.obj");
+    place.write(
+        &solid,
+        "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 4\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+    );
+    let made = format!("{BAD}.ply");
+    let voxelize = ["voxelize", &solid, "--voxel-size", "0.25", "-o", &made];
+    let commands: [&[&str]; 11] = [
         &["info", "r.toml"],
         &["info", "r.toml", "--json"],
         &["run", "r.toml", "--progress=plain", "-v"],
@@ -271,6 +278,8 @@ fn names_reach_no_terminal_as_they_are() {
         &["run", "r.toml", "--set", &bad_key],
         &["run", "r.toml", &bad_flag],
         &["crystal", "steps.crystal", "--progress=plain"],
+        &["view", &solid, "--dry-run"],
+        &voxelize,
     ];
     for arguments in commands {
         let output = place.run(arguments);

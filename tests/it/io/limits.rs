@@ -148,3 +148,22 @@ fn cells_refuse_numbers_beyond_the_limit() {
         }
     }
 }
+
+/// Searches for levels multiply values, whose products must not underflow.
+#[test]
+fn cells_refuse_a_series_that_is_almost_nothing() {
+    let text = druse::cell::Surface::SchwarzP
+        .cell(Element::Hex)
+        .unwrap()
+        .to_json();
+    let coefficient = &text[text.find("\"c\": [").unwrap() + 6..];
+    let coefficient = &coefficient[..coefficient.find(',').unwrap()];
+    for (x, fits) in [("5e-324", false), ("1e-308", false), ("1e-160", false), ("1e-99", true)] {
+        let changed = text.replacen(&format!("[{coefficient},"), &format!("[{x},"), 1);
+        let read = Cell::from_json(&changed);
+        assert_eq!(read.is_ok(), fits, "{x}");
+        if let Err(error) = read {
+            assert!(error.reason.contains("at least 1e-100"), "{x}: {error}");
+        }
+    }
+}
