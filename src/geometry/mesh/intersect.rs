@@ -98,17 +98,42 @@ fn segment_meets_triangle([p, q]: [Vec3; 2], sides: [i8; 2], t: &[Vec3; 3]) -> b
     s.iter().all(|&x| x >= 0) || s.iter().all(|&x| x <= 0)
 }
 
+/// Whether a plane along a side of `t`, at right angles to `t`, separates the triangles beyond doubt: in rounded
+/// arithmetic, since exact signs of thousands of triangles in one plane would take long.
+fn is_apart_across_sides(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {
+    let from_corner = |p: &Vec3| p - t[0];
+    let (t, u) = (t.each_ref().map(from_corner), u.each_ref().map(from_corner));
+    let normal = t[1].cross(&t[2]);
+    let size = t.iter().chain(&u).map(Vec3::amax).fold(0.0, f64::max);
+    (0..3).any(|i| {
+        let outward = (t[(i + 1) % 3] - t[i]).cross(&normal);
+        // Any direction m separates them if m . p is greater for all p of `u` than for all of `t`.
+        let [of_t, of_u] = [&t, &u].map(|corners| corners.each_ref().map(|p| outward.dot(p)));
+        let highest = of_t.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let lowest = of_u.into_iter().fold(f64::INFINITY, f64::min);
+        // A height m . (p - corner) has a difference, a product and two sums, each rounded by at most half an
+        // epsilon of |m|_1 |p - corner|, or by much less than the least normal number.
+        lowest - highest > 8.0 * f64::EPSILON * outward.lp_norm(1) * size + f64::MIN_POSITIVE
+    })
+}
+
+/// The corners of `a` that `b` lacks, and their number; a corner has equal coordinates.
+fn unshared(a: &[Vec3; 3], b: &[Vec3; 3]) -> ([usize; 3], usize) {
+    let (mut corners, mut count) = ([0; 3], 0);
+    for (i, p) in a.iter().enumerate() {
+        if !b.contains(p) {
+            corners[count] = i;
+            count += 1;
+        }
+    }
+    (corners, count)
+}
+
 /// Whether triangles with area meet beyond shared corners; corners of equal coordinates are shared.
 pub(crate) fn triangles_meet(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {
-    let same = |p: &Vec3, q: &Vec3| p == q;
-    let unshared = |a: &[Vec3; 3], b: &[Vec3; 3]| -> Vec<usize> {
-        (0..3)
-            .filter(|&i| !b.iter().any(|q| same(&a[i], q)))
-            .collect()
-    };
     let rotated = |a: &[Vec3; 3], i: usize| [a[i], a[(i + 1) % 3], a[(i + 2) % 3]];
-    let (ft, fu) = (unshared(t, u), unshared(u, t));
-    match (ft.len(), fu.len()) {
+    let ((ft, of_t), (fu, of_u)) = (unshared(t, u), unshared(u, t));
+    match (of_t, of_u) {
         // The same corners: duplicate triangles.
         (0, _) | (_, 0) => true,
         // A common side: they meet only if folded onto each other in one plane.
@@ -121,30 +146,74 @@ pub(crate) fn triangles_meet(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {
         }
         // A common corner: an intersection reaches the side opposite to it in one of the triangles.
         (2, _) | (_, 2) => {
-            let opposite = |a: &[Vec3; 3], f: &[usize]| [a[f[0]], a[f[1]]];
-            let (of_t, of_u) = (opposite(t, &ft), opposite(u, &fu));
+            let opposite = |a: &[Vec3; 3], f: [usize; 3]| [a[f[0]], a[f[1]]];
+            let (of_t, of_u) = (opposite(t, ft), opposite(u, fu));
             let sides = |e: [Vec3; 2], f: &[Vec3; 3]| e.map(|p| orientation3(f[0], f[1], f[2], p));
             segment_meets_triangle(of_u, sides(of_u, t), t)
                 || segment_meets_triangle(of_t, sides(of_t, u), u)
         }
-        _ => {
-            let of_u = u.map(|p| orientation3(t[0], t[1], t[2], p));
-            if of_u == [1; 3] || of_u == [-1; 3] {
-                return false;
+        _ if is_apart_across_sides(t, u) || is_apart_across_sides(u, t) => false,
+        _ => meet_without_common_corner(t, u),
+    }
+}
+
+/// Whether triangles with area and without a common corner meet.
+fn meet_without_common_corner(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {
+    let of_u = u.map(|p| orientation3(t[0], t[1], t[2], p));
+    if of_u == [1; 3] || of_u == [-1; 3] {
+        return false;
+    }
+    let of_t = t.map(|p| orientation3(u[0], u[1], u[2], p));
+    if of_t == [1; 3] || of_t == [-1; 3] {
+        return false;
+    }
+    let edge = |i: usize| [i, (i + 1) % 3];
+    (0..3).any(|i| {
+        let e = edge(i);
+        segment_meets_triangle(e.map(|k| u[k]), e.map(|k| of_u[k]), t)
+            || segment_meets_triangle(e.map(|k| t[k]), e.map(|k| of_t[k]), u)
+    }) || (of_u == [0; 3]
+        && AxisProjection::of(u)
+            .is_some_and(|projection| projection.contains(u, t[0]) || projection.contains(t, u[0])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Triangles of small integers touch often, in corners, sides and planes.
+    #[test]
+    fn triangles_apart_by_rounded_planes_do_not_meet() {
+        let mut state = 11u64;
+        let mut corner = |size: u64| {
+            Vec3::from_fn(|_, _| {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                ((state >> 33) % size) as f64
+            })
+        };
+        let (mut apart, mut meeting) = (0, 0);
+        for case in 0..60_000 {
+            let size = [3, 5, 9][case % 3];
+            let [mut t, mut u] = [0, 1].map(|_| [0, 1, 2].map(|_| corner(size)));
+            // Every other pair lies in one plane.
+            if case % 2 == 0 {
+                for p in t.iter_mut().chain(&mut u) {
+                    p.z = 0.1 * p.x + 0.7;
+                }
             }
-            let of_t = t.map(|p| orientation3(u[0], u[1], u[2], p));
-            if of_t == [1; 3] || of_t == [-1; 3] {
-                return false;
+            let shares = t.iter().any(|p| u.contains(p));
+            if shares || is_degenerate_triangle(&t) || is_degenerate_triangle(&u) {
+                continue;
             }
-            let edge = |i: usize| [i, (i + 1) % 3];
-            (0..3).any(|i| {
-                let e = edge(i);
-                segment_meets_triangle(e.map(|k| u[k]), e.map(|k| of_u[k]), t)
-                    || segment_meets_triangle(e.map(|k| t[k]), e.map(|k| of_t[k]), u)
-            }) || (of_u == [0; 3]
-                && AxisProjection::of(u).is_some_and(|projection| {
-                    projection.contains(u, t[0]) || projection.contains(t, u[0])
-                }))
+            let meet = meet_without_common_corner(&t, &u);
+            meeting += usize::from(meet);
+            if is_apart_across_sides(&t, &u) {
+                apart += 1;
+                assert!(!meet, "{t:?} {u:?}");
+            }
         }
+        assert!(apart > 5000 && meeting > 5000, "{apart} {meeting}");
     }
 }
