@@ -34,6 +34,8 @@ mod meeting;
 mod normals;
 mod open_winding;
 mod openness;
+mod pieces;
+mod plates;
 mod precision;
 mod projection;
 mod quads;

@@ -248,7 +248,7 @@ pub fn check_with(
         progress.stage("self-intersections", Some(mesh.triangles().len() as u64));
         let numbered: Vec<_> = merged.iter_corners().zip(0u32..).collect();
         let mut finding = Finding::default();
-        for pair in meeting_pairs(&Soup::new(&numbered), progress)? {
+        for pair in meeting_pairs(&Soup::uncut(&numbered), progress)? {
             let [a, b, c] = merged.corners(pair[0] as usize);
             finding.add(|| Defect {
                 at: (a + b + c) / 3.0,

@@ -43,10 +43,18 @@ fn cross(soup: &Soup, bounds: &Aabb, q: Vec3, mut visit: impl FnMut(usize, i64))
         }
     }
     let direction = if is_forward { 1.0 } else { -1.0 };
-    soup.bvh.along(q, axis, is_forward, |slot| {
+    let mut crossed: Vec<usize> = Vec::new();
+    soup.along(q, axis, is_forward, |slot| {
         let t = &soup.corners[slot];
         let crossings = crossings(t, q, axis);
         if crossings != 0 && side_of_plane(t, q) * f64::from(crossings) * direction > 0.0 {
+            // The boxes of two pieces of a triangle may both meet the ray, which crosses it once.
+            if soup.is_cut() {
+                if crossed.contains(&slot) {
+                    return;
+                }
+                crossed.push(slot);
+            }
             visit(
                 slot,
                 i64::from(if is_forward { crossings } else { -crossings }),

@@ -19,7 +19,7 @@ impl Falloff {
     pub(super) fn new(triangles: Vec<([Vec3; 3], f64)>) -> Self {
         let (corners, triangle_weights): (Vec<_>, Vec<f64>) = triangles.into_iter().unzip();
         let numbered: Vec<_> = corners.into_iter().zip(0u32..).collect();
-        let soup = Soup::new(&numbered);
+        let soup = Soup::uncut(&numbered);
         let nodes = soup.bvh.nodes();
         let mut weights = vec![[0.0; 4]; nodes.len()];
         // Children come after their parents.

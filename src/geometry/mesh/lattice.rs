@@ -7,6 +7,7 @@
 // Small functions of a hot path: inlining compiles them for the instruction set of their caller.
 #![allow(clippy::inline_always)]
 
+use super::plates::{PlatePack, Plates};
 use super::rows;
 use super::soup::{DiscPack, PACK_SIZE, Soup};
 use crate::field::SampleLattice;
@@ -39,6 +40,7 @@ pub(super) fn distances(
     simd::run(LatticeDistances {
         soup,
         discs: soup.packs(),
+        plates: soup.plates(),
         packs,
         lattice,
         max_distance,
@@ -76,9 +78,28 @@ fn lower_bounds<L: Lanes>(l: L, pack: &DiscPack, q: &[L::F; 3]) -> L::F {
     )
 }
 
+/// Squared lower bounds of the distances of eight long triangles from a point.
+#[inline(always)]
+fn plate_bounds<L: Lanes>(l: L, pack: &PlatePack, q: &[L::F; 3]) -> L::F {
+    let from = [0, 1, 2].map(|a| l.sub(q[a], l.load(&pack.centre[a])));
+    let mut squared = l.splat(0.0);
+    for (axis, half) in pack.axes.iter().zip(&pack.half) {
+        // |along the axis| - half, where positive.
+        let mut along = l.splat(0.0);
+        for a in 0..3 {
+            along = l.fused(from[a], l.load(&axis[a]), along);
+        }
+        let beyond = l.sub(l.magnitude(along), l.load(half));
+        let beyond = l.max(beyond, l.splat(0.0));
+        squared = l.fused(beyond, beyond, squared);
+    }
+    l.mul(squared, l.splat(1.0 - RELATIVE_ROUNDING))
+}
+
 struct LatticeDistances<'a> {
     soup: &'a Soup,
     discs: &'a [DiscPack],
+    plates: &'a Plates,
     packs: &'a [u32],
     lattice: &'a SampleLattice<WorldPoint>,
     max_distance: f64,
@@ -217,7 +238,11 @@ impl LatticeDistances<'_> {
         let q = self.local_point(l, centre);
         let mut lane_minima = l.splat(f32::INFINITY);
         for i in 0..n {
-            let squared = lower_bounds(l, &self.discs[from.packs[i] as usize], &q);
+            let pack = from.packs[i];
+            let mut squared = lower_bounds(l, &self.discs[pack as usize], &q);
+            if let Some(plates) = self.plates.of_pack(pack) {
+                squared = l.max(squared, plate_bounds(l, plates, &q));
+            }
             lane_minima = l.min(lane_minima, squared);
             l.store(squared, &mut from.squared[i]);
         }
@@ -289,8 +314,8 @@ impl LatticeDistances<'_> {
             return;
         }
         let mut distances = [0.0; FILTER_SAMPLES[0]];
-        let triangles = slots.iter().map(|&s| self.soup.corners[s as usize]);
-        rows::distances(triangles, &points[..samples], &mut distances[..samples]);
+        let facets = slots.iter().map(|&s| self.soup.facet(s as usize));
+        rows::distances(facets, &points[..samples], &mut distances[..samples]);
         for (&n, distance) in indices.iter().zip(distances) {
             self.out[n] = distance;
         }
@@ -315,6 +340,11 @@ impl LatticeDistances<'_> {
                     for &pack in &level.packs {
                         let squared = lower_bounds(l, &self.discs[pack as usize], &q);
                         let mut mask = l.below(squared, cutoff);
+                        if mask != 0
+                            && let Some(plates) = self.plates.of_pack(pack)
+                        {
+                            mask &= l.below(plate_bounds(l, plates, &q), cutoff);
+                        }
                         while mask != 0 {
                             let slot = self.slot(pack, mask.trailing_zeros());
                             mask &= mask - 1;

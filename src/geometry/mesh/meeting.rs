@@ -9,6 +9,7 @@
 
 use super::bvh::Bvh;
 use super::intersect::{is_degenerate_triangle, triangles_meet};
+use super::pieces::{LongestSide, half_area};
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3};
 use crate::progress::{Cancelled, Progress};
@@ -19,7 +20,7 @@ use std::collections::HashMap;
 const MIN_HUB_TRIANGLES: u32 = 64;
 /// Meshes of fewer triangles are searched without pieces: every pair can be tested.
 const MIN_TRIANGLES: usize = 4096;
-/// Maximum number of pieces of a triangle, and of pieces in all for each triangle of the mesh.
+/// Maximum number of pieces of a triangle, and of pieces of all long triangles.
 const MAX_PIECES: usize = 32;
 const MAX_PIECES_IN_ALL: usize = 2_000_000;
 /// Covers the rounding of directions.
@@ -229,8 +230,12 @@ impl Fan {
 
 impl Pieces {
     fn of(corners: &[[Vec3; 3]], hubs: &[u32]) -> Self {
-        let most = (MAX_PIECES_IN_ALL / corners.len()).clamp(1, MAX_PIECES);
-        let of_each: Vec<Vec<Aabb>> = corners.par_iter().map(|t| pieces(t, most)).collect();
+        let counts: Vec<f64> = corners.par_iter().map(piece_count).collect();
+        let long = counts.iter().filter(|n| **n >= 2.0).count();
+        let most = (MAX_PIECES_IN_ALL / long.max(1)).clamp(1, MAX_PIECES) as f64;
+        let pieces =
+            |(t, count): (&[Vec3; 3], &f64)| LongestSide::of(t).pieces(t, count.min(most) as usize);
+        let of_each: Vec<Vec<Aabb>> = corners.par_iter().zip(&counts).map(pieces).collect();
         let mut first = vec![0];
         let mut slots = Vec::new();
         for (slot, own) in of_each.iter().enumerate() {
@@ -255,43 +260,14 @@ impl Pieces {
     }
 }
 
-/// Boxes of at most `most` pieces of a triangle, cut across its longest side into parts four times as long as wide.
-fn pieces(t: &[Vec3; 3], most: usize) -> Vec<Aabb> {
-    let length = |i: usize| (t[(i + 1) % 3] - t[i]).norm();
-    let longest = (1..3).fold(0, |m, i| if length(i) > length(m) { i } else { m });
-    let [a, b, c] = [0, 1, 2].map(|i| t[(longest + i) % 3]);
-    let (side, l) = (b - a, length(longest));
-    let width = side.cross(&(c - a)).norm() / l;
-    // A triangle without area has no width, or no length either: its quotient is no number.
-    let count = (l / (4.0 * width)).clamp(1.0, most as f64) as usize;
-    if count <= 1 {
-        return vec![Aabb::of(*t)];
-    }
-    // The foot of c on the longest side, as a part of it.
-    let foot = (side.dot(&(c - a)) / (l * l)).clamp(0.0, 1.0);
-    // The points of the triangle's outline above and on the longest side at a part s of it.
-    let cut = |s: f64| {
-        let above = if s <= foot {
-            if foot > 0.0 {
-                a + (c - a) * (s / foot)
-            } else {
-                c
-            }
-        } else {
-            c + (b - c) * ((s - foot) / (1.0 - foot))
-        };
-        [a + side * s, above]
-    };
-    let piece = |k: usize| {
-        let [from, to] = [k, k + 1].map(|k| k as f64 / count as f64);
-        let corner = (from <= foot && foot <= to).then_some(c);
-        // The ends of the side itself, without rounding.
-        let ends = [(0, a), (count - 1, b)];
-        let ends = ends.into_iter().filter(|e| e.0 == k).map(|e| e.1);
-        let outline = cut(from).into_iter().chain(cut(to));
-        Aabb::of(outline.chain(corner).chain(ends))
-    };
-    (0..count).map(piece).collect()
+/// The number of pieces, at least four times as long as wide, by which the boxes of a triangle shrink.
+fn piece_count(t: &[Vec3; 3]) -> f64 {
+    let side = LongestSide::of(t);
+    let count = side.length / (4.0 * side.height);
+    // Without area the quotients are infinite, or no numbers if there is no length either.
+    count
+        .min(side.max_pieces(half_area(&Aabb::of(*t))))
+        .max(1.0)
 }
 
 /// For each triangle the corner that most triangles share, if it is a hub; and all points by number.
@@ -335,7 +311,7 @@ mod tests {
 
     fn soup(triangles: &[[Vec3; 3]]) -> Soup {
         let numbered: Vec<_> = triangles.iter().copied().zip(0u32..).collect();
-        Soup::new(&numbered)
+        Soup::uncut(&numbered)
     }
 
     /// Two fans, in planes and askew, of slivers around their hubs, equal triangles, triangles without area, and

@@ -109,8 +109,12 @@ impl Oriented {
         }
         let numbered =
             |mesh: &TriMesh| -> NumberedTriangles { mesh.iter_corners().zip(0u32..).collect() };
-        let mut soup = Soup::new(&numbered(&mesh));
+        let mut soup = Soup::uncut(&numbered(&mesh));
         let shells = Shells::of(&merged, &sides);
+        // Nesting asks for winding numbers; a single shell lies in no other.
+        if shells.count > 1 {
+            soup.cut();
+        }
         let measured = shells.measured(&merged, &sides);
         let nesting = Nesting::of(&measured, &shells.of, &soup);
         let inverted = nesting.inverted(&measured);
@@ -120,7 +124,7 @@ impl Oriented {
             mesh = mesh.with_flipped(&is_flipped);
             merged = merged.with_flipped(&is_flipped);
             sides = HalfEdges::of(merged.triangles(), count);
-            soup = Soup::new(&numbered(&mesh));
+            soup = Soup::uncut(&numbered(&mesh));
         }
         Self {
             mesh,
@@ -229,13 +233,14 @@ impl ShellReport {
 
     /// The report of a mesh, and whether no triangles of it meet; `None` where too many overlap.
     pub(super) fn of(mesh: &TriMesh, is_free_of_intersections: bool) -> Option<Self> {
-        let oriented = Oriented::of(mesh.clone());
+        let mut oriented = Oriented::of(mesh.clone());
         // A single shell that does not meet itself buries nothing.
         let united = if is_free_of_intersections && oriented.shells.count == 1 {
             None
         } else if has_too_many_overlaps(&oriented.soup) {
             return None;
         } else {
+            oriented.soup.cut();
             oriented.united(oriented.open().as_ref(), true)
         };
         let within = &oriented.nesting.within;
@@ -295,7 +300,8 @@ impl MeshSolid {
     ) -> Result<(Self, Vec<Repair>), NoSolidError> {
         let mut repairs = Vec::new();
         let mut add = |kind, message| repairs.push(Repair { kind, message });
-        let oriented = Oriented::of(mesh).without_repeats(&mut add);
+        let mut oriented = Oriented::of(mesh).without_repeats(&mut add);
+        oriented.soup.cut();
         if oriented.flipped_faces > 0 {
             let message = format!(
                 "{} of {} faces flipped: their neighbours are oriented the other way",

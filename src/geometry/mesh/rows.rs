@@ -3,7 +3,7 @@
 // lanes avoids closures, which would not inherit that instruction set.
 #![allow(clippy::inline_always)]
 
-use super::sliver::{Sliver, is_sliver};
+use super::sliver::Sliver;
 use super::triangle::closest_point;
 use crate::frame::Vec3;
 use crate::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
@@ -15,23 +15,23 @@ const COORDINATE_ROUNDING: f64 = 1e-12;
 const DISTANCE_MARGIN: f64 = 1.0 + 1e-9;
 
 /// A triangle with lower bounds of its distance: by its plane and by a ball around it.
-struct Facet {
+pub(super) struct Facet<'a> {
     corners: [Vec3; 3],
     /// The unit normal; zero without area.
     normal: Vec3,
     centre: Vec3,
     /// The radius of the ball about the centre.
     radius: f64,
-    sliver: Option<Sliver>,
+    sliver: Option<&'a Sliver>,
 }
 
-impl Facet {
-    fn new(corners: [Vec3; 3]) -> Self {
+impl<'a> Facet<'a> {
+    /// A triangle, with its frame if it is a sliver.
+    pub(super) fn new(corners: [Vec3; 3], sliver: Option<&'a Sliver>) -> Self {
         let [a, b, c] = corners;
         let centre = (a + b + c) / 3.0;
         let away = corners.iter().map(|p| (p - centre).norm());
-        let sliver = is_sliver(&corners).then(|| Sliver::of(&corners));
-        let normal = match &sliver {
+        let normal = match sliver {
             Some(sliver) => sliver.normal(),
             None => (b - a).cross(&(c - a)).normalize(),
         };
@@ -47,12 +47,12 @@ impl Facet {
 
 /// Distances of points from the nearest of some triangles, bit for bit those by [`closest_point`]; infinite
 /// without triangles. Consecutive points should be close together for speed.
-pub(super) fn distances(
-    triangles: impl Iterator<Item = [Vec3; 3]>,
+pub(super) fn distances<'a>(
+    facets: impl Iterator<Item = Facet<'a>>,
     points: &[Vec3],
     out: &mut [f64],
 ) {
-    let facets: Vec<Facet> = triangles.map(Facet::new).collect();
+    let facets: Vec<Facet> = facets.collect();
     let corners = facets.iter().flat_map(|f| f.corners);
     let coordinates = corners.chain(points.iter().copied());
     let size = coordinates.map(|p| p.amax()).fold(0.0, f64::max);
@@ -65,7 +65,7 @@ pub(super) fn distances(
 }
 
 struct Distances<'a> {
-    facets: &'a [Facet],
+    facets: &'a [Facet<'a>],
     slack: f64,
     points: &'a [Vec3],
     out: &'a mut [f64],
@@ -104,7 +104,7 @@ impl SimdKernel for Distances<'_> {
                 {
                     continue;
                 }
-                let from_facet = match &facet.sliver {
+                let from_facet = match facet.sliver {
                     Some(sliver) => {
                         let offset = difference(sliver.closest(p), p);
                         dot(offset, offset)

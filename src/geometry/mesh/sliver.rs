@@ -16,13 +16,37 @@ use crate::simd::{Number, difference, splat_vector};
 /// A triangle whose height is at most this fraction of its longest side is a sliver.
 const MAX_HEIGHT_RATIO: f64 = 0.01;
 
+/// How thin a triangle is.
+pub(super) struct Thinness {
+    double_area: f64,
+    /// The square of the longest side.
+    longest_squared: f64,
+}
+
+impl Thinness {
+    pub(super) fn of(&[a, b, c]: &[Vec3; 3]) -> Self {
+        let (ab, ac) = (b - a, c - a);
+        let longest = ab.norm_squared().max(ac.norm_squared());
+        Self {
+            double_area: ab.cross(&ac).norm(),
+            longest_squared: longest.max((c - b).norm_squared()),
+        }
+    }
+
+    /// Whether the height is at most this fraction of the longest side; it is without area.
+    pub(super) fn has_height_ratio(&self, at_most: f64) -> bool {
+        // Twice the area is the longest side times the height.
+        self.double_area <= at_most * self.longest_squared
+    }
+
+    pub(super) fn is_sliver(&self) -> bool {
+        self.has_height_ratio(MAX_HEIGHT_RATIO)
+    }
+}
+
 /// Whether a triangle is a sliver; one without area is.
-pub(super) fn is_sliver(&[a, b, c]: &[Vec3; 3]) -> bool {
-    let (ab, ac) = (b - a, c - a);
-    let longest = ab.norm_squared().max(ac.norm_squared());
-    let longest = longest.max((c - b).norm_squared());
-    // Twice the area is the longest side times the height.
-    ab.cross(&ac).norm() <= MAX_HEIGHT_RATIO * longest
+pub(super) fn is_sliver(t: &[Vec3; 3]) -> bool {
+    Thinness::of(t).is_sliver()
 }
 
 /// A side in the plane of its sliver.
@@ -221,7 +245,9 @@ mod tests {
             let error = (distance - right).abs() / size;
             worst[kind] = worst[kind].max(error);
             let mut by_rows = [0.0];
-            rows::distances([corners].into_iter(), &[p], &mut by_rows);
+            let sliver = is_sliver(&corners).then(|| Sliver::of(&corners));
+            let facet = rows::Facet::new(corners, sliver.as_ref());
+            rows::distances([facet].into_iter(), &[p], &mut by_rows);
             assert_eq!(by_rows[0].to_bits(), distance.to_bits());
         }
         assert!(worst[0] < 1e-12 && worst[1] < 1e-15, "{worst:?}");

@@ -189,7 +189,7 @@ impl MeshSolid {
     /// closest to any point of the box, if it is within `reach`.
     #[doc(hidden)]
     pub fn collect(&self, region: &Aabb, reach: f64, slots: &mut Vec<u32>) {
-        self.surface.collect(region, reach, usize::MAX, slots);
+        self.surface.collect(region, reach, slots);
     }
 
     /// Adds the slots of `among` that may be nearer than `reach` to a box to `slots`.

@@ -1,7 +1,10 @@
 //! A triangle soup with its bounding-volume hierarchy, for distances and winding numbers.
 
 use super::bvh::{Bvh, LocalFrame};
-use super::sliver::{Sliver, is_sliver};
+use super::pieces::PieceTree;
+use super::plates::Plates;
+use super::rows::Facet;
+use super::sliver::{Sliver, Thinness};
 use super::triangle::closest_point_of_regular;
 use crate::frame::{Aabb, Vec3};
 use std::sync::OnceLock;
@@ -105,6 +108,9 @@ impl DiscPack {
     }
 }
 
+/// A triangle whose height is at most this fraction of its longest side is long: its disc is mostly empty.
+const MAX_LONG_RATIO: f64 = 1.0 / 16.0;
+
 /// Triangles without connectivity, sorted into the slots of a hierarchy.
 pub(crate) struct Soup {
     pub(crate) bvh: Bvh,
@@ -113,40 +119,79 @@ pub(crate) struct Soup {
     pub(crate) number: Vec<u32>,
     discs: Vec<Disc>,
     slivers: Vec<Sliver>,
+    /// The slots of long triangles, ascending.
+    long: Vec<u32>,
+    /// A second hierarchy for distances and rays, where boxes of whole triangles overlap too much.
+    pieces: Option<PieceTree>,
     packs: OnceLock<Vec<DiscPack>>,
+    plates: OnceLock<Plates>,
 }
 
 impl Soup {
     /// A soup of numbered triangles.
     pub(crate) fn new(triangles: &[([Vec3; 3], u32)]) -> Self {
+        let mut soup = Self::uncut(triangles);
+        soup.cut();
+        soup
+    }
+
+    /// Cuts long triangles into pieces, where that speeds up distances and winding numbers.
+    pub(super) fn cut(&mut self) {
+        self.pieces = PieceTree::of(&self.corners, &self.long);
+    }
+
+    /// As [`Self::new`], where no or few distances and winding numbers are asked for.
+    pub(crate) fn uncut(triangles: &[([Vec3; 3], u32)]) -> Self {
         let bvh = Bvh::new(triangles.len(), |i| Aabb::of(triangles[i].0));
         let at = |slot: &u32| triangles[*slot as usize];
         let corners: Vec<_> = bvh.order().iter().map(|s| at(s).0).collect();
-        let mut slivers = Vec::new();
-        let disc = |t: &[Vec3; 3]| {
+        let (mut slivers, mut long) = (Vec::new(), Vec::new());
+        let disc = |(slot, t): (u32, &[Vec3; 3])| {
             let mut disc = Disc::around(t, bvh.local());
-            if is_sliver(t) {
+            let thinness = Thinness::of(t);
+            if thinness.has_height_ratio(MAX_LONG_RATIO) {
+                long.push(slot);
+            }
+            if thinness.is_sliver() {
                 disc.sliver = slivers.len() as u32;
                 slivers.push(Sliver::of(t));
             }
             disc
         };
-        let discs = corners.iter().map(disc).collect();
+        let discs = (0u32..).zip(&corners).map(disc).collect();
         Self {
             discs,
             slivers,
+            long,
             corners,
             number: bvh.order().iter().map(|s| at(s).1).collect(),
+            pieces: None,
             packs: OnceLock::new(),
+            plates: OnceLock::new(),
             bvh,
         }
     }
 
+    /// Whether searches may visit a triangle more than once, by its pieces.
+    pub(super) fn is_cut(&self) -> bool {
+        self.pieces.is_some()
+    }
+
+    /// The frame of the sliver in a slot; `None` for other triangles.
+    #[inline]
+    fn sliver(&self, slot: usize) -> Option<&Sliver> {
+        self.slivers.get(self.discs[slot].sliver as usize)
+    }
+
+    /// The triangle in a slot, for rows of points.
+    pub(super) fn facet(&self, slot: usize) -> Facet<'_> {
+        Facet::new(self.corners[slot], self.sliver(slot))
+    }
+
     /// The point of the triangle in a slot closest to `p`.
     #[inline]
-    #[doc(hidden)]
-    pub fn closest_point(&self, slot: usize, p: Vec3) -> Vec3 {
-        match self.slivers.get(self.discs[slot].sliver as usize) {
+    pub(super) fn closest_point(&self, slot: usize, p: Vec3) -> Vec3 {
+        match self.sliver(slot) {
             Some(sliver) => sliver.closest::<f64>(p.into()).into(),
             None => closest_point_of_regular(&self.corners[slot], p),
         }
@@ -158,15 +203,58 @@ impl Soup {
             .get_or_init(|| self.discs.chunks(PACK_SIZE).map(DiscPack::of).collect())
     }
 
+    /// Plates of the packs with long triangles, if these are many.
+    pub(super) fn plates(&self) -> &Plates {
+        self.plates.get_or_init(|| {
+            if self.is_cut() || 8 * self.long.len() > self.corners.len() {
+                Plates::of(&self.corners, &self.long, self.bvh.local())
+            } else {
+                Plates::default()
+            }
+        })
+    }
+
+    /// Visits the slots of all triangles that may be nearer than `max_distance` to a box; with pieces some slots
+    /// more than once.
+    fn visit_near(&self, region: &Aabb, max_distance: f64, mut visit: impl FnMut(usize)) {
+        let region = region.dilated(max_distance);
+        match &self.pieces {
+            None => self.bvh.overlapping(&region, |slot| {
+                visit(slot);
+                true
+            }),
+            Some(pieces) => pieces.bvh.overlapping(&region, |n| {
+                visit(pieces.triangles[n] as usize);
+                true
+            }),
+        }
+    }
+
+    /// Visits the slots of all triangles that the ray from `p` along an axis, forward or backward, may cross; with
+    /// pieces some slots more than once.
+    pub(super) fn along(
+        &self,
+        p: Vec3,
+        axis: usize,
+        is_forward: bool,
+        mut visit: impl FnMut(usize),
+    ) {
+        match &self.pieces {
+            None => self.bvh.along(p, axis, is_forward, visit),
+            Some(pieces) => pieces.bvh.along(p, axis, is_forward, |n| {
+                visit(pieces.triangles[n] as usize);
+            }),
+        }
+    }
+
     /// Replaces `found` by the sorted packs of all triangles that may be nearer than `max_distance` to a box.
     pub(super) fn collect_packs(&self, region: &Aabb, max_distance: f64, found: &mut Vec<u32>) {
         found.clear();
-        self.bvh.overlapping(&region.dilated(max_distance), |slot| {
+        self.visit_near(region, max_distance, |slot| {
             let pack = (slot / PACK_SIZE) as u32;
             if found.last() != Some(&pack) {
                 found.push(pack);
             }
-            true
         });
         found.sort_unstable();
         found.dedup();
@@ -186,8 +274,13 @@ impl Soup {
     ) -> (ClosestPoint, usize) {
         let mut search = Search::new(self, p, radius);
         let best = hint.and_then(|slot| search.visit(slot));
-        self.bvh
-            .nearest(p, best.unwrap_or(radius), |slot| search.visit(slot));
+        let best = best.unwrap_or(radius);
+        match &self.pieces {
+            None => self.bvh.nearest(p, best, |slot| search.visit(slot)),
+            Some(pieces) => pieces
+                .bvh
+                .nearest(p, best, |n| search.visit(pieces.triangles[n] as usize)),
+        }
         search.found
     }
 
@@ -200,23 +293,19 @@ impl Soup {
         search.found.0
     }
 
-    /// Replaces `found` by the slots of all triangles that may be nearer than `max_distance` to a box; stops
-    /// at `max_count + 1` slots.
-    pub(crate) fn collect(
-        &self,
-        region: &Aabb,
-        max_distance: f64,
-        max_count: usize,
-        found: &mut Vec<u32>,
-    ) {
+    /// Replaces `found` by the slots of all triangles that may be nearer than `max_distance` to a box.
+    pub(crate) fn collect(&self, region: &Aabb, max_distance: f64, found: &mut Vec<u32>) {
         found.clear();
         let may_be_near = self.may_be_within(region, max_distance);
-        self.bvh.overlapping(&region.dilated(max_distance), |slot| {
+        self.visit_near(region, max_distance, |slot| {
             if may_be_near(slot as u32) {
                 found.push(slot as u32);
             }
-            found.len() <= max_count
         });
+        if self.is_cut() {
+            found.sort_unstable();
+            found.dedup();
+        }
     }
 
     /// Adds to `found` the slots of `slots` whose triangles may be nearer than `max_distance` to a box.
@@ -276,7 +365,9 @@ impl<'a> Search<'a> {
         let point = soup.closest_point(slot, self.p);
         let d2 = (point - self.p).norm_squared();
         let number = soup.number[slot];
-        if d2 < self.max_squared || (d2 == self.max_squared && number < self.found.0.triangle) {
+        // The parts of a united triangle share its number: the slot decides, whatever the order of the search.
+        let is_before = || (number, slot) < (self.found.0.triangle, self.found.1);
+        if d2 < self.max_squared || (d2 == self.max_squared && is_before()) {
             let distance = d2.sqrt();
             self.max_squared = d2;
             self.max_distance = soup.bvh.local().length(distance) as f32;
@@ -309,5 +400,111 @@ impl TriangleDistances {
     #[doc(hidden)]
     pub fn distance(&self, p: Vec3) -> f64 {
         self.0.closest(p, None).0.distance
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::SampleLattice;
+    use crate::frame::WorldPoint;
+    use crate::mesh::{crossing, lattice};
+
+    /// Triangles of a turned prism whose caps are fans from one corner, and of ordinary ones beside it.
+    fn turned_prism(corners: usize) -> Vec<([Vec3; 3], u32)> {
+        let turn = std::f64::consts::TAU / corners as f64;
+        let axes =
+            [[2.0, 3.0, 6.0], [3.0, -6.0, 2.0], [6.0, 2.0, -3.0]].map(|a| Vec3::from(a) / 7.0);
+        let rim = |k: usize, z: f64| {
+            let angle = k as f64 * turn;
+            axes[0] * angle.cos() + axes[1] * angle.sin() + axes[2] * z
+        };
+        let mut all = Vec::new();
+        for k in 0..corners {
+            let next = (k + 1) % corners;
+            all.push([rim(k, 0.0), rim(next, 0.0), rim(next, 0.3)]);
+            all.push([rim(k, 0.0), rim(next, 0.3), rim(k, 0.3)]);
+            // The sides at the hub have no triangle in the fan.
+            if k > 0 && next > 0 {
+                all.push([rim(0, 0.3), rim(k, 0.3), rim(next, 0.3)]);
+                all.push([rim(0, 0.0), rim(next, 0.0), rim(k, 0.0)]);
+            }
+        }
+        all.into_iter().zip(0..).collect()
+    }
+
+    fn random_points(count: usize) -> Vec<Vec3> {
+        let mut state = 3u64;
+        let mut coordinate = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 33) as f64 / f64::from(1u32 << 30) - 1.0
+        };
+        let mut point = || Vec3::from_fn(|_, _| 1.2 * coordinate());
+        (0..count).map(|_| point()).collect()
+    }
+
+    /// Distances, nearest triangles and winding numbers of a cut soup are bit for bit those of a scan.
+    #[test]
+    fn cut_soups_give_what_a_scan_of_all_triangles_gives() {
+        let triangles = turned_prism(300);
+        let (cut, uncut) = (Soup::new(&triangles), Soup::uncut(&triangles));
+        assert!(cut.is_cut() && !uncut.is_cut());
+        let bounds = Aabb::of(triangles.iter().flat_map(|t| t.0));
+        let mut inside = 0;
+        let mut points = random_points(300);
+        // Points on sides and corners have the same distance from several triangles.
+        points.extend(triangles.iter().step_by(7).map(|t| (t.0[0] + t.0[1]) / 2.0));
+        points.extend(triangles.iter().step_by(11).map(|t| t.0[1]));
+        for p in points {
+            let from = |slot: usize| (cut.closest_point(slot, p) - p).norm_squared();
+            let scan = (0..triangles.len()).map(|slot| (from(slot), cut.number[slot]));
+            let (squared, number) = scan.fold((f64::INFINITY, u32::MAX), |best, next| {
+                if next < best { next } else { best }
+            });
+            let found = cut.closest(p, None).0;
+            assert_eq!((found.distance, found.triangle), (squared.sqrt(), number));
+            assert_eq!(uncut.closest(p, Some(0)).0, found);
+            if bounds.contains(WorldPoint(p)) {
+                let winding = crossing::winding(&cut, &bounds, p);
+                assert_eq!(winding, crossing::winding(&uncut, &bounds, p));
+                inside += winding;
+            }
+        }
+        assert!(inside > 5, "{inside}");
+    }
+
+    /// Samples of a lattice at the hub of a fan, and across a whole cap.
+    #[test]
+    fn lattices_at_fans_are_measured_bit_for_bit() {
+        let triangles = turned_prism(400);
+        let soup = Soup::new(&triangles);
+        let hub = triangles[0].0[0];
+        for (origin, step) in [(hub - Vec3::repeat(0.04), 0.01), (Vec3::repeat(-0.8), 0.2)] {
+            let samples = SampleLattice {
+                origin: WorldPoint(origin),
+                step,
+                counts: [8; 3],
+            };
+            let (span, reach) = (samples.span(), 0.25);
+            let mut packs = Vec::new();
+            soup.collect_packs(&span, reach, &mut packs);
+            let mut distances = vec![0.0; samples.len()];
+            lattice::distances(&soup, &packs, &samples, reach, &mut distances);
+            let mut measured = 0;
+            for (n, distance) in distances.into_iter().enumerate() {
+                let p = samples.point(n).0;
+                let all = (0..triangles.len()).map(|slot| (soup.closest_point(slot, p) - p).norm());
+                let right = all.fold(f64::INFINITY, f64::min);
+                if right < reach {
+                    assert_eq!(distance.to_bits(), right.to_bits());
+                    measured += 1;
+                } else {
+                    assert!(distance >= reach);
+                }
+            }
+            assert!(measured > 100, "{measured}");
+        }
     }
 }
