@@ -9,12 +9,33 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The crates in folders of `src`. Cargo keeps the walls between them.
-const CRATES: [&str; 6] = ["geometry", "cells", "tilings", "effective", "crystal", "formats"];
+const CRATES: [&str; 6] = [
+    "geometry",
+    "cells",
+    "tilings",
+    "effective",
+    "crystal",
+    "formats",
+];
 
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
-const LINE_BUDGETS: [(&str, usize); 13] = [
-@B@];
+const LINE_BUDGETS: [(&str, usize); 14] = [
+    ("geometry", 12550),
+    ("cells", 16550),
+    ("tilings", 27850),
+    ("effective", 7550),
+    ("crystal", 7900),
+    ("formats", 19700),
+    ("vdb", 16350),
+    ("recipe", 5550),
+    ("pipeline", 22000),
+    ("cli", 14100),
+    ("sequence", 300),
+    ("slice", 100),
+    ("python", 2450),
+    ("", 1400),
+];
 
 /// Modules and what each may use; the first five use nothing.
 const MAY_USE: &[(&str, &[&str])] = &[
@@ -243,15 +264,25 @@ fn folders_keep_their_budgets_of_lines() {
     for (folder, budget) in LINE_BUDGETS {
         let paths = match folder {
             // The files beside the folders.
-            "" => fs::read_dir(&source).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_file()).collect(),
+            "" => fs::read_dir(&source)
+                .unwrap()
+                .map(|e| e.unwrap().path())
+                .filter(|p| p.is_file())
+                .collect(),
             _ => files(&source.join(folder), &["rs"]),
         };
         let lines = |path: &PathBuf| fs::read_to_string(path).unwrap().lines().count();
         let lines: usize = paths.iter().map(lines).sum();
-        assert!(lines <= budget, "src/{folder}: {lines} lines; expected at most {budget}");
+        assert!(
+            lines <= budget,
+            "src/{folder}: {lines} lines; expected at most {budget}"
+        );
         total += lines;
     }
-    let all: usize = files(&source, &["rs"]).iter().map(|p| fs::read_to_string(p).unwrap().lines().count()).sum();
+    let all: usize = files(&source, &["rs"])
+        .iter()
+        .map(|p| fs::read_to_string(p).unwrap().lines().count())
+        .sum();
     assert_eq!(total, all, "a folder of src has no budget");
 }
 

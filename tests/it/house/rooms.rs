@@ -86,7 +86,9 @@ impl Crate {
         let rest = uses.replace_all(text, "");
         let inline = Regex::new(r"\b\w+(?:::\w+)+").unwrap();
         let inline = inline.find_iter(&rest).map(|m| m.as_str().split("::"));
-        module.paths.extend(inline.map(|s| s.map(str::to_owned).collect()));
+        module
+            .paths
+            .extend(inline.map(|s| s.map(str::to_owned).collect()));
         self.0.insert(path.to_vec(), module);
         for declared in Regex::new(r"\bmod (\w+);").unwrap().captures_iter(text) {
             let name = &declared[1];
@@ -148,7 +150,10 @@ impl Crate {
                 // Between a folder's file and what is inside, either way, is no arrow.
                 if let (Some(a), Some(b)) = (from.get(shared), to.get(shared)) {
                     let arrow = (a.clone(), b.clone());
-                    rooms.entry(from[..shared].to_vec()).or_default().insert(arrow);
+                    rooms
+                        .entry(from[..shared].to_vec())
+                        .or_default()
+                        .insert(arrow);
                 }
             }
         }
@@ -169,16 +174,26 @@ fn arrows_up(arrows: &Arrows) -> Vec<(String, String)> {
     // node that uses most beyond what uses it goes to the beginning.
     while !left.is_empty() {
         let degree = |n: &String| {
-            let inside = arrows.iter().filter(|(a, b)| left.contains(a) && left.contains(b));
+            let inside = arrows
+                .iter()
+                .filter(|(a, b)| left.contains(a) && left.contains(b));
             let of = inside.filter(|(a, b)| a != b && (a == n || b == n));
-            of.fold((0i32, 0i32), |(out, in_), (a, _)| if a == n { (out + 1, in_) } else { (out, in_ + 1) })
+            of.fold((0i32, 0i32), |(out, in_), (a, _)| {
+                if a == n {
+                    (out + 1, in_)
+                } else {
+                    (out, in_ + 1)
+                }
+            })
         };
         let degrees: Vec<_> = left.iter().map(|n| (*n, degree(n))).collect();
         let node = if let Some((n, _)) = degrees.iter().find(|d| d.1.0 == 0) {
             last.push(*n);
             *n
         } else {
-            let n = degrees.iter().max_by_key(|d| if d.1.1 == 0 { i32::MAX } else { d.1.0 - d.1.1 });
+            let n = degrees
+                .iter()
+                .max_by_key(|d| if d.1.1 == 0 { i32::MAX } else { d.1.0 - d.1.1 });
             let n = n.map(|d| d.0).unwrap();
             first.push(n);
             n
@@ -208,7 +223,9 @@ fn arrows_up(arrows: &Arrows) -> Vec<(String, String)> {
 #[test]
 fn files_of_a_folder_point_one_way() {
     let source = root().join("src");
-    let folders = fs::read_dir(&source).unwrap().map(|entry| entry.unwrap().path());
+    let folders = fs::read_dir(&source)
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
     let crates = folders.filter(|path| path.join("lib.rs").exists());
     let mut rooms = 0;
     for folder in crates.chain([source.clone()]) {
@@ -231,13 +248,24 @@ fn files_of_a_folder_point_one_way() {
 #[test]
 fn a_circle_of_files_has_an_arrow_up() {
     let arrows = |pairs: &[(&str, &str)]| -> Arrows {
-        pairs.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect()
+        pairs
+            .iter()
+            .map(|(a, b)| ((*a).to_owned(), (*b).to_owned()))
+            .collect()
     };
-    assert_eq!(arrows_up(&arrows(&[("a", "b"), ("b", "c"), ("a", "c")])).len(), 0);
-    assert_eq!(arrows_up(&arrows(&[("a", "b"), ("b", "c"), ("c", "a")])).len(), 1);
+    assert_eq!(
+        arrows_up(&arrows(&[("a", "b"), ("b", "c"), ("a", "c")])).len(),
+        0
+    );
+    assert_eq!(
+        arrows_up(&arrows(&[("a", "b"), ("b", "c"), ("c", "a")])).len(),
+        1
+    );
     // All pairs of four nodes, both ways: half of the arrows.
     let names = ["a", "b", "c", "d"];
-    let all = names.iter().flat_map(|a| names.iter().map(move |b| (*a, *b)));
+    let all = names
+        .iter()
+        .flat_map(|a| names.iter().map(move |b| (*a, *b)));
     let all: Vec<_> = all.filter(|(a, b)| a != b).collect();
     assert_eq!(arrows_up(&arrows(&all)).len(), 6);
 }

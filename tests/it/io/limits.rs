@@ -158,7 +158,12 @@ fn cells_refuse_a_series_that_is_almost_nothing() {
         .to_json();
     let coefficient = &text[text.find("\"c\": [").unwrap() + 6..];
     let coefficient = &coefficient[..coefficient.find(',').unwrap()];
-    for (x, fits) in [("5e-324", false), ("1e-308", false), ("1e-160", false), ("1e-99", true)] {
+    for (x, fits) in [
+        ("5e-324", false),
+        ("1e-308", false),
+        ("1e-160", false),
+        ("1e-99", true),
+    ] {
         let changed = text.replacen(&format!("[{coefficient},"), &format!("[{x},"), 1);
         let read = Cell::from_json(&changed);
         assert_eq!(read.is_ok(), fits, "{x}");
