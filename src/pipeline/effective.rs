@@ -9,6 +9,7 @@ use super::content::inputs::Inputs;
 use super::content::tiling::{CellTiling, GradedQuantity};
 use crate::frame::{Element, Mat3};
 use crate::homogenize::Packing;
+use crate::pipeline::content::tiling::Content;
 use crate::scaffold::ElementMap;
 use crate::vdb::Session;
 use frames::{ElementFrame, frames, mean_aspect};
@@ -68,7 +69,7 @@ impl<'a> EffectiveElements<'a> {
         let section = recipe.sections().tiling.as_ref();
         let weights = tiling.cell_weights()?;
         let graded = tiling.graded_by_element()?;
-        let is_round = tiling.round().is_some();
+        let is_round = matches!(tiling.content(), Content::Beams(_));
         let mut found = Self {
             tiling,
             cells: Vec::new(),

@@ -16,6 +16,7 @@ use super::measure::thickness::TARGET_POINTS;
 use super::ops::voxels::Voxels;
 use crate::band::{Band, ClosestPointField, Sampling};
 use crate::frame::Transform;
+use crate::pipeline::content::tiling::Content;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{GridWord, Op, Output, OutputKind, Scale};
 use serde::Serialize;
@@ -397,7 +398,7 @@ fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimate {
     let points = c.points;
     let is_sheet = inputs
         .tiling()
-        .is_some_and(|tiling| tiling.sheets().is_some());
+        .is_some_and(|tiling| matches!(tiling.content(), Content::Sheets(_)));
     let closest_points = if is_sheet {
         ClosestPointField::BYTES_KEPT as f64
     } else {

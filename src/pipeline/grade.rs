@@ -15,6 +15,7 @@ use super::inputs::run_options::RunOptions;
 use super::outputs::macro_deck::solid_material;
 use crate::frame::{LengthUnit, Vec3};
 use crate::io::write_vtu_fields;
+use crate::pipeline::content::tiling::Content;
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use crate::vdb::Session;
@@ -236,7 +237,7 @@ fn quantity(elements: &EffectiveElements) -> Result<GradedQuantity, RunError> {
         Some(GradedQuantity::Level) => Err(RunError::Tiling(
             "found tiling.level; expected thickness or volume_fraction, which a grading changes".into(),
         )),
-        own if elements.tiling.round().is_some() && own != Some(GradedQuantity::Thickness) => Err(RunError::Tiling(
+        own if matches!(elements.tiling.content(), Content::Beams(_)) && own != Some(GradedQuantity::Thickness) => Err(RunError::Tiling(
             "found round beams without a thickness in units of length; expected [tiling] thickness, which a \
              grading changes"
                 .into(),

@@ -13,6 +13,7 @@ use super::inputs::run_options::{RunOptions, threads};
 use crate::cell::{Cell, Table};
 use crate::field::{Field, WorldField};
 use crate::frame::{Vec3, WorldPoint};
+use crate::pipeline::content::tiling::Content;
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use crate::tiling::{CellField, TiledSolid, TilingError, TilingOptions};
@@ -108,33 +109,30 @@ impl<'a> Probe<'a> {
             .inputs
             .tiling_options(self.inputs.recipe.scale(), Offsets::default());
         let points: Vec<Vec3> = points.iter().map(|&p| p.into()).collect();
-        self.threads.install(|| {
-            if let Some(round) = tiling.round() {
-                let shape = round.shape(tiling, options, Offsets::default());
+        self.threads.install(|| match tiling.content() {
+            Content::Beams(beams) => {
+                let shape = beams.shape(tiling, options, Offsets::default());
                 let solid = (&*shape.field, options.half_width);
-                return probe_beams(tiling, round, solid, &points);
+                probe_beams(tiling, beams, solid, &points)
             }
-            if let Some(sheets) = tiling.sheets() {
+            Content::Sheets(sheets) => {
                 let sheet_options = SheetOptions {
                     tiling: options,
                     offsets: Offsets::default(),
                     node_tolerance: 0.0,
                     visits: None,
                 };
-                let field = if exact {
-                    sheets.field(tiling, || tiling.exact(), sheet_options)?.0
+                let (field, _) = if exact {
+                    sheets.field(tiling, || tiling.exact(), sheet_options)?
                 } else {
-                    sheets
-                        .field(tiling, || tiling.tabulated(), sheet_options)?
-                        .0
+                    sheets.field(tiling, || tiling.tabulated(), sheet_options)?
                 };
-                return probe_sheets(tiling, &*field, options.half_width, &points);
+                probe_sheets(tiling, &*field, options.half_width, &points)
             }
-            if exact {
+            Content::Fitted if exact => {
                 probe_cells::<Cell>(tiling, &tiling.exact()?, options, &points)
-            } else {
-                probe_cells::<Table>(tiling, &tiling.tabulated()?, options, &points)
             }
+            Content::Fitted => probe_cells::<Table>(tiling, &tiling.tabulated()?, options, &points),
         })
     }
 

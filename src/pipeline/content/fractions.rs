@@ -5,7 +5,7 @@
 //! that weights the cell's volume. Where all elements of a shape are affine the density is constant and
 //! left out.
 
-use super::tiling::CellTiling;
+use super::tiling::{CellTiling, Content};
 use crate::cell::{Cell, Density};
 use crate::frame::{CellPoint, Element};
 use crate::pipeline::base::error::RunError;
@@ -82,7 +82,7 @@ pub(crate) fn cell_fraction(tiling: &CellTiling) -> Option<f64> {
     let [entry] = &tiling.palette[..] else {
         return None;
     };
-    if tiling.sheets().is_some() {
+    if matches!(tiling.content(), Content::Sheets(_)) {
         return None;
     }
     if tiling.target_fraction.is_some() || entry.cells.is_empty() {

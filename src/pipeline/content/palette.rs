@@ -10,6 +10,7 @@ use crate::field::Field;
 use crate::frame::Element;
 use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::warning::Warning;
+use crate::pipeline::content::tiling::ContentKind;
 use crate::pipeline::inputs::cells;
 use crate::pipeline::inputs::fit_options::fit_options;
 use crate::pipeline::inputs::input_files::InputFiles;
@@ -107,7 +108,7 @@ impl PaletteCell {
 pub(crate) fn palette_cell(
     files: &mut InputFiles,
     scaffold: &Scaffold,
-    (name, accuracy, is_sheet): (&str, TableAccuracy, bool),
+    (name, accuracy, kind): (&str, TableAccuracy, ContentKind),
     session: Session,
 ) -> Result<PaletteCell, RunError> {
     let key = format!("cell.{name}");
@@ -124,10 +125,10 @@ pub(crate) fn palette_cell(
         thickness: Some(Size(Length::Bare(PROVISIONAL_THICKNESS))),
         ..section.clone()
     };
-    let section = match (is_sheet, is_provisional) {
-        (true, _) => &mid_surface,
-        (false, true) => &provisional,
-        (false, false) => section,
+    let section = match (kind, is_provisional) {
+        (ContentKind::Sheets, _) => &mid_surface,
+        (_, true) => &provisional,
+        (_, false) => section,
     };
     let shapes = scaffold.shapes();
     let own_element = section.element.map(Element::from);
@@ -146,7 +147,7 @@ pub(crate) fn palette_cell(
             continue;
         }
         let mut cell = cells::make(files, &key, section, element, session)?;
-        if is_sheet {
+        if kind == ContentKind::Sheets {
             let fault = |e: crate::cell::CellError| RunError::Cell {
                 key: key.clone(),
                 fault: e.into(),

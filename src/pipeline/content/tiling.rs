@@ -53,18 +53,48 @@ pub(crate) struct CellTiling {
     /// The values that the recipe gives the graded quantity at the points.
     graded: Option<Graded>,
     follow_volume: bool,
-    /// Beams and plates in world space, if the cells are made of them; the palette then holds names
-    /// only.
-    round: Option<RoundBeams>,
-    /// The walls of cells that are metric sheets; the palette then holds their mid-surfaces.
-    sheets: Option<SheetThickness>,
+    content: Content,
     /// Least and greatest requested thickness, world units.
     target_thickness: Option<[f64; 2]>,
     /// The mean volume fraction that `tiling.volume_fraction` requests.
     pub target_fraction: Option<f64>,
 }
 
-/// The content of elements: a single cell, or a blend of cells.
+/// How cells fill their elements.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ContentKind {
+    /// By the level of a field in reference coordinates.
+    Fitted,
+    /// By walls of a given thickness in space around the level.
+    Sheets,
+    /// By beams and plates that are round in space.
+    Beams,
+}
+
+/// What fills the elements, beside the palette.
+pub(crate) enum Content {
+    /// The cells of the palette themselves.
+    Fitted,
+    /// Walls around the mid-surfaces that the palette holds.
+    Sheets(SheetThickness),
+    /// Beams and plates; the palette holds names only.
+    Beams(RoundBeams),
+}
+
+impl ContentKind {
+    /// The kind of a recipe's tiling.
+    fn of_section(files: &mut InputFiles, section: &TilingSection) -> Result<Self, RunError> {
+        Ok(if round_beams::is_round(files, section)? {
+            Self::Beams
+        } else if is_metric_sheet(files.recipe, section)? {
+            Self::Sheets
+        } else {
+            Self::Fitted
+        })
+    }
+}
+
+/// The field in an element: of a single cell, or of a blend of cells.
 pub(crate) enum ElementContent<'a, C: CellField> {
     Cell(&'a C),
     Blend(Box<Blend<'a, C>>),
@@ -79,17 +109,16 @@ impl CellTiling {
         envelope: Option<&MeshSolid>,
         session: Session,
     ) -> Result<Self, RunError> {
-        let is_round = round_beams::is_round(files, section)?;
-        let is_sheet = !is_round && is_metric_sheet(files.recipe, section)?;
+        let kind = ContentKind::of_section(files, section)?;
         let mut palette = Vec::new();
         let accuracy = TableAccuracy::new(files.recipe, section, &loaded.scaffold);
         for name in section.cells() {
-            if is_round {
-                palette.push(PaletteCell::named(name));
-                continue;
-            }
-            let of_cell = (name, accuracy, is_sheet);
-            palette.push(palette_cell(files, &loaded.scaffold, of_cell, session)?);
+            palette.push(match kind {
+                ContentKind::Beams => PaletteCell::named(name),
+                ContentKind::Fitted | ContentKind::Sheets => {
+                    palette_cell(files, &loaded.scaffold, (name, accuracy, kind), session)?
+                }
+            });
         }
         let interpolation = match section.interpolation {
             recipe::Interpolation::Linear => Interpolation::Linear,
@@ -99,7 +128,7 @@ impl CellTiling {
         let varies = !section.transition.is_empty()
             || !section.assign.is_empty()
             || section.is_graded()
-            || is_sheet;
+            || kind == ContentKind::Sheets;
         let points = if varies {
             interpolation.places(&loaded.scaffold)
         } else {
@@ -120,10 +149,9 @@ impl CellTiling {
             grading: Vec::new(),
             graded: None,
             // A blend of mid-surfaces has no volume.
-            follow_volume: section.follow_volume.unwrap_or(true) && !is_sheet,
-            sheets: None,
+            follow_volume: section.follow_volume.unwrap_or(true) && kind != ContentKind::Sheets,
+            content: Content::Fitted,
             target_thickness: None,
-            round: None,
             palette,
             accuracy,
             loaded,
@@ -141,26 +169,28 @@ impl CellTiling {
         } else if !section.assign.is_empty() {
             tiling.weights = tiling.assigned_weights(section, &spatial)?;
         }
-        if is_round {
-            let spatial = spatial("tiling.thickness");
-            let round = RoundBeams::load(files, &tiling, section, &spatial)?;
-            tiling.target_thickness = Some(round.diameters());
-            tiling.target_fraction = round_beams::fraction(files.recipe, section);
-            tiling.graded = tiling.graded_diameters(files, section, &spatial)?;
-            tiling.round = Some(round);
-            return Ok(tiling);
-        }
-        if is_sheet {
-            let sheets = tiling.sheet_thickness(files, section, &spatial)?;
-            tiling.target_thickness = Some(sheets.range());
-            tiling.graded = Some(Graded::thickness(sheets.values().to_vec()));
-            tiling.sheets = Some(sheets);
-        } else {
-            tiling.grade(files, section, &spatial)?;
-        }
-        // Mid-surfaces divide space and are not solids.
-        if tiling.palette.len() > 1 && tiling.sheets.is_none() {
-            tiling.check_transitions(files)?;
+        match kind {
+            ContentKind::Beams => {
+                let spatial = spatial("tiling.thickness");
+                let beams = RoundBeams::load(files, &tiling, section, &spatial)?;
+                tiling.target_thickness = Some(beams.diameters());
+                tiling.target_fraction = round_beams::fraction(files.recipe, section);
+                tiling.graded = tiling.graded_diameters(files, section, &spatial)?;
+                tiling.content = Content::Beams(beams);
+            }
+            // Transitions of mid-surfaces are not checked: they divide space and are not solids.
+            ContentKind::Sheets => {
+                let sheets = tiling.sheet_thickness(files, section, &spatial)?;
+                tiling.target_thickness = Some(sheets.range());
+                tiling.graded = Some(Graded::thickness(sheets.values().to_vec()));
+                tiling.content = Content::Sheets(sheets);
+            }
+            ContentKind::Fitted => {
+                tiling.grade(files, section, &spatial)?;
+                if tiling.palette.len() > 1 {
+                    tiling.check_transitions(files)?;
+                }
+            }
         }
         Ok(tiling)
     }
@@ -309,9 +339,9 @@ impl CellTiling {
         files.warn(Warning::THICKNESS, message)
     }
 
-    /// The walls of cells that are metric sheets, if they are.
-    pub fn sheets(&self) -> Option<&SheetThickness> {
-        self.sheets.as_ref()
+    /// What fills the elements, beside the palette.
+    pub fn content(&self) -> &Content {
+        &self.content
     }
 
     /// Least and greatest requested thickness, world units; `None` if none is requested.
@@ -406,7 +436,7 @@ impl CellTiling {
         Ok(blend)
     }
 
-    fn content<'a, C: CellField>(
+    fn element_content<'a, C: CellField>(
         &'a self,
         cells: impl Fn(&'a PaletteCell) -> Vec<&'a C>,
     ) -> Result<ElementContent<'a, C>, RunError> {
@@ -420,29 +450,24 @@ impl CellTiling {
 
     /// The cells as tables, as runs evaluate them.
     pub fn tabulated(&self) -> Result<ElementContent<'_, Table>, RunError> {
-        self.content(|e| e.tables.iter().collect())
+        self.element_content(|e| e.tables.iter().collect())
     }
 
     /// The cells as exact series.
     pub fn exact(&self) -> Result<ElementContent<'_, Cell>, RunError> {
-        self.content(|e| e.cells.iter().collect())
-    }
-
-    /// Beams and plates in world space, if the cells are made of them.
-    pub fn round(&self) -> Option<&RoundBeams> {
-        self.round.as_ref()
+        self.element_content(|e| e.cells.iter().collect())
     }
 
     /// The report's entry for each cell.
     pub fn facts(&self) -> impl Iterator<Item = (String, serde_json::Value)> + '_ {
         self.palette.iter().map(|entry| {
-            if let Some(round) = &self.round {
-                return (entry.name.clone(), round.facts());
+            if let Content::Beams(beams) = &self.content {
+                return (entry.name.clone(), beams.facts());
             }
             let mut facts = facts_by_element(&entry.cells);
             let tables = entry.tables.iter().map(|t| self.accuracy.facts(t));
             facts["tables"] = tables.collect();
-            if let Some(sheets) = &self.sheets {
+            if let Content::Sheets(sheets) = &self.content {
                 facts["solid"] = if sheets.is_inverted() {
                     "channels"
                 } else {
@@ -461,14 +486,17 @@ impl CellTiling {
     pub fn table_bytes(&self) -> u64 {
         let tables = self.palette.iter().flat_map(|entry| &entry.tables);
         let tables: u64 = tables.map(|t| t.bytes() as u64).sum();
-        tables + self.round.as_ref().map_or(0, RoundBeams::bytes)
+        match &self.content {
+            Content::Beams(beams) => tables + beams.bytes(),
+            Content::Fitted | Content::Sheets(_) => tables,
+        }
     }
 
     /// The continuity over all shared faces.
     pub fn certificate(&self) -> Result<crate::tiling::Certificate, RunError> {
         let scaffold = &self.loaded.scaffold;
-        if let Some(round) = &self.round {
-            return Ok(certify(scaffold, &round.in_elements(scaffold)));
+        if let Content::Beams(beams) = &self.content {
+            return Ok(certify(scaffold, &beams.in_elements(scaffold)));
         }
         Ok(match self.tabulated()? {
             ElementContent::Cell(table) => certify(scaffold, table),

@@ -20,6 +20,7 @@ use crate::pipeline::base::offset::Offsets;
 use crate::pipeline::base::report::{OffsetMethod, OffsetReport};
 use crate::pipeline::base::shape::{Shape, field_operations};
 use crate::pipeline::content::inputs::Inputs;
+use crate::pipeline::content::tiling::Content;
 use crate::pipeline::inputs::run_options::RunOptions;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Op, Operand, Recipe};
@@ -89,7 +90,7 @@ fn field_offsets(
             // Sheets measure distances by closest points, as far as needed.
             let is_metric = inputs
                 .tiling()
-                .is_some_and(|tiling| tiling.sheets().is_some());
+                .is_some_and(|tiling| matches!(tiling.content(), Content::Sheets(_)));
             error_voxels = if is_metric {
                 Some(0.0)
             } else {

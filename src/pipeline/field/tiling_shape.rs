@@ -7,7 +7,7 @@ use crate::pipeline::base::offset::Offsets;
 use crate::pipeline::base::shape::{Borrowed, Shape, intersection};
 use crate::pipeline::content::inputs::Inputs;
 use crate::pipeline::content::sheets::SheetOptions;
-use crate::pipeline::content::tiling::{CellTiling, ElementContent};
+use crate::pipeline::content::tiling::{CellTiling, Content, ElementContent};
 use crate::recipe::{Boundary, Distance, Scale};
 use crate::tiling;
 use crate::tiling::{TiledSolid, TilingOptions};
@@ -51,25 +51,24 @@ impl Inputs<'_> {
             return Ok(None);
         };
         let options = self.tiling_options(scale, offsets);
-        // Their distances are closed forms, which need no tables.
-        if let Some(beams) = tiling.round() {
-            return Ok(Some(beams.shape(tiling, options, offsets)));
-        }
         let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
         let scaffold = &tiling.loaded.scaffold;
         let node_tolerance = NODE_TOLERANCE_SHARE * self.tolerance() * options.voxel_size;
-        let field: Box<WorldField<'_>> = if let Some(sheets) = tiling.sheets() {
-            let sheet_options = SheetOptions {
-                tiling: options,
-                offsets,
-                node_tolerance,
-                visits: Some(&self.visits),
-            };
-            let (field, kernel) = sheets.field(tiling, || tiling.tabulated(), sheet_options)?;
-            self.kernel.get_or_init(|| kernel);
-            field
-        } else {
-            match tiling.tabulated()? {
+        let field: Box<WorldField<'_>> = match tiling.content() {
+            // Their distances are closed forms, which need no tables.
+            Content::Beams(beams) => return Ok(Some(beams.shape(tiling, options, offsets))),
+            Content::Sheets(sheets) => {
+                let sheet_options = SheetOptions {
+                    tiling: options,
+                    offsets,
+                    node_tolerance,
+                    visits: Some(&self.visits),
+                };
+                let (field, kernel) = sheets.field(tiling, || tiling.tabulated(), sheet_options)?;
+                self.kernel.get_or_init(|| kernel);
+                field
+            }
+            Content::Fitted => match tiling.tabulated()? {
                 ElementContent::Cell(table) => {
                     let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
                     self.kernel.get_or_init(|| solid.kernel());
@@ -89,7 +88,7 @@ impl Inputs<'_> {
                             .with_interpolation(node_tolerance),
                     )
                 }
-            }
+            },
         };
         let extent = tiled_extent(tiling, options.boundary);
         let mut shape = Shape {

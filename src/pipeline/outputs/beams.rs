@@ -5,6 +5,7 @@ use crate::frame::{CellPoint, Vec3};
 use crate::io::{Beam, BeamLattice};
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::content::inputs::Inputs;
+use crate::pipeline::content::tiling::Content;
 use crate::pipeline::inputs::source::skeleton;
 use std::collections::{BTreeSet, HashMap};
 
@@ -25,7 +26,7 @@ pub(crate) fn beams(inputs: &Inputs) -> Result<BeamLattice, RunError> {
     let scaffold = &tiling.loaded.scaffold;
     // Nodes of neighbours agree up to rounding; coordinates on this grid identify them.
     let merge_step = 1e-7 * scaffold.bounds().half_diagonal();
-    if let Some(round) = tiling.round() {
+    if let Content::Beams(round) = tiling.content() {
         let beams = round.beams();
         if beams.has_plates() {
             return Err(fault(format!(
