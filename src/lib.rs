@@ -32,8 +32,6 @@ pub mod guide;
 pub mod pipeline;
 pub mod recipe;
 pub mod sequence;
-#[doc(hidden)]
-pub mod slice;
 #[cfg(feature = "vdb")]
 pub mod vdb;
 
@@ -49,6 +47,8 @@ pub use druse_formats::io;
 pub use druse_geometry::simd;
 #[doc(inline)]
 pub use druse_geometry::{field, frame, mesh, progress};
+#[doc(hidden)]
+pub use druse_solids::slice;
 #[doc(inline)]
 pub use druse_tilings::{band, beams, mesher, scaffold, tiling};
 

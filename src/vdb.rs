@@ -18,6 +18,7 @@ use crate::band::VOXELS;
 use crate::frame::{Aabb, Transform, Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
 use cxx::UniquePtr;
+use druse_solids::Task;
 use rayon::prelude::*;
 
 // The bridge to C++, errors, and the memory of the process.
@@ -28,11 +29,9 @@ mod refusal;
 
 // The tree: building it, reading its leaves and values, and sets of voxels.
 mod builder;
-mod dense;
 mod index;
 mod leaves;
 mod value_survey;
-mod voxel_mask;
 
 // Other volumes than level sets, and maps of index space.
 mod attribute;
@@ -66,7 +65,7 @@ mod shape_ops;
 mod smooth;
 
 // Connected components and cavities, in memory and on disk.
-mod cavities;
+mod analyses;
 mod components;
 mod leaf_source;
 mod on_disk;
@@ -76,7 +75,6 @@ mod segments;
 // Measures, and conversions to meshes, voxel meshes and fields.
 mod as_field;
 mod coarser;
-mod layers;
 mod limits;
 mod measures;
 mod mesh;
@@ -91,23 +89,26 @@ mod render_parts;
 mod samples;
 mod shading;
 
+pub(crate) use analyses::{
+    stored_blocked_start, stored_build_layers, stored_cavities, stored_drain_channels,
+};
 pub use as_field::{MAX_REFINEMENT_RATIO, Placement, SampledLevelSet};
 pub use attribute::Attribute;
 pub use builder::LevelSetBuilder;
-pub use cavities::{
-    Cavities, Cavity, Channel, DEFAULT_CAVITY_REACH, DrainPlan, DrainRequest, MAX_CAVITY_REACH,
-};
-pub(crate) use cavities::{stored_blocked_start, stored_cavities, stored_drain_channels};
 pub use check::{GradientStatistics, LevelSetCheck};
 pub(crate) use colormap::linear_colour;
 pub use components::Component;
+#[doc(inline)]
+pub use druse_solids::cavities::{
+    Cavities, Cavity, Channel, DEFAULT_CAVITY_REACH, DrainPlan, DrainRequest, MAX_CAVITY_REACH,
+};
+#[doc(inline)]
+pub use druse_solids::layers::{BuildLayers, BuildRequest, LayerFacts, LayerRegion};
 pub use error::{FileError, VdbError};
 pub use file::{CoarseReading, FileInfo, GridInfo, info, read};
 pub use fog::Fog;
 pub use foreign::{Adopted, Cubes, GridReading};
 pub use index_map::IndexMap;
-pub(crate) use layers::stored_build_layers;
-pub use layers::{BuildLayers, BuildRequest, LayerFacts, LayerRegion};
 pub use leaves::{LeafView, Leaves, TileView};
 pub use level_set_file::LevelSetFile;
 pub use limits::MAX_CUBES;
@@ -186,6 +187,14 @@ impl<'a> Session<'a> {
     #[must_use]
     pub fn with_scheme(self, scheme: Scheme) -> Self {
         Self { scheme, ..self }
+    }
+
+    /// Threads and progress, for analyses that need no level set.
+    pub(crate) fn task(&self) -> Task<'a> {
+        Task {
+            threads: self.threads,
+            progress: self.progress,
+        }
     }
 
     /// What C++ calls back: the threads that run its loops, and progress.

@@ -6,8 +6,9 @@
 use super::error::VdbError;
 use super::leaves::LeafView;
 use super::redistance::Rebuild;
-use super::{LevelSet, Session, voxel_mask};
+use super::{LevelSet, Session};
 use crate::band::Region;
+use druse_solids::voxel_mask;
 
 /// Share of the background from which a value counts as the full half width.
 const FULL_WIDTH_SHARE: f32 = 1.0 - 1e-3;

@@ -8,11 +8,12 @@
 use super::error::VdbError;
 use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::LeafView;
-use super::voxel_mask::Bits;
-use super::{LevelSet, Session, voxel_mask};
+use super::{LevelSet, Session};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use crate::union_find::UnionFind;
+use druse_solids::voxel_mask;
+use druse_solids::voxel_mask::Bits;
 use rayon::prelude::*;
 use std::cmp::Reverse;
 

@@ -5,6 +5,7 @@ use super::error::VdbError;
 use super::ffi::TileChoice;
 use super::leaves::{LeafView, Leaves, TileView, tiles_of};
 use crate::frame::Coord;
+use druse_solids::voxel_mask::offset;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
@@ -135,12 +136,6 @@ impl<'a> LeafIndex<'a> {
             Holder::Background => (self.background, false),
         }
     }
-}
-
-/// Offset of a voxel in its leaf.
-pub(super) fn offset(voxel: Coord) -> usize {
-    let [x, y, z] = voxel.0.map(|c| (c & 7) as usize);
-    x << 6 | y << 3 | z
 }
 
 /// Steps to the six face neighbours.

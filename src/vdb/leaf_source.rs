@@ -1,38 +1,12 @@
-//! Leaves of a level set for analyses that read them one by one: from a tree in memory, or from disk.
+//! Leaves of a level set in memory, for analyses that read them one by one.
 
-use super::error::{FileError, VdbError};
+use super::error::VdbError;
 use super::index::LeafIndex;
-use super::voxel_mask;
-use crate::band::{BLOCK, FullLeaf, LEAF, LeafStore, Region, StoreError};
+use crate::band::{BLOCK, FullLeaf, LEAF, Region};
 use crate::frame::Coord;
-use crate::progress::Cancelled;
+use druse_solids::leaf_source::LeafSource;
+use druse_solids::voxel_mask;
 use std::collections::BTreeMap;
-
-/// A solid that provides its leaves region by region.
-pub(super) trait LeafSource: Sync {
-    type Error: From<Cancelled> + Send;
-
-    /// Blocks with leaves, ascending.
-    fn blocks(&self) -> Vec<Coord>;
-
-    /// The box of the leaves.
-    fn bounds(&self) -> Option<Region>;
-
-    /// Calls `visit` with the leaves that meet a region.
-    fn visit_leaves(
-        &self,
-        region: Region,
-        visit: &mut dyn FnMut(FullLeaf<'_>),
-    ) -> Result<(), Self::Error>;
-
-    /// Cubes without leaves that lie inside and meet a region: least voxel and edge.
-    fn inside_cubes(&self, region: Region) -> Vec<(Coord, i32)>;
-
-    /// Whether a block without leaves lies inside.
-    fn is_block_inside(&self, block: Coord) -> bool {
-        !self.inside_cubes(Region::cube(block, 1)).is_empty()
-    }
-}
 
 /// Leaves and inside tiles of a level set by block.
 pub(super) struct MemorySource<'a> {
@@ -121,37 +95,5 @@ impl LeafSource for MemorySource<'_> {
         let all = near.flatten().chain(&self.large_tiles).copied();
         all.filter(|&(origin, edge)| region.meets(origin, edge))
             .collect()
-    }
-}
-
-impl LeafSource for LeafStore {
-    type Error = FileError;
-
-    fn blocks(&self) -> Vec<Coord> {
-        self.blocks().collect()
-    }
-
-    fn bounds(&self) -> Option<Region> {
-        let [min, max] = self.bounds()?;
-        Some(Region {
-            min: min.aligned(LEAF),
-            max: Region::cube(max.aligned(LEAF), LEAF).max,
-        })
-    }
-
-    fn visit_leaves(
-        &self,
-        region: Region,
-        visit: &mut dyn FnMut(FullLeaf<'_>),
-    ) -> Result<(), FileError> {
-        for block in self.blocks_in(region) {
-            let visited = self.visit(block, region, &mut *visit);
-            visited.map_err(StoreError::from)?;
-        }
-        Ok(())
-    }
-
-    fn inside_cubes(&self, region: Region) -> Vec<(Coord, i32)> {
-        self.inside_cubes(region)
     }
 }

@@ -7,12 +7,14 @@
 
 use super::components::{Component, Components, Ranking, Side};
 use super::error::VdbError;
-use super::index::{FACES, LeafIndex, offset};
+use super::index::{FACES, LeafIndex};
 use super::leaves::LeafView;
-use super::voxel_mask::Bits;
-use super::{LevelSet, Session, ffi, voxel_mask};
+use super::{LevelSet, Session, ffi};
 use crate::band::LEAF;
 use crate::frame::Coord;
+use druse_solids::voxel_mask;
+use druse_solids::voxel_mask::Bits;
+use druse_solids::voxel_mask::offset;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 

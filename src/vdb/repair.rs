@@ -254,7 +254,7 @@ impl Volume {
     fn inactive_inside(&self) -> Result<u64, VdbError> {
         let mut count = 0;
         for leaf in self.leaves()?.iter() {
-            let below = super::voxel_mask::negative(leaf.values);
+            let below = druse_solids::voxel_mask::negative(leaf.values);
             let words = below.iter().zip(leaf.mask);
             count += words
                 .map(|(b, m)| u64::from((b & !m).count_ones()))

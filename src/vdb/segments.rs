@@ -5,11 +5,12 @@ use super::components::{Components, Side};
 use super::error::VdbError;
 use super::index::LeafIndex;
 use super::remove_components::{REMOVAL_REACH, Removal, band_leaves};
-use super::voxel_mask::Bits;
-use super::{LevelSet, Session, voxel_mask};
+use super::{LevelSet, Session};
 use crate::band::{BLOCK, LEAF, LeafBatch, LeafSink, Region};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
+use druse_solids::voxel_mask;
+use druse_solids::voxel_mask::Bits;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Edge of the cubes that bound the neighbourhood of a component, a power of 2: at least the reach of a removal

@@ -4,9 +4,9 @@ use super::LevelSet;
 use super::error::VdbError;
 use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::TileView;
-use super::voxel_mask::{Bits, negative as negative_voxels};
 use crate::band::{LEAF, Region};
 use crate::frame::{Coord, Vec3};
+use druse_solids::voxel_mask::{Bits, negative as negative_voxels};
 use rayon::prelude::*;
 
 /// Numbers of crossings and of gaps.

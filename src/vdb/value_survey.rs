@@ -6,8 +6,8 @@
 use super::ffi;
 use super::ffi::TileChoice;
 use super::leaves::{LeafView, Leaves, tiles_of};
-use super::voxel_mask::{self, Bits};
 use crate::frame::Coord;
+use druse_solids::voxel_mask::{self, Bits};
 
 /// Statistics of the values of a grid.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -9,13 +9,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The crates in folders of `src`. Cargo keeps the walls between them.
-const CRATES: [&str; 6] = [
+const CRATES: [&str; 7] = [
     "geometry",
     "cells",
     "tilings",
     "effective",
     "crystal",
     "formats",
+    "solids",
 ];
 
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
@@ -27,14 +28,14 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("effective", 7550),
     ("crystal", 7900),
     ("formats", 19700),
-    ("vdb", 16350),
+    ("solids", 5450),
+    ("vdb", 11400),
     ("recipe", 5550),
-    ("pipeline", 22000),
+    ("pipeline", 22050),
     ("cli", 14100),
     ("sequence", 300),
-    ("slice", 100),
     ("python", 2450),
-    ("", 1400),
+    ("", 1100),
 ];
 
 /// Modules and what each may use; the first five use nothing.
@@ -100,6 +101,34 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("band", &["field", "frame", "progress", "simd"]),
     ("slice", &["field", "frame"]),
+    ("voxel_mask", &["frame", "simd"]),
+    ("leaf_source", &["band", "frame", "progress"]),
+    ("dense", &["band", "frame", "leaf_source"]),
+    (
+        "cavities",
+        &[
+            "band",
+            "dense",
+            "frame",
+            "leaf_source",
+            "mesh",
+            "progress",
+            "simd",
+            "union_find",
+            "voxel_mask",
+        ],
+    ),
+    (
+        "layers",
+        &[
+            "band",
+            "dense",
+            "frame",
+            "leaf_source",
+            "progress",
+            "union_find",
+        ],
+    ),
     (
         "mesher",
         &["field", "frame", "simd", "mesh", "band", "progress"],
@@ -115,6 +144,11 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "simd",
             "progress",
             "union_find",
+            "cavities",
+            "dense",
+            "layers",
+            "leaf_source",
+            "voxel_mask",
         ],
     ),
     ("io", &["mesh", "scaffold", "cell", "frame", "polymesh"]),

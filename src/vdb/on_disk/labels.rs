@@ -2,10 +2,10 @@
 
 use super::super::components::{ComponentStats, Part, Side};
 use super::super::leaves::LeafView;
-use super::super::voxel_mask::{self, Bits};
 use crate::band::{LEAF, LeafFileError, LeafStore, Region};
 use crate::frame::Coord;
 use crate::union_find::UnionFind;
+use druse_solids::voxel_mask::{self, Bits};
 
 /// Slots of 8^3 voxels along the edge of a block.
 const SLOTS_PER_EDGE: usize = 16;

@@ -2,12 +2,13 @@
 
 use super::super::components::{Part, Side};
 use super::super::leaves::LeafView;
-use super::super::voxel_mask::Bits;
-use super::super::{LevelSet, Session, voxel_mask};
+use super::super::{LevelSet, Session};
 use super::StoredComponents;
 use crate::band::LEAF;
 use crate::frame::Coord;
 use crate::vdb::error::VdbError;
+use druse_solids::voxel_mask;
+use druse_solids::voxel_mask::Bits;
 use std::collections::HashMap;
 
 /// Selected parts on one side of the surface.

@@ -3,11 +3,11 @@
 use super::distances::{BlockVoid, Slot};
 use super::void_map::{VoidMap, VoxelSet, slot};
 use super::{MIN_DEPTH, Measure};
-use crate::band::{BLOCK, LEAF};
-use crate::frame::Coord;
-use crate::vdb::leaf_source::LeafSource;
-use crate::vdb::voxel_mask;
-use crate::vdb::voxel_mask::Bits;
+use crate::leaf_source::LeafSource;
+use crate::voxel_mask;
+use crate::voxel_mask::Bits;
+use druse_geometry::frame::Coord;
+use druse_tilings::band::{BLOCK, LEAF};
 use std::collections::BTreeMap;
 
 /// Step of the depths at which narrow cavities are measured together, voxels.
@@ -38,7 +38,7 @@ pub(super) fn deepest<S: LeafSource>(
             };
             let values = &distances.leaves[n as usize];
             for voxel in voxels_of(leaf, bits) {
-                let depth = values[crate::vdb::index::offset(voxel)];
+                let depth = values[crate::voxel_mask::offset(voxel)];
                 // The first of equal ones.
                 if best.is_none_or(|(_, most)| depth > most) {
                     best = Some((voxel, depth));

@@ -4,9 +4,9 @@ use super::MIN_PROMINENCE;
 use super::ascent::{Ascent, Labels, Meeting, UNLABELLED};
 use super::distances::{BlockDistances, Slot, position, slot_at};
 use super::samples::SLOTS;
-use crate::band::VOXELS;
-use crate::frame::Coord;
-use crate::union_find::UnionFind;
+use druse_geometry::frame::Coord;
+use druse_geometry::union_find::UnionFind;
+use druse_tilings::band::VOXELS;
 
 /// The voxels whose steepest ascent ends in one local maximum.
 #[derive(Clone, Copy, Debug)]

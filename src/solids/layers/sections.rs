@@ -1,12 +1,12 @@
 //! Plane sections of a level set, layer by layer, from its leaves.
 
 use super::raster::{Raster, RimPixel};
-use crate::band::Region;
-use crate::frame::{Coord, Vec3};
-use crate::progress::Cancelled;
-use crate::vdb::Session;
-use crate::vdb::dense::DenseValues;
-use crate::vdb::leaf_source::LeafSource;
+use crate::Task;
+use crate::dense::DenseValues;
+use crate::leaf_source::LeafSource;
+use druse_geometry::frame::{Coord, Vec3};
+use druse_geometry::progress::Cancelled;
+use druse_tilings::band::Region;
 use rayon::prelude::*;
 
 /// Edge of the tiles that are sampled at once, pixels: the bits of a word.
@@ -99,21 +99,20 @@ pub(super) fn sections<S: LeafSource>(
     source: &S,
     frame: &Frame,
     background: f32,
-    session: Session<'_>,
+    task: Task<'_>,
     mut take: impl FnMut(i64, Raster),
 ) -> Result<(), S::Error> {
-    session
-        .progress
+    task.progress
         .stage("layers", Some(frame.layer_count as u64));
     let group = ((GROUP_HEIGHT / frame.layer_height) as usize).clamp(1, MAX_GROUP);
     let tiles = frame.sizes.map(|n| n.div_ceil(TILE));
     for start in (0..frame.layer_count).step_by(group) {
         let count = group.min(frame.layer_count - start);
         let first = frame.first + start as i64;
-        let sampled = session.threads.install(|| {
+        let sampled = task.threads.install(|| {
             let all = (0..tiles[0] * tiles[1]).into_par_iter();
             let found = all.map(|n| {
-                if session.progress.cancelled() {
+                if task.progress.cancelled() {
                     return Err(Cancelled.into());
                 }
                 let at = [n / tiles[1], n % tiles[1]];
@@ -139,7 +138,7 @@ pub(super) fn sections<S: LeafSource>(
             }
             raster.set_rim(rim);
             take(first + layer as i64, raster);
-            session.progress.advance(1);
+            task.progress.advance(1);
         }
     }
     Ok(())

@@ -1,11 +1,11 @@
 //! Values of a level set around one block, by leaf.
 
 use super::Measure;
-use crate::band::{BLOCK, LEAF, Region};
-use crate::frame::Coord;
-use crate::vdb::leaf_source::LeafSource;
-use crate::vdb::voxel_mask;
-use crate::vdb::voxel_mask::Bits;
+use crate::leaf_source::LeafSource;
+use crate::voxel_mask;
+use crate::voxel_mask::Bits;
+use druse_geometry::frame::Coord;
+use druse_tilings::band::{BLOCK, LEAF, Region};
 
 /// Values along z of eight voxels.
 pub(super) type Row = [f32; 8];

@@ -4,7 +4,7 @@
 //! side of the outline in the cells around its centre, each shared among the pixels of that side: 1, except at the
 //! outline.
 
-use crate::union_find::UnionFind;
+use druse_geometry::union_find::UnionFind;
 
 /// Pixels of a layer. A margin of at least one pixel is empty.
 pub(super) struct Raster {

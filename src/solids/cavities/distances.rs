@@ -18,10 +18,10 @@ use super::line_distances::{
     LeafRows, along_line, from_crossings, lower, lower_to_rows, squared_steps,
 };
 use super::samples::{ALL_SOLID, Row, Rows, SLOTS, Sample, Samples};
-use crate::band::{LEAF, VOXELS};
-use crate::frame::Coord;
-use crate::simd::run_vectorized;
-use crate::vdb::leaf_source::LeafSource;
+use crate::leaf_source::LeafSource;
+use druse_geometry::frame::Coord;
+use druse_geometry::simd::run_vectorized;
+use druse_tilings::band::{LEAF, VOXELS};
 use std::ops::Range;
 
 /// The void of a block.

@@ -12,14 +12,12 @@
 //! keeps its local maxima and the edges of its maximum spanning forest; faces of blocks add edges. A solid in
 //! memory and a solid on disk have the same blocks, and so the same cavities.
 
-use super::error::{FileError, VdbError};
-use super::index::LeafIndex;
-use super::leaf_source::{LeafSource, MemorySource};
-use super::{LevelSet, Session};
-use crate::band::{LeafStore, Region};
-use crate::frame::Coord;
-use crate::progress::{Cancelled, Progress};
-use crate::union_find::UnionFind;
+use super::Task;
+use super::leaf_source::LeafSource;
+use druse_geometry::frame::Coord;
+use druse_geometry::progress::{Cancelled, Progress};
+use druse_geometry::union_find::UnionFind;
+use druse_tilings::band::Region;
 
 mod ascent;
 mod basins;
@@ -37,7 +35,7 @@ mod samples;
 mod slopes;
 mod void_map;
 
-pub use drains::{Channel, DrainPlan, DrainRequest, stored_blocked_start, stored_drain_channels};
+pub use drains::{Channel, DrainPlan, DrainRequest, blocked_start, drain_plan};
 
 use basins::{Basin, Edge};
 use blocks::VoidGraph;
@@ -95,7 +93,7 @@ impl Cavities {
 
 /// Voxel size and half width of a band, and the greatest distance to measure, in voxels.
 #[derive(Clone, Copy)]
-struct Measure {
+pub struct Measure {
     voxel_size: f64,
     background: f32,
     reach: i32,
@@ -103,41 +101,16 @@ struct Measure {
     bounds: Region,
 }
 
-impl LevelSet {
-    /// The cavities of the void that a ball of `reach` voxels cannot leave, narrowest first. The reach is at most
-    /// [`MAX_CAVITY_REACH`].
-    ///
-    /// # Errors
-    /// [`VdbError::Cancelled`], or errors of OpenVDB.
-    pub fn cavities(&self, reach: i32, session: Session<'_>) -> Result<Cavities, VdbError> {
-        let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
-        let measure = Measure {
-            voxel_size: self.voxel_size(),
-            background: self.background() as f32,
+impl Measure {
+    /// The measure of a band: its voxel size and half width, world units, and the greatest distance to measure, voxels.
+    pub fn new(voxel_size: f64, background: f32, reach: i32) -> Self {
+        Self {
+            voxel_size,
+            background,
             reach,
             bounds: Region::EVERYWHERE,
-        };
-        find(&MemorySource::new(&index), measure, session)
+        }
     }
-}
-
-/// The cavities of a solid on disk, as [`LevelSet::cavities`] returns them.
-///
-/// # Errors
-/// As there, and a changed leaf file.
-pub fn stored_cavities(
-    store: &LeafStore,
-    (voxel_size, reach): (f64, i32),
-    session: Session<'_>,
-) -> Result<Cavities, FileError> {
-    let measure = Measure {
-        voxel_size,
-        background: store.background(),
-        reach,
-        bounds: Region::EVERYWHERE,
-    };
-    find(store, measure, session)
 }
 
 /// The measure with the box of all leaves; `None` without any.
@@ -157,10 +130,15 @@ fn sort(list: &mut [Cavity]) {
     });
 }
 
-fn find<S: LeafSource>(
+/// The cavities of the void that a ball of the measure's reach cannot leave, narrowest first. The reach is at most
+/// [`MAX_CAVITY_REACH`].
+///
+/// # Errors
+/// Cancellation, and errors of the source.
+pub fn find_cavities<S: LeafSource>(
     source: &S,
     measure: Measure,
-    session: Session<'_>,
+    task: Task<'_>,
 ) -> Result<Cavities, S::Error> {
     let Some(measure) = prepared(source, measure) else {
         return Ok(Cavities {
@@ -168,10 +146,10 @@ fn find<S: LeafSource>(
             limit: f64::from(measure.reach.clamp(1, MAX_CAVITY_REACH)) * measure.voxel_size,
         });
     };
-    let graph = VoidGraph::new(source, measure, session)?;
-    let mut found = graph.cavities(measure, session.progress)?;
+    let graph = VoidGraph::new(source, measure, task)?;
+    let mut found = graph.cavities(measure, task.progress)?;
     sort(&mut found.list);
-    refine::refine(source, measure, &mut found.list, session)?;
+    refine::refine(source, measure, &mut found.list, task)?;
     sort(&mut found.list);
     Ok(found)
 }

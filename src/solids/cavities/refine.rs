@@ -1,12 +1,12 @@
 //! Distances of single voxels from the surface, by triangles instead of points on lattice edges.
 
 use super::{Cavity, Measure};
-use crate::band::Region;
-use crate::frame::{Coord, Vec3};
-use crate::mesh::closest_point;
-use crate::vdb::Session;
-use crate::vdb::dense::DenseValues;
-use crate::vdb::leaf_source::LeafSource;
+use crate::Task;
+use crate::dense::DenseValues;
+use crate::leaf_source::LeafSource;
+use druse_geometry::frame::{Coord, Vec3};
+use druse_geometry::mesh::closest_point;
+use druse_tilings::band::Region;
 use rayon::prelude::*;
 
 /// Greatest number of cavities, narrowest first, whose radii are refined.
@@ -28,7 +28,7 @@ pub(super) fn refine<S: LeafSource>(
     source: &S,
     measure: Measure,
     list: &mut [Cavity],
-    session: Session<'_>,
+    task: Task<'_>,
 ) -> Result<(), S::Error> {
     let count = list.len().min(MAX_REFINED);
     let refined = |place: Coord, radius: f64| -> Result<f64, S::Error> {
@@ -38,7 +38,7 @@ pub(super) fn refine<S: LeafSource>(
         }
         Ok(distance(source, measure, place, voxels)? * measure.voxel_size)
     };
-    session.threads.install(|| {
+    task.threads.install(|| {
         list[..count].par_iter_mut().try_for_each(|c| {
             c.radius = refined(c.place, c.radius)?;
             if let Some(throat) = c.throat {

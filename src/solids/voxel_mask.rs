@@ -1,7 +1,9 @@
 //! Sets of voxels of one leaf as 512 bits (word x, bit 8 y + z), and their connected parts.
 
+use druse_geometry::frame::Coord;
+
 /// A set of voxels of one leaf.
-pub(super) type Bits = [u64; 8];
+pub type Bits = [u64; 8];
 
 /// Bits at z = 0.
 const Z_MIN_BITS: u64 = 0x0101_0101_0101_0101;
@@ -9,7 +11,7 @@ const Z_MIN_BITS: u64 = 0x0101_0101_0101_0101;
 const Z_MAX_BITS: u64 = Z_MIN_BITS << 7;
 
 /// The set of voxels whose value satisfies `test`.
-pub(super) fn select(values: &[f32; 512], test: impl Fn(f32) -> bool) -> Bits {
+pub fn select(values: &[f32; 512], test: impl Fn(f32) -> bool) -> Bits {
     let mut bits = [0; 8];
     for (word, slab) in bits.iter_mut().zip(values.chunks_exact(64)) {
         for (n, &v) in slab.iter().enumerate() {
@@ -20,35 +22,39 @@ pub(super) fn select(values: &[f32; 512], test: impl Fn(f32) -> bool) -> Bits {
 }
 
 /// The set of voxels with negative values.
-pub(super) fn negative(values: &[f32; 512]) -> Bits {
-    crate::simd::negative_bits(values)
+pub fn negative(values: &[f32; 512]) -> Bits {
+    druse_geometry::simd::negative_bits(values)
 }
 
-pub(super) fn is_empty(bits: &Bits) -> bool {
+/// Whether a set has no voxel.
+pub fn is_empty(bits: &Bits) -> bool {
     bits.iter().all(|&w| w == 0)
 }
 
-pub(super) fn count(bits: &Bits) -> u64 {
+/// The number of voxels of a set.
+pub fn count(bits: &Bits) -> u64 {
     bits.iter().map(|w| u64::from(w.count_ones())).sum()
 }
 
-pub(super) fn contains(bits: &Bits, offset: usize) -> bool {
+/// Whether a set has the voxel at an offset in its leaf.
+pub fn contains(bits: &Bits, offset: usize) -> bool {
     bits[offset >> 6] >> (offset & 63) & 1 == 1
 }
 
-pub(super) fn insert(bits: &mut Bits, offset: usize) {
+/// Adds the voxel at an offset in its leaf.
+pub fn insert(bits: &mut Bits, offset: usize) {
     bits[offset >> 6] |= 1 << (offset & 63);
 }
 
 /// Adds the voxels of another set.
-pub(super) fn add(bits: &mut Bits, other: &Bits) {
+pub fn add(bits: &mut Bits, other: &Bits) {
     for (b, o) in bits.iter_mut().zip(other) {
         *b |= o;
     }
 }
 
 /// The set and its face neighbours.
-pub(super) fn dilated(bits: &Bits) -> Bits {
+pub fn dilated(bits: &Bits) -> Bits {
     let mut out = [0; 8];
     for x in 0..8 {
         let w = bits[x];
@@ -65,7 +71,7 @@ pub(super) fn dilated(bits: &Bits) -> Bits {
 }
 
 /// The voxels of a set that are connected to some of its voxels over faces.
-pub(super) fn connected(seeds: Bits, set: &Bits) -> Bits {
+pub fn connected(seeds: Bits, set: &Bits) -> Bits {
     let mut part: Bits = std::array::from_fn(|x| seeds[x] & set[x]);
     loop {
         let mut next = dilated(&part);
@@ -80,7 +86,7 @@ pub(super) fn connected(seeds: Bits, set: &Bits) -> Bits {
 }
 
 /// The parts of a set that are connected over faces, in order of their first voxels.
-pub(super) fn parts(mut set: Bits) -> Vec<Bits> {
+pub fn parts(mut set: Bits) -> Vec<Bits> {
     let mut parts = Vec::new();
     while let Some(x) = set.iter().position(|&w| w != 0) {
         let mut part = [0; 8];
@@ -96,7 +102,7 @@ pub(super) fn parts(mut set: Bits) -> Vec<Bits> {
 
 /// The voxels of a set on the first or last face of the leaf on an axis. Voxels that share a face with a
 /// voxel of the neighbouring leaf have the same bit there.
-pub(super) fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
+pub fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
     let mut out = [0; 8];
     match (axis, last) {
         (0, false) => out[0] = bits[0],
@@ -110,7 +116,7 @@ pub(super) fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
 }
 
 /// The 64 bits of a face in one word; voxels that share a face have the same bit.
-pub(super) fn pack_face(face: &Bits, axis: usize) -> u64 {
+pub fn pack_face(face: &Bits, axis: usize) -> u64 {
     let bytes = face.iter().enumerate();
     match axis {
         0 => face[0],
@@ -122,8 +128,15 @@ pub(super) fn pack_face(face: &Bits, axis: usize) -> u64 {
     }
 }
 
-pub(super) fn intersects(a: &Bits, b: &Bits) -> bool {
+/// Whether two sets share a voxel.
+pub fn intersects(a: &Bits, b: &Bits) -> bool {
     a.iter().zip(b).any(|(a, b)| a & b != 0)
+}
+
+/// Offset of a voxel in its leaf.
+pub fn offset(voxel: Coord) -> usize {
+    let [x, y, z] = voxel.0.map(|c| (c & 7) as usize);
+    x << 6 | y << 3 | z
 }
 
 #[cfg(test)]

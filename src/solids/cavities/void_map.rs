@@ -2,12 +2,12 @@
 
 use super::Measure;
 use super::distances::{BlockVoid, Slot};
-use crate::band::{BLOCK, LEAF, Region};
-use crate::frame::Coord;
-use crate::vdb::index::offset;
-use crate::vdb::leaf_source::LeafSource;
-use crate::vdb::voxel_mask;
-use crate::vdb::voxel_mask::Bits;
+use crate::leaf_source::LeafSource;
+use crate::voxel_mask;
+use crate::voxel_mask::Bits;
+use crate::voxel_mask::offset;
+use druse_geometry::frame::Coord;
+use druse_tilings::band::{BLOCK, LEAF, Region};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
 

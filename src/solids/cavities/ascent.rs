@@ -8,9 +8,9 @@
 
 use super::distances::{BlockDistances, Slot, order, place, slot_at};
 use super::samples::SLOTS;
-use crate::band::VOXELS;
-use crate::simd::run_vectorized;
-use crate::union_find::UnionFind;
+use druse_geometry::simd::run_vectorized;
+use druse_geometry::union_find::UnionFind;
+use druse_tilings::band::VOXELS;
 
 /// Label of a voxel of the solid.
 pub(super) const UNLABELLED: u32 = u32::MAX;

@@ -3,8 +3,8 @@
 //! Layers of blocks without any surface nearby are one cell of the grid, however thick they are. The grid is wider than
 //! the solid, so that its first cell is outside.
 
-use crate::band::BLOCK;
-use crate::frame::Coord;
+use druse_geometry::frame::Coord;
+use druse_tilings::band::BLOCK;
 use std::collections::{BTreeSet, HashSet};
 
 const EDGE: usize = BLOCK as usize;

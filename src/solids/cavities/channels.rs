@@ -4,14 +4,14 @@ use super::Measure;
 use super::drains::{Channel, DrainRequest};
 use super::narrow::{Narrow, voxels_of};
 use super::void_map::{VoidMap, VoxelSet};
-use crate::band::{LEAF, Region};
-use crate::frame::{Coord, Vec3};
-use crate::progress::Cancelled;
-use crate::union_find::UnionFind;
-use crate::vdb::index::offset;
-use crate::vdb::leaf_source::LeafSource;
-use crate::vdb::voxel_mask::Bits;
-use crate::vdb::{Session, voxel_mask};
+use crate::leaf_source::LeafSource;
+use crate::voxel_mask::Bits;
+use crate::voxel_mask::offset;
+use crate::{Task, voxel_mask};
+use druse_geometry::frame::{Coord, Vec3};
+use druse_geometry::progress::Cancelled;
+use druse_geometry::union_find::UnionFind;
+use druse_tilings::band::{LEAF, Region};
 use std::collections::{BTreeMap, HashMap};
 
 /// First distance up to which a cavity's surroundings are searched, voxels.
@@ -144,7 +144,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
     }
 
     /// The channels that connect the rooms with the outside.
-    pub fn connected(&mut self, session: Session<'_>) -> Result<Vec<Link>, S::Error> {
+    pub fn connected(&mut self, task: Task<'_>) -> Result<Vec<Link>, S::Error> {
         let mut channels = Vec::new();
         loop {
             let mut clusters: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
@@ -156,7 +156,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
             }
             let mut links = Vec::new();
             for (root, members) in clusters {
-                if session.progress.cancelled() {
+                if task.progress.cancelled() {
                     return Err(Cancelled.into());
                 }
                 let rooms = members.iter().map(|&n| &self.rooms[n as usize]);
@@ -181,11 +181,11 @@ impl<'a, S: LeafSource> Search<'a, S> {
     pub fn connected_narrow(
         &mut self,
         cavities: Vec<Narrow>,
-        session: Session<'_>,
+        task: Task<'_>,
     ) -> Result<Vec<Link>, S::Error> {
         let mut open: Vec<(Sources, Link)> = Vec::new();
         for cavity in cavities {
-            if session.progress.cancelled() {
+            if task.progress.cancelled() {
                 return Err(Cancelled.into());
             }
             let sources = sources(&cavity);

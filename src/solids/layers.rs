@@ -13,13 +13,10 @@
 //! - A **pocket** is a connected part of the void of all layers so far; it is **open** where it leads outside the
 //!   outline of a layer, else **sealed**.
 
-use super::error::{FileError, VdbError};
-use super::index::LeafIndex;
-use super::leaf_source::{LeafSource, MemorySource};
-use super::{LevelSet, Session};
-use crate::band::LeafStore;
-use crate::frame::Vec3;
-use crate::union_find::UnionFind;
+use super::Task;
+use super::leaf_source::LeafSource;
+use druse_geometry::frame::Vec3;
+use druse_geometry::union_find::UnionFind;
 use std::collections::VecDeque;
 
 mod raster;
@@ -79,49 +76,23 @@ pub struct BuildLayers {
     pub cups: Vec<LayerRegion>,
 }
 
-impl LevelSet {
-    /// The layers of the solid. Layers count from voxel (0, 0, 0), whatever [`LevelSet::origin`] is.
-    ///
-    /// # Errors
-    /// [`VdbError::Cancelled`], or errors of OpenVDB.
-    pub fn build_layers(
-        &self,
-        request: &BuildRequest,
-        session: Session<'_>,
-    ) -> Result<BuildLayers, VdbError> {
-        let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
-        let scale = (self.voxel_size(), self.background() as f32);
-        layers(&MemorySource::new(&index), scale, request, session)
-    }
-}
-
-/// The layers of a solid in a leaf file, as [`LevelSet::build_layers`] returns them.
+/// The layers of the solid whose leaves `source` gives; `voxel_size` and `background` are in world units. Layers count
+/// from voxel (0, 0, 0).
 ///
 /// # Errors
-/// [`FileError`]: cancellation, and a leaf file that cannot be read or was changed since it was written.
-pub fn stored_build_layers(
-    store: &LeafStore,
-    voxel_size: f64,
-    request: &BuildRequest,
-    session: Session<'_>,
-) -> Result<BuildLayers, FileError> {
-    layers(store, (voxel_size, store.background()), request, session)
-}
-
-/// The layers of the solid whose leaves `source` gives; `voxel_size` and `background` are in world units.
-fn layers<S: LeafSource>(
+/// Cancellation, and errors of the source.
+pub fn build_layers<S: LeafSource>(
     source: &S,
     (voxel_size, background): (f64, f32),
     request: &BuildRequest,
-    session: Session<'_>,
+    task: Task<'_>,
 ) -> Result<BuildLayers, S::Error> {
     let Some(bounds) = source.bounds() else {
         return Ok(BuildLayers::default());
     };
     let frame = Frame::new(request.up, request.layer_height / voxel_size, bounds);
     let mut analysis = Analysis::new(request, voxel_size, &frame);
-    sections(source, &frame, background, session, |number, raster| {
+    sections(source, &frame, background, task, |number, raster| {
         analysis.add(number, raster);
     })?;
     let mut found = analysis.found;

@@ -9,11 +9,11 @@ use super::grid::{Cell, Grid};
 use super::open_void::Need;
 use super::samples::SLOTS;
 use super::{Measure, open_void};
-use crate::band::BLOCK;
-use crate::frame::Coord;
-use crate::progress::Cancelled;
-use crate::vdb::Session;
-use crate::vdb::leaf_source::LeafSource;
+use crate::Task;
+use crate::leaf_source::LeafSource;
+use druse_geometry::frame::Coord;
+use druse_geometry::progress::Cancelled;
+use druse_tilings::band::BLOCK;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -35,14 +35,14 @@ impl VoidGraph {
     pub fn new<S: LeafSource>(
         source: &S,
         measure: Measure,
-        session: Session<'_>,
+        task: Task<'_>,
     ) -> Result<Self, S::Error> {
         let blocks = source.blocks();
         let grid = Grid::new(&blocks);
         let near = grid.cells.iter().filter(|c| c.is_near).count();
-        let progress = session.progress;
+        let progress = task.progress;
         progress.stage("cavities", Some((blocks.len() + near) as u64));
-        let needs = open_void::needs(source, &grid, measure, session)?;
+        let needs = open_void::needs(source, &grid, measure, task)?;
         let mut graph = Self {
             basins: vec![Basin {
                 voxels: 0,
@@ -61,7 +61,7 @@ impl VoidGraph {
             let mut near = (1..).zip(rest).filter(|(_, cell)| measured(cell));
             let count = near.nth(CELLS_PER_BATCH - 1).map_or(rest.len(), |n| n.0);
             let batch = rest.split_off(..count).expect("some of the rest");
-            let found = session.threads.install(|| {
+            let found = task.threads.install(|| {
                 // Some cells take far longer than others, so that each thread takes one cell at a time.
                 let found = batch.par_iter().with_max_len(1).map(|cell| {
                     if progress.cancelled() {

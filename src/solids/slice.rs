@@ -9,8 +9,8 @@
 //! (y, z), along y (z, x). Outlines are counter-clockwise around the solid and clockwise around its holes.
 //! Row 0 of an image is at the largest v.
 
-use crate::field::{SampleLattice, WorldField};
-use crate::frame::{Aabb, Vec3, WorldPoint};
+use druse_geometry::field::{SampleLattice, WorldField};
+use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
 use std::collections::HashMap;
 
 mod formats;
@@ -19,6 +19,7 @@ pub use formats::{cli_head, cli_layer, cli_tail, grey_png, svg_head, svg_layer, 
 /// The planes and the pixel grid of the layers of a solid.
 ///
 /// ```
+/// # mod druse { pub use druse_geometry::*; pub use druse_solids::*; }
 /// use druse::field::Sphere;
 /// use druse::frame::{Aabb, Vec3};
 /// use druse::slice::Plan;

@@ -7,11 +7,11 @@
 use super::distances::{place, slot_at};
 use super::leaf_set::LeafSet;
 use super::samples::SLOTS;
-use crate::band::{BLOCK, LEAF, Region};
-use crate::frame::Coord;
-use crate::vdb::leaf_source::LeafSource;
-use crate::vdb::voxel_mask;
-use crate::vdb::voxel_mask::Bits;
+use crate::leaf_source::LeafSource;
+use crate::voxel_mask;
+use crate::voxel_mask::Bits;
+use druse_geometry::frame::Coord;
+use druse_tilings::band::{BLOCK, LEAF, Region};
 
 /// The voxels inside on a face of a block, packed by leaf in order of the two other axes.
 pub(super) type FaceBits = [u64; SLOTS * SLOTS];

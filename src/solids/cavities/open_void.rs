@@ -10,11 +10,11 @@ use super::grid::{Cell, Grid};
 use super::leaf_set::LeafSet;
 use super::samples::SLOTS;
 use super::slopes::{FaceBits, Slopes};
-use crate::band::{BLOCK, LEAF};
-use crate::frame::Coord;
-use crate::progress::Cancelled;
-use crate::vdb::Session;
-use crate::vdb::leaf_source::LeafSource;
+use crate::Task;
+use crate::leaf_source::LeafSource;
+use druse_geometry::frame::Coord;
+use druse_geometry::progress::Cancelled;
+use druse_tilings::band::{BLOCK, LEAF};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 
@@ -55,16 +55,16 @@ pub(super) fn needs<S: LeafSource>(
     source: &S,
     grid: &Grid,
     measure: Measure,
-    session: Session<'_>,
+    task: Task<'_>,
 ) -> Result<Vec<Need>, S::Error> {
-    let slopes = all_slopes(source, session)?;
+    let slopes = all_slopes(source, task)?;
     let ring = ((measure.reach + 1 + LEAF - 1) / LEAF) as usize;
-    let mut spaces: Vec<Space> = session.threads.install(|| {
+    let mut spaces: Vec<Space> = task.threads.install(|| {
         let cells = grid.cells.par_iter();
         cells.map(|c| space(source, c, &slopes, ring)).collect()
     });
     drop(slopes);
-    grow(grid, &mut spaces, session)?;
+    grow(grid, &mut spaces, task)?;
     let may_have_cavities = |space: &Space| match space {
         Space::Solid => false,
         Space::Void { is_open } => !is_open,
@@ -87,7 +87,7 @@ pub(super) fn needs<S: LeafSource>(
 /// The slopes of the blocks with leaves.
 fn all_slopes<S: LeafSource>(
     source: &S,
-    session: Session<'_>,
+    task: Task<'_>,
 ) -> Result<HashMap<Coord, Slopes>, S::Error> {
     let blocks = source.blocks();
     let mut found = HashMap::with_capacity(blocks.len());
@@ -98,13 +98,13 @@ fn all_slopes<S: LeafSource>(
         Box::new([if is_solid { u64::MAX } else { 0 }; SLOTS * SLOTS])
     };
     for batch in blocks.chunks(BLOCKS_PER_BATCH) {
-        let read = session.threads.install(|| {
+        let read = task.threads.install(|| {
             let read = batch.par_iter().with_max_len(1).map(|&block| {
-                if session.progress.cancelled() {
+                if task.progress.cancelled() {
                     return Err(Cancelled.into());
                 }
                 let read = Slopes::read(source, block);
-                session.progress.advance(1);
+                task.progress.advance(1);
                 read
             });
             read.collect::<Result<Vec<_>, S::Error>>()
@@ -183,14 +183,14 @@ impl Space {
 }
 
 /// Opens leaves from the first cell of the grid on, which is outside.
-fn grow(grid: &Grid, spaces: &mut [Space], session: Session<'_>) -> Result<(), Cancelled> {
+fn grow(grid: &Grid, spaces: &mut [Space], task: Task<'_>) -> Result<(), Cancelled> {
     let mut waiting: Vec<usize> = vec![0];
     let mut is_waiting = vec![false; spaces.len()];
     let mut visits = 0usize;
     while let Some(n) = waiting.pop() {
         is_waiting[n] = false;
         visits += 1;
-        if visits.is_multiple_of(1 << 10) && session.progress.cancelled() {
+        if visits.is_multiple_of(1 << 10) && task.progress.cancelled() {
             return Err(Cancelled);
         }
         let next: [Option<usize>; 6] = std::array::from_fn(|d| grid.beside(n, d / 2, d % 2 == 1));

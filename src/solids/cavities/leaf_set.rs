@@ -131,7 +131,7 @@ impl LeafSet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vdb::cavities::distances::{place, slot_at};
+    use crate::cavities::distances::{place, slot_at};
 
     /// A set with about one in `rarity` leaves.
     fn random(state: &mut u64, rarity: u64) -> LeafSet {

@@ -13,14 +13,11 @@ use super::channels::{Search, SearchPlan};
 use super::narrow::{Narrow, narrow_cavities};
 use super::void_map::{VoidMap, VoxelSet};
 use super::{Cavity, Measure, prepared};
-use crate::band::{LeafStore, Region};
-use crate::frame::{Coord, Vec3};
-use crate::progress::Cancelled;
-use crate::vdb::error::{FileError, VdbError};
-use crate::vdb::index::LeafIndex;
-use crate::vdb::leaf_source::{LeafSource, MemorySource};
-use crate::vdb::on_disk::stored_voids;
-use crate::vdb::{LevelSet, Session};
+
+use crate::Task;
+use crate::leaf_source::LeafSource;
+use druse_geometry::frame::{Coord, Vec3};
+use druse_geometry::progress::Cancelled;
 
 /// Loss of a channel's radius at voxels that may lie beside its axis and between the distances there, voxels.
 const SAMPLING_LOSS: f64 = 1.5;
@@ -49,115 +46,35 @@ pub struct DrainPlan {
     pub starts: Vec<Coord>,
 }
 
-impl LevelSet {
-    /// The channels that drain the cavities.
-    ///
-    /// # Errors
-    /// [`VdbError::Cancelled`], or errors of OpenVDB.
-    pub fn drain_channels(
-        &self,
-        request: &DrainRequest,
-        session: Session<'_>,
-    ) -> Result<DrainPlan, VdbError> {
-        let closed = if request.narrow {
-            Vec::new()
-        } else {
-            self.voids(session)?
-        };
-        let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
-        let measure = unbounded(self.voxel_size(), self.background() as f32, request);
-        let closed = closed.iter().map(|c| c.place).collect();
-        plan(
-            &MemorySource::new(&index),
-            measure,
-            (request, closed),
-            session,
-        )
-    }
-
-    /// The first of some voxels from which a ball of the channels' radius, less the loss by sampling, does not get
-    /// outside.
-    ///
-    /// # Errors
-    /// [`VdbError::Cancelled`], or errors of OpenVDB.
-    pub fn blocked_start(
-        &self,
-        request: &DrainRequest,
-        starts: &[Coord],
-        session: Session<'_>,
-    ) -> Result<Option<Coord>, VdbError> {
-        let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
-        let measure = unbounded(self.voxel_size(), self.background() as f32, request);
-        let source = MemorySource::new(&index);
-        blocked(&source, measure, (request, starts), session)
-    }
-}
-
-/// The channels that drain a solid on disk, as [`LevelSet::drain_channels`] returns them.
-///
-/// # Errors
-/// As there, and a changed leaf file.
-pub fn stored_drain_channels(
-    store: &LeafStore,
-    voxel_size: f64,
-    request: &DrainRequest,
-    session: Session<'_>,
-) -> Result<DrainPlan, FileError> {
-    let closed = if request.narrow {
-        Vec::new()
-    } else {
-        stored_voids(store, voxel_size, session)?
-    };
-    let measure = unbounded(voxel_size, store.background(), request);
-    let closed = closed.iter().map(|c| c.place).collect();
-    plan(store, measure, (request, closed), session)
-}
-
-/// The first blocked voxel of a solid on disk, as [`LevelSet::blocked_start`] returns it.
-///
-/// # Errors
-/// As there, and a changed leaf file.
-pub fn stored_blocked_start(
-    store: &LeafStore,
-    voxel_size: f64,
-    (request, starts): (&DrainRequest, &[Coord]),
-    session: Session<'_>,
-) -> Result<Option<Coord>, FileError> {
-    let measure = unbounded(voxel_size, store.background(), request);
-    blocked(store, measure, (request, starts), session)
-}
-
 /// The measure of a request, before the box of the leaves is known.
 fn unbounded(voxel_size: f64, background: f32, request: &DrainRequest) -> Measure {
-    Measure {
-        voxel_size,
-        background,
-        reach: request.radius.ceil() as i32 + 1,
-        bounds: Region::EVERYWHERE,
-    }
+    Measure::new(voxel_size, background, request.radius.ceil() as i32 + 1)
 }
 
-/// The plan of a request; `closed` are voxels in the closed cavities, if only these count.
-fn plan<S: LeafSource>(
+/// The channels that drain the cavities of a solid with voxels of a size and a band of a half width, world units;
+/// `closed` are voxels in the closed cavities, if only these count.
+///
+/// # Errors
+/// Cancellation, and errors of the source.
+pub fn drain_plan<S: LeafSource>(
     source: &S,
-    measure: Measure,
+    (voxel_size, background): (f64, f32),
     (request, closed): (&DrainRequest, Vec<Coord>),
-    session: Session<'_>,
+    task: Task<'_>,
 ) -> Result<DrainPlan, S::Error> {
+    let measure = unbounded(voxel_size, background, request);
     let Some(measure) = prepared(source, measure) else {
         return Ok(DrainPlan::default());
     };
     let mut search = Search::new(source, measure, SearchPlan::of(request));
     let narrow: Vec<(Coord, f32)> = if request.narrow {
-        let graph = super::blocks::VoidGraph::new(source, measure, session)?;
+        let graph = super::blocks::VoidGraph::new(source, measure, task)?;
         // A cavity may have several rooms that are as narrow between one another.
         let is_wide = |depth: f32| depth >= request.radius as f32;
         let basins = graph.basins.iter().filter(|b| is_wide(b.depth));
         let rooms: Vec<Coord> = basins.map(|b| b.place).collect();
-        let cavities = graph.cavities(measure, session.progress)?;
-        session.progress.stage("drain", None);
+        let cavities = graph.cavities(measure, task.progress)?;
+        task.progress.stage("drain", None);
         for room in rooms {
             search.add(room)?;
         }
@@ -167,12 +84,12 @@ fn plan<S: LeafSource>(
         list.map(|c| (c.place, (c.radius / measure.voxel_size) as f32))
             .collect()
     } else {
-        session.progress.stage("drain", None);
+        task.progress.stage("drain", None);
         closed_cavities(source, measure, &closed, &mut search)?
     };
-    let mut links = search.connected(session)?;
+    let mut links = search.connected(task)?;
     let narrow: Vec<Narrow> = narrow_cavities(source, measure, narrow)?;
-    links.extend(search.connected_narrow(narrow, session)?);
+    links.extend(search.connected_narrow(narrow, task)?);
     let mut solid = VoidMap::new(source, measure, 0.0);
     let mut starts = search.rooms();
     starts.extend(links.iter().map(|l| l.ends[0]));
@@ -205,22 +122,26 @@ fn closed_cavities<S: LeafSource>(
     Ok(narrow)
 }
 
-/// The first start from which a ball does not get outside.
-fn blocked<S: LeafSource>(
+/// The first start from which a ball of the channels' radius, less the loss by sampling, does not get outside.
+///
+/// # Errors
+/// Cancellation, and errors of the source.
+pub fn blocked_start<S: LeafSource>(
     source: &S,
-    measure: Measure,
+    (voxel_size, background): (f64, f32),
     (request, starts): (&DrainRequest, &[Coord]),
-    session: Session<'_>,
+    task: Task<'_>,
 ) -> Result<Option<Coord>, S::Error> {
+    let measure = unbounded(voxel_size, background, request);
     let Some(measure) = prepared(source, measure) else {
         return Ok(None);
     };
-    session.progress.stage("drain", None);
+    task.progress.stage("drain", None);
     let clearance = (request.radius - SAMPLING_LOSS).max(0.0) as f32;
     let mut void = VoidMap::new(source, measure, clearance);
     let mut outside = VoxelSet::new();
     for &start in starts {
-        if session.progress.cancelled() {
+        if task.progress.cancelled() {
             return Err(Cancelled.into());
         }
         let (voxels, is_open) = void.flood(start, &outside)?;
@@ -229,7 +150,7 @@ fn blocked<S: LeafSource>(
             return Ok(Some(start));
         }
         for (leaf, bits) in voxels {
-            crate::vdb::voxel_mask::add(outside.entry(leaf).or_insert([0; 8]), &bits);
+            crate::voxel_mask::add(outside.entry(leaf).or_insert([0; 8]), &bits);
         }
     }
     Ok(None)

@@ -1,11 +1,11 @@
 //! Values of a level set in a box, dense.
 
 use super::leaf_source::LeafSource;
-use crate::band::{LEAF, Region};
-use crate::frame::{Coord, Vec3};
+use druse_geometry::frame::{Coord, Vec3};
+use druse_tilings::band::{LEAF, Region};
 
 /// Values of a level set in a box.
-pub(super) struct DenseValues {
+pub struct DenseValues {
     region: Region,
     sizes: [usize; 3],
     /// World units, in order (x, y, z).
