@@ -52,16 +52,19 @@ impl Interval {
     };
 
     /// The interval from `lo` to `hi`.
+    #[inline]
     pub const fn new(lo: f64, hi: f64) -> Self {
         Self { lo, hi }
     }
 
     /// Whether `v` lies in the closed interval.
+    #[inline]
     pub fn contains(self, v: f64) -> bool {
         self.lo <= v && v <= self.hi
     }
 
     /// Whether the interval contains values whose magnitude is less than `distance`.
+    #[inline]
     pub fn may_be_within(self, distance: f64) -> bool {
         let is_beyond = self.lo >= distance || self.hi <= -distance;
         !is_beyond
@@ -69,12 +72,14 @@ impl Interval {
 
     /// The interval of the negatives.
     #[must_use]
+    #[inline]
     pub fn negated(self) -> Self {
         Self::new(-self.hi, -self.lo)
     }
 
     /// The interval of the magnitudes.
     #[must_use]
+    #[inline]
     pub fn magnitude(self) -> Self {
         let (lo, hi) = (self.lo.abs(), self.hi.abs());
         Self::new(
@@ -85,6 +90,7 @@ impl Interval {
 
     /// The smallest interval that contains both.
     #[must_use]
+    #[inline]
     pub fn hull(self, other: Self) -> Self {
         Self {
             lo: self.lo.min(other.lo),
@@ -136,16 +142,19 @@ pub struct SampleLattice<P> {
 
 impl<P: Point> SampleLattice<P> {
     /// Number of samples.
+    #[inline]
     pub fn len(&self) -> usize {
         self.counts.iter().product()
     }
 
     /// Whether there are no samples.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Sample `n` in storage order (z fastest).
+    #[inline]
     pub fn point(&self, n: usize) -> P {
         let [_, ny, nz] = self.counts;
         self.origin
@@ -155,6 +164,7 @@ impl<P: Point> SampleLattice<P> {
 
 impl SampleLattice<WorldPoint> {
     /// The bounding box of the samples.
+    #[inline]
     pub fn span(&self) -> Aabb {
         let last = self.counts.map(|c| c.saturating_sub(1));
         Aabb {
@@ -257,6 +267,7 @@ pub fn signs_of_values<F: Field + ?Sized>(
 
 /// Packs the signs of values into bits, in rows of `along` values each.
 #[doc(hidden)]
+#[inline]
 pub fn pack_signs(values: &[f32], along: usize, rows: &mut [u64]) {
     for (row, values) in rows.iter_mut().zip(values.chunks(along.max(1))) {
         let bits = values.iter().enumerate();

@@ -29,6 +29,7 @@ pub type Mat3 = nalgebra::Matrix3<f64>;
 pub const MAX_COORDINATE: f64 = 1e18;
 
 /// Whether a coordinate, length or coefficient is finite and below [`MAX_COORDINATE`].
+#[inline]
 pub fn is_in_range(x: f64) -> bool {
     x.abs() < MAX_COORDINATE
 }
@@ -51,12 +52,14 @@ pub struct Coord(pub [i32; 3]);
 
 impl Coord {
     /// The voxel (x, y, z).
+    #[inline]
     pub const fn new(x: i32, y: i32, z: i32) -> Self {
         Self([x, y, z])
     }
 
     /// The origin of the aligned cube of `edge` voxels (a power of two) that contains this voxel.
     #[must_use]
+    #[inline]
     pub fn aligned(self, edge: i32) -> Self {
         Self(self.0.map(|c| c & !(edge - 1)))
     }
@@ -70,6 +73,7 @@ impl Coord {
     /// assert_eq!(Coord::new(0, 1, i32::MAX).offset(-1, 1, 8), Coord::new(-1, 2, i32::MIN + 7));
     /// ```
     #[must_use]
+    #[inline]
     pub fn offset(self, x: i32, y: i32, z: i32) -> Self {
         let [i, j, k] = self.0;
         Self([i.wrapping_add(x), j.wrapping_add(y), k.wrapping_add(z)])
@@ -101,21 +105,25 @@ impl Transform {
     pub const MIN_VOXEL_SIZE: f64 = 1.4423e-5;
 
     /// A transform with this voxel size in world units; `None` unless it is positive and finite.
+    #[inline]
     pub fn new(voxel_size: f64) -> Option<Self> {
         (voxel_size.is_finite() && voxel_size > 0.0).then_some(Self { voxel_size })
     }
 
     /// Edge of a voxel in world units.
+    #[inline]
     pub fn voxel_size(self) -> f64 {
         self.voxel_size
     }
 
     /// The centre of a voxel.
+    #[inline]
     pub fn world(self, voxel: Coord) -> WorldPoint {
         WorldPoint(Vec3::from(voxel.0.map(|c| f64::from(c) * self.voxel_size)))
     }
 
     /// The bounding box of the sample points of a cube of `edge` voxels that starts at `origin`.
+    #[inline]
     pub fn sample_box(self, origin: Coord, edge: i32) -> Aabb {
         let last = origin.offset(edge - 1, edge - 1, edge - 1);
         Aabb {
@@ -142,6 +150,7 @@ impl Aabb {
     };
 
     /// The smallest box that contains the points.
+    #[inline]
     pub fn of(points: impl IntoIterator<Item = Vec3>) -> Self {
         let mut found = Self::EMPTY;
         for p in points {
@@ -189,6 +198,7 @@ impl Aabb {
     }
 
     /// Whether the box contains no point.
+    #[inline]
     pub fn is_empty(self) -> bool {
         (0..3).any(|a| self.min[a] > self.max[a])
     }
@@ -200,6 +210,7 @@ impl Aabb {
     }
 
     /// Whether the closed box contains the point.
+    #[inline]
     pub fn contains(self, p: WorldPoint) -> bool {
         (0..3).all(|a| self.min[a] <= p.0[a] && p.0[a] <= self.max[a])
     }
@@ -240,6 +251,7 @@ pub struct CellBox<const D: usize> {
 
 impl<const D: usize> CellBox<D> {
     /// The smallest box that contains the points; infinite and inverted without points.
+    #[inline]
     pub fn of(points: impl IntoIterator<Item = CellPoint<D>>) -> Self {
         let empty = Self {
             min: SVector::repeat(f64::INFINITY),
@@ -262,6 +274,7 @@ impl<const D: usize> CellBox<D> {
     }
 
     /// Whether the box contains no point.
+    #[inline]
     pub fn is_empty(self) -> bool {
         (0..D).any(|a| self.min[a] > self.max[a])
     }

@@ -152,11 +152,13 @@ static ACTIVE_SET: AtomicU8 = AtomicU8::new(InstructionSet::Best as u8);
 
 /// Sets the instructions that [`run`] uses from now on. This holds for the whole process: it is meant for
 /// programs, not for libraries.
+#[inline]
 pub fn use_instruction_set(set: InstructionSet) {
     ACTIVE_SET.store(set as u8, Ordering::Relaxed);
 }
 
 /// The instructions that [`run`] may use.
+#[inline]
 pub fn instruction_set() -> InstructionSet {
     let all = [InstructionSet::Portable, InstructionSet::Avx2];
     let chosen = ACTIVE_SET.load(Ordering::Relaxed);
@@ -165,11 +167,13 @@ pub fn instruction_set() -> InstructionSet {
 }
 
 /// Whether kernels are restricted to [`InstructionSet::Portable`].
+#[inline]
 pub fn is_portable() -> bool {
     instruction_set() == InstructionSet::Portable
 }
 
 /// Whether kernels give the portable bits: by choice, or because the processor has no FMA.
+#[inline]
 pub fn gives_portable_bits() -> bool {
     #[cfg(target_arch = "x86_64")]
     return is_portable() || processor_level().is_none();
@@ -253,12 +257,14 @@ pub fn run_vectorized(work: impl FnOnce()) {
 
 /// Which of the 512 values of a leaf are negative: word x, bit 8 y + z.
 #[doc(hidden)]
+#[inline]
 pub fn negative_bits(values: &[f32; 512]) -> [u64; 8] {
     bits_below(values, 0.0)
 }
 
 /// Which of the 512 values of a leaf are below a threshold: word x, bit 8 y + z.
 #[doc(hidden)]
+#[inline]
 pub fn bits_below(values: &[f32; 512], threshold: f32) -> [u64; 8] {
     run(BitsBelow(values, threshold))
 }

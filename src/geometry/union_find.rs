@@ -7,11 +7,13 @@ pub struct UnionFind(Vec<u32>);
 
 impl UnionFind {
     /// `count` sets of one member each; at most 2^32.
+    #[inline]
     pub fn new(count: usize) -> Self {
         Self((0..count).map(|n| n as u32).collect())
     }
 
     /// Adds `count` sets of one member each; returns the first new member.
+    #[inline]
     pub fn extend(&mut self, count: usize) -> usize {
         let first = self.0.len();
         self.0.extend((first..first + count).map(|n| n as u32));
@@ -19,6 +21,7 @@ impl UnionFind {
     }
 
     /// The representative of the set that contains `n`: its least member. Shortens the path to it.
+    #[inline]
     pub fn find(&mut self, n: usize) -> usize {
         let mut n = n as u32;
         while self.0[n as usize] != n {
@@ -30,6 +33,7 @@ impl UnionFind {
     }
 
     /// Merges the sets that contain `a` and `b`.
+    #[inline]
     pub fn union(&mut self, a: usize, b: usize) {
         let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b)] = a.min(b) as u32;
@@ -37,6 +41,7 @@ impl UnionFind {
 
     /// Labels the sets of some members in order of appearance: the label of each of these members
     /// (`u32::MAX` for all other integers) and the number of labels.
+    #[inline]
     pub fn labels(&mut self, members: impl Iterator<Item = usize>) -> (Vec<u32>, usize) {
         let mut labels = vec![u32::MAX; self.0.len()];
         let mut count = 0;

@@ -61,11 +61,13 @@ impl DenseValues {
     }
 
     /// The value of a voxel of the box.
+    #[inline]
     pub fn at(&self, voxel: Coord) -> f32 {
         self.values[self.number(voxel)]
     }
 
     /// The trilinear value at a position in voxels; the eight voxels around it lie in the box.
+    #[inline]
     pub fn trilinear(&self, p: Vec3) -> f64 {
         let low = p.map(f64::floor);
         let n = self.number(Coord([0, 1, 2].map(|a| low[a] as i32)));

@@ -11,6 +11,7 @@ const Z_MIN_BITS: u64 = 0x0101_0101_0101_0101;
 const Z_MAX_BITS: u64 = Z_MIN_BITS << 7;
 
 /// The set of voxels whose value satisfies `test`.
+#[inline]
 pub fn select(values: &[f32; 512], test: impl Fn(f32) -> bool) -> Bits {
     let mut bits = [0; 8];
     for (word, slab) in bits.iter_mut().zip(values.chunks_exact(64)) {
@@ -22,31 +23,37 @@ pub fn select(values: &[f32; 512], test: impl Fn(f32) -> bool) -> Bits {
 }
 
 /// The set of voxels with negative values.
+#[inline]
 pub fn negative(values: &[f32; 512]) -> Bits {
     druse_geometry::simd::negative_bits(values)
 }
 
 /// Whether a set has no voxel.
+#[inline]
 pub fn is_empty(bits: &Bits) -> bool {
     bits.iter().all(|&w| w == 0)
 }
 
 /// The number of voxels of a set.
+#[inline]
 pub fn count(bits: &Bits) -> u64 {
     bits.iter().map(|w| u64::from(w.count_ones())).sum()
 }
 
 /// Whether a set has the voxel at an offset in its leaf.
+#[inline]
 pub fn contains(bits: &Bits, offset: usize) -> bool {
     bits[offset >> 6] >> (offset & 63) & 1 == 1
 }
 
 /// Adds the voxel at an offset in its leaf.
+#[inline]
 pub fn insert(bits: &mut Bits, offset: usize) {
     bits[offset >> 6] |= 1 << (offset & 63);
 }
 
 /// Adds the voxels of another set.
+#[inline]
 pub fn add(bits: &mut Bits, other: &Bits) {
     for (b, o) in bits.iter_mut().zip(other) {
         *b |= o;
@@ -54,6 +61,7 @@ pub fn add(bits: &mut Bits, other: &Bits) {
 }
 
 /// The set and its face neighbours.
+#[inline]
 pub fn dilated(bits: &Bits) -> Bits {
     let mut out = [0; 8];
     for x in 0..8 {
@@ -71,6 +79,7 @@ pub fn dilated(bits: &Bits) -> Bits {
 }
 
 /// The voxels of a set that are connected to some of its voxels over faces.
+#[inline]
 pub fn connected(seeds: Bits, set: &Bits) -> Bits {
     let mut part: Bits = std::array::from_fn(|x| seeds[x] & set[x]);
     loop {
@@ -86,6 +95,7 @@ pub fn connected(seeds: Bits, set: &Bits) -> Bits {
 }
 
 /// The parts of a set that are connected over faces, in order of their first voxels.
+#[inline]
 pub fn parts(mut set: Bits) -> Vec<Bits> {
     let mut parts = Vec::new();
     while let Some(x) = set.iter().position(|&w| w != 0) {
@@ -102,6 +112,7 @@ pub fn parts(mut set: Bits) -> Vec<Bits> {
 
 /// The voxels of a set on the first or last face of the leaf on an axis. Voxels that share a face with a
 /// voxel of the neighbouring leaf have the same bit there.
+#[inline]
 pub fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
     let mut out = [0; 8];
     match (axis, last) {
@@ -116,6 +127,7 @@ pub fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
 }
 
 /// The 64 bits of a face in one word; voxels that share a face have the same bit.
+#[inline]
 pub fn pack_face(face: &Bits, axis: usize) -> u64 {
     let bytes = face.iter().enumerate();
     match axis {
@@ -129,11 +141,13 @@ pub fn pack_face(face: &Bits, axis: usize) -> u64 {
 }
 
 /// Whether two sets share a voxel.
+#[inline]
 pub fn intersects(a: &Bits, b: &Bits) -> bool {
     a.iter().zip(b).any(|(a, b)| a & b != 0)
 }
 
 /// Offset of a voxel in its leaf.
+#[inline]
 pub fn offset(voxel: Coord) -> usize {
     let [x, y, z] = voxel.0.map(|c| (c & 7) as usize);
     x << 6 | y << 3 | z

@@ -130,6 +130,7 @@ impl Region {
     };
 
     /// The cube of `edge` voxels at `origin`.
+    #[inline]
     pub fn cube(origin: Coord, edge: i32) -> Self {
         Self {
             min: origin,
@@ -139,6 +140,7 @@ impl Region {
 
     /// This box, `by` voxels larger on every side.
     #[must_use]
+    #[inline]
     pub fn grown(self, by: i32) -> Self {
         Self {
             min: self.min.offset(-by, -by, -by),
@@ -148,6 +150,7 @@ impl Region {
 
     /// The intersection with another box; the two must overlap.
     #[must_use]
+    #[inline]
     pub fn common(self, other: Self) -> Self {
         let per_axis = |choose: fn(i32, i32) -> i32, a: Coord, b: Coord| {
             Coord([0, 1, 2].map(|axis| choose(a[axis], b[axis])))
@@ -159,6 +162,7 @@ impl Region {
     }
 
     /// Origins (multiples of `edge`) of the aligned cubes of `edge` voxels that overlap the box, ascending.
+    #[inline]
     pub fn cubes(self, edge: i32) -> impl Iterator<Item = Coord> {
         let Self { min, max } = self;
         let along = move |a: usize| {
@@ -169,6 +173,7 @@ impl Region {
     }
 
     /// Whether the cube of `edge` voxels at `origin` overlaps the box.
+    #[inline]
     pub fn meets(&self, origin: Coord, edge: i32) -> bool {
         (0..3).all(|a| origin[a] <= self.max[a] && origin[a] + (edge - 1) >= self.min[a])
     }

@@ -210,11 +210,13 @@ impl Table {
     }
 
     /// The element that the cell fills; for the ball, the hex around it.
+    #[inline]
     pub fn element(&self) -> Element {
         self.element
     }
 
     /// Whether the cell is independent of the numbering of an element's nodes.
+    #[inline]
     pub fn fits_any_numbering(&self) -> bool {
         self.fits_any_numbering
     }
@@ -227,6 +229,7 @@ impl Table {
     }
 
     /// The largest number of samples per period over all axes and series.
+    #[inline]
     pub fn samples(&self) -> usize {
         self.leaves()
             .iter()
@@ -236,11 +239,13 @@ impl Table {
     }
 
     /// Memory of the table in bytes.
+    #[inline]
     pub fn bytes(&self) -> usize {
         self.leaves().iter().map(SplineSeries::bytes).sum()
     }
 
     /// Number of exponentials of the cell that the table omits, see [`Table::for_displacement`].
+    #[inline]
     pub fn dropped(&self) -> usize {
         self.dropped
     }
@@ -248,6 +253,7 @@ impl Table {
     /// Root mean square of table - cell over a period, in field units, without single-precision rounding. For
     /// an expression it assumes that the errors of all series coincide. It is 0 for a function without
     /// periods and for values computed from products.
+    #[inline]
     pub fn error_rms(&self) -> f64 {
         self.error_rms
     }
@@ -255,39 +261,46 @@ impl Table {
     /// The measured displacement of the surface by the table, in reference lengths: the largest |table -
     /// cell| over the mean slope at points of the element, and over the local slope at points of the
     /// surface. `None` for tables that are not made by [`Table::for_displacement`].
+    #[inline]
     pub fn displacement(&self) -> Option<f64> {
         self.displacement
     }
 
     /// Rigorous bound of |table - cell|, in field units, single-precision rounding included.
+    #[inline]
     pub fn error_bound(&self) -> f64 {
         self.error_bound
     }
 
     /// Rigorous bound of the difference of each gradient component, per unit of reference length. It does not
     /// hold where the minimum or maximum of an expression switches between operands.
+    #[inline]
     pub fn gradient_error_bound(&self) -> f64 {
         self.gradient_error_bound
     }
 
     /// The same function as a sum of products of sines and cosines, if it has few of them.
+    #[inline]
     pub fn products(&self) -> Option<&Products> {
         self.products.as_ref()
     }
 
     /// Bound of the gradient's length over the element.
+    #[inline]
     pub fn gradient_sup(&self) -> f64 {
         self.gradient_sup
     }
 
     /// A bound L of the gradient's length over the points of the element where |value| <= L `reach`, which
     /// include all points within `reach` of the surface. At most [`Self::gradient_sup`].
+    #[inline]
     pub fn gradient_sup_near(&self, reach: f64) -> f64 {
         let near = self.gradient_bounds.as_ref().map(|s| s.near_surface(reach));
         near.map_or(self.gradient_sup, |s| s.min(self.gradient_sup))
     }
 
     /// The gradient's root mean square on the surface inside the element (gamma).
+    #[inline]
     pub fn gradient_rms(&self) -> f64 {
         self.gradient_rms
     }
@@ -315,6 +328,7 @@ impl Table {
     }
 
     /// Bound of the gradient's length over a box.
+    #[inline]
     pub fn gradient_bound(&self, region: &CellBox<3>) -> f64 {
         self.range(region).1
     }

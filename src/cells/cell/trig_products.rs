@@ -167,16 +167,19 @@ impl Products {
     }
 
     /// Whether the cell is independent of the numbering of its element's nodes.
+    #[inline]
     pub fn fits_any_numbering(&self) -> bool {
         self.any_numbering
     }
 
     /// Number of products.
+    #[inline]
     pub fn terms(&self) -> usize {
         self.terms.len()
     }
 
     /// Whether values are representable in single precision.
+    #[inline]
     pub fn is_single(&self) -> bool {
         (self.amplitude + self.mean.abs() + self.half.abs()) < 1e30
     }
@@ -216,6 +219,7 @@ impl Products {
     }
 
     /// Value (negative inside) and gradient in reference coordinates, in double precision.
+    #[inline]
     pub fn value_and_gradient(&self, u: Vec3) -> (f64, Vec3) {
         let (sum, gradient) = self.sum(u);
         let (value, slope) = self.solid(sum);
@@ -224,6 +228,7 @@ impl Products {
 
     /// The range of values in the box of reference coordinates around a centre: second-order Taylor
     /// expansion, with the second derivatives bounded by the coefficients.
+    #[inline]
     pub fn bound(&self, centre: Vec3, half: Vec3) -> (f64, f64) {
         let (sum, gradient) = self.sum(centre);
         let remainder: f64 = self

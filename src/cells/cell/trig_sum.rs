@@ -28,6 +28,7 @@ impl Phasors {
         Self { bound, re, im }
     }
 
+    #[inline]
     pub fn get(&self, k: i32) -> (f64, f64) {
         let n = (k + self.bound) as usize;
         (self.re[n], self.im[n])

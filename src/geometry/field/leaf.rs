@@ -56,6 +56,7 @@ impl LeafBits {
 
     /// The bits of a leaf's values, which are clamped to the background in place: values beyond it are
     /// inactive. `settled` is false.
+    #[inline]
     pub fn from_values(values: &mut [f32; 512], background: f32) -> Self {
         simd::run(ClassifyValues { values, background })
     }

@@ -51,6 +51,7 @@ impl Capsule {
     }
 
     /// The bounding box, world units.
+    #[inline]
     pub fn bounds(&self) -> Aabb {
         Aabb::of(self.ends).dilated(self.radius)
     }
@@ -89,6 +90,7 @@ impl Cylinder {
     }
 
     /// The bounding box, world units.
+    #[inline]
     pub fn bounds(&self) -> Aabb {
         let axis = (self.ends[1] - self.ends[0])
             .try_normalize(0.0)

@@ -57,6 +57,7 @@ impl Element {
     ];
 
     /// The name used on the command line and in files.
+    #[inline]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Tri => "tri",
@@ -70,12 +71,14 @@ impl Element {
     }
 
     /// The element with the given name.
+    #[inline]
     pub fn from_name(name: &str) -> Option<Self> {
         let mut all = Self::SCAFFOLD_ELEMENTS.into_iter().chain([Self::Ball]);
         all.find(|e| e.name() == name)
     }
 
     /// Dimension of the reference space.
+    #[inline]
     pub const fn dimension(self) -> usize {
         match self {
             Self::Tri | Self::Quad => 2,
@@ -174,6 +177,7 @@ impl Element {
     }
 
     /// Indices of the vertices of a face, ascending.
+    #[inline]
     pub fn face_vertices(self, face: &Face) -> Vec<usize> {
         let on = |v: &Vec3| (face.normal.dot(v) - face.offset).abs() < 1e-9;
         let vertices = self.vertices();
@@ -181,6 +185,7 @@ impl Element {
     }
 
     /// The edges as pairs of vertex indices, the lower index first.
+    #[inline]
     pub fn edges(self) -> Vec<[usize; 2]> {
         let faces: Vec<Vec<usize>> = self.faces().iter().map(|f| self.face_vertices(f)).collect();
         let shared = |i, j| {
@@ -195,6 +200,7 @@ impl Element {
     }
 
     /// Area of a planar element, volume of a solid one.
+    #[inline]
     pub fn measure(self) -> f64 {
         match self {
             Self::Tri | Self::Wedge => TRIANGLE_HEIGHT / 2.0,
@@ -206,6 +212,7 @@ impl Element {
     }
 
     /// Length of an edge.
+    #[inline]
     pub fn edge(self) -> f64 {
         match self {
             Self::Tet => 2f64.sqrt(),
@@ -215,6 +222,7 @@ impl Element {
     }
 
     /// The centroid: the origin, except for the pyramid, where it is a quarter of the height above it.
+    #[inline]
     pub fn centroid(self) -> CellPoint<3> {
         CellPoint(match self {
             Self::Pyramid => Vec3::z() * (0.5f64.sqrt() / 4.0),
@@ -223,6 +231,7 @@ impl Element {
     }
 
     /// Number of orthogonal maps of the element onto itself; those of a planar element leave z unchanged.
+    #[inline]
     pub const fn symmetry_order(self) -> usize {
         match self {
             Self::Tri => 6,
@@ -235,6 +244,7 @@ impl Element {
     }
 
     /// Whether an orthogonal map about the origin maps the element onto itself.
+    #[inline]
     pub fn is_invariant_under(self, map: &Mat3) -> bool {
         let vertices = self.vertices();
         vertices.iter().all(|v| {
@@ -244,6 +254,7 @@ impl Element {
     }
 
     /// Bounding box: the unit cube for tet, hex and ball.
+    #[inline]
     pub fn cell_box(self) -> CellBox<3> {
         // The box is cached, since hot loops use it.
         static BOXES: [OnceLock<CellBox<3>>; 7] = [const { OnceLock::new() }; 7];

@@ -8,8 +8,9 @@ use super::bvh::Bvh;
 use crate::frame::{Aabb, Vec3};
 use rayon::prelude::*;
 
-/// Pieces pay off if a random line through the mesh meets at least this many boxes of long triangles.
-const MIN_BOXES_MET: f64 = 8.0;
+/// Pieces pay off if a random line through the mesh meets at least this many boxes of long triangles: a disc of 720
+/// segments has 220, a strut of 1,600 triangles 25, and that is slower with pieces.
+const MIN_BOXES_MET: f64 = 64.0;
 /// Mean number of pieces of a long triangle, and the greatest number of all.
 const MEAN_PIECES: f64 = 32.0;
 const MAX_PIECES: f64 = 1_000_000.0;

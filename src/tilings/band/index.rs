@@ -21,6 +21,7 @@ impl LeafIndex {
     }
 
     /// Inserts a leaf; replaces another at the same origin.
+    #[inline]
     pub fn insert(&mut self, origin: Coord, leaf: usize) {
         let block = self.0.entry(origin.aligned(BLOCK));
         let block = block.or_insert_with(|| {
@@ -30,11 +31,13 @@ impl LeafIndex {
     }
 
     /// Memory in use, bytes.
+    #[inline]
     pub fn bytes(&self) -> usize {
         self.0.len() * BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES * size_of::<u32>()
     }
 
     /// The leaf at an origin.
+    #[inline]
     pub fn get(&self, origin: Coord) -> Option<u32> {
         let block = self.0.get(&origin.aligned(BLOCK))?;
         Some(block[Self::slot(origin)]).filter(|&leaf| leaf != NO_LEAF)

@@ -30,6 +30,7 @@ pub struct LeafBatch {
 
 impl LeafBatch {
     /// Room for `n` leaves.
+    #[inline]
     pub fn with_capacity(n: usize) -> Self {
         Self {
             origins: Vec::with_capacity(n),
@@ -39,16 +40,19 @@ impl LeafBatch {
     }
 
     /// Number of leaves.
+    #[inline]
     pub fn len(&self) -> usize {
         self.origins.len()
     }
 
     /// Whether there are none.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.origins.is_empty()
     }
 
     /// Removes all leaves; keeps the memory.
+    #[inline]
     pub fn clear(&mut self) {
         self.origins.clear();
         self.masks.clear();
@@ -56,6 +60,7 @@ impl LeafBatch {
     }
 
     /// Appends a leaf; origins must ascend.
+    #[inline]
     pub fn push(&mut self, origin: Coord, mask: [u64; 8], values: &[f32; VOXELS]) {
         self.origins.push(origin);
         self.masks.push(mask);
@@ -63,6 +68,7 @@ impl LeafBatch {
     }
 
     /// The leaves, in their order.
+    #[inline]
     pub fn leaves(&self) -> impl Iterator<Item = LeafRef<'_>> {
         let heads = self.origins.iter().zip(&self.masks);
         heads
@@ -75,6 +81,7 @@ impl LeafBatch {
     }
 
     /// Active voxels of all leaves.
+    #[inline]
     pub fn active_voxels(&self) -> u64 {
         run(MaskPopulation(&self.masks))
     }
@@ -111,11 +118,13 @@ pub struct SinkError(Box<dyn Error + Send + Sync>);
 
 impl SinkError {
     /// Wraps the sink's error.
+    #[inline]
     pub fn new(cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Self(cause.into())
     }
 
     /// The sink's error.
+    #[inline]
     pub fn into_inner(self) -> Box<dyn Error + Send + Sync> {
         self.0
     }

@@ -109,6 +109,7 @@ impl<W: Write + Send> LeafFileWriter<W> {
     ///
     /// # Errors
     /// I/O errors.
+    #[inline]
     pub fn new(out: W, head: &LeafFileHead) -> io::Result<Self> {
         let mut state = WriterState {
             out,
@@ -184,6 +185,7 @@ pub(super) struct StoredLeaf {
 
 impl StoredLeaf {
     /// Least voxel.
+    #[inline]
     pub fn origin(&self, block: Coord) -> Coord {
         slot_origin(block, self.slot)
     }
