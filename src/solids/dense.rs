@@ -14,6 +14,9 @@ pub struct DenseValues {
 
 impl DenseValues {
     /// Reads them; `None` without any inside.
+    ///
+    /// # Errors
+    /// Those of the source.
     pub fn read<S: LeafSource>(
         source: &S,
         region: Region,

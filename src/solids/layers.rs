@@ -2,7 +2,7 @@
 //!
 //! A layer is represented by the plane section at its mid-height, on square pixels of one voxel; a pixel is solid where
 //! the trilinear value at its centre is negative. Pixels are connected over edges. The first layer lies on the plate.
-//! Areas are those within the outline, which runs straight between the centres of pixels ([`raster`]).
+//! Areas are those within the outline, which runs straight between the centres of pixels (`raster`).
 //!
 //! - An **island** is a component of the solid pixels that lies over no solid pixel of the layer below.
 //! - The **overhanging** pixels of a layer are over void, and farther from the solid below than the overhang angle

@@ -3,7 +3,7 @@
 //! - [`leaf_source`]: the leaves of a solid, from a tree in memory or from disk. All analyses read them by this trait.
 //! - [`cavities`]: voids that a ball cannot leave, and the channels that drain them.
 //! - [`layers`]: islands, overhangs, cups and sections of a build.
-//! - [`slice`]: outlines and images of plane sections of a field.
+//! - [`mod@slice`]: outlines and images of plane sections of a field.
 //! - [`voxel_mask`], [`dense`]: the voxels of a leaf as bits, and values of a region as an array.
 //!
 //! The items have their public names in the crate `druse`.

@@ -14,7 +14,7 @@ use druse_solids::layers::{BuildLayers, BuildRequest, build_layers};
 
 impl LevelSet {
     /// The cavities of the void that a ball of `reach` voxels cannot leave, narrowest first. The reach is at most
-    /// [`MAX_CAVITY_REACH`].
+    /// [`MAX_CAVITY_REACH`](super::MAX_CAVITY_REACH).
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
