@@ -2,8 +2,8 @@
 //!
 //! The lattice is bisected into blocks. For a block of radius r about q whose nearest triangle has the distance
 //! d from q, only triangles nearer to q than d + 2 r can be nearest to one of its samples. Their discs are
-//! tested in single precision, eight at a time; the remaining triangles are measured exactly. Nothing is
-//! measured beyond a maximal distance.
+//! tested in single precision, eight at a time, and oriented boxes around long ones, whose discs are mostly empty;
+//! the remaining triangles are measured exactly. Nothing is measured beyond a maximal distance.
 // Small functions of a hot path: inlining compiles them for the instruction set of their caller.
 #![allow(clippy::inline_always)]
 
