@@ -111,7 +111,7 @@ impl Oriented {
             |mesh: &TriMesh| -> NumberedTriangles { mesh.iter_corners().zip(0u32..).collect() };
         let mut soup = Soup::uncut(&numbered(&mesh));
         let shells = Shells::of(&merged, &sides);
-        // Nesting asks for winding numbers; a single shell lies in no other.
+        // Nesting calls for winding numbers; a single shell lies in no other.
         if shells.count > 1 {
             soup.cut();
         }

@@ -140,7 +140,7 @@ impl Soup {
         self.pieces = PieceTree::of(&self.corners, &self.long);
     }
 
-    /// As [`Self::new`], where no or few distances and winding numbers are asked for.
+    /// As [`Self::new`], where no or few distances and winding numbers are needed.
     pub(crate) fn uncut(triangles: &[([Vec3; 3], u32)]) -> Self {
         let bvh = Bvh::new(triangles.len(), |i| Aabb::of(triangles[i].0));
         let at = |slot: &u32| triangles[*slot as usize];
