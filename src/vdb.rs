@@ -75,7 +75,6 @@ mod segments;
 // Measures, and conversions to meshes, voxel meshes and fields.
 mod as_field;
 mod coarser;
-mod limits;
 mod measures;
 mod mesh;
 mod solid_cubes;
@@ -104,14 +103,13 @@ pub use druse_solids::cavities::{
 };
 #[doc(inline)]
 pub use druse_solids::layers::{BuildLayers, BuildRequest, LayerFacts, LayerRegion};
-pub use error::{FileError, VdbError};
+pub use error::{FileError, MAX_CUBES, VdbError};
 pub use file::{CoarseReading, FileInfo, GridInfo, info, read};
 pub use fog::Fog;
 pub use foreign::{Adopted, Cubes, GridReading};
 pub use index_map::IndexMap;
 pub use leaves::{LeafView, Leaves, TileView};
 pub use level_set_file::LevelSetFile;
-pub use limits::MAX_CUBES;
 pub use measures::Measures;
 pub(crate) use memory::end_on_exhaustion;
 #[doc(hidden)]

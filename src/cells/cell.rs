@@ -76,6 +76,9 @@ pub use surface::{Terms, of_terms};
 pub use table::Table;
 pub use trig_products::{Along, Column, FUNCTIONS, Products};
 
+/// Least difference of the greatest and the least value of a function that is not constant.
+const MIN_RANGE: f64 = 1e-100;
+
 /// A unit cell of an element. As a [`Field`] it is negative inside its solid and evaluated exactly.
 ///
 /// Points are Cartesian reference coordinates ([`Element`]: edges 1, of the tet sqrt 2). Lengths,
@@ -113,7 +116,8 @@ impl Cell {
     ///
     /// # Errors
     /// [`CellError::Unfitting`] unless every series has the element's dimension, a group of symmetries of
-    /// the element and one of the element's lattices.
+    /// the element and one of the element's lattices; [`CellError::OutOfRange`] for a function that is nearly
+    /// constant.
     pub fn new(
         name: &str,
         element: Element,
@@ -121,6 +125,16 @@ impl Cell {
     ) -> Result<Self, CellError> {
         let expression = expression.into();
         let (group, operators) = compatibility::symmetry_of(element, &expression)?;
+        // Searches for levels divide by cubes of differences of values, which must not underflow.
+        let values = expression.bound(&element.cell_box());
+        let range = values.hi - values.lo;
+        if range > 0.0 && range < MIN_RANGE {
+            return Err(CellError::OutOfRange {
+                what: "the range of the function's values",
+                found: range,
+                expected: format!("at least {MIN_RANGE:?}: multiply the function by a number"),
+            });
+        }
         Ok(Self {
             name: name.to_owned(),
             element,

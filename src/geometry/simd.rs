@@ -13,7 +13,6 @@ mod wide;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 pub use number::{Eight, Four, Number};
-#[doc(hidden)]
 pub use number::{difference, splat_vector};
 pub use scalar::PortableLanes;
 pub use wide::{RowPair, WideLanes};
@@ -256,14 +255,12 @@ pub fn run_vectorized(work: impl FnOnce()) {
 }
 
 /// Which of the 512 values of a leaf are negative: word x, bit 8 y + z.
-#[doc(hidden)]
 #[inline]
 pub fn negative_bits(values: &[f32; 512]) -> [u64; 8] {
     bits_below(values, 0.0)
 }
 
 /// Which of the 512 values of a leaf are below a threshold: word x, bit 8 y + z.
-#[doc(hidden)]
 #[inline]
 pub fn bits_below(values: &[f32; 512], threshold: f32) -> [u64; 8] {
     run(BitsBelow(values, threshold))

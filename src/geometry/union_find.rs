@@ -2,7 +2,6 @@
 
 /// Disjoint sets of the integers below a count, each a set of its own at first. The least member represents
 /// its set, so no result depends on the order of the unions.
-#[doc(hidden)]
 pub struct UnionFind(Vec<u32>);
 
 impl UnionFind {

@@ -182,7 +182,6 @@ pub struct Connectivity {
 
 impl Connectivity {
     /// Appends an element; `nodes` in VTK order.
-    #[inline]
     pub fn push(&mut self, kind: Kind, nodes: &[u32]) {
         self.kinds.push(kind);
         self.nodes.extend_from_slice(nodes);
@@ -190,25 +189,21 @@ impl Connectivity {
     }
 
     /// Number of elements.
-    #[inline]
     pub fn len(&self) -> usize {
         self.kinds.len()
     }
 
     /// Whether there are no elements.
-    #[inline]
     pub fn is_empty(&self) -> bool {
         self.kinds.is_empty()
     }
 
     /// Kind of an element.
-    #[inline]
     pub fn kind(&self, element: usize) -> Kind {
         self.kinds[element]
     }
 
     /// Node numbers of an element.
-    #[inline]
     pub fn nodes(&self, element: usize) -> &[u32] {
         let start = if element == 0 {
             0
@@ -271,7 +266,6 @@ impl Scaffold {
     /// The same scaffold with the numbers that its file gives to the elements, for messages.
     /// Ignored unless there is one for each.
     #[must_use]
-    #[inline]
     pub fn with_numbers(mut self, numbers: Vec<u64>) -> Self {
         if numbers.len() == self.len() {
             self.numbers = numbers;
@@ -280,37 +274,31 @@ impl Scaffold {
     }
 
     /// The number of an element in the file; without a file its index.
-    #[inline]
     pub fn number(&self, element: usize) -> u64 {
         self.numbers.get(element).map_or(element as u64, |n| *n)
     }
 
     /// Node coordinates, world units.
-    #[inline]
     pub fn nodes(&self) -> &[Vec3] {
         &self.nodes
     }
 
     /// Number of elements.
-    #[inline]
     pub fn len(&self) -> usize {
         self.elements.len()
     }
 
     /// Never: a scaffold has at least one element.
-    #[inline]
     pub fn is_empty(&self) -> bool {
         self.elements.is_empty()
     }
 
     /// Kinds and node numbers of the elements.
-    #[inline]
     pub fn connectivity(&self) -> &Connectivity {
         &self.elements
     }
 
     /// One element with its map.
-    #[inline]
     pub fn element(&self, element: usize) -> ElementMap<'_> {
         ElementMap {
             index: element,
@@ -321,13 +309,11 @@ impl Scaffold {
     }
 
     /// All elements, in order.
-    #[inline]
     pub fn elements(&self) -> impl Iterator<Item = ElementMap<'_>> {
         (0..self.len()).map(|e| self.element(e))
     }
 
     /// The box of all elements, within 1e-7 of its longest side on curved ones and never smaller.
-    #[inline]
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
@@ -365,7 +351,6 @@ impl Scaffold {
     }
 
     /// Bounds of the singular values of dx/dxi over all elements, world units.
-    #[inline]
     pub fn stretch(&self) -> (f64, f64) {
         self.geometry
             .iter()

@@ -7,6 +7,9 @@ use crate::progress::Cancelled;
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// Maximum number of cubes.
+pub const MAX_CUBES: u64 = 1 << 28;
+
 /// Why an operation on a level set failed. After a failure of OpenVDB or cancellation the level set is empty;
 /// after a refused parameter it is unchanged.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +64,7 @@ pub enum VdbError {
     /// A voxel mesh with too many elements.
     #[error(
         "the voxel mesh would have {0} elements or more; expected at most {max}: give a larger element_size",
-        max = super::limits::MAX_CUBES
+        max = super::error::MAX_CUBES
     )]
     TooManyCubes(u64),
     /// OpenVDB refused.

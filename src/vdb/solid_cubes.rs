@@ -3,9 +3,8 @@
 //! A cell lies between eight voxel centres, so that a part whose faces lie on voxel centres is met exactly. It is
 //! named by its low corner, a voxel.
 
-use super::error::VdbError;
+use super::error::{MAX_CUBES, VdbError};
 use super::index::LeafIndex;
-use super::limits::MAX_CUBES;
 use super::{LevelSet, Session};
 use crate::band::Region;
 use crate::field::cube_share;

@@ -22,9 +22,9 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 12600),
+    ("geometry", 12550),
     ("cells", 16550),
-    ("tilings", 28000),
+    ("tilings", 27850),
     ("effective", 7550),
     ("crystal", 7900),
     ("formats", 19700),

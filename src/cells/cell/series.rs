@@ -29,8 +29,6 @@ pub struct Series<const D: usize> {
     waves: TrigSum,
 }
 
-/// Least magnitude of a series' greatest coefficient.
-const MIN_AMPLITUDE: f64 = 1e-100;
 /// Largest accepted index. No cell needs a larger one, and its table would not fit in memory.
 const MAX_INDEX: i32 = 4096;
 /// Largest accepted number of exponentials.
@@ -96,23 +94,6 @@ impl<const D: usize> Series<D> {
                 }
             }
             coefficients.push((place, Coefficient { k: rep, c }));
-        }
-        // Products of two values must not underflow: searches for levels divide by them.
-        let magnitude = |t: &Coefficient<D>| t.c[0].abs().max(t.c[1].abs());
-        let greatest =
-            (coefficients.iter()).max_by(|a, b| magnitude(&a.1).total_cmp(&magnitude(&b.1)));
-        if let Some((place, t)) = greatest
-            && magnitude(t) > 0.0
-            && magnitude(t) < MIN_AMPLITUDE
-        {
-            return Err(CellError::Coefficient {
-                place: *place,
-                index: format!("{:?}", t.k),
-                reason: format!(
-                    "the greatest coefficient is {:?}; expected at least {MIN_AMPLITUDE:?} in magnitude: multiply all of them by one number",
-                    t.c
-                ),
-            });
         }
         let order = |k: Frequency<D>| ((lattice.frequency_norm(k) * 1e9).round() as i64, k);
         coefficients.sort_by_key(|(_, t)| order(t.k));

@@ -81,7 +81,6 @@ impl Formula {
     /// # Errors
     /// [`FormulaError`]: a syntax error, an unknown name, a wrong number of arguments, more than 4096
     /// bytes, or more than 64 nested parentheses.
-    #[inline]
     pub fn parse(text: &str, variables: &[&str]) -> Result<Self, FormulaError> {
         Self::with_constants(text, variables, &[])
     }
@@ -90,7 +89,6 @@ impl Formula {
     ///
     /// # Errors
     /// As [`Formula::parse`].
-    #[inline]
     pub fn with_constants(
         text: &str,
         variables: &[&str],
@@ -105,7 +103,6 @@ impl Formula {
     }
 
     /// The source text.
-    #[inline]
     pub fn text(&self) -> &str {
         &self.text
     }

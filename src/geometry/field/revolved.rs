@@ -51,7 +51,6 @@ impl Capsule {
     }
 
     /// The bounding box, world units.
-    #[inline]
     pub fn bounds(&self) -> Aabb {
         Aabb::of(self.ends).dilated(self.radius)
     }
@@ -90,7 +89,6 @@ impl Cylinder {
     }
 
     /// The bounding box, world units.
-    #[inline]
     pub fn bounds(&self) -> Aabb {
         let axis = (self.ends[1] - self.ends[0])
             .try_normalize(0.0)

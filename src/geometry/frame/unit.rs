@@ -42,19 +42,16 @@ impl LengthUnit {
     }
 
     /// The symbol, as in "0.2mm".
-    #[inline]
     pub fn symbol(self) -> &'static str {
         self.row().1
     }
 
     /// The length of the unit in metres.
-    #[inline]
     pub fn metres(self) -> f64 {
         self.row().2
     }
 
     /// The name in a 3MF model.
-    #[inline]
     pub fn name_3mf(self) -> &'static str {
         self.row().3
     }
@@ -66,7 +63,6 @@ impl LengthUnit {
     /// use druse::frame::LengthUnit;
     /// assert_eq!(60.0 * LengthUnit::Millimetre.to(LengthUnit::Metre), 0.06);
     /// ```
-    #[inline]
     pub fn to(self, other: Self) -> f64 {
         // In this order, ratios of powers of ten are exact: 1e-3 / 1.0, 1.0 / 1e-3.
         self.metres() / other.metres()

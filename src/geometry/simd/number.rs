@@ -72,7 +72,6 @@ impl Number for f64 {
 
 /// The vector `v` in every lane; `lane` is any value of the row type.
 #[inline(always)]
-#[doc(hidden)]
 pub fn splat_vector<T: Number>(lane: T, v: impl Into<[f64; 3]>) -> [T; 3] {
     let [x, y, z] = v.into();
     [lane.splat(x), lane.splat(y), lane.splat(z)]
@@ -80,7 +79,6 @@ pub fn splat_vector<T: Number>(lane: T, v: impl Into<[f64; 3]>) -> [T; 3] {
 
 /// a - b.
 #[inline(always)]
-#[doc(hidden)]
 pub fn difference<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }

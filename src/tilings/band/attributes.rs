@@ -37,7 +37,6 @@ impl<W: Write> AttributeFileWriter<W> {
     ///
     /// # Errors
     /// I/O errors.
-    #[inline]
     pub fn new(out: W, identity: &[u8; 32]) -> io::Result<Self> {
         let mut file = Self {
             out,
@@ -52,7 +51,6 @@ impl<W: Write> AttributeFileWriter<W> {
     ///
     /// # Errors
     /// I/O errors.
-    #[inline]
     pub fn put(&mut self, values: impl Iterator<Item = f32>) -> io::Result<()> {
         let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
         self.write(&bytes)
@@ -67,7 +65,6 @@ impl<W: Write> AttributeFileWriter<W> {
     ///
     /// # Errors
     /// I/O errors.
-    #[inline]
     pub fn finish(mut self) -> io::Result<W> {
         let hash = self.hasher.finalize();
         self.out.write_all(hash.as_bytes())?;
@@ -146,7 +143,6 @@ impl AttributeStore {
     }
 
     /// Values per voxel: 1 or 3.
-    #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
@@ -155,7 +151,6 @@ impl AttributeStore {
     ///
     /// # Errors
     /// [`LeafFileError`] if the file has changed since it was opened.
-    #[inline]
     pub fn read(&self, block: Coord) -> Result<Vec<f32>, LeafFileError> {
         let Some(&(file, start, active)) = self.blocks.get(&block) else {
             return Ok(Vec::new());

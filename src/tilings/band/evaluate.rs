@@ -28,7 +28,6 @@ impl Band<'_> {
     ///
     /// # Errors
     /// A half width or extent out of range, a value that is not finite, cancellation, the sink's error.
-    #[inline]
     pub fn evaluate(
         &self,
         threads: &Threads,
@@ -71,7 +70,6 @@ impl Band<'_> {
     ///
     /// # Errors
     /// A half width or extent out of range.
-    #[inline]
     pub fn blocks(&self) -> Result<Vec<Coord>, BandError> {
         Ok(Culler::new(self, Region::EVERYWHERE)?.blocks().undecided)
     }

@@ -109,7 +109,6 @@ impl<W: Write + Send> LeafFileWriter<W> {
     ///
     /// # Errors
     /// I/O errors.
-    #[inline]
     pub fn new(out: W, head: &LeafFileHead) -> io::Result<Self> {
         let mut state = WriterState {
             out,
@@ -185,7 +184,6 @@ pub(super) struct StoredLeaf {
 
 impl StoredLeaf {
     /// Least voxel.
-    #[inline]
     pub fn origin(&self, block: Coord) -> Coord {
         slot_origin(block, self.slot)
     }

@@ -203,7 +203,6 @@ impl LeafStore {
     ///
     /// # Errors
     /// [`LeafFileError`] if it is missing or invalid.
-    #[inline]
     pub fn check(path: &Path, head: &LeafFileHead) -> Result<(), LeafFileError> {
         inspect(path, head, |_, _| ()).map(|_| ())
     }
@@ -242,7 +241,6 @@ impl LeafStore {
     }
 
     /// Nodes of 4096^3 voxels, in order of origin.
-    #[inline]
     pub fn upper_nodes(&self) -> impl ExactSizeIterator<Item = &UpperNode> {
         self.upper_nodes.values()
     }
@@ -262,13 +260,11 @@ impl LeafStore {
     }
 
     /// Origins of the blocks that hold leaves, in order.
-    #[inline]
     pub fn blocks(&self) -> impl Iterator<Item = Coord> {
         self.blocks.keys().copied()
     }
 
     /// Origins of the blocks that hold leaves and meet a region.
-    #[inline]
     pub fn blocks_in(&self, region: Region) -> impl Iterator<Item = Coord> {
         let first = region.min.0[0].div_euclid(BLOCK) * BLOCK;
         let from = Coord([first, i32::MIN, i32::MIN]);
@@ -279,14 +275,12 @@ impl LeafStore {
 
     /// Bits of a block's slots of 8^3 voxels (x slowest, 16 a side) that hold no leaf and lie inside;
     /// none for a block without leaves.
-    #[inline]
     pub fn inside_slots(&self, block: Coord) -> Option<&[u64; 64]> {
         self.blocks.get(&block).map(|b| &b.inside)
     }
 
     /// The number of the file that holds a block, and the block's active voxels; none for a block
     /// without leaves.
-    #[inline]
     pub fn file_of(&self, block: Coord) -> Option<(usize, u64)> {
         let entry = self.blocks.get(&block)?;
         let values =
@@ -295,32 +289,27 @@ impl LeafStore {
     }
 
     /// Number of leaves of a block.
-    #[inline]
     pub fn leaves_of(&self, block: Coord) -> u64 {
         let chunks = self.blocks.get(&block).map_or(&[][..], |b| &b.chunks);
         chunks.iter().map(|c| u64::from(c.leaves)).sum()
     }
 
     /// Half width of the band, world units.
-    #[inline]
     pub fn background(&self) -> f32 {
         self.background
     }
 
     /// Number of leaves.
-    #[inline]
     pub fn leaves(&self) -> u64 {
         self.leaves
     }
 
     /// Number of active voxels.
-    #[inline]
     pub fn active_voxels(&self) -> u64 {
         self.active_voxels
     }
 
     /// Least and greatest active voxel on each axis; none for an empty store.
-    #[inline]
     pub fn bounds(&self) -> Option<[Coord; 2]> {
         self.bounds
     }
@@ -376,7 +365,6 @@ impl LeafStore {
     }
 
     /// Whether an absent leaf lies inside.
-    #[inline]
     pub fn is_inside(&self, leaf: Coord) -> bool {
         let origin = leaf.aligned(BLOCK);
         let Some(block) = self.blocks.get(&origin) else {

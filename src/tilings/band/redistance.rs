@@ -65,7 +65,6 @@ pub struct MovedLeaf {
 impl MovedLeaf {
     /// Restores the old active values of the leaf that are smaller in magnitude than the old background (world
     /// units).
-    #[inline]
     pub fn keep(&mut self, before: &LeafRef<'_>, background: f32) {
         let near = background * (1.0 - 1e-5);
         for (n, v) in before.values.iter().enumerate() {
@@ -84,7 +83,6 @@ impl SurfacePoints {
     pub const MAX_CORNER_OFFSET: f64 = wedge::MAX_CORNER_OFFSET as f64;
 
     /// Whether a band of this half width (voxels) is wide enough.
-    #[inline]
     pub fn suffices(half_width: f64) -> bool {
         half_width as f32 >= Self::MIN_HALF_WIDTH as f32
     }
@@ -170,14 +168,12 @@ impl SurfacePoints {
 
     /// Sets the background (world units) of the band that [`Self::moved`] returns.
     #[must_use]
-    #[inline]
     pub fn with_background(self, background: f32) -> Self {
         Self { background, ..self }
     }
 
     /// Sets all curvatures to zero.
     #[must_use]
-    #[inline]
     pub fn without_curvature(mut self) -> Self {
         for point in &mut self.points {
             point.hessian = [0.0; 6];
@@ -218,7 +214,6 @@ impl SurfacePoints {
 
     /// Origins of the leaves that an offset by `by` (world units) can change, except for changes of the sign of
     /// a whole leaf; ascending.
-    #[inline]
     pub fn leaves_within(&self, by: f64) -> Vec<Coord> {
         let around = search::around(self.reach(by));
         self.leaves_near(|origin, found| {
@@ -250,7 +245,6 @@ impl SurfacePoints {
 
     /// The leaf at `origin` after an offset of the surface outwards by `by` world units (inwards if negative).
     /// `inside` holds the voxels that were inside, laid out as a mask.
-    #[inline]
     pub fn moved(&self, origin: Coord, inside: &[u64; 8], by: f64) -> MovedLeaf {
         let lengths = self.lengths(by);
         let near = search::around(lengths.max_distance(*inside, u64::MAX).max(0.0));

@@ -22,7 +22,6 @@ pub struct LeafCounter(Mutex<LeafCounts>);
 
 impl LeafCounter {
     /// The counts so far.
-    #[inline]
     pub fn counts(&self) -> LeafCounts {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -47,7 +46,6 @@ pub struct LeafMap(Mutex<BTreeMap<Coord, Leaf>>);
 
 impl LeafMap {
     /// The leaves, in order of origin.
-    #[inline]
     pub fn into_leaves(self) -> BTreeMap<Coord, Leaf> {
         self.0.into_inner().unwrap_or_else(PoisonError::into_inner)
     }

@@ -87,7 +87,6 @@ pub struct LeafRef<'a> {
 
 impl LeafRef<'_> {
     /// Voxels inside the solid, laid out as a mask.
-    #[inline]
     pub fn inside(&self) -> [u64; 8] {
         self.values.first_chunk().map_or([0; 8], negative_bits)
     }
@@ -111,7 +110,6 @@ impl Smoother {
 
     /// The current leaves: the original ones, even without active voxels, then new ones; in no particular
     /// order.
-    #[inline]
     pub fn leaves(&self) -> impl Iterator<Item = LeafRef<'_>> {
         (0..self.pool.len())
             .filter(|&n| self.pool.is_original(n) || self.pool.masks[n] != [0; 8])
@@ -143,7 +141,6 @@ impl Smoother {
     ///
     /// # Errors
     /// As [`Smoother::mean`].
-    #[inline]
     pub fn gaussian(&mut self, width: u32, progress: &dyn Progress) -> Result<(), Cancelled> {
         (0..4).try_for_each(|_| self.mean(width, progress))
     }
@@ -152,7 +149,6 @@ impl Smoother {
     ///
     /// # Errors
     /// As [`Smoother::mean`].
-    #[inline]
     pub fn laplacian(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
         self.pass(progress, |pool, range, out| {
             run_vectorized(

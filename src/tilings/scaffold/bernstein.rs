@@ -161,7 +161,6 @@ impl<T: Coefficient> Net<T> {
     }
 
     /// The polynomial `f`, from its samples at parametric coordinates.
-    #[inline]
     pub fn of(family: Family, degree: usize, f: impl Fn(Vec3) -> T) -> Self {
         let scale = 1.0 / degree.max(1) as f64;
         let values = lattice(family, degree)
@@ -171,14 +170,12 @@ impl<T: Coefficient> Net<T> {
     }
 
     /// The mean over the cell.
-    #[inline]
     pub fn mean(&self) -> T {
         let c = &self.coefficients;
         c[1..].iter().fold(c[0], |s, &x| s + x) * (1.0 / c.len() as f64)
     }
 
     /// Coefficients at the cell's vertices, which are values of the polynomial, with the vertices.
-    #[inline]
     pub fn corners(&self) -> Vec<(T, Vec3)> {
         let n = self.degree;
         lattice(self.family, 1)
@@ -192,7 +189,6 @@ impl<T: Coefficient> Net<T> {
     /// Both halves of the polynomial, each over its half of the cell as a cell of its own: cut
     /// across an axis of the cube, in the middle of an edge of the simplex or of the prism's triangle,
     /// or (way 3) across the prism's axis.
-    #[inline]
     pub fn split(&self, way: usize) -> [Self; 2] {
         let mut halves = [Self::empty(), Self::empty()];
         self.split_into(way, &mut halves);
@@ -200,7 +196,6 @@ impl<T: Coefficient> Net<T> {
     }
 
     /// An empty polynomial, as a buffer for [`Net::split_into`].
-    #[inline]
     pub fn empty() -> Self {
         Self {
             family: Family::Simplex,
@@ -276,7 +271,6 @@ impl<T: Coefficient> Net<T> {
 
 impl Net<f64> {
     /// Least and greatest coefficient: they bound the polynomial.
-    #[inline]
     pub fn range(&self) -> (f64, f64) {
         self.coefficients
             .iter()
@@ -297,7 +291,6 @@ pub(super) enum Part {
 
 impl Part {
     /// The whole cell.
-    #[inline]
     pub fn whole(family: Family) -> Self {
         match family {
             Family::Simplex => Self::Simplex([Vec3::zeros(), Vec3::x(), Vec3::y(), Vec3::z()]),

@@ -82,7 +82,6 @@ impl Scaffold {
     ///
     /// # Errors
     /// [`ScaffoldError::NoParts`] for pyramids, [`ScaffoldError::TooMany`].
-    #[inline]
     pub fn refined(&self) -> Result<Divided, ScaffoldError> {
         self.divided(Pattern::Halve)
     }
@@ -92,7 +91,6 @@ impl Scaffold {
     /// # Errors
     /// [`ScaffoldError::NoParts`] for other elements or `times` outside 1 to 64,
     /// [`ScaffoldError::TooMany`].
-    #[inline]
     pub fn repeated(&self, times: u32) -> Result<Divided, ScaffoldError> {
         if !(1..=64).contains(&times) {
             return Err(ScaffoldError::BadRepeat(times));
@@ -105,7 +103,6 @@ impl Scaffold {
     ///
     /// # Errors
     /// [`ScaffoldError::NoParts`] for pyramids, whose apex has four edges; [`ScaffoldError::TooMany`].
-    #[inline]
     pub fn all_hex(&self) -> Result<Divided, ScaffoldError> {
         self.divided(Pattern::Midpoint)
     }
@@ -115,7 +112,6 @@ impl Scaffold {
     ///
     /// # Errors
     /// [`ScaffoldError::NoParts`] for other elements, [`ScaffoldError::TooMany`].
-    #[inline]
     pub fn all_quad(&self) -> Result<Divided, ScaffoldError> {
         self.divided(Pattern::Columns)
     }

@@ -33,37 +33,31 @@ pub struct ElementMap<'a> {
 
 impl<'a> ElementMap<'a> {
     /// Its number in the scaffold.
-    #[inline]
     pub fn index(&self) -> usize {
         self.index
     }
 
     /// Its kind.
-    #[inline]
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
     /// The reference shape of its cell.
-    #[inline]
     pub fn shape(&self) -> Element {
         self.kind.shape()
     }
 
     /// Its node numbers, VTK order.
-    #[inline]
     pub fn nodes(&self) -> &'a [u32] {
         self.nodes
     }
 
     /// Whether the map is affine: constant Jacobian, closed-form inverse.
-    #[inline]
     pub fn is_affine(&self) -> bool {
         matches!(self.geometry.map, Map::Affine(_))
     }
 
     /// A box that contains the element, curved edges and all.
-    #[inline]
     pub fn bounds(&self) -> Aabb {
         self.geometry.bounds
     }
@@ -83,13 +77,11 @@ impl<'a> ElementMap<'a> {
 
     /// Bounds of the singular values of dx/dxi over the element, world units: every length in the
     /// cell is stretched by a factor between them. The lower one is 0 where none could be proved.
-    #[inline]
     pub fn stretch(&self) -> (f64, f64) {
         self.geometry.stretch
     }
 
     /// The world point at xi; outside the cell the polynomial is extrapolated.
-    #[inline]
     pub fn map(&self, xi: CellPoint<3>) -> WorldPoint {
         WorldPoint(match &self.geometry.map {
             Map::Affine(a) => a.map(xi),
@@ -100,7 +92,6 @@ impl<'a> ElementMap<'a> {
     }
 
     /// The map in powers of xi; `None` for affine elements and pyramids.
-    #[inline]
     pub fn polynomial(&self) -> Option<&'a Polynomial> {
         match &self.geometry.map {
             Map::Curved(c) => Some(&c.polynomial),
@@ -109,7 +100,6 @@ impl<'a> ElementMap<'a> {
     }
 
     /// dx/dxi.
-    #[inline]
     pub fn jacobian(&self, xi: CellPoint<3>) -> Mat3 {
         self.map_and_jacobian(xi).1
     }
@@ -130,15 +120,6 @@ impl<'a> ElementMap<'a> {
                 let (x, j) = c.evaluate(xi);
                 (WorldPoint(x), j)
             }
-        }
-    }
-
-    /// The constant dxi/dx of an affine element; `None` if it is curved or degenerate.
-    #[inline]
-    pub fn affine_inverse(&self) -> Option<Mat3> {
-        match &self.geometry.map {
-            Map::Affine(a) if a.inverse[0].is_finite() => Some(a.inverse),
-            _ => None,
         }
     }
 

@@ -71,7 +71,6 @@ pub(super) enum Family {
 
 impl Family {
     /// Greatest j beside k in a lattice of degree n.
-    #[inline]
     pub fn room(self, n: usize, k: usize) -> usize {
         match self {
             Self::Simplex => n - k,
@@ -80,7 +79,6 @@ impl Family {
     }
 
     /// Greatest i beside (j, k) in a lattice of degree n.
-    #[inline]
     pub fn row(self, n: usize, j: usize, k: usize) -> usize {
         match self {
             Self::Simplex => n - k - j,
@@ -145,13 +143,11 @@ impl Kind {
     ];
 
     /// The kinds that have a volume.
-    #[inline]
     pub fn solids() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|k| !k.is_planar())
     }
 
     /// Whether it is an element of surfaces, without a volume.
-    #[inline]
     pub fn is_planar(self) -> bool {
         self.shape().dimension() == 2
     }
@@ -161,19 +157,16 @@ impl Kind {
     }
 
     /// Its name, as in messages.
-    #[inline]
     pub fn name(self) -> &'static str {
         self.row().name
     }
 
     /// The reference shape; it decides which unit cells fit.
-    #[inline]
     pub fn shape(self) -> Element {
         self.row().shape
     }
 
     /// 1 for linear, 2 for quadratic kinds.
-    #[inline]
     pub fn degree(self) -> usize {
         self.row().degree
     }
@@ -184,7 +177,6 @@ impl Kind {
     }
 
     /// Number of nodes.
-    #[inline]
     pub fn node_count(self) -> usize {
         self.row().lattice.len()
     }
@@ -202,43 +194,36 @@ impl Kind {
     }
 
     /// First and last node of each edge, in the order of the mid nodes.
-    #[inline]
     pub fn edges(self) -> &'static [[u8; 2]] {
         self.row().edges
     }
 
     /// The mid node of an edge of a quadratic kind.
-    #[inline]
     pub fn edge_mid(self, edge: usize) -> Option<u8> {
         (self.degree() == 2).then(|| (self.corner_count() + edge) as u8)
     }
 
     /// The faces, in the order of [`Element::faces`]; planar kinds have none.
-    #[inline]
     pub fn faces(self) -> &'static [FaceNodes] {
         self.row().faces
     }
 
     /// The VTK cell type.
-    #[inline]
     pub fn vtk_type(self) -> u8 {
         self.row().vtk
     }
 
     /// The kind of a VTK cell type, if it is in this table.
-    #[inline]
     pub fn from_vtk(cell_type: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|k| k.vtk_type() == cell_type)
     }
 
     /// The Gmsh element type.
-    #[inline]
     pub fn gmsh_type(self) -> u32 {
         self.row().gmsh
     }
 
     /// The kind of a Gmsh element type, if it is in this table.
-    #[inline]
     pub fn from_gmsh(element_type: u32) -> Option<Self> {
         Self::ALL
             .into_iter()
@@ -246,13 +231,11 @@ impl Kind {
     }
 
     /// The Gmsh node at each place of the VTK order.
-    #[inline]
     pub fn gmsh_order(self) -> &'static [u8] {
         self.row().gmsh_order
     }
 
     /// The nodes in the cell frame.
-    #[inline]
     pub fn reference_nodes(self) -> Vec<CellPoint<3>> {
         let row = self.row();
         row.lattice

@@ -94,7 +94,6 @@ impl Geometry {
     }
 
     /// The control points of a map that may leave the box of its corners.
-    #[inline]
     pub fn curved_controls(&self) -> Option<&Net<Vec3>> {
         match &self.map {
             Map::Affine(_) | Map::Twisted(_) => None,
@@ -147,7 +146,6 @@ impl Affine {
         Self::new(corners[0].0 - jacobian * first.0, jacobian)
     }
 
-    #[inline]
     pub fn new(origin: Vec3, jacobian: Mat3) -> Self {
         Self {
             origin,
@@ -158,7 +156,6 @@ impl Affine {
         }
     }
 
-    #[inline]
     pub fn map(&self, xi: CellPoint<3>) -> Vec3 {
         self.origin + self.jacobian * xi.0
     }
@@ -192,14 +189,12 @@ impl Curved {
     }
 
     /// The point and the Jacobian dx/dxi.
-    #[inline]
     pub fn evaluate(&self, xi: CellPoint<3>) -> (Vec3, Mat3) {
         let (x, rows) = self.polynomial.evaluate::<f64>(xi.0.into());
         (x.into(), Mat3::from(rows).transpose())
     }
 
     /// The Jacobian dx/dxi as a polynomial over the cell.
-    #[inline]
     pub fn jacobian_net(&self) -> Net<Mat3> {
         let degree = match self.net.family {
             Family::Simplex => self.net.degree - 1,
@@ -216,12 +211,10 @@ impl Curved {
         stretch(self.jacobian_net(), &determinant)
     }
 
-    #[inline]
     pub fn newton(&self, x: Vec3, start: CellPoint<3>) -> Result<CellPoint<3>, f64> {
         newton(|xi| self.evaluate(xi), x, start, self.origin)
     }
 
-    #[inline]
     pub fn initial_guess(&self, x: Vec3) -> CellPoint<3> {
         let xi = self.start * (x - self.origin);
         let far = xi.amax();

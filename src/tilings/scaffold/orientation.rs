@@ -66,7 +66,6 @@ pub(super) fn jacobian_determinant(c: &Curved) -> Net<f64> {
 
 impl ElementMap<'_> {
     /// The signed volume, exact up to rounding; negative for mirror-numbered elements.
-    #[inline]
     pub fn volume(&self) -> f64 {
         let mean = match &self.geometry.map {
             Map::Affine(a) => a.jacobian.determinant(),

@@ -100,7 +100,6 @@ pub(super) struct Twisted {
 }
 
 impl Twisted {
-    #[inline]
     pub fn new(nodes: &[Vec3]) -> Self {
         let nodes = [nodes[0], nodes[1], nodes[2], nodes[3], nodes[4]];
         Self {
@@ -111,13 +110,11 @@ impl Twisted {
     }
 
     /// The corners, whose hull is the element.
-    #[inline]
     pub fn corners(&self) -> Vec<Vec3> {
         self.nodes.to_vec()
     }
 
     /// The point and the Jacobian dx/dxi.
-    #[inline]
     pub fn evaluate(&self, xi: CellPoint<3>) -> (Vec3, Mat3) {
         let (a, b, h) = ratios(xi);
         let x = self.affine.map(xi) + self.twist * (a * b * h);
@@ -134,7 +131,6 @@ impl Twisted {
     }
 
     /// Mean of det J over the pyramid: that of the corners, as it is bilinear.
-    #[inline]
     pub fn mean_determinant(&self) -> f64 {
         self.determinants().iter().sum::<f64>() / 4.0
     }
@@ -205,7 +201,6 @@ impl Twisted {
     }
 
     /// The preimage of a point, near the element; else the residual.
-    #[inline]
     pub fn inverse(&self, x: Vec3, start: Option<CellPoint<3>>) -> Result<CellPoint<3>, f64> {
         let centroid = Element::Pyramid.centroid();
         let start = start.unwrap_or_else(|| start_of(&self.affine, x));

@@ -204,7 +204,6 @@ impl Scaffold {
     }
 
     /// The reference shapes that occur; a tiling needs a cell for each.
-    #[inline]
     pub fn shapes(&self) -> Vec<Element> {
         let has = |s: Element| (0..self.len()).any(|e| self.connectivity().kind(e).shape() == s);
         Element::SCAFFOLD_ELEMENTS

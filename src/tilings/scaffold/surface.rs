@@ -45,7 +45,6 @@ impl Surface {
     ///
     /// # Errors
     /// As [`Scaffold::new`], with solids in the place of planar elements.
-    #[inline]
     pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
         super::check(&nodes, &elements, true)?;
         Ok(Self {
@@ -58,7 +57,6 @@ impl Surface {
     /// The same surface with the numbers that its file gives to the elements. Ignored unless there
     /// is one for each.
     #[must_use]
-    #[inline]
     pub fn with_numbers(mut self, numbers: Vec<u64>) -> Self {
         if numbers.len() == self.len() {
             self.numbers = numbers;
@@ -67,31 +65,26 @@ impl Surface {
     }
 
     /// Node coordinates, world units.
-    #[inline]
     pub fn nodes(&self) -> &[Vec3] {
         &self.nodes
     }
 
     /// An element's number in the file, else its place.
-    #[inline]
     pub fn number(&self, element: usize) -> u64 {
         self.numbers.get(element).copied().unwrap_or(element as u64)
     }
 
     /// Kinds and node numbers.
-    #[inline]
     pub fn connectivity(&self) -> &Connectivity {
         &self.elements
     }
 
     /// Number of elements.
-    #[inline]
     pub fn len(&self) -> usize {
         self.elements.len()
     }
 
     /// Never: a surface has at least one element.
-    #[inline]
     pub fn is_empty(&self) -> bool {
         self.elements.is_empty()
     }
@@ -113,7 +106,6 @@ impl Surface {
     }
 
     /// Elements of each kind that occurs.
-    #[inline]
     pub fn kinds(&self) -> Vec<(Kind, usize)> {
         let mut found = BTreeMap::new();
         for e in 0..self.len() {
@@ -126,7 +118,6 @@ impl Surface {
     ///
     /// # Errors
     /// [`ScaffoldError::BadNode`] where a moved node is no usable point.
-    #[inline]
     pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3) -> Result<Self, ScaffoldError> {
         self.with_nodes(self.nodes.iter().map(|&v| map(v)).collect())
     }
@@ -135,13 +126,11 @@ impl Surface {
     ///
     /// # Errors
     /// [`ScaffoldError::BadNode`] where a node is no usable point.
-    #[inline]
     pub fn with_nodes(&self, nodes: Vec<Vec3>) -> Result<Self, ScaffoldError> {
         Ok(Self::new(nodes, self.elements.clone())?.with_numbers(self.numbers.clone()))
     }
 
     /// Greatest |z - mean z| of the nodes: 0 for a planar mesh in the plane of x and y.
-    #[inline]
     pub fn unevenness(&self) -> f64 {
         let mean = self.nodes.iter().map(|p| p.z).sum::<f64>() / self.nodes.len() as f64;
         let off = self.nodes.iter().map(|p| (p.z - mean).abs());
@@ -153,7 +142,6 @@ impl Surface {
     ///
     /// # Errors
     /// [`ScaffoldError::BadThickness`].
-    #[inline]
     pub fn plate(&self, height: f64) -> Result<Scaffold, ScaffoldError> {
         self.thickened(height, &vec![Vec3::z(); self.nodes.len()])
     }
@@ -163,7 +151,6 @@ impl Surface {
     /// # Errors
     /// [`ScaffoldError::BadThickness`]; [`ScaffoldError::NoNormal`] for a node at which the elements
     /// have no common outside.
-    #[inline]
     pub fn shell(&self, thickness: f64) -> Result<Scaffold, ScaffoldError> {
         let mitres = self.mitres()?;
         let along: Vec<Vec3> = mitres.iter().map(|m| m.along).collect();

@@ -116,13 +116,11 @@ impl Topology {
 
 impl Scaffold {
     /// The neighbour across a face of an element.
-    #[inline]
     pub fn neighbour(&self, f: FaceRef) -> Neighbour {
         self.topology.get(f)
     }
 
     /// The faces of an element.
-    #[inline]
     pub fn faces_of(&self, element: usize) -> impl Iterator<Item = FaceRef> + use<> {
         let count = self.elements.kind(element).faces().len() as u8;
         let element = element as u32;
@@ -130,7 +128,6 @@ impl Scaffold {
     }
 
     /// Elements that share a face with this one, in order of its faces.
-    #[inline]
     pub fn neighbours(&self, element: usize) -> impl Iterator<Item = u32> + '_ {
         self.faces_of(element)
             .filter_map(|f| match self.neighbour(f) {
@@ -140,7 +137,6 @@ impl Scaffold {
     }
 
     /// Faces without a neighbour, in order.
-    #[inline]
     pub fn outer_faces(&self) -> impl Iterator<Item = FaceRef> + '_ {
         (0..self.len())
             .flat_map(|e| self.faces_of(e))
@@ -148,20 +144,17 @@ impl Scaffold {
     }
 
     /// Groups of more than two elements that share one face.
-    #[inline]
     pub fn non_manifold_faces(&self) -> &[Vec<FaceRef>] {
         &self.topology.non_manifold
     }
 
     /// Elements of each face-connected component, ascending; components in order of their least
     /// element.
-    #[inline]
     pub fn components(&self) -> &[Vec<u32>] {
         &self.topology.components
     }
 
     /// The component of an element.
-    #[inline]
     pub fn component_of(&self, element: usize) -> usize {
         self.topology.component_of[element] as usize
     }

@@ -151,24 +151,33 @@ fn cells_refuse_numbers_beyond_the_limit() {
 
 /// Searches for levels multiply values, whose products must not underflow.
 #[test]
-fn cells_refuse_a_series_that_is_almost_nothing() {
+fn cells_refuse_a_function_that_is_almost_constant() {
     let text = druse::cell::Surface::SchwarzP
         .cell(Element::Hex)
         .unwrap()
         .to_json();
     let coefficient = &text[text.find("\"c\": [").unwrap() + 6..];
     let coefficient = &coefficient[..coefficient.find(',').unwrap()];
+    let series = &text[text.find("\"group\"").unwrap()..text.find("\"level\"").unwrap()];
+    let series = series.trim_end().trim_end_matches(',');
     for (x, fits) in [
         ("5e-324", false),
         ("1e-308", false),
         ("1e-160", false),
         ("1e-99", true),
     ] {
-        let changed = text.replacen(&format!("[{coefficient},"), &format!("[{x},"), 1);
-        let read = Cell::from_json(&changed);
-        assert_eq!(read.is_ok(), fits, "{x}");
-        if let Err(error) = read {
-            assert!(error.reason.contains("at least 1e-100"), "{x}: {error}");
+        let by_coefficient = text.replacen(&format!("[{coefficient},"), &format!("[{x},"), 1);
+        let sum = format!(
+            "\"expression\": {{\"sum\": [{{\"weight\": {x}, \"part\": {{\"series\": {{{series}}}}}}}]}}"
+        );
+        let by_weight = text.replacen(series, &sum, 1);
+        for changed in [by_coefficient, by_weight] {
+            assert_ne!(changed, text);
+            let read = Cell::from_json(&changed);
+            assert_eq!(read.is_ok(), fits, "{x}: {read:?}");
+            if let Err(error) = read {
+                assert!(error.reason.contains("at least 1e-100"), "{x}: {error}");
+            }
         }
     }
 }
