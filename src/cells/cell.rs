@@ -116,7 +116,7 @@ impl Cell {
     ///
     /// # Errors
     /// [`CellError::Unfitting`] unless every series has the element's dimension, a group of symmetries of
-    /// the element and one of the element's lattices; [`CellError::OutOfRange`] for a function that is nearly
+    /// the element and one of the element's lattices; [`CellError::Expression`] for a function that is nearly
     /// constant.
     pub fn new(
         name: &str,
@@ -129,11 +129,9 @@ impl Cell {
         let values = expression.bound(&element.cell_box());
         let range = values.hi - values.lo;
         if range > 0.0 && range < MIN_RANGE {
-            return Err(CellError::OutOfRange {
-                what: "the range of the function's values",
-                found: range,
-                expected: format!("at least {MIN_RANGE:?}: multiply the function by a number"),
-            });
+            return Err(CellError::Expression(format!(
+                "values that differ by {range:.1e}; expected at least {MIN_RANGE:?}: multiply the function by a number"
+            )));
         }
         Ok(Self {
             name: name.to_owned(),

@@ -101,7 +101,10 @@ impl Reader<'_> {
             CellError::Unfitting { what, .. } | CellError::OutOfRange { what, .. } => {
                 self.line(what, self.series)
             }
-            CellError::Expression(_) => self.line("expression", 0),
+            // A series alone has no expression.
+            CellError::Expression(_) => self
+                .line("expression", 0)
+                .or_else(|| self.line("coefficients", 0)),
             _ => self.line("lattice", self.series),
         };
         CellTextError {
