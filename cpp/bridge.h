@@ -132,10 +132,6 @@ std::unique_ptr<Grid> grid_copy(const Grid&);
 std::unique_ptr<Grid> grid_with_neighbours(const Grid&);
 void grid_clear(Grid&);
 void grid_set_transform(Grid&, double voxel_size, const std::array<double, 3>& origin);
-std::unique_ptr<Grid> grid_new_of_class(double voxel_size, const std::array<double, 3>& origin, float background,
-                               rust::Str class_name);
-void grid_put_leaf(Grid&, const std::array<std::int32_t, 3>& origin, const std::array<std::uint64_t, 8>& mask,
-                   const std::array<float, 512>& values);
 void grid_put_tile(Grid&, const std::array<std::int32_t, 3>& origin, std::int32_t edge, float value, bool active);
 GridFacts grid_facts(const Grid&);
 std::unique_ptr<Grid> grid_as_floats(const Grid&);

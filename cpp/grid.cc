@@ -50,30 +50,6 @@ void grid_set_transform(Grid& handle, double voxel_size, const std::array<double
   grid.setTransform(transform);
 }
 
-std::unique_ptr<Grid> grid_new_of_class(double voxel_size, const std::array<double, 3>& origin, float background,
-                               rust::Str class_name) {
-  auto grid = FloatGrid::create(background);
-  const auto transform = math::Transform::createLinearTransform(voxel_size);
-  transform->postTranslate(Vec3d(origin[0], origin[1], origin[2]));
-  grid->setTransform(transform);
-  grid->setGridClass(GridBase::stringToGridClass(std::string(class_name.data(), class_name.size())));
-  return wrap(grid);
-}
-
-void grid_put_leaf(Grid& handle, const std::array<std::int32_t, 3>& at, const std::array<std::uint64_t, 8>& words,
-                   const std::array<float, 512>& values) {
-  const Coord origin(at[0], at[1], at[2]);
-  if ((origin & ~7) != origin) throw std::invalid_argument("leaf origin is not a multiple of 8");
-  auto& tree = floats(handle).tree();
-  auto leaf = std::make_unique<Leaf>(PartialCreate(), origin, tree.background(), false);
-  leaf->allocate();
-  std::copy(values.begin(), values.end(), leaf->buffer().data());
-  Leaf::NodeMaskType mask;
-  for (int w = 0; w < 8; ++w) mask.getWord<std::uint64_t>(w) = words[w];
-  leaf->setValueMask(mask);
-  tree.addLeaf(leaf.release());
-}
-
 void grid_put_tile(Grid& handle, const std::array<std::int32_t, 3>& at, std::int32_t edge, float value, bool active) {
   const Coord origin(at[0], at[1], at[2]);
   const Index level = edge == 8 ? 1 : edge == 128 ? 2 : edge == 4096 ? 3 : 0;

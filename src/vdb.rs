@@ -42,7 +42,6 @@ mod volume;
 // Files: reading and writing, in a child process for untrusted ones, and as streams of leaves.
 mod file;
 mod hash;
-mod ipc;
 mod level_set_file;
 mod stream;
 pub mod subprocess;

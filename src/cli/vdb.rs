@@ -28,7 +28,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// The data that a child returns.
+/// What a child reads.
 #[derive(Clone, Copy, ValueEnum)]
 enum Requested {
     /// A description of the whole file.
@@ -37,7 +37,7 @@ enum Requested {
     Grid,
 }
 
-/// Runs in the child: reads the file and writes the data to stdout.
+/// Runs in the child: reads the file and writes a description, or a coarse copy, to stdout.
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::output::Answer, Failure> {
     let limits = subprocess::Limits {
         memory: p.memory,
@@ -46,13 +46,11 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::output::Answe
     let line = match p.requested {
         Requested::Info => subprocess::report(&p.file, limits),
         Requested::Grid => {
-            let out = std::io::stdout().lock();
             let reading = p.voxels.map(|max_voxels| CoarseReading {
                 max_voxels,
                 threads: p.threads,
             });
-            subprocess::send(&p.file, p.grid.as_deref(), reading, limits, out)
-                .map_err(|e| crate::io::ReadError::io(&p.file, e))?;
+            subprocess::probe(&p.file, p.grid.as_deref(), reading, limits)?;
             String::new()
         }
     };

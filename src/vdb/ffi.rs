@@ -179,19 +179,6 @@ mod bridge {
             voxel_size: f64,
             origin: &[f64; 3],
         ) -> Result<()>;
-        /// An empty grid of floats of any class.
-        fn grid_new_of_class(
-            voxel_size: f64,
-            origin: &[f64; 3],
-            background: f32,
-            class_name: &str,
-        ) -> Result<UniquePtr<Grid>>;
-        fn grid_put_leaf(
-            grid: Pin<&mut Grid>,
-            origin: &[i32; 3],
-            mask: &[u64; 8],
-            values: &[f32; 512],
-        ) -> Result<()>;
         fn grid_put_tile(
             grid: Pin<&mut Grid>,
             origin: &[i32; 3],

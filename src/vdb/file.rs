@@ -160,7 +160,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
             ..GridInfo::from_facts(facts)
         };
         if info.grid_type == FLOAT_GRID_TYPE {
-            let volume = Volume::adopt(path, name, grid)?;
+            let volume = Volume::wrap(path, name, grid)?.surveyed(path)?;
             info.values = volume.info.values;
             info.not_finite = volume.info.not_finite;
             info.notes = volume.notes();

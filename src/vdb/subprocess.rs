@@ -1,25 +1,26 @@
-//! Reading of untrusted `.vdb` files in a child process with limits of memory and time.
+//! A verdict on untrusted `.vdb` files by a child process with limits of memory and time.
 //!
-//! OpenVDB 10 crashed on 28 and ran out of memory on 75 of 2,400 corrupted files. The child reads the whole
-//! file and either describes it as JSON or sends one grid through a pipe, leaf by leaf. If the child fails,
-//! the parent returns one clear error; the parent never opens the file.
+//! OpenVDB 10 crashed on 28 and ran out of memory on 75 of 2,400 corrupted files. The child reads a file just as its
+//! parent would. If the child fails, the parent returns one clear error and never opens the file; else the parent
+//! reads the file itself. Nothing is transferred but descriptions, and coarse copies of files too large for a view,
+//! which would otherwise be averaged twice.
 //!
 //! A [`Program`] defines the command of the child. It is called with the file, the limits and the request,
-//! and must call [`report`] or [`send`].
+//! and must call [`report`] or [`probe`].
 
 use super::error::FileError;
 use super::file::{CoarseReading, FileInfo, info};
-use super::ipc;
-use super::ipc::TransferError;
 use super::volume::Volume;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fmt;
-use std::io::{Read, Write};
+use std::fs::File;
+use std::io::Read;
+use std::os::fd::AsRawFd;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -80,7 +81,7 @@ enum Report {
     Errno(i32),
 }
 
-/// The program of the child, with the arguments that make it call [`report`] or [`send`].
+/// The program of the child, with the arguments that make it call [`report`] or [`probe`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Program {
     /// The executable.
@@ -150,9 +151,21 @@ impl Program {
         let mut request = vec!["grid"];
         request.extend(coarse.iter().flatten().map(String::as_str));
         request.extend(name);
+        // Without a name in any folder: nothing of it stays, however the two processes end.
+        let copy = tempfile::tempfile().map_err(|e| FileError::io(&std::env::temp_dir(), e))?;
+        let copied = copy.try_clone().map_err(|e| FileError::io(path, e))?;
         let child = self.command(path, limits, &request);
-        run_child(child, path, limits, |pipe| ipc::receive(path, pipe, limits))
+        run_child(child, path, limits, Stdio::from(copied))?;
+        if copy.metadata().is_ok_and(|m| m.len() > 0) {
+            return Volume::read_coarse_copy(&copy_path(&copy), path);
+        }
+        Volume::open(path, name, reading)?.surveyed(path)
     }
+}
+
+/// The path of an open file for a library that opens files by their paths.
+fn copy_path(copy: &File) -> PathBuf {
+    PathBuf::from(format!("/proc/self/fd/{}", copy.as_raw_fd()))
 }
 
 /// A grid that was read before the run that uses it.
@@ -210,20 +223,23 @@ pub fn report(path: &Path, limits: Limits) -> String {
     serde_json::to_string(&report).unwrap_or_default()
 }
 
-/// Child: limits its memory, reads one grid of floats and sends it through `out`; with `reading` a large level set as a
-/// coarse copy. Changes the limits of the process; only for a process that does nothing else.
+/// Child: limits its memory and reads one grid of floats as [`Program::fetch`] will; with `reading`, a coarse copy that
+/// had to be averaged goes to stdout as a `.vdb`. Changes the limits of the process; only for a process that does
+/// nothing else.
 ///
 /// # Errors
-/// Errors of `out`; errors of the file are sent to the receiver.
-pub fn send(
+/// Errors of writing the copy. An error of the file is none: the parent meets it again, without harm.
+pub fn probe(
     path: &Path,
     name: Option<&str>,
     reading: Option<CoarseReading>,
     limits: Limits,
-    out: impl Write,
-) -> std::io::Result<()> {
+) -> Result<(), FileError> {
     limits.impose();
-    ipc::send(path, name, reading, out)
+    match Volume::open(path, name, reading) {
+        Ok(volume) if volume.is_averaged() => volume.write_coarse_copy(Path::new("/dev/stdout")),
+        _ => Ok(()),
+    }
 }
 
 /// Parent: runs `child`, which must print [`report`] of the same path and limits; kills it at the time limit.
@@ -233,14 +249,14 @@ pub fn send(
 /// child fails.
 pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, FileError> {
     std::fs::metadata(path).map_err(|e| FileError::io(path, e))?;
-    let report = run_child(child, path, limits, |mut pipe| {
-        let mut text = String::new();
-        pipe.read_to_string(&mut text)
-            .map_err(|e| TransferError::Broken(e.to_string()))?;
-        let line = text.lines().rev().find(|l| l.starts_with('{'));
-        line.and_then(|l| serde_json::from_str(l).ok())
-            .ok_or_else(|| TransferError::Broken("it wrote no report".into()))
-    })?;
+    let text = run_child(child, path, limits, Stdio::piped())?;
+    let line = text.lines().rev().find(|l| l.starts_with('{'));
+    let report = line
+        .and_then(|l| serde_json::from_str(l).ok())
+        .ok_or_else(|| FileError::Damaged {
+            path: path.to_owned(),
+            reason: "its reader failed: it wrote no report".into(),
+        })?;
     match report {
         Report::Info(info) => Ok(info),
         Report::Damaged(reason) => Err(FileError::Damaged {
@@ -254,13 +270,13 @@ pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, 
     }
 }
 
-/// Parent: starts the child, reads its output with `receive`, and kills it at the time limit.
-fn run_child<T: Send>(
+/// Parent: starts the child, kills it at the time limit, and returns what it wrote if `out` is a pipe.
+fn run_child(
     mut child: Command,
     path: &Path,
     limits: Limits,
-    receive: impl FnOnce(ChildStdout) -> Result<T, TransferError> + Send,
-) -> Result<T, FileError> {
+    out: Stdio,
+) -> Result<String, FileError> {
     let io = |e| FileError::io(path, e);
     let damaged = |reason: String| FileError::Damaged {
         path: path.to_owned(),
@@ -268,16 +284,17 @@ fn run_child<T: Send>(
     };
     let mut running = child
         .stdin(Stdio::null())
-        .stdout(Stdio::piped())
+        .stdout(out)
         .stderr(Stdio::null())
         .spawn()
         .map_err(io)?;
     let pipe = running.stdout.take();
-    let (status, received) = std::thread::scope(|scope| {
+    let (status, text) = std::thread::scope(|scope| {
         // Read in parallel: the output may be longer than the pipe's buffer.
-        let receiver = std::thread::Builder::new().spawn_scoped(scope, move || match pipe {
-            Some(pipe) => receive(pipe),
-            None => Err(TransferError::Broken("it has no output".into())),
+        let receiver = std::thread::Builder::new().spawn_scoped(scope, move || {
+            let mut text = String::new();
+            pipe.map_or(Ok(0), |mut pipe| pipe.read_to_string(&mut text))
+                .map(|_| text)
         });
         let receiver = match receiver {
             Ok(receiver) => receiver,
@@ -291,19 +308,15 @@ fn run_child<T: Send>(
         Ok((status, receiver.join()))
     })
     .map_err(io)?;
-    let Some(status) = status.map_err(io)? else {
-        let seconds = limits.milliseconds as f64 / 1000.0;
-        return Err(damaged(format!("reading it took more than {seconds} s")));
-    };
-    match received {
-        Ok(Ok(received)) => Ok(received),
-        Ok(Err(TransferError::Reported(error))) => Err(error),
-        Ok(Err(TransferError::Broken(reason))) if status.success() => {
-            Err(damaged(format!("its reader failed: {reason}")))
+    match status.map_err(io)? {
+        None => {
+            let seconds = limits.milliseconds as f64 / 1000.0;
+            Err(damaged(format!("reading it took more than {seconds} s")))
         }
+        Some(status) if status.success() => Ok(text.ok().and_then(Result::ok).unwrap_or_default()),
         // The limit of this process, which the child has too, is less than what a sound file may need.
-        _ if has_less_memory(limits) => Err(io(std::io::ErrorKind::OutOfMemory.into())),
-        _ => Err(damaged(exit_reason(status, limits))),
+        Some(_) if has_less_memory(limits) => Err(io(std::io::ErrorKind::OutOfMemory.into())),
+        Some(status) => Err(damaged(exit_reason(status, limits))),
     }
 }
 

@@ -1,16 +1,18 @@
 //! Grids of floats of any class: fog volumes, masks, grids of other programs.
 
 use super::error::{FileError, VdbError};
-use super::file::GridInfo;
+use super::file::{CoarseReading, GridInfo};
 use super::index_map::IndexMap;
 use super::leaves::{Leaves, samples_of};
 use super::refusal::Located;
 use super::resample::on_cubes;
 use super::value_survey::Survey;
+use super::write::{Compression, VdbWriter};
 use super::{LevelSet, Session, ffi};
 use crate::frame::{Coord, Transform, Vec3, WorldPoint};
 use crate::mesh::TriMesh;
 use crate::mesher::Mesher;
+use crate::progress::{Silent, Threads};
 use cxx::UniquePtr;
 use std::path::Path;
 
@@ -18,6 +20,8 @@ use std::path::Path;
 const COARSE_STEP_KEY: &str = "druse.view_step";
 /// Greatest such number.
 const MAX_COARSE_STEP: u32 = 4096;
+/// Size of the largest file that is read at once for a coarse copy, bytes.
+const MAX_LOADED_BYTES: u64 = 256 << 20;
 /// Voxels of a file's band across the surface, as they usually are.
 const BAND_VOXELS: f64 = 6.0;
 /// Voxels that an average reaches beyond the band.
@@ -94,19 +98,6 @@ impl Volume {
             info: Box::new(info),
             survey: Survey::default(),
         })
-    }
-
-    /// As [`Volume::wrap`], with a survey of all values.
-    pub(super) fn adopt(
-        path: &Path,
-        name: &str,
-        grid: UniquePtr<ffi::Grid>,
-    ) -> Result<Self, FileError> {
-        let mut volume = Self::wrap(path, name, grid)?;
-        volume
-            .survey_values()
-            .map_err(|e| FileError::damaged(path, &e))?;
-        Ok(volume)
     }
 
     /// Surveys all values.
@@ -338,9 +329,8 @@ impl Volume {
 
     /// Active voxels; for an average those of a band of the usual width.
     pub fn band_voxels(&self) -> u64 {
-        let is_copy = self.name.starts_with("surface_lod_");
         match self.coarse_step() {
-            step if step > 1 && !is_copy => full_band(self.info.active_voxels, step),
+            step if self.is_averaged() => full_band(self.info.active_voxels, step),
             _ => self.info.active_voxels,
         }
     }
@@ -378,21 +368,74 @@ impl Volume {
     /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or
     /// [`FileError::NotALevelSet`] for other types than floats and doubles.
     pub fn read(path: &Path, name: Option<&str>) -> Result<Self, FileError> {
-        let (name, grid) = super::file::pick(path, name, false)?;
-        Self::adopt(path, &name, grid)
+        Self::open(path, name, None)?.surveyed(path)
     }
 
-    /// A builder of a volume from its parts, as they arrive through a pipe.
-    pub(super) fn assemble(info: &GridInfo) -> Result<VolumeBuilder, cxx::Exception> {
-        let (edge, origin) = if info.cubic {
-            (info.voxel_size[0], info.origin)
-        } else {
-            (1.0, [0.0; 3])
+    /// With a survey of all values.
+    pub(super) fn surveyed(mut self, path: &Path) -> Result<Self, FileError> {
+        self.survey_values()
+            .map_err(|e| FileError::damaged(path, &e))?;
+        Ok(self)
+    }
+
+    /// Reads a grid of floats as [`Volume::read`] does, without a survey of its values; with `reading`, a level set of
+    /// more voxels as a coarse copy.
+    ///
+    /// # Errors
+    /// As [`Volume::read`].
+    pub(super) fn open(
+        path: &Path,
+        name: Option<&str>,
+        reading: Option<CoarseReading>,
+    ) -> Result<Self, FileError> {
+        let Some(reading) = reading else {
+            let (name, grid) = super::file::pick(path, name, false)?;
+            return Self::wrap(path, &name, grid);
         };
-        // The background is `None` if it is not a number.
-        let background = info.background.unwrap_or(f64::NAN) as f32;
-        let grid = ffi::grid_new_of_class(edge, &origin, background, &info.class)?;
-        Ok(VolumeBuilder { grid })
+        let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
+        let is_delayed = bytes > MAX_LOADED_BYTES;
+        let found = super::file::pick_for_view(path, name, (reading, is_delayed))?;
+        Self::wrap(path, &found.name, found.grid)?.coarse(
+            path,
+            reading.max_voxels,
+            (found.step, found.is_averaged),
+        )
+    }
+
+    /// Whether this is a coarse copy that no grid of its file holds.
+    pub(super) fn is_averaged(&self) -> bool {
+        self.coarse_step() > 1 && !self.is_own_copy()
+    }
+
+    /// Whether the file itself has this coarse copy.
+    fn is_own_copy(&self) -> bool {
+        self.name.starts_with("surface_lod_")
+    }
+
+    /// Writes the grid with its tags as a `.vdb`.
+    ///
+    /// # Errors
+    /// [`FileError::Io`] with the system's error number.
+    pub(super) fn write_coarse_copy(&self, path: &Path) -> Result<(), FileError> {
+        let threads = Threads::new(1).map_err(|e| FileError::io(path, std::io::Error::other(e)))?;
+        let session = Session::new(&threads, &Silent);
+        let mut file = VdbWriter::new(path, session)?.compression(Compression::None);
+        file.add(&self.name, &self.grid, 1.0, false)?;
+        for (key, value) in &self.info.metadata {
+            if key == COARSE_STEP_KEY || key == "druse.unit" {
+                file.tag(key, value)?;
+            }
+        }
+        file.write().map(|_| ())
+    }
+
+    /// Reads what [`Volume::write_coarse_copy`] wrote, of the file `path`, which is the name in errors.
+    ///
+    /// # Errors
+    /// As [`Volume::read`].
+    pub(super) fn read_coarse_copy(copy: &Path, path: &Path) -> Result<Self, FileError> {
+        let (name, grid) = super::file::pick(copy, None, false)?;
+        Self::wrap(path, &name, grid)?.surveyed(path)
     }
 }
 
@@ -422,56 +465,5 @@ fn other_type(name: &str) -> (&'static str, &'static str) {
             "no floats",
             "make floats of them, or choose another grid with --grid",
         ),
-    }
-}
-
-/// Builds a volume from leaves and tiles.
-pub(super) struct VolumeBuilder {
-    grid: UniquePtr<ffi::Grid>,
-}
-
-impl VolumeBuilder {
-    /// Adds a leaf.
-    pub fn leaf(
-        &mut self,
-        origin: Coord,
-        mask: &[u64; 8],
-        values: &[f32; 512],
-    ) -> Result<(), cxx::Exception> {
-        ffi::grid_put_leaf(self.grid.pin_mut(), &origin.0, mask, values)
-    }
-
-    /// Adds a tile: a cube of `edge` voxels with one value.
-    pub fn tile(
-        &mut self,
-        origin: Coord,
-        edge: i32,
-        value: f32,
-        active: bool,
-    ) -> Result<(), cxx::Exception> {
-        ffi::grid_put_tile(self.grid.pin_mut(), &origin.0, edge, value, active)
-    }
-
-    /// The volume, with the description from its file.
-    pub fn finish(self, info: GridInfo) -> Result<Volume, cxx::Exception> {
-        let facts = GridInfo::from_facts(ffi::grid_facts(&self.grid)?);
-        // The statistics of the values are computed again, since the sender is not trusted.
-        let info = GridInfo {
-            name: info.name,
-            voxel_size: info.voxel_size,
-            origin: info.origin,
-            cubic: info.cubic,
-            map: info.map,
-            metadata: info.metadata,
-            ..facts
-        };
-        let mut volume = Volume {
-            name: info.name.clone(),
-            grid: self.grid,
-            info: Box::new(info),
-            survey: Survey::default(),
-        };
-        volume.survey_values()?;
-        Ok(volume)
     }
 }

@@ -151,7 +151,8 @@ impl<'a> VdbWriter<'a> {
         self.add(name, &attribute.grid, self.scale, false)
     }
 
-    fn add(
+    /// Adds any grid of OpenVDB; `scale` multiplies lengths.
+    pub(super) fn add(
         &mut self,
         name: &str,
         grid: &ffi::Grid,
