@@ -3,11 +3,11 @@
 //! - **Read**: `*NODE` (rectangular, cylindrical and spherical, in the system of `*SYSTEM`),
 //!   `*ELEMENT`, `*NSET`, `*ELSET`, `*INCLUDE`, `INPUT=`; the generating `*NGEN`, `*NFILL`, `*NCOPY`, `*ELGEN`,
 //!   `*ELCOPY`; `*PART`, `*ASSEMBLY`, `*INSTANCE` with its motion. Case is ignored.
-//! - **Ignored**: keywords without effect on geometry. Elements without volume or surface (beams,
+//! - **Ignored**: keywords that cannot change geometry, counted in one note. Elements without volume or surface (beams,
 //!   springs, masses) are counted and skipped.
 //! - **Refused**: keywords and parameters that make or move geometry in other ways, unsupported element
-//!   types, and unknown keywords one letter away from a supported one. Other unknown keywords are ignored
-//!   with a warning: new versions of both programs add keywords, and almost none concern geometry.
+//!   types, and unknown keywords one letter away from a supported one. All others are ignored: new versions of
+//!   both programs add keywords, and almost none concern geometry.
 //!
 //! Abaqus numbers the nodes of elements as VTK does, except for C3D27.
 
@@ -41,6 +41,8 @@ const MAX_INCLUDE_DEPTH: usize = 8;
 const MAX_FILES: usize = 1000;
 /// Greatest number of data lines of `*SYSTEM`, `*NCOPY` and `*INSTANCE`.
 const MAX_ROWS: usize = 8;
+/// Skipped keywords that a note names.
+const NAMED_KEYWORDS: usize = 8;
 
 /// The meaning of the data lines after a keyword.
 enum Section {
@@ -94,8 +96,8 @@ struct Deck<'a> {
     files: usize,
     /// The number of lines before the first keyword, and the first of them.
     early_lines: (usize, String),
-    /// Unknown keywords with their counts.
-    unknown_keywords: BTreeMap<String, usize>,
+    /// Keywords that were skipped, with their counts.
+    skipped: BTreeMap<String, usize>,
 }
 
 /// Reads an input deck.
@@ -114,7 +116,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         generated: Generated::default(),
         files: 0,
         early_lines: (0, String::new()),
-        unknown_keywords: BTreeMap::new(),
+        skipped: BTreeMap::new(),
     };
     deck.file(path, 0)?;
     if matches!(deck.section, Section::Start) {
@@ -129,9 +131,19 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
             deck.early_lines.0, deck.early_lines.1
         ));
     }
-    for (name, count) in deck.unknown_keywords {
-        collector.warnings.push(format!(
-            "the unknown keyword *{name} is ignored ({count} times)"
+    if !deck.skipped.is_empty() {
+        let count: usize = deck.skipped.values().sum();
+        let names: Vec<_> = deck.skipped.keys().take(NAMED_KEYWORDS).collect();
+        let more = deck.skipped.len() - names.len();
+        let names: Vec<_> = names.iter().map(|name| format!("*{name}")).collect();
+        collector.notes.push(format!(
+            "{count} keywords that cannot change geometry are skipped: {}{}",
+            names.join(", "),
+            if more > 0 {
+                format!(" and {more} others")
+            } else {
+                String::new()
+            }
         ));
     }
     deck.assembly.collect(path, &mut collector)?;

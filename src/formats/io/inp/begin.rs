@@ -171,7 +171,6 @@ impl Deck<'_> {
     fn begin_other(&mut self, name: &str, source: &Source) -> Result<Section, ReadError> {
         let written = format!("the keyword {}", quote(&format!("*{name}")));
         match names::classify(name) {
-            UnreadKeyword::NoGeometry => {}
             UnreadKeyword::Refused => {
                 let expected = "keywords whose nodes and elements are known here";
                 return Err(source.bad(written, expected).with_hint(
@@ -183,9 +182,9 @@ impl Deck<'_> {
                     .bad(written, "a keyword of Abaqus or CalculiX")
                     .with_hint(format!("did you mean *{known}?")));
             }
-            UnreadKeyword::Unknown => {
+            UnreadKeyword::Skipped => {
                 let name: String = name.escape_debug().take(40).collect();
-                *self.unknown_keywords.entry(name).or_default() += 1;
+                *self.skipped.entry(name).or_default() += 1;
             }
         }
         Ok(Section::Ignored)
