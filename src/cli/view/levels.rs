@@ -11,7 +11,7 @@ use crate::frame::Aabb;
 use crate::io::WriteError;
 use crate::io::atomic::AtomicFile;
 use crate::pipeline::{
-    Report, RunError, RunOptions, plan, run, run_keeping_solid, scaffold_of, solid_extent,
+    Report, RunError, RunOptions, Warning, plan, run, run_keeping_solid, scaffold_of, solid_extent,
 };
 use crate::progress::Progress;
 use crate::recipe::Recipe;
@@ -249,7 +249,11 @@ fn publish(
         "step": step.number, "steps": LEVEL_VOXELS.len(), "thickness": has_thickness, "voxelSize": size,
         "unit": unit, "activeVoxels": report.band.active_voxels,
     });
-    let warnings = warnings(work, report, &step.edit);
+    let mut warnings = warnings(work, report, &step.edit);
+    // An operation that coarse voxels leave out removes them.
+    if step.left_out.contains("keep largest") {
+        warnings.retain(|w| w["code"] != Warning::COMPONENTS);
+    }
     work.publish(&scene, Some(Arc::clone(&step.sampled)), result, progress)?;
     work.state().warnings = warnings;
     Ok(())
@@ -270,7 +274,6 @@ fn warnings(work: &Work, report: &Report, edit: &Edit) -> Vec<Value> {
 
 /// The key that a kind of warning is about.
 fn usual_key(code: &str) -> Option<&'static str> {
-    use crate::pipeline::Warning;
     match code {
         Warning::THIN_WALLS | Warning::RESAMPLED => Some("band.voxel_size"),
         Warning::SCAFFOLD => Some("scaffold"),

@@ -121,6 +121,7 @@ async function addControls() {
   if (!answer) return;
   const about = await answer.json();
   parameters = new Parameters(about, $("parameters"), send);
+  opensCut = about.cut;
   for (const id of ["changes", "parameters", "recipe-box"]) $(id).hidden = false;
   $("name").value = about.name.replace(/\.toml$/, "_2.toml");
   const link = new URLSearchParams(location.hash.slice(1)).get("set");

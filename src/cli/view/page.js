@@ -13,6 +13,8 @@ let mark = null;
 const moreKeys = {};
 let moreLink = () => {};
 let onCut = () => {};
+// Whether a scene without a link opens with a cut.
+let opensCut = false;
 
 function fail(message) {
   $("wait").textContent = message;
@@ -355,6 +357,12 @@ async function showScene(about, packed) {
     return;
   }
   show(0);
+  if (opensCut && !location.hash) {
+    // Across the axis that faces the eye most, so that the inside is seen.
+    const facing = (name) => Math.abs(dot(drawing.camera.axes().back, AXES[name]));
+    $("cut").checked = true;
+    setAxis(Object.keys(AXES).reduce((a, b) => facing(b) > facing(a) ? b : a));
+  }
   restore();
   $("wait").hidden = true;
   document.documentElement.dataset.ready = "yes";

@@ -56,7 +56,7 @@ class Parameters {
     };
     const nameOf = (key) => key.split(".").slice(0, /^(cell|crystal|op)\./.test(key) ? 2 : 1).join(".");
     for (const control of this.about.controls) {
-      if (!control.key.startsWith("op.")) section(nameOf(control.key)).append(this.row(control, nameOf(control.key)));
+      if (!control.key.startsWith("op.")) this.addRow(section(nameOf(control.key)), control, nameOf(control.key));
     }
     for (const [name, fieldset] of sections) {
       const absent = this.about.controls.filter((c) => c.first !== undefined && nameOf(c.key) === name);
@@ -64,7 +64,7 @@ class Parameters {
     }
     this.about.operations.forEach((op, n) => this.addSwitch(section(`op.${n}`), op, n));
     for (const control of this.about.controls) {
-      if (control.key.startsWith("op.")) section(nameOf(control.key)).append(this.row(control, nameOf(control.key)));
+      if (control.key.startsWith("op.")) this.addRow(section(nameOf(control.key)), control, nameOf(control.key));
     }
     this.boxes = sections;
     box.replaceChildren(...sections.values());
@@ -100,10 +100,19 @@ class Parameters {
     this.settle();
   }
 
-  row(control, section) {
+  // Adds a row under the heading of its group: the keys between the section and the last one.
+  addRow(fieldset, control, section) {
+    const inner = control.key.slice(section.length + 1).replace(section.startsWith("op.") ? /^\w+\.(?=\D)/ : "", "");
+    const words = inner.replaceAll("_", " ").replace(/\.(\d)$/, (_, n) => ` ${"xyz"[n] ?? n}`).split(".");
+    const name = words.pop();
+    const group = words.join(" ");
+    if (group !== (fieldset.dataset.group ?? "")) fieldset.append(make("p", { className: "group", textContent: group }));
+    fieldset.dataset.group = group;
+    fieldset.append(this.row(control, section, name));
+  }
+
+  row(control, section, name) {
     const { key, kind, unit, choices, description } = control;
-    const inner = key.slice(section.length + 1).replace(section.startsWith("op.") ? /^\w+\.(?=\D)/ : "", "");
-    const name = inner.replaceAll("_", " ").replace(/\.(\d)$/, (_, n) => ` ${"xyz"[n] ?? n}`).replaceAll(".", " ");
     const field = this.field(control);
     field.id = `key-${key}`;
     field.setAttribute("aria-label", key);

@@ -7,7 +7,7 @@ use super::absent_keys::{AbsentKey, absent_keys};
 use super::schema_words::SchemaWords;
 use crate::cli::failure::Failure;
 use crate::cli::server::Refused;
-use crate::recipe::{Length, Recipe};
+use crate::recipe::{Length, Op, Operand, Recipe};
 use serde_json::{Value, json};
 use serde_spanned::Spanned;
 use std::collections::{BTreeMap, BTreeSet};
@@ -83,6 +83,8 @@ pub(super) struct RecipeText {
     leaves: Vec<Leaf>,
     absent: Vec<AbsentKey>,
     operations: Vec<Operation>,
+    /// Whether a skin hides a lattice, so that the page opens with a cut.
+    is_hidden: bool,
 }
 
 impl RecipeText {
@@ -112,8 +114,12 @@ impl RecipeText {
                 absent_keys(&text, &present, &words),
             )
         };
+        let sections = recipe.sections();
+        let has_skin =
+            |op: &Op| matches!(op, Op::Hollow(_)) || matches!(op.operand(), Some(Operand::Skin(_)));
         Ok(Self {
             path: path.to_owned(),
+            is_hidden: sections.tiling.is_some() && sections.op.iter().any(has_skin),
             absent,
             text,
             leaves,
@@ -153,7 +159,7 @@ impl RecipeText {
             .map(|op| json!({ "name": op.name, "summary": op.summary }));
         json!({
             "controls": controls.collect::<Vec<_>>(),
-            "operations": operations.collect::<Vec<_>>(),
+            "operations": operations.collect::<Vec<_>>(), "cut": self.is_hidden,
             "name": self.path.file_name().unwrap_or_default().to_string_lossy(),
         })
     }

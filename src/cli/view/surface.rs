@@ -116,30 +116,30 @@ fn row(c: &MeshComponent, is_closed: bool) -> Value {
 }
 
 /// Triangles over the vertices of a mesh as a body whose vertices have one normal each: those at creases are
-/// divided. Vertices are in order of first use; with the vertex of the mesh that each comes from.
+/// divided. Vertices are in order of first use; with the vertex of the mesh that each comes from. Normals are those of
+/// the mesh, not of the fewer triangles, whose slivers may lie across a plane.
 fn divided(mesh: &TriMesh, triangles: &[[u32; 3]]) -> (Body, Vec<u32>) {
     let points = mesh.vertices();
-    let weighted: Vec<Vec3> = triangles
-        .iter()
-        .map(|t| {
-            let [a, b, c] = t.map(|v| points[v as usize]);
-            (b - a).cross(&(c - a))
-        })
-        .collect();
+    let weighted_normal = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| points[v as usize]);
+        (b - a).cross(&(c - a))
+    };
+    let all = mesh.triangles();
+    let weighted: Vec<Vec3> = all.iter().map(weighted_normal).collect();
     let units: Vec<Vec3> = weighted
         .iter()
         .map(|n| n.try_normalize(0.0).unwrap_or_default())
         .collect();
     let mut first = vec![0u32; points.len() + 1];
-    for &v in triangles.as_flattened() {
+    for &v in all.as_flattened() {
         first[v as usize + 1] += 1;
     }
     for v in 0..points.len() {
         first[v + 1] += first[v];
     }
     let mut next = first.clone();
-    let mut around = vec![0u32; 3 * triangles.len()];
-    for (t, corners) in triangles.iter().enumerate() {
+    let mut around = vec![0u32; 3 * all.len()];
+    for (t, corners) in all.iter().enumerate() {
         for &v in corners {
             around[next[v as usize] as usize] = t as u32;
             next[v as usize] += 1;
@@ -150,12 +150,24 @@ fn divided(mesh: &TriMesh, triangles: &[[u32; 3]]) -> (Body, Vec<u32>) {
     // For each vertex its first divided one, and for each divided one the next of the same vertex.
     let mut head = vec![u32::MAX; points.len()];
     let mut following: Vec<u32> = Vec::new();
-    for (t, corners) in triangles.iter().enumerate() {
+    for corners in triangles {
+        let own = weighted_normal(corners)
+            .try_normalize(0.0)
+            .unwrap_or_default();
         let numbered = corners.map(|v| {
             let neighbours = &around[first[v as usize] as usize..first[v as usize + 1] as usize];
+            let cosine = |&&n: &&u32| units[n as usize].dot(&own);
+            let nearest = neighbours
+                .iter()
+                .max_by(|a, b| cosine(a).total_cmp(&cosine(b)));
+            // The side of the crease that the triangle is on: a sliver may be on none.
+            let side = match nearest {
+                Some(n) if cosine(&n) < CREASE_COSINE => units[*n as usize],
+                _ => own,
+            };
             let smooth = neighbours
                 .iter()
-                .filter(|&&n| units[n as usize].dot(&units[t]) >= CREASE_COSINE);
+                .filter(|&&n| units[n as usize].dot(&side) >= CREASE_COSINE);
             let sum: Vec3 = smooth.map(|&n| weighted[n as usize]).sum();
             let normal = normal_bytes(sum);
             let mut at = head[v as usize];
