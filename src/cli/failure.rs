@@ -402,7 +402,6 @@ impl From<RunError> for Failure {
                 ),
             ),
             RunError::Refused { hint, .. } => (EXIT_DATA, Some(hint.into())),
-            RunError::VoxelMismatch(_) => (EXIT_DATA, Some("resample one of them first".into())),
             RunError::Unbounded(_) => (EXIT_DATA, Some("intersect or subtract it".into())),
             RunError::Scaffold { file, element, .. } => {
                 return Self {

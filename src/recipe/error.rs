@@ -141,6 +141,10 @@ impl RecipeError {
                 )
             };
             hint = nearest(&found, &known).map(|w| format!("did you mean \"{w}\"?").into());
+            if let Some((_, instead)) = REMOVED_KEYS.iter().find(|(k, _)| *k == found) {
+                message = format!("the key \"{found}\" was removed");
+                hint = Some((*instead).into());
+            }
         }
         let span = error.span();
         let key = span.as_ref().and_then(|s| source.key_at(s)).map(Into::into);
@@ -152,6 +156,26 @@ impl RecipeError {
         }
     }
 }
+
+/// Keys of earlier versions, and what replaces them.
+const REMOVED_KEYS: [(&str, &str); 4] = [
+    (
+        "precise",
+        "leave it out: offsets are exact by surface points, and filters keep distances to first order",
+    ),
+    (
+        "scheme",
+        "leave it out: offsets are exact by surface points; a mask still uses OpenVDB's filter",
+    ),
+    (
+        "same_voxels",
+        "leave it out: the warning W111 names voxels of another size before they are resampled",
+    ),
+    (
+        "follow_volume",
+        "leave it out: blends interpolate volumes; a level of your own is the key `level`",
+    ),
+];
 
 /// Parses serde's "unknown field `a`, expected one of `b`, `c`".
 fn unknown_word(message: &str) -> Option<(&str, String, Vec<String>)> {

@@ -124,31 +124,6 @@ impl Op {
         };
         mask.as_deref()
     }
-
-    /// Whether an operation that moves the surface uses OpenVDB's filter.
-    pub fn is_by_filter(&self) -> bool {
-        let scheme = match self {
-            Self::Dilate(m) | Self::Erode(m) | Self::Open(m) | Self::Close(m) => m.scheme,
-            Self::Hollow(h) => h.scheme,
-            Self::Fillet(f) => f.scheme,
-            _ => MoveScheme::Points,
-        };
-        scheme == MoveScheme::Openvdb
-    }
-
-    /// Whether the operation uses the scheme of fifth order.
-    pub fn is_precise(&self) -> bool {
-        match self {
-            Self::Dilate(m) | Self::Erode(m) | Self::Open(m) | Self::Close(m) => m.precise,
-            Self::Gaussian(k) | Self::Mean(k) | Self::Median(k) => k.precise,
-            Self::Laplacian(f) | Self::Curvature(f) => f.precise,
-            Self::Hollow(h) => h.precise,
-            Self::Fillet(f) => f.precise,
-            Self::Renormalise(r) => r.precise,
-            Self::Blend(b) => b.precise,
-            _ => false,
-        }
-    }
 }
 
 /// A union with a rounded seam.
@@ -159,9 +134,6 @@ pub struct Blend {
     pub with: Operand,
     /// How far from the seam the rounding begins.
     pub radius: Size,
-    /// Keep distances with the scheme of fifth order.
-    #[serde(default)]
-    pub precise: bool,
 }
 
 /// A box by two corners.
@@ -174,17 +146,6 @@ pub struct Trim {
     pub max: [Length; 3],
 }
 
-/// How the surface of a level set is moved.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum MoveScheme {
-    /// Distances rebuilt from the closest points of the surface, at once.
-    #[default]
-    Points,
-    /// OpenVDB's level-set filter: steps of half a voxel, each followed by tracking.
-    Openvdb,
-}
-
 /// A move of the surface.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -193,12 +154,6 @@ pub struct Move {
     pub distance: Size,
     /// Where it acts (dilate and erode only): distances vary in proportion.
     pub mask: Option<Brief<Mask>>,
-    /// With `scheme = "openvdb"` or a mask: keep distances with the scheme of fifth order.
-    #[serde(default)]
-    pub precise: bool,
-    /// How the surface is moved.
-    #[serde(default)]
-    pub scheme: MoveScheme,
 }
 
 impl Short for Move {
@@ -207,8 +162,6 @@ impl Short for Move {
         Self {
             distance,
             mask: None,
-            precise: false,
-            scheme: MoveScheme::default(),
         }
     }
 }
@@ -222,12 +175,6 @@ pub struct Hollow {
     /// On which side of the surface it lies.
     #[serde(default)]
     pub side: Side,
-    /// With `scheme = "openvdb"`: keep distances with the scheme of fifth order.
-    #[serde(default)]
-    pub precise: bool,
-    /// How the surface is moved.
-    #[serde(default)]
-    pub scheme: MoveScheme,
 }
 
 impl Short for Hollow {
@@ -236,8 +183,6 @@ impl Short for Hollow {
         Self {
             thickness,
             side: Side::default(),
-            precise: false,
-            scheme: MoveScheme::default(),
         }
     }
 }
@@ -250,23 +195,12 @@ pub struct Fillet {
     pub radius: Size,
     /// Where it acts.
     pub mask: Option<Brief<Mask>>,
-    /// No effect: with `scheme = "openvdb"` fillets are always of fifth order.
-    #[serde(default)]
-    pub precise: bool,
-    /// How the surface is moved.
-    #[serde(default)]
-    pub scheme: MoveScheme,
 }
 
 impl Short for Fillet {
     type First = Size;
     fn short(radius: Size) -> Self {
-        Self {
-            radius,
-            mask: None,
-            precise: false,
-            scheme: MoveScheme::default(),
-        }
+        Self { radius, mask: None }
     }
 }
 
@@ -357,8 +291,6 @@ pub struct Kernel {
     pub iterations: Iterations,
     /// Where it acts.
     pub mask: Option<Brief<Mask>>,
-    /// Keep distances with the scheme of fifth order: three to four times slower.
-    pub precise: bool,
 }
 
 impl Short for Kernel {
@@ -401,8 +333,6 @@ pub struct Flow {
     pub iterations: Iterations,
     /// Where it acts.
     pub mask: Option<Brief<Mask>>,
-    /// Keep distances with the scheme of fifth order.
-    pub precise: bool,
 }
 
 impl Short for Flow {
@@ -421,17 +351,12 @@ impl Short for Flow {
 pub struct Renormalise {
     /// Number of sweeps.
     pub iterations: Iterations,
-    /// With the scheme of fifth order.
-    pub precise: bool,
 }
 
 impl Short for Renormalise {
     type First = Iterations;
     fn short(iterations: Iterations) -> Self {
-        Self {
-            iterations,
-            precise: false,
-        }
+        Self { iterations }
     }
 }
 

@@ -94,9 +94,6 @@ pub struct Grid {
     /// A placement applied last, in the recipe's unit.
     #[serde(default)]
     pub transform: Similarity,
-    /// Refuse voxels of another size instead of resampling with a notice.
-    #[serde(default)]
-    pub same_voxels: bool,
     /// Resample a grid whose voxels are not axis-aligned cubes (rotated, mirrored, sheared, stretched, of a
     /// frustum): true for the recipe's voxels, or the edge of the cubes. Without it such a grid is refused.
     pub resample: Option<Onto>,
@@ -179,7 +176,6 @@ impl Short for Grid {
             value: None,
             unit: None,
             transform: Similarity::default(),
-            same_voxels: false,
             resample: None,
             invert: false,
         }

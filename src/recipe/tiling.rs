@@ -22,8 +22,6 @@ pub struct TilingSection {
     pub assign: Vec<Assignment>,
     /// Interpolation of weights between the corners of elements.
     pub interpolation: Interpolation,
-    /// Whether blends keep a level at which volumes are interpolated.
-    pub follow_volume: Option<bool>,
     /// Level of the cell, graded: a number, a formula or a field, in units of its field.
     pub level: Option<Varying>,
     /// Level by the solid's share of the element, graded.

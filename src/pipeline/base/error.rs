@@ -234,9 +234,6 @@ pub enum RunError {
     /// Decimation failed.
     #[error("decimate: {0}")]
     Decimate(String),
-    /// A level set has other voxels than the recipe, and the recipe requires equal ones.
-    #[error("{0}; same_voxels = true requires equal voxels")]
-    VoxelMismatch(String),
     /// A solid cannot be cut into these layers.
     #[error(transparent)]
     Slices(#[from] crate::slice::PlanError),

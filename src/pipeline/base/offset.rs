@@ -40,7 +40,7 @@ impl Offsets {
     /// The offsets with one more operation; `None` if the operation is not an offset, reverses the
     /// direction or follows a wall.
     pub fn with(self, op: &Op, scale: crate::recipe::Scale) -> Option<Self> {
-        if op.mask().is_some() || op.is_by_filter() || self.half_wall.is_some() {
+        if op.mask().is_some() || self.half_wall.is_some() {
             return None;
         }
         let count = self.count + 1;

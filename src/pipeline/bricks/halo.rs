@@ -10,9 +10,10 @@ use crate::recipe::{Kernel, Op, Recipe, Size};
 use crate::vdb::{ComponentSelection, LevelSet, MAX_FILTER_WIDTH, REMOVAL_REACH};
 use std::ops::Range;
 
-/// Reach of a tracking step with the scheme of first and of fifth order, voxels: three sweeps of the
-/// stencil, and one voxel that the band grows by.
-const TRACKING_REACH: [f64; 2] = [4.0, 10.0];
+/// Reach of a tracking step, voxels: three sweeps of the stencil, and one voxel that the band grows by.
+const TRACKING_REACH: f64 = 4.0;
+/// The same with the scheme of fifth order.
+const WENO_TRACKING_REACH: f64 = 10.0;
 
 /// Operations that a brick is processed by at once: a sequence within its halo, or one that needs the
 /// whole solid.
@@ -159,7 +160,7 @@ fn operations_pass(ops: Range<usize>, all: &[Op], voxels: Voxels) -> Pass {
 /// Distance, voxels, at which a voxel can influence the result of an operation.
 fn operation_reach(op: &Op, on: Voxels) -> f64 {
     let Voxels { scale, half_width } = on;
-    let track = TRACKING_REACH[usize::from(op.is_precise())];
+    let track = TRACKING_REACH;
     let voxels = |size: &Size| size.resolve(scale).abs() / scale.voxel_size;
     // Distances from surface points need the offset plus, in each step, the half width and the values that
     // determine a point; a narrow band is widened first, as in another step. Filters move in tracked
@@ -186,21 +187,18 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
             Op::Open(m) | Op::Close(m) => 2.0 * offset(voxels(&m.distance), track),
             Op::Hollow(h) => offset(voxels(&h.thickness), track),
             // A fillet always uses the scheme of fifth order.
-            Op::Fillet(f) => 2.0 * offset(voxels(&f.radius), TRACKING_REACH[1]),
+            Op::Fillet(f) => 2.0 * offset(voxels(&f.radius), WENO_TRACKING_REACH),
             // Both bands are widened first, at once or voxel by voxel.
             Op::Blend(b) => {
                 let radius = voxels(&b.radius);
-                on.widening(radius + 2.0, op.is_precise()) + radius + TRACKING_REACH[1]
+                on.widening(radius + 2.0) + radius + WENO_TRACKING_REACH
             }
             // Contacts are detected by neighbouring voxels.
             Op::Union(_) => 1.0,
             Op::Gaussian(k) => box_filter(k, 4.0),
             Op::Mean(k) | Op::Median(k) => box_filter(k, 1.0),
             Op::Laplacian(f) | Op::Curvature(f) => f64::from(f.iterations.0) * (1.0 + track),
-            Op::Renormalise(r) => {
-                let stencil = if r.precise { 3.0 } else { 1.0 };
-                f64::from(r.iterations.0) * stencil + 1.0
-            }
+            Op::Renormalise(r) => f64::from(r.iterations.0) + 1.0,
             _ => 0.0,
         }
 }

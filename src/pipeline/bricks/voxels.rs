@@ -20,12 +20,10 @@ pub(super) fn whole_leaves(voxels: f64) -> i32 {
 }
 
 impl Voxels {
-    /// Reach of widening the band to a half width, voxels. The method depends on the present width and
-    /// on `precise`.
-    pub fn widening(&self, half_width: f64, precise: bool) -> f64 {
+    /// Reach of widening the band to a half width, voxels. The method depends on the present width.
+    pub fn widening(&self, half_width: f64) -> f64 {
         let wider = (half_width - self.half_width).ceil().max(0.0);
-        let by_points = !precise && SurfacePoints::suffices(self.half_width);
-        if by_points {
+        if SurfacePoints::suffices(self.half_width) {
             self.half_width + wider + SURFACE_POINT_REACH
         } else {
             wider * WIDENING_REACH
@@ -57,7 +55,7 @@ impl Resampling {
         if self.is_doubling() {
             return whole_leaves(2.0 * self.to.half_width + SURFACE_POINT_REACH + 1.0);
         }
-        let reach = self.from.widening(self.source_half_width(), false);
+        let reach = self.from.widening(self.source_half_width());
         whole_leaves(reach + self.from.half_width + INTERPOLATION_REACH + HALO_MARGIN)
     }
 

@@ -149,7 +149,7 @@ impl CellTiling {
             grading: Vec::new(),
             graded: None,
             // A blend of mid-surfaces has no volume.
-            follow_volume: section.follow_volume.unwrap_or(true) && kind != ContentKind::Sheets,
+            follow_volume: kind != ContentKind::Sheets,
             content: Content::Fitted,
             target_thickness: None,
             palette,

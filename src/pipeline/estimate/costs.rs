@@ -130,7 +130,7 @@ pub(super) fn cost(op: &Op, on: Voxels) -> (f64, f64) {
     let voxels = |size: &crate::recipe::Size| size.resolve(scale) / scale.voxel_size;
     let steps = |size: &crate::recipe::Size| (2.0 * voxels(size)).max(1.0);
     // Druse's own filter alternates between two buffers that include the leaves added by tracking.
-    let uses_own_filter = op.mask().is_none() && !op.is_precise();
+    let uses_own_filter = op.mask().is_none();
     match op {
         Op::Gaussian(k) if uses_own_filter => (2.2, 80.0 * f64::from(k.iterations.0)),
         Op::Mean(k) if uses_own_filter => (2.2, 20.0 * f64::from(k.iterations.0)),

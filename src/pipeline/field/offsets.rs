@@ -9,8 +9,8 @@
 //! The field must be a distance: up to half the least wall inward and half the least gap outward, where
 //! surfaces meet. [`foot_error`] measures it on the offset field. If the error exceeds
 //! [`MAX_FOOT_ERROR`], distances are rebuilt from the surface of the level set ([`SurfacePoints`](crate::band::SurfacePoints)); so
-//! are later moves and those of files. OpenVDB's filters serve masks and `scheme = "openvdb"`. Moves in one direction add up. A move back does not undo one (a dilation closes
-//! gaps), so `open`, `close` and reversals act on the level set.
+//! are later moves and those of files. OpenVDB's filters serve masks. Moves in one direction add up. A move back does not undo one (a
+//! dilation closes gaps), so `open`, `close` and reversals act on the level set.
 
 use super::field_ops::shape_with;
 use crate::band::Band;
@@ -110,6 +110,7 @@ fn field_offsets(
             }
         }
         if is_move(op) {
+            log::debug!(target: "druse::run", "op.{n}.{}: by {method:?}: {why}", op.name());
             reports.push(OffsetReport {
                 op: format!("op.{n}.{}", op.name()),
                 re_evaluated: method == OffsetMethod::Field,
@@ -140,7 +141,7 @@ fn level_set_method(op: &Op) -> (OffsetMethod, Option<f64>, &'static str) {
             "the solid is a level set at that step",
         )
     } else {
-        let why = "the recipe requests it, or the operation has a mask";
+        let why = "the operation has a mask";
         (OffsetMethod::Filter, None, why)
     }
 }
@@ -148,7 +149,7 @@ fn level_set_method(op: &Op) -> (OffsetMethod, Option<f64>, &'static str) {
 /// Whether an operation moves the surface of a level set by distances from points of it.
 pub(crate) fn uses_surface_points(op: &Op) -> bool {
     let is_masked = op.mask().is_some() && matches!(op, Op::Dilate(_) | Op::Erode(_));
-    is_move(op) && !is_masked && !op.is_by_filter()
+    is_move(op) && !is_masked
 }
 
 /// Root mean square, in voxels, of the offset field at the foot points p - s grad s of voxels p of its

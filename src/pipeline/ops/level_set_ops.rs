@@ -9,7 +9,7 @@ use crate::pipeline::base::shape::Shape;
 use crate::pipeline::content::inputs::Inputs;
 use crate::pipeline::field::field_ops::{operation_shape, trim_box};
 use crate::recipe::{Kernel, Op, Resample, Scale, Side};
-use crate::vdb::{ComponentSelection, LevelSet, Scheme, Session, Tools, VdbError, WallSide};
+use crate::vdb::{ComponentSelection, LevelSet, Session, VdbError, WallSide};
 
 /// Applies operation number `n` to the solid.
 pub(crate) fn apply(
@@ -22,7 +22,7 @@ pub(crate) fn apply(
     let key = format!("op.{n}");
     let stage = format!("{key}.{}", op.name());
     let failed = RunError::level_set(&stage);
-    let session = session_of(op, *context);
+    let session = context.session();
     context.progress.stage(op.name(), None);
     match op {
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) | Op::Blend(_) => {
@@ -62,22 +62,6 @@ pub(crate) fn apply(
         return Err(RunError::Empty(stage.clone()));
     }
     Ok(())
-}
-
-/// The session of an operation. OpenVDB's tools move the surface only on request.
-fn session_of<'a>(op: &Op, context: StageContext<'a>) -> Session<'a> {
-    let uses_points = crate::pipeline::field::offsets::uses_surface_points(op);
-    let scheme = if op.is_precise() && !uses_points {
-        Scheme::Weno5
-    } else {
-        Scheme::First
-    };
-    let tools = if op.is_by_filter() {
-        Tools::OpenVdb
-    } else {
-        Tools::Native
-    };
-    context.session().with_scheme(scheme).with_tools(tools)
 }
 
 /// The components that an operation removes from the whole solid.

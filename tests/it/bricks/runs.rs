@@ -143,7 +143,6 @@ fn operations_see_as_far_as_they_reach() {
             alone("curvature = 2"),
             alone("renormalise = 3"),
             alone("fillet = 0.3"),
-            alone("dilate = { distance = 0.2, precise = true }"),
             alone(&format!(
                 "blend = {{ with = {{ {sphere} }}, radius = 0.4 }}"
             )),
