@@ -6,10 +6,11 @@ use super::signals::Signals;
 use super::terminal;
 use crate::pipeline::{RunError, Warning};
 use crate::progress::{Progress, Threads};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use std::convert::Infallible;
 use std::io::IsTerminal;
 use std::str::FromStr;
+use std::sync::Arc;
 
 /// Flags that every command understands.
 #[allow(clippy::struct_excessive_bools)] // Each is a flag of its own.
@@ -34,6 +35,16 @@ pub(super) struct GlobalOptions {
         help_heading = "Global options"
     )]
     color: Color,
+    /// Show records of decisions on stderr: kernels, tables, bricks or memory, repairs.
+    #[arg(
+        long,
+        global = true,
+        value_enum,
+        value_name = "LEVEL",
+        default_value = "off",
+        help_heading = "Global options"
+    )]
+    log: LogLevel,
     /// Print more on stderr: the time of every stage.
     #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = "Global options")]
     verbose: u8,
@@ -44,6 +55,52 @@ pub(super) struct GlobalOptions {
     /// them; slower.
     #[arg(long, global = true, help_heading = "Global options")]
     portable: bool,
+}
+
+/// Which records of decisions are shown: those of a level and of all levels before it.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum LogLevel {
+    /// None.
+    Off,
+    /// Repairs of inputs.
+    Info,
+    /// Choices of kernels, tables, methods and memory too.
+    Debug,
+}
+
+/// Prints records of the library on stderr, above the progress.
+struct Log(Arc<Display>);
+
+impl log::Log for Log {
+    fn enabled(&self, record: &log::Metadata<'_>) -> bool {
+        // Other libraries keep records too.
+        record.target().starts_with("druse")
+    }
+    fn log(&self, record: &log::Record<'_>) {
+        if self.enabled(record.metadata()) {
+            let level = record.level().as_str().to_lowercase();
+            self.0.line(&format!(
+                "{level}: {}",
+                terminal::message(&record.args().to_string())
+            ));
+        }
+    }
+    fn flush(&self) {}
+}
+
+impl LogLevel {
+    /// Has records of this level printed.
+    fn show(self, display: &Arc<Display>) {
+        let most = match self {
+            Self::Off => return,
+            Self::Info => log::LevelFilter::Info,
+            Self::Debug => log::LevelFilter::Debug,
+        };
+        // A program that the command line runs in may have a logger of its own, which then has the records.
+        if log::set_boxed_logger(Box::new(Log(Arc::clone(display)))).is_ok() {
+            log::set_max_level(most);
+        }
+    }
 }
 
 /// When to colour messages.
@@ -74,7 +131,7 @@ impl FromStr for Color {
 /// A running invocation.
 pub(super) struct Session {
     options: GlobalOptions,
-    display: Display,
+    display: Arc<Display>,
     /// Signals received so far.
     pub(super) signals: Signals,
 }
@@ -91,9 +148,11 @@ impl Session {
             None if terminal => Style::Bar,
             None => Style::None,
         };
+        let display = Arc::new(Display::new(style));
+        options.log.show(&display);
         Self {
             options,
-            display: Display::new(style),
+            display,
             signals: Signals::listen(),
         }
     }

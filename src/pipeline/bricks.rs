@@ -344,6 +344,14 @@ pub(super) fn plan_if_needed(
 ) -> Result<Option<BrickPlan>, RunError> {
     let shortage = estimate::shortage(inputs, threads, options.memory, progress)?;
     let is_needed = shortage.is_some();
+    log::debug!(target: "druse::run",
+        "run {}",
+        match (&shortage, options.bricks) {
+            (None, None) => "in memory: the prediction fits".to_owned(),
+            (None, Some(_)) => "in bricks: requested".to_owned(),
+            (Some(s), _) => format!("in bricks: the prediction exceeds {} bytes", s.available),
+        }
+    );
     let (counts, budget) = match (shortage, options.bricks) {
         (None, None) => return Ok(None),
         (Some(shortage), _) => (shortage.counts, shortage.available),
@@ -477,6 +485,7 @@ fn choose_layout(
         });
     }
     let edge = edge_that_fits(inputs, threads, counts, budget)?.min(max_edge);
+    log::debug!(target: "druse::run", "bricks of {edge} blocks a side, halo of {halo} voxels, reach of {reach} voxels");
     Ok(Layout {
         edge,
         halo,

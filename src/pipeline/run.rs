@@ -76,6 +76,11 @@ pub fn run_keeping_solid(
 ) -> Result<(Report, Option<LevelSet>), RunError> {
     check_frames(recipe, &[recipe.clock().frame])?;
     let threads = threads(options)?;
+    log::debug!(target: "druse::run",
+        "run with {} threads, instructions: {:?}",
+        threads.count(),
+        crate::simd::instruction_set()
+    );
     let sections = recipe.sections();
     let mut timer = StageTimer::new(progress);
     let mut inputs = Inputs::load(recipe, &threads, options, progress)?;

@@ -10,7 +10,7 @@ use druse::vdb::Session;
 use pyo3::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, Once, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time between two checks for signals and progress.
@@ -126,8 +126,14 @@ impl Progress for Monitor {
     }
 }
 
-/// The pool of a call.
+/// The pool of a call; from the first one on, Python's `logging` has the library's records.
 fn own_pool(py: Python<'_>) -> PyResult<Arc<Threads>> {
+    // Not when the module is loaded: the command line program, which it contains, prints records itself.
+    static LOGGING: Once = Once::new();
+    LOGGING.call_once(|| {
+        // Fails where something else has the records already.
+        let _ = pyo3_log::try_init();
+    });
     // A call from a user's function that a thread of the pool has called gets its own thread, since the pool may be
     // waiting for that function.
     let is_nested = rayon::current_thread_index().is_some();

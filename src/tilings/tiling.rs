@@ -248,6 +248,21 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             .products()
             .and_then(|products| axis_aligned::HexGrid::new(scaffold, products, &patches, options));
         let max_slope_sup = patches.iter().map(|p| p.slope_sup).fold(0.0, f64::max);
+        if log::log_enabled!(target: "druse::tiling", log::Level::Debug) {
+            let affine = patches.iter().filter(|p| p.is_affine()).count();
+            let kernel = match (&hex_grid, filling.products()) {
+                (Some(_), _) => "products of sines: one box of equal hexes along the axes",
+                (None, Some(_)) => {
+                    "tables: the elements are no box of equal hexes along the axes, or the band is wide"
+                }
+                (None, None) => "tables: the cell is no short series of products of sines",
+            };
+            log::debug!(target: "druse::tiling",
+                "tiling: {} elements, {affine} of them affine, {} components; kernel: {kernel}",
+                patches.len(),
+                components.len()
+            );
+        }
         Ok(Self {
             scaffold,
             filling,

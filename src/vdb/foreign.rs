@@ -129,6 +129,9 @@ impl Volume {
                 self.repair(&repair, session).map_err(failed)?;
                 let wrong = self.fill_signs(session).map_err(failed)?;
                 let mut notes = repair.notes;
+                for note in &notes {
+                    log::info!(target: "druse::vdb", "{}, grid {}: {note}", path.display(), self.name);
+                }
                 if wrong > 0 {
                     notes.push(format!(
                         "{wrong} inactive values had the wrong sign; they now have the sign of the band beside them"

@@ -224,6 +224,20 @@ fn wrappers_get_progress_as_lines() {
 }
 
 #[test]
+fn decisions_are_told_at_the_level_that_is_named() {
+    let place = Place::with(BALL);
+    let told = |level: &[&str]| {
+        let output = place.run(&[&["run", "r.toml"], level].concat());
+        text(&output.stderr).to_owned()
+    };
+    let debug = told(&["--log=debug"]);
+    assert!(debug.contains("debug: run in memory"), "{debug}");
+    for level in [&[][..], &["--log=info"]] {
+        assert!(!told(level).contains("debug:"));
+    }
+}
+
+#[test]
 fn bad_recipes_are_refused_before_anything_is_written() {
     let cases: &[(&str, &str, &[&str])] = &[
         (

@@ -114,6 +114,13 @@ def test_the_schema_is_that_of_the_program():
     assert druse.schema()["title"] == "Druse recipe"
 
 
+def test_decisions_go_to_the_logger(caplog):
+    with caplog.at_level(logging.DEBUG, logger="druse"):
+        druse.run(BALL)
+    told = {r.name: r.getMessage() for r in caplog.records}
+    assert told["druse.run"] == "run in memory: the prediction fits", told
+
+
 def test_unmet_requirements_are_logged(caplog):
     recipe = {
         "druse": 1, "band": {"voxel_size": 0.5}, "op": [{"union": {"sphere": {"radius": 5}}}],

@@ -167,7 +167,7 @@ impl Table {
             } else {
                 (Function::Expression(expression, leaves), None)
             };
-        Self {
+        let table = Self {
             // A cell of the ball is tabulated over the cube around the ball.
             element: match element {
                 Element::Ball => Element::Hex,
@@ -193,7 +193,14 @@ impl Table {
             dropped,
             error_rms,
             displacement: None,
-        }
+        };
+        log::debug!(target: "druse::cell",
+            "table of a cell of {}: {} samples along an axis, {} bytes, {dropped} waves left out, error at most {error_bound:.1e}",
+            element.name(),
+            table.samples(),
+            table.bytes()
+        );
+        table
     }
 
     /// The same table, evaluated with baseline instructions only: bit-identical on every processor.

@@ -231,6 +231,11 @@ impl Job<'_> {
             })
             .collect();
         self.progress.stage("fit: least squares", None);
+        log::debug!(target: "druse::fit",
+            "fit: dense least squares, {} samples, {} unknowns",
+            samples.len(),
+            basis.len()
+        );
         let equations =
             NormalEquations::assemble(basis, &samples, options.lambda(), self.progress)?;
         Ok(Solution {
