@@ -196,6 +196,8 @@ function refresh(old) {
   const isUsual = field && !field.labels && usualRange(field).every((v, k) => numberText(v) === [low, high][k]);
   drawing.show(body, true);
   describeBody(body);
+  // The scaffold that stands for the part at first has edges of its own.
+  if (old.elements !== body.elements) drawing.state.edges = $("edges").checked = body.lines.length > 0;
   const n = field ? body.fields.findIndex((f) => f.name === field.name) : -1;
   const lost = field && n < 0 ? field.name : null;
   lostField = lost ?? (field || !lostField ? null : lostField);
