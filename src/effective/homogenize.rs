@@ -59,7 +59,7 @@ pub use elasticity::LOADS;
 pub use elasticity::{Elasticity, Stiffness};
 pub use gradient::{Derivatives, Sensitivities, by_coefficients};
 pub use grid::Grid;
-pub use material::{Isotropic, laminate};
+pub use material::Isotropic;
 pub use packing::Packing;
 pub use period::Period;
 #[doc(hidden)]

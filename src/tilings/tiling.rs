@@ -60,7 +60,7 @@ use affine::Quantity;
 use bound::RegionGroup;
 use boundary::RegionFacts;
 use locality::LocalSearch;
-use patch::{InverseOptions, Patch};
+use patch::Patch;
 use source::FillingRef;
 
 /// The distance rule, see [`TiledSolid`].
@@ -309,40 +309,6 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     /// Number of the scaffold's components: sets of elements joined by faces.
     pub fn component_count(&self) -> usize {
         self.components.len()
-    }
-
-    /// Number of pairs of overlapping components: the centre of an element of one lies inside the other.
-    pub fn overlap_count(&self) -> usize {
-        let mut pairs = std::collections::BTreeSet::new();
-        let mut found = Vec::new();
-        if self.components.len() < 2 {
-            return 0;
-        }
-        for (number, patch) in self.patches.iter().enumerate() {
-            let component = self.component_of[number];
-            let centre = patch.point(self.scaffold, Vec3::zeros());
-            found.clear();
-            let here = Aabb {
-                min: centre,
-                max: centre,
-            };
-            self.scaffold.candidates(&here, &mut found);
-            for &other in &found {
-                let other_component = self.component_of[other as usize];
-                let inside = || {
-                    self.patches[other as usize]
-                        .preimage(self.scaffold, centre, 0.0, InverseOptions::default())
-                        .is_some_and(|s| s.face_distance <= 0.0)
-                };
-                if other_component != component && inside() {
-                    pairs.insert((
-                        component.min(other_component),
-                        component.max(other_component),
-                    ));
-                }
-            }
-        }
-        pairs.len()
     }
 
     /// The bounding box of the scaffold, world units.

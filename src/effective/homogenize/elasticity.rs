@@ -7,12 +7,11 @@
 use super::cg::{self, Control, System, Workspace};
 use super::derivative::{Derivative, Scheme};
 use super::grid::Grid;
-use super::material::{Isotropic, laminate};
+use super::material::Isotropic;
 use super::spectral::Spectral;
 use super::stencil::{Frequencies, RowMap, green};
 use super::tensor::{PAIRS, Voigt};
 use super::{HomogenizeError, check_shares};
-use druse_geometry::frame::Vec3;
 use druse_geometry::progress::Progress;
 
 /// Names of the load cases.
@@ -21,21 +20,12 @@ pub const LOADS: [&str; 6] = ["11", "22", "33", "23", "13", "12"];
 /// The components of the displacement gradient in each Voigt strain; two for shear, which are added.
 const VOIGT_GRADIENTS: [[usize; 2]; 6] = [[0, 0], [4, 4], [8, 8], [5, 7], [2, 6], [1, 3]];
 
-/// Tensors of voxels that the interface cuts.
-#[derive(Default)]
-struct Laminates {
-    /// Index in `tensors`, or `u32::MAX`; empty if there are none.
-    index: Vec<u32>,
-    tensors: Vec<Voigt>,
-}
-
 /// The medium, its operators and buffers.
 pub struct Elasticity<'a> {
     grid: Grid,
     shares: &'a [f64],
     solid: Isotropic,
     void: Isotropic,
-    laminates: Laminates,
     derivative: Derivative,
     frequencies: Frequencies,
     spectral: Spectral<3>,
@@ -77,29 +67,9 @@ impl<'a> Elasticity<'a> {
             shares,
             solid,
             void,
-            laminates: Laminates::default(),
             derivative,
             strain: [0.0; 6],
         })
-    }
-
-    /// Treats cut voxels as laminates; `normal` gives the normal of the interface in a voxel.
-    #[must_use]
-    pub fn with_laminates(mut self, normal: impl Fn(usize) -> Vec3) -> Self {
-        let mut laminates = Laminates {
-            index: vec![u32::MAX; self.shares.len()],
-            tensors: Vec::new(),
-        };
-        for (n, &share) in self.shares.iter().enumerate() {
-            let normal = normal(n);
-            if share > 0.0 && share < 1.0 && normal.norm() > 0.0 {
-                laminates.index[n] = laminates.tensors.len() as u32;
-                let tensor = laminate(self.solid, share, self.void, normal.normalize());
-                laminates.tensors.push(tensor);
-            }
-        }
-        self.laminates = laminates;
-        self
     }
 
     /// Bytes for each voxel that a solution takes; with kept displacements of all load cases.
@@ -114,9 +84,6 @@ impl<'a> Elasticity<'a> {
     fn stress(&self, strain: &[f64; 6], first: usize, rows: &mut [f64]) {
         let nz = rows.len() / 9;
         let shares = &self.shares[first..first + nz];
-        if !self.laminates.index.is_empty() {
-            return self.laminate_stress(strain, first, rows);
-        }
         let (void, solid) = (self.void, self.solid);
         let difference = [solid.lambda - void.lambda, solid.mu - void.mu];
         let (r0, rest) = rows.split_at_mut(nz);
@@ -143,28 +110,6 @@ impl<'a> Elasticity<'a> {
             (r5[k], r7[k]) = (yz, yz);
             (r2[k], r6[k]) = (xz, xz);
             (r1[k], r3[k]) = (xy, xy);
-        }
-    }
-
-    fn laminate_stress(&self, strain: &[f64; 6], first: usize, rows: &mut [f64]) {
-        let nz = rows.len() / 9;
-        for k in 0..nz {
-            let e = strains(strain, rows, nz, k);
-            let c = self.tensor(first + k);
-            for (i, row) in c.iter().enumerate() {
-                let stress: f64 = row.iter().zip(e).map(|(c, e)| c * e).sum();
-                for r in VOIGT_GRADIENTS[i] {
-                    rows[r * nz + k] = stress;
-                }
-            }
-        }
-    }
-
-    /// The stiffness of a voxel.
-    fn tensor(&self, voxel: usize) -> Voigt {
-        match self.laminates.index.get(voxel) {
-            Some(&n) if n != u32::MAX => self.laminates.tensors[n as usize],
-            _ => self.solid.mixed(self.shares[voxel], self.void).stiffness(),
         }
     }
 
@@ -349,15 +294,6 @@ impl<'a> Elasticity<'a> {
             });
         found.into_inner().unwrap_or_default()
     }
-}
-
-/// Voigt strains of voxel `k` of a row.
-fn strains(mean: &[f64; 6], rows: &[f64], nz: usize, k: usize) -> [f64; 6] {
-    std::array::from_fn(|i| {
-        let [a, b] = VOIGT_GRADIENTS[i];
-        let own = rows[a * nz + k];
-        mean[i] + if a == b { own } else { own + rows[b * nz + k] }
-    })
 }
 
 /// Stresses of a medium under a mean strain, times a sign.

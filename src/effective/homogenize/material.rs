@@ -1,8 +1,7 @@
 //! Isotropic materials, and tensors of voxels that hold two of them.
 
 use super::HomogenizeError;
-use super::tensor::{Voigt, symmetric_index};
-use druse_geometry::frame::{Mat3, Vec3};
+use super::tensor::Voigt;
 
 /// A linear elastic isotropic material, by Lame's moduli.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,35 +87,4 @@ impl Isotropic {
         }
         c
     }
-}
-
-/// The stiffness of a laminate of two materials with layers across `normal`: exact where a flat interface
-/// cuts a voxel. `C = M - f (1 - f) D n (n X n)^-1 n D`, M the mean, D the difference and X the exchanged mean.
-pub fn laminate(first: Isotropic, share: f64, second: Isotropic, normal: Vec3) -> Voigt {
-    let mean = first.mixed(share, second).stiffness();
-    let exchanged = second.mixed(share, first);
-    let acoustic = Mat3::identity() * exchanged.mu
-        + normal * normal.transpose() * (exchanged.lambda + exchanged.mu);
-    let Some(inverse) = acoustic.try_inverse() else {
-        return mean;
-    };
-    let (lambda, mu) = (first.lambda - second.lambda, first.mu - second.mu);
-    // D n for each Voigt component: the traction on the layers that a unit strain gives.
-    let traction = |column: usize| -> Vec3 {
-        let (i, j) = symmetric_index(column);
-        let unit = |a: usize| Vec3::ith(a, 1.0);
-        if i == j {
-            normal * lambda + unit(i) * (2.0 * mu * normal[i])
-        } else {
-            (unit(i) * normal[j] + unit(j) * normal[i]) * mu
-        }
-    };
-    let mut c = mean;
-    for i in 0..6 {
-        for j in 0..6 {
-            let correction = traction(i).dot(&(inverse * traction(j)));
-            c[i][j] -= share * (1.0 - share) * correction;
-        }
-    }
-    c
 }

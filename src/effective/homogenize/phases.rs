@@ -8,7 +8,6 @@ use super::HomogenizeError;
 use super::grid::Grid;
 use druse_cells::cell::Solid;
 use druse_geometry::field::cube_share;
-use druse_geometry::frame::Vec3;
 use rayon::prelude::*;
 
 /// Samples of a field over a period.
@@ -183,25 +182,6 @@ impl Samples {
     /// The share of solid in the whole period.
     pub fn volume_fraction(&self) -> f64 {
         mean(&self.shares())
-    }
-
-    /// The direction across the interface in a voxel: the mean slope, in reference lengths.
-    pub fn normal(&self, voxel: usize) -> Vec3 {
-        let [_, ny, nz] = self.grid.counts();
-        let at = [voxel / (ny * nz), voxel / nz % ny, voxel % nz];
-        let spacing = self.grid.spacing();
-        let mut sum = Vec3::zeros();
-        for p in self.parts(at) {
-            let slope = self.slope(p);
-            // The normals of both sides of a sheet are parallel.
-            let side = if self.solid.is_symmetric() && self.value(p) < 0.0 {
-                -1.0
-            } else {
-                1.0
-            };
-            sum += Vec3::from_fn(|a, _| side * slope[a] / spacing[a]);
-        }
-        sum
     }
 
     /// The level at which the solid has a given share of the period, by Newton steps within a bisection.

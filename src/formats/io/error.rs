@@ -242,9 +242,4 @@ impl WriteError {
             Self::Create { path, .. } | Self::Io { path, .. } | Self::Format { path, .. } => path,
         }
     }
-
-    /// Whether the reader of a pipe has closed it, which ends a program without a message.
-    pub fn is_broken_pipe(&self) -> bool {
-        matches!(self, Self::Io { error, .. } if error.kind() == io::ErrorKind::BrokenPipe)
-    }
 }
