@@ -11,7 +11,9 @@
 use super::error::FileError;
 use super::file::{CoarseReading, FileInfo, info};
 use super::volume::Volume;
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use rustix::process::{
+    Resource, Rlimit, Signal, getrlimit, set_parent_process_death_signal, setrlimit,
+};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fmt;
@@ -59,6 +61,8 @@ impl Limits {
         };
         limit(Resource::As, self.memory);
         limit(Resource::Core, 0);
+        // A killed parent keeps no time: the child ends with it.
+        let _ = set_parent_process_death_signal(Some(Signal::KILL));
     }
 
     /// Limits for a file of this size: 2 GiB plus 40 times its size, 10 s plus 1 s per 20 MB.
