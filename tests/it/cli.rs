@@ -224,16 +224,16 @@ fn wrappers_get_progress_as_lines() {
 }
 
 #[test]
-fn decisions_are_told_at_the_level_that_is_named() {
+fn decisions_are_shown_at_the_level_that_is_named() {
     let place = Place::with(BALL);
-    let told = |level: &[&str]| {
+    let shown = |level: &[&str]| {
         let output = place.run(&[&["run", "r.toml"], level].concat());
         text(&output.stderr).to_owned()
     };
-    let debug = told(&["--log=debug"]);
+    let debug = shown(&["--log=debug"]);
     assert!(debug.contains("debug: run in memory"), "{debug}");
     for level in [&[][..], &["--log=info"]] {
-        assert!(!told(level).contains("debug:"));
+        assert!(!shown(level).contains("debug:"));
     }
 }
 

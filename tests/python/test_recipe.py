@@ -117,8 +117,8 @@ def test_the_schema_is_that_of_the_program():
 def test_decisions_go_to_the_logger(caplog):
     with caplog.at_level(logging.DEBUG, logger="druse"):
         druse.run(BALL)
-    told = {r.name: r.getMessage() for r in caplog.records}
-    assert told["druse.run"] == "run in memory: the prediction fits", told
+    shown = {r.name: r.getMessage() for r in caplog.records}
+    assert shown["druse.run"] == "run in memory: the prediction fits", shown
 
 
 def test_unmet_requirements_are_logged(caplog):
