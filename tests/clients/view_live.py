@@ -223,6 +223,49 @@ def work(page, folder):
     return answered
 
 
+HIDDEN = """druse = 1
+unit = "mm"
+[cell.p]
+surface = "schwarz_p"
+volume_fraction = 0.3
+[scaffold]
+box = { size = [10, 10, 10], cell_size = 5 }
+[tiling]
+cell = "p"
+[band]
+voxel_size = 0.4
+[[op]]
+union = { skin = { mesh = "cube.stl", thickness = 1 } }
+"""
+
+
+def cube(path, edge):
+    """Writes a cube as .stl."""
+    faces = []
+    for a in range(3):
+        for side in (0, edge):
+            square = [(0, 0), (edge, 0), (edge, edge), (0, edge)][:: 1 if side else -1]
+            corner = [[p[(k - a) % 3] for k in range(3)] for p in ([side, *q] for q in square)]
+            faces += [(corner[0], corner[1], corner[2]), (corner[0], corner[2], corner[3])]
+    lines = ["facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in f) + "endloop\nendfacet\n" for f in faces]
+    path.write_text("solid cube\n" + "".join(lines) + "endsolid cube\n")
+
+
+def opens_cut(driver, druse, folder):
+    """A lattice under a skin is seen at once, without the edges of its scaffold; labels stand under their group."""
+    cube(folder / "cube.stl", 10)
+    (folder / "hidden.toml").write_text(HIDDEN)
+    server, address = start(druse, folder, "hidden.toml")
+    try:
+        page = Live(driver, address, None)
+        page.rest()
+        assert page.element("cut").is_selected() and not page.element("edges").is_selected()
+        groups = [g.text for g in driver.find_elements(By.CSS_SELECTOR, '[data-section="op.0"] .group')]
+        assert groups == ["skin"], groups
+    finally:
+        server.kill()
+
+
 def weight(address):
     """Bytes of the page without data."""
     return sum(len(urllib.request.urlopen(address + name).read()) for name in ["", "page.css", "page.js"])
@@ -254,6 +297,7 @@ def main():
             assert urls and not foreign, foreign
             urllib.request.urlopen(address + "quit", b"")
             assert server.wait(5) == 0
+            opens_cut(driver, druse, top)
         finally:
             driver.quit()
             server.kill()
