@@ -137,7 +137,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         let more = deck.skipped.len() - names.len();
         let names: Vec<_> = names.iter().map(|name| format!("*{name}")).collect();
         collector.notes.push(format!(
-            "{count} keywords that cannot change geometry are skipped: {}{}",
+            "keywords that cannot change geometry are skipped ({count} in all): {}{}",
             names.join(", "),
             if more > 0 {
                 format!(" and {more} others")

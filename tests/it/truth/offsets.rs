@@ -277,9 +277,4 @@ fn files_and_recipes_memory_and_bricks_agree() {
             "{op}"
         );
     }
-    // OpenVDB's filter on request.
-    let filtered = "[[op]]\ndilate = { distance = 1.3, scheme = \"openvdb\" }\n";
-    let own = hash(&file, filtered, None);
-    assert_ne!(own, hash(&file, "[[op]]\ndilate = 1.3\n", None));
-    assert_eq!(own, hash(&file, filtered, Some(1)));
 }

@@ -16,7 +16,7 @@ fn instances_are_moved_then_turned() {
     );
     // The second has the number 5 too.
     assert_eq!([0, 1].map(|e| file.scaffold.number(e)), [5, 15]);
-    assert!(file.notes[0].contains("P-2"), "{:?}", file.notes);
+    assert!(file.notes[1].contains("P-2"), "{:?}", file.notes);
 }
 
 fn deck() -> String {
