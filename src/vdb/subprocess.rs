@@ -25,6 +25,8 @@ use std::time::{Duration, Instant};
 
 /// Exit code of a child that runs out of memory.
 pub(crate) const EXIT_EXHAUSTED: u8 = 71;
+/// Exit code of a child that gets no thread, also before its own code runs.
+pub(crate) const EXIT_NO_THREADS: u8 = 74;
 
 /// Limits of the child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -300,6 +302,9 @@ fn run_child<T: Send>(
         Ok(Err(TransferError::Reported(error))) => Err(error),
         Ok(Err(TransferError::Broken(reason))) if status.success() => {
             Err(damaged(format!("its reader failed: {reason}")))
+        }
+        _ if status.code() == Some(i32::from(EXIT_NO_THREADS)) => {
+            Err(io(std::io::ErrorKind::WouldBlock.into()))
         }
         // The limit of this process, which the child has too, is less than what a sound file may need.
         _ if has_less_memory(limits) => Err(io(std::io::ErrorKind::OutOfMemory.into())),
