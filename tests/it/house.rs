@@ -22,17 +22,17 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 12550),
+    ("geometry", 12750),
     ("cells", 16550),
     ("tilings", 27850),
     ("effective", 7550),
     ("crystal", 7900),
-    ("formats", 19700),
+    ("formats", 19750),
     ("solids", 5450),
     ("vdb", 11400),
     ("recipe", 5550),
     ("pipeline", 22050),
-    ("cli", 14100),
+    ("cli", 14250),
     ("sequence", 300),
     ("python", 2450),
     ("", 1100),
