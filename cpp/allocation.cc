@@ -1,9 +1,25 @@
 // Allocations of the program: the linker puts these functions in the place of those of the C library (build.rs), for
 // the executable alone. An allocation that fails ends the program with words about memory.
+//
+// Libraries start threads before `main`: log4cplus, on which OpenVDB stands, four of them. What runs before the libraries
+// has the program end in words where it does not get them.
 #include <cerrno>
 #include <cstddef>
+#include <cstring>
 
 #include "exhaustion.h"
+
+namespace {
+
+void before_libraries(int count, char** arguments, char**) {
+  bool is_json = false;
+  for (int n = 1; n < count; ++n) is_json = is_json || std::strcmp(arguments[n], "--json") == 0;
+  druse::end_without_threads(is_json);
+}
+
+__attribute__((section(".preinit_array"), used)) void (*const preinit)(int, char**, char**) = before_libraries;
+
+}  // namespace
 
 extern "C" {
 

@@ -22,7 +22,7 @@ static void trycatch(Try&& attempt, Fail&& fail) noexcept {
   try {
     attempt();
   } catch (const std::exception& error) {
-    druse::end_if_failed(druse::is_exhaustion(error));
+    druse::end_if_exhausted(error);
     fail(error.what());
   } catch (...) {
     fail("unknown exception");
@@ -126,7 +126,7 @@ class Stream {
 
 // grid.cc: whole grids, and blocks
 void initialize();
-void end_on_exhaustion(rust::Str words, rust::Str json, std::int32_t code);
+void end_on_exhaustion(bool is_of_threads, rust::Str words, rust::Str json, std::int32_t code);
 std::unique_ptr<Grid> grid_new(double voxel_size, float background);
 std::unique_ptr<Grid> grid_copy(const Grid&);
 std::unique_ptr<Grid> grid_with_neighbours(const Grid&);

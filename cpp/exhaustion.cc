@@ -1,4 +1,4 @@
-// The end of the program when memory runs out: words that were set beforehand, and an exit code.
+// The end of the program when memory or threads run out: words that were set beforehand, and an exit code.
 //
 // Rust aborts where an allocation fails, and C++ throws where nothing may catch. The program's allocations pass through
 // allocation.cc, so that both end here instead. Nothing ends until `end_on_exhaustion` is called, which the program
@@ -17,6 +17,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <new>
+#include <string_view>
+#include <system_error>
 
 namespace {
 
@@ -25,7 +27,7 @@ struct Text {
   char bytes[2048];
   std::size_t count = 0;
 
-  void set(rust::Str text) {
+  void set(std::string_view text) {
     count = std::min(text.size(), sizeof bytes);
     std::memcpy(bytes, text.data(), count);
   }
@@ -41,17 +43,39 @@ struct Text {
   }
 };
 
-Text message, object;
-int exit_code = 0;
+// What the system refuses.
+enum class Cause { None, Memory, Threads };
+
+struct Ending {
+  Text message, object;
+  int exit_code = 0;
+};
+
+Ending of_memory, of_threads;
 std::atomic<bool> is_set{false};
 std::atomic_flag is_ending = ATOMIC_FLAG_INIT;
 
-[[noreturn]] void end() {
+[[noreturn]] void end(const Ending& ending) {
   // One thread writes; the others wait for the end of the process.
   while (is_ending.test_and_set()) pause();
-  message.write(STDERR_FILENO);
-  object.write(STDOUT_FILENO);
-  _exit(exit_code);
+  ending.message.write(STDERR_FILENO);
+  ending.object.write(STDOUT_FILENO);
+  _exit(ending.exit_code);
+}
+
+[[noreturn]] void end_without_memory() { end(of_memory); }
+
+Cause cause_of(const std::exception& error) {
+  if (dynamic_cast<const std::bad_alloc*>(&error)) return Cause::Memory;
+  const auto system = dynamic_cast<const std::system_error*>(&error);
+  const bool is_refused = system && system->code() == std::errc::resource_unavailable_try_again;
+  // TBB has no type for a thread that it does not get.
+  return is_refused || std::strstr(error.what(), "pthread_create") ? Cause::Threads : Cause::None;
+}
+
+void end_of(Cause cause) {
+  if (cause == Cause::Memory) end(of_memory);
+  if (cause == Cause::Threads) end(of_threads);
 }
 
 // An exception that nothing catches, such as that of an allocator of its own.
@@ -59,7 +83,7 @@ void end_or_abort() {
   try {
     if (const auto error = std::current_exception()) std::rethrow_exception(error);
   } catch (const std::exception& error) {
-    if (druse::is_exhaustion(error)) end();
+    end_of(cause_of(error));
   } catch (...) {
   }
   std::abort();
@@ -69,21 +93,34 @@ void end_or_abort() {
 
 namespace druse {
 
-bool is_exhaustion(const std::exception& error) {
-  // TBB has no type for a thread that it does not get.
-  return dynamic_cast<const std::bad_alloc*>(&error) || std::strstr(error.what(), "pthread_create");
+void end_if_exhausted(const std::exception& error) {
+  if (is_set.load(std::memory_order_acquire)) end_of(cause_of(error));
 }
 
 void end_if_failed(bool has_failed) {
-  if (has_failed && is_set.load(std::memory_order_acquire)) end();
+  if (has_failed && is_set.load(std::memory_order_acquire)) end(of_memory);
 }
 
-void end_on_exhaustion(rust::Str words, rust::Str json, std::int32_t code) {
-  message.set(words);
-  object.set(json);
-  exit_code = code;
+void end_without_threads(bool is_json) {
+  of_threads.message.set(
+      "error: not enough threads: the system grants the program no more\n"
+      "  hint: a higher limit of processes and threads (ulimit -u)\n");
+  if (is_json) {
+    of_threads.object.set(
+        "{\"code\":74,\"message\":\"not enough threads: the system grants the program no more\",\"file\":null,"
+        "\"line\":null,\"element\":null,\"hint\":\"a higher limit of processes and threads (ulimit -u)\"}\n");
+  }
+  of_threads.exit_code = 74;
+  std::set_terminate(end_or_abort);
+}
+
+void end_on_exhaustion(bool is_of_threads, rust::Str words, rust::Str json, std::int32_t code) {
+  Ending& ending = is_of_threads ? of_threads : of_memory;
+  ending.message.set({words.data(), words.size()});
+  ending.object.set({json.data(), json.size()});
+  ending.exit_code = code;
   is_set.store(true, std::memory_order_release);
-  std::set_new_handler(end);
+  std::set_new_handler(end_without_memory);
   std::set_terminate(end_or_abort);
   // Each thread reserves 64 MiB of addresses for its allocations, and tries again at each of them where it gets none.
   rlimit limit{};

@@ -175,7 +175,7 @@ pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option
     }
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let json = arguments.iter().any(|a| a == "--json");
-    Failure::exhausted().print_on_exhaustion(None);
+    Failure::print_on_exhaustion(None);
     let cli = match Cli::try_parse_from(&arguments) {
         Ok(cli) => cli,
         Err(e) => {
@@ -193,7 +193,7 @@ pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option
     match command {
         // Its parent has the words for it.
         Command::InspectVdb(_) => vdb::end_reader_on_exhaustion(),
-        _ => Failure::exhausted().print_on_exhaustion(Some(&session)),
+        _ => Failure::print_on_exhaustion(Some(&session)),
     }
     let answered = match session.color_grid() {
         Some(word) if !matches!(command, Command::Preview(_)) => Ok(Err(Failure::usage(format!(

@@ -110,7 +110,7 @@ pub use index_map::IndexMap;
 pub use leaves::{LeafView, Leaves, TileView};
 pub use level_set_file::LevelSetFile;
 pub use measures::Measures;
-pub(crate) use memory::end_on_exhaustion;
+pub(crate) use memory::{Exhausted, end_on_exhaustion};
 #[doc(hidden)]
 pub use memory::{peak_memory, resident_memory};
 pub use on_disk::{StoredRemoval, StoredSegments};

@@ -32,6 +32,7 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
+    p.layers.require_writable()?;
     let kinds = [FileKind::Mesh, FileKind::Scaffold, FileKind::Vdb];
     match FileKind::of(&p.file, &kinds)? {
         FileKind::Vdb => level_sets(p, &threads, session),

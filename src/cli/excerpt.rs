@@ -1,5 +1,10 @@
 //! Excerpts of a user's file in error messages, cut to a fixed length.
 
+use std::borrow::Cow;
+use std::fmt::Write;
+
+/// Digits of a number beyond which it gets an exponent.
+const MAX_DIGITS: usize = 40;
 /// Maximum number of characters shown of a line.
 const MAX_LINE_CHARS: usize = 200;
 /// Maximum number of characters of a message that quotes the file.
@@ -42,9 +47,50 @@ pub(super) fn short(message: &str) -> String {
     format!("{head} ... {end}")
 }
 
+/// A text whose numbers of very many digits have an exponent instead, as in 1e308.
+pub(super) fn short_numbers(text: &str) -> Cow<'_, str> {
+    let mut out = String::new();
+    let mut kept = 0;
+    let mut rest = text;
+    while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
+        let from = &rest[start..];
+        let length = from.find(|c: char| !c.is_ascii_digit() && c != '.');
+        let number = &from[..length.unwrap_or(from.len())];
+        rest = &from[number.len()..];
+        // A full stop may end the sentence.
+        let number = number.trim_end_matches('.');
+        let at = text.len() - from.len();
+        if number.len() > MAX_DIGITS
+            && let Ok(value) = number.parse::<f64>()
+            && value.is_finite()
+        {
+            out.push_str(&text[kept..at]);
+            let _ = write!(out, "{value:e}");
+            kept = at + number.len();
+        }
+    }
+    if kept == 0 {
+        return Cow::Borrowed(text);
+    }
+    out.push_str(&text[kept..]);
+    Cow::Owned(out)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_of_many_digits_get_an_exponent() {
+        let text = format!("found {}, {} and 12.5; expected {}.", 1e308, -1e-300, 2e60);
+        assert_eq!(
+            short_numbers(&text),
+            "found 1e308, -1e-300 and 12.5; expected 2e60."
+        );
+        for plain in ["0.1 of 3.", "", "v 1.2.3", &"9".repeat(400)] {
+            assert_eq!(short_numbers(plain), plain);
+        }
+    }
 
     #[test]
     fn long_lines_are_cut_around_the_column() {

@@ -6,8 +6,9 @@ use crate::io::{ErrorClass, ReadError, WriteError};
 use crate::pipeline::RunError;
 use crate::polymesh::ScriptError;
 use crate::recipe::{Place, RecipeError, RecipeFault};
-use crate::vdb::{FileError, VdbError};
+use crate::vdb::{Exhausted, FileError, VdbError};
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::io::{ErrorKind, Write};
 use std::sync::Mutex;
@@ -126,7 +127,7 @@ impl Failure {
     pub(super) fn bug() -> Self {
         let panic = PANIC.lock().ok().and_then(|mut p| p.take());
         if panic.as_deref().is_some_and(exhausted::is_panic) {
-            return Self::exhausted();
+            return Self::exhausted(Exhausted::Threads);
         }
         Self {
             code: EXIT_BUG,
@@ -177,7 +178,7 @@ impl Failure {
     fn json(&self) -> Value {
         json!({
             "code": self.code,
-            "message": self.message,
+            "message": excerpt::short_numbers(&self.message),
             "file": self.file,
             "line": self.line,
             "element": self.element,
@@ -193,7 +194,8 @@ impl Failure {
                 text.to_owned()
             }
         };
-        let message = terminal::message(&self.message);
+        let message = excerpt::short_numbers(&self.message);
+        let message = terminal::message(&message);
         let mut block = format!("{}: {message}\n", paint("1;31", "error"));
         if let Some(file) = self.file.as_deref().map(terminal::line) {
             let place = [self.line, self.column]
@@ -232,9 +234,18 @@ impl Failure {
 pub(super) fn usage(error: &clap::Error, json: bool) -> u8 {
     let code = error.exit_code() as u8;
     let plain = error.render().to_string();
-    let _ = error.print();
+    let shown = excerpt::short_numbers(&plain);
+    let printed = match &shown {
+        Cow::Owned(text) => write!(std::io::stderr(), "{text}"),
+        Cow::Borrowed(_) => error.print(),
+    };
+    let printed = printed.and_then(|()| std::io::stdout().flush());
+    // Help that nowhere can be written is no help; a closed pipe is no error.
+    if code == 0 && printed.is_err_and(|e| e.kind() != ErrorKind::BrokenPipe) {
+        return EXIT_IO;
+    }
     if json && code != 0 {
-        let message = plain
+        let message = shown
             .lines()
             .next()
             .unwrap_or("")
@@ -319,10 +330,16 @@ impl From<FileError> for Failure {
         let (message, hint) = (e.to_string(), e.hint());
         let (code, file) = match e {
             FileError::Cancelled(_) => return Self::stopped(130),
-            FileError::Io { path, source } if exhausted::is_cause(&source) => {
+            // Threads are missing for any file.
+            FileError::Io { source, .. }
+                if exhausted::cause(&source) == Some(Exhausted::Threads) =>
+            {
+                return Self::exhausted(Exhausted::Threads);
+            }
+            FileError::Io { path, source } if exhausted::cause(&source).is_some() => {
                 return Self {
                     file: Some(path.display().to_string()),
-                    ..Self::exhausted()
+                    ..Self::exhausted(Exhausted::Memory)
                 };
             }
             FileError::Io { path, source } if source.kind() == ErrorKind::NotFound => {
@@ -425,7 +442,7 @@ impl From<RunError> for Failure {
                 Some("restore these files, or name their folder with --from DIR".into()),
             ),
             RunError::Overwrite(_) => (EXIT_CREATE, Some("name it otherwise, or use --out DIR".into())),
-            RunError::Threads(_) => (EXIT_IO, Some(exhausted::HINT.into())),
+            RunError::Threads(_) => (EXIT_IO, Some(exhausted::THREADS_HINT.into())),
             RunError::Outside { .. } => (
                 EXIT_CREATE,
                 Some("the recipe must name it within that folder, as in part.vdb or sub/part.vdb".into()),

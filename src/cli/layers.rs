@@ -69,6 +69,11 @@ impl Parameters {
         Ok(Some(section))
     }
 
+    /// Refuses a plot that cannot be written, before the work.
+    pub(super) fn require_writable(&self) -> Result<(), Failure> {
+        Ok(self.plot.as_ref().map_or(Ok(()), require_writable)?)
+    }
+
     /// Measures the layers of a level set; the result as text and as an object.
     pub(super) fn list(
         &self,
@@ -79,7 +84,6 @@ impl Parameters {
         let Some(section) = self.section()? else {
             return Ok(None);
         };
-        self.plot.as_ref().map_or(Ok(()), require_writable)?;
         let unit = length_unit(path, unit)?;
         let found = level_set_layers((&section, unit), (solid, unit), threads, progress)?;
         let facts = json!(found);

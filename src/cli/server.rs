@@ -7,6 +7,7 @@
 
 use super::context::Session;
 use super::failure::Failure;
+use crate::vdb::Exhausted;
 use request::{Guard, Refusal, read_request};
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -185,7 +186,7 @@ impl Server {
             let is_closed = Arc::clone(&is_closed);
             std::thread::Builder::new()
                 .spawn(move || accept(&self.listener, &self.guard, &requests, &is_closed))
-                .map_err(|_| Failure::exhausted())?
+                .map_err(|_| Failure::exhausted(Exhausted::Threads))?
         };
         let ended = loop {
             if session.signals.stopped() {

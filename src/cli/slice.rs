@@ -15,7 +15,7 @@ use crate::slice::{Layer, cli_head, cli_layer, cli_tail, grey_png, svg_head, svg
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Args, Clone)]
 pub(super) struct Parameters {
@@ -137,7 +137,8 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let to_mm = recipe.unit().to(LengthUnit::Millimetre);
     let mut bytes = 0;
     let sliced = if format == Format::Png {
-        slice(&recipe, &options, &how, session, |s, n, layer| {
+        let mut pictures = Pictures::in_folder(&p.output);
+        let sliced = slice(&recipe, &options, &how, session, |s, n, layer| {
             if n == 0 {
                 require_directory(&p.output)?;
             }
@@ -146,8 +147,11 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
                 .map_err(|e| RunError::Empty(format!("encoding a picture: {e}")))?;
             let path = p.output.join(format!("{:05}.png", n + 1));
             bytes += write_bytes(&path, &png)?;
+            pictures.files.push(path);
             Ok::<(), Failure>(())
-        })?
+        })?;
+        pictures.keep();
+        sliced
     } else if format == Format::ThreeMf {
         let mut file = AtomicFile::create_seekable(&p.output)?;
         let sliced = stack(&mut file, p, |take| {
@@ -177,6 +181,39 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         sliced
     };
     Ok(report_answer(p, &sliced, bytes))
+}
+
+/// The pictures of a stack, which go with the folder made for them unless the whole stack is kept.
+struct Pictures<'a> {
+    folder: &'a Path,
+    is_new: bool,
+    files: Vec<PathBuf>,
+}
+
+impl<'a> Pictures<'a> {
+    fn in_folder(folder: &'a Path) -> Self {
+        Self {
+            folder,
+            is_new: !folder.exists(),
+            files: Vec::new(),
+        }
+    }
+
+    fn keep(mut self) {
+        self.files.clear();
+        self.is_new = false;
+    }
+}
+
+impl Drop for Pictures<'_> {
+    fn drop(&mut self) {
+        for file in &self.files {
+            let _ = std::fs::remove_file(file);
+        }
+        if self.is_new {
+            let _ = std::fs::remove_dir(self.folder);
+        }
+    }
 }
 
 /// Writes a slice stack in millimetres; `cut` passes the layers to its argument.

@@ -4,7 +4,9 @@ use super::context::Session;
 use super::failure::Failure;
 use crate::vdb;
 use crate::vdb::subprocess::Program;
-use crate::vdb::{Adopted, CoarseReading, Cubes, FileError, FileInfo, GridReading, subprocess};
+use crate::vdb::{
+    Adopted, CoarseReading, Cubes, Exhausted, FileError, FileInfo, GridReading, subprocess,
+};
 use clap::{Args, ValueEnum};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -78,9 +80,14 @@ pub(super) fn reader() -> Result<Program, Failure> {
     })
 }
 
-/// Has the child end with an exit code of its own once memory runs out.
+/// Has the child end with exit codes of their own once memory or threads run out.
 pub(super) fn end_reader_on_exhaustion() {
-    vdb::end_on_exhaustion("", "", subprocess::EXIT_EXHAUSTED);
+    for (cause, code) in [
+        (Exhausted::Memory, subprocess::EXIT_EXHAUSTED),
+        (Exhausted::Threads, subprocess::EXIT_NO_THREADS),
+    ] {
+        vdb::end_on_exhaustion(cause, "", "", code);
+    }
 }
 
 /// The contents of a file, read by a child.

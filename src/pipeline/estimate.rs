@@ -15,7 +15,7 @@ use super::field::offsets::predicted_offsets;
 use super::measure::thickness::TARGET_POINTS;
 use super::ops::voxels::Voxels;
 use crate::band::{Band, ClosestPointField, Sampling};
-use crate::frame::Transform;
+use crate::frame::{Transform, Vec3};
 use crate::pipeline::content::tiling::Content;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{GridWord, Op, Output, OutputKind, Scale};
@@ -268,7 +268,8 @@ fn field_counts(
     let extent = shape_with(inputs, scale, predicted_offsets(inputs).for_estimate())?.extent;
     let edges = extent.size() / scale.voxel_size;
     let voxels: f64 = edges.iter().map(|e| e.max(1.0)).product();
-    let level = ((voxels / max_voxels).log2() / 3.0).ceil().max(0.0) as i32;
+    let half_width = inputs.recipe.sections().band.half_width.0;
+    let level = sampling_level(edges, half_width, max_voxels);
     let finest = Counts {
         extent_blocks: voxels / 128f64.powi(3),
         ..counts_at_level(inputs, threads, progress, level)?
@@ -289,6 +290,20 @@ fn field_counts(
         points: finest.points * 4f64.powi(level),
         ..finest
     })
+}
+
+/// The least power of two by which voxels grow so that the leaves around a box of so many of them have at most
+/// `max_voxels`: a needle has few voxels inside, and a band around it that is wider than it.
+fn sampling_level(edges: Vec3, half_width: f64, max_voxels: f64) -> i32 {
+    let least = 2.0 * half_width + 8.0;
+    let visited = |level: i32| -> f64 {
+        let edges = edges.iter().map(|e| (e / 2f64.powi(level)).max(least));
+        edges.product()
+    };
+    // Coordinates have an end: after so many levels any box is a few leaves.
+    (0..128)
+        .find(|&level| visited(level) <= max_voxels)
+        .unwrap_or(128)
 }
 
 /// Counts after the operations that resample.
@@ -498,4 +513,24 @@ pub(super) fn picture_bytes(inputs: &Inputs) -> f64 {
     pictures
         .map(|o| pixels(o) * PIXEL_BYTES)
         .fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cubes and plates as before; the leaves along a needle are bounded, too.
+    #[test]
+    fn a_sampling_visits_no_more_voxels_than_it_may() {
+        for (edges, level) in [
+            ([100.0, 100.0, 100.0], 0),
+            ([1000.0, 1000.0, 1000.0], 1),
+            ([4000.0, 4000.0, 20.0], 1),
+            ([1e9, 10.0, 10.0], 11),
+            ([1e18, 1e18, 1e18], 51),
+        ] {
+            let found = sampling_level(Vec3::from(edges), 3.0, FINE_SAMPLING_VOXELS);
+            assert_eq!(found, level, "{edges:?}");
+        }
+    }
 }

@@ -120,13 +120,12 @@ pub fn run_keeping_solid(
 
     refuse_torn(context, &inputs, &solid, Region::EVERYWHERE)?;
     timer.end_stage("check")?;
-    let needs_mesh = !options.brief || outputs.needs_mesh();
     let mesh = measure(
         context,
         &inputs,
         &solid,
         &mut measured,
-        (needs_mesh, !options.brief),
+        !options.brief,
         &mut timer,
     )?;
     let info = solid.info().map_err(RunError::level_set("counting"))?;
@@ -141,16 +140,15 @@ pub fn run_keeping_solid(
         voxels_evaluated: stats.samples_evaluated,
         ..BandReport::default()
     };
-    let measured_mesh = mesh.as_ref().filter(|_| outputs.needs_thickness());
-    let thickness = measured_mesh.map(|mesh| {
-        let thickness =
-            Thickness::of_mesh(context, mesh, SolidGeometry::of(context, &solid, mesh)?)?;
+    let thickness = outputs.needs_thickness().then(|| {
+        let geometry = SolidGeometry::of(context, &solid, &mesh)?;
+        let thickness = Thickness::of_mesh(context, &mesh, geometry)?;
         timer.end_stage("thickness")?;
         Ok::<_, RunError>(thickness)
     });
     let thickness = thickness.transpose()?;
     // A mesh that no output writes has served its purpose; its memory is freed.
-    let mesh = mesh.filter(|_| outputs.writes_meshes());
+    let mesh = Some(mesh).filter(|_| outputs.writes_meshes());
     let finished = output::FinishedSolid {
         inputs: &inputs,
         solid: &solid,

@@ -104,6 +104,12 @@ pub struct Mesher<'a> {
 /// Magnitude of values that count as zero, voxels: what single precision leaves of it.
 const ZERO_MAGNITUDE: f64 = 1e-6;
 
+/// The value below which a voxel lies inside, for voxels of this edge: what is nearer to 0 is the rounding of a face in a
+/// plane of voxels, and outside. What counts the bodies of a mesh counts by it, too.
+pub fn inside_below(voxel_size: f64) -> f32 {
+    -(ZERO_MAGNITUDE * voxel_size) as f32
+}
+
 impl<'a> Mesher<'a> {
     /// A mesher for the lattice of a transform.
     pub fn new(transform: Transform) -> Self {
@@ -190,7 +196,7 @@ impl<'a> Mesher<'a> {
         } else {
             vertex_position::margin(max_coordinate / self.voxel_size)
         };
-        let threshold = -(ZERO_MAGNITUDE * self.voxel_size) as f32;
+        let threshold = inside_below(self.voxel_size);
         let crossed = edge_vertices::CrossedEdges::new(leaves, (region, threshold), progress)?;
         let vertices = vertex_position::vertices(&crossed, self, margin, progress)?;
         let triangles = cells::triangles(&crossed, &vertices, progress)?;

@@ -250,6 +250,12 @@ impl Field for SampledLevelSet {
         )
     }
 
+    /// Solids that touch in a plane of voxels were merged when they were sampled. What still parts them is a gap, and to
+    /// read a file changes nothing.
+    fn may_touch(&self) -> bool {
+        false
+    }
+
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let points: Vec<Vec3> = (0..lattice.len()).map(|n| lattice.point(n).0).collect();
         self.samples(&points, out);

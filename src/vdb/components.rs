@@ -1,6 +1,7 @@
 //! Connected components of the solid, and of the space around it.
 //!
-//! Two voxels are connected if they share a face and are both inside (distance < 0). Leaves are split into
+//! Two voxels are connected if they share a face and are both inside, as the mesher sees it: a distance that is only the
+//! rounding of 0 is outside. Leaves are split into
 //! parts by bit operations; parts and tiles are then united over faces. Solids are counted, not surfaces: a
 //! hollow sphere is one component with one void. A component that is nowhere deeper than a thousandth of a
 //! voxel is rounding and does not count.
@@ -10,7 +11,9 @@ use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::LeafView;
 use super::{LevelSet, Session};
 use crate::frame::Coord;
+use crate::mesher::inside_below;
 use crate::progress::Cancelled;
+use crate::simd::bits_below;
 use crate::union_find::UnionFind;
 use druse_solids::voxel_mask;
 use druse_solids::voxel_mask::Bits;
@@ -33,9 +36,9 @@ pub struct Component {
 /// The side of the surface whose components are found.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Side {
-    /// Distance < 0.
+    /// Distance < 0, but for rounding.
     Solid,
-    /// Distance >= 0, including tiles and the unbounded outside.
+    /// All others, including tiles and the unbounded outside.
     Void,
 }
 
@@ -52,9 +55,9 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// The connected parts of a leaf on a side.
-    pub fn all_of(leaf: &LeafView<'_>, side: Side) -> Vec<Self> {
-        let negative = voxel_mask::negative(leaf.values);
+    /// The connected parts of a leaf, of voxels of this edge, on a side.
+    pub fn all_of(leaf: &LeafView<'_>, side: Side, voxel_size: f64) -> Vec<Self> {
+        let negative = bits_below(leaf.values, inside_below(voxel_size));
         let set = match side {
             Side::Solid => negative,
             Side::Void => negative.map(|w| !w),
@@ -218,7 +221,7 @@ impl Components {
                     if progress.cancelled() {
                         return Err(Cancelled);
                     }
-                    Ok(Part::all_of(leaf, side))
+                    Ok(Part::all_of(leaf, side, voxel_size))
                 })
                 .collect::<Result<_, _>>()
         })?;

@@ -164,8 +164,9 @@ mod bridge {
 
         /// Registers the grid types; may be called again.
         fn initialize() -> Result<()>;
-        /// Once memory runs out, writes `words` to stderr and `json` to stdout, and ends the process. For a program.
-        fn end_on_exhaustion(words: &str, json: &str, code: i32);
+        /// Once memory (or threads) run out, writes `words` to stderr and `json` to stdout, and ends the process. For a
+        /// program.
+        fn end_on_exhaustion(is_of_threads: bool, words: &str, json: &str, code: i32);
         /// An empty level set; world units.
         fn grid_new(voxel_size: f64, background: f32) -> Result<UniquePtr<Grid>>;
         fn grid_copy(grid: &Grid) -> Result<UniquePtr<Grid>>;

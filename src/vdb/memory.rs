@@ -1,9 +1,17 @@
 //! Memory of the process, including allocations of C++.
 
-/// Ends the process once memory runs out, in Rust or C++, with `words` on stderr, `json` on stdout and an exit code, where
-/// Rust would abort it. For a program that is the process: allocations of Rust end so only in the executable `druse`.
-pub(crate) fn end_on_exhaustion(words: &str, json: &str, code: u8) {
-    super::ffi::end_on_exhaustion(words, json, i32::from(code));
+/// What the system refuses to a program.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Exhausted {
+    Memory,
+    Threads,
+}
+
+/// Ends the process once memory or threads run out, in Rust or C++, with `words` on stderr, `json` on stdout and an exit
+/// code, where Rust would abort it. For a program that is the process: allocations of Rust end so only in the executable
+/// `druse`.
+pub(crate) fn end_on_exhaustion(cause: Exhausted, words: &str, json: &str, code: u8) {
+    super::ffi::end_on_exhaustion(cause == Exhausted::Threads, words, json, i32::from(code));
 }
 
 /// Peak memory of the process, bytes; `None` if the system does not report it.

@@ -63,7 +63,7 @@ impl StoredComponents {
                         return Err(StoreError::from(Cancelled));
                     }
                     progress.advance(1);
-                    Ok(label(store, origin, side)?)
+                    Ok(label(store, origin, (side, voxel_size))?)
                 });
                 found.collect::<Result<Vec<_>, StoreError>>()
             })?;

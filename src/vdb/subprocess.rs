@@ -28,6 +28,8 @@ use std::time::{Duration, Instant};
 
 /// Exit code of a child that runs out of memory.
 pub(crate) const EXIT_EXHAUSTED: u8 = 71;
+/// Exit code of a child that gets no thread, also before its own code runs.
+pub(crate) const EXIT_NO_THREADS: u8 = 74;
 
 /// Limits of the child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -318,6 +320,9 @@ fn run_child(
             Err(damaged(format!("reading it took more than {seconds} s")))
         }
         Some(status) if status.success() => Ok(text.ok().and_then(Result::ok).unwrap_or_default()),
+        Some(status) if status.code() == Some(i32::from(EXIT_NO_THREADS)) => {
+            Err(io(std::io::ErrorKind::WouldBlock.into()))
+        }
         // The limit of this process, which the child has too, is less than what a sound file may need.
         Some(_) if has_less_memory(limits) => Err(io(std::io::ErrorKind::OutOfMemory.into())),
         Some(status) => Err(damaged(exit_reason(status, limits))),

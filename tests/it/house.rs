@@ -22,17 +22,17 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 12550),
+    ("geometry", 12750),
     ("cells", 16550),
     ("tilings", 27850),
     ("effective", 7450),
     ("crystal", 7900),
-    ("formats", 19650),
+    ("formats", 19700),
     ("solids", 5450),
     ("vdb", 11150),
     ("recipe", 5500),
     ("pipeline", 22050),
-    ("cli", 14200),
+    ("cli", 14350),
     ("sequence", 300),
     ("python", 2450),
     ("", 1100),

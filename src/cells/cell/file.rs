@@ -73,11 +73,12 @@ fn solid<'de, D: Deserializer<'de>>(d: D) -> Result<Solid, D::Error> {
 
 fn gamma<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     let found = Option::<f64>::deserialize(d)?;
-    if found.is_none_or(|g| g > 0.0 && is_in_range(g)) {
+    // Functions are divided by it.
+    if found.is_none_or(|g| g > 0.0 && is_in_range(g) && is_in_range(g.recip())) {
         return Ok(found);
     }
     Err(D::Error::custom(format!(
-        "gamma is {}; expected a positive number below 1e18",
+        "gamma is {}; expected a number between 1e-18 and 1e18",
         found.unwrap_or_default()
     )))
 }

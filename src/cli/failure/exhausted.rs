@@ -3,44 +3,59 @@
 use super::{EXIT_IO, Failure};
 use crate::cli::context::Session;
 use crate::cli::terminal;
+use crate::vdb::Exhausted;
 use std::io::ErrorKind;
 
-/// What helps where memory or threads run out.
-pub(super) const HINT: &str = "larger voxels, a run in bricks (--bricks N or --memory SIZE), fewer --threads, or a \
-                               higher limit of the process (ulimit -v, ulimit -u)";
+/// What helps where memory runs out.
+const MEMORY_HINT: &str = "larger voxels, a run in bricks (--bricks N or --memory SIZE), fewer --threads, or a \
+                           higher limit of the process (ulimit -v)";
+/// What helps where threads run out: their number is limited, and the memory of their stacks.
+pub(super) const THREADS_HINT: &str = "fewer --threads, or a higher limit of processes and threads (ulimit -u) or of \
+                                       memory (ulimit -v)";
 /// Removes the progress bar from a terminal.
 const CLEAR_LINE: &str = "\r\x1b[2K";
 
 impl Failure {
     /// An allocation, or a thread, that the system refuses.
-    pub(in crate::cli) fn exhausted() -> Self {
+    pub(in crate::cli) fn exhausted(cause: Exhausted) -> Self {
+        let (what, hint) = match cause {
+            Exhausted::Memory => ("memory", MEMORY_HINT),
+            Exhausted::Threads => ("threads", THREADS_HINT),
+        };
         Self {
             code: EXIT_IO,
-            message: "not enough memory: the system grants the program no more".into(),
-            hint: Some(HINT.into()),
+            message: format!("not enough {what}: the system grants the program no more"),
+            hint: Some(hint.into()),
             ..Self::default()
         }
     }
 
-    /// Has this failure printed, and the program ended with its code, once memory runs out: nothing can be allocated for
-    /// it then. Without a session it is printed plain.
-    pub(in crate::cli) fn print_on_exhaustion(&self, session: Option<&Session>) {
-        let mut words = self.block(session.is_some_and(Session::colored));
-        if session.is_some_and(Session::shows_bar) {
-            words.insert_str(0, CLEAR_LINE);
+    /// Has these failures printed, and the program ended with their code, once memory or threads run out: nothing can be
+    /// allocated for it then. Without a session they are printed plain.
+    pub(in crate::cli) fn print_on_exhaustion(session: Option<&Session>) {
+        for cause in [Exhausted::Memory, Exhausted::Threads] {
+            let failure = Self::exhausted(cause);
+            let mut words = failure.block(session.is_some_and(Session::colored));
+            if session.is_some_and(Session::shows_bar) {
+                words.insert_str(0, CLEAR_LINE);
+            }
+            let json = if session.is_some_and(Session::json) {
+                format!("{}\n", terminal::json(&failure.json()))
+            } else {
+                String::new()
+            };
+            crate::vdb::end_on_exhaustion(cause, &words, &json, failure.code);
         }
-        let json = if session.is_some_and(Session::json) {
-            format!("{}\n", terminal::json(&self.json()))
-        } else {
-            String::new()
-        };
-        crate::vdb::end_on_exhaustion(&words, &json, self.code);
     }
 }
 
-/// Whether the system has no memory, or no thread or process, to give.
-pub(super) fn is_cause(e: &std::io::Error) -> bool {
-    matches!(e.kind(), ErrorKind::OutOfMemory | ErrorKind::WouldBlock)
+/// What the system has none of to give, if that is the cause of an error.
+pub(super) fn cause(e: &std::io::Error) -> Option<Exhausted> {
+    match e.kind() {
+        ErrorKind::OutOfMemory => Some(Exhausted::Memory),
+        ErrorKind::WouldBlock => Some(Exhausted::Threads),
+        _ => None,
+    }
 }
 
 /// Whether a panic comes of a thread that the system refuses.

@@ -7,6 +7,7 @@ use crate::cli::context::Session;
 use crate::cli::failure::Failure;
 use crate::cli::output::Answer;
 use crate::cli::server::{Method, Refused, Reply, Request, Server};
+use crate::vdb::Exhausted;
 use serde_json::json;
 use std::sync::Arc;
 use std::thread::{Builder, Scope};
@@ -30,7 +31,7 @@ pub(super) fn serve(p: &Parameters, session: &Session) -> Result<Answer, Failure
     let served = std::thread::scope(|scope| {
         Builder::new()
             .spawn_scoped(scope, || work.run())
-            .map_err(|_| Failure::exhausted())?;
+            .map_err(|_| Failure::exhausted(Exhausted::Threads))?;
         let served = server.serve(session, |request| answer(request, &work, scope));
         work.stop();
         served

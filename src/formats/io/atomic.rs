@@ -37,6 +37,9 @@ pub struct AtomicFile {
     sink: Sink,
     needed: Option<u64>,
     written: u64,
+    /// The first error of writing. What follows is dropped: writers that end their format when they are dropped (zip)
+    /// would meet, and print, further errors.
+    fault: Option<(io::ErrorKind, String)>,
 }
 
 impl AtomicFile {
@@ -63,6 +66,7 @@ impl AtomicFile {
             sink,
             needed: None,
             written: 0,
+            fault: None,
         })
     }
 
@@ -89,10 +93,30 @@ impl AtomicFile {
     pub fn failed(&self, error: io::Error) -> WriteError {
         WriteError::Io {
             path: self.shown.clone(),
-            written: self.written,
+            written: self.stored(),
             needed: self.needed,
             error: plain(error),
         }
+    }
+
+    /// The bytes that the system has taken, without those that still wait in memory.
+    fn stored(&self) -> u64 {
+        match &self.sink {
+            Sink::Staged(file, _) => file.get_ref().as_file().metadata().map_or(0, |m| m.len()),
+            Sink::Direct(file) => self.written - file.buffer().len() as u64,
+        }
+    }
+
+    /// Keeps the first error of a result.
+    fn noted<T>(&mut self, result: io::Result<T>) -> io::Result<T> {
+        result.map_err(|e| {
+            let e = plain(e);
+            // A write that a signal interrupts is repeated.
+            if e.kind() != io::ErrorKind::Interrupted {
+                self.fault = Some((e.kind(), e.to_string()));
+            }
+            e
+        })
     }
 
     /// Completes the file under its name; returns its size in bytes.
@@ -115,12 +139,17 @@ impl AtomicFile {
         mut self,
         persist: impl FnOnce(NamedTempFile, &Path) -> Result<File, PersistError>,
     ) -> Result<u64, WriteError> {
-        self.flush().map_err(|e| self.failed(e))?;
+        let flushed = match self.fault.take() {
+            Some((kind, text)) => Err(io::Error::new(kind, text)),
+            None => self.flush(),
+        };
+        flushed.map_err(|e| self.failed(e))?;
+        let written = self.stored();
         let Self {
             shown,
             sink,
             needed,
-            written,
+            ..
         } = self;
         let failed = |error| WriteError::Io {
             path: shown.clone(),
@@ -147,28 +176,40 @@ impl AtomicFile {
 
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let n = match &mut self.sink {
-            Sink::Staged(file, _) => file.write(bytes).map_err(plain),
+        if self.fault.is_some() {
+            return Ok(bytes.len());
+        }
+        let result = match &mut self.sink {
+            Sink::Staged(file, _) => file.write(bytes),
             Sink::Direct(file) => file.write(bytes),
-        }?;
+        };
+        let n = self.noted(result)?;
         self.written += n as u64;
         Ok(n)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        match &mut self.sink {
-            Sink::Staged(file, _) => file.flush().map_err(plain),
-            Sink::Direct(file) => file.flush(),
+        if self.fault.is_some() {
+            return Ok(());
         }
+        let result = match &mut self.sink {
+            Sink::Staged(file, _) => file.flush(),
+            Sink::Direct(file) => file.flush(),
+        };
+        self.noted(result)
     }
 }
 
 impl Seek for AtomicFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        match &mut self.sink {
+        if self.fault.is_some() {
+            return Ok(0);
+        }
+        let result = match &mut self.sink {
             Sink::Staged(file, _) => file.seek(to),
             Sink::Direct(_) => Err(io::ErrorKind::NotSeekable.into()),
-        }
+        };
+        self.noted(result)
     }
 }
 

@@ -98,23 +98,55 @@ fn segment_meets_triangle([p, q]: [Vec3; 2], sides: [i8; 2], t: &[Vec3; 3]) -> b
     s.iter().all(|&x| x >= 0) || s.iter().all(|&x| x <= 0)
 }
 
-/// Whether a plane along a side of `t`, at right angles to `t`, separates the triangles beyond doubt: in rounded
-/// arithmetic, since exact signs of thousands of triangles in one plane would take long.
+/// The extent of a triangle along a direction, in rounded arithmetic: exact signs of thousands of triangles in one plane,
+/// or in planes side by side, would take long.
+pub(crate) struct Extent {
+    origin: Vec3,
+    direction: Vec3,
+    ends: [f64; 2],
+    size: f64,
+}
+
+impl Extent {
+    fn of(t: &[Vec3; 3], direction: Vec3) -> Self {
+        let mut extent = Self {
+            origin: t[0],
+            direction,
+            ends: [0.0; 2],
+            size: 0.0,
+        };
+        (extent.ends, extent.size) = extent.heights(t);
+        extent
+    }
+
+    /// The extent of a triangle along its normal: next to none.
+    pub(crate) fn across(t: &[Vec3; 3]) -> Self {
+        Self::of(t, (t[1] - t[0]).cross(&(t[2] - t[0])))
+    }
+
+    /// The least and the greatest height of corners, and their greatest coordinate from the origin.
+    fn heights(&self, corners: &[Vec3; 3]) -> ([f64; 2], f64) {
+        let from_origin = corners.each_ref().map(|p| p - self.origin);
+        let [a, b, c] = from_origin.each_ref().map(|p| self.direction.dot(p));
+        let [p, q, r] = from_origin.each_ref().map(Vec3::amax);
+        ([a.min(b).min(c), a.max(b).max(c)], p.max(q).max(r))
+    }
+
+    /// Whether a triangle lies beyond one of the ends beyond doubt, whatever the direction: it does not meet this one.
+    pub(crate) fn is_apart(&self, u: &[Vec3; 3]) -> bool {
+        let ([low, high], size) = self.heights(u);
+        // A height m . (p - origin) has a difference, a product and two sums, each rounded by at most half an
+        // epsilon of |m|_1 |p - origin|, or by much less than the least normal number.
+        let rounding = 8.0 * f64::EPSILON * self.direction.lp_norm(1) * size.max(self.size)
+            + f64::MIN_POSITIVE;
+        low - self.ends[1] > rounding || self.ends[0] - high > rounding
+    }
+}
+
+/// Whether a plane along a side of `t`, at right angles to `t`, separates the triangles beyond doubt.
 fn is_apart_across_sides(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {
-    let from_corner = |p: &Vec3| p - t[0];
-    let (t, u) = (t.each_ref().map(from_corner), u.each_ref().map(from_corner));
-    let normal = t[1].cross(&t[2]);
-    let size = t.iter().chain(&u).map(Vec3::amax).fold(0.0, f64::max);
-    (0..3).any(|i| {
-        let outward = (t[(i + 1) % 3] - t[i]).cross(&normal);
-        // Any direction m separates them if m . p is greater for all p of `u` than for all of `t`.
-        let [of_t, of_u] = [&t, &u].map(|corners| corners.each_ref().map(|p| outward.dot(p)));
-        let highest = of_t.into_iter().fold(f64::NEG_INFINITY, f64::max);
-        let lowest = of_u.into_iter().fold(f64::INFINITY, f64::min);
-        // A height m . (p - corner) has a difference, a product and two sums, each rounded by at most half an
-        // epsilon of |m|_1 |p - corner|, or by much less than the least normal number.
-        lowest - highest > 8.0 * f64::EPSILON * outward.lp_norm(1) * size + f64::MIN_POSITIVE
-    })
+    let normal = (t[1] - t[0]).cross(&(t[2] - t[0]));
+    (0..3).any(|i| Extent::of(t, (t[(i + 1) % 3] - t[i]).cross(&normal)).is_apart(u))
 }
 
 /// The corners of `a` that `b` lacks, and their number; a corner has equal coordinates.
@@ -209,9 +241,12 @@ mod tests {
             }
             let meet = meet_without_common_corner(&t, &u);
             meeting += usize::from(meet);
-            if is_apart_across_sides(&t, &u) {
-                apart += 1;
-                assert!(!meet, "{t:?} {u:?}");
+            for is_apart in [
+                is_apart_across_sides(&t, &u),
+                Extent::across(&t).is_apart(&u),
+            ] {
+                apart += usize::from(is_apart);
+                assert!(!(meet && is_apart), "{t:?} {u:?}");
             }
         }
         assert!(apart > 5000 && meeting > 5000, "{apart} {meeting}");

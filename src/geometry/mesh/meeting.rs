@@ -8,7 +8,7 @@
 //!   these arcs find the candidates within a fan.
 
 use super::bvh::Bvh;
-use super::intersect::{is_degenerate_triangle, triangles_meet};
+use super::intersect::{Extent, is_degenerate_triangle, triangles_meet};
 use super::pieces::{LongestSide, half_area};
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3};
@@ -139,9 +139,14 @@ impl<'a> Search<'a> {
         }
         let t = &self.soup.corners[s];
         let region = Aabb::of(*t);
+        let plane = Extent::across(t);
         let meets = |other: usize| {
             let u = &self.soup.corners[other];
-            !self.is_degenerate[other] && region.meets(Aabb::of(*u)) && triangles_meet(t, u)
+            // Walls side by side have boxes that overlap, and planes that part them.
+            !self.is_degenerate[other]
+                && !plane.is_apart(u)
+                && region.meets(Aabb::of(*u))
+                && triangles_meet(t, u)
         };
         let Some(pieces) = &self.pieces else {
             let mut found = None;

@@ -19,6 +19,9 @@ use std::slice;
 const CAVITY_PROBES: usize = 8;
 /// Distance of these points from their triangles, over the size of these.
 const PROBE_OFFSET: f64 = 1e-4;
+/// Distance below which a corner counts as in a plane, relative to the greatest coordinate: twice the rounding of single
+/// precision. Faces of two shells that are so close touch.
+pub(super) const COPLANAR_TOLERANCE_RATIO: f64 = 2.5e-7;
 /// A signed volume below this fraction of area^1.5 counts as zero.
 pub(super) const FLAT_VOLUME_RATIO: f64 = 1e-9;
 
@@ -211,7 +214,7 @@ pub fn count_bodies(mesh: &TriMesh) -> (u64, u64) {
 pub(crate) struct Nesting {
     /// The closed shells that each shell lies in.
     pub(crate) within: Vec<Vec<u32>>,
-    /// Whether the bounding box of each shell overlaps that of another one.
+    /// Whether the bounding box of each shell overlaps or touches that of another one.
     pub(crate) meets: Vec<bool>,
 }
 
@@ -222,11 +225,13 @@ impl Nesting {
         let mut within = vec![Vec::new(); shells.len()];
         let mut meets = vec![false; shells.len()];
         let whole = shells.iter().fold(Aabb::EMPTY, |b, s| b.union(s.bounds));
+        let touching = COPLANAR_TOLERANCE_RATIO * whole.min.amax().max(whole.max.amax());
         for (s, shell) in shells.iter().enumerate() {
             let mut enclosing = Vec::new();
-            bvh.overlapping(&shell.bounds, |slot| {
+            let region = shell.bounds.dilated(touching);
+            bvh.overlapping(&region, |slot| {
                 let other = bvh.order()[slot] as usize;
-                if other != s && shells[other].bounds.meets(shell.bounds) {
+                if other != s && shells[other].bounds.meets(region) {
                     meets[s] = true;
                     let holds = holds(&shells[other].bounds, &shell.bounds);
                     if shells[other].is_closed && shell.is_closed && holds {

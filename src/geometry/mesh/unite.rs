@@ -13,7 +13,7 @@ use super::boundary_edges::BoundaryEdges;
 use super::crossing;
 use super::half_edges::HalfEdges;
 use super::open_winding::OpenWinding;
-use super::shells::{Nesting, Shells};
+use super::shells::{COPLANAR_TOLERANCE_RATIO, Nesting, Shells};
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::union_find::UnionFind;
@@ -22,8 +22,6 @@ use rayon::prelude::*;
 /// Distance from a part at which the winding number is evaluated, relative to the greatest coordinate. It
 /// exceeds single-precision rounding, so that touching faces leave no crack.
 const SIDE_OFFSET_RATIO: f64 = 1e-6;
-/// Distance below which a corner counts as in a plane, relative to the greatest coordinate.
-const COPLANAR_TOLERANCE_RATIO: f64 = 2.5e-7;
 
 /// The result of [`unite`].
 pub(crate) struct United {
@@ -66,6 +64,12 @@ pub(crate) fn unite(
     }
     let bounds = mesh.bounds();
     let size = bounds.min.amax().max(bounds.max.amax());
+    let tolerance = COPLANAR_TOLERANCE_RATIO * size;
+    let touches = if is_thorough {
+        vec![true; shells.count]
+    } else {
+        touching_shells(mesh, shells, nesting, soup, tolerance)
+    };
     let classifier = Classifier {
         mesh,
         shells,
@@ -75,7 +79,8 @@ pub(crate) fn unite(
         open,
         bounds,
         side_offset: SIDE_OFFSET_RATIO * size,
-        tolerance: COPLANAR_TOLERANCE_RATIO * size,
+        tolerance,
+        touches,
     };
     let classes: Vec<Classification> = (0..mesh.triangles().len())
         .into_par_iter()
@@ -126,6 +131,37 @@ pub(crate) fn unite(
     Some(union)
 }
 
+/// Whether the box of a triangle of each shell touches that of a triangle of another one. A shell that lies in another
+/// touches it seldom; its own triangles may be close together, and are no contact.
+fn touching_shells(
+    mesh: &TriMesh,
+    shells: &Shells,
+    nesting: &Nesting,
+    soup: &Soup,
+    tolerance: f64,
+) -> Vec<bool> {
+    let touches_another = |t: &usize| {
+        let shell = shells.of[*t];
+        let region = Aabb::of(mesh.corners(*t)).dilated(tolerance);
+        let mut found = false;
+        if nesting.meets[shell as usize] {
+            soup.bvh.overlapping(&region, |slot| {
+                let is_other = shells.of[soup.number[slot] as usize] != shell;
+                found = is_other && Aabb::of(soup.corners[slot]).meets(region);
+                !found
+            });
+        }
+        found
+    };
+    let triangles = (0..mesh.triangles().len()).into_par_iter().with_min_len(64);
+    let touching: Vec<usize> = triangles.filter(touches_another).collect();
+    let mut touches = vec![false; shells.count];
+    for t in touching {
+        touches[shells.of[t] as usize] = true;
+    }
+    touches
+}
+
 /// Classifies triangles as surface or buried.
 struct Classifier<'a> {
     mesh: &'a TriMesh,
@@ -138,10 +174,12 @@ struct Classifier<'a> {
     bounds: Aabb,
     side_offset: f64,
     tolerance: f64,
+    /// Whether triangles of each shell may intersect others.
+    touches: Vec<bool>,
 }
 
 impl Classifier<'_> {
-    /// Whether triangles of a shell may intersect others.
+    /// Whether a shell may have parts in others, or intersect them.
     fn may_meet(&self, shell: u32) -> bool {
         self.is_thorough || self.nesting.meets[shell as usize]
     }
@@ -152,7 +190,7 @@ impl Classifier<'_> {
         let Some(plane) = Plane::of(&corners) else {
             return Classification::Degenerate;
         };
-        if !self.may_meet(shell) {
+        if !self.touches[shell as usize] {
             return Classification::Uncut;
         }
         let region = Aabb::of(corners).dilated(self.tolerance);
@@ -370,11 +408,12 @@ fn height([a, b]: [[f64; 2]; 2], c: [f64; 2]) -> f64 {
 /// Clips a segment to a convex polygon; returns whether more than `tolerance` of its length remains.
 fn clip_segment(polygon: &[[f64; 2]], segment: &mut [[f64; 2]; 2], tolerance: f64) -> bool {
     for i in 0..polygon.len() {
-        let side = [polygon[i], polygon[(i + 1) % polygon.len()]];
-        let heights = segment.map(|p| height(side, p));
-        if heights.iter().any(|h| h.is_nan()) {
+        let [a, b] = [polygon[i], polygon[(i + 1) % polygon.len()]];
+        // Rounding decides where the side of two splits that meet, shorter than that, points.
+        if (b[0] - a[0]).hypot(b[1] - a[1]) <= tolerance {
             continue;
         }
+        let heights = segment.map(|p| height([a, b], p));
         if heights.iter().all(|&h| h < -tolerance) {
             return false;
         }

@@ -125,6 +125,9 @@ impl Field for Shifted<'_> {
         let first = crate::frame::WorldPoint(first.0 + self.by);
         self.field.sides(first, step, band)
     }
+    fn may_touch(&self) -> bool {
+        self.field.may_touch()
+    }
     fn signs(&self, lattice: &crate::field::SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
         let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
         self.field
@@ -174,6 +177,9 @@ impl<F: Field> Field for Borrowed<'_, F> {
     }
     fn sides(&self, first: F::Point, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
         self.0.sides(first, step, band)
+    }
+    fn may_touch(&self) -> bool {
+        self.0.may_touch()
     }
     fn signs(&self, lattice: &crate::field::SampleLattice<F::Point>, rows: &mut [u64]) -> u64 {
         self.0.signs(lattice, rows)

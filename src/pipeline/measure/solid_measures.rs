@@ -48,47 +48,31 @@ pub(crate) fn refuse_torn(
     })
 }
 
-/// Measures volume, area and components of the solid and, on request, its mesh and wall thickness.
-/// Returns the mesh.
+/// Measures volume, area and components of the solid and, on request, its wall thickness. Returns the mesh.
 pub(crate) fn measure(
     context: StageContext,
     inputs: &Inputs,
     solid: &LevelSet,
     report: &mut SolidReport,
-    (needs_mesh, needs_walls): (bool, bool),
+    needs_walls: bool,
     timer: &mut StageTimer,
-) -> Result<Option<TriMesh>, RunError> {
+) -> Result<TriMesh, RunError> {
     let failed = RunError::level_set("measure");
     let session = context.session();
-    let is_empty = || {
-        let last = inputs.recipe.sections().op.len();
-        RunError::Empty(match last {
-            0 => "sampling".into(),
-            n => format!("op.{}", n - 1),
-        })
-    };
-    if !needs_mesh {
-        let found = solid.measures(session).map_err(&failed)?;
-        // A band may be left where nothing is inside any more.
-        if found.bounds.is_empty() {
-            return Err(is_empty());
-        }
-        report.volume = found.volume;
-        report.area = found.area;
-        report.components = found.components;
-        report.bounds = Some(found.bounds);
-        timer.end_stage("measure")?;
-        return Ok(None);
-    }
     context.progress.stage("mesh", None);
     let mesh = solid.to_mesh(session).map_err(&failed)?;
+    // A band may be left where nothing is inside any more.
     if mesh.is_empty() {
-        return Err(is_empty());
+        let last = inputs.recipe.sections().op.len();
+        return Err(RunError::Empty(match last {
+            0 => "sampling".into(),
+            n => format!("op.{}", n - 1),
+        }));
     }
     timer.end_stage("mesh")?;
     context.progress.stage("measure", None);
-    // The measures are those of the mesh that is written. OpenVDB's own have an error of the same size
-    // and opposite sign.
+    // The measures are those of the mesh whether one is written or not: one content has one volume. OpenVDB's own
+    // have an error of the same size and opposite sign.
     let found = context.threads.install(|| mesh.measures());
     report.volume = found.volume;
     report.area = found.area;
@@ -98,7 +82,7 @@ pub(crate) fn measure(
     report.volume_fraction = inputs.reference_volume().map(|whole| report.volume / whole);
     timer.end_stage("measure")?;
     if !needs_walls {
-        return Ok(Some(mesh));
+        return Ok(mesh);
     }
     let geometry = SolidGeometry::of(context, solid, &mesh)?;
     let walls = sampled_walls(context, &mesh, geometry, Phase::Solid)?;
@@ -113,7 +97,7 @@ pub(crate) fn measure(
         report.build = Some(build::measure(section, context, solid)?);
         timer.end_stage("layers")?;
     }
-    Ok(Some(mesh))
+    Ok(mesh)
 }
 
 impl SolidReport {

@@ -29,10 +29,6 @@ impl Targets<'_> {
         files.map(|(output, path)| (*output, path))
     }
 
-    pub fn needs_mesh(&self) -> bool {
-        self.needs_thickness() || self.writes_meshes()
-    }
-
     pub fn writes_meshes(&self) -> bool {
         self.files.iter().any(|(output, _)| output.mesh.is_some())
     }

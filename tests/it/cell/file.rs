@@ -111,7 +111,13 @@ fn errors_name_the_line() {
         (
             "\"gamma\": ",
             "\"gamma\": -",
-            "expected a positive number",
+            "expected a number between 1e-18 and 1e18",
+            "\"gamma\"",
+        ),
+        (
+            "\"gamma\": ",
+            "\"gamma\": 1e-308, \"x\": ",
+            "expected a number between 1e-18 and 1e18",
             "\"gamma\"",
         ),
         (

@@ -2,6 +2,7 @@
 
 use super::{BALL, FILES, Place, json, refuse, text};
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
@@ -100,6 +101,8 @@ fn a_limit_of_file_size_is_the_error_of_a_full_disk() {
     for arguments in [
         &["run", "r.toml"][..],
         &["mesh", "a.vdb", "-o", "m.stl"],
+        // The library of the archive prints nothing of its own.
+        &["mesh", "a.vdb", "-o", "m.3mf"],
         &["filter", "a.vdb", "dilate=0.5mm", "-o", "f.vdb"],
         &["preview", "a.vdb", "-o", "p.png"],
         &["sweep", "r.toml", "band.voxel_size=0.8", "-o", "s.csv"],
@@ -107,12 +110,16 @@ fn a_limit_of_file_size_is_the_error_of_a_full_disk() {
         &["man", "--out", "."],
     ] {
         // The size is in kibibytes; any file needs a byte.
-        let size = if arguments[0] == "run" { 8 } else { 0 };
+        let size = match arguments[0] {
+            "run" => 8,
+            "mesh" => 2,
+            _ => 0,
+        };
         let output = run(&place, &format!("ulimit -f {size}"), arguments);
         let error = text(&output.stderr);
         assert_eq!(output.status.code(), Some(74), "{arguments:?}: {error}");
         assert!(
-            error.contains("error: ") && error.contains("large"),
+            error.starts_with("error: ") && error.contains("large"),
             "{arguments:?}: {error}"
         );
         assert!(
@@ -120,7 +127,125 @@ fn a_limit_of_file_size_is_the_error_of_a_full_disk() {
             "{error}"
         );
         assert_eq!(place.files(), before, "{arguments:?}");
+        // What the system took, not what still waited in memory.
+        if let Some((_, rest)) = error.split_once(" after ") {
+            let bytes = rest.split_once(" bytes").unwrap().0;
+            assert_eq!(bytes.parse(), Ok(size << 10), "{error}");
+        }
     }
+}
+
+/// The layers of a stack that fails go, and the folder made for them; one that was there stays.
+#[test]
+fn layers_of_a_stack_that_fails_do_not_stay() {
+    let place = lattice();
+    let slice = ["slice", "a.vdb", "--layer", "1mm", "-o", "layers"];
+    assert!(place.run(&slice).status.success());
+    let folder = place.0.path().join("layers");
+    let count = fs::read_dir(&folder).unwrap().count();
+    assert!(count > 5, "{count}");
+    fs::remove_dir_all(&folder).unwrap();
+    fs::create_dir_all(folder.join("00004.png")).unwrap();
+    refuse(&place, &slice, 73, &["directory"]);
+    let left: Vec<_> = fs::read_dir(&folder).unwrap().collect();
+    assert_eq!(left.len(), 1, "{left:?}");
+}
+
+/// Each process and thread of an ordinary user counts. The libraries start four threads before the program does anything,
+/// and a child of it reads OpenVDB files.
+#[test]
+fn threads_that_the_system_refuses_are_the_error() {
+    let place = lattice();
+    let is_root = rustix::process::getuid().is_root();
+    let program = place.0.path().join("program");
+    fs::copy(env!("CARGO_BIN_EXE_druse"), &program).unwrap();
+    for path in [place.0.path(), &program] {
+        fs::set_permissions(path, fs::Permissions::from_mode(0o777)).unwrap();
+    }
+    // Limits hold for no superuser: this one becomes a user without other processes.
+    let user = if is_root {
+        "setpriv --reuid=61234 --clear-groups "
+    } else {
+        ""
+    };
+    let mut failures = 0;
+    for limit in [1, 3, 5, 7, 10] {
+        for arguments in ["info a.vdb", "mesh a.vdb -o m.stl", "info a.stl --json"] {
+            let command = format!("{user}prlimit --nproc={limit} ./program {arguments}");
+            let mut shell = Command::new("bash");
+            shell.args(["-c", &command]).current_dir(&place.0);
+            let output = shell.output().unwrap();
+            if output.status.success() {
+                continue;
+            }
+            failures += 1;
+            let error = text(&output.stderr);
+            let shown = format!("{command}: {:?}: {error}", output.status);
+            assert_eq!(output.status.code(), Some(74), "{shown}");
+            assert!(error.starts_with("error: not enough threads"), "{shown}");
+            assert!(error.contains("ulimit -u"), "{shown}");
+            if arguments.ends_with("--json") {
+                assert_eq!(json(&output)["code"], 74);
+            }
+        }
+    }
+    assert!(failures > 4, "{failures}");
+}
+
+#[test]
+fn help_that_cannot_be_written_is_an_error() {
+    let place = Place::new();
+    for arguments in ["--help", "--version", "mesh --help"] {
+        let druse = env!("CARGO_BIN_EXE_druse");
+        let command = format!("{druse} {arguments} > /dev/full");
+        let mut shell = Command::new("bash");
+        let output = shell.args(["-c", &command]).current_dir(&place.0).output();
+        assert_eq!(output.unwrap().status.code(), Some(74), "{arguments}");
+    }
+}
+
+/// One vertex far away makes a needle of billions of voxels, whose band no machine holds.
+#[test]
+fn a_vertex_far_away_is_refused_or_foreseen_without_the_work() {
+    let place = Place::new();
+    let far = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 1e9 1 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    place.write("far.obj", far);
+    place.write(
+        "r.toml",
+        "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 1\n[[op]]\nunion = { mesh = \"far.obj\" }\n\
+         [[output]]\nvdb = \"x.vdb\"\n",
+    );
+    assert!(place.run(&["run", "r.toml", "--dry-run"]).status.success());
+    refuse(&place, &["run", "r.toml"], 65, &["memory"]);
+}
+
+/// A plot that cannot be written is refused before the file is read.
+#[test]
+fn a_plot_that_cannot_be_written_is_refused_first() {
+    let place = Place::new();
+    place.write("bad.vdb", "no grid");
+    let check = [
+        "check",
+        "bad.vdb",
+        "--layer",
+        "1mm",
+        "--plot",
+        "missing/p.png",
+    ];
+    refuse(&place, &check, 73, &["missing"]);
+}
+
+/// One content has one volume, with a mesh among the outputs or without.
+#[test]
+fn a_filter_measures_the_same_for_each_kind_of_output() {
+    let place = lattice();
+    let measured = |output: &str, more: &[&str]| {
+        let arguments = ["filter", "a.vdb", "dilate=0.5mm", "--json", "-o", output];
+        let report = json(&place.run(&[&arguments, more].concat()));
+        [0, 1].map(|n| report["solid"][["volume", "area"][n]].as_f64().unwrap())
+    };
+    let [volume, area] = measured("f.vdb", &[]);
+    assert_eq!([volume, area], measured("f.stl", &[]));
 }
 
 #[test]

@@ -437,21 +437,9 @@ pub fn random_part(case: u64) -> (Part, f64) {
 
 #[test]
 fn samples_in_the_planes_of_faces_have_the_right_sign() {
-    let count = if crate::is_full() { 10_000 } else { 126 };
-    let wrong = |case: &u64| {
-        let (part, h) = random_part(*case);
+    crate::each_case(126, &[1365, 5060, 6985], |case| {
+        let (part, h) = random_part(case);
         part.wrong_sample(h)
-            .map(|what| format!("case {case}, voxels of {h}: {what}"))
-    };
-    let wrong: Vec<String> = (0..count)
-        .collect::<Vec<u64>>()
-        .iter()
-        .filter_map(wrong)
-        .collect();
-    assert!(
-        wrong.is_empty(),
-        "{} of {count}: {:#?}",
-        wrong.len(),
-        &wrong[..wrong.len().min(20)]
-    );
+            .map(|what| format!("voxels of {h}: {what}"))
+    });
 }

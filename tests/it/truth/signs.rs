@@ -82,7 +82,12 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
     };
     let outputs = "[[output]]\nmesh = \"made.stl\"\n[[output]]\nvdb = \"made.vdb\"\n";
     let report = made(place, h, &format!("{ops}{outputs}"))?;
-    let (inside, mut edge_loss) = (part.volume(h), 0.25 * h * part.mesh.area());
+    // A bar of two voxels square becomes a diamond: exactly this loss. The margins that vertices keep from voxels take a
+    // hundredth of a voxel from the corners of a frame.
+    let (inside, mut edge_loss) = (
+        part.volume(h),
+        0.25 * h * part.mesh.area() + 0.01 * h.powi(3),
+    );
     let found = report.solid.volume;
     let right = if role == 2 {
         edge_loss += 2.0 * h * h * size.sum();
@@ -109,8 +114,9 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
     if (0..3).any(|a| written.min[a] < limits.min[a] || written.max[a] > limits.max[a]) {
         return Err(format!("{written:?} leaves {limits:?}"));
     }
-    // Vertices of the file are rounded to single precision.
-    let rounding = checked.area * 1e-7 * written.min.amax().max(written.max.amax());
+    // Vertices of the file keep four roundings to single precision from voxels, and are rounded themselves.
+    let rounding =
+        checked.area * 4.5 * f64::from(f32::EPSILON) * written.min.amax().max(written.max.amax());
     if (checked.volume - found).abs() > 1e-4 * right + rounding {
         return Err(format!("mesh of {}, report of {found}", checked.volume));
     }
@@ -143,19 +149,9 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
 
 #[test]
 fn parts_in_planes_of_voxels_are_made_right_in_each_role() {
-    let count = if crate::is_full() { 10_000 } else { 63 };
-    let wrong = |case: u64| {
+    crate::each_case(63, &[112, 231, 1115, 1827, 1908, 3311, 4585], |case| {
         let (part, h) = random_part(case);
         let result = wrong_result(&part, h, case / 7 % 3);
-        result
-            .err()
-            .map(|what| format!("case {case}, voxels of {h}: {what}"))
-    };
-    let wrong: Vec<String> = (0..count).filter_map(wrong).collect();
-    assert!(
-        wrong.is_empty(),
-        "{} of {count}: {:#?}",
-        wrong.len(),
-        &wrong[..wrong.len().min(20)]
-    );
+        result.err().map(|what| format!("voxels of {h}: {what}"))
+    });
 }
