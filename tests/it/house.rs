@@ -22,12 +22,12 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 12750),
+    ("geometry", 12800),
     ("cells", 16550),
     ("tilings", 27850),
     ("effective", 7450),
     ("crystal", 7900),
-    ("formats", 19700),
+    ("formats", 19750),
     ("solids", 5450),
     ("vdb", 11150),
     ("recipe", 5500),

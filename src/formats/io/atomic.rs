@@ -37,6 +37,8 @@ pub struct AtomicFile {
     sink: Sink,
     needed: Option<u64>,
     written: u64,
+    /// Where the next bytes go.
+    position: u64,
     /// The first error of writing. What follows is dropped: writers that end their format when they are dropped (zip)
     /// would meet, and print, further errors.
     fault: Option<(io::ErrorKind, String)>,
@@ -66,6 +68,7 @@ impl AtomicFile {
             sink,
             needed: None,
             written: 0,
+            position: 0,
             fault: None,
         })
     }
@@ -177,6 +180,7 @@ impl AtomicFile {
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if self.fault.is_some() {
+            self.position += bytes.len() as u64;
             return Ok(bytes.len());
         }
         let result = match &mut self.sink {
@@ -185,6 +189,7 @@ impl Write for AtomicFile {
         };
         let n = self.noted(result)?;
         self.written += n as u64;
+        self.position += n as u64;
         Ok(n)
     }
 
@@ -203,13 +208,20 @@ impl Write for AtomicFile {
 impl Seek for AtomicFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         if self.fault.is_some() {
-            return Ok(0);
+            let from = |base: u64, by: i64| base.saturating_add_signed(by);
+            self.position = match to {
+                SeekFrom::Start(at) => at,
+                SeekFrom::Current(by) => from(self.position, by),
+                SeekFrom::End(by) => from(self.position.max(self.written), by),
+            };
+            return Ok(self.position);
         }
         let result = match &mut self.sink {
             Sink::Staged(file, _) => file.seek(to),
             Sink::Direct(_) => Err(io::ErrorKind::NotSeekable.into()),
         };
-        self.noted(result)
+        self.position = self.noted(result)?;
+        Ok(self.position)
     }
 }
 
@@ -419,5 +431,42 @@ fn sync_special(file: &File) -> io::Result<()> {
             Ok(())
         }
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The archive is dropped with an error in it: it ends its format in what takes no bytes, and panics nowhere.
+    #[test]
+    fn an_archive_on_a_full_device_ends_in_one_error() {
+        let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let mut file = AtomicFile::create(directory.path().join("a.3mf")).unwrap();
+        let Sink::Staged(_, target) = &file.sink else {
+            unreachable!()
+        };
+        let staged = NamedTempFile::from_parts(
+            full,
+            tempfile::TempPath::try_from_path(target.with_extension("x")).unwrap(),
+        );
+        file.sink = Sink::Staged(BufWriter::with_capacity(64, staged), target.clone());
+        let result = (|| -> io::Result<()> {
+            let mut zip = zip::ZipWriter::new(&mut file);
+            zip.start_file("one", zip::write::SimpleFileOptions::default())?;
+            for n in 0..100_000u32 {
+                zip.write_all(&n.wrapping_mul(2_654_435_761).to_le_bytes())?;
+            }
+            zip.finish()?;
+            Ok(())
+        })();
+        assert_eq!(result.unwrap_err().kind(), io::ErrorKind::StorageFull);
+        assert!(
+            file.commit()
+                .unwrap_err()
+                .to_string()
+                .contains("after 0 bytes")
+        );
     }
 }

@@ -23,6 +23,9 @@ use rayon::prelude::*;
 /// exceeds single-precision rounding, so that touching faces leave no crack.
 const SIDE_OFFSET_RATIO: f64 = 1e-6;
 
+/// The same distance for a shell that touches no other, over that: its own walls may be closer together.
+const UNTOUCHED_OFFSET_SHARE: f64 = 1e-4;
+
 /// The result of [`unite`].
 pub(crate) struct United {
     /// Parts of the surface with the numbers of their triangles.
@@ -222,8 +225,12 @@ impl Classifier<'_> {
                 let centre = centroid(&p);
                 let away = p.iter().map(|c| (c[0] - centre[0]).hypot(c[1] - centre[1]));
                 let radius = away.fold(0.0, f64::max);
-                let is_surface =
-                    self.is_surface(plane.point(centre), plane.normal, radius, is_alone_in_plane);
+                let is_surface = self.is_surface(
+                    (plane.point(centre), radius),
+                    plane.normal,
+                    shell,
+                    is_alone_in_plane,
+                );
                 (p, is_surface)
             })
             .collect();
@@ -254,8 +261,20 @@ impl Classifier<'_> {
 
     /// Whether a part of a triangle, with a radius about `p`, separates inside from outside. Where no other
     /// triangle lies in its plane (`is_alone_in_plane`), the winding number in front is that behind minus 1.
-    fn is_surface(&self, p: Vec3, normal: Vec3, radius: f64, is_alone_in_plane: bool) -> bool {
-        let winding = |side: f64| self.winding(p + normal * (side * self.side_offset));
+    fn is_surface(
+        &self,
+        (p, radius): (Vec3, f64),
+        normal: Vec3,
+        shell: u32,
+        is_alone_in_plane: bool,
+    ) -> bool {
+        let is_untouched = self.open.is_none() && !self.touches[shell as usize];
+        let share = if is_untouched {
+            UNTOUCHED_OFFSET_SHARE
+        } else {
+            1.0
+        };
+        let winding = |side: f64| self.winding(p + normal * (side * share * self.side_offset));
         let behind = winding(-1.0);
         if let Some((_, boundary)) = self.open {
             // Buried only if inside on both sides at every point of the part.
@@ -274,8 +293,9 @@ impl Classifier<'_> {
         let centroid = (a + b + c) / 3.0;
         let away = corners.iter().map(|p| (p - centroid).norm());
         let radius = away.fold(0.0, f64::max);
-        Plane::of(&corners)
-            .is_none_or(|plane| self.is_surface(centroid, plane.normal, radius, false))
+        Plane::of(&corners).is_none_or(|plane| {
+            self.is_surface((centroid, radius), plane.normal, self.shells.of[t], false)
+        })
     }
 
     /// Whether each triangle belongs to the surface. Triangles without intersection are classified by region,

@@ -335,10 +335,11 @@ fn commands_and_recipes_take_them_as_their_hints_say() {
         &["--resample", "dilate=0.1", "erode=0.1"],
     ] {
         let volume = filtered("everything_ball", rest, place);
-        assert!((volume / BALL - 1.0).abs() < 0.015, "{rest:?}: {volume}");
+        // The mesh of a ball of eight voxels leaves out what its chords cut off.
+        assert!((volume / BALL - 1.0).abs() < 0.025, "{rest:?}: {volume}");
     }
     let volume = filtered("inside_out", &["--invert", "prune"], place);
-    assert!((volume / BALL - 1.0).abs() < 0.015, "{volume}");
+    assert!((volume / BALL - 1.0).abs() < 0.025, "{volume}");
     let stderr = |out: Output| String::from_utf8(out.stderr).unwrap();
     let error = stderr(druse(&["mesh"], "turned_ball", &["-o", "o.stl"], place));
     assert!(
