@@ -22,15 +22,15 @@ mod improve;
 mod nodes;
 
 /// Rounds in which nodes are added.
-const ROUNDS: usize = 8;
+const MAX_ROUNDS: usize = 8;
 /// Greatest distances of an outer face's centre and of an outer edge's middle from the surface, as shares of the
 /// longest edge: that of an edge over an arc w is tan(w / 4) / 2, here 36 degrees.
-const FACE_SAG: f64 = 0.055;
-const EDGE_SAG: f64 = 0.08;
+const MAX_FACE_SAG: f64 = 0.055;
+const MAX_EDGE_SAG: f64 = 0.08;
 /// Least length of an edge along a crease that is halved, cells.
-const LEAST_PART: f64 = 1.0 / 32.0;
+const MIN_PART_LENGTH: f64 = 1.0 / 32.0;
 /// Tets of less quality that lie on the surface have no volume: they are no part of the body.
-const FLAT: f64 = 0.02;
+const FLAT_QUALITY: f64 = 0.02;
 /// Most nodes of a filling.
 const MAX_NODES: f64 = 2e7;
 
@@ -77,7 +77,7 @@ impl Scaffold {
         }
         let creases = Creases::of(solid);
         let nodes = Nodes::of(solid, &creases, cell);
-        let body = Body::of(solid, &creases, nodes, LEAST_PART * cell);
+        let body = Body::of(solid, &creases, nodes, MIN_PART_LENGTH * cell);
         if body.tets.is_empty() {
             return Err(ScaffoldError::Empty);
         }
@@ -141,7 +141,7 @@ impl<'a> Body<'a> {
             outer_edges: HashSet::new(),
         };
         let mut last = 0;
-        for round in 0..=ROUNDS {
+        for round in 0..=MAX_ROUNDS {
             for n in order.drain(..) {
                 if mesh.insert(body.nodes.place(n)) {
                     node_of.push(n);
@@ -164,7 +164,7 @@ impl<'a> Body<'a> {
                 .flat_map(|&([a, b, c], _)| [[a, b], [b, c], [c, a]])
                 .map(|[a, b]| [a.min(b), a.max(b)])
                 .collect();
-            if round == ROUNDS {
+            if round == MAX_ROUNDS {
                 break;
             }
             order = body.added(creases, &faces);
@@ -190,7 +190,7 @@ impl<'a> Body<'a> {
         let corners = tet.map(|n| self.nodes.place(n));
         let centre = corners.iter().sum::<Vec3>() / 4.0;
         let own = quality(corners);
-        if own < FLAT && inner == 0 {
+        if own < FLAT_QUALITY && inner == 0 {
             let size = (corners[1] - corners[0]).norm();
             if self.solid.closest(centre).distance < 1e-4 * size {
                 return false;
@@ -237,10 +237,10 @@ impl<'a> Body<'a> {
                     let [p, q] = [corners[i], corners[j]];
                     let is_first = face[i] < face[j];
                     (is_first && !crease_edges.contains(&[face[i], face[j]]))
-                        .then(|| off((p + q) / 2.0, EDGE_SAG * (q - p).norm()))
+                        .then(|| off((p + q) / 2.0, MAX_EDGE_SAG * (q - p).norm()))
                         .flatten()
                 };
-                let centre = off((a + b + c) / 3.0, FACE_SAG * longest);
+                let centre = off((a + b + c) / 3.0, MAX_FACE_SAG * longest);
                 [centre, edge(0, 1), edge(1, 2), edge(2, 0)]
             })
             .collect();
@@ -282,4 +282,96 @@ impl<'a> Body<'a> {
 fn morton(p: Vec3) -> u64 {
     let bits = [p.x, p.y, p.z].map(|c| (c.clamp(0.0, 1.0) * 2_097_151.0) as u64);
     (0..63).fold(0, |sum, k| sum | (bits[k % 3] >> (k / 3) & 1) << k)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use druse_geometry::frame::Aabb;
+    use druse_geometry::mesh::TriMesh;
+    use nalgebra::Rotation3;
+
+    /// A box turned and placed against the lattice in one of many ways.
+    fn turned_block(way: u32, size: Vec3) -> TriMesh {
+        let angle = f64::from(way);
+        let turn = Rotation3::new(Vec3::new(0.7 * angle, 0.3 + angle * angle, -0.4 * angle));
+        let block = TriMesh::cuboid(&Aabb::of([Vec3::zeros(), size]));
+        block.mapped(|p| turn * p + Vec3::repeat(0.123 * angle))
+    }
+
+    fn filled(mesh: &TriMesh, cell: f64, order: Option<u32>) -> Scaffold {
+        let options = FillOptions { cell, order };
+        let filled = Scaffold::filled(&MeshSolid::new(mesh.clone()), options).unwrap();
+        assert!(filled.lost.is_empty() && filled.straight.is_empty());
+        let report = filled.scaffold.validate().unwrap();
+        assert!(report.warnings().is_empty() && report.components == 1);
+        assert!(report.mirrored.is_empty() && report.worst_quality.0 > 0.1);
+        filled.scaffold
+    }
+
+    fn volume(s: &Scaffold) -> f64 {
+        s.elements().map(|e| e.volume()).sum()
+    }
+
+    /// Plates far thinner than a cell too.
+    #[test]
+    fn fillings_keep_edges_and_corners() {
+        for way in 0..12 {
+            let thickness = [0.2, 0.5, 1.7][way as usize % 3];
+            let block = turned_block(way, Vec3::new(3.0, 2.0, thickness));
+            let s = filled(&block, 0.6 + 0.02 * f64::from(way), None);
+            assert!((volume(&s) / block.volume() - 1.0).abs() < 1e-9, "{way}");
+            assert_eq!(s.report().kinds, [(Kind::Tet4, s.len())]);
+            for corner in block.vertices() {
+                assert!(
+                    s.nodes().iter().any(|n| (n - corner).norm() < 1e-12),
+                    "{way}"
+                );
+            }
+        }
+    }
+
+    /// Straight tets cut a ball short, curved ones follow it.
+    #[test]
+    fn curved_fillings_follow_a_ball() {
+        let ball = TriMesh::ball(Vec3::new(0.1, 0.2, 0.3), 12.0, 5);
+        let ratio = |order| volume(&filled(&ball, 6.0, order)) / ball.volume();
+        let (straight, curved) = (ratio(Some(1)), ratio(None));
+        assert!(
+            straight < 0.98 && (curved - 1.0).abs() < 5e-4,
+            "{straight} {curved}"
+        );
+    }
+
+    #[test]
+    fn fillings_are_the_same_at_any_number_of_threads() {
+        let block = turned_block(7, Vec3::new(3.0, 2.0, 1.0));
+        let at = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            pool.build()
+                .unwrap()
+                .install(|| filled(&block, 0.4, Some(2)))
+        };
+        let (one, three) = (at(1), at(3));
+        assert_eq!(one.nodes(), three.nodes());
+        assert_eq!(one.connectivity(), three.connectivity());
+    }
+
+    #[test]
+    fn nothing_is_filled_with_nothing() {
+        let fill = |mesh: TriMesh, cell| {
+            let options = FillOptions { cell, order: None };
+            Scaffold::filled(&MeshSolid::new(mesh), options).unwrap_err()
+        };
+        let block = turned_block(1, Vec3::repeat(1.0));
+        assert!(matches!(
+            fill(block.clone(), 0.0),
+            ScaffoldError::BadRound { .. }
+        ));
+        assert!(matches!(fill(block, 1e-9), ScaffoldError::TooMany { .. }));
+        assert!(matches!(
+            fill(TriMesh::default(), 1.0),
+            ScaffoldError::BadRound { .. }
+        ));
+    }
 }

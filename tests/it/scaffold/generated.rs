@@ -1,12 +1,8 @@
 //! Scaffolds made or cut up here.
 
 use crate::strategy::{Noise, cell_point, mesh};
-use druse::frame::{Aabb, Element, Vec3};
-use druse::mesh::{MeshSolid, TriMesh};
-use druse::scaffold::{
-    Connectivity, Divided, FillOptions, Kind, Neighbour, Scaffold, ScaffoldError, Surface,
-};
-use nalgebra::Rotation3;
+use druse::frame::{Element, Vec3, WorldPoint};
+use druse::scaffold::{Connectivity, Divided, Kind, Neighbour, Scaffold, ScaffoldError, Surface};
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -157,82 +153,6 @@ fn pyramids_are_refused_with_advice() {
         assert!(text.contains("element 0 (Pyramid5)"), "{text}");
     }
     assert!(pyramids.repeated(0).is_err());
-}
-
-/// A box of any proportions, turned and placed at random against the lattice.
-fn turned_block(seed: u64, size: Vec3) -> TriMesh {
-    let mut noise = Noise::new(seed);
-    let (axis, shift) = (noise.vector() * 3.0, noise.vector());
-    let turn = Rotation3::new(axis);
-    let block = TriMesh::cuboid(&Aabb::of([Vec3::zeros(), size]));
-    block.mapped(|p| turn * p + shift)
-}
-
-fn filled(mesh: TriMesh, cell: f64, order: Option<u32>) -> Scaffold {
-    let options = FillOptions { cell, order };
-    let filled = Scaffold::filled(&MeshSolid::new(mesh), options).unwrap();
-    assert!(filled.lost.is_empty() && filled.straight.is_empty());
-    assert!(is_sound(&filled.scaffold));
-    filled.scaffold
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
-
-    #[test]
-    fn fillings_keep_edges_and_corners(seed: u64, cell in 0.4..0.9f64, thickness in 0.2..2.0f64) {
-        let block = turned_block(seed, Vec3::new(3.0, 2.0, thickness));
-        let s = filled(block.clone(), cell, None);
-        prop_assert!((volume(&s) / block.volume() - 1.0).abs() < 1e-9);
-        let report = s.report();
-        prop_assert!(report.worst_quality.0 > 0.1 && report.mirrored.is_empty());
-        prop_assert_eq!(&report.kinds, &[(Kind::Tet4, s.len())]);
-        for corner in block.vertices() {
-            prop_assert!(s.nodes().iter().any(|n| (n - corner).norm() < 1e-12));
-        }
-    }
-}
-
-/// Curved tets follow a ball that straight ones cut short; the chords of the mesh itself are shorter still.
-#[test]
-fn curved_fillings_follow_a_ball() {
-    let ball = TriMesh::ball(Vec3::new(0.1, 0.2, 0.3), 12.0, 5);
-    let ratio = |order| volume(&filled(ball.clone(), 6.0, order)) / ball.volume();
-    let (straight, curved) = (ratio(Some(1)), ratio(None));
-    assert!(
-        straight < 0.98 && (curved - 1.0).abs() < 5e-4,
-        "{straight} {curved}"
-    );
-}
-
-#[test]
-fn fillings_are_the_same_at_any_number_of_threads() {
-    let at = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        let pool = pool.build().unwrap();
-        pool.install(|| filled(turned_block(7, Vec3::new(3.0, 2.0, 1.0)), 0.3, Some(2)))
-    };
-    let (one, three) = (at(1), at(3));
-    assert_eq!(one.nodes(), three.nodes());
-    assert_eq!(one.connectivity(), three.connectivity());
-}
-
-#[test]
-fn nothing_is_filled_with_nothing() {
-    let block = MeshSolid::new(turned_block(1, Vec3::repeat(1.0)));
-    let fill = |cell| {
-        let options = FillOptions { cell, order: None };
-        Scaffold::filled(&block, options).unwrap_err()
-    };
-    assert!(matches!(fill(0.0), ScaffoldError::BadRound { .. }));
-    assert!(matches!(fill(1e-9), ScaffoldError::TooMany { .. }));
-    let nothing = MeshSolid::new(TriMesh::default());
-    let options = FillOptions {
-        cell: 1.0,
-        order: None,
-    };
-    let e = Scaffold::filled(&nothing, options).unwrap_err();
-    assert!(matches!(e, ScaffoldError::BadRound { .. }));
 }
 
 /// A cylinder's surface of quads, its nodes wound at random.

@@ -65,12 +65,12 @@ pub(crate) fn cad_mesh(part: &Path, options: CadOptions) -> Result<PathBuf, Stri
     let is_fault = |l: &&str| l.starts_with("Error") || l.starts_with("Fatal");
     let faults: Vec<&str> = words.lines().filter(is_fault).take(MAX_LINES).collect();
     if !output.status.success() || !faults.is_empty() || !made.is_file() {
-        let said = if faults.is_empty() {
+        let cause = if faults.is_empty() {
             output.status.to_string()
         } else {
             faults.join("; ")
         };
-        return Err(format!("gmsh cannot mesh {shown}: {said}"));
+        return Err(format!("gmsh cannot mesh {shown}: {cause}"));
     }
     let bytes = std::fs::read(&made).map_err(|e| format!("{}: {e}", made.display()))?;
     write_bytes(&mesh, &bytes).map_err(|e| e.to_string())?;

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 /// Cosine of the angle above which a surface has a crease and a crease a corner: 30 degrees.
 const CREASE_COSINE: f64 = 0.866_025_403_784_438_6;
 /// Triangles of less height, as a share of their longest side, have no reliable normal.
-const LEAST_HEIGHT: f64 = 1e-5;
+const MIN_HEIGHT: f64 = 1e-5;
 
 /// A crease between two corners, or a closed one.
 pub(super) struct Line {
@@ -84,7 +84,7 @@ impl Creases {
         let corners: Vec<u32> = ways.keys().copied().filter(|&n| is_corner(n)).collect();
         let mut lines = Vec::new();
         let mut is_used: BTreeMap<[u32; 2], bool> = edges.iter().map(|&e| (e, false)).collect();
-        // First from every corner, then what is left: closed lines without corners.
+        // First from every corner, then the rest: closed lines without corners.
         let starts = corners.iter().copied().chain(ways.keys().copied());
         for start in starts {
             for &first in &ways[&start] {
@@ -154,7 +154,7 @@ pub(super) fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     let longest = [b - a, c - b, a - c]
         .iter()
         .fold(0.0, |l: f64, s| l.max(s.norm_squared()));
-    if n.norm() > LEAST_HEIGHT * longest {
+    if n.norm() > MIN_HEIGHT * longest {
         n.normalize()
     } else {
         Vec3::zeros()

@@ -10,13 +10,13 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Edges whose middles are off by less than this share of their length are straight.
-const STRAIGHT: f64 = 1e-3;
+const MIN_BOW: f64 = 1e-3;
 /// Middles that are off by more than this share of their edge's length stay.
-const GREATEST_BOW: f64 = 0.3;
+const MAX_BOW: f64 = 0.3;
 /// Least Jacobian of a curved tet, as a share of that of the straight one.
-const LEAST_JACOBIAN: f64 = 0.1;
+const MIN_JACOBIAN: f64 = 0.1;
 /// Least quality of the tets at a node that makes room for a curved face.
-const RELIEVED_QUALITY: f64 = 0.25;
+const MIN_RELIEVED_QUALITY: f64 = 0.25;
 /// Corners of a tet's edges, in the order of their middles in VTK.
 const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
 
@@ -61,7 +61,7 @@ pub(super) fn curved(
                     solid.closest(middle).point
                 };
                 let bow = (place - middle).norm() / length;
-                (bow > STRAIGHT && bow < GREATEST_BOW).then_some(place)
+                (bow > MIN_BOW && bow < MAX_BOW).then_some(place)
             })
             .collect();
         let all = edges.into_iter().zip(places);
@@ -146,7 +146,8 @@ fn relieve(
         for share in [0.25, 0.5, 0.75, 1.0, 1.5] {
             nodes[n as usize].place = start + away * share;
             let is_good = own.iter().all(|t| {
-                quality(t.map(|n| nodes[n as usize].place)) > RELIEVED_QUALITY && !folded(*t, nodes)
+                quality(t.map(|n| nodes[n as usize].place)) > MIN_RELIEVED_QUALITY
+                    && !folded(*t, nodes)
             });
             if is_good {
                 break;
@@ -186,7 +187,7 @@ fn is_folded(corners: [Vec3; 4], middles: &[Vec3; 6]) -> bool {
     }
     let step = |i: usize, k: usize| (control[i][k] - control[i][0]) * 2.0;
     let [a, b, c] = [1, 2, 3].map(|k| corners[k] - corners[0]);
-    let limit = LEAST_JACOBIAN * a.cross(&b).dot(&c);
+    let limit = MIN_JACOBIAN * a.cross(&b).dot(&c);
     for i in 0..4 {
         for j in i..4 {
             for k in j..4 {

@@ -8,16 +8,16 @@ use druse_geometry::frame::{Aabb, Vec3};
 use robust::{Coord3D, insphere, orient3d};
 
 /// No neighbour, or a tet that was removed.
-const NONE: u32 = u32::MAX;
+const NO_TET: u32 = u32::MAX;
 /// Number of the far points that enclose all others; the first points.
-const FAR: u32 = 4;
+const FAR_POINT_COUNT: u32 = 4;
 /// Distance of the far points, half diagonals of the box.
 const FAR_DISTANCE: f64 = 1e3;
 
 /// Tets of points. Those that have a far corner are left out of [`Delaunay::tets`].
 pub(super) struct Delaunay {
     points: Vec<Vec3>,
-    /// Corners, so that `orient3d` is positive; those of a removed tet are `NONE`.
+    /// Corners, so that `orient3d` is positive; those of a removed tet are `NO_TET`.
     tets: Vec<[u32; 4]>,
     /// The tet beyond the face opposite to each corner.
     neighbours: Vec<[u32; 4]>,
@@ -54,10 +54,10 @@ impl Delaunay {
         Self {
             points,
             tets: vec![first],
-            neighbours: vec![[NONE; 4]],
+            neighbours: vec![[NO_TET; 4]],
             free: Vec::new(),
             last: 0,
-            marks: vec![NONE],
+            marks: vec![NO_TET],
         }
     }
 
@@ -65,8 +65,15 @@ impl Delaunay {
     pub(super) fn tets(&self) -> impl Iterator<Item = [u32; 4]> + '_ {
         let near = self.tets.iter();
         // The exact sign is opposite to that of (b - a) x (c - a) . (d - a).
-        near.filter(|t| t.iter().all(|&n| n != NONE && n >= FAR))
-            .map(|&[a, b, c, d]| [a - FAR, b - FAR, d - FAR, c - FAR])
+        near.filter(|t| t.iter().all(|&n| n != NO_TET && n >= FAR_POINT_COUNT))
+            .map(|&[a, b, c, d]| {
+                [
+                    a - FAR_POINT_COUNT,
+                    b - FAR_POINT_COUNT,
+                    d - FAR_POINT_COUNT,
+                    c - FAR_POINT_COUNT,
+                ]
+            })
     }
 
     /// Adds a point; returns whether it is new.
@@ -90,10 +97,10 @@ impl Delaunay {
             next += 1;
             for side in 0..4 {
                 let beyond = self.neighbours[tet as usize][side];
-                if beyond != NONE && self.marks[beyond as usize] == number {
+                if beyond != NO_TET && self.marks[beyond as usize] == number {
                     continue;
                 }
-                if beyond != NONE && self.holds(beyond, p) {
+                if beyond != NO_TET && self.holds(beyond, p) {
                     self.marks[beyond as usize] = number;
                     cavity.push(beyond);
                 } else {
@@ -121,7 +128,7 @@ impl Delaunay {
                 let mut c = corners;
                 c[side] = p;
                 let beyond = self.neighbours[tet as usize][side];
-                if beyond != NONE && orient3d(c[0], c[1], c[2], c[3]) < 0.0 {
+                if beyond != NO_TET && orient3d(c[0], c[1], c[2], c[3]) < 0.0 {
                     tet = beyond;
                     continue 'walk;
                 }
@@ -132,7 +139,7 @@ impl Delaunay {
 
     /// Replaces the tets of a cavity by those of its faces and the new point.
     fn replace(&mut self, number: u32, cavity: &[u32], faces: &[(u32, usize)]) {
-        // Before numbers are used again: the side of the tet beyond each face that looks at the cavity.
+        // Before numbers are used again: the side of the tet beyond each face that faces the cavity.
         let mut made = Vec::with_capacity(faces.len());
         for &(tet, side) in faces {
             let beyond = self.neighbours[tet as usize][side];
@@ -143,7 +150,7 @@ impl Delaunay {
             made.push((corners, side, beyond, back));
         }
         for &tet in cavity {
-            self.tets[tet as usize] = [NONE; 4];
+            self.tets[tet as usize] = [NO_TET; 4];
         }
         self.free.extend(cavity.iter().rev());
         // The two new tets at each edge of the cavity's surface are neighbours.
@@ -151,9 +158,9 @@ impl Delaunay {
         for (corners, side, beyond, back) in made {
             let tet = self.free.pop().unwrap_or(self.tets.len() as u32);
             if tet as usize == self.tets.len() {
-                self.tets.push([NONE; 4]);
-                self.neighbours.push([NONE; 4]);
-                self.marks.push(NONE);
+                self.tets.push([NO_TET; 4]);
+                self.neighbours.push([NO_TET; 4]);
+                self.marks.push(NO_TET);
             }
             self.tets[tet as usize] = corners;
             self.neighbours[tet as usize][side] = beyond;

@@ -12,26 +12,26 @@ use druse_geometry::mesh::MeshSolid;
 use std::collections::BTreeSet;
 
 /// Tets below this quality are improved.
-const GOOD: f64 = 0.35;
+const GOOD_QUALITY: f64 = 0.35;
 /// Least gain of a change.
-const GAIN: f64 = 1e-4;
+const MIN_GAIN: f64 = 1e-4;
 /// Most tets around an edge that is removed.
 const MAX_RING: usize = 9;
 /// Rounds over all tets.
 const ROUNDS: usize = 12;
 /// A round with fewer changes than one in so many bad tets is the last.
-const LEAST_CHANGES: usize = 200;
+const MIN_CHANGE_RATIO: usize = 200;
 /// Cosine above which two outer faces count as nearly plane: 20 degrees.
-const NEARLY_PLANE: f64 = 0.94;
+const NEARLY_PLANE_COSINE: f64 = 0.94;
 /// Tets of less quality at the surface are left out where their inner edges are nearly as near to it,
-const FLAT: f64 = 0.12;
+const FLAT_QUALITY: f64 = 0.12;
 /// as a share of the length of the edge.
-const SAG: f64 = 0.08;
+const MAX_SAG: f64 = 0.08;
 /// 1 + the cosine of 130 degrees: wider angles at the surface count as bad.
-const WIDE: f64 = 0.357;
+const WIDE_ANGLE: f64 = 0.357;
 /// Corners of the face opposite to each corner, counter-clockwise seen from outside.
 const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
-const REMOVED: [u32; 4] = [u32::MAX; 4];
+const REMOVED_TET: [u32; 4] = [u32::MAX; 4];
 
 /// The faces of a tet, counter-clockwise seen from outside, each opposite to one corner.
 pub(super) fn faces<T: Copy>(tet: [T; 4]) -> [[T; 3]; 4] {
@@ -110,7 +110,7 @@ impl<'a> Tets<'a> {
         if own <= 0.0 || corners.iter().any(is_inner) {
             return own;
         }
-        own * (widest_angle(places) / WIDE).min(1.0)
+        own * (widest_angle(places) / WIDE_ANGLE).min(1.0)
     }
 
     fn least(&self, tets: &[[u32; 4]]) -> f64 {
@@ -132,7 +132,7 @@ impl<'a> Tets<'a> {
             for n in self.tets[t as usize] {
                 self.around[n as usize].retain(|&u| u != t);
             }
-            self.tets[t as usize] = REMOVED;
+            self.tets[t as usize] = REMOVED_TET;
         }
         for (i, &corners) in new.iter().enumerate() {
             let t = old.get(i).copied().unwrap_or(self.tets.len() as u32);
@@ -170,16 +170,16 @@ impl<'a> Tets<'a> {
                 }
             }
             // The last few changes are not worth a round over all tets.
-            if changes * LEAST_CHANGES <= bad.len() {
+            if changes * MIN_CHANGE_RATIO <= bad.len() {
                 break;
             }
         }
-        self.tets.retain(|t| *t != REMOVED);
+        self.tets.retain(|t| *t != REMOVED_TET);
     }
 
     fn is_bad(&self, t: u32) -> bool {
         let corners = self.tets[t as usize];
-        corners != REMOVED && self.quality(corners) < GOOD
+        corners != REMOVED_TET && self.quality(corners) < GOOD_QUALITY
     }
 
     /// Tries to exchange a tet's edges and faces, and to merge its nodes; whether one was.
@@ -206,7 +206,7 @@ impl<'a> Tets<'a> {
     /// Removes a flat tet at the surface, so that its other faces become outer ones: they are as near to it.
     fn peel(&mut self, t: u32) -> bool {
         let tet = self.tets[t as usize];
-        if self.quality(tet) > FLAT {
+        if self.quality(tet) > FLAT_QUALITY {
             return false;
         }
         let is_outer = faces(tet).map(|f| self.around_all(&f).len() == 1);
@@ -214,7 +214,7 @@ impl<'a> Tets<'a> {
         let (outer, inner): (Vec<usize>, Vec<usize>) = (0..4).partition(|&i| is_outer[i]);
         let near = |ends: [usize; 2]| {
             let [p, q] = ends.map(|i| self.place(tet[i]));
-            self.solid.closest((p + q) / 2.0).distance < SAG * (q - p).norm()
+            self.solid.closest((p + q) / 2.0).distance < MAX_SAG * (q - p).norm()
         };
         let is_crease = |i: usize, j: usize| self.crease_edges.contains(&ordered(tet[i], tet[j]));
         let may = match (&outer[..], &inner[..]) {
@@ -288,7 +288,7 @@ impl<'a> Tets<'a> {
             .iter()
             .map(|&t| self.quality(self.tets[t as usize]))
             .fold(f64::INFINITY, f64::min);
-        let Some(new) = self.triangulated(&ring, [a, b], before + GAIN) else {
+        let Some(new) = self.triangulated(&ring, [a, b], before + MIN_GAIN) else {
             return false;
         };
         self.replace(&old, &new);
@@ -337,7 +337,7 @@ impl<'a> Tets<'a> {
     fn may_flip(&self, [a, b]: [u32; 2], [c, d]: [u32; 2]) -> bool {
         let [p, q, r, s] = [a, b, c, d].map(|n| self.place(n));
         let normal = |x: Vec3, y: Vec3, z: Vec3| (y - x).cross(&(z - x));
-        let is_plane = |u: Vec3, v: Vec3| u.dot(&v) > NEARLY_PLANE * u.norm() * v.norm();
+        let is_plane = |u: Vec3, v: Vec3| u.dot(&v) > NEARLY_PLANE_COSINE * u.norm() * v.norm();
         if !is_plane(normal(p, q, s), normal(q, p, r))
             || !is_plane(normal(r, s, p), normal(s, r, q))
         {
@@ -373,7 +373,7 @@ impl<'a> Tets<'a> {
         let [p, q, r] = ring;
         let new = [[e, d, p, q], [e, d, q, r], [e, d, r, p]];
         let before = [s, t].map(|t| self.quality(self.tets[t as usize]));
-        if self.least(&new) <= before[0].min(before[1]).max(0.0) + GAIN {
+        if self.least(&new) <= before[0].min(before[1]).max(0.0) + MIN_GAIN {
             return false;
         }
         self.replace(&old, &new);
@@ -395,7 +395,7 @@ impl<'a> Tets<'a> {
             .filter(|t| !t.contains(&to))
             .map(|t| t.map(|n| if n == from { to } else { n }))
             .collect();
-        if new.is_empty() || self.least(&new) <= self.least(&corners).max(0.0) + GAIN {
+        if new.is_empty() || self.least(&new) <= self.least(&corners).max(0.0) + MIN_GAIN {
             return false;
         }
         let volume = |tets: &[[u32; 4]]| -> f64 {
@@ -431,7 +431,7 @@ impl<'a> Tets<'a> {
                 .map(|&t| (self.quality(t), t))
                 .min_by(|a, b| a.0.total_cmp(&b.0));
             let Some((before, tet)) = worst else { break };
-            if before > GOOD {
+            if before > GOOD_QUALITY {
                 break;
             }
             let x = self.place(n);
@@ -448,7 +448,7 @@ impl<'a> Tets<'a> {
             ];
             let found = steps.into_iter().any(|step| {
                 self.nodes[n as usize].place = self.held(start.site, x + step);
-                let is_better = self.least(&own) > before + GAIN;
+                let is_better = self.least(&own) > before + MIN_GAIN;
                 if !is_better {
                     self.nodes[n as usize].place = x;
                 }

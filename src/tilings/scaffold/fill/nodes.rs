@@ -17,14 +17,14 @@ const GROWTH: f64 = 0.5;
 /// Number of halvings of a cell that sizes distinguish.
 const LEVELS: usize = 6;
 /// Greatest turn of a crease between two of its nodes: 36 degrees.
-const GREATEST_TURN: f64 = std::f64::consts::PI / 5.0;
+const MAX_TURN: f64 = std::f64::consts::PI / 5.0;
 /// Least distance of nodes on faces, as a share of h.
 const FACE_SPACING: f64 = 0.8;
 /// Least distance of inner nodes from others and from the surface, as shares of h.
 const INNER_SPACING: f64 = 0.7;
 const INNER_DEPTH: f64 = 0.55;
 /// Nodes of faces whose normals have a lesser cosine lie on different sides of the part.
-const SAME_SIDE: f64 = 0.3;
+const SAME_SIDE_COSINE: f64 = 0.3;
 /// Distance of places on a face that may become nodes, as a share of h.
 const CANDIDATE_STEP: f64 = 0.2;
 
@@ -213,7 +213,7 @@ impl Nodes {
             let mut sums = vec![0.0];
             for i in 1..line.points.len() {
                 let length = line.lengths[i] - line.lengths[i - 1];
-                let turns = f64::midpoint(turn(i - 1), turn(i)) / GREATEST_TURN;
+                let turns = f64::midpoint(turn(i - 1), turn(i)) / MAX_TURN;
                 sums.push(sums[i - 1] + (length / cell).max(turns));
             }
             let whole = sums[sums.len() - 1];
@@ -257,7 +257,7 @@ impl Nodes {
             for n in 0..self.all.len() as u32 {
                 bins.add(self.place(n), n);
             }
-            let is_crowded = |p: &Part| {
+            let is_encroached = |p: &Part| {
                 let [a, b] = p.ends.map(|n| self.place(n));
                 let (middle, radius) = ((a + b) / 2.0, (b - a).norm() / 2.0);
                 let limit = radius * (1.0 - 1e-9);
@@ -266,11 +266,11 @@ impl Nodes {
                         !p.ends.contains(&n) && (self.place(n) - middle).norm() < limit
                     })
             };
-            let crowded: Vec<bool> = self.parts.par_iter().map(is_crowded).collect();
-            for part in (0..crowded.len()).filter(|&p| crowded[p]) {
+            let encroached: Vec<bool> = self.parts.par_iter().map(is_encroached).collect();
+            for part in (0..encroached.len()).filter(|&p| encroached[p]) {
                 self.halve(part, creases);
             }
-            if !crowded.contains(&true) {
+            if !encroached.contains(&true) {
                 break;
             }
         }
@@ -310,7 +310,9 @@ impl Nodes {
         for (_, p, n, size) in candidates {
             let is_taken = bins.any(p, |node| {
                 (self.place(node) - p).norm() < FACE_SPACING * size
-                    && normals.get(&node).is_none_or(|m| m.dot(&n) > SAME_SIDE)
+                    && normals
+                        .get(&node)
+                        .is_none_or(|m| m.dot(&n) > SAME_SIDE_COSINE)
             });
             if !is_taken {
                 let node = self.push(p, Site::Face);
