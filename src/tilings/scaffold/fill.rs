@@ -10,7 +10,7 @@ use creases::Creases;
 use delaunay::Delaunay;
 use druse_geometry::frame::Vec3;
 use druse_geometry::mesh::MeshSolid;
-use improve::{Tets, quality};
+use improve::{TetMesh, quality};
 use nodes::{Bins, Nodes, Part, Site};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashSet};
@@ -83,7 +83,7 @@ impl Scaffold {
         }
         let lost = body.lost();
         let edges = body.crease_edges();
-        let mut tets = Tets::new(body.nodes.all, body.tets, edges, (solid, &creases));
+        let mut tets = TetMesh::new(body.nodes.all, body.tets, edges, (solid, &creases));
         tets.improve();
         let (mut nodes, tets, edges) = tets.finished();
         let curved = curve::curved(solid, &creases, (&mut nodes, &tets, &edges), options.order)?;

@@ -171,11 +171,10 @@ fn middles(
 }
 
 /// Whether the Jacobian of a curved tet may fall below a share of the straight one's.
-///
-/// With x = sum l_i^2 p_i + 2 sum l_i l_j c_ij in barycentric coordinates (control points c = 2 m - (p_i + p_j) / 2),
-/// the derivative towards corner k from corner 0 is linear: 2 sum l_i (c_ik - c_i0). The Jacobian, a cubic, lies
-/// within its Bernstein coefficients: means of determinants of three such derivatives.
 fn is_folded(corners: [Vec3; 4], middles: &[Vec3; 6]) -> bool {
+    // With x = sum l_i^2 p_i + 2 sum l_i l_j c_ij in barycentric coordinates (control points c = 2 m - (p_i + p_j) / 2),
+    // the derivative towards corner k from corner 0 is linear: 2 sum l_i (c_ik - c_i0). The Jacobian, a cubic, lies
+    // within its Bernstein coefficients: means of determinants of three such derivatives.
     let mut control = [[Vec3::zeros(); 4]; 4];
     for i in 0..4 {
         control[i][i] = corners[i];

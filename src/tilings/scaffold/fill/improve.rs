@@ -59,7 +59,7 @@ fn widest_angle(corners: [Vec3; 4]) -> f64 {
 }
 
 /// Tets over nodes, with the tets around each node.
-pub(super) struct Tets<'a> {
+pub(super) struct TetMesh<'a> {
     pub nodes: Vec<Node>,
     /// Corners with positive volume; `u32::MAX` for a removed tet.
     pub tets: Vec<[u32; 4]>,
@@ -74,7 +74,7 @@ fn ordered(a: u32, b: u32) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-impl<'a> Tets<'a> {
+impl<'a> TetMesh<'a> {
     pub(super) fn new(
         nodes: Vec<Node>,
         tets: Vec<[u32; 4]>,

@@ -1,6 +1,6 @@
 //! The nodes of a filling: on corners, along creases, on faces, and inside on a body-centred lattice.
 //!
-//! Nodes are about h(x) apart, h(x) = min(cell, min over the crease nodes of s_i + |x - x_i| / 2), where s_i
+//! Nodes are about h(x) apart, `h(x) = min(cell, min s_i + |x - x_i| / 2)` over the crease nodes i, where `s_i`
 //! is the distance of a crease node from its neighbours. It is less than the cell where creases are
 //! short or bend, or come near to each other. Along creases no other crease's node lies in the ball over an
 //! edge, on faces nodes keep a distance of 0.8 h, as far as they lie on one side of the part: then Delaunay
