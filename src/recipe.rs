@@ -81,8 +81,8 @@ pub use reference::reference;
 pub use require::RequireSection;
 pub(crate) use require_file::RequireFile;
 pub use scaffold::{
-    BandSection, Boundary, BoxKind, BoxScaffold, CylinderScaffold, Distance, FillKind,
-    FillScaffold, Plate, ScaffoldSection, Shell, SphereScaffold,
+    BandSection, Boundary, BoxKind, BoxScaffold, CylinderScaffold, Distance, ElementOrder,
+    FillKind, FillScaffold, Plate, ScaffoldSection, Shell, SphereScaffold, is_cad,
 };
 pub use source::Source;
 pub use target::{TargetProperty, TargetTable, TargetWord};

@@ -12,6 +12,13 @@ use std::path::PathBuf;
 pub(super) struct Parameters {
     /// Name of the recipe: NAME.toml is written.
     name: PathBuf,
+    /// Fill this part: a closed mesh (.stl .obj .ply .off .3mf), or .step, .iges, .brep; sizes suit it.
+    #[arg(long, value_name = "FILE")]
+    part: Option<PathBuf>,
+    /// What fills the part: "edges" (struts along the edges of tets that keep the part's edges), or a named
+    /// surface, as in gyroid, in cubes that the part cuts.
+    #[arg(long, value_name = "CELL", default_value = "edges", requires = "part")]
+    cell: String,
     /// Overwrite an existing file.
     #[arg(long)]
     force: bool,
@@ -31,7 +38,10 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     let stem = path
         .file_stem()
         .map_or_else(|| "part".into(), |s| s.to_string_lossy().into_owned());
-    let text = STARTER.replace("NAME", &stem);
+    let text = match &p.part {
+        Some(part) => super::new_part::recipe(part, &p.cell, &stem, &path)?,
+        None => STARTER.replace("NAME", &stem),
+    };
     write_bytes(&path, text.as_bytes())?;
     let shown = path.display().to_string();
     Ok(Answer::new(

@@ -1,4 +1,4 @@
-//! `druse scaffold info FILE` and `druse scaffold check FILE`.
+//! `druse scaffold info FILE`, `druse scaffold make PART` and `druse scaffold check FILE`.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -31,6 +31,23 @@ enum What {
         #[arg(short, long, value_name = "X.vtu")]
         output: Option<PathBuf>,
     },
+    /// Fill a closed mesh or a part of CAD with tets that keep its edges and corners, and show their quality.
+    Make {
+        /// The part: a closed mesh (.stl .obj .ply .off .3mf), or .step, .iges, .brep, which the program gmsh meshes.
+        part: PathBuf,
+        /// The scaffold to write (.msh or .vtu).
+        #[arg(short, long, value_name = "X.msh")]
+        output: PathBuf,
+        /// Edge of a tet, as in 5mm; a bare number is in the part's unit.
+        #[arg(long, value_name = "LENGTH")]
+        cell_size: crate::recipe::Size,
+        /// 1 for straight tets, 2 for curved ones [default: 2 where the surface is curved].
+        #[arg(long, value_parser = clap::value_parser!(u32).range(1..=2))]
+        order: Option<u32>,
+        /// Unit of the part's numbers [default: the file's, else mm].
+        #[arg(long)]
+        unit: Option<crate::frame::LengthUnit>,
+    },
     /// Check that a mesh can be tiled and its elements conform; for a recipe also that its field is continuous
     /// across all shared faces. Exit code 1 if the check fails.
     Check {
@@ -56,6 +73,24 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             if let Some(output) = output {
                 write(file, output)?;
             }
+            Ok(Answer::new(text, facts))
+        }
+        What::Make {
+            part,
+            output,
+            cell_size,
+            order,
+            unit,
+        } => {
+            let made = super::scaffold_make::Made {
+                part,
+                output,
+                size: *cell_size,
+                order: *order,
+                unit: *unit,
+            };
+            made.write(session)?;
+            let (text, facts) = describe(output)?;
             Ok(Answer::new(text, facts))
         }
         What::Check {

@@ -85,7 +85,6 @@ pub use frd::{FrdField, FrdFile, read_frd};
 pub use graph::read_skeleton;
 #[doc(hidden)]
 pub use graph::read_skeleton_noted;
-#[doc(hidden)]
 pub use macro_deck::{DeckClass, ElementDeck, write_element_deck};
 #[doc(hidden)]
 pub use mesh_file::is_point_cloud;
@@ -93,6 +92,8 @@ pub use mesh_file::{read_mesh, stated_unit, write_mesh};
 pub use mesh_format::{MeshFile, MeshFormat};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
+#[doc(hidden)]
+pub use msh::write_msh;
 pub use npy::{NpyArray, read_npy};
 #[doc(hidden)]
 pub use partial::PartialFolder;

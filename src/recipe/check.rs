@@ -5,7 +5,9 @@ use super::op::Op;
 use super::operand::Operand;
 use super::quantity::{Length, Scale, Width};
 use super::source::Source;
-use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION};
+use super::{
+    CellSection, FileRef, FillKind, ScaffoldSection, Sections, Solid, TilingSection, VERSION,
+};
 use crate::frame::{LengthUnit, Transform};
 
 /// Maximum number of cells that one tiling blends.
@@ -282,6 +284,33 @@ fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
     );
     for (key, length) in lengths {
         no_voxels(length, key, source)?;
+    }
+    if let Some(size) = scaffold.cell_size {
+        no_voxels(size.0, "scaffold.cell_size", source)?;
+    }
+    let is_cad = scaffold
+        .file
+        .as_ref()
+        .is_some_and(|f| super::is_cad(&f.path));
+    if is_cad && scaffold.cell_size.is_none() {
+        return Err(source.fault(
+            "scaffold.file",
+            "a CAD part needs the edge of its tets: expected cell_size = ... beside file",
+        ));
+    }
+    let fill = scaffold.fill.as_ref();
+    if fill.is_some_and(|f| f.order.is_some() && f.kind == FillKind::Hex) {
+        return Err(source.fault(
+            "scaffold.fill.order",
+            "hexes that the mesh cuts are straight; expected kind = \"tet\" beside order",
+        ));
+    }
+    if !is_cad && (scaffold.cell_size.is_some() || scaffold.order.is_some()) {
+        return Err(source.fault(
+            "scaffold",
+            "cell_size and order here belong to a CAD part: expected file = \"part.step\" beside them \
+             (box, cylinder, sphere and fill have their own)",
+        ));
     }
     let surface = scaffold.file.is_some() || scaffold.crystal.is_some();
     if !surface && (scaffold.shell.is_some() || scaffold.plate.is_some()) {

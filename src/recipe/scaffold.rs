@@ -13,8 +13,13 @@ use serde::Deserialize;
 #[serde(deny_unknown_fields, default)]
 pub struct ScaffoldSection {
     /// A mesh of tets, hexes, wedges or pyramids (.msh, .vtu, .vtk, .inp, .bdf, .mesh, .unv,
-    /// .usda), or with `shell` or `plate` one of triangles and quads (also .obj, .ply, .stl, .off).
+    /// .usda), or with `shell` or `plate` one of triangles and quads (also .obj, .ply, .stl, .off). A CAD part
+    /// (.step, .iges, .brep) is meshed by the program gmsh, with `cell_size`.
     pub file: Option<FileRef>,
+    /// Edge of the tets of a CAD part, about.
+    pub cell_size: Option<Size>,
+    /// Order of the tets of a CAD part: 2 (curved) by default.
+    pub order: Option<ElementOrder>,
     /// A box of equal hexes, made here.
     #[serde(rename = "box")]
     pub block: Option<BoxScaffold>,
@@ -103,9 +108,12 @@ pub struct FillScaffold {
     pub crystal: Option<CrystalRef>,
     /// Edge of a hex or tet.
     pub cell_size: Size,
-    /// "hex": a grid of cubes, which the mesh cuts; "tet": tets that fit the mesh.
+    /// "hex": a grid of cubes, which the mesh cuts; "tet": tets that keep the mesh's edges and corners.
     #[serde(default)]
     pub kind: FillKind,
+    /// Order of tets: 1 for straight ones, 2 for ones that follow a curved surface. By default 2 where the
+    /// surface is curved.
+    pub order: Option<ElementOrder>,
 }
 
 impl FillScaffold {
@@ -122,8 +130,26 @@ pub enum FillKind {
     /// A grid of cubes, which the mesh cuts.
     #[default]
     Hex,
-    /// Tets of a body-centred lattice, those at the surface fitted to it.
+    /// Tets that keep the mesh's edges and corners.
     Tet,
+}
+
+/// The order of elements: 1 or 2.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(try_from = "u32")]
+#[schemars(extend("minimum" = 1, "maximum" = 2), with = "u32")]
+pub struct ElementOrder(pub u32);
+
+impl TryFrom<u32> for ElementOrder {
+    type Error = String;
+
+    fn try_from(order: u32) -> Result<Self, String> {
+        if matches!(order, 1 | 2) {
+            Ok(Self(order))
+        } else {
+            Err(format!("found the order {order}; expected 1 or 2"))
+        }
+    }
 }
 
 /// `shell`: a surface's thickness.
@@ -214,4 +240,14 @@ pub enum Distance {
     Fast,
     /// Converged closest points on the cells, faces and edges within the band.
     Exact,
+}
+
+/// Whether a file is a part of CAD, by its extension.
+#[doc(hidden)]
+pub fn is_cad(path: &std::path::Path) -> bool {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    matches!(
+        extension.as_deref(),
+        Some("step" | "stp" | "iges" | "igs" | "brep")
+    )
 }

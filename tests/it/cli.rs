@@ -10,6 +10,7 @@ mod hybrid;
 mod limits;
 mod live;
 mod meshes;
+mod parts;
 mod portable;
 mod reports;
 mod sweep;

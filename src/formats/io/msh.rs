@@ -8,6 +8,9 @@
 mod data;
 mod v2;
 mod v4;
+mod write;
+
+pub use write::write_msh;
 
 use super::collector::Collector;
 use super::element_file::ElementFile;

@@ -50,4 +50,6 @@ impl Warning {
     pub const GRID: &'static str = "W117";
     /// W118: elements of a finite-element deck that are left out, since they share no face with the rest.
     pub const DECK: &'static str = "W118";
+    /// W119: a filled mesh that its scaffold does not follow.
+    pub const FILLING: &'static str = "W119";
 }

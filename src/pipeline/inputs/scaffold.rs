@@ -9,14 +9,20 @@ use crate::mesh::MeshSolid;
 use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::report::ScaffoldReport;
 use crate::pipeline::base::warning::Warning;
-use crate::recipe::{CrystalFrame, FillKind, Recipe, ScaffoldSection};
-use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Scaffold, ScaffoldError, Surface};
+use crate::recipe::{CrystalFrame, FillKind, Recipe, ScaffoldSection, is_cad};
+use crate::scaffold::{
+    Connectivity, Divided, FillOptions, InvalidScaffold, Scaffold, ScaffoldError, Surface,
+};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+mod cad;
+mod filling;
 mod generated;
 
-use generated::{box_scaffold, filling_elements};
+pub(crate) use cad::{CadOptions, cad_mesh};
+pub(crate) use filling::TetFilling;
+use generated::{box_scaffold, filling_cubes};
 
 /// Chordal error of the scaffold's curved outer faces, voxels.
 const CHORDAL_ERROR: f64 = 0.05;
@@ -135,7 +141,8 @@ fn cache_key(recipe: &Recipe, section: &ScaffoldSection) -> Option<(String, Stri
     let file = section.file.as_ref().filter(|_| section.motion.is_none())?;
     let file = file_key(&recipe.resolve(&file.path))?;
     // Lengths may be given in voxels.
-    let has_lengths = section.shell.is_some() || section.plate.is_some();
+    let has_lengths =
+        section.shell.is_some() || section.plate.is_some() || section.cell_size.is_some();
     let scale = has_lengths.then(|| recipe.scale());
     let key = format!("{section:?} {:?} {scale:?} {file}", recipe.unit());
     Some(("scaffold".into(), key))
@@ -219,11 +226,26 @@ fn source_scaffold(
         };
         let key = format!("scaffold.fill.{}", surface.word());
         let solid = files.solid(&key, surface)?;
-        let scaffold = filling_elements(&solid, fill, scale).map_err(|e| failed(None, &e))?;
-        // The mesh cuts the cubes; tets conform to it.
-        let envelope = (fill.kind == FillKind::Hex).then_some(solid);
+        if fill.kind == FillKind::Tet {
+            let options = FillOptions {
+                cell: fill.cell_size.resolve(scale),
+                order: fill.order.map(|o| o.0),
+            };
+            let filling =
+                TetFilling::new(&solid, options).map_err(|message| RunError::Scaffold {
+                    file: None,
+                    element: None,
+                    message,
+                })?;
+            for message in filling.warnings {
+                files.warn(TetFilling::CODE, message)?;
+            }
+            return Ok(SourceScaffold::generated(filling.scaffold));
+        }
+        let scaffold = filling_cubes(&solid, fill, scale).map_err(|e| failed(None, &e))?;
+        // The mesh cuts the cubes.
         return Ok(SourceScaffold {
-            envelope,
+            envelope: Some(solid),
             ..SourceScaffold::generated(scaffold)
         });
     }
@@ -235,7 +257,7 @@ fn source_scaffold(
     };
     let path = pose.path(files.recipe, file);
     let fail = |e: ScaffoldError| failed(Some(&path), &e);
-    let read = crate::io::read_elements(&path)?;
+    let read = read_part(&path, section, files.recipe)?;
     for warning in read.warnings() {
         files.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
     }
@@ -322,6 +344,27 @@ fn source_scaffold(
         files.record(&key, &path, source.scaffold.bounds())?;
     }
     Ok(source)
+}
+
+/// The elements of a file; a CAD part is meshed first.
+fn read_part(
+    path: &Path,
+    section: &ScaffoldSection,
+    recipe: &Recipe,
+) -> Result<ElementFile, RunError> {
+    let Some(cell) = section.cell_size.filter(|_| is_cad(path)) else {
+        return Ok(crate::io::read_elements(path)?);
+    };
+    let options = CadOptions {
+        cell: cell.resolve(recipe.scale()),
+        order: section.order.map_or(2, |o| o.0),
+    };
+    let mesh = cad_mesh(path, options).map_err(|message| RunError::Scaffold {
+        file: Some(path.to_owned()),
+        element: None,
+        message,
+    })?;
+    Ok(crate::io::read_elements(mesh)?)
 }
 
 /// Warns of a shell whose walls are thinner than its thickness.

@@ -6,7 +6,7 @@
 
 use super::orientation::parametric_scale;
 use super::{Defects, Kind, Orientation, Scaffold};
-use druse_geometry::frame::{Aabb, CellPoint, Element};
+use druse_geometry::frame::{Aabb, CellPoint, Element, Vec3};
 use rayon::prelude::*;
 use std::fmt;
 
@@ -108,6 +108,29 @@ pub struct ScaffoldReport {
 }
 
 impl Scaffold {
+    /// Least and greatest dihedral angle of the straight tets, degrees; `None` if there are none.
+    pub fn dihedral_range(&self) -> Option<[f64; 2]> {
+        let mut range: Option<[f64; 2]> = None;
+        for e in self.elements().filter(|e| e.kind() == Kind::Tet4) {
+            let p = [0, 1, 2, 3].map(|i| self.nodes()[e.nodes()[i] as usize]);
+            for [i, j, k, l] in [
+                [0, 1, 2, 3],
+                [0, 2, 1, 3],
+                [0, 3, 1, 2],
+                [1, 2, 0, 3],
+                [1, 3, 0, 2],
+                [2, 3, 0, 1],
+            ] {
+                let along = p[j] - p[i];
+                let off = |v: Vec3| v - along * (v.dot(&along) / along.norm_squared());
+                let angle = off(p[k] - p[i]).angle(&off(p[l] - p[i])).to_degrees();
+                let [a, b] = range.unwrap_or([angle; 2]);
+                range = Some([a.min(angle), b.max(angle)]);
+            }
+        }
+        range
+    }
+
     /// Measures the scaffold and finds defects.
     pub fn report(&self) -> ScaffoldReport {
         let measures: Vec<(f64, f64, Orientation)> = (0..self.len())

@@ -1,7 +1,7 @@
 //! Scaffolds made or cut up here.
 
 use crate::strategy::{Noise, cell_point, mesh};
-use druse::frame::{Aabb, Element, Vec3, WorldPoint};
+use druse::frame::{Element, Vec3, WorldPoint};
 use druse::scaffold::{Connectivity, Divided, Kind, Neighbour, Scaffold, ScaffoldError, Surface};
 use proptest::prelude::*;
 use std::f64::consts::PI;
@@ -153,60 +153,6 @@ fn pyramids_are_refused_with_advice() {
         assert!(text.contains("element 0 (Pyramid5)"), "{text}");
     }
     assert!(pyramids.repeated(0).is_err());
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
-
-    /// Balls with bumps and blocks with corners, of random size and place against the lattice.
-    #[test]
-    fn stuffed_solids_have_their_angles_and_volume(seed: u64, cell in 0.35..0.8f64) {
-        let mut noise = Noise::new(seed);
-        let centre = noise.vector();
-        let (k, l) = (noise.vector() * 2.0, noise.vector() * 2.0);
-        let bumpy = |p: Vec3| (p - centre).norm() - 2.0 + 0.15 * (k.dot(&p).sin() + l.dot(&p).cos());
-        let block = |p: Vec3| {
-            let q = (p - centre).abs() - Vec3::new(2.0, 1.5, 1.1);
-            q.map(|c| c.max(0.0)).norm() + q.amax().min(0.0).min(q.max())
-        };
-        let around = Aabb { min: centre.add_scalar(-2.6), max: centre.add_scalar(2.6) };
-        for s in [
-            Scaffold::stuffed(around, cell, bumpy).unwrap(),
-            Scaffold::stuffed(around, cell, block).unwrap(),
-        ] {
-            let [least, greatest] = s.dihedral_range().unwrap();
-            prop_assert!(least > 10.7 && greatest < 164.8, "{least} {greatest}");
-            prop_assert!(is_sound(&s));
-            let report = s.report();
-            prop_assert_eq!(report.mirrored.len(), 0);
-        }
-        let ball = |p: Vec3| (p - centre).norm() - 2.0;
-        let s = Scaffold::stuffed(around, cell, ball).unwrap();
-        let exact = 4.0 / 3.0 * PI * 8.0;
-        // Inscribed: short by about cell^2 / 8 R of the radius.
-        prop_assert!((volume(&s) / exact - 1.0).abs() < 0.25 * cell * cell);
-        // Outer nodes lie on the surface.
-        for f in s.outer_faces() {
-            let e = s.element(f.element as usize);
-            for &c in e.kind().faces()[f.face as usize].corners {
-                prop_assert!(ball(s.nodes()[e.nodes()[c as usize] as usize]).abs() < 1e-3 * cell);
-            }
-        }
-    }
-}
-
-#[test]
-fn nothing_is_stuffed_with_nothing() {
-    let around = Aabb {
-        min: Vec3::zeros(),
-        max: Vec3::repeat(1.0),
-    };
-    let e = Scaffold::stuffed(around, 0.2, |_| 1.0).unwrap_err();
-    assert_eq!(e, ScaffoldError::Empty);
-    let e = Scaffold::stuffed(around, 0.0, |_| -1.0).unwrap_err();
-    assert!(matches!(e, ScaffoldError::BadRound { .. }));
-    let e = Scaffold::stuffed(around, 1e-9, |_| -1.0).unwrap_err();
-    assert!(matches!(e, ScaffoldError::TooMany { .. }));
 }
 
 /// A cylinder's surface of quads, its nodes wound at random.

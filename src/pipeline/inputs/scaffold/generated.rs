@@ -3,7 +3,7 @@
 use super::moved;
 use crate::frame::{Aabb, Vec3};
 use crate::mesh::MeshSolid;
-use crate::recipe::{BoxKind, BoxScaffold, FillKind, FillScaffold, Scale};
+use crate::recipe::{BoxKind, BoxScaffold, FillScaffold, Scale};
 use crate::scaffold::{Connectivity, Kind, Scaffold, ScaffoldError};
 
 /// Greatest number of hexes that fill a mesh.
@@ -27,17 +27,14 @@ pub(super) fn box_scaffold(block: &BoxScaffold, scale: Scale) -> Result<Scaffold
     moved(&scaffold, |v| v + origin)
 }
 
-/// The cubes of a grid that meet a solid, or tets that fill it.
-pub(super) fn filling_elements(
+/// The cubes of a grid that meet a solid.
+pub(super) fn filling_cubes(
     solid: &MeshSolid,
     fill: &FillScaffold,
     scale: Scale,
 ) -> Result<Scaffold, ScaffoldError> {
     let cell = fill.cell_size.resolve(scale);
     let bounds = solid.bounds();
-    if fill.kind == FillKind::Tet {
-        return Scaffold::stuffed(bounds, cell, |p| solid.signed_distance(p));
-    }
     let counts = bounds.size().map(|s| (s / cell).ceil().max(1.0));
     let found = counts.product();
     if !found.is_finite() || found > MAX_HEXES {

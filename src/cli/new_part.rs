@@ -1,0 +1,142 @@
+//! The recipe that `druse new NAME --part FILE` writes: a lattice in a part, with sizes that suit it.
+
+use super::failure::Failure;
+use crate::frame::{Vec3, figures};
+use crate::mesh::{MeshSolid, TriMesh};
+use crate::pipeline::{CadOptions, cad_mesh};
+use crate::recipe::is_cad;
+use std::path::Path;
+
+/// Cells along the longest edge of the part's box, at least and at most.
+const CELLS: [f64; 2] = [8.0, 40.0];
+/// Thickness of struts and walls, cells; four voxels lie across it.
+const WALL: f64 = 0.2;
+/// Most places at which the thickness is measured.
+const PLACES: usize = 2000;
+/// Share of the places that may be thinner than the least thickness: steps and noise of the mesh.
+const IGNORED: usize = 20;
+
+/// The text of a recipe beside which the part's path is given.
+pub(super) fn recipe(part: &Path, cell: &str, name: &str, path: &Path) -> Result<String, Failure> {
+    let is_cad = is_cad(part);
+    let is_tets = cell == "edges";
+    if is_cad && !is_tets {
+        let message = format!("{cell} fills the cubes of a mesh; a part of CAD becomes tets");
+        return Err(Failure::usage(message)
+            .hint("leave out --cell, or write the part as an STL file in the CAD program"));
+    }
+    let mesh = surface(part, is_cad)?;
+    let longest = mesh.bounds().size().amax();
+    let (solid, _) = MeshSolid::repaired(mesh).map_err(|e| Failure::data(part, e.to_string()))?;
+    let thickness = least_thickness(&solid).unwrap_or(longest);
+    // As large as the thinnest wall, but neither a few cells nor far too many.
+    let size = thickness.clamp(longest / CELLS[1], longest / CELLS[0]);
+    let [cell_size, voxel, skin] =
+        [size, WALL * size / 4.0, WALL * size].map(|s| figures(two_digits(s)));
+    let file = relative(part, path)?;
+    let file = toml::Value::String(file).to_string();
+    let thickness = figures(two_digits(thickness));
+    let longest = figures(two_digits(longest));
+    let source = if is_tets {
+        "graph = \"edges\"                  # struts along the edges of the tets, so along the part's own edges\n\
+         radius = 0.1                       # of an edge's length, about"
+            .to_owned()
+    } else {
+        format!(
+            "surface = {}\nvolume_fraction = 0.3",
+            toml::Value::String(cell.to_owned())
+        )
+    };
+    let scaffold = match (is_cad, is_tets) {
+        (true, _) => format!(
+            "file = {file}\ncell_size = {cell_size}                      # edge of a tet; gmsh makes them"
+        ),
+        (_, true) => format!(
+            "fill = {{ mesh = {file}, cell_size = {cell_size}, kind = \"tet\" }}   # tets keep the part's edges"
+        ),
+        _ => format!(
+            "fill = {{ mesh = {file}, cell_size = {cell_size} }}   # cubes, which the part cuts"
+        ),
+    };
+    let skin = if is_cad {
+        String::new()
+    } else {
+        format!(
+            "# A closed skin around the lattice:\n# [[op]]\n\
+             # union = {{ skin = {{ mesh = {file}, thickness = {skin} }} }}\n"
+        )
+    };
+    Ok(format!(
+        "# A lattice in {file}: its longest edge is {longest}, its thinnest wall about {thickness}.\n\
+         druse = 1\nunit = \"mm\"\n\n[cell.lattice]\n{source}\n\n[scaffold]\n{scaffold}\n\n\
+         [tiling]\ncell = \"lattice\"\n\n\
+         [band]\nvoxel_size = {voxel}                   # four across the thinnest strut or wall, about\n\n\
+         {skin}[[op]]\nkeep_largest = true                # reports what it dropped\n\n\
+         [[output]]\nmesh = \"{name}.stl\"\n[[output]]\npicture = \"{name}.png\"\n[[output]]\nreport = \"{name}.json\"\n"
+    ))
+}
+
+/// The part's path as the recipe's folder sees it.
+fn relative(part: &Path, recipe: &Path) -> Result<String, Failure> {
+    let absolute = |p: &Path| std::path::absolute(p).map_err(|e| Failure::data(p, e.to_string()));
+    let (part, recipe) = (absolute(part)?, absolute(recipe)?);
+    let folder = recipe.parent().unwrap_or(&recipe);
+    let short = part.strip_prefix(folder).unwrap_or(&part);
+    let shown = short
+        .to_str()
+        .ok_or_else(|| Failure::data(&part, "the path is no UTF-8"))?;
+    Ok(shown.to_owned())
+}
+
+fn surface(part: &Path, is_cad: bool) -> Result<TriMesh, Failure> {
+    if !is_cad {
+        return Ok(crate::io::read_mesh(part)?.mesh);
+    }
+    // gmsh takes cells as large as the part where a crude surface is enough to measure.
+    let options = CadOptions {
+        cell: 1e22,
+        order: 1,
+    };
+    let mesh = cad_mesh(part, options).map_err(|message| Failure::data(part, message))?;
+    Ok(crate::io::read_mesh(&mesh)?.mesh)
+}
+
+fn two_digits(value: f64) -> f64 {
+    let scale = 10f64.powi(1 - value.log10().floor() as i32);
+    (value * scale).round() / scale
+}
+
+/// The thickness that all but a few places of the surface exceed.
+///
+/// A ball inside that touches the surface at p shrinks until it holds no other point of it: with q the point
+/// nearest to its centre, the ball through p and q with its centre on the normal n has the radius
+/// |p - q|^2 / (2 n . (p - q)). Balls that end at a face beside, as at edges, measure no wall.
+fn least_thickness(solid: &MeshSolid) -> Option<f64> {
+    let all: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
+    let unit = |[a, b, c]: [Vec3; 3]| (b - a).cross(&(c - a)).try_normalize(0.0);
+    let mut found: Vec<f64> = Vec::new();
+    for corners in all.iter().step_by(all.len().div_ceil(PLACES).max(1)) {
+        let Some(n) = unit(*corners) else { continue };
+        let p = corners.iter().sum::<Vec3>() / 3.0;
+        let mut radius = solid.bounds().half_diagonal();
+        // A few steps suffice: each lets the ball shrink to one that both points touch.
+        for _ in 0..16 {
+            let near = solid.closest(p - n * radius);
+            let way = p - near.point;
+            if near.distance > radius * (1.0 - 1e-6) || n.dot(&way) <= 0.0 {
+                break;
+            }
+            radius = way.norm_squared() / (2.0 * n.dot(&way));
+            let m = unit(solid.mesh().corners(near.triangle as usize));
+            if m.is_some_and(|m| m.dot(&n) > -0.5) {
+                radius = f64::INFINITY;
+                break;
+            }
+        }
+        if radius.is_finite() {
+            found.push(2.0 * radius);
+        }
+    }
+    found.sort_by(f64::total_cmp);
+    found.get(found.len() / IGNORED).copied()
+}

@@ -1,0 +1,90 @@
+//! The writer of tets as Gmsh 2.2 files in text, which every mesher and solver reads.
+
+use crate::io::atomic::AtomicFile;
+use crate::io::error::WriteError;
+use druse_tilings::scaffold::{Kind, Scaffold};
+use std::io::Write;
+use std::path::Path;
+
+/// Writes a scaffold of tets of first or second order; returns the file's size in bytes. Coordinates are not
+/// converted, since the format has no unit.
+///
+/// # Errors
+/// When the file cannot be written, or an element is no tet.
+pub fn write_msh(path: impl AsRef<Path>, scaffold: &Scaffold) -> Result<u64, WriteError> {
+    let path = path.as_ref();
+    let elements = scaffold.connectivity();
+    let is_tet = |e: &usize| matches!(elements.kind(*e), Kind::Tet4 | Kind::Tet10);
+    if let Some(other) = (0..elements.len()).find(|e| !is_tet(e)) {
+        return Err(WriteError::Format {
+            path: path.to_owned(),
+            reason: format!(
+                "element {other} is {}; expected tets",
+                elements.kind(other).name()
+            ),
+        });
+    }
+    let mut file = AtomicFile::create(path)?;
+    let written = write(&mut file, scaffold);
+    written.map_err(|e| file.failed(e))?;
+    file.commit()
+}
+
+fn write(file: &mut impl Write, scaffold: &Scaffold) -> std::io::Result<()> {
+    writeln!(
+        file,
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{}",
+        scaffold.nodes().len()
+    )?;
+    for (n, p) in scaffold.nodes().iter().enumerate() {
+        writeln!(file, "{} {} {} {}", n + 1, p.x, p.y, p.z)?;
+    }
+    writeln!(file, "$EndNodes\n$Elements\n{}", scaffold.len())?;
+    for e in 0..scaffold.len() {
+        let mut nodes = scaffold.connectivity().nodes(e).to_vec();
+        let code = if nodes.len() == 4 { 4 } else { 11 };
+        if code == 11 {
+            // The middles of edges 1-3 and 2-3 are the other way round than in VTK.
+            nodes.swap(8, 9);
+        }
+        write!(file, "{} {code} 2 0 1", e + 1)?;
+        for n in nodes {
+            write!(file, " {}", n + 1)?;
+        }
+        writeln!(file)?;
+    }
+    writeln!(file, "$EndElements")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use druse_geometry::frame::{Aabb, Vec3};
+    use druse_geometry::mesh::{MeshSolid, TriMesh};
+    use druse_tilings::scaffold::FillOptions;
+
+    #[test]
+    fn written_tets_are_read_as_they_were() {
+        let folder = tempfile::tempdir().unwrap();
+        let size = Vec3::new(3.0, 2.0, 1.0);
+        let block = MeshSolid::new(TriMesh::cuboid(&Aabb::of([Vec3::zeros(), size])));
+        for order in [1, 2] {
+            let options = FillOptions {
+                cell: 2.0,
+                order: Some(order),
+            };
+            let made = Scaffold::filled(&block, options).unwrap().scaffold;
+            let path = folder.path().join("block.msh");
+            write_msh(&path, &made).unwrap();
+            let read = crate::io::read_scaffold(&path).unwrap().scaffold;
+            assert_eq!(read.len(), made.len());
+            // The reader numbers nodes as elements use them.
+            for (own, other) in read.elements().zip(made.elements()) {
+                assert_eq!(own.kind(), other.kind());
+                for (m, n) in own.nodes().iter().zip(other.nodes()) {
+                    assert_eq!(read.nodes()[*m as usize], made.nodes()[*n as usize]);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Meshes filled with tets: what the tets leave of the mesh, and whether they hold together.
+
+use crate::frame::{Vec3, place_figures};
+use crate::mesh::{MeshSolid, TriMesh, mesh_components};
+use crate::pipeline::base::error::short_number;
+use crate::pipeline::base::warning::Warning;
+use crate::scaffold::{FillOptions, Filled, Scaffold, ScaffoldError};
+use rayon::prelude::*;
+
+/// Distance of the mesh from the tets, in cells, that is worth a warning.
+const WORTH_A_WARNING: f64 = 0.1;
+/// Quality (that of `druse scaffold info`) below which tets are named: a mean ratio of 0.1.
+const POOR: f64 = 0.0316;
+/// Chordal error at which outer faces are compared with the mesh, cells.
+const CHORDAL_ERROR: f64 = 0.01;
+/// Shares of the cell that are tried where the tets fall apart.
+const SMALLER: [f64; 2] = [0.5, 0.25];
+
+/// A scaffold, and warnings on where it leaves the mesh.
+pub(crate) struct TetFilling {
+    pub scaffold: Scaffold,
+    pub warnings: Vec<String>,
+}
+
+impl TetFilling {
+    /// Warning code of all its warnings.
+    pub const CODE: &'static str = Warning::FILLING;
+
+    /// Fills a mesh.
+    ///
+    /// # Errors
+    /// Text: no tets can be made, or they form more components than the mesh has.
+    pub fn new(solid: &MeshSolid, options: FillOptions) -> Result<Self, String> {
+        let filled = Scaffold::filled(solid, options).map_err(|e| e.to_string())?;
+        let (found, expected) = (filled.scaffold.components().len(), component_count(solid));
+        if found > expected {
+            return Err(torn(solid, options, [found, expected]));
+        }
+        let warnings = warnings(solid, &filled, options.cell).map_err(|e| e.to_string())?;
+        Ok(Self {
+            scaffold: filled.scaffold,
+            warnings,
+        })
+    }
+}
+
+/// Number of a mesh's components; overlapping ones are one solid in the end, so it is an upper bound.
+fn component_count(solid: &MeshSolid) -> usize {
+    mesh_components(&solid.mesh().merged()).0.len().max(1)
+}
+
+/// The error on tets that fall apart: it names a cell size with which they do not, if one of a few helps.
+fn torn(solid: &MeshSolid, options: FillOptions, [found, expected]: [usize; 2]) -> String {
+    let smaller = SMALLER.into_iter().map(|s| s * options.cell).find(|&cell| {
+        let filled = Scaffold::filled(solid, FillOptions { cell, ..options });
+        filled.is_ok_and(|f| f.scaffold.components().len() <= expected)
+    });
+    let hint = match smaller {
+        Some(cell) => format!("cell_size = {} keeps it together", short_number(cell)),
+        None => "a quarter of cell_size does not help: do its parts meet in edges or points alone?"
+            .into(),
+    };
+    format!("the tets form {found} components, the mesh {expected}; {hint}")
+}
+
+/// The faces of all components as one mesh.
+fn outer_mesh(scaffold: &Scaffold, error: f64) -> Result<MeshSolid, ScaffoldError> {
+    let mut whole = TriMesh::default();
+    for n in 0..scaffold.components().len() {
+        let own = scaffold.boundary(n, error).mesh;
+        whole.append(&own).map_err(|_| ScaffoldError::TooMany {
+            found: whole.vertices().len(),
+            what: "vertices of outer faces",
+        })?;
+    }
+    Ok(MeshSolid::new(whole))
+}
+
+fn warnings(solid: &MeshSolid, filled: &Filled, cell: f64) -> Result<Vec<String>, ScaffoldError> {
+    let mut warnings = Vec::new();
+    let mut places = |places: &[Vec3], what: &str| {
+        if let Some(&first) = places.first() {
+            warnings.push(format!(
+                "scaffold: {} {what}, the first at ({}); a smaller cell_size may help",
+                places.len(),
+                place_figures(first)
+            ));
+        }
+    };
+    places(
+        &filled.lost,
+        "pieces of the mesh's edges are no edges of tets",
+    );
+    places(
+        &filled.straight,
+        "edges of tets stay straight on a curved surface, because a tet would fold",
+    );
+    let qualities = filled.scaffold.elements().map(|e| e.quality());
+    let worst = qualities.fold((0, 1.0), |(count, least): (usize, f64), q| {
+        (count + usize::from(q < POOR), least.min(q))
+    });
+    if worst.0 > 0 {
+        warnings.push(format!(
+            "scaffold: {} tets are thin, the worst of quality {}; a smaller cell_size may help",
+            worst.0,
+            short_number(worst.1)
+        ));
+    }
+    let outer = outer_mesh(&filled.scaffold, CHORDAL_ERROR * cell)?;
+    let surface: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
+    let off = surface
+        .par_iter()
+        .flat_map_iter(|c| c.iter())
+        .map(|&p| (outer.closest(p).distance, p));
+    // The first of equally far ones, at any number of threads.
+    let worst = off.reduce(
+        || (0.0, Vec3::zeros()),
+        |a, b| match a.0.total_cmp(&b.0) {
+            std::cmp::Ordering::Less => b,
+            _ => a,
+        },
+    );
+    if worst.0 > WORTH_A_WARNING * cell {
+        let mut message = format!(
+            "scaffold: the tets leave the mesh by up to {}, at ({})",
+            short_number(worst.0),
+            place_figures(worst.1)
+        );
+        // The volume of overlapping or open meshes is another one.
+        if solid.is_cycle() && surface.len() == solid.mesh().triangles().len() {
+            let (own, part) = (volume(&filled.scaffold), solid.mesh().volume());
+            let missing = format!(
+                "; their volume is {}, that of the mesh {}",
+                short_number(own),
+                short_number(part)
+            );
+            message.push_str(&missing);
+        }
+        message.push_str("; a smaller cell_size follows it closer");
+        warnings.push(message);
+    }
+    Ok(warnings)
+}
+
+fn volume(scaffold: &Scaffold) -> f64 {
+    scaffold.elements().map(|e| e.volume().abs()).sum()
+}

@@ -1,0 +1,377 @@
+//! Solids filled with tets that keep their edges and corners.
+//!
+//! Nodes are placed on corners, along creases, on faces and inside; their Delaunay tets whose centroids are
+//! inside form the body. Where its outer faces leave the surface, or a crease is no chain of their edges, nodes
+//! are added. Then tets are improved: nodes slide on what they lie on, edges and faces are exchanged. Thin
+//! parts need no cells of their thickness: their tets reach from face to face.
+
+use super::{Connectivity, Kind, Scaffold, ScaffoldError};
+use creases::Creases;
+use delaunay::Delaunay;
+use druse_geometry::frame::Vec3;
+use druse_geometry::mesh::MeshSolid;
+use improve::{TetMesh, quality};
+use nodes::{Bins, Nodes, Part, Site};
+use rayon::prelude::*;
+use std::collections::{BTreeSet, HashSet};
+
+mod creases;
+mod curve;
+mod delaunay;
+mod improve;
+mod nodes;
+
+/// Rounds in which nodes are added.
+const MAX_ROUNDS: usize = 8;
+/// Greatest distances of an outer face's centre and of an outer edge's middle from the surface, as shares of the
+/// longest edge: that of an edge over an arc w is tan(w / 4) / 2, here 36 degrees.
+const MAX_FACE_SAG: f64 = 0.055;
+const MAX_EDGE_SAG: f64 = 0.08;
+/// Least length of an edge along a crease that is halved, cells.
+const MIN_PART_LENGTH: f64 = 1.0 / 32.0;
+/// Tets of less quality that lie on the surface have no volume: they are no part of the body.
+const FLAT_QUALITY: f64 = 0.02;
+/// Most nodes of a filling.
+const MAX_NODES: f64 = 2e7;
+
+/// How a solid is filled.
+#[derive(Clone, Copy, Debug)]
+pub struct FillOptions {
+    /// Length of an edge, about.
+    pub cell: f64,
+    /// 1 for straight tets, 2 for curved ones; without it 2 where the surface is curved.
+    pub order: Option<u32>,
+}
+
+/// A filling, and where it does not keep the surface.
+#[derive(Debug)]
+pub struct Filled {
+    /// The tets.
+    pub scaffold: Scaffold,
+    /// Middles of edges along creases that are no edges of outer faces.
+    pub lost: Vec<Vec3>,
+    /// Middles of edges that stay straight because a tet would fold.
+    pub straight: Vec<Vec3>,
+}
+
+impl Scaffold {
+    /// Fills a solid with tets whose edges follow its creases.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadRound`] for a cell without size or an empty solid, [`ScaffoldError::TooMany`],
+    /// [`ScaffoldError::Empty`] where nothing is inside.
+    pub fn filled(solid: &MeshSolid, options: FillOptions) -> Result<Filled, ScaffoldError> {
+        let (bounds, cell) = (solid.bounds(), options.cell);
+        if !(cell.is_finite() && cell > 0.0) || bounds.is_empty() {
+            return Err(ScaffoldError::BadRound {
+                radius: bounds.half_diagonal(),
+                cell,
+            });
+        }
+        let found = bounds.size().map(|s| s / cell + 1.0).product() * 2.0;
+        if !found.is_finite() || found > MAX_NODES {
+            return Err(ScaffoldError::TooMany {
+                found: found.min(1e18) as usize,
+                what: "nodes",
+            });
+        }
+        let creases = Creases::of(solid);
+        let nodes = Nodes::of(solid, &creases, cell);
+        let body = Body::of(solid, &creases, nodes, MIN_PART_LENGTH * cell);
+        if body.tets.is_empty() {
+            return Err(ScaffoldError::Empty);
+        }
+        let lost = body.lost();
+        let edges = body.crease_edges();
+        let mut tets = TetMesh::new(body.nodes.all, body.tets, edges, (solid, &creases));
+        tets.improve();
+        let (mut nodes, tets, edges) = tets.finished();
+        let curved = curve::curved(solid, &creases, (&mut nodes, &tets, &edges), options.order)?;
+        Ok(Filled {
+            scaffold: curved.scaffold,
+            straight: curved.straight,
+            lost,
+        })
+    }
+}
+
+/// The faces of tets that no other tet has, with positive volumes behind them, and their tets.
+fn outer_faces(tets: &[[u32; 4]]) -> Vec<([u32; 3], u32)> {
+    let mut faces: Vec<([u32; 3], [u32; 3], u32)> = Vec::with_capacity(4 * tets.len());
+    for (t, &tet) in (0u32..).zip(tets) {
+        for face in improve::faces(tet) {
+            let mut key = face;
+            key.sort_unstable();
+            faces.push((key, face, t));
+        }
+    }
+    faces.par_sort_unstable();
+    let groups = faces.chunk_by(|a, b| a.0 == b.0);
+    groups
+        .filter(|g| g.len() == 1)
+        .map(|g| (g[0].1, g[0].2))
+        .collect()
+}
+
+/// The tets inside a solid, while nodes are added.
+struct Body<'a> {
+    solid: &'a MeshSolid,
+    nodes: Nodes,
+    tets: Vec<[u32; 4]>,
+    /// Edges along creases of less than this length are not halved any more.
+    least: f64,
+    /// Edges of the outer faces, ascending.
+    outer_edges: HashSet<[u32; 2]>,
+}
+
+impl<'a> Body<'a> {
+    fn of(solid: &'a MeshSolid, creases: &Creases, nodes: Nodes, least: f64) -> Self {
+        let mut mesh = Delaunay::new(&solid.bounds());
+        // The node of each point of the mesh: equal places are one point.
+        let mut node_of: Vec<u32> = Vec::new();
+        let mut order: Vec<u32> = (0..nodes.all.len() as u32).collect();
+        let (low, size) = (solid.bounds().min, solid.bounds().size().amax());
+        // Along a curve that fills space, so that each search is short.
+        order.par_sort_by_cached_key(|&n| morton((nodes.place(n) - low) / size));
+        let mut body = Self {
+            solid,
+            nodes,
+            tets: Vec::new(),
+            least,
+            outer_edges: HashSet::new(),
+        };
+        let mut last = 0;
+        for round in 0..=MAX_ROUNDS {
+            for n in order.drain(..) {
+                if mesh.insert(body.nodes.place(n)) {
+                    node_of.push(n);
+                }
+            }
+            let all: Vec<[u32; 4]> = mesh
+                .tets()
+                .map(|t| t.map(|n| node_of[n as usize]))
+                .collect();
+            let inside: Vec<bool> = all.par_iter().map(|&t| body.is_inside(t)).collect();
+            body.tets = all
+                .into_iter()
+                .zip(inside)
+                .filter(|t| t.1)
+                .map(|t| t.0)
+                .collect();
+            let faces = outer_faces(&body.tets);
+            body.outer_edges = faces
+                .iter()
+                .flat_map(|&([a, b, c], _)| [[a, b], [b, c], [c, a]])
+                .map(|[a, b]| [a.min(b), a.max(b)])
+                .collect();
+            if round == MAX_ROUNDS {
+                break;
+            }
+            order = body.added(creases, &faces);
+            // More nodes from round to round: the surface is too ragged for these cells.
+            let is_diverging = round > 2 && order.len() > last;
+            last = order.len();
+            if order.is_empty() || is_diverging {
+                break;
+            }
+        }
+        body
+    }
+
+    /// Whether a tet belongs to the body.
+    fn is_inside(&self, tet: [u32; 4]) -> bool {
+        let inner = tet
+            .iter()
+            .filter(|&&n| self.nodes.all[n as usize].site == Site::Inside)
+            .count();
+        if inner >= 3 {
+            return true;
+        }
+        let corners = tet.map(|n| self.nodes.place(n));
+        let centre = corners.iter().sum::<Vec3>() / 4.0;
+        let own = quality(corners);
+        if own < FLAT_QUALITY && inner == 0 {
+            let size = (corners[1] - corners[0]).norm();
+            if self.solid.closest(centre).distance < 1e-4 * size {
+                return false;
+            }
+        }
+        self.solid.contains(centre)
+    }
+
+    /// Adds nodes where the body leaves the surface; returns their numbers.
+    fn added(&mut self, creases: &Creases, faces: &[([u32; 3], u32)]) -> Vec<u32> {
+        let mut new = Vec::new();
+        for part in 0..self.nodes.parts.len() {
+            let Part {
+                ends: [a, b], span, ..
+            } = self.nodes.parts[part];
+            let is_long = span[1] - span[0] > self.least;
+            if is_long && !self.outer_edges.contains(&[a.min(b), a.max(b)]) {
+                new.push(self.nodes.halve(part, creases));
+            }
+        }
+        let solid = self.solid;
+        // The centre of each outer face and, once for the two faces there, the middle of each edge.
+        let crease_edges = self.crease_edges();
+        let places: Vec<[Option<(Vec3, f64)>; 4]> = faces
+            .par_iter()
+            .map(|(face, _)| {
+                let corners = face.map(|n| self.nodes.place(n));
+                let [a, b, c] = corners;
+                let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+                let off = |p: Vec3, limit: f64| {
+                    let found = solid.closest(p);
+                    let is_near = corners
+                        .iter()
+                        .any(|c| (c - found.point).norm() < 0.2 * longest);
+                    // A node beside a crease would tear it.
+                    let is_free = || {
+                        let crease = creases.nearest(found.point, None);
+                        creases.is_empty() || (crease - found.point).norm() > 0.3 * longest
+                    };
+                    (found.distance > limit && !is_near && is_free())
+                        .then_some((found.point, 0.3 * longest))
+                };
+                let edge = |i: usize, j: usize| {
+                    let [p, q] = [corners[i], corners[j]];
+                    let is_first = face[i] < face[j];
+                    (is_first && !crease_edges.contains(&[face[i], face[j]]))
+                        .then(|| off((p + q) / 2.0, MAX_EDGE_SAG * (q - p).norm()))
+                        .flatten()
+                };
+                let centre = off((a + b + c) / 3.0, MAX_FACE_SAG * longest);
+                [centre, edge(0, 1), edge(1, 2), edge(2, 0)]
+            })
+            .collect();
+        let largest = places.iter().flatten().flatten().map(|p| p.1);
+        let mut bins = Bins::new(largest.fold(0.0, f64::max));
+        for (place, spacing) in places.into_iter().flatten().flatten() {
+            if bins.any(place, |n| (self.nodes.place(n) - place).norm() < spacing) {
+                continue;
+            }
+            let node = self.nodes.push(place, Site::Face);
+            bins.add(place, node);
+            new.push(node);
+        }
+        new
+    }
+
+    /// Middles of the edges along creases that no outer face has.
+    fn lost(&self) -> Vec<Vec3> {
+        let parts = self.nodes.parts.iter();
+        parts
+            .filter(|p| {
+                let [a, b] = p.ends;
+                !self.outer_edges.contains(&[a.min(b), a.max(b)])
+            })
+            .map(|p| (self.nodes.place(p.ends[0]) + self.nodes.place(p.ends[1])) / 2.0)
+            .collect()
+    }
+
+    fn crease_edges(&self) -> BTreeSet<[u32; 2]> {
+        let parts = self.nodes.parts.iter();
+        parts
+            .map(|p| [p.ends[0].min(p.ends[1]), p.ends[0].max(p.ends[1])])
+            .filter(|e| self.outer_edges.contains(e))
+            .collect()
+    }
+}
+
+/// The bits of three coordinates from 0 to 1 in turns.
+fn morton(p: Vec3) -> u64 {
+    let bits = [p.x, p.y, p.z].map(|c| (c.clamp(0.0, 1.0) * 2_097_151.0) as u64);
+    (0..63).fold(0, |sum, k| sum | (bits[k % 3] >> (k / 3) & 1) << k)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use druse_geometry::frame::Aabb;
+    use druse_geometry::mesh::TriMesh;
+    use nalgebra::Rotation3;
+
+    /// A box turned and placed against the lattice in one of many ways.
+    fn turned_block(way: u32, size: Vec3) -> TriMesh {
+        let angle = f64::from(way);
+        let turn = Rotation3::new(Vec3::new(0.7 * angle, 0.3 + angle * angle, -0.4 * angle));
+        let block = TriMesh::cuboid(&Aabb::of([Vec3::zeros(), size]));
+        block.mapped(|p| turn * p + Vec3::repeat(0.123 * angle))
+    }
+
+    fn filled(mesh: &TriMesh, cell: f64, order: Option<u32>) -> Scaffold {
+        let options = FillOptions { cell, order };
+        let filled = Scaffold::filled(&MeshSolid::new(mesh.clone()), options).unwrap();
+        assert!(filled.lost.is_empty() && filled.straight.is_empty());
+        let report = filled.scaffold.validate().unwrap();
+        assert!(report.warnings().is_empty() && report.components == 1);
+        assert!(report.mirrored.is_empty() && report.worst_quality.0 > 0.1);
+        filled.scaffold
+    }
+
+    fn volume(s: &Scaffold) -> f64 {
+        s.elements().map(|e| e.volume()).sum()
+    }
+
+    /// Plates far thinner than a cell too.
+    #[test]
+    fn fillings_keep_edges_and_corners() {
+        for way in 0..12 {
+            let thickness = [0.2, 0.5, 1.7][way as usize % 3];
+            let block = turned_block(way, Vec3::new(3.0, 2.0, thickness));
+            let s = filled(&block, 0.6 + 0.02 * f64::from(way), None);
+            assert!((volume(&s) / block.volume() - 1.0).abs() < 1e-9, "{way}");
+            assert_eq!(s.report().kinds, [(Kind::Tet4, s.len())]);
+            for corner in block.vertices() {
+                assert!(
+                    s.nodes().iter().any(|n| (n - corner).norm() < 1e-12),
+                    "{way}"
+                );
+            }
+        }
+    }
+
+    /// Straight tets cut a ball short, curved ones follow it.
+    #[test]
+    fn curved_fillings_follow_a_ball() {
+        let ball = TriMesh::ball(Vec3::new(0.1, 0.2, 0.3), 12.0, 5);
+        let ratio = |order| volume(&filled(&ball, 6.0, order)) / ball.volume();
+        let (straight, curved) = (ratio(Some(1)), ratio(None));
+        assert!(
+            straight < 0.98 && (curved - 1.0).abs() < 5e-4,
+            "{straight} {curved}"
+        );
+    }
+
+    #[test]
+    fn fillings_are_the_same_at_any_number_of_threads() {
+        let block = turned_block(7, Vec3::new(3.0, 2.0, 1.0));
+        let at = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            pool.build()
+                .unwrap()
+                .install(|| filled(&block, 0.4, Some(2)))
+        };
+        let (one, three) = (at(1), at(3));
+        assert_eq!(one.nodes(), three.nodes());
+        assert_eq!(one.connectivity(), three.connectivity());
+    }
+
+    #[test]
+    fn nothing_is_filled_with_nothing() {
+        let fill = |mesh: TriMesh, cell| {
+            let options = FillOptions { cell, order: None };
+            Scaffold::filled(&MeshSolid::new(mesh), options).unwrap_err()
+        };
+        let block = turned_block(1, Vec3::repeat(1.0));
+        assert!(matches!(
+            fill(block.clone(), 0.0),
+            ScaffoldError::BadRound { .. }
+        ));
+        assert!(matches!(fill(block, 1e-9), ScaffoldError::TooMany { .. }));
+        assert!(matches!(
+            fill(TriMesh::default(), 1.0),
+            ScaffoldError::BadRound { .. }
+        ));
+    }
+}

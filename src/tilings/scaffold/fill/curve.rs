@@ -1,0 +1,213 @@
+//! Curved tets: the middles of outer edges move onto the surface, those along creases onto the crease.
+
+use super::creases::Creases;
+use super::improve::quality;
+use super::nodes::{Node, Site};
+use super::{Connectivity, Kind, Scaffold, ScaffoldError, outer_faces};
+use druse_geometry::frame::Vec3;
+use druse_geometry::mesh::MeshSolid;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Edges whose middles are off by less than this share of their length are straight.
+const MIN_BOW: f64 = 1e-3;
+/// Middles that are off by more than this share of their edge's length stay.
+const MAX_BOW: f64 = 0.3;
+/// Least Jacobian of a curved tet, as a share of that of the straight one.
+const MIN_JACOBIAN: f64 = 0.1;
+/// Least quality of the tets at a node that makes room for a curved face.
+const MIN_RELIEVED_QUALITY: f64 = 0.25;
+/// Corners of a tet's edges, in the order of their middles in VTK.
+const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
+
+/// A scaffold, and the middles that were put back so that no tet folds.
+pub(super) struct Curved {
+    pub scaffold: Scaffold,
+    pub straight: Vec<Vec3>,
+}
+
+/// A body of straight tets: nodes, tets, edges along creases.
+pub(super) type Straight<'a> = (&'a mut [Node], &'a [[u32; 4]], &'a BTreeSet<[u32; 2]>);
+
+/// A scaffold of these tets: of first order, or of second where wanted or where the surface is curved.
+pub(super) fn curved(
+    solid: &MeshSolid,
+    creases: &Creases,
+    (nodes, tets, crease_edges): Straight<'_>,
+    order: Option<u32>,
+) -> Result<Curved, ScaffoldError> {
+    let at = |n: u32| nodes[n as usize].place;
+    let mut moved: BTreeMap<[u32; 2], Vec3> = BTreeMap::new();
+    if order != Some(1) {
+        let edges: BTreeSet<[u32; 2]> = outer_faces(tets)
+            .iter()
+            .flat_map(|&([a, b, c], _)| [[a, b], [b, c], [c, a]])
+            .map(|[a, b]| [a.min(b), a.max(b)])
+            .collect();
+        let edges: Vec<[u32; 2]> = edges.into_iter().collect();
+        let places: Vec<Option<Vec3>> = edges
+            .par_iter()
+            .map(|&[a, b]| {
+                let (middle, length) = ((at(a) + at(b)) / 2.0, (at(b) - at(a)).norm());
+                let place = if crease_edges.contains(&[a, b]) {
+                    let line = [a, b]
+                        .into_iter()
+                        .find_map(|n| match nodes[n as usize].site {
+                            Site::Crease(line) => Some(line),
+                            _ => None,
+                        });
+                    creases.nearest(middle, line)
+                } else {
+                    solid.closest(middle).point
+                };
+                let bow = (place - middle).norm() / length;
+                (bow > MIN_BOW && bow < MAX_BOW).then_some(place)
+            })
+            .collect();
+        let all = edges.into_iter().zip(places);
+        moved = all.filter_map(|(e, p)| Some((e, p?))).collect();
+    }
+    let mut elements = Connectivity::default();
+    let mut all: Vec<Vec3> = nodes.iter().map(|n| n.place).collect();
+    if order == Some(1) || (order.is_none() && moved.is_empty()) {
+        for tet in tets {
+            elements.push(Kind::Tet4, tet);
+        }
+        return Ok(Curved {
+            scaffold: Scaffold::new(all, elements)?,
+            straight: Vec::new(),
+        });
+    }
+    relieve(solid, nodes, tets, &moved);
+    let at = |n: u32| nodes[n as usize].place;
+    all = nodes.iter().map(|n| n.place).collect();
+    let mut straight = Vec::new();
+    // A middle that was put back changes the tets beside, so that they are tested again.
+    loop {
+        let bad: BTreeSet<[u32; 2]> = tets
+            .par_iter()
+            .filter(|t| is_folded(t.map(at), &middles(**t, &at, &moved)))
+            .flat_map_iter(|t| EDGES.map(|[i, j]| [t[i].min(t[j]), t[i].max(t[j])]))
+            .filter(|e| moved.contains_key(e))
+            .collect();
+        if bad.is_empty() {
+            break;
+        }
+        for edge in bad {
+            moved.remove(&edge);
+            straight.push((at(edge[0]) + at(edge[1])) / 2.0);
+        }
+    }
+    let mut number: std::collections::HashMap<[u32; 2], u32> = std::collections::HashMap::new();
+    for tet in tets {
+        let own = middles(*tet, &at, &moved);
+        let mut corners = tet.to_vec();
+        for ([i, j], place) in EDGES.into_iter().zip(own) {
+            let edge = [tet[i].min(tet[j]), tet[i].max(tet[j])];
+            corners.push(*number.entry(edge).or_insert_with(|| {
+                all.push(place);
+                all.len() as u32 - 1
+            }));
+        }
+        elements.push(Kind::Tet10, &corners);
+    }
+    Ok(Curved {
+        scaffold: Scaffold::new(all, elements)?,
+        straight,
+    })
+}
+
+/// Moves inner nodes of tets that fold away from the surface, where that unfolds them.
+fn relieve(
+    solid: &MeshSolid,
+    nodes: &mut [Node],
+    tets: &[[u32; 4]],
+    moved: &BTreeMap<[u32; 2], Vec3>,
+) {
+    let folded = |tet: [u32; 4], nodes: &[Node]| {
+        let at = |n: u32| nodes[n as usize].place;
+        is_folded(tet.map(at), &middles(tet, &at, moved))
+    };
+    let bad = tets.par_iter().filter(|t| folded(**t, nodes));
+    let inner: BTreeSet<u32> = bad
+        .flat_map_iter(|t| t.iter().copied())
+        .filter(|&n| nodes[n as usize].site == Site::Inside)
+        .collect();
+    let mut around: BTreeMap<u32, Vec<[u32; 4]>> = BTreeMap::new();
+    for tet in tets {
+        for n in tet.iter().filter(|n| inner.contains(n)) {
+            around.entry(*n).or_default().push(*tet);
+        }
+    }
+    for (n, own) in around {
+        let start = nodes[n as usize].place;
+        let away = start - solid.closest(start).point;
+        // Half a depth more, and so on; the tets on its other side must stay good.
+        for share in [0.25, 0.5, 0.75, 1.0, 1.5] {
+            nodes[n as usize].place = start + away * share;
+            let is_good = own.iter().all(|t| {
+                quality(t.map(|n| nodes[n as usize].place)) > MIN_RELIEVED_QUALITY
+                    && !folded(*t, nodes)
+            });
+            if is_good {
+                break;
+            }
+            nodes[n as usize].place = start;
+        }
+    }
+}
+
+/// The middles of a tet's edges.
+fn middles(
+    tet: [u32; 4],
+    at: &impl Fn(u32) -> Vec3,
+    moved: &BTreeMap<[u32; 2], Vec3>,
+) -> [Vec3; 6] {
+    EDGES.map(|[i, j]| {
+        let (a, b) = (tet[i].min(tet[j]), tet[i].max(tet[j]));
+        let place = moved.get(&[a, b]);
+        place.copied().unwrap_or_else(|| (at(a) + at(b)) / 2.0)
+    })
+}
+
+/// Whether the Jacobian of a curved tet may fall below a share of the straight one's.
+fn is_folded(corners: [Vec3; 4], middles: &[Vec3; 6]) -> bool {
+    // With x = sum l_i^2 p_i + 2 sum l_i l_j c_ij in barycentric coordinates (control points c = 2 m - (p_i + p_j) / 2),
+    // the derivative towards corner k from corner 0 is linear: 2 sum l_i (c_ik - c_i0). The Jacobian, a cubic, lies
+    // within its Bernstein coefficients: means of determinants of three such derivatives.
+    let mut control = [[Vec3::zeros(); 4]; 4];
+    for i in 0..4 {
+        control[i][i] = corners[i];
+    }
+    for ([i, j], m) in EDGES.into_iter().zip(middles) {
+        let c = m * 2.0 - (corners[i] + corners[j]) / 2.0;
+        control[i][j] = c;
+        control[j][i] = c;
+    }
+    let step = |i: usize, k: usize| (control[i][k] - control[i][0]) * 2.0;
+    let [a, b, c] = [1, 2, 3].map(|k| corners[k] - corners[0]);
+    let limit = MIN_JACOBIAN * a.cross(&b).dot(&c);
+    for i in 0..4 {
+        for j in i..4 {
+            for k in j..4 {
+                // The coefficient is the mean over the orders in which the three corners are given to the columns.
+                let orders = [
+                    [i, j, k],
+                    [i, k, j],
+                    [j, i, k],
+                    [j, k, i],
+                    [k, i, j],
+                    [k, j, i],
+                ];
+                let sum: f64 = orders
+                    .iter()
+                    .map(|o| step(o[0], 1).cross(&step(o[1], 2)).dot(&step(o[2], 3)))
+                    .sum();
+                if sum / 6.0 < limit {
+                    return true;
+                }
+            }
+        }
+    }
+    false
+}

@@ -1,0 +1,557 @@
+//! Better tets in the same body: nodes move, edges and faces are exchanged, nodes are merged.
+//!
+//! The quality of a tet is its mean ratio 12 (3 V)^(2/3) / sum l^2, 1 for a regular one, negative for a folded
+//! one. Each change is taken only where the least quality of the tets around it rises, so that no tet becomes
+//! worse than the worst beside it. Nodes on creases stay on them, nodes on faces on the surface, and the
+//! outer faces change only where they are nearly plane (Freitag and Ollivier-Gooch 1997, Klincsek 1980).
+
+use super::creases::Creases;
+use super::nodes::{Node, Site};
+use druse_geometry::frame::Vec3;
+use druse_geometry::mesh::MeshSolid;
+use std::collections::BTreeSet;
+
+/// Tets below this quality are improved.
+const GOOD_QUALITY: f64 = 0.35;
+/// Least gain of a change.
+const MIN_GAIN: f64 = 1e-4;
+/// Most tets around an edge that is removed.
+const MAX_RING: usize = 9;
+/// Rounds over all tets.
+const ROUNDS: usize = 12;
+/// A round with fewer changes than one in so many bad tets is the last.
+const MIN_CHANGE_RATIO: usize = 200;
+/// Cosine above which two outer faces count as nearly plane: 20 degrees.
+const NEARLY_PLANE_COSINE: f64 = 0.94;
+/// Tets of less quality at the surface are left out where their inner edges are nearly as near to it,
+const FLAT_QUALITY: f64 = 0.12;
+/// as a share of the length of the edge.
+const MAX_SAG: f64 = 0.08;
+/// 1 + the cosine of 130 degrees: wider angles at the surface count as bad.
+const WIDE_ANGLE: f64 = 0.357;
+/// Corners of the face opposite to each corner, counter-clockwise seen from outside.
+const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+const REMOVED_TET: [u32; 4] = [u32::MAX; 4];
+
+/// The faces of a tet, counter-clockwise seen from outside, each opposite to one corner.
+pub(super) fn faces<T: Copy>(tet: [T; 4]) -> [[T; 3]; 4] {
+    FACES.map(|f| f.map(|k| tet[k]))
+}
+
+/// The mean ratio, with the sign of the volume.
+pub(super) fn quality([a, b, c, d]: [Vec3; 4]) -> f64 {
+    let volume = (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0;
+    let sides = [b - a, c - a, d - a, c - b, d - b, d - c];
+    let squares: f64 = sides.iter().map(Vec3::norm_squared).sum();
+    12.0 * (3.0 * volume.abs()).powf(2.0 / 3.0).copysign(volume) / squares
+}
+
+/// 1 + the cosine of the widest dihedral angle: 0 for a flat tet.
+fn widest_angle(corners: [Vec3; 4]) -> f64 {
+    let normals = faces(corners).map(|[p, q, r]| {
+        let n = (q - p).cross(&(r - p));
+        n / n.norm()
+    });
+    let pairs = (0..4).flat_map(|i| (0..i).map(move |j| (i, j)));
+    // Outward normals of faces at an angle w have the cosine -cos w.
+    let cosines = pairs.map(|(i, j)| -normals[i].dot(&normals[j]));
+    1.0 + cosines.fold(1.0, f64::min)
+}
+
+/// Tets over nodes, with the tets around each node.
+pub(super) struct TetMesh<'a> {
+    pub nodes: Vec<Node>,
+    /// Corners with positive volume; `u32::MAX` for a removed tet.
+    pub tets: Vec<[u32; 4]>,
+    around: Vec<Vec<u32>>,
+    /// Edges that lie on creases, ascending.
+    crease_edges: BTreeSet<[u32; 2]>,
+    solid: &'a MeshSolid,
+    creases: &'a Creases,
+}
+
+fn ordered(a: u32, b: u32) -> [u32; 2] {
+    [a.min(b), a.max(b)]
+}
+
+impl<'a> TetMesh<'a> {
+    pub(super) fn new(
+        nodes: Vec<Node>,
+        tets: Vec<[u32; 4]>,
+        crease_edges: BTreeSet<[u32; 2]>,
+        (solid, creases): (&'a MeshSolid, &'a Creases),
+    ) -> Self {
+        let mut around = vec![Vec::new(); nodes.len()];
+        for (t, corners) in (0u32..).zip(&tets) {
+            for &n in corners {
+                around[n as usize].push(t);
+            }
+        }
+        Self {
+            nodes,
+            tets,
+            around,
+            crease_edges,
+            solid,
+            creases,
+        }
+    }
+
+    fn place(&self, n: u32) -> Vec3 {
+        self.nodes[n as usize].place
+    }
+
+    /// The mean ratio; less for a tet on the surface with a wide angle: where its two faces at that angle are
+    /// outer ones of a curved surface, they become tangent at the edge between, and the curved tet folds.
+    fn quality(&self, corners: [u32; 4]) -> f64 {
+        let places = corners.map(|n| self.place(n));
+        let own = quality(places);
+        let is_inner = |&n: &u32| self.nodes[n as usize].site == Site::Inside;
+        if own <= 0.0 || corners.iter().any(is_inner) {
+            return own;
+        }
+        own * (widest_angle(places) / WIDE_ANGLE).min(1.0)
+    }
+
+    fn least(&self, tets: &[[u32; 4]]) -> f64 {
+        let all = tets.iter().map(|&t| self.quality(t));
+        all.fold(f64::INFINITY, f64::min)
+    }
+
+    /// The tets that have all these nodes.
+    fn around_all(&self, nodes: &[u32]) -> Vec<u32> {
+        let (first, rest) = (nodes[0], &nodes[1..]);
+        let own = self.around[first as usize].iter().copied();
+        own.filter(|&t| rest.iter().all(|n| self.tets[t as usize].contains(n)))
+            .collect()
+    }
+
+    /// Replaces tets by others that fill the same space.
+    fn replace(&mut self, old: &[u32], new: &[[u32; 4]]) {
+        for &t in old {
+            for n in self.tets[t as usize] {
+                self.around[n as usize].retain(|&u| u != t);
+            }
+            self.tets[t as usize] = REMOVED_TET;
+        }
+        for (i, &corners) in new.iter().enumerate() {
+            let t = old.get(i).copied().unwrap_or(self.tets.len() as u32);
+            if t as usize == self.tets.len() {
+                self.tets.push(corners);
+            } else {
+                self.tets[t as usize] = corners;
+            }
+            for n in corners {
+                self.around[n as usize].push(t);
+            }
+        }
+    }
+
+    /// Improves tets until none changes or the rounds are over.
+    pub(super) fn improve(&mut self) {
+        for _ in 0..ROUNDS {
+            let bad: Vec<u32> = (0..self.tets.len() as u32)
+                .filter(|&t| self.is_bad(t))
+                .collect();
+            let mut changes = 0;
+            for &t in &bad {
+                if self.is_bad(t) && self.exchange(t) {
+                    changes += 1;
+                }
+            }
+            let nodes: BTreeSet<u32> = bad
+                .iter()
+                .flat_map(|&t| self.tets[t as usize])
+                .filter(|&n| n != u32::MAX)
+                .collect();
+            for n in nodes {
+                if self.smooth(n) {
+                    changes += 1;
+                }
+            }
+            // The last few changes are not worth a round over all tets.
+            if changes * MIN_CHANGE_RATIO <= bad.len() {
+                break;
+            }
+        }
+        self.tets.retain(|t| *t != REMOVED_TET);
+    }
+
+    fn is_bad(&self, t: u32) -> bool {
+        let corners = self.tets[t as usize];
+        corners != REMOVED_TET && self.quality(corners) < GOOD_QUALITY
+    }
+
+    /// Tries to exchange a tet's edges and faces, and to merge its nodes; whether one was.
+    fn exchange(&mut self, t: u32) -> bool {
+        let [a, b, c, d] = self.tets[t as usize];
+        for (p, q) in [(a, b), (a, c), (a, d), (b, c), (b, d), (c, d)] {
+            if self.remove_edge(p, q) {
+                return true;
+            }
+        }
+        for face in faces([a, b, c, d]) {
+            if self.remove_face(face) {
+                return true;
+            }
+        }
+        for (p, q) in [(a, b), (a, c), (a, d), (b, c), (b, d), (c, d)] {
+            if self.merge(p, q) || self.merge(q, p) {
+                return true;
+            }
+        }
+        self.peel(t)
+    }
+
+    /// Removes a flat tet at the surface, so that its other faces become outer ones: they are as near to it.
+    fn peel(&mut self, t: u32) -> bool {
+        let tet = self.tets[t as usize];
+        if self.quality(tet) > FLAT_QUALITY {
+            return false;
+        }
+        let is_outer = faces(tet).map(|f| self.around_all(&f).len() == 1);
+        // Corners opposite to inner and to outer faces.
+        let (outer, inner): (Vec<usize>, Vec<usize>) = (0..4).partition(|&i| is_outer[i]);
+        let near = |ends: [usize; 2]| {
+            let [p, q] = ends.map(|i| self.place(tet[i]));
+            self.solid.closest((p + q) / 2.0).distance < MAX_SAG * (q - p).norm()
+        };
+        let is_crease = |i: usize, j: usize| self.crease_edges.contains(&ordered(tet[i], tet[j]));
+        let may = match (&outer[..], &inner[..]) {
+            // Opposite to the one outer face: a node that comes to the surface.
+            (&[top], rest) => {
+                self.nodes[tet[top] as usize].site != Site::Inside
+                    && !self.is_on_outer_face(tet[top])
+                    && rest.iter().all(|&i| near([i, top]))
+            }
+            // The edge of both outer faces is that of the corners opposite to the inner faces.
+            (&[p, q], &[r, s]) => {
+                self.around_all(&[tet[r], tet[s]]).len() == 1 && !is_crease(r, s) && near([p, q])
+            }
+            // Opposite to the one inner face: a node that no other tet has.
+            (rest, &[top]) => {
+                self.nodes[tet[top] as usize].site == Site::Face
+                    && self.around[tet[top] as usize].len() == 1
+                    && rest.iter().all(|&i| near([i, top]))
+            }
+            _ => false,
+        };
+        if may {
+            self.replace(&[t], &[]);
+        }
+        may
+    }
+
+    /// Whether a node has an outer face.
+    fn is_on_outer_face(&self, n: u32) -> bool {
+        self.around[n as usize].iter().any(|&t| {
+            let mut own = faces(self.tets[t as usize])
+                .into_iter()
+                .filter(|f| f.contains(&n));
+            own.any(|f| self.around_all(&f).len() == 1)
+        })
+    }
+
+    /// Replaces the tets around an edge by the best triangulation of their ring, joined to both ends.
+    fn remove_edge(&mut self, a: u32, b: u32) -> bool {
+        if self.crease_edges.contains(&ordered(a, b)) {
+            return false;
+        }
+        let old = self.around_all(&[a, b]);
+        if old.len() > MAX_RING || old.len() < 2 {
+            return false;
+        }
+        // Each tet links two nodes of the ring, counter-clockwise seen from b.
+        let mut links: Vec<[u32; 2]> = old
+            .iter()
+            .map(|&t| opposite_edge(self.tets[t as usize], a, b))
+            .collect();
+        let is_open_start = |n: u32| links.iter().all(|l| l[1] != n);
+        let open = links.iter().map(|l| l[0]).find(|&n| is_open_start(n));
+        let mut ring = vec![open.unwrap_or(links[0][0])];
+        while let Some(at) = links.iter().position(|l| l[0] == ring[ring.len() - 1]) {
+            ring.push(links.swap_remove(at)[1]);
+        }
+        if !links.is_empty() {
+            return false;
+        }
+        if open.is_none() {
+            ring.pop();
+        }
+        if ring.len() < 3 {
+            return false;
+        }
+        if open.is_some() && !self.may_flip([a, b], [ring[0], ring[ring.len() - 1]]) {
+            return false;
+        }
+        let before = old
+            .iter()
+            .map(|&t| self.quality(self.tets[t as usize]))
+            .fold(f64::INFINITY, f64::min);
+        let Some(new) = self.triangulated(&ring, [a, b], before + MIN_GAIN) else {
+            return false;
+        };
+        self.replace(&old, &new);
+        true
+    }
+
+    /// The tets over the triangulation of a ring whose worst quality is best, if it exceeds a limit.
+    fn triangulated(&self, ring: &[u32], [a, b]: [u32; 2], limit: f64) -> Option<Vec<[u32; 4]>> {
+        let n = ring.len();
+        let pair = |i: usize, k: usize, j: usize| {
+            let [p, q, r] = [ring[i], ring[k], ring[j]];
+            [[p, q, r, b], [p, r, q, a]]
+        };
+        // best[i][j]: the best worst quality of the polygon i..=j, and the corner of the triangle at its edge.
+        let mut best = vec![vec![(f64::INFINITY, 0usize); n]; n];
+        for width in 2..n {
+            for i in 0..n - width {
+                let j = i + width;
+                best[i][j].0 = f64::NEG_INFINITY;
+                for k in i + 1..j {
+                    let own = self.least(&pair(i, k, j));
+                    let worst = own.min(best[i][k].0).min(best[k][j].0);
+                    if worst > best[i][j].0 {
+                        best[i][j] = (worst, k);
+                    }
+                }
+            }
+        }
+        if best[0][n - 1].0 <= limit.max(0.0) {
+            return None;
+        }
+        let mut tets = Vec::new();
+        let mut pending = vec![(0, n - 1)];
+        while let Some((i, j)) = pending.pop() {
+            if j - i >= 2 {
+                let k = best[i][j].1;
+                tets.extend(pair(i, k, j));
+                pending.extend([(i, k), (k, j)]);
+            }
+        }
+        Some(tets)
+    }
+
+    /// Whether the outer faces on an edge between faces may be turned to another edge: they are nearly plane, and
+    /// the new edge is not further from the surface.
+    fn may_flip(&self, [a, b]: [u32; 2], [c, d]: [u32; 2]) -> bool {
+        let [p, q, r, s] = [a, b, c, d].map(|n| self.place(n));
+        let normal = |x: Vec3, y: Vec3, z: Vec3| (y - x).cross(&(z - x));
+        let is_plane = |u: Vec3, v: Vec3| u.dot(&v) > NEARLY_PLANE_COSINE * u.norm() * v.norm();
+        if !is_plane(normal(p, q, s), normal(q, p, r))
+            || !is_plane(normal(r, s, p), normal(s, r, q))
+        {
+            return false;
+        }
+        let is_new = self.around_all(&[c, d]).is_empty();
+        let is_within = self.around_all(&[a, b, c, d]).len() == 1;
+        if !is_new && !is_within {
+            return false;
+        }
+        let off = |x: Vec3, y: Vec3| self.solid.closest((x + y) / 2.0).distance;
+        let size = (q - p).norm();
+        off(r, s) <= off(p, q) + 1e-6 * size
+    }
+
+    /// Replaces the two tets at a face by three around the edge between their other nodes.
+    fn remove_face(&mut self, face: [u32; 3]) -> bool {
+        let old = self.around_all(&face);
+        let [s, t] = old[..] else { return false };
+        let beyond = |t: u32| {
+            let corners = self.tets[t as usize];
+            corners.into_iter().find(|n| !face.contains(n))
+        };
+        let (Some(d), Some(e)) = (beyond(s), beyond(t)) else {
+            return false;
+        };
+        // Counter-clockwise seen from d.
+        let mut ring = face;
+        let signed = |f: [u32; 3]| self.quality([f[0], f[1], f[2], d]);
+        if signed(ring) < 0.0 {
+            ring.swap(1, 2);
+        }
+        let [p, q, r] = ring;
+        let new = [[e, d, p, q], [e, d, q, r], [e, d, r, p]];
+        let before = [s, t].map(|t| self.quality(self.tets[t as usize]));
+        if self.least(&new) <= before[0].min(before[1]).max(0.0) + MIN_GAIN {
+            return false;
+        }
+        self.replace(&old, &new);
+        true
+    }
+
+    /// Moves a node inside or on a plane face onto a neighbour, which removes the tets between.
+    fn merge(&mut self, from: u32, to: u32) -> bool {
+        let (source, target) = (self.nodes[from as usize], self.nodes[to as usize]);
+        match source.site {
+            Site::Inside => {}
+            Site::Face if target.site != Site::Inside => {}
+            _ => return false,
+        }
+        let old = self.around[from as usize].clone();
+        let corners: Vec<[u32; 4]> = old.iter().map(|&t| self.tets[t as usize]).collect();
+        let new: Vec<[u32; 4]> = corners
+            .iter()
+            .filter(|t| !t.contains(&to))
+            .map(|t| t.map(|n| if n == from { to } else { n }))
+            .collect();
+        if new.is_empty() || self.least(&new) <= self.least(&corners).max(0.0) + MIN_GAIN {
+            return false;
+        }
+        let volume = |tets: &[[u32; 4]]| -> f64 {
+            let own = tets.iter().map(|t| {
+                let [a, b, c, d] = t.map(|n| self.place(n));
+                (b - a).cross(&(c - a)).dot(&(d - a))
+            });
+            own.sum()
+        };
+        // The same space only if the outer faces at the node are plane, or there are none.
+        let (before, after) = (volume(&corners), volume(&new));
+        if (before - after).abs() > 1e-9 * before {
+            return false;
+        }
+        self.replace(&old, &new);
+        true
+    }
+
+    /// Moves a node to where the worst tet around it is better; whether it moved.
+    fn smooth(&mut self, n: u32) -> bool {
+        let start = self.nodes[n as usize];
+        if start.site == Site::Corner || self.around[n as usize].is_empty() {
+            return false;
+        }
+        let mut moved = false;
+        for _ in 0..4 {
+            let own: Vec<[u32; 4]> = self.around[n as usize]
+                .iter()
+                .map(|&t| self.tets[t as usize])
+                .collect();
+            let worst = own
+                .iter()
+                .map(|&t| (self.quality(t), t))
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((before, tet)) = worst else { break };
+            if before > GOOD_QUALITY {
+                break;
+            }
+            let x = self.place(n);
+            let (gradient, size) = self.gradient(n, tet);
+            let middle = self.middle(n) - x;
+            // Along the gradient by shares of the tet's size, towards the middle by shares of the way.
+            let steps = [
+                gradient * (0.3 * size),
+                middle,
+                gradient * (0.1 * size),
+                middle * 0.4,
+                gradient * (0.03 * size),
+                gradient * (0.01 * size),
+            ];
+            let found = steps.into_iter().any(|step| {
+                self.nodes[n as usize].place = self.held(start.site, x + step);
+                let is_better = self.least(&own) > before + MIN_GAIN;
+                if !is_better {
+                    self.nodes[n as usize].place = x;
+                }
+                is_better
+            });
+            if !found {
+                break;
+            }
+            moved = true;
+        }
+        moved
+    }
+
+    /// The unit direction in which the quality q of a tet rises fastest with a node x, and the tet's size.
+    ///
+    /// With the volume V = h A / 3 over the opposite face, h the distance from it, and S the sum of squared edges:
+    /// grad q / q = 2/3 grad h / h - grad S / S, and grad S = -2 sum (p - x) over the other corners p.
+    fn gradient(&self, n: u32, tet: [u32; 4]) -> (Vec3, f64) {
+        let i = tet.iter().position(|&m| m == n).unwrap_or(0);
+        let [a, b, c] = FACES[i].map(|k| self.place(tet[k]));
+        let x = self.place(n);
+        // Outward normals of a positive tet: away from x.
+        let rise = -(b - a)
+            .cross(&(c - a))
+            .try_normalize(0.0)
+            .unwrap_or_default();
+        let edges = [a - x, b - x, c - x, b - a, c - a, c - b];
+        let squares: f64 = edges.iter().map(Vec3::norm_squared).sum();
+        let size = (squares / 6.0).sqrt();
+        // Flat tets rise at a finite rate.
+        let height = ((x - a).dot(&rise) / size).abs().max(0.05);
+        let toward = edges[0] + edges[1] + edges[2];
+        let gradient = rise * (2.0 / (3.0 * height * size)) + toward * (2.0 / squares);
+        (gradient.try_normalize(0.0).unwrap_or_default(), size)
+    }
+
+    /// The mean of a node's neighbours; of those on the surface or the crease for a node there.
+    fn middle(&self, n: u32) -> Vec3 {
+        let site = self.nodes[n as usize].site;
+        let mut sum = (Vec3::zeros(), 0.0);
+        for &t in &self.around[n as usize] {
+            for m in self.tets[t as usize].into_iter().filter(|&m| m != n) {
+                let counts = match site {
+                    Site::Crease(_) => self.crease_edges.contains(&ordered(n, m)),
+                    Site::Face => self.nodes[m as usize].site != Site::Inside,
+                    _ => true,
+                };
+                if counts {
+                    sum = (sum.0 + self.place(m), sum.1 + 1.0);
+                }
+            }
+        }
+        if sum.1 > 0.0 {
+            sum.0 / sum.1
+        } else {
+            self.place(n)
+        }
+    }
+
+    /// The nodes in use, the tets and the edges along creases.
+    pub(super) fn finished(self) -> (Vec<Node>, Vec<[u32; 4]>, BTreeSet<[u32; 2]>) {
+        let mut numbers = vec![u32::MAX; self.nodes.len()];
+        let mut nodes = Vec::new();
+        let mut tets = self.tets;
+        for n in tets.iter_mut().flatten() {
+            let number = &mut numbers[*n as usize];
+            if *number == u32::MAX {
+                *number = nodes.len() as u32;
+                nodes.push(self.nodes[*n as usize]);
+            }
+            *n = *number;
+        }
+        let edges = self.crease_edges.into_iter();
+        let edges = edges.map(|[a, b]| ordered(numbers[a as usize], numbers[b as usize]));
+        let edges = edges.filter(|e| e[1] != u32::MAX).collect();
+        (nodes, tets, edges)
+    }
+
+    /// A place on what a node lies on.
+    fn held(&self, site: Site, p: Vec3) -> Vec3 {
+        match site {
+            Site::Crease(line) => self.creases.nearest(p, Some(line)),
+            Site::Face => self.solid.closest(p).point,
+            Site::Corner | Site::Inside => p,
+        }
+    }
+}
+
+/// The two other corners of a positive tet, counter-clockwise around the way from a to b.
+fn opposite_edge(tet: [u32; 4], a: u32, b: u32) -> [u32; 2] {
+    let i = tet.iter().position(|&n| n == a).unwrap_or(0);
+    let j = tet.iter().position(|&n| n == b).unwrap_or(1);
+    let mut rest = (0..4).filter(|&k| k != i && k != j);
+    let (k, l) = (rest.next().unwrap_or(2), rest.next().unwrap_or(3));
+    // The parity of the permutation (i, j, k, l).
+    let order = [i, j, k, l];
+    let swaps = (0..4)
+        .flat_map(|x| (0..x).map(move |y| (y, x)))
+        .filter(|&(y, x)| order[y] > order[x])
+        .count();
+    if swaps % 2 == 0 {
+        [tet[k], tet[l]]
+    } else {
+        [tet[l], tet[k]]
+    }
+}

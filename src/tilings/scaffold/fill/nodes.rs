@@ -1,0 +1,387 @@
+//! The nodes of a filling: on corners, along creases, on faces, and inside on a body-centred lattice.
+//!
+//! Nodes are about h(x) apart, `h(x) = min(cell, min s_i + |x - x_i| / 2)` over the crease nodes i, where `s_i`
+//! is the distance of a crease node from its neighbours. It is less than the cell where creases are
+//! short or bend, or come near to each other. Along creases no other crease's node lies in the ball over an
+//! edge, on faces nodes keep a distance of 0.8 h, as far as they lie on one side of the part: then Delaunay
+//! tets contain the creases and the faces wherever two parts of the surface are not much nearer than h.
+
+use super::creases::{Creases, normal};
+use druse_geometry::frame::{Aabb, Vec3};
+use druse_geometry::mesh::{Bvh, MeshSolid};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// How fast sizes grow with the distance from a small one.
+const GROWTH: f64 = 0.5;
+/// Number of halvings of a cell that sizes distinguish.
+const LEVELS: usize = 6;
+/// Greatest turn of a crease between two of its nodes: 36 degrees.
+const MAX_TURN: f64 = std::f64::consts::PI / 5.0;
+/// Least distance of nodes on faces, as a share of h.
+const FACE_SPACING: f64 = 0.8;
+/// Least distance of inner nodes from others and from the surface, as shares of h.
+const INNER_SPACING: f64 = 0.7;
+const INNER_DEPTH: f64 = 0.55;
+/// Nodes of faces whose normals have a lesser cosine lie on different sides of the part.
+const SAME_SIDE_COSINE: f64 = 0.3;
+/// Distance of places on a face that may become nodes, as a share of h.
+const CANDIDATE_STEP: f64 = 0.2;
+
+/// What a node lies on, and so where it may move to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Site {
+    Corner,
+    /// The crease of this number.
+    Crease(u32),
+    Face,
+    Inside,
+}
+
+/// A node to be.
+#[derive(Clone, Copy)]
+pub(super) struct Node {
+    pub place: Vec3,
+    pub site: Site,
+}
+
+/// An edge along a crease: between two nodes, from one length along its line to another.
+#[derive(Clone, Copy)]
+pub(super) struct Part {
+    pub line: u32,
+    pub ends: [u32; 2],
+    pub span: [f64; 2],
+}
+
+/// Nodes by place, in boxes of one cell.
+pub(super) struct Bins {
+    size: f64,
+    bins: HashMap<[i64; 3], Vec<u32>>,
+}
+
+impl Bins {
+    pub fn new(size: f64) -> Self {
+        Self {
+            size,
+            bins: HashMap::new(),
+        }
+    }
+
+    fn bin(&self, p: Vec3) -> [i64; 3] {
+        [p.x, p.y, p.z].map(|c| (c / self.size).floor() as i64)
+    }
+
+    pub fn add(&mut self, p: Vec3, node: u32) {
+        self.bins.entry(self.bin(p)).or_default().push(node);
+    }
+
+    /// Whether a node fits the test among those at most one cell from a place.
+    pub fn any(&self, p: Vec3, mut test: impl FnMut(u32) -> bool) -> bool {
+        let [x, y, z] = self.bin(p);
+        let around = (x - 1..=x + 1).flat_map(|i| {
+            (y - 1..=y + 1).flat_map(move |j| (z - 1..=z + 1).map(move |k| [i, j, k]))
+        });
+        let bins = around.filter_map(|b| self.bins.get(&b));
+        bins.flatten().any(|&n| test(n))
+    }
+}
+
+/// The size h(x) of cells.
+struct Sizes {
+    cell: f64,
+    /// Places by size, each rounded down to a power of two of the cell.
+    levels: Vec<(f64, Vec<Vec3>, Bvh)>,
+}
+
+impl Sizes {
+    fn new(cell: f64, sources: &[(Vec3, f64)]) -> Self {
+        let mut levels: Vec<Vec<Vec3>> = vec![Vec::new(); LEVELS];
+        for &(place, size) in sources {
+            // Half powers would grade better, but quarter cells are few.
+            let level = (cell / size).log2().ceil().clamp(0.0, (LEVELS - 1) as f64);
+            levels[level as usize].push(place);
+        }
+        let levels = levels.into_iter().enumerate().skip(1);
+        let levels = levels.filter(|(_, p)| !p.is_empty()).map(|(n, places)| {
+            let tree = Bvh::new(places.len(), |i| Aabb::of([places[i]]));
+            (cell / (1 << n) as f64, places, tree)
+        });
+        Self {
+            cell,
+            levels: levels.collect(),
+        }
+    }
+
+    fn at(&self, p: Vec3) -> f64 {
+        let mut size = self.cell;
+        for (least, places, tree) in &self.levels {
+            // Only nearer places make the size less.
+            let mut best = (size - least) / GROWTH;
+            tree.nearest(p, best, |slot| {
+                let distance = (places[tree.order()[slot] as usize] - p).norm();
+                (distance < best).then(|| {
+                    best = distance;
+                    distance
+                })
+            });
+            size = size.min(least + GROWTH * best);
+        }
+        size
+    }
+}
+
+/// The nodes of a filling.
+pub(super) struct Nodes {
+    pub all: Vec<Node>,
+    /// The edges along creases.
+    pub parts: Vec<Part>,
+}
+
+impl Nodes {
+    /// Places nodes about `cell` apart.
+    pub(super) fn of(solid: &MeshSolid, creases: &Creases, cell: f64) -> Self {
+        let mut nodes = Self {
+            all: Vec::new(),
+            parts: Vec::new(),
+        };
+        nodes.add_creases(creases, cell);
+        nodes.separate_creases(creases, cell);
+        let sources: Vec<(Vec3, f64)> = nodes
+            .parts
+            .iter()
+            .flat_map(|p| p.ends.map(|n| (nodes.place(n), p.span[1] - p.span[0])))
+            .collect();
+        let sizes = Sizes::new(cell, &sources);
+        let mut bins = Bins::new(cell);
+        for n in 0..nodes.all.len() as u32 {
+            bins.add(nodes.place(n), n);
+        }
+        nodes.add_faces(solid, creases, &sizes, &mut bins);
+        nodes.add_inside(solid, &sizes, &mut bins);
+        nodes
+    }
+
+    pub fn place(&self, n: u32) -> Vec3 {
+        self.all[n as usize].place
+    }
+
+    pub fn push(&mut self, place: Vec3, site: Site) -> u32 {
+        self.all.push(Node { place, site });
+        self.all.len() as u32 - 1
+    }
+
+    /// Halves an edge along a crease; the first half stays in its place. Returns the new node.
+    pub fn halve(&mut self, part: usize, creases: &Creases) -> u32 {
+        let Part { line, ends, span } = self.parts[part];
+        let middle = f64::midpoint(span[0], span[1]);
+        let node = self.push(creases.lines[line as usize].at(middle), Site::Crease(line));
+        self.parts[part] = Part {
+            line,
+            ends: [ends[0], node],
+            span: [span[0], middle],
+        };
+        self.parts.push(Part {
+            line,
+            ends: [node, ends[1]],
+            span: [middle, span[1]],
+        });
+        node
+    }
+
+    fn add_creases(&mut self, creases: &Creases, cell: f64) {
+        let mut corner_at = HashMap::new();
+        for &place in &creases.corners {
+            let n = self.push(place, Site::Corner);
+            corner_at.insert([place.x, place.y, place.z].map(f64::to_bits), n);
+        }
+        for (number, line) in (0u32..).zip(&creases.lines) {
+            // Each part of the line counts as its length over the cell, or as its share of the turns at its
+            // ends over the greatest turn, whichever is more.
+            let turn = |i: usize| {
+                let count = line.points.len();
+                let (before, after) = match i {
+                    _ if i > 0 && i + 1 < count => (i - 1, i + 1),
+                    _ if line.is_closed => (count - 2, 1),
+                    _ => return 0.0,
+                };
+                let (u, v) = (
+                    line.points[i] - line.points[before],
+                    line.points[after] - line.points[i],
+                );
+                u.angle(&v)
+            };
+            let mut sums = vec![0.0];
+            for i in 1..line.points.len() {
+                let length = line.lengths[i] - line.lengths[i - 1];
+                let turns = f64::midpoint(turn(i - 1), turn(i)) / MAX_TURN;
+                sums.push(sums[i - 1] + (length / cell).max(turns));
+            }
+            let whole = sums[sums.len() - 1];
+            let least = if line.is_closed { 4.0 } else { 1.0 };
+            let count = (whole - 1e-6).ceil().max(least) as usize;
+            let at = |k: usize| {
+                let sum = whole * k as f64 / count as f64;
+                let i = sums.partition_point(|&s| s < sum).clamp(1, sums.len() - 1);
+                let share = ((sum - sums[i - 1]) / (sums[i] - sums[i - 1])).clamp(0.0, 1.0);
+                line.lengths[i - 1] + (line.lengths[i] - line.lengths[i - 1]) * share
+            };
+            let end = |p: Vec3| corner_at.get(&[p.x, p.y, p.z].map(f64::to_bits)).copied();
+            let first = match end(line.points[0]) {
+                Some(corner) => corner,
+                None => self.push(line.points[0], Site::Crease(number)),
+            };
+            let mut before = (first, 0.0);
+            for k in 1..=count {
+                let after = if k == count {
+                    let last = line.points[line.points.len() - 1];
+                    (end(last).unwrap_or(first), line.length())
+                } else {
+                    let length = at(k);
+                    (self.push(line.at(length), Site::Crease(number)), length)
+                };
+                self.parts.push(Part {
+                    line: number,
+                    ends: [before.0, after.0],
+                    span: [before.1, after.1],
+                });
+                before = after;
+            }
+        }
+    }
+
+    /// Halves edges along creases whose ball holds another crease's node.
+    fn separate_creases(&mut self, creases: &Creases, cell: f64) {
+        let least = cell / (1 << (LEVELS - 1)) as f64;
+        for _ in 0..LEVELS {
+            let mut bins = Bins::new(cell);
+            for n in 0..self.all.len() as u32 {
+                bins.add(self.place(n), n);
+            }
+            let is_encroached = |p: &Part| {
+                let [a, b] = p.ends.map(|n| self.place(n));
+                let (middle, radius) = ((a + b) / 2.0, (b - a).norm() / 2.0);
+                let limit = radius * (1.0 - 1e-9);
+                p.span[1] - p.span[0] > 2.0 * least
+                    && bins.any(middle, |n| {
+                        !p.ends.contains(&n) && (self.place(n) - middle).norm() < limit
+                    })
+            };
+            let encroached: Vec<bool> = self.parts.par_iter().map(is_encroached).collect();
+            for part in (0..encroached.len()).filter(|&p| encroached[p]) {
+                self.halve(part, creases);
+            }
+            if !encroached.contains(&true) {
+                break;
+            }
+        }
+    }
+
+    /// Nodes on faces: places in layers from the creases inward, unless a node of their side is too near.
+    fn add_faces(&mut self, solid: &MeshSolid, creases: &Creases, sizes: &Sizes, bins: &mut Bins) {
+        let triangles: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
+        let seed = solid.bounds().min;
+        let mut candidates: Vec<(f64, Vec3, Vec3, f64)> = triangles
+            .par_iter()
+            .flat_map_iter(|&corners| {
+                let n = normal(corners);
+                let [a, u, v] = [corners[0], corners[1] - corners[0], corners[2] - corners[0]];
+                let longest = u.norm().max(v.norm()).max((u - v).norm());
+                let step = CANDIDATE_STEP * sizes.at(corners.iter().sum::<Vec3>() / 3.0);
+                let count = (longest / step).ceil().clamp(1.0, 4096.0) as usize;
+                let count = if n == Vec3::zeros() { 0 } else { count };
+                (0..count).flat_map(move |i| {
+                    (0..count - i).map(move |j| {
+                        // Centroids of the small triangles: none lies on a side.
+                        let [s, t] = [i, j].map(|k| (k as f64 + 1.0 / 3.0) / count as f64);
+                        let p = a + u * s + v * t;
+                        // Without creases the first place decides: layers grow from it.
+                        let layer = if creases.is_empty() {
+                            (p - seed).norm()
+                        } else {
+                            (creases.nearest(p, None) - p).norm()
+                        };
+                        (layer, p, n, sizes.at(p))
+                    })
+                })
+            })
+            .collect();
+        candidates.par_sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut normals: HashMap<u32, Vec3> = HashMap::new();
+        for (_, p, n, size) in candidates {
+            let is_taken = bins.any(p, |node| {
+                (self.place(node) - p).norm() < FACE_SPACING * size
+                    && normals
+                        .get(&node)
+                        .is_none_or(|m| m.dot(&n) > SAME_SIDE_COSINE)
+            });
+            if !is_taken {
+                let node = self.push(p, Site::Face);
+                normals.insert(node, n);
+                bins.add(p, node);
+            }
+        }
+    }
+
+    /// Inner nodes: points of body-centred lattices, of halved edges where sizes are less.
+    fn add_inside(&mut self, solid: &MeshSolid, sizes: &Sizes, bins: &mut Bins) {
+        let bounds = solid.bounds();
+        let cell = sizes.cell;
+        let counts = bounds.size().map(|s| (s / cell).ceil() + 1.0);
+        let origin = bounds.centre().0 - counts * (cell / 2.0);
+        let counts = [counts.x, counts.y, counts.z].map(|c| c as usize);
+        let cubes = (0..counts[0]).into_par_iter().flat_map_iter(|i| {
+            (0..counts[1]).flat_map(move |j| (0..counts[2]).map(move |k| [i, j, k]))
+        });
+        let mut places: Vec<(usize, Vec3, f64)> = cubes
+            .flat_map_iter(|cube| {
+                let low = origin + Vec3::from(cube.map(|c| c as f64)) * cell;
+                let mut found = Vec::new();
+                lattice_points(solid, sizes, (low, cell, 0), &mut found);
+                found
+            })
+            .collect();
+        // Large cells first: they keep their lattice.
+        places.sort_by_key(|p| p.0);
+        for (_, p, size) in places {
+            let limit = INNER_SPACING * size;
+            if !bins.any(p, |node| (self.place(node) - p).norm() < limit) {
+                let node = self.push(p, Site::Inside);
+                bins.add(p, node);
+            }
+        }
+    }
+}
+
+/// The points of a cube's body-centred lattice that lie inside, deep enough for their size; where sizes may be
+/// less than two thirds of the cube, those of its eighths too.
+fn lattice_points(
+    solid: &MeshSolid,
+    sizes: &Sizes,
+    (low, edge, level): (Vec3, f64, usize),
+    found: &mut Vec<(usize, Vec3, f64)>,
+) {
+    let centre = low.add_scalar(edge / 2.0);
+    let size = sizes.at(centre);
+    // The lattice of this size is the corner and the centre of each cube.
+    for p in [low, centre] {
+        let size = sizes.at(p);
+        if size > 0.6 * edge && (level == 0 || size < 1.3 * edge) {
+            let depth = -solid.signed_distance(p);
+            if depth > INNER_DEPTH * size {
+                found.push((level, p, size));
+            }
+        }
+    }
+    let least = size - GROWTH * edge * 0.75f64.sqrt();
+    if level + 1 < LEVELS && least < 0.65 * edge {
+        let near = solid.signed_distance(centre);
+        if near > edge {
+            return;
+        }
+        for n in 0..8 {
+            let shift = [n & 1, n >> 1 & 1, n >> 2].map(|c| f64::from(c) * edge / 2.0);
+            let part = (low + Vec3::from(shift), edge / 2.0, level + 1);
+            lattice_points(solid, sizes, part, found);
+        }
+    }
+}
