@@ -41,6 +41,7 @@ mod round;
 mod stuffing;
 mod surface;
 mod topology;
+mod turn;
 
 pub use boundary::Boundary;
 pub use defects::{Defects, MisplacedNode, TornFace};
