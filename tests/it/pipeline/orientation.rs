@@ -29,7 +29,7 @@ fn grids(counts: [usize; 3]) -> [Scaffold; 2] {
 
 fn text(file: &Path, orient: &str) -> String {
     format!(
-        "druse = 1\n[cell.g]\nsurface = \"gyroid\"\nvolume_fraction = 0.4\n[scaffold]\nfile = {file:?}\n\
+        "druse = 1\n[cell.g]\nsurface = \"gyroid\"\nlevel = -0.3\n[scaffold]\nfile = {file:?}\n\
          [tiling]\ncell = \"g\"\ncertificate = true\n{orient}[band]\nvoxel_size = 0.05\n[[output]]\nvdb = \"a.vdb\"\n"
     )
 }
@@ -77,7 +77,7 @@ fn a_gyroid_on_a_shuffled_grid_has_the_values_of_its_formula() {
     let [ordered, mixed] = grids([3, 3, 3]);
     let file = place.path().join("mixed.vtu");
     write_vtu(&file, &mixed, &[]).unwrap();
-    let recipe = recipe(&text(&file, "").replace("volume_fraction = 0.4\n", ""));
+    let recipe = recipe(&text(&file, "").replace("level = -0.3\n", ""));
     let options = RunOptions::default();
     let probe = Probe::new(&recipe, &options, &Silent).unwrap();
     let mut noise = Noise::new(3);
