@@ -87,7 +87,8 @@ pub use scaffold::{
 pub use source::Source;
 pub use target::{TargetProperty, TargetTable, TargetWord};
 pub use tiling::{
-    Assignment, FieldPlace, FieldRef, Interpolation, Outside, Share, TilingSection, Varying,
+    Along, Assignment, Direction, FieldPlace, FieldRef, Interpolation, Orient, Outside, Share,
+    TilingSection, Varying,
 };
 
 /// The version of recipes that this program reads.

@@ -30,6 +30,7 @@ mod hybrid;
 mod icosahedral;
 mod level_search;
 pub mod minkowski;
+mod restriction;
 mod series;
 mod solid;
 mod source;
@@ -64,6 +65,7 @@ pub use icosahedral::Icosahedral;
 #[doc(hidden)]
 pub use icosahedral::lifted;
 pub use level_search::Density;
+pub use restriction::{Frame, Mismatch, Restriction};
 pub use series::{Coefficient, Series};
 pub use solid::{Fold, SmoothFunction, Solid};
 pub use source::{

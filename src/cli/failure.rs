@@ -433,6 +433,11 @@ impl From<RunError> for Failure {
                 EXIT_DATA,
                 Some("split the mesh by shape, or mesh it with one kind of element".into()),
             ),
+            RunError::Misfit { misfit, .. } => (
+                EXIT_DATA,
+                (!misfit.edges.is_empty())
+                    .then(|| "druse scaffold check RECIPE -o X.vtu writes the edges".into()),
+            ),
             RunError::Cell { .. }
             | RunError::Tiling(_)
             | RunError::Decimate(_)

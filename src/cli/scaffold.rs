@@ -5,8 +5,11 @@ use super::failure::Failure;
 use super::output::Answer;
 use crate::frame::figures;
 use crate::io::atomic::require_writable;
-use crate::io::{DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, read_elements};
-use crate::pipeline::{Probe, RunOptions};
+use crate::io::{
+    DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, read_elements,
+    write_vtu_edges,
+};
+use crate::pipeline::{Probe, RunError, RunOptions};
 use crate::recipe::Recipe;
 use crate::scaffold::ScaffoldReport;
 use clap::{Args, Subcommand};
@@ -53,7 +56,8 @@ enum What {
     Check {
         /// The mesh, or a recipe with a scaffold.
         file: PathBuf,
-        /// For a recipe: write jumps, creases and weights of the elements for ParaView or pyvista.
+        /// For a recipe: write jumps, creases and weights of the elements for ParaView or pyvista; where no turns of
+        /// the elements make its cells continue, the edges around which they do not.
         #[arg(short, long, value_name = "X.vtu")]
         output: Option<PathBuf>,
         /// For a recipe: maximum accepted jump of the value, over the range of the field.
@@ -130,7 +134,15 @@ fn certificate(
         isolated: Some(super::vdb::reader()?),
         ..RunOptions::default()
     };
-    let probe = Probe::new(&recipe, &options, session)?;
+    let probe = match (Probe::new(&recipe, &options, session), output) {
+        (Err(RunError::Misfit { misfit, scaffold }), Some(path)) if !misfit.edges.is_empty() => {
+            let edges: Vec<[u32; 2]> = misfit.edges.iter().map(|e| e.nodes).collect();
+            let around: Vec<f64> = misfit.edges.iter().map(|e| e.elements as f64).collect();
+            write_vtu_edges(path, scaffold.nodes(), &edges, &[("elements", &around)])?;
+            return Err(RunError::Misfit { misfit, scaffold }.into());
+        }
+        (probe, _) => probe?,
+    };
     let found = probe.certificate(output)?;
     let mut text = String::new();
     for kind in &found.faces {
@@ -146,6 +158,13 @@ fn certificate(
             kind.crossings,
             kind.crease_degrees_max,
             kind.crease_degrees_p99
+        );
+    }
+    if found.turned_elements > 0 {
+        let _ = writeln!(
+            text,
+            "{} elements turned so that the cells continue over their faces",
+            found.turned_elements
         );
     }
     if found.faces.is_empty() {

@@ -105,4 +105,4 @@ pub use table::read_columns;
 #[doc(hidden)]
 pub use table::{column_names, read_scattered, table_text};
 pub use threemf::{ImplicitPart, SliceStackWriter};
-pub use vtk::{write_vtu, write_vtu_fields};
+pub use vtk::{write_vtu, write_vtu_edges, write_vtu_fields};

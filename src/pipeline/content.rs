@@ -3,6 +3,7 @@
 pub mod fractions;
 pub mod grading;
 pub mod inputs;
+mod orientation;
 pub mod palette;
 pub mod round_beams;
 pub mod sheets;

@@ -9,8 +9,12 @@ use crate::session;
 use druse::band::Band;
 use druse::cell::Table;
 use druse::field::WorldField;
+use druse::frame::Vec3;
 use druse::pipeline::{GradedQuantity, level_shifts};
-use druse::tiling::{Blend, Boundary, Distance, Interpolation, Member, TiledSolid, TilingOptions};
+use druse::tiling::{
+    Aim, Blend, Boundary, Directions, Distance, Interpolation, Member, TiledSolid, TilingOptions,
+    orient,
+};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -82,7 +86,8 @@ impl Tiling {
 
 #[pymethods]
 impl Tiling {
-    /// `cells` by member, then by element shape; `graded` is a quantity's name and its values at the nodes.
+    /// `cells` by member, then by element shape; `graded` is a quantity's name and its values at the nodes; `toward`
+    /// is where the third axis of the cells points.
     #[new]
     fn new(
         py: Python<'_>,
@@ -91,6 +96,7 @@ impl Tiling {
         weights: Option<PyReadonlyArray1<'_, f64>>,
         graded: Option<(String, PyReadonlyArray1<'_, f64>)>,
         words: (String, String, String),
+        toward: Option<[f64; 3]>,
     ) -> PyResult<Self> {
         let read = || {
             let weights = weights.as_ref().map(|w| arrays::list(w, "weights"));
@@ -126,8 +132,22 @@ impl Tiling {
             .iter()
             .map(|c| c.iter().map(Py::get).collect())
             .collect();
-        let scaffold = Arc::clone(&scaffold.scaffold);
+        let mut scaffold = Arc::clone(&scaffold.scaffold);
         session::work(py, None, |_| {
+            let aim = toward.map_or(Aim::World, |v| {
+                Aim::Directions(Directions {
+                    toward: vec![Vec3::from(v).normalize(); scaffold.len()],
+                    ..Directions::default()
+                })
+            });
+            let as_members = cells.iter().map(|cells| Member {
+                name: String::new(),
+                cells: cells.iter().map(|c| &c.cell).collect(),
+            });
+            let as_members: Vec<Member<'_, druse::cell::Cell>> = as_members.collect();
+            if let Some(oriented) = orient(&scaffold, &as_members, &aim)? {
+                scaffold = Arc::new(oriented.scaffold);
+            }
             let tables = |cells: &Vec<&Cell>| -> Result<Vec<Arc<Table>>, Fault> {
                 cells.iter().map(|c| c.table().cloned()).collect()
             };

@@ -4,8 +4,8 @@ use super::file::FileRef;
 use super::quantity::{Finite, Tolerance};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use std::borrow::Cow;
 use std::fmt;
 
@@ -20,6 +20,9 @@ pub struct TilingSection {
     /// Cells by named sets of elements or regions of space; the last that holds wins, and cells pass
     /// into each other within the elements at their borders.
     pub assign: Vec<Assignment>,
+    /// How elements are turned so that cells with less symmetry than their element, such as the gyroid, continue
+    /// over all faces: "auto", or { toward = [0, 0, 1] } for cells along a direction.
+    pub orient: Orient,
     /// Interpolation of weights between the corners of elements.
     pub interpolation: Interpolation,
     /// Level of the cell, graded: a number, a formula or a field, in units of its field.
@@ -84,6 +87,37 @@ pub struct Assignment {
     /// both left out: everywhere.
     #[serde(rename = "where")]
     pub region: Option<String>,
+}
+
+/// How elements are turned.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Orient {
+    /// Where cells need it, with their axes along x, y and z as far as the mesh lets them.
+    #[default]
+    Auto,
+    /// Along directions.
+    Along(Box<Along>),
+}
+
+/// Directions of cells: of all ways of turning the elements in which the cells continue over the faces, the one
+/// that is nearest to them is taken.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Along {
+    /// Where the cells' z axis points.
+    pub toward: Direction,
+    /// Where their x axis points, as far as `toward` leaves a choice.
+    pub up: Option<Direction>,
+}
+
+/// A direction in space.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Direction {
+    /// Its components: numbers or formulas of x, y, z, bx, by, bz and d.
+    Components(Box<[Varying; 3]>),
+    /// A field of vectors, or of stresses with component = "principal": the direction of the principal stress of
+    /// the greatest magnitude, which has no sign.
+    Field(FieldRef),
 }
 
 /// How weights are interpolated.
@@ -159,6 +193,80 @@ fn ascending<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<[f64; 2]>, D::Error>
         return Err(serde::de::Error::custom(message));
     }
     Ok(map)
+}
+
+impl<'de> Deserialize<'de> for Orient {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Any;
+        impl<'de> Visitor<'de> for Any {
+            type Value = Orient;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("\"auto\" or { toward, up }")
+            }
+            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Orient, E> {
+                match v {
+                    "auto" => Ok(Orient::Auto),
+                    _ => Err(E::unknown_variant(v, &["auto"])),
+                }
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Orient, A::Error> {
+                let along = Along::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(Orient::Along(Box::new(along)))
+            }
+        }
+        d.deserialize_any(Any)
+    }
+}
+
+impl JsonSchema for Orient {
+    fn schema_name() -> Cow<'static, str> {
+        "Orient".into()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let along = generator.subschema_for::<Along>();
+        json_schema!({
+            "description": "How elements are turned so that cells continue over all faces.",
+            "anyOf": [{ "enum": ["auto"] }, along]
+        })
+    }
+}
+
+impl<'de> Deserialize<'de> for Direction {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Any;
+        impl<'de> Visitor<'de> for Any {
+            type Value = Direction;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(
+                    "three numbers or formulas such as [\"-y\", \"x\", 0], or { file, field }",
+                )
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Direction, A::Error> {
+                let components = Deserialize::deserialize(SeqAccessDeserializer::new(seq));
+                components.map(Direction::Components)
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Direction, A::Error> {
+                FieldRef::deserialize(MapAccessDeserializer::new(map)).map(Direction::Field)
+            }
+        }
+        d.deserialize_any(Any)
+    }
+}
+
+impl JsonSchema for Direction {
+    fn schema_name() -> Cow<'static, str> {
+        "Direction".into()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let field = generator.subschema_for::<FieldRef>();
+        let number = generator.subschema_for::<Varying>();
+        json_schema!({
+            "description": "A direction: three numbers or formulas of x, y, z, bx, by, bz and d, or a field of vectors, or of \
+                stresses with component = \"principal\": the direction of the principal stress of the greatest \
+                magnitude.",
+            "anyOf": [{ "type": "array", "items": number, "minItems": 3, "maxItems": 3 }, field]
+        })
+    }
 }
 
 /// The value of a field outside its mesh.

@@ -41,6 +41,7 @@ mod report;
 mod round;
 mod surface;
 mod topology;
+mod turn;
 
 pub use boundary::Boundary;
 pub use defects::{Defects, MisplacedNode, TornFace};

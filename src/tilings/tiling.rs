@@ -38,7 +38,9 @@ mod interpolated;
 mod inverse_map;
 mod local_map;
 mod locality;
+mod misfit;
 mod newton_distance;
+mod orient;
 mod patch;
 mod source;
 mod transition_connectivity;
@@ -51,6 +53,8 @@ pub use distribution::{Graded, Interpolation, Weights};
 pub use error::TilingError;
 #[doc(hidden)]
 pub use interface::FaceJoins;
+pub use misfit::{BadEdge, Misfit};
+pub use orient::{Aim, Directions, Oriented, orient};
 pub use source::{CellField, Filling, fills};
 #[doc(hidden)]
 pub use transition_connectivity::{TransitionCheck, check_transition};

@@ -10,6 +10,7 @@ mod flat_ends;
 mod macro_decks;
 mod motion;
 mod offsets;
+mod orientation;
 mod outputs;
 mod require;
 mod scaffolds;

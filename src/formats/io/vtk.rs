@@ -13,7 +13,7 @@ mod write;
 mod xml;
 
 pub use legacy::read as read_legacy;
-pub use write::{write_vtu, write_vtu_fields};
+pub use write::{write_vtu, write_vtu_edges, write_vtu_fields};
 pub use xml::read as read_xml;
 
 use super::collector::Collector;

@@ -90,6 +90,14 @@ pub enum RunError {
     /// The cells cannot tile the scaffold.
     #[error("tiling: {0}")]
     Tiling(String),
+    /// No turns of the scaffold's elements make the cells continue over all faces.
+    #[error("tiling: {misfit}")]
+    Misfit {
+        /// The edges and faces at fault.
+        misfit: Box<crate::tiling::Misfit>,
+        /// The scaffold to whose nodes they refer.
+        scaffold: std::sync::Arc<crate::scaffold::Scaffold>,
+    },
     /// Two solids to intersect have no common part.
     #[error(
         "{left_name} and {right_name} do not meet: {left_name} spans {}, {right_name} spans {}",

@@ -105,15 +105,19 @@ pub struct ContinuityReport {
     pub crease_degrees_p99: f64,
     /// Greatest such angle, degrees.
     pub crease_degrees_max: f64,
+    /// Number of elements turned so that cells continue over their faces.
+    pub turned_elements: usize,
     /// Statistics by kind of face.
     pub faces: Vec<FaceStatistics>,
     /// The points with the greatest jumps.
     pub worst: Vec<Discontinuity>,
 }
 
-impl From<&Certificate> for ContinuityReport {
-    fn from(c: &Certificate) -> Self {
+impl ContinuityReport {
+    /// The report of a certificate, for a scaffold with this many turned elements.
+    pub fn new(c: &Certificate, turned_elements: usize) -> Self {
         Self {
+            turned_elements,
             value_jump_max: c.value_jump_max,
             value_jump_p99: c.value_jump_p99,
             crease_degrees_p99: c.crease_degrees_p99,

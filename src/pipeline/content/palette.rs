@@ -103,42 +103,39 @@ impl PaletteCell {
     }
 }
 
-/// Makes the cells of a name for every shape that occurs; for a metric sheet, one side of its
-/// mid-surface.
-pub(crate) fn palette_cell(
-    files: &mut InputFiles,
-    scaffold: &Scaffold,
-    (name, accuracy, kind): (&str, TableAccuracy, ContentKind),
-    session: Session,
-) -> Result<PaletteCell, RunError> {
-    let key = format!("cell.{name}");
+/// The section of a cell, with what its use in the tiling changes.
+fn section_in_use(files: &InputFiles, name: &str, kind: ContentKind) -> CellSection {
     let section = &files.recipe.sections().cell[name];
-    let mid_surface = CellSection {
-        solid: None,
-        thickness: None,
-        invert: None,
-        ..section.clone()
-    };
     // The thickness of a sheet that is graded by the tiling is provisional.
     let is_provisional = section.solid == Some(recipe::Solid::Sheet) && section.levels().is_empty();
-    let provisional = CellSection {
-        thickness: Some(Size(Length::Bare(PROVISIONAL_THICKNESS))),
-        ..section.clone()
-    };
-    let section = match (kind, is_provisional) {
-        (ContentKind::Sheets, _) => &mid_surface,
-        (_, true) => &provisional,
-        (_, false) => section,
-    };
-    let shapes = scaffold.shapes();
+    match (kind, is_provisional) {
+        (ContentKind::Sheets, _) => CellSection {
+            solid: None,
+            thickness: None,
+            invert: None,
+            ..section.clone()
+        },
+        (_, true) => CellSection {
+            thickness: Some(Size(Length::Bare(PROVISIONAL_THICKNESS))),
+            ..section.clone()
+        },
+        (_, false) => section.clone(),
+    }
+}
+
+/// Makes the cells of a name for every shape that occurs; for a metric sheet, one side of its
+/// mid-surface.
+pub(crate) fn cells_by_shape(
+    files: &mut InputFiles,
+    shapes: &[Element],
+    (name, kind): (&str, ContentKind),
+    session: Session,
+) -> Result<Vec<Cell>, RunError> {
+    let key = format!("cell.{name}");
+    let section = section_in_use(files, name, kind);
     let own_element = section.element.map(Element::from);
-    let mut entry = PaletteCell {
-        name: name.to_owned(),
-        cells: Vec::new(),
-        tables: Vec::new(),
-        densities: Vec::new(),
-    };
-    for &shape in &shapes {
+    let mut all = Vec::new();
+    for &shape in shapes {
         // A planar cell fills the prisms over its element.
         let element = own_element
             .filter(|&a| crate::tiling::fills(a, shape))
@@ -146,7 +143,7 @@ pub(crate) fn palette_cell(
         if shapes.len() > 1 && own_element.is_some_and(|a| !crate::tiling::fills(a, shape)) {
             continue;
         }
-        let mut cell = cells::make(files, &key, section, element, session)?;
+        let mut cell = cells::make(files, &key, &section, element, session)?;
         if kind == ContentKind::Sheets {
             let fault = |e: crate::cell::CellError| RunError::Cell {
                 key: key.clone(),
@@ -154,6 +151,28 @@ pub(crate) fn palette_cell(
             };
             cell = cell.with_solid(Solid::Below, 0.0).map_err(fault)?;
         }
+        all.push(cell);
+    }
+    if all.is_empty() {
+        let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
+        return Err(RunError::MixedElements(names.join(" and ")));
+    }
+    Ok(all)
+}
+
+/// Levels, matches and tabulates the cells of a name.
+pub(crate) fn palette_cell(
+    files: &mut InputFiles,
+    scaffold: &Scaffold,
+    cells: Vec<Cell>,
+    (name, accuracy, kind): (&str, TableAccuracy, ContentKind),
+    session: Session,
+) -> Result<PaletteCell, RunError> {
+    let key = format!("cell.{name}");
+    let section = &section_in_use(files, name, kind);
+    let shapes = scaffold.shapes();
+    let mut entry = PaletteCell::named(name);
+    for cell in cells {
         let density = fractions::density(scaffold, &cell, files.cache);
         let cell = match section.volume_fraction {
             Some(target) => fractions::at_fraction(cell, density.as_ref(), target.0, &key)?,
@@ -161,10 +180,6 @@ pub(crate) fn palette_cell(
         };
         entry.cells.push(cell);
         entry.densities.push(density);
-    }
-    if entry.cells.is_empty() {
-        let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
-        return Err(RunError::MixedElements(names.join(" and ")));
     }
     let needs_matching = cells_need_matching(scaffold, &entry)?;
     if needs_matching {

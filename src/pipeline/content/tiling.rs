@@ -3,7 +3,8 @@
 use super::grading::{
     Grade, grade_shifts, interpolated_shift, nearest_grade, node_scales, volume_mean,
 };
-use super::palette::{PaletteCell, TableAccuracy, palette_cell};
+use super::orientation::turn_elements;
+use super::palette::{PaletteCell, TableAccuracy, cells_by_shape, palette_cell};
 use super::round_beams;
 use super::round_beams::RoundBeams;
 use super::sheets::SheetThickness;
@@ -38,6 +39,8 @@ use thickness::is_metric_sheet;
 /// A scaffold tiled with cells.
 pub(crate) struct CellTiling {
     pub loaded: LoadedScaffold,
+    /// Number of its elements that are turned so that cells continue over faces.
+    pub turned: usize,
     pub palette: Vec<PaletteCell>,
     accuracy: TableAccuracy,
     interpolation: Interpolation,
@@ -110,13 +113,24 @@ impl CellTiling {
         session: Session,
     ) -> Result<Self, RunError> {
         let kind = ContentKind::of_section(files, section)?;
+        let mut loaded = loaded;
+        let mut cells = Vec::new();
+        if kind != ContentKind::Beams {
+            for name in section.cells() {
+                let shapes = loaded.scaffold.shapes();
+                cells.push(cells_by_shape(files, &shapes, (name, kind), session)?);
+            }
+        }
+        let turned = turn_elements(files, &mut loaded, section, &cells, envelope)?;
         let mut palette = Vec::new();
         let accuracy = TableAccuracy::new(files.recipe, section, &loaded.scaffold);
+        let mut cells = cells.into_iter();
         for name in section.cells() {
-            palette.push(match kind {
-                ContentKind::Beams => PaletteCell::named(name),
-                ContentKind::Fitted | ContentKind::Sheets => {
-                    palette_cell(files, &loaded.scaffold, (name, accuracy, kind), session)?
+            palette.push(match cells.next() {
+                None => PaletteCell::named(name),
+                Some(cells) => {
+                    let how = (name, accuracy, kind);
+                    palette_cell(files, &loaded.scaffold, cells, how, session)?
                 }
             });
         }
@@ -155,6 +169,7 @@ impl CellTiling {
             palette,
             accuracy,
             loaded,
+            turned,
             target_fraction: None,
         };
         let bounds = tiling.loaded.scaffold.bounds();

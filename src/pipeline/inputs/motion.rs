@@ -328,6 +328,12 @@ fn neighbours(
     ))
 }
 
+/// Whether the scaffold of a recipe differs from frame to frame.
+pub(crate) fn moves(recipe: &Recipe) -> bool {
+    let section = recipe.sections().scaffold.as_ref();
+    section.is_some_and(|s| s.motion.is_some()) || series(recipe).is_some()
+}
+
 /// The template of a scaffold's series of files and the frames that exist.
 fn series(recipe: &Recipe) -> Option<(String, Vec<i32>)> {
     let template = recipe.source().template("scaffold.file")?;

@@ -45,6 +45,9 @@ class Tiling:
         Two Newton steps, or closest points.
     boundary : {"cut", "extend"}
         Whether the solid ends at the outer faces.
+    orient : "auto" or array_like [3]
+        How elements are turned so that cells with less symmetry than their element, such as the gyroid, continue over
+        all faces: with their axes along x, y and z as far as the mesh lets them, or with the third one along a vector.
 
     Raises
     ------
@@ -64,6 +67,7 @@ class Tiling:
         interpolation: str = "linear",
         distance: str = "fast",
         boundary: str = "cut",
+        orient: str | npt.ArrayLike = "auto",
     ) -> None:
         self.scaffold = Scaffold.of(scaffold)
         self.cells: tuple[Cell, ...] = (cell,) if isinstance(cell, Cell) else tuple(cell)
@@ -79,19 +83,20 @@ class Tiling:
         graded = [(key, self._at_nodes(values, key, ())) for key, values in gradings.items()]
         own_weights = None if weights is None else self._at_nodes(weights, "weights", (len(self.cells),))
         words = (interpolation, distance, boundary)
+        toward = _toward(orient)
         self._metric: MetricTiling | None = None
         if is_round(self.cells, gradings) or is_metric_sheet(self.cells, gradings):
             # One number stays one, which makes beams without tapers.
             numbers = [(k, float(v[0]) if _is_number(gradings[k]) else v) for k, v in graded]
             self._metric = MetricTiling(
-                self.scaffold, self.cells, own_weights, numbers[0] if numbers else None, words
+                self.scaffold, self.cells, own_weights, numbers[0] if numbers else None, words, toward
             )
             return
         members = [[c._cell for c in self.cells]] if weights is None else [[c._cell] for c in self.cells]
         if weights is not None and graded and len(members) > 1:
             raise ArgumentError("found weights and a grading; expected one of them, or a single cell")
         self._tiling = _druse.Tiling(
-            self.scaffold._scaffold, members, own_weights, graded[0] if graded else None, words
+            self.scaffold._scaffold, members, own_weights, graded[0] if graded else None, words, toward
         )
 
     def _at_nodes(self, values: Any, name: str, trailing: tuple[int, ...]) -> Floats:
@@ -144,6 +149,17 @@ class Tiling:
 
     def __repr__(self) -> str:
         return f"druse.Tiling({self.scaffold!r}, {', '.join(repr(c) for c in self.cells)})"
+
+
+def _toward(orient: Any) -> list[float] | None:
+    if isinstance(orient, str):
+        if orient != "auto":
+            raise ArgumentError(f'orient is {orient!r}; expected "auto" or a vector of three numbers')
+        return None
+    vector = numeric(orient, "orient", np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise ArgumentError(f'orient is {orient!r}; expected "auto" or three finite numbers that are not all 0')
+    return [float(v) for v in vector]
 
 
 def _is_number(values: Any) -> bool:

@@ -38,7 +38,8 @@ pub struct Member<'a, C: CellField = Table> {
 }
 
 impl<C: CellField> Member<'_, C> {
-    fn of(&self, shape: Element) -> Option<&C> {
+    /// The cell of a shape.
+    pub(super) fn of(&self, shape: Element) -> Option<&C> {
         let found = self.cells.iter().find(|c| c.element() == shape);
         let found = found.or_else(|| self.cells.iter().find(|c| fills(c.element(), shape)));
         found.copied()

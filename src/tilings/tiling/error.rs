@@ -28,6 +28,9 @@ pub enum TilingError {
         /// The greatest difference found, over the mean slope.
         jump: f64,
     },
+    /// No turns of the elements make the cell continue over all faces.
+    #[error(transparent)]
+    Misfit(Box<super::misfit::Misfit>),
     /// Weights whose sum is not positive and finite.
     #[error("the weights at ({}, {}, {}) sum to {sum}; expected a positive, finite sum", at[0], at[1], at[2])]
     Weights {

@@ -160,3 +160,32 @@ fn a_designed_tet_cell_is_continuous_over_tets() {
         .unwrap();
     assert!(jump < 1e-5, "{jump:e}");
 }
+
+#[test]
+fn the_edges_around_which_no_gyroid_continues_are_written() {
+    let place = Place::new();
+    place.write(
+        "r.toml",
+        "druse = 1\n[cell.g]\nsurface = \"gyroid\"\n[scaffold]\ncylinder = { radius = 6, height = 8, cell_size = 4 }\n\
+         [tiling]\ncell = \"g\"\n[band]\nvoxel_size = 0.5\n",
+    );
+    let checked = place.run(&["scaffold", "check", "r.toml", "-o", "edges.vtu"]);
+    assert_eq!(checked.status.code(), Some(65));
+    let error = text(&checked.stderr);
+    // The edges of the core along the cylinder, two hexes high.
+    assert!(error.contains("around 8 inner edges in 4 lines"), "{error}");
+    assert!(error.contains("with 3 elements"), "{error}");
+    let edges = std::fs::read(place.0.path().join("edges.vtu")).unwrap();
+    let head = String::from_utf8_lossy(&edges);
+    assert!(
+        head.contains("NumberOfPoints=\"12\" NumberOfCells=\"8\""),
+        "{head}"
+    );
+    let tube = "scaffold.cylinder={ radius = 8, inner_radius = 4, height = 8, cell_size = 4 }";
+    let checked = place.run(&["scaffold", "check", "r.toml", "--json", "--set", tube]);
+    assert!(checked.status.success(), "{}", text(&checked.stderr));
+    let jump = json(&checked)["continuity"]["value_jump_max"]
+        .as_f64()
+        .unwrap();
+    assert!(jump < 1e-5, "{jump:e}");
+}

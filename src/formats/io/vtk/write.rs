@@ -76,34 +76,38 @@ pub fn write_vtu_fields(
         }
         out.text.push_str("</PointData>\n");
     }
-    let points: Vec<u8> = points
-        .into_iter()
-        .flat_map(|p| [p.x, p.y, p.z])
-        .flat_map(f64::to_le_bytes)
-        .collect();
-    out.text.push_str("<Points>\n");
-    out.array("Points", "Float64", 3, points);
-    out.text.push_str("</Points>\n<Cells>\n");
-    let nodes = nodes.into_iter().flat_map(i64::to_le_bytes).collect();
-    out.array("connectivity", "Int64", 1, nodes);
-    let ends = ends.into_iter().flat_map(i64::to_le_bytes).collect();
-    out.array("offsets", "Int64", 1, ends);
     let types = (0..elements.len()).map(|e| elements.kind(e).vtk_type());
-    out.array("types", "UInt8", 1, types.collect());
-    out.text.push_str("</Cells>\n<CellData>\n");
-    for (name, values) in fields {
-        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        out.array(name, "Float64", 1, bytes);
-    }
-    out.text.push_str("</CellData>\n");
-
-    let mut file = AtomicFile::create(path)?;
-    let written = out.write(&mut file, count, elements.len());
-    match written {
-        Ok(()) => file.commit(),
-        Err(error) => Err(file.failed(error)),
-    }
+    out.cells(&points, &nodes, &ends, types.collect());
+    out.cell_data(fields);
+    out.save(path, count, elements.len())
 }
+
+/// Writes edges between points as lines, with fields of one number per edge; returns the file's size in bytes. Only
+/// the points of edges are written.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_vtu_edges(
+    path: impl AsRef<Path>,
+    points: &[Vec3],
+    edges: &[[u32; 2]],
+    fields: &[(&str, &[f64])],
+) -> Result<u64, WriteError> {
+    let mut used: Vec<u32> = edges.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    let place = |n: &u32| used.partition_point(|u| u < n) as i64;
+    let nodes: Vec<i64> = edges.iter().flatten().map(place).collect();
+    let ends: Vec<i64> = (1..=edges.len() as i64).map(|n| 2 * n).collect();
+    let points: Vec<Vec3> = used.iter().map(|&n| points[n as usize]).collect();
+    let mut out = Sections::default();
+    out.cells(&points, &nodes, &ends, vec![VTK_LINE; edges.len()]);
+    out.cell_data(fields);
+    out.save(path.as_ref(), points.len(), edges.len())
+}
+
+/// VTK's type of a straight line.
+const VTK_LINE: u8 = 3;
 
 /// The additional nodes of VTK's triquadratic pyramid: the middles of its triangles and a point on its axis.
 fn inner_points() -> impl Iterator<Item = CellPoint<3>> {
@@ -136,6 +140,39 @@ impl Sections {
         );
         self.offset += 8 + data.len() as u64;
         self.data.push(data);
+    }
+
+    /// Points, and cells by their nodes, the ends of their nodes and their types.
+    fn cells(&mut self, points: &[Vec3], nodes: &[i64], ends: &[i64], types: Vec<u8>) {
+        let coordinates = points.iter().flat_map(|p| [p.x, p.y, p.z]);
+        self.text.push_str("<Points>\n");
+        let bytes = coordinates.flat_map(f64::to_le_bytes).collect();
+        self.array("Points", "Float64", 3, bytes);
+        self.text.push_str("</Points>\n<Cells>\n");
+        for (name, values) in [("connectivity", nodes), ("offsets", ends)] {
+            let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            self.array(name, "Int64", 1, bytes);
+        }
+        self.array("types", "UInt8", 1, types);
+        self.text.push_str("</Cells>\n");
+    }
+
+    /// Fields of one number per cell.
+    fn cell_data(&mut self, fields: &[(&str, &[f64])]) {
+        self.text.push_str("<CellData>\n");
+        for (name, values) in fields {
+            let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            self.array(name, "Float64", 1, bytes);
+        }
+        self.text.push_str("</CellData>\n");
+    }
+
+    fn save(&self, path: &Path, points: usize, cells: usize) -> Result<u64, WriteError> {
+        let mut file = AtomicFile::create(path)?;
+        match self.write(&mut file, points, cells) {
+            Ok(()) => file.commit(),
+            Err(error) => Err(file.failed(error)),
+        }
     }
 
     fn write(&self, out: &mut impl Write, points: usize, cells: usize) -> std::io::Result<()> {

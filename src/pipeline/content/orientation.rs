@@ -1,0 +1,185 @@
+//! Elements of a recipe's scaffold turned so that its cells continue over all faces.
+
+use crate::cell::Cell;
+use crate::frame::{Mat3, Vec3};
+use crate::mesh::MeshSolid;
+use crate::pipeline::base::error::{RunError, short_number};
+use crate::pipeline::inputs::input_files::InputFiles;
+use crate::pipeline::inputs::motion::moves;
+use crate::pipeline::inputs::scaffold::LoadedScaffold;
+use crate::pipeline::inputs::spatial_value::SpatialContext;
+use crate::recipe::{Direction, FieldRef, Orient, TilingSection, Varying};
+use crate::tiling::{Aim, Directions, Member, TilingError, orient};
+use std::sync::Arc;
+
+/// Component of a field of stresses: the direction of the principal stress of the greatest magnitude.
+const PRINCIPAL: &str = "principal";
+
+/// Turns the elements of a scaffold as the tiling's cells need it, those of each name by shape; returns how many
+/// have another numbering then.
+pub(super) fn turn_elements(
+    files: &mut InputFiles,
+    loaded: &mut LoadedScaffold,
+    section: &TilingSection,
+    cells: &[Vec<Cell>],
+    envelope: Option<&MeshSolid>,
+) -> Result<usize, RunError> {
+    let aim = match &section.orient {
+        // Axes along those of the world would jump while a part moves.
+        Orient::Auto if moves(files.recipe) => Aim::Numbering,
+        Orient::Auto => Aim::World,
+        Orient::Along(_) if cells.is_empty() => {
+            return Err(RunError::Tiling(
+                "tiling.orient has no meaning for round beams, whose graph has the symmetry of its element; expected \
+                 section = \"fitted\" in the cell, or no such key"
+                    .into(),
+            ));
+        }
+        Orient::Along(along) => {
+            let scaffold = &loaded.scaffold;
+            let centre = |e: crate::scaffold::ElementMap| e.map(e.shape().centroid()).0;
+            let points: Vec<Vec3> = scaffold.elements().map(centre).collect();
+            let mut vectors = |key: &str, direction: &Direction| {
+                let spatial = SpatialContext {
+                    bounds: scaffold.bounds(),
+                    envelope,
+                    key: format!("tiling.orient.{key}"),
+                    clock: files.recipe.clock(),
+                };
+                unit_vectors(files, &spatial, direction, &points)
+            };
+            Aim::Directions(Directions {
+                toward: vectors("toward", &along.toward)?,
+                up: match &along.up {
+                    Some(up) => vectors("up", up)?,
+                    None => Vec::new(),
+                },
+                is_axial: is_principal(&along.toward),
+            })
+        }
+    };
+    let members: Vec<Member<Cell>> = cells
+        .iter()
+        .map(|cells| Member {
+            name: String::new(),
+            cells: cells.iter().collect(),
+        })
+        .collect();
+    let found = orient(&loaded.scaffold, &members, &aim).map_err(|e| match e {
+        TilingError::Misfit(misfit) => RunError::Misfit {
+            misfit,
+            scaffold: Arc::clone(&loaded.scaffold),
+        },
+        other => RunError::Tiling(other.to_string()),
+    })?;
+    Ok(found.map_or(0, |found| {
+        loaded.scaffold = Arc::new(found.scaffold);
+        found.turned
+    }))
+}
+
+/// The field of stresses whose principal direction is requested.
+fn is_principal(direction: &Direction) -> bool {
+    matches!(direction, Direction::Field(f) if f.component.as_deref() == Some(PRINCIPAL))
+}
+
+/// Unit vectors of a direction at points.
+fn unit_vectors(
+    files: &mut InputFiles,
+    spatial: &SpatialContext,
+    direction: &Direction,
+    points: &[Vec3],
+) -> Result<Vec<Vec3>, RunError> {
+    let vectors = match direction {
+        Direction::Components(components) => {
+            let mut all = Vec::new();
+            for varying in components.iter() {
+                all.push(spatial.values(files, varying, points)?);
+            }
+            let at = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
+            (0..points.len()).map(at).collect()
+        }
+        Direction::Field(field) if is_principal(direction) => {
+            principal_directions(files, spatial, field, points)?
+        }
+        Direction::Field(field) => {
+            let all = components(files, spatial, field, &["x", "y", "z"], points)?;
+            let at = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
+            (0..points.len()).map(at).collect::<Vec<Vec3>>()
+        }
+    };
+    let unit = |(v, p): (&Vec3, &Vec3)| {
+        v.try_normalize(0.0).ok_or_else(|| {
+            let place = [p.x, p.y, p.z].map(short_number).join(", ");
+            RunError::Tiling(format!(
+                "{}: the direction has length 0 at ({place}); expected one of another length there",
+                spatial.key
+            ))
+        })
+    };
+    vectors.iter().zip(points).map(unit).collect()
+}
+
+/// Values of components of a field at points.
+fn components(
+    files: &mut InputFiles,
+    spatial: &SpatialContext,
+    field: &FieldRef,
+    names: &[&str],
+    points: &[Vec3],
+) -> Result<Vec<Vec<f64>>, RunError> {
+    let values = |name: &&str| {
+        let component = FieldRef {
+            component: Some((*name).to_owned()),
+            ..field.clone()
+        };
+        spatial.values(files, &Varying::Field(component), points)
+    };
+    names.iter().map(values).collect()
+}
+
+/// Directions of the principal stress of the greatest magnitude. The tensor is interpolated, not its direction,
+/// which has no sign.
+fn principal_directions(
+    files: &mut InputFiles,
+    spatial: &SpatialContext,
+    field: &FieldRef,
+    points: &[Vec3],
+) -> Result<Vec<Vec3>, RunError> {
+    // xx yy zz xy yz zx of nine components by rows, else of six in VTK's order.
+    components(files, spatial, field, &["0"], points)?;
+    let nine = components(
+        files,
+        spatial,
+        field,
+        &["0", "4", "8", "1", "5", "6"],
+        points,
+    );
+    let mut six = || {
+        components(
+            files,
+            spatial,
+            field,
+            &["0", "1", "2", "3", "4", "5"],
+            points,
+        )
+    };
+    let all = nine.or_else(|_| six()).map_err(|e| match e {
+        RunError::Read(e) => RunError::Read(e.with_hint(format!(
+            "{}: component = \"principal\" needs stresses of 6 or 9 numbers for each place",
+            spatial.key
+        ))),
+        other => other,
+    })?;
+    let direction = |n: usize| {
+        let s = |i: usize| all[i][n];
+        let tensor = Mat3::new(s(0), s(3), s(5), s(3), s(1), s(4), s(5), s(4), s(2));
+        let eigen = tensor.symmetric_eigen();
+        let largest = eigen.eigenvalues.iamax();
+        // A stress of zero has no direction.
+        let is_zero = eigen.eigenvalues[largest] == 0.0;
+        let v: Vec3 = eigen.eigenvectors.column(largest).into();
+        if is_zero { Vec3::zeros() } else { v }
+    };
+    Ok((0..points.len()).map(direction).collect())
+}

@@ -1,0 +1,109 @@
+//! Elements turned so that cells with less symmetry than their element continue over all faces.
+//!
+//! A cell with the full group of its element fits in any numbering of the nodes. A gyroid, a chiral or a
+//! directional cell continues over a face only if both elements lie rightly. [`orient`] numbers the nodes of the
+//! elements anew, each by a symmetry of its reference shape that keeps the handedness of the cell in space.
+//! Symmetries of the cell, and what it shows on each face in each order of the corners, follow from its
+//! coefficients (`views`). A breadth-first search turns the elements of each component, then every face is
+//! checked (`search`). Where no turns fit, as around an edge with three hexes, the error names these edges.
+//!
+//! Not promised: where a face leaves a neighbour several different cells that continue equally well, only one is
+//! tried.
+
+mod bad_edges;
+mod search;
+mod views;
+
+pub use search::{Aim, Directions};
+
+use super::misfit::Misfit;
+use super::{Member, TilingError, interface};
+use crate::scaffold::{Scaffold, ScaffoldError};
+use druse_cells::cell::Cell;
+use druse_geometry::field::Field;
+use druse_geometry::frame::Mat3;
+use search::{Faces, Search};
+use views::Views;
+
+/// A scaffold whose elements are turned.
+pub struct Oriented {
+    /// The same elements and nodes, in other numberings.
+    pub scaffold: Scaffold,
+    /// Number of the elements whose numbering is another.
+    pub turned: usize,
+}
+
+/// Turns the elements of a scaffold so that the cells of all members continue over its faces; `None` if nothing
+/// needs a turn. With directions, also elements in which the cells continue already are turned.
+///
+/// # Errors
+/// [`TilingError::Misfit`] where no turns fit.
+pub fn orient(
+    scaffold: &Scaffold,
+    members: &[Member<Cell>],
+    aim: &Aim,
+) -> Result<Option<Oriented>, TilingError> {
+    let cells = || members.iter().flat_map(|m| m.cells.iter());
+    if cells().all(|c| c.fits_any_numbering() && c.element().dimension() == 3) {
+        return Ok(None);
+    }
+    if !matches!(aim, Aim::Directions(_)) && continues(scaffold, members) {
+        return Ok(None);
+    }
+    // The tiling itself refuses cells without a slope, and shapes that no cell fills.
+    let has_slope = |c: &&Cell| c.gamma().is_finite() && c.gamma() > 0.0;
+    let shapes = scaffold.shapes();
+    let fill = |m: &Member<Cell>| shapes.iter().all(|s| m.of(*s).is_some());
+    if !cells().all(has_slope) || !members.iter().all(fill) {
+        return Ok(None);
+    }
+    let views = Views::new(&shapes, members);
+    // Cells that no turn changes are as they are; the tiling itself refuses them.
+    if scaffold
+        .shapes()
+        .iter()
+        .all(|s| views.shape(*s).has_one_class())
+    {
+        return Ok(None);
+    }
+    let faces = Faces::new(scaffold, &views);
+    let search = Search::new(scaffold, &views, &faces);
+    let found = search.run(aim);
+    if let Some(&first) = found.bad.first() {
+        let edges = bad_edges::bad_edges(&search, &faces, &found.bad, &found.turns);
+        let elements = faces.list[first as usize].elements;
+        return Err(TilingError::Misfit(Box::new(Misfit {
+            lines: bad_edges::line_count(&edges),
+            edges,
+            faces: found.bad.len(),
+            elements: elements.map(|e| scaffold.number(e as usize)),
+        })));
+    }
+    let identity = Mat3::identity();
+    let turn = |e: usize| {
+        let shape = views.shape(scaffold.element(e).shape());
+        let matrix = &shape.turns[usize::from(found.turns[e])].matrix;
+        ((matrix - identity).norm_squared() > 1e-9).then_some(matrix)
+    };
+    let turned = (0..scaffold.len()).filter(|&e| turn(e).is_some()).count();
+    if turned == 0 {
+        return Ok(None);
+    }
+    let failed = |_: ScaffoldError| TilingError::Empty;
+    Ok(Some(Oriented {
+        scaffold: scaffold.turned(turn).map_err(failed)?,
+        turned,
+    }))
+}
+
+/// Whether cells continue over all faces as the elements are numbered.
+fn continues(scaffold: &Scaffold, members: &[Member<Cell>]) -> bool {
+    members.iter().all(|member| {
+        let slope = member.cells.first().map_or(1.0, |c| c.gamma());
+        let value = |shape, xi| member.of(shape).map_or(0.0, |c| Field::value(c, xi));
+        interface::check(scaffold, &value, slope).is_ok()
+    })
+}
+
+#[cfg(test)]
+mod tests;

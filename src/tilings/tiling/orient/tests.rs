@@ -1,0 +1,282 @@
+//! Grids, tubes, spheres and single elements in every numbering, with cells of little symmetry.
+
+use super::*;
+use crate::scaffold::{Connectivity, Kind};
+use druse_cells::cell::{Expression, Series, Surface, operators_of, symmetry};
+use druse_geometry::frame::{CellPoint, Element, Vec3};
+
+/// SplitMix64, below a number.
+fn draw(state: &mut u64, below: usize) -> usize {
+    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let z = (*state ^ (*state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((z ^ (z >> 31)) % below as u64) as usize
+}
+
+/// The scaffold with every element turned at random, by rotations and reflections.
+fn shuffled(scaffold: &Scaffold, seed: u64) -> Scaffold {
+    let mut state = seed;
+    let turns: Vec<Vec<Mat3>> = Element::SCAFFOLD_ELEMENTS
+        .iter()
+        .map(|&e| operators_of(e, druse_cells::cell::default_group(e)).unwrap())
+        .collect();
+    let drawn: Vec<&Mat3> = scaffold
+        .elements()
+        .map(|e| {
+            let own = &turns[Element::SCAFFOLD_ELEMENTS
+                .iter()
+                .position(|s| *s == e.shape())
+                .unwrap()];
+            &own[draw(&mut state, own.len())]
+        })
+        .collect();
+    scaffold.turned(|e| Some(drawn[e])).unwrap()
+}
+
+/// A grid with displaced nodes.
+fn warped(kind: Kind, counts: [usize; 3]) -> Scaffold {
+    let size = Vec3::from(counts.map(|n| n as f64));
+    let grid = Scaffold::box_grid(size, counts, kind).unwrap();
+    let bend = |p: &Vec3| p + Vec3::new(0.2 * p.y.sin(), 0.1 * p.z.cos(), 0.15 * (p.x + p.y).sin());
+    let nodes = grid.nodes().iter().map(bend).collect();
+    Scaffold::new(nodes, grid.connectivity().clone()).unwrap()
+}
+
+fn member(cell: &Cell) -> [Member<'_, Cell>; 1] {
+    [Member {
+        name: String::new(),
+        cells: vec![cell],
+    }]
+}
+
+/// A chiral cell without any symmetry.
+fn chiral(seed: u64) -> Cell {
+    let (group, lattice) = symmetry::<3>(Element::Hex, Some("C1"), None).unwrap();
+    let mut state = seed;
+    let terms: Vec<([i32; 3], [f64; 2])> = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 2]]
+        .into_iter()
+        .map(|k| {
+            (
+                k,
+                [0, 1].map(|_| 0.2 + draw(&mut state, 1000) as f64 / 1000.0),
+            )
+        })
+        .collect();
+    let series = Series::new(group, lattice, &terms).unwrap();
+    Cell::new("chiral", Element::Hex, series).unwrap()
+}
+
+#[test]
+fn a_shuffled_grid_is_numbered_as_the_ordered_one() {
+    let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
+    for kind in [Kind::Hex8] {
+        let ordered = warped(kind, [4, 4, 4]);
+        assert!(
+            orient(&ordered, &member(&gyroid), &Aim::World)
+                .unwrap()
+                .is_none()
+        );
+        for seed in 0..4 {
+            let mixed = shuffled(&ordered, seed);
+            assert!(!continues(&mixed, &member(&gyroid)));
+            let found = orient(&mixed, &member(&gyroid), &Aim::World)
+                .unwrap()
+                .unwrap();
+            assert!(found.turned > 40);
+            assert_eq!(found.scaffold.connectivity(), ordered.connectivity());
+        }
+    }
+}
+
+#[test]
+fn a_chiral_cell_continues_in_a_thousand_numberings() {
+    let ordered = warped(Kind::Hex8, [5, 2, 2]);
+    let cell = chiral(1);
+    for seed in 0..50 {
+        let mixed = shuffled(&ordered, seed);
+        let found = orient(&mixed, &member(&cell), &Aim::World).unwrap();
+        let turned = found.map_or(mixed, |f| f.scaffold);
+        assert!(continues(&turned, &member(&cell)), "{seed}");
+        // The handedness of the cell is kept in all elements.
+        assert!(turned.elements().all(|e| e.volume() > 0.0), "{seed}");
+    }
+}
+
+/// Six blocks around a void, as on a cube blown up to a sphere: three hexes at each edge from a corner outwards.
+fn hollow_sphere(layers: usize) -> Scaffold {
+    let mut nodes = Vec::new();
+    let corners: Vec<Vec3> = Element::Hex.vertices();
+    for layer in 0..=layers {
+        let radius = 1.0 + layer as f64 / layers as f64;
+        nodes.extend(corners.iter().map(|c| c.normalize() * radius));
+    }
+    let mut elements = Connectivity::default();
+    for layer in 0..layers as u32 {
+        for face in Kind::Hex8.faces() {
+            let inner = face.corners.iter().map(|&c| u32::from(c) + 8 * layer);
+            let outer = face.corners.iter().map(|&c| u32::from(c) + 8 * (layer + 1));
+            let all: Vec<u32> = inner.chain(outer).collect();
+            elements.push(Kind::Hex8, &all);
+        }
+    }
+    Scaffold::new(nodes, elements).unwrap()
+}
+
+#[test]
+fn edges_with_three_hexes_are_named() {
+    let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
+    for layers in [1, 3] {
+        let scaffold = hollow_sphere(layers);
+        let Err(TilingError::Misfit(misfit)) = orient(&scaffold, &member(&gyroid), &Aim::World)
+        else {
+            panic!("a gyroid cannot fill it");
+        };
+        assert_eq!((misfit.edges.len(), misfit.lines), (8 * layers, 8));
+        for edge in &misfit.edges {
+            assert_eq!(edge.elements, 3);
+            let [x, y, z] = edge.middle;
+            assert!((x.abs() - y.abs()).abs() < 1e-12 && (y.abs() - z.abs()).abs() < 1e-12);
+        }
+        assert!(misfit.to_string().contains("8 lines"), "{misfit}");
+    }
+}
+
+/// A column along z has the symmetry of a quarter turn about it, so that it runs along edges with three hexes.
+#[test]
+fn a_column_runs_along_the_axis_of_an_o_grid() {
+    let (group, lattice) = symmetry::<3>(Element::Hex, Some("D4h"), None).unwrap();
+    let terms = [([1, 0, 0], [-1.0, 0.0]), ([0, 0, 1], [-0.3, 0.0])];
+    let column = Series::new(group, lattice, &terms).unwrap();
+    let column = Cell::new("column", Element::Hex, column).unwrap();
+    let cylinder = shuffled(&Scaffold::cylinder(10.0, 10.0, 4.0).unwrap(), 3);
+    let found = orient(&cylinder, &member(&column), &Aim::World)
+        .unwrap()
+        .unwrap();
+    assert!(continues(&found.scaffold, &member(&column)));
+    for e in found.scaffold.elements() {
+        let along = e.jacobian(CellPoint(Vec3::zeros())).column(2).normalize();
+        assert!(along.z.abs() > 0.999);
+    }
+    let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
+    assert!(orient(&cylinder, &member(&gyroid), &Aim::World).is_err());
+    // Without the core all inner edges have four hexes.
+    let tube = shuffled(&Scaffold::tube(5.0, 10.0, 10.0, 3.0).unwrap(), 5);
+    let found = orient(&tube, &member(&gyroid), &Aim::World)
+        .unwrap()
+        .unwrap();
+    let jump = crate::tiling::certify(&found.scaffold, &gyroid).value_jump_max;
+    assert!(jump < 1e-9, "{jump}");
+}
+
+#[test]
+fn columns_follow_a_direction_where_nothing_else_decides() {
+    let (group, lattice) = symmetry::<3>(Element::Hex, Some("D4h"), None).unwrap();
+    let column = Series::new(group, lattice, &[([1, 0, 0], [-1.0, 0.0])]).unwrap();
+    let column = Cell::new("column", Element::Hex, column).unwrap();
+    let grid = warped(Kind::Hex8, [3, 3, 3]);
+    for axis in 0..3 {
+        let aim = Aim::Directions(Directions {
+            toward: vec![Vec3::ith(axis, 1.0); grid.len()],
+            ..Directions::default()
+        });
+        let found = orient(&grid, &member(&column), &aim).unwrap();
+        assert_eq!(found.is_none(), axis == 2);
+        let turned = found.as_ref().map_or(&grid, |f| &f.scaffold);
+        assert!(continues(turned, &member(&column)));
+        for e in turned.elements() {
+            let along = e.jacobian(CellPoint(Vec3::zeros())).column(2).normalize();
+            assert!(along[axis].abs() > 0.8, "{along}");
+        }
+    }
+}
+
+/// Wedges that tell top from bottom, tets that tell one corner from the others, quads in a shell, and a union that
+/// has no coefficients.
+#[test]
+fn other_shapes_and_functions_are_turned_too() {
+    let arrow = |element: Element, group: &str, k: [[i32; 3]; 2]| {
+        let (group, lattice) = symmetry::<3>(element, Some(group), None).unwrap();
+        let terms = [(k[0], [-1.0, 0.0]), (k[1], [0.2, 0.4])];
+        Cell::new(
+            "arrow",
+            element,
+            Series::new(group, lattice, &terms).unwrap(),
+        )
+        .unwrap()
+    };
+    let wedges = warped(Kind::Wedge6, [2, 2, 3]);
+    let up = arrow(Element::Wedge, "C3v", [[1, 0, 0], [0, 0, 1]]);
+    let mixed = shuffled(&wedges, 11);
+    assert!(!continues(&mixed, &member(&up)));
+    let found = orient(&mixed, &member(&up), &Aim::World).unwrap().unwrap();
+    assert!(continues(&found.scaffold, &member(&up)));
+
+    // Around one vertex, every tet turns its corner there.
+    let cone = arrow(Element::Tet, "C3v", [[1, 1, 1], [1, 0, 0]]);
+    let octahedron = {
+        let mut nodes = vec![Vec3::zeros()];
+        nodes.extend((0..3).flat_map(|a| [-1.0, 1.0].map(|s| Vec3::ith(a, s))));
+        let mut elements = Connectivity::default();
+        for n in 0..8u32 {
+            let own = [0, 1 + (n & 1), 3 + (n >> 1 & 1), 5 + (n >> 2)];
+            elements.push(Kind::Tet4, &own);
+        }
+        Scaffold::new(nodes, elements).unwrap()
+    };
+    let mixed = shuffled(&octahedron, 2);
+    assert!(!continues(&mixed, &member(&cone)));
+    let found = orient(&mixed, &member(&cone), &Aim::World)
+        .unwrap()
+        .unwrap();
+    assert!(continues(&found.scaffold, &member(&cone)));
+
+    let (group, lattice) = symmetry::<2>(Element::Quad, Some("C1"), None).unwrap();
+    let terms = [
+        ([1, 0], [0.6, 0.3]),
+        ([0, 1], [0.2, -0.7]),
+        ([1, 2], [0.3, 0.1]),
+    ];
+    let weave = Series::new(group, lattice, &terms).unwrap();
+    let weave = Cell::new("weave", Element::Quad, weave).unwrap();
+    let plate = warped(Kind::Hex8, [4, 3, 1]);
+    let quarter = Mat3::new(0., -1., 0., 1., 0., 0., 0., 0., 1.);
+    let mixed = plate.turned(|e| (e % 3 == 1).then_some(&quarter)).unwrap();
+    assert!(!continues(&mixed, &member(&weave)));
+    let found = orient(&mixed, &member(&weave), &Aim::World)
+        .unwrap()
+        .unwrap();
+    assert_eq!(found.scaffold.connectivity(), plate.connectivity());
+
+    let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
+    let both = vec![gyroid.expression().clone(), chiral(5).expression().clone()];
+    let union = Cell::new("union", Element::Hex, Expression::least(both, 0.1).unwrap()).unwrap();
+    let mixed = shuffled(&warped(Kind::Hex8, [3, 2, 2]), 9);
+    let found = orient(&mixed, &member(&union), &Aim::World)
+        .unwrap()
+        .unwrap();
+    assert!(continues(&found.scaffold, &member(&union)));
+}
+
+#[test]
+fn every_turn_of_every_kind_moves_reference_points_and_keeps_the_map() {
+    for kind in Kind::solids() {
+        let mut elements = Connectivity::default();
+        let own: Vec<u32> = (0..kind.node_count() as u32).collect();
+        elements.push(kind, &own);
+        // Nodes off their places make the element curved.
+        let bend = |p: &CellPoint<3>| p.0 + p.0.map(|c| 0.05 * c * c).yzx();
+        let nodes = kind.reference_nodes().iter().map(bend).collect();
+        let before = Scaffold::new(nodes, elements).unwrap();
+        for turn in
+            operators_of(kind.shape(), druse_cells::cell::default_group(kind.shape())).unwrap()
+        {
+            let after = before.turned(|_| Some(&turn)).unwrap();
+            for p in kind.reference_nodes() {
+                let xi = kind.shape().centroid().0.lerp(&p.0, 0.7);
+                let x = before.element(0).map(CellPoint(xi)).0;
+                let y = after.element(0).map(CellPoint(turn * xi)).0;
+                assert!((x - y).norm() < 1e-12, "{kind:?} {turn}");
+            }
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! Recipes whose cells need turned elements.
+
+use super::recipe;
+use crate::strategy::{Noise, renumberings};
+use druse::frame::Vec3;
+use druse::io::write_vtu;
+use druse::pipeline::{Probe, Report, RunError, RunOptions, run};
+use druse::progress::Silent;
+use druse::scaffold::{Connectivity, Kind, Scaffold};
+use std::path::Path;
+
+/// A warped grid of hexes, and the same with the nodes of every element in one of the 48 orders.
+fn grids(counts: [usize; 3]) -> [Scaffold; 2] {
+    let size = Vec3::from(counts.map(|n| n as f64));
+    let grid = Scaffold::box_grid(size, counts, Kind::Hex8).unwrap();
+    let bend = |p: &Vec3| p + Vec3::new(0.2 * p.y.sin(), 0.1 * p.z.cos(), 0.15 * (p.x + p.y).sin());
+    let nodes: Vec<Vec3> = grid.nodes().iter().map(bend).collect();
+    let orders = renumberings(Kind::Hex8);
+    let mut noise = Noise::new(7);
+    let mut mixed = Connectivity::default();
+    for e in 0..grid.len() {
+        let own = grid.connectivity().nodes(e);
+        let order = &orders[noise.below(orders.len())];
+        let turned: Vec<u32> = order.iter().map(|&n| own[n]).collect();
+        mixed.push(Kind::Hex8, &turned);
+    }
+    [grid.connectivity().clone(), mixed].map(|c| Scaffold::new(nodes.clone(), c).unwrap())
+}
+
+fn text(file: &Path, orient: &str) -> String {
+    format!(
+        "druse = 1\n[cell.g]\nsurface = \"gyroid\"\nlevel = -0.3\n[scaffold]\nfile = {file:?}\n\
+         [tiling]\ncell = \"g\"\ncertificate = true\n{orient}[band]\nvoxel_size = 0.05\n[[output]]\nvdb = \"a.vdb\"\n"
+    )
+}
+
+fn report(text: &str, folder: &Path, bricks: Option<u32>) -> Report {
+    let options = RunOptions {
+        out: Some(folder.to_owned()),
+        bricks,
+        ..RunOptions::default()
+    };
+    run(&recipe(text), &options, &Silent).unwrap()
+}
+
+#[test]
+fn a_gyroid_on_a_shuffled_grid_has_the_content_hash_of_the_ordered_one() {
+    let place = tempfile::tempdir().unwrap();
+    let [ordered, mixed] = grids([4, 4, 4]);
+    let files = ["ordered.vtu", "mixed.vtu"].map(|n| place.path().join(n));
+    write_vtu(&files[0], &ordered, &[]).unwrap();
+    write_vtu(&files[1], &mixed, &[]).unwrap();
+    let [one, two] = [&files[0], &files[1]].map(|f| report(&text(f, ""), place.path(), None));
+    let continuity = [&one, &two].map(|r| r.continuity.clone().unwrap());
+    assert_eq!(continuity[0].turned_elements, 0);
+    assert!(continuity[1].turned_elements > 40);
+    assert!(
+        continuity[1].value_jump_max < 1e-5,
+        "{:?}",
+        continuity[1].worst
+    );
+    assert!(one.outputs[0].content_hash.is_some());
+    assert_eq!(one.outputs[0].content_hash, two.outputs[0].content_hash);
+    let bricks = report(&text(&files[1], ""), place.path(), Some(1));
+    assert_eq!(one.outputs[0].content_hash, bricks.outputs[0].content_hash);
+    // A direction chooses another of the ways in which the gyroid continues.
+    let along = "orient = { toward = [\"-1\", 0, 0], up = [0, 0, 1] }\n";
+    let other = report(&text(&files[1], along), place.path(), None);
+    assert!(other.continuity.unwrap().value_jump_max < 1e-5);
+    assert_ne!(one.outputs[0].content_hash, other.outputs[0].content_hash);
+}
+
+/// Values of the gyroid at reference points of the ordered grid, where the closed form is known.
+#[test]
+fn a_gyroid_on_a_shuffled_grid_has_the_values_of_its_formula() {
+    let place = tempfile::tempdir().unwrap();
+    let [ordered, mixed] = grids([3, 3, 3]);
+    let file = place.path().join("mixed.vtu");
+    write_vtu(&file, &mixed, &[]).unwrap();
+    let recipe = recipe(&text(&file, "").replace("level = -0.3\n", ""));
+    let options = RunOptions::default();
+    let probe = Probe::new(&recipe, &options, &Silent).unwrap();
+    let mut noise = Noise::new(3);
+    let (mut points, mut expected) = (Vec::new(), Vec::new());
+    for element in ordered.elements() {
+        let xi = noise.vector() * 0.49;
+        points.push(element.map(druse::frame::CellPoint(xi)).0.into());
+        let [(sx, cx), (sy, cy), (sz, cz)] =
+            [xi.x, xi.y, xi.z].map(|c| (std::f64::consts::TAU * c).sin_cos());
+        expected.push(sx * cy + sy * cz + sz * cx);
+    }
+    for (found, value) in probe.evaluate(&points, true).unwrap().iter().zip(expected) {
+        assert!((found.phi - value).abs() < 1e-9, "{} {value}", found.phi);
+    }
+}
+
+#[test]
+fn a_gyroid_in_a_ball_is_refused_with_the_edges_and_a_bad_direction_with_its_place() {
+    let error = |text: &str| {
+        let options = RunOptions::default();
+        run(&recipe(text), &options, &Silent).err().unwrap()
+    };
+    let ball = "druse = 1\n[cell.g]\nsurface = \"gyroid\"\n[scaffold]\nsphere = { radius = 6, cell_size = 4 }\n\
+                [tiling]\ncell = \"g\"\n[band]\nvoxel_size = 0.5\n";
+    let found = error(ball);
+    let RunError::Misfit { misfit, .. } = &found else {
+        panic!("{found}");
+    };
+    // The edges of the core and those from its corners outwards.
+    assert_eq!(misfit.lines, 20, "{found}");
+    assert!(misfit.edges.iter().all(|e| e.elements == 3));
+    assert!(found.to_string().contains("with 3 elements"), "{found}");
+    let block = "druse = 1\n[cell.g]\nsurface = \"gyroid\"\n[scaffold]\nbox = { size = [2, 2, 2], cell_size = 1 }\n\
+                 [tiling]\ncell = \"g\"\norient = { toward = [\"x - 0.5\", 0, 0] }\n[band]\nvoxel_size = 0.1\n";
+    let found = error(block).to_string();
+    assert!(
+        found.contains("tiling.orient.toward") && found.contains("0.5, 0.5, 0.5"),
+        "{found}"
+    );
+    let field = block.replace(
+        "[\"x - 0.5\", 0, 0]",
+        "{ field = \"u\", component = \"principal\" }",
+    );
+    assert!(error(&field).to_string().contains("a field needs a file"));
+}
+
+/// The cost of turning the elements alone; the time is printed, not judged.
+#[test]
+#[ignore = "long; tests/run full"]
+fn a_million_hexes_are_turned() {
+    use druse::tiling::{Aim, Member, orient};
+    let [ordered, mixed] = grids([100, 100, 100]);
+    let gyroid = druse::cell::Surface::Gyroid
+        .cell(druse::frame::Element::Hex)
+        .unwrap();
+    let members = [Member {
+        name: String::new(),
+        cells: vec![&gyroid],
+    }];
+    let start = std::time::Instant::now();
+    let found = orient(&mixed, &members, &Aim::World).unwrap().unwrap();
+    println!(
+        "figure: turning {} hexes, seconds | {:.2} | 3",
+        mixed.len(),
+        start.elapsed().as_secs_f64()
+    );
+    assert_eq!(found.scaffold.connectivity(), ordered.connectivity());
+}
