@@ -29,7 +29,7 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("crystal", 7900),
     ("formats", 19800),
     ("solids", 5450),
-    ("vdb", 11400),
+    ("vdb", 11450),
     ("recipe", 5550),
     ("pipeline", 22050),
     ("cli", 14250),
