@@ -55,9 +55,9 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// The connected parts of a leaf, of voxels of this edge, on a side.
-    pub fn all_of(leaf: &LeafView<'_>, side: Side, voxel_size: f64) -> Vec<Self> {
-        let negative = bits_below(leaf.values, inside_below(voxel_size));
+    /// The connected parts of a leaf on a side; inside are values below a threshold.
+    pub fn all_of(leaf: &LeafView<'_>, side: Side, threshold: f32) -> Vec<Self> {
+        let negative = bits_below(leaf.values, threshold);
         let set = match side {
             Side::Solid => negative,
             Side::Void => negative.map(|w| !w),
@@ -207,10 +207,30 @@ pub(super) struct Components {
 }
 
 impl Components {
+    /// The components by the sign alone, as removals need them.
     pub fn find(
         index: &LeafIndex<'_>,
         side: Side,
         voxel_size: f64,
+        session: Session<'_>,
+    ) -> Result<Self, Cancelled> {
+        Self::below(index, side, (voxel_size, 0.0), session)
+    }
+
+    /// The components as the mesher sees them, to be counted.
+    pub fn of_mesh(
+        index: &LeafIndex<'_>,
+        side: Side,
+        voxel_size: f64,
+        session: Session<'_>,
+    ) -> Result<Self, Cancelled> {
+        Self::below(index, side, (voxel_size, inside_below(voxel_size)), session)
+    }
+
+    fn below(
+        index: &LeafIndex<'_>,
+        side: Side,
+        (voxel_size, threshold): (f64, f32),
         session: Session<'_>,
     ) -> Result<Self, Cancelled> {
         let progress = session.progress;
@@ -221,7 +241,7 @@ impl Components {
                     if progress.cancelled() {
                         return Err(Cancelled);
                     }
-                    Ok(Part::all_of(leaf, side, voxel_size))
+                    Ok(Part::all_of(leaf, side, threshold))
                 })
                 .collect::<Result<_, _>>()
         })?;
@@ -384,7 +404,7 @@ impl LevelSet {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, false)?;
         Ok(
-            Components::find(&index, Side::Solid, self.voxel_size(), session)?
+            Components::of_mesh(&index, Side::Solid, self.voxel_size(), session)?
                 .ranking
                 .counted(),
         )
@@ -398,7 +418,7 @@ impl LevelSet {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, true)?;
         Ok(
-            Components::find(&index, Side::Void, self.voxel_size(), session)?
+            Components::of_mesh(&index, Side::Void, self.voxel_size(), session)?
                 .ranking
                 .counted(),
         )

@@ -58,7 +58,7 @@ impl LevelSet {
         let [area, volume] = groups
             .iter()
             .fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-        let components = Components::find(&index, Side::Solid, h, session)?;
+        let components = Components::of_mesh(&index, Side::Solid, h, session)?;
         Ok(Measures {
             volume: volume / 3.0 * h.powi(3),
             area: area * h.powi(2),

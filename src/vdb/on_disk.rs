@@ -11,6 +11,7 @@ use super::remove_components::{ComponentSelection, RemovedComponents};
 use super::{LevelSet, Session};
 use crate::band::{BLOCK, LeafStore, Region, StoreError};
 use crate::frame::Coord;
+use crate::mesher::inside_below;
 use crate::progress::Cancelled;
 use crate::union_find::UnionFind;
 use rayon::prelude::*;
@@ -43,6 +44,12 @@ impl StoredComponents {
         session: Session<'_>,
     ) -> Result<Self, FileError> {
         let progress = session.progress;
+        // Removals, which keep the labels, need the sign alone; counts are those of the mesh.
+        let threshold = if keep_labels {
+            0.0
+        } else {
+            inside_below(voxel_size)
+        };
         progress.stage("components", Some(store.blocks().count() as u64));
         let mut sets = UnionFind::new(1);
         // Member 0 is the unbounded outside.
@@ -63,7 +70,7 @@ impl StoredComponents {
                         return Err(StoreError::from(Cancelled));
                     }
                     progress.advance(1);
-                    Ok(label(store, origin, (side, voxel_size))?)
+                    Ok(label(store, origin, (side, threshold))?)
                 });
                 found.collect::<Result<Vec<_>, StoreError>>()
             })?;

@@ -29,7 +29,7 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("crystal", 7900),
     ("formats", 19850),
     ("solids", 5450),
-    ("vdb", 11150),
+    ("vdb", 11200),
     ("recipe", 5650),
     ("pipeline", 22550),
     ("cli", 14650),

@@ -91,7 +91,7 @@ enum Slot {
 pub(super) fn label(
     store: &LeafStore,
     origin: Coord,
-    (side, voxel_size): (Side, f64),
+    (side, threshold): (Side, f32),
 ) -> Result<LabelledBlock, LeafFileError> {
     let batch = store.read(origin, Region::EVERYWHERE)?;
     let inside = store.inside_slots(origin);
@@ -117,7 +117,7 @@ pub(super) fn label(
         let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - origin[a]) / LEAF) as usize);
         let slot = x << 8 | y << 4 | z;
         let first = parts.len() as u32;
-        let own = Part::all_of(&view, side, voxel_size);
+        let own = Part::all_of(&view, side, threshold);
         stats.extend(own.iter().map(|part| ComponentStats::of_part(part, &view)));
         parts.extend(own);
         slots[slot] = Slot::Parts(first, parts.len() as u32);

@@ -61,12 +61,11 @@ impl SelectedParts {
         first: Coord,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        let voxel_size = part.voxel_size();
         let selected = |leaf: &LeafView<'_>| {
             let mut out: Bits = [0; 8];
             let origin = leaf.origin.offset(first[0], first[1], first[2]);
             if let Some(numbers) = self.parts.get(&origin) {
-                let parts = Part::all_of(leaf, self.side, voxel_size);
+                let parts = Part::all_of(leaf, self.side, 0.0);
                 for part in numbers.iter().filter_map(|&n| parts.get(usize::from(n))) {
                     voxel_mask::add(&mut out, &part.bits);
                 }
