@@ -38,9 +38,7 @@ pub(super) fn recipe(part: &Path, cell: &str, name: &str, path: &Path) -> Result
     let thickness = figures(two_digits(thickness));
     let longest = figures(two_digits(longest));
     let source = if is_tets {
-        "graph = \"edges\"                  # struts along the edges of the tets, so along the part's own edges\n\
-         radius = 0.1                       # of an edge's length, about"
-            .to_owned()
+        "graph = \"edges\"   # round struts along the edges of the tets, so along the part's own edges".to_owned()
     } else {
         format!(
             "surface = {}\nvolume_fraction = 0.3",
@@ -48,15 +46,23 @@ pub(super) fn recipe(part: &Path, cell: &str, name: &str, path: &Path) -> Result
         )
     };
     let scaffold = match (is_cad, is_tets) {
-        (true, _) => format!(
-            "file = {file}\ncell_size = {cell_size}                      # edge of a tet; gmsh makes them"
-        ),
+        (true, _) => {
+            format!("file = {file}\ncell_size = {cell_size}   # edge of a tet; gmsh makes them")
+        }
         (_, true) => format!(
             "fill = {{ mesh = {file}, cell_size = {cell_size}, kind = \"tet\" }}   # tets keep the part's edges"
         ),
         _ => format!(
             "fill = {{ mesh = {file}, cell_size = {cell_size} }}   # cubes, which the part cuts"
         ),
+    };
+    let (boundary, thickness_of_struts) = if is_tets {
+        (
+            "\nboundary = \"extend\"   # struts on the outer faces stay whole",
+            format!("\nthickness = {skin}   # of the struts"),
+        )
+    } else {
+        ("", String::new())
     };
     let skin = if is_cad {
         String::new()
@@ -68,10 +74,10 @@ pub(super) fn recipe(part: &Path, cell: &str, name: &str, path: &Path) -> Result
     };
     Ok(format!(
         "# A lattice in {file}: its longest edge is {longest}, its thinnest wall about {thickness}.\n\
-         druse = 1\nunit = \"mm\"\n\n[cell.lattice]\n{source}\n\n[scaffold]\n{scaffold}\n\n\
-         [tiling]\ncell = \"lattice\"\n\n\
-         [band]\nvoxel_size = {voxel}                   # four across the thinnest strut or wall, about\n\n\
-         {skin}[[op]]\nkeep_largest = true                # reports what it dropped\n\n\
+         druse = 1\nunit = \"mm\"\n\n[cell.lattice]\n{source}\n\n[scaffold]\n{scaffold}{boundary}\n\n\
+         [tiling]\ncell = \"lattice\"{thickness_of_struts}\n\n\
+         [band]\nvoxel_size = {voxel}   # four across the thinnest strut or wall, about\n\n\
+         {skin}[[op]]\nkeep_largest = true   # reports what it dropped\n\n\
          [[output]]\nmesh = \"{name}.stl\"\n[[output]]\npicture = \"{name}.png\"\n[[output]]\nreport = \"{name}.json\"\n"
     ))
 }

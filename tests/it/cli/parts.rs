@@ -77,6 +77,7 @@ fn a_recipe_for_a_part_runs() {
     for word in [
         "cell_size = 1,",
         "voxel_size = 0.05 ",
+        "thickness = 0.2 ",
         "thinnest wall about 1.",
     ] {
         assert!(recipe.contains(word), "{word}: {recipe}");
@@ -87,7 +88,7 @@ fn a_recipe_for_a_part_runs() {
         "--set",
         "band.voxel_size=0.2",
         "--set",
-        "cell.lattice.radius=0.2",
+        "tiling.thickness=0.4",
     ]);
     assert!(ran.status.success(), "{}", text(&ran.stderr));
     let made = place.run(&["new", "cubes", "--part", "plate.stl", "--cell", "gyroid"]);

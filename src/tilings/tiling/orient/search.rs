@@ -42,10 +42,12 @@ const UP_WEIGHT: f64 = 0.1;
 const WORLD_WEIGHT: f64 = 1e-3;
 
 impl Aim {
-    /// How well an element lies whose reference axes have become the columns of `axes` by a turn Q.
-    fn score(&self, element: usize, axes: &Mat3, turn: &Mat3) -> f64 {
+    /// How well an element lies whose reference axes have become the columns of `axes` by a turn Q. `frame` are the
+    /// axes of the element before it in the search, or those of the world.
+    fn score(&self, element: usize, axes: &Mat3, (turn, frame): (&Mat3, &Mat3)) -> f64 {
         match self {
-            Self::World => WORLD.dot(axes),
+            // Bent rows of elements keep their order, however far they bend away from the world's axes.
+            Self::World => WORLD.dot(&(frame.transpose() * axes)),
             Self::Numbering => WORLD.dot(turn),
             Self::Directions(d) => {
                 let along = |direction: Option<&Vec3>, axis: usize| {
@@ -156,6 +158,15 @@ struct Part {
     faces: Vec<u32>,
 }
 
+/// The turn of a class that lies best.
+struct Best {
+    class: u8,
+    turn: u8,
+    score: f64,
+    /// Unit vectors along the reference axes after the turn.
+    axes: Mat3,
+}
+
 /// Turns of the elements of a part, in the order of its search.
 struct Trial {
     bad: Vec<u32>,
@@ -207,8 +218,8 @@ impl<'a> Search<'a> {
         shape.turns[usize::from(turn)].class
     }
 
-    /// Of the turns of an element that keep its handedness, the one of each class that lies best, with its score.
-    fn best(&self, element: usize, aim: &Aim, best: &mut Vec<(u8, u8, f64)>) {
+    /// Of the turns of an element that keep its handedness, the one of each class that lies best beside `frame`.
+    fn best(&self, element: usize, (aim, frame): (&Aim, &Mat3), best: &mut Vec<Best>) {
         best.clear();
         let shape = self.views.shape(self.scaffold.element(element).shape());
         for (n, turn) in shape.turns.iter().enumerate() {
@@ -217,11 +228,17 @@ impl<'a> Search<'a> {
             }
             // xi' = Q xi, so that the columns of J Q^T are along the new axes.
             let back = turn.matrix.transpose();
-            let score = aim.score(element, &(self.axes[element] * back), &back);
-            match best.iter_mut().find(|b| b.0 == turn.class) {
-                Some(b) if b.2 >= score => {}
-                Some(b) => (b.1, b.2) = (n as u8, score),
-                None => best.push((turn.class, n as u8, score)),
+            let axes = self.axes[element] * back;
+            let own = Best {
+                class: turn.class,
+                turn: n as u8,
+                score: aim.score(element, &axes, (&back, frame)),
+                axes,
+            };
+            match best.iter_mut().find(|b| b.class == own.class) {
+                Some(b) if b.score >= own.score => {}
+                Some(b) => *b = own,
+                None => best.push(own),
             }
         }
     }
@@ -283,12 +300,13 @@ impl<'a> Search<'a> {
     fn turn_part(&self, part: &Part, places: &[u32], aim: &Aim, turns: &mut [u8]) -> Vec<u32> {
         let elements = || std::iter::once(part.root).chain(part.way.iter().map(|f| f.elements[1]));
         let mut best = Vec::new();
-        self.best(part.root as usize, aim, &mut best);
+        let world = Mat3::identity();
+        self.best(part.root as usize, (aim, &world), &mut best);
         let mut trials: Vec<Trial> = Vec::new();
         let mut fewest = usize::MAX;
-        for &(_, start, _) in &best {
+        for start in &best {
             let mut own = Vec::with_capacity(part.way.len() + 1);
-            own.push(start);
+            own.push(start.turn);
             for face in &part.way {
                 let [from, to] = face.elements.map(|e| e as usize);
                 let turn = self.next(face, own[places[from] as usize]);
@@ -322,14 +340,20 @@ impl<'a> Search<'a> {
             });
         }
         trials.retain(|t| t.bad.len() == fewest);
-        for (place, e) in elements().enumerate() {
-            self.best(e as usize, aim, &mut best);
-            for trial in &mut trials {
+        let mut frames = Vec::with_capacity(part.way.len() + 1);
+        for trial in &mut trials {
+            frames.clear();
+            for (place, e) in elements().enumerate() {
+                let before = place.checked_sub(1).map(|n| part.way[n].elements[0]);
+                let frame = before.map_or(world, |e| frames[places[e as usize] as usize]);
+                self.best(e as usize, (aim, &frame), &mut best);
                 let class = self.class(e as usize, trial.turns[place]);
-                if let Some(b) = best.iter().find(|b| b.0 == class) {
-                    trial.score += b.2;
-                    trial.turns[place] = b.1;
+                let own = best.iter().find(|b| b.class == class);
+                if let Some(own) = own {
+                    trial.score += own.score;
+                    trial.turns[place] = own.turn;
                 }
+                frames.push(own.map_or(frame, |own| own.axes));
             }
         }
         let better = |a: Trial, b: Trial| if b.score > a.score { b } else { a };
