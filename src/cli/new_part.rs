@@ -1,7 +1,7 @@
 //! The recipe that `druse new NAME --part FILE` writes: a lattice in a part, with sizes that suit it.
 
 use super::failure::Failure;
-use crate::frame::{Vec3, figures};
+use crate::frame::Vec3;
 use crate::mesh::{MeshSolid, TriMesh};
 use crate::pipeline::{CadOptions, cad_mesh};
 use crate::recipe::is_cad;
@@ -32,11 +32,11 @@ pub(super) fn recipe(part: &Path, cell: &str, name: &str, path: &Path) -> Result
     // As large as the thinnest wall, but neither a few cells nor far too many.
     let size = thickness.clamp(longest / CELLS[1], longest / CELLS[0]);
     let [cell_size, voxel, skin] =
-        [size, WALL * size / 4.0, WALL * size].map(|s| figures(two_digits(s)));
+        [size, WALL * size / 4.0, WALL * size].map(|s| two_digits(s).to_string());
     let file = relative(part, path)?;
     let file = toml::Value::String(file).to_string();
-    let thickness = figures(two_digits(thickness));
-    let longest = figures(two_digits(longest));
+    let thickness = two_digits(thickness).to_string();
+    let longest = two_digits(longest).to_string();
     let source = if is_tets {
         "graph = \"edges\"   # round struts along the edges of the tets, so along the part's own edges".to_owned()
     } else {

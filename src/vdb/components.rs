@@ -410,7 +410,7 @@ impl LevelSet {
         )
     }
 
-    /// The voids, largest first: components of empty space that the solid encloses.
+    /// The voids, largest first: components of empty space that the solid encloses, by the sign alone.
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
@@ -418,7 +418,7 @@ impl LevelSet {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, true)?;
         Ok(
-            Components::of_mesh(&index, Side::Void, self.voxel_size(), session)?
+            Components::find(&index, Side::Void, self.voxel_size(), session)?
                 .ranking
                 .counted(),
         )

@@ -44,8 +44,9 @@ impl StoredComponents {
         session: Session<'_>,
     ) -> Result<Self, FileError> {
         let progress = session.progress;
-        // Removals, which keep the labels, need the sign alone; counts are those of the mesh.
-        let threshold = if keep_labels {
+        // Removals, which keep the labels, and voids, whose places drains begin at, need the sign alone; bodies are those
+        // of the mesh.
+        let threshold = if keep_labels || side == Side::Void {
             0.0
         } else {
             inside_below(voxel_size)

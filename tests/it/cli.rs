@@ -229,7 +229,7 @@ fn decisions_are_shown_at_the_level_that_is_named() {
     let place = Place::with(BALL);
     let shown = |level: &[&str]| {
         let output = place.run(&[&["run", "r.toml"], level].concat());
-        text(&output.stderr).to_owned()
+        text(&output.stderr)
     };
     let debug = shown(&["--log=debug"]);
     assert!(debug.contains("debug: run in memory"), "{debug}");

@@ -30,8 +30,9 @@ fn grids(counts: [usize; 3]) -> [Scaffold; 2] {
 
 fn text(file: &Path, orient: &str) -> String {
     format!(
-        "druse = 1\n[cell.g]\nsurface = \"gyroid\"\nlevel = -0.3\n[scaffold]\nfile = {file:?}\n\
-         [tiling]\ncell = \"g\"\ncertificate = true\n{orient}[band]\nvoxel_size = 0.05\n[[output]]\nvdb = \"a.vdb\"\n"
+        "druse = 1\n[cell.g]\nsurface = \"gyroid\"\nlevel = -0.3\n[scaffold]\nfile = \"{}\"\n\
+         [tiling]\ncell = \"g\"\ncertificate = true\n{orient}[band]\nvoxel_size = 0.05\n[[output]]\nvdb = \"a.vdb\"\n",
+        file.display()
     )
 }
 
