@@ -131,8 +131,9 @@ fn own_pool(py: Python<'_>) -> PyResult<Arc<Threads>> {
     // Not when the module is loaded: the command line program, which it contains, prints records itself.
     static LOGGING: Once = Once::new();
     LOGGING.call_once(|| {
-        // Fails where something else has the records already.
-        let _ = pyo3_log::try_init();
+        // Levels are not kept: a program may change them at any time. It fails where something else has the records.
+        let logger = pyo3_log::Logger::new(py, pyo3_log::Caching::Loggers);
+        let _ = logger.map(pyo3_log::Logger::install);
     });
     // A call from a user's function that a thread of the pool has called gets its own thread, since the pool may be
     // waiting for that function.
