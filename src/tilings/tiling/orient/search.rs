@@ -42,12 +42,10 @@ const UP_WEIGHT: f64 = 0.1;
 const WORLD_WEIGHT: f64 = 1e-3;
 
 impl Aim {
-    /// How well an element lies whose reference axes have become the columns of `axes` by a turn Q. `frame` are the
-    /// axes of the element before it in the search, or those of the world.
-    fn score(&self, element: usize, axes: &Mat3, (turn, frame): (&Mat3, &Mat3)) -> f64 {
+    /// How well an element lies whose reference axes have become the columns of `axes` by a turn Q.
+    fn score(&self, element: usize, axes: &Mat3, turn: &Mat3) -> f64 {
         match self {
-            // Bent rows of elements keep their order, however far they bend away from the world's axes.
-            Self::World => WORLD.dot(&(frame.transpose() * axes)),
+            Self::World => WORLD.dot(axes),
             Self::Numbering => WORLD.dot(turn),
             Self::Directions(d) => {
                 let along = |direction: Option<&Vec3>, axis: usize| {
@@ -158,15 +156,6 @@ struct Part {
     faces: Vec<u32>,
 }
 
-/// The turn of a class that lies best.
-struct Best {
-    class: u8,
-    turn: u8,
-    score: f64,
-    /// Unit vectors along the reference axes after the turn.
-    axes: Mat3,
-}
-
 /// Turns of the elements of a part, in the order of its search.
 struct Trial {
     bad: Vec<u32>,
@@ -218,8 +207,8 @@ impl<'a> Search<'a> {
         shape.turns[usize::from(turn)].class
     }
 
-    /// Of the turns of an element that keep its handedness, the one of each class that lies best beside `frame`.
-    fn best(&self, element: usize, (aim, frame): (&Aim, &Mat3), best: &mut Vec<Best>) {
+    /// Of the turns of an element that keep its handedness, the one of each class that lies best, with its score.
+    fn best(&self, element: usize, aim: &Aim, best: &mut Vec<(u8, u8, f64)>) {
         best.clear();
         let shape = self.views.shape(self.scaffold.element(element).shape());
         for (n, turn) in shape.turns.iter().enumerate() {
@@ -228,17 +217,11 @@ impl<'a> Search<'a> {
             }
             // xi' = Q xi, so that the columns of J Q^T are along the new axes.
             let back = turn.matrix.transpose();
-            let axes = self.axes[element] * back;
-            let own = Best {
-                class: turn.class,
-                turn: n as u8,
-                score: aim.score(element, &axes, (&back, frame)),
-                axes,
-            };
-            match best.iter_mut().find(|b| b.class == own.class) {
-                Some(b) if b.score >= own.score => {}
-                Some(b) => *b = own,
-                None => best.push(own),
+            let score = aim.score(element, &(self.axes[element] * back), &back);
+            match best.iter_mut().find(|b| b.0 == turn.class) {
+                Some(b) if b.2 >= score => {}
+                Some(b) => (b.1, b.2) = (n as u8, score),
+                None => best.push((turn.class, n as u8, score)),
             }
         }
     }
@@ -300,13 +283,12 @@ impl<'a> Search<'a> {
     fn turn_part(&self, part: &Part, places: &[u32], aim: &Aim, turns: &mut [u8]) -> Vec<u32> {
         let elements = || std::iter::once(part.root).chain(part.way.iter().map(|f| f.elements[1]));
         let mut best = Vec::new();
-        let world = Mat3::identity();
-        self.best(part.root as usize, (aim, &world), &mut best);
+        self.best(part.root as usize, aim, &mut best);
         let mut trials: Vec<Trial> = Vec::new();
         let mut fewest = usize::MAX;
-        for start in &best {
+        for &(_, start, _) in &best {
             let mut own = Vec::with_capacity(part.way.len() + 1);
-            own.push(start.turn);
+            own.push(start);
             for face in &part.way {
                 let [from, to] = face.elements.map(|e| e as usize);
                 let turn = self.next(face, own[places[from] as usize]);
@@ -340,20 +322,14 @@ impl<'a> Search<'a> {
             });
         }
         trials.retain(|t| t.bad.len() == fewest);
-        let mut frames = Vec::with_capacity(part.way.len() + 1);
-        for trial in &mut trials {
-            frames.clear();
-            for (place, e) in elements().enumerate() {
-                let before = place.checked_sub(1).map(|n| part.way[n].elements[0]);
-                let frame = before.map_or(world, |e| frames[places[e as usize] as usize]);
-                self.best(e as usize, (aim, &frame), &mut best);
+        for (place, e) in elements().enumerate() {
+            self.best(e as usize, aim, &mut best);
+            for trial in &mut trials {
                 let class = self.class(e as usize, trial.turns[place]);
-                let own = best.iter().find(|b| b.class == class);
-                if let Some(own) = own {
-                    trial.score += own.score;
-                    trial.turns[place] = own.turn;
+                if let Some(b) = best.iter().find(|b| b.0 == class) {
+                    trial.score += b.2;
+                    trial.turns[place] = b.1;
                 }
-                frames.push(own.map_or(frame, |own| own.axes));
             }
         }
         let better = |a: Trial, b: Trial| if b.score > a.score { b } else { a };
