@@ -175,6 +175,11 @@ impl Failure {
         self.code == EXIT_RESUMABLE
     }
 
+    /// The same with another exit code.
+    pub(super) fn ending_with(self, code: u8) -> Self {
+        Self { code, ..self }
+    }
+
     fn json(&self) -> Value {
         json!({
             "code": self.code,

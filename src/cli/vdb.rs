@@ -52,7 +52,8 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::output::Answe
                 max_voxels,
                 threads: p.threads,
             });
-            subprocess::probe(&p.file, p.grid.as_deref(), reading, limits)?;
+            let probed = subprocess::probe(&p.file, p.grid.as_deref(), reading, limits);
+            probed.map_err(|e| Failure::from(e).ending_with(subprocess::EXIT_NO_COPY))?;
             String::new()
         }
     };

@@ -28,6 +28,8 @@ use std::time::{Duration, Instant};
 
 /// Exit code of a child that runs out of memory.
 pub(crate) const EXIT_EXHAUSTED: u8 = 71;
+/// Exit code of a child that cannot write a coarse copy.
+pub(crate) const EXIT_NO_COPY: u8 = 73;
 /// Exit code of a child that gets no thread, also before its own code runs.
 pub(crate) const EXIT_NO_THREADS: u8 = 74;
 
@@ -243,7 +245,10 @@ pub fn probe(
 ) -> Result<(), FileError> {
     limits.impose();
     match Volume::open(path, name, reading) {
-        Ok(volume) if volume.is_averaged() => volume.write_coarse_copy(Path::new("/dev/stdout")),
+        // A tag of the file alone makes no copy of it.
+        Ok(volume) if reading.is_some() && volume.is_averaged() => {
+            volume.write_coarse_copy(Path::new("/dev/stdout"))
+        }
         _ => Ok(()),
     }
 }
@@ -322,6 +327,10 @@ fn run_child(
         Some(status) if status.success() => Ok(text.ok().and_then(Result::ok).unwrap_or_default()),
         Some(status) if status.code() == Some(i32::from(EXIT_NO_THREADS)) => {
             Err(io(std::io::ErrorKind::WouldBlock.into()))
+        }
+        Some(status) if status.code() == Some(i32::from(EXIT_NO_COPY)) => {
+            let full = std::io::ErrorKind::StorageFull;
+            Err(FileError::io(&std::env::temp_dir(), full.into()))
         }
         // The limit of this process, which the child has too, is less than what a sound file may need.
         Some(_) if has_less_memory(limits) => Err(io(std::io::ErrorKind::OutOfMemory.into())),
