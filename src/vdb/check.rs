@@ -153,7 +153,7 @@ impl LevelSet {
             bins.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         }
         let gaps = self.band_gaps()?;
-        let solid = Components::of_mesh(&index, Side::Solid, self.voxel_size(), session)?
+        let solid = Components::bodies(&index, self.voxel_size(), session)?
             .ranking
             .counted();
         let voids = Components::find(&index, Side::Void, self.voxel_size(), session)?

@@ -217,14 +217,14 @@ impl Components {
         Self::below(index, side, (voxel_size, 0.0), session)
     }
 
-    /// The components as the mesher sees them, to be counted.
-    pub fn of_mesh(
+    /// The bodies of the solid as the mesher sees them, to be counted.
+    pub fn bodies(
         index: &LeafIndex<'_>,
-        side: Side,
         voxel_size: f64,
         session: Session<'_>,
     ) -> Result<Self, Cancelled> {
-        Self::below(index, side, (voxel_size, inside_below(voxel_size)), session)
+        let scale = (voxel_size, inside_below(voxel_size));
+        Self::below(index, Side::Solid, scale, session)
     }
 
     fn below(
@@ -403,11 +403,9 @@ impl LevelSet {
     pub fn components(&self, session: Session<'_>) -> Result<Vec<Component>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, false)?;
-        Ok(
-            Components::of_mesh(&index, Side::Solid, self.voxel_size(), session)?
-                .ranking
-                .counted(),
-        )
+        Ok(Components::bodies(&index, self.voxel_size(), session)?
+            .ranking
+            .counted())
     }
 
     /// The voids, largest first: components of empty space that the solid encloses, by the sign alone.

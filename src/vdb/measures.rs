@@ -5,7 +5,7 @@
 // Inlined so that the code is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use super::components::{Components, Side};
+use super::components::Components;
 use super::error::VdbError;
 use super::index::{FACES, Holder, LeafIndex};
 use super::{LevelSet, Session};
@@ -58,7 +58,7 @@ impl LevelSet {
         let [area, volume] = groups
             .iter()
             .fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-        let components = Components::of_mesh(&index, Side::Solid, h, session)?;
+        let components = Components::bodies(&index, h, session)?;
         Ok(Measures {
             volume: volume / 3.0 * h.powi(3),
             area: area * h.powi(2),
