@@ -8,22 +8,62 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
+/// Meshes as one .stl.
+fn stl(meshes: &[TriMesh]) -> String {
+    let mut text = "solid part\n".to_owned();
+    for t in meshes.iter().flat_map(TriMesh::iter_corners) {
+        text += "facet normal 0 0 0\nouter loop\n";
+        for p in t {
+            let _ = writeln!(text, "vertex {} {} {}", p.x, p.y, p.z);
+        }
+        text += "endloop\nendfacet\n";
+    }
+    text + "endsolid part\n"
+}
+
+fn block(min: Vec3, max: Vec3) -> TriMesh {
+    TriMesh::cuboid(&Aabb { min, max })
+}
+
 /// A place with a plate of 12 x 8 x 1 mm, turned.
 fn plate() -> Place {
     let turn = nalgebra::Rotation3::new(Vec3::new(0.3, 0.5, 0.7));
-    let plate = TriMesh::cuboid(&Aabb::of([Vec3::zeros(), Vec3::new(12.0, 8.0, 1.0)]));
-    let plate = plate.mapped(|p| turn * p);
-    let mut stl = "solid plate\n".to_owned();
-    for t in plate.iter_corners() {
-        stl += "facet normal 0 0 0\nouter loop\n";
-        for p in t {
-            let _ = writeln!(stl, "vertex {} {} {}", p.x, p.y, p.z);
-        }
-        stl += "endloop\nendfacet\n";
-    }
+    let plate = block(Vec3::zeros(), Vec3::new(12.0, 8.0, 1.0));
     let place = Place::new();
-    place.write("plate.stl", stl + "endsolid plate\n");
+    place.write("plate.stl", stl(&[plate.mapped(|p| turn * p)]));
     place
+}
+
+#[test]
+fn cubes_that_meet_in_an_edge_are_no_scaffold_of_one_component() {
+    let (first, second) = (Vec3::zeros(), Vec3::new(1.0, 1.0, 0.0));
+    let cubes = [first, second].map(|p| block(p, p + Vec3::repeat(1.0)));
+    let place = Place::new();
+    place.write("two.stl", stl(&cubes));
+    let made = |size: &str| {
+        place.run(&[
+            "scaffold",
+            "make",
+            "two.stl",
+            "-o",
+            "q.msh",
+            "--cell-size",
+            size,
+        ])
+    };
+    for (size, word) in [
+        ("0.5", "a quarter of cell_size does not help"),
+        // So many tets that others are not tried.
+        ("0.08", "a smaller cell_size may keep it together"),
+    ] {
+        let made = made(size);
+        let error = text(&made.stderr);
+        assert_eq!(made.status.code(), Some(65), "{error}");
+        assert!(
+            error.contains("the tets form 2 components, the mesh 1") && error.contains(word),
+            "{error}"
+        );
+    }
 }
 
 #[test]

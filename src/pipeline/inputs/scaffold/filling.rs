@@ -15,6 +15,8 @@ const POOR: f64 = 0.0316;
 const CHORDAL_ERROR: f64 = 0.01;
 /// Shares of the cell that are tried where the tets fall apart.
 const SMALLER: [f64; 2] = [0.5, 0.25];
+/// Most tets of such a trial: the error is not to take many times as long as the filling.
+const MAX_TRIED_TETS: f64 = 2e5;
 
 /// A scaffold, and warnings on where it leaves the mesh.
 pub(crate) struct TetFilling {
@@ -34,7 +36,8 @@ impl TetFilling {
         let filled = Scaffold::filled(solid, options).map_err(|e| e.to_string())?;
         let (found, expected) = (filled.scaffold.components().len(), component_count(solid));
         if found > expected {
-            return Err(torn(solid, options, [found, expected]));
+            let tets = filled.scaffold.len();
+            return Err(torn(solid, options, tets, [found, expected]));
         }
         let warnings = warnings(solid, &filled, options.cell).map_err(|e| e.to_string())?;
         Ok(Self {
@@ -50,15 +53,29 @@ fn component_count(solid: &MeshSolid) -> usize {
 }
 
 /// The error on tets that fall apart: it names a cell size with which they do not, if one of a few helps.
-fn torn(solid: &MeshSolid, options: FillOptions, [found, expected]: [usize; 2]) -> String {
-    let smaller = SMALLER.into_iter().map(|s| s * options.cell).find(|&cell| {
+fn torn(
+    solid: &MeshSolid,
+    options: FillOptions,
+    tets: usize,
+    [found, expected]: [usize; 2],
+) -> String {
+    let mut tried = SMALLER
+        .into_iter()
+        .take_while(|s| tets as f64 / s.powi(3) < MAX_TRIED_TETS);
+    let has_tried_all = tets as f64 / SMALLER[1].powi(3) < MAX_TRIED_TETS;
+    let smaller = tried.find_map(|s| {
+        let cell = s * options.cell;
         let filled = Scaffold::filled(solid, FillOptions { cell, ..options });
-        filled.is_ok_and(|f| f.scaffold.components().len() <= expected)
+        let is_whole = filled.is_ok_and(|f| f.scaffold.components().len() <= expected);
+        is_whole.then_some(cell)
     });
     let hint = match smaller {
         Some(cell) => format!("cell_size = {} keeps it together", short_number(cell)),
-        None => "a quarter of cell_size does not help: do its parts meet in edges or points alone?"
-            .into(),
+        None if has_tried_all => {
+            "a quarter of cell_size does not help: do its parts meet in edges or points alone?"
+                .into()
+        }
+        None => "a smaller cell_size may keep it together".to_owned(),
     };
     format!("the tets form {found} components, the mesh {expected}; {hint}")
 }
