@@ -87,8 +87,8 @@ pub use scaffold::{
 pub use source::Source;
 pub use target::{TargetProperty, TargetTable, TargetWord};
 pub use tiling::{
-    Along, Assignment, Direction, FieldPlace, FieldRef, Interpolation, Orient, Outside, Share,
-    TilingSection, Varying,
+    Assignment, Direction, FieldPlace, FieldRef, Interpolation, Mismatch, Orient, OrientSection,
+    Outside, Share, TilingSection, Varying,
 };
 
 /// The version of recipes that this program reads.

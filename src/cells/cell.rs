@@ -45,7 +45,7 @@ pub use face_trace::face_trace;
 mod trig_sum;
 #[doc(hidden)]
 pub use compatibility::operators_of;
-pub use compatibility::{default_group, groups, lattices, rank, symmetry};
+pub use compatibility::{default_group, groups, lattices, rank, space_group, symmetry};
 pub use constraint::Constraint;
 pub use design::{DesignProperties, DesignReport, DesignStep};
 pub use error::CellError;

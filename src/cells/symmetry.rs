@@ -19,12 +19,14 @@ mod lattice;
 mod operator;
 mod orbit;
 mod point_group;
+mod space_group;
 mod text;
 pub use basis::{Basis, Harmonic};
 pub use lattice::{LATTICE_NAMES, Lattice};
 pub use operator::Operator;
 pub use orbit::Orbit;
 pub use point_group::{GROUP_NAMES, PointGroup};
+pub use space_group::{SpaceGroup, SpaceOperator};
 pub use text::{GroupText, GroupTextError};
 
 /// An index of the dual lattice: the wave exp(2 pi i k.u). Ordered lexicographically.

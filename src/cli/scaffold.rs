@@ -167,6 +167,13 @@ fn certificate(
             found.turned_elements
         );
     }
+    if found.blended_elements > 0 {
+        let _ = writeln!(
+            text,
+            "{} elements hold the cells in several turns, where no turn alone makes them continue",
+            found.blended_elements
+        );
+    }
     if found.faces.is_empty() {
         text.push_str("no faces are shared\n");
     }

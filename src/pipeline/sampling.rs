@@ -167,7 +167,7 @@ impl<'a> Probe<'a> {
             }
             crate::io::write_vtu(path, scaffold, &fields)?;
         }
-        Ok(ContinuityReport::new(&found, tiling.turned))
+        Ok(tiling.continuity(&found))
     }
 }
 

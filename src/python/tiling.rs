@@ -12,8 +12,8 @@ use druse::field::WorldField;
 use druse::frame::Vec3;
 use druse::pipeline::{GradedQuantity, level_shifts};
 use druse::tiling::{
-    Aim, Blend, Boundary, Directions, Distance, Interpolation, Member, TiledSolid, TilingOptions,
-    orient,
+    Aim, Blend, Boundary, Directions, Distance, Interpolation, Member, Mismatch, TiledSolid,
+    TilingOptions, orient,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -145,7 +145,7 @@ impl Tiling {
                 cells: cells.iter().map(|c| &c.cell).collect(),
             });
             let as_members: Vec<Member<'_, druse::cell::Cell>> = as_members.collect();
-            if let Some(oriented) = orient(&scaffold, &as_members, &aim)? {
+            if let Some(oriented) = orient(&scaffold, &as_members, &aim, Mismatch::Refuse)? {
                 scaffold = Arc::new(oriented.scaffold);
             }
             let tables = |cells: &Vec<&Cell>| -> Result<Vec<Arc<Table>>, Fault> {

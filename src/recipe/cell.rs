@@ -114,7 +114,8 @@ pub struct CellSection {
     pub element: Option<ElementName>,
     /// The group of symmetries that the cell gets, such as Td, Oh, D4h; the element's whole one when left
     /// out, which is what lets a cell fill any mesh whatever its numbering. Ih makes one solid in a ball,
-    /// which stands alone.
+    /// which stands alone. Fits to hexes also take a space group of the Tables, such as I4132 or Fd-3m:2, or its
+    /// generators, "x+1/2,-y,z; z,x,y".
     #[cfg_attr(feature = "cli", arg(long))]
     pub group: Option<String>,
     /// The lattice of its periods (fcc2 or cubic for a tet, fcc1 or tetragonal for a pyramid); the

@@ -89,26 +89,36 @@ pub struct Assignment {
     pub region: Option<String>,
 }
 
-/// How elements are turned.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub enum Orient {
-    /// Where cells need it, with their axes along x, y and z as far as the mesh lets them.
-    #[default]
-    Auto,
-    /// Along directions.
-    Along(Box<Along>),
-}
-
-/// Directions of cells: of all ways of turning the elements in which the cells continue over the faces, the one
-/// that is nearest to them is taken.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+/// How elements are turned. Of all ways in which the cells continue over the faces, the one that is nearest to the
+/// directions is taken; without any, the one with the cells' axes along x, y and z as far as the mesh lets them.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Along {
+pub struct OrientSection {
     /// Where the cells' z axis points.
-    pub toward: Direction,
+    pub toward: Option<Direction>,
     /// Where their x axis points, as far as `toward` leaves a choice.
     pub up: Option<Direction>,
+    /// What becomes of faces over which no turns of the elements make the cells continue, as around an edge with
+    /// three hexes.
+    #[serde(default)]
+    pub mismatch: Mismatch,
 }
+
+/// Faces over which no turns of the elements make the cells continue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Mismatch {
+    /// They are an error that names their edges.
+    #[default]
+    Error,
+    /// The elements at these faces hold the cells in several turns, whose weights make them continue; cells change
+    /// their form there.
+    Blend,
+}
+
+/// As [`OrientSection`]; "auto" has no directions.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Orient(pub Box<OrientSection>);
 
 /// A direction in space.
 #[derive(Clone, Debug, PartialEq)]
@@ -201,17 +211,20 @@ impl<'de> Deserialize<'de> for Orient {
         impl<'de> Visitor<'de> for Any {
             type Value = Orient;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("\"auto\" or { toward, up }")
+                f.write_str("\"auto\" or { toward, up, mismatch }")
             }
             fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Orient, E> {
                 match v {
-                    "auto" => Ok(Orient::Auto),
+                    "auto" => Ok(Orient::default()),
                     _ => Err(E::unknown_variant(v, &["auto"])),
                 }
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Orient, A::Error> {
-                let along = Along::deserialize(MapAccessDeserializer::new(map))?;
-                Ok(Orient::Along(Box::new(along)))
+                let section = OrientSection::deserialize(MapAccessDeserializer::new(map))?;
+                if section.up.is_some() && section.toward.is_none() {
+                    return Err(serde::de::Error::missing_field("toward"));
+                }
+                Ok(Orient(Box::new(section)))
             }
         }
         d.deserialize_any(Any)
@@ -223,10 +236,10 @@ impl JsonSchema for Orient {
         "Orient".into()
     }
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let along = generator.subschema_for::<Along>();
+        let section = generator.subschema_for::<OrientSection>();
         json_schema!({
             "description": "How elements are turned so that cells continue over all faces.",
-            "anyOf": [{ "enum": ["auto"] }, along]
+            "anyOf": [{ "enum": ["auto"] }, section]
         })
     }
 }

@@ -39,6 +39,7 @@ mod inverse_map;
 mod local_map;
 mod locality;
 mod misfit;
+mod mixture;
 mod newton_distance;
 mod orient;
 mod patch;
@@ -54,7 +55,8 @@ pub use error::TilingError;
 #[doc(hidden)]
 pub use interface::FaceJoins;
 pub use misfit::{BadEdge, Misfit};
-pub use orient::{Aim, Directions, Oriented, orient};
+pub use mixture::{MixedTurn, Mixture};
+pub use orient::{Aim, Directions, Mismatch, Oriented, orient};
 pub use source::{CellField, Filling, fills};
 #[doc(hidden)]
 pub use transition_connectivity::{TransitionCheck, check_transition};

@@ -53,7 +53,18 @@ fn vec3(v: &Value) -> Vec3 {
 fn surfaces_are_their_formulas() {
     let formula = |s: Surface, p: Vec3| {
         let (c, s1) = (p.map(|v| (TAU * v).cos()), p.map(|v| (TAU * v).sin()));
-        let c2 = p.map(|v| (2.0 * TAU * v).cos());
+        let [c2, s2] = [
+            p.map(|v| (2.0 * TAU * v).cos()),
+            p.map(|v| (2.0 * TAU * v).sin()),
+        ];
+        let [c3, s3] = [
+            p.map(|v| (3.0 * TAU * v).cos()),
+            p.map(|v| (3.0 * TAU * v).sin()),
+        ];
+        // Sums over the cyclic order of the axes.
+        let cyclic = |f: &dyn Fn(usize, usize, usize) -> f64| f(0, 1, 2) + f(1, 2, 0) + f(2, 0, 1);
+        let twice = cyclic(&|i, j, k| s2[i] * c[j] * s1[k]);
+        let pairs = cyclic(&|i, j, _| c2[i] * c2[j]);
         match s {
             Surface::SchwarzP => c.sum(),
             Surface::Diamond => c.product() - s1.product(),
@@ -62,17 +73,33 @@ fn surfaces_are_their_formulas() {
             Surface::FRd => 4.0 * c.product() - (c2.x * c2.y + c2.y * c2.z + c2.z * c2.x),
             Surface::Gyroid => s1.x * c.y + s1.y * c.z + s1.z * c.x,
             Surface::Lidinoid => {
-                let s2 = p.map(|v| (2.0 * TAU * v).sin());
                 let waves = s2.x * c.y * s1.z + s2.y * c.z * s1.x + s2.z * c.x * s1.y;
                 (waves - (c2.x * c2.y + c2.y * c2.z + c2.z * c2.x)) / 2.0 + 0.15
             }
+            Surface::DoubleGyroid => 2.75 * twice - pairs,
+            Surface::FischerKochS => cyclic(&|i, j, k| c2[i] * s1[j] * c[k]),
+            Surface::CY => {
+                let sines = cyclic(&|i, j, k| s2[i] * s1[j] + s2[i] * c[k]);
+                sines - s1.product() - c.product()
+            }
+            Surface::CS => {
+                let first = cyclic(&|i, j, k| s3[i] * s2[j] * c[k]);
+                c2.sum() + 2.0 * first + 2.0 * cyclic(&|i, j, k| s2[i] * c3[j] * s1[k])
+            }
+            Surface::SplitP => 1.1 * twice - 0.2 * pairs - 0.4 * c2.sum(),
         }
     };
     for surface in Surface::CATALOGUE {
         for element in [Element::Tet, Element::Hex] {
             let Ok(cell) = surface.cell(element) else {
                 let lacks = match surface {
-                    Surface::Gyroid | Surface::Lidinoid => Element::Tet,
+                    Surface::Gyroid
+                    | Surface::Lidinoid
+                    | Surface::DoubleGyroid
+                    | Surface::FischerKochS
+                    | Surface::CY
+                    | Surface::CS
+                    | Surface::SplitP => Element::Tet,
                     _ => panic!("{surface:?} has every form"),
                 };
                 assert_eq!(element, lacks, "{surface:?}");

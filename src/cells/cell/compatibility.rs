@@ -14,7 +14,7 @@
 //! the icosahedral group has no lattice in space, so its cell is a single isolated solid.
 
 use super::{CellError, Expression};
-use crate::symmetry::{GroupText, Lattice, PointGroup};
+use crate::symmetry::{GROUP_NAMES, GroupText, Lattice, PointGroup, SpaceGroup};
 use druse_geometry::frame::{Element, Mat3};
 use nalgebra::SMatrix;
 
@@ -69,6 +69,10 @@ pub fn symmetry<const D: usize>(
     group: Option<&str>,
     lattice: Option<&str>,
 ) -> Result<(PointGroup<D>, Lattice<D>), CellError> {
+    if let Some(space) = space_group::<D>(element, group)? {
+        let lattice = Lattice::named(lattices(element)[0])?;
+        return Ok((space.site_group()?, lattice));
+    }
     let parsed = match group {
         Some(text) if text.contains(',') => Some(GroupText::parse(&text.replace(';', "\n"))?),
         _ => None,
@@ -97,6 +101,39 @@ pub fn symmetry<const D: usize>(
     };
     check_group(element, group.name(), &embedded(&group, &lattice))?;
     Ok((group, lattice))
+}
+
+/// The space group of a name such as `I4132`, or of operators with fractions; `None` for a point group.
+///
+/// # Errors
+/// [`CellError::Unfitting`] for an element that is no hex, or a group that does not map the cube onto itself;
+/// [`CellError::Symmetry`] for invalid operators.
+pub fn space_group<const D: usize>(
+    element: Element,
+    group: Option<&str>,
+) -> Result<Option<SpaceGroup<D>>, CellError> {
+    let Some(text) = group.filter(|t| !GROUP_NAMES.contains(t)) else {
+        return Ok(None);
+    };
+    let space = if text.contains(',') && text.contains('/') {
+        SpaceGroup::generated(text)?
+    } else {
+        match SpaceGroup::<D>::named(text) {
+            Some(space) => space,
+            None => return Ok(None),
+        }
+    };
+    // Its periods are those of the element, which only a hex repeats.
+    if element != Element::Hex {
+        let expected = format!(
+            "{}; groups with fractions are for hexes",
+            groups(element).join(", ")
+        );
+        return Err(unfitting(element, "group", text.to_owned(), expected));
+    }
+    let lattice = Lattice::named(lattices(element)[0])?;
+    check_group(element, text, &embedded(&space.point_group()?, &lattice))?;
+    Ok(Some(space))
 }
 
 fn unfitting(element: Element, what: &'static str, found: String, expected: String) -> CellError {

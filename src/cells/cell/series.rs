@@ -2,7 +2,7 @@
 
 use super::CellError;
 use super::trig_sum::{AXES, TrigSum};
-use crate::symmetry::{Frequency, Lattice, PointGroup};
+use crate::symmetry::{Frequency, Lattice, PointGroup, SpaceGroup};
 use druse_geometry::field::{Field, Interval};
 use druse_geometry::frame::{CellBox, CellPoint, is_in_range};
 use nalgebra::SVector;
@@ -116,6 +116,30 @@ impl<const D: usize> Series<D> {
             waves: TrigSum::new(padded),
             expanded,
         })
+    }
+
+    /// The mean over the operators of a space group with its site group: the invariant series that is nearest.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn mean_over(&self, space: &SpaceGroup<D>) -> Result<Self, CellError> {
+        let site = space.site_group()?;
+        let mean = space.mean(&self.expanded);
+        let size = |c: &[f64; 2]| c[0].abs().max(c[1].abs());
+        let least = 1e-14 * mean.values().map(size).fold(0.0, f64::max);
+        let mut terms = Vec::new();
+        for (k, mut c) in mean {
+            let opposite = site.canonical(k.map(|v| -v));
+            // One member of each pair of orbits.
+            if site.canonical(k) != k || opposite > k || size(&c) <= least {
+                continue;
+            }
+            if opposite == k {
+                c[1] = 0.0;
+            }
+            terms.push((k, c));
+        }
+        Self::new(site, self.lattice.clone(), &terms)
     }
 
     /// The group under which the series is invariant.

@@ -18,11 +18,16 @@ use std::collections::BTreeMap;
 /// | `neovius` | 3 (cX + cY + cZ) + 4 cX cY cZ | network around the cube's corners |
 /// | `f_rd` | 4 cX cY cZ - (c2X c2Y + c2Y c2Z + c2Z c2X) | the rhombic-dodecahedral side |
 /// | `gyroid` | sX cY + sY cZ + sZ cX | one of two mirror-image networks |
+/// | `double_gyroid` | 2.75 (s2X cY sZ + s2Y cZ sX + s2Z cX sY) - (c2X c2Y + c2Y c2Z + c2Z c2X) | both networks of the gyroid |
+/// | `fischer_koch_s` | c2X sY cZ + c2Y sZ cX + c2Z sX cY | one of two congruent networks |
+/// | `c_y` | s2X sY + s2Y sZ + s2Z sX - sX sY sZ - cX cY cZ + s2X cZ + s2Y cX + s2Z cY | one of two sides |
+/// | `c_s` | c2X + c2Y + c2Z + 2 (s3X s2Y cZ + s3Y s2Z cX + s3Z s2X cY) + 2 (s2X c3Y sZ + s2Y c3Z sX + s2Z c3X sY) | one of two sides |
+/// | `split_p` | 1.1 (s2X cY sZ + s2Y cZ sX + s2Z cX sY) - 0.2 (c2X c2Y + c2Y c2Z + c2Z c2X) - 0.4 (c2X + c2Y + c2Z) | one of two sides |
 /// | `lidinoid` | (s2X cY sZ + s2Y cZ sX + s2Z cX sY - c2X c2Y - c2Y c2Z - c2Z c2X) / 2 + 0.15 | one of two sides |
 ///
-/// Gyroid and lidinoid have no point of cubic symmetry: the average of the gyroid over any cubic group
-/// about the usual origin is zero. They are periodic cells of the hex without symmetries (group C1),
-/// which fill only scaffolds whose elements all have the same orientation, such as a box.
+/// Those with sines but the diamond have no point of cubic symmetry: the average of the gyroid over any cubic group
+/// about the usual origin is zero. Their groups have fractions of the period (I4_1 32 for the gyroid). They are periodic
+/// cells of the hex without a point group (C1), which fill scaffolds whose elements can all be turned alike, such as a box.
 ///
 /// All others except the diamond have the full cubic group and fit a hex. These and the diamond also fit
 /// a tet, where they keep the cubic lattice of period 1. In a hex the diamond has the group Td, a subgroup
@@ -45,6 +50,16 @@ pub enum Surface {
     Gyroid,
     /// Lidin's surface.
     Lidinoid,
+    /// Both networks of the gyroid.
+    DoubleGyroid,
+    /// S of Fischer and Koch.
+    FischerKochS,
+    /// C(Y) of Fischer and Koch.
+    CY,
+    /// C(S) of Fischer and Koch.
+    CS,
+    /// Split P.
+    SplitP,
 }
 
 /// Orbit representatives and coefficients. A product of cosines along n distinct axes has 2^n
@@ -66,6 +81,51 @@ const GYROID: &[Product] = &[
     (1.0, [(Sin, 1), (Cos, 1), (Cos, 0)]),
     (1.0, [(Cos, 0), (Sin, 1), (Cos, 1)]),
     (1.0, [(Cos, 1), (Cos, 0), (Sin, 1)]),
+];
+const FISCHER_KOCH_S: &[Product] = &[
+    (1.0, [(Cos, 2), (Sin, 1), (Cos, 1)]),
+    (1.0, [(Cos, 1), (Cos, 2), (Sin, 1)]),
+    (1.0, [(Sin, 1), (Cos, 1), (Cos, 2)]),
+];
+const C_Y: &[Product] = &[
+    (1.0, [(Sin, 2), (Sin, 1), (Cos, 0)]),
+    (1.0, [(Cos, 0), (Sin, 2), (Sin, 1)]),
+    (1.0, [(Sin, 1), (Cos, 0), (Sin, 2)]),
+    (-1.0, [(Sin, 1), (Sin, 1), (Sin, 1)]),
+    (-1.0, [(Cos, 1), (Cos, 1), (Cos, 1)]),
+    (1.0, [(Sin, 2), (Cos, 0), (Cos, 1)]),
+    (1.0, [(Cos, 1), (Sin, 2), (Cos, 0)]),
+    (1.0, [(Cos, 0), (Cos, 1), (Sin, 2)]),
+];
+const C_S: &[Product] = &[
+    (1.0, [(Cos, 2), (Cos, 0), (Cos, 0)]),
+    (1.0, [(Cos, 0), (Cos, 2), (Cos, 0)]),
+    (1.0, [(Cos, 0), (Cos, 0), (Cos, 2)]),
+    (2.0, [(Sin, 3), (Sin, 2), (Cos, 1)]),
+    (2.0, [(Cos, 1), (Sin, 3), (Sin, 2)]),
+    (2.0, [(Sin, 2), (Cos, 1), (Sin, 3)]),
+    (2.0, [(Sin, 2), (Cos, 3), (Sin, 1)]),
+    (2.0, [(Sin, 1), (Sin, 2), (Cos, 3)]),
+    (2.0, [(Cos, 3), (Sin, 1), (Sin, 2)]),
+];
+const DOUBLE_GYROID: &[Product] = &[
+    (2.75, [(Sin, 2), (Cos, 1), (Sin, 1)]),
+    (2.75, [(Sin, 1), (Sin, 2), (Cos, 1)]),
+    (2.75, [(Cos, 1), (Sin, 1), (Sin, 2)]),
+    (-1.0, [(Cos, 2), (Cos, 2), (Cos, 0)]),
+    (-1.0, [(Cos, 0), (Cos, 2), (Cos, 2)]),
+    (-1.0, [(Cos, 2), (Cos, 0), (Cos, 2)]),
+];
+const SPLIT_P: &[Product] = &[
+    (1.1, [(Sin, 2), (Cos, 1), (Sin, 1)]),
+    (1.1, [(Sin, 1), (Sin, 2), (Cos, 1)]),
+    (1.1, [(Cos, 1), (Sin, 1), (Sin, 2)]),
+    (-0.2, [(Cos, 2), (Cos, 2), (Cos, 0)]),
+    (-0.2, [(Cos, 0), (Cos, 2), (Cos, 2)]),
+    (-0.2, [(Cos, 2), (Cos, 0), (Cos, 2)]),
+    (-0.4, [(Cos, 2), (Cos, 0), (Cos, 0)]),
+    (-0.4, [(Cos, 0), (Cos, 2), (Cos, 0)]),
+    (-0.4, [(Cos, 0), (Cos, 0), (Cos, 2)]),
 ];
 const LIDINOID: &[Product] = &[
     (0.5, [(Sin, 2), (Cos, 1), (Sin, 1)]),
@@ -103,7 +163,7 @@ fn exponentials(products: &[Product]) -> Vec<(Frequency<3>, [f64; 2])> {
 
 impl Surface {
     /// Every surface.
-    pub const CATALOGUE: [Self; 7] = [
+    pub const CATALOGUE: [Self; 12] = [
         Self::SchwarzP,
         Self::Diamond,
         Self::Iwp,
@@ -111,6 +171,11 @@ impl Surface {
         Self::FRd,
         Self::Gyroid,
         Self::Lidinoid,
+        Self::DoubleGyroid,
+        Self::FischerKochS,
+        Self::CY,
+        Self::CS,
+        Self::SplitP,
     ];
 
     /// The name in recipes.
@@ -123,6 +188,11 @@ impl Surface {
             Self::FRd => "f_rd",
             Self::Gyroid => "gyroid",
             Self::Lidinoid => "lidinoid",
+            Self::DoubleGyroid => "double_gyroid",
+            Self::FischerKochS => "fischer_koch_s",
+            Self::CY => "c_y",
+            Self::CS => "c_s",
+            Self::SplitP => "split_p",
         }
     }
 
@@ -154,13 +224,37 @@ impl Surface {
             Self::Lidinoid => {
                 "(s2X cY sZ + s2Y cZ sX + s2Z cX sY - c2X c2Y - c2Y c2Z - c2Z c2X) / 2 + 0.15"
             }
+            Self::DoubleGyroid => {
+                "2.75 (s2X cY sZ + s2Y cZ sX + s2Z cX sY) - (c2X c2Y + c2Y c2Z + c2Z c2X)"
+            }
+            Self::FischerKochS => "c2X sY cZ + c2Y sZ cX + c2Z sX cY",
+            Self::CY => "s2X sY + s2Y sZ + s2Z sX - sX sY sZ - cX cY cZ + s2X cZ + s2Y cX + s2Z cY",
+            Self::CS => {
+                "c2X + c2Y + c2Z + 2 (s3X s2Y cZ + s3Y s2Z cX + s3Z s2X cY) + 2 (s2X c3Y sZ + s2Y c3Z sX + s2Z c3X sY)"
+            }
+            Self::SplitP => {
+                "1.1 (s2X cY sZ + s2Y cZ sX + s2Z cX sY) - 0.2 (c2X c2Y + c2Y c2Z + c2Z c2X) - 0.4 (c2X + c2Y + c2Z)"
+            }
         }
     }
 
-    /// Coefficients under Oh, for the diamond under Td; empty for gyroid and lidinoid.
+    /// The products of those that have no point group; empty for the others.
+    const fn products(self) -> &'static [Product] {
+        match self {
+            Self::Gyroid => GYROID,
+            Self::Lidinoid => LIDINOID,
+            Self::DoubleGyroid => DOUBLE_GYROID,
+            Self::FischerKochS => FISCHER_KOCH_S,
+            Self::CY => C_Y,
+            Self::CS => C_S,
+            Self::SplitP => SPLIT_P,
+            _ => &[],
+        }
+    }
+
+    /// Coefficients under Oh, for the diamond under Td; empty for those without a point group.
     const fn terms(self) -> Terms {
         match self {
-            Self::Gyroid | Self::Lidinoid => &[],
             Self::SchwarzP => &[([1, 0, 0], [0.5, 0.0])],
             // sss = (i/8) sum of (product of signs) exp: the orbit of (1,1,1) under Td holds the
             // four indices whose product of signs is +1.
@@ -168,13 +262,14 @@ impl Surface {
             Self::Iwp => &[([1, 1, 0], [0.5, 0.0]), ([2, 0, 0], [-0.5, 0.0])],
             Self::Neovius => &[([1, 0, 0], [1.5, 0.0]), ([1, 1, 1], [0.5, 0.0])],
             Self::FRd => &[([1, 1, 1], [0.5, 0.0]), ([2, 2, 0], [-0.25, 0.0])],
+            _ => &[],
         }
     }
 
     /// The cell of an element, with level 0 and the solid below it.
     ///
     /// # Errors
-    /// [`CellError::NoSuchForm`] for gyroid and lidinoid in a tet, and for other elements.
+    /// [`CellError::NoSuchForm`] for surfaces without a point group in a tet, and for other elements.
     pub fn cell(self, element: Element) -> Result<Cell, CellError> {
         let no_form = |reason| CellError::NoSuchForm {
             surface: self.name(),
@@ -191,7 +286,7 @@ impl Surface {
                     "its periods are those of a cube; use it with hexes or tets",
                 ));
             }
-            Element::Tet if matches!(self, Self::Gyroid | Self::Lidinoid) => {
+            Element::Tet if !self.products().is_empty() => {
                 return Err(no_form(
                     "it has no point with the symmetry of a tet, and its average over the group's \
                      images about the usual origin is zero; use it with a box of hexes",
@@ -199,12 +294,8 @@ impl Surface {
             }
             Element::Tet | Element::Hex => {}
         }
-        if let Self::Gyroid | Self::Lidinoid = self {
-            let products = if self == Self::Gyroid {
-                GYROID
-            } else {
-                LIDINOID
-            };
+        let products = self.products();
+        if !products.is_empty() {
             let (group, lattice) = symmetry(element, Some("C1"), Some("cubic"))?;
             let series = Series::new(group, lattice, &exponentials(products))?;
             return Cell::new(self.name(), element, series);
@@ -230,4 +321,100 @@ pub fn of_terms(
     // once, with the same real coefficient.
     let series = Series::new(group, lattice, terms)?;
     Cell::new(name, element, series)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::{FitOptions, Method, fit};
+    use crate::symmetry::SpaceGroup;
+    use druse_geometry::field::Field;
+    use druse_geometry::frame::CellPoint;
+    use druse_geometry::progress::Silent;
+
+    /// The group of each function is the largest of the tables, in their settings, that leaves it unchanged.
+    #[test]
+    fn surfaces_have_their_space_groups() {
+        let groups = [
+            (Surface::SchwarzP, "Pm-3m"),
+            (Surface::Diamond, "F-43m"),
+            (Surface::Iwp, "Im-3m"),
+            (Surface::Neovius, "Pm-3m"),
+            (Surface::FRd, "Fm-3m"),
+            (Surface::Gyroid, "I4132"),
+            (Surface::Lidinoid, "Ia-3d"),
+            (Surface::DoubleGyroid, "Ia-3d"),
+            (Surface::FischerKochS, "I-43d"),
+            (Surface::CY, "P4332"),
+            (Surface::CS, "Ia-3"),
+            (Surface::SplitP, "Ia-3"),
+        ];
+        assert_eq!(groups.map(|g| g.0), Surface::CATALOGUE);
+        let points = [[0.11, -0.23, 0.37], [0.41, 0.07, -0.19]];
+        // The settings of the cubic groups and of the others that a cube has.
+        let order = |cell: &Cell, group: &SpaceGroup<3>| {
+            let is_kept = points.iter().all(|&p| {
+                let value = Field::value(cell, CellPoint(p.into()));
+                let image = |p: [f64; 3]| Field::value(cell, CellPoint(p.into()));
+                let all = group.operators().iter();
+                all.clone()
+                    .all(|g| (image(g.apply(p)) - value).abs() < 1e-9)
+            });
+            if is_kept { group.operators().len() } else { 0 }
+        };
+        let cubic = (489..=530).filter_map(moyo::data::hall_symbol_entry);
+        let cubic: Vec<SpaceGroup<3>> = cubic
+            .filter_map(|e| SpaceGroup::named(&format!("{}:{}", e.hm_short, e.setting)))
+            .collect();
+        assert_eq!(cubic.len(), 42);
+        for (surface, name) in groups {
+            let cell = surface.cell(Element::Hex).unwrap();
+            let own = order(&cell, &SpaceGroup::named(name).unwrap());
+            let most = cubic.iter().map(|g| order(&cell, g)).max().unwrap();
+            assert!(own > 0 && own == most, "{surface:?}: {own} {most}");
+        }
+    }
+
+    /// A gyroid with a wave that its group does not have: the fit under the group is the gyroid.
+    #[test]
+    fn a_fit_under_a_space_group_keeps_its_part_alone() {
+        let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
+        let source = |p: CellPoint<3>| {
+            let wave = (std::f64::consts::TAU * (p.0.x + p.0.z)).cos();
+            Field::value(&gyroid, p) + 0.2 * wave
+        };
+        for group in [
+            "I4132",
+            "I 4_1 3 2",
+            "z,x,y; x+1/2,-y+1/2,-z; 3/4+y,1/4+x,1/4-z",
+        ] {
+            let options = FitOptions {
+                band_limit: 2.5,
+                method: Method::Fft,
+                group: Some(group.to_owned()),
+                ..FitOptions::default()
+            };
+            let cell = fit("g", Element::Hex, &source, &options, &Silent).unwrap();
+            for p in [[0.1, 0.2, -0.4], [0.0, 0.3, 0.45]] {
+                let p = CellPoint(p.into());
+                let [a, b] = [&cell, &gyroid].map(|c| Field::value(c, p));
+                assert!((a - b).abs() < 1e-6, "{group}: {a} {b}");
+            }
+            // The file keeps the operators without fractions by their generators.
+            let back = Cell::from_json(&cell.to_json()).unwrap();
+            assert_eq!(back.operators().len(), 6);
+        }
+        let error = |element, group: &str| {
+            let options = FitOptions {
+                group: Some(group.to_owned()),
+                ..FitOptions::default()
+            };
+            let found = fit("g", element, &source, &options, &Silent);
+            found.err().unwrap().to_string()
+        };
+        assert!(error(Element::Hex, "P6322").contains("P6322"));
+        assert!(error(Element::Tet, "I4132").contains("for hexes"));
+        assert!(error(Element::Hex, "I4133").contains("I4133"));
+        assert!(error(Element::Hex, "x+1/7,y,z").contains("1/7"));
+    }
 }

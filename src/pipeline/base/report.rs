@@ -107,6 +107,8 @@ pub struct ContinuityReport {
     pub crease_degrees_max: f64,
     /// Number of elements turned so that cells continue over their faces.
     pub turned_elements: usize,
+    /// Number of elements that hold the cells in several turns, where no turn alone makes them continue.
+    pub blended_elements: usize,
     /// Statistics by kind of face.
     pub faces: Vec<FaceStatistics>,
     /// The points with the greatest jumps.
@@ -114,16 +116,16 @@ pub struct ContinuityReport {
 }
 
 impl ContinuityReport {
-    /// The report of a certificate, for a scaffold with this many turned elements.
-    pub fn new(c: &Certificate, turned_elements: usize) -> Self {
+    /// The report of a certificate, for a scaffold without turned elements.
+    pub fn new(c: &Certificate) -> Self {
         Self {
-            turned_elements,
             value_jump_max: c.value_jump_max,
             value_jump_p99: c.value_jump_p99,
             crease_degrees_p99: c.crease_degrees_p99,
             crease_degrees_max: c.crease_degrees_max,
             faces: c.kinds.clone(),
             worst: c.worst.clone(),
+            ..Self::default()
         }
     }
 }

@@ -8,34 +8,43 @@ use crate::pipeline::inputs::input_files::InputFiles;
 use crate::pipeline::inputs::motion::moves;
 use crate::pipeline::inputs::scaffold::LoadedScaffold;
 use crate::pipeline::inputs::spatial_value::SpatialContext;
-use crate::recipe::{Direction, FieldRef, Orient, TilingSection, Varying};
-use crate::tiling::{Aim, Directions, Member, TilingError, orient};
+use crate::recipe::{self, Direction, FieldRef, OrientSection, TilingSection, Varying};
+use crate::tiling::{Aim, Directions, Member, Mismatch, Mixture, TilingError, orient};
 use std::sync::Arc;
 
 /// Component of a field of stresses: the direction of the principal stress of the greatest magnitude.
 const PRINCIPAL: &str = "principal";
 
-/// Turns the elements of a scaffold as the tiling's cells need it, those of each name by shape; returns how many
-/// have another numbering then.
+/// How elements were turned.
+#[derive(Default)]
+pub(super) struct Turned {
+    /// Number of the elements that have another numbering.
+    pub count: usize,
+    /// The elements that hold the cells in several turns.
+    pub mixture: Mixture,
+}
+
+/// Turns the elements of a scaffold as the tiling's cells need it, those of each name by shape.
 pub(super) fn turn_elements(
     files: &mut InputFiles,
     loaded: &mut LoadedScaffold,
     section: &TilingSection,
     cells: &[Vec<Cell>],
     envelope: Option<&MeshSolid>,
-) -> Result<usize, RunError> {
-    let aim = match &section.orient {
+) -> Result<Turned, RunError> {
+    let wanted = &*section.orient.0;
+    if cells.is_empty() && *wanted != OrientSection::default() {
+        return Err(RunError::Tiling(
+            "tiling.orient has no meaning for round beams, whose graph has the symmetry of its element; expected \
+             section = \"fitted\" in the cell, or no such key"
+                .into(),
+        ));
+    }
+    let aim = match &wanted.toward {
         // Axes along those of the world would jump while a part moves.
-        Orient::Auto if moves(files.recipe) => Aim::Numbering,
-        Orient::Auto => Aim::World,
-        Orient::Along(_) if cells.is_empty() => {
-            return Err(RunError::Tiling(
-                "tiling.orient has no meaning for round beams, whose graph has the symmetry of its element; expected \
-                 section = \"fitted\" in the cell, or no such key"
-                    .into(),
-            ));
-        }
-        Orient::Along(along) => {
+        None if moves(files.recipe) => Aim::Numbering,
+        None => Aim::World,
+        Some(toward) => {
             let scaffold = &loaded.scaffold;
             let centre = |e: crate::scaffold::ElementMap| e.map(e.shape().centroid()).0;
             let points: Vec<Vec3> = scaffold.elements().map(centre).collect();
@@ -49,12 +58,12 @@ pub(super) fn turn_elements(
                 unit_vectors(files, &spatial, direction, &points)
             };
             Aim::Directions(Directions {
-                toward: vectors("toward", &along.toward)?,
-                up: match &along.up {
+                toward: vectors("toward", toward)?,
+                up: match &wanted.up {
                     Some(up) => vectors("up", up)?,
                     None => Vec::new(),
                 },
-                is_axial: is_principal(&along.toward),
+                is_axial: is_principal(toward),
             })
         }
     };
@@ -65,16 +74,23 @@ pub(super) fn turn_elements(
             cells: cells.iter().collect(),
         })
         .collect();
-    let found = orient(&loaded.scaffold, &members, &aim).map_err(|e| match e {
+    let mismatch = match wanted.mismatch {
+        recipe::Mismatch::Error => Mismatch::Refuse,
+        recipe::Mismatch::Blend => Mismatch::Blend,
+    };
+    let found = orient(&loaded.scaffold, &members, &aim, mismatch).map_err(|e| match e {
         TilingError::Misfit(misfit) => RunError::Misfit {
             misfit,
             scaffold: Arc::clone(&loaded.scaffold),
         },
         other => RunError::Tiling(other.to_string()),
     })?;
-    Ok(found.map_or(0, |found| {
+    Ok(found.map_or_else(Turned::default, |found| {
         loaded.scaffold = Arc::new(found.scaffold);
-        found.turned
+        Turned {
+            count: found.turned,
+            mixture: found.mixture,
+        }
     }))
 }
 

@@ -3,7 +3,7 @@
 use super::grading::{
     Grade, grade_shifts, interpolated_shift, nearest_grade, node_scales, volume_mean,
 };
-use super::orientation::turn_elements;
+use super::orientation::{Turned, turn_elements};
 use super::palette::{PaletteCell, TableAccuracy, cells_by_shape, palette_cell};
 use super::round_beams;
 use super::round_beams::RoundBeams;
@@ -13,6 +13,7 @@ use crate::field::Field;
 use crate::frame::{CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::report::ContinuityReport;
 use crate::pipeline::base::warning::Warning;
 use crate::pipeline::inputs::cells::facts_by_element;
 use crate::pipeline::inputs::input_files::InputFiles;
@@ -39,8 +40,8 @@ use thickness::is_metric_sheet;
 /// A scaffold tiled with cells.
 pub(crate) struct CellTiling {
     pub loaded: LoadedScaffold,
-    /// Number of its elements that are turned so that cells continue over faces.
-    pub turned: usize,
+    /// How its elements are turned so that cells continue over faces.
+    turned: Turned,
     pub palette: Vec<PaletteCell>,
     accuracy: TableAccuracy,
     interpolation: Interpolation,
@@ -445,6 +446,9 @@ impl CellTiling {
         if !self.grading.is_empty() {
             blend = blend.graded(self.grading.clone()).map_err(failed)?;
         }
+        if !self.turned.mixture.is_empty() {
+            blend = blend.with_mixture(&self.turned.mixture);
+        }
         if self.follow_volume && self.palette.len() > 1 {
             blend = blend.with_interpolated_volumes();
         }
@@ -455,7 +459,8 @@ impl CellTiling {
         &'a self,
         cells: impl Fn(&'a PaletteCell) -> Vec<&'a C>,
     ) -> Result<ElementContent<'a, C>, RunError> {
-        let is_single_cell = self.palette.len() == 1 && self.grading.is_empty();
+        let is_single_cell =
+            self.palette.len() == 1 && self.grading.is_empty() && self.turned.mixture.is_empty();
         let own = cells(&self.palette[0]);
         if let (true, [cell]) = (is_single_cell, &own[..]) {
             return Ok(ElementContent::Cell(cell));
@@ -517,6 +522,15 @@ impl CellTiling {
             ElementContent::Cell(table) => certify(scaffold, table),
             ElementContent::Blend(blend) => certify(scaffold, &*blend),
         })
+    }
+
+    /// The report of a certificate of this tiling.
+    pub fn continuity(&self, certificate: &crate::tiling::Certificate) -> ContinuityReport {
+        ContinuityReport {
+            turned_elements: self.turned.count,
+            blended_elements: self.turned.mixture.len(),
+            ..ContinuityReport::new(certificate)
+        }
     }
 }
 

@@ -31,7 +31,7 @@ pub(crate) fn finish_report(
         .filter(|_| requests_certificate(inputs.recipe));
     if let Some(tiling) = certified {
         let found = threads.install(|| tiling.certificate())?;
-        continuity = Some(ContinuityReport::new(&found, tiling.turned));
+        continuity = Some(tiling.continuity(&found));
         timer.end_stage("certificate")?;
     }
     let dropped = results.outputs.iter().filter_map(deck::dropped);

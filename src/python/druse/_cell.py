@@ -54,7 +54,8 @@ class Cell:
 
     @classmethod
     def surface(cls, name: str, **keys: Any) -> Cell:
-        """A triply periodic surface by name: schwarz_p, diamond, iwp, neovius, f_rd, gyroid, lidinoid.
+        """A triply periodic surface by name: schwarz_p, diamond, iwp, neovius, f_rd, gyroid, lidinoid, double_gyroid,
+        fischer_koch_s, c_y, c_s, split_p.
 
         `keys` are those of ``[cell.NAME]`` in a recipe, such as ``element="hex"`` or ``volume_fraction=0.3``.
         """

@@ -10,6 +10,7 @@
 //! are added, each weighted by the sum of the pair's weights.
 
 use super::distribution::{Distribution, normalise};
+use super::mixture::{MixedTurn, Mixture};
 use super::source::{CellField, Filling, fills, single};
 use super::transition_levels::{TransitionLevels, transition_levels};
 use super::{Interpolation, TilingError, interface};
@@ -57,6 +58,8 @@ pub struct Blend<'a, C: CellField = Table> {
     grading: Option<Distribution<'a>>,
     /// Levels of pairs i < j, in order; empty if volumes are not interpolated.
     pairs: Vec<TransitionLevels>,
+    /// Elements that hold each cell in several turns.
+    mixture: Option<&'a Mixture>,
 }
 
 impl<'a, C: CellField> Blend<'a, C> {
@@ -93,6 +96,7 @@ impl<'a, C: CellField> Blend<'a, C> {
             weights,
             grading: None,
             pairs: Vec::new(),
+            mixture: None,
         })
     }
 
@@ -108,6 +112,13 @@ impl<'a, C: CellField> Blend<'a, C> {
         self.grading =
             Some(grading.map_err(|expected| TilingError::WeightCount { found, expected })?);
         Ok(self)
+    }
+
+    /// The same with every cell in several turns inside some elements.
+    #[must_use]
+    pub fn with_mixture(mut self, mixture: &'a Mixture) -> Self {
+        self.mixture = Some(mixture);
+        self
     }
 
     /// The same with the level T, so that volumes are interpolated.
@@ -224,6 +235,52 @@ impl<'a, C: CellField> Blend<'a, C> {
         (value, gradient)
     }
 
+    /// The turns of the cells in an element; empty where they lie as it is numbered.
+    fn turns(&self, element: usize) -> &[MixedTurn] {
+        self.mixture.map_or(&[], |m| m.turns(element))
+    }
+
+    /// Values and gradients of a cell at points of an element, at most [`CHUNK`]: sum of w Phi(Q xi) over its turns.
+    fn values_in(
+        &self,
+        element: usize,
+        cell: &C,
+        points: &[CellPoint<3>],
+        out: &mut [(f64, Vec3)],
+    ) {
+        let turns = self.turns(element);
+        if turns.is_empty() {
+            cell.values_and_gradients(points, out);
+            return;
+        }
+        let shape = self.scaffold.element(element).shape();
+        out.fill((0.0, Vec3::zeros()));
+        let mut moved = [CellPoint(Vec3::zeros()); CHUNK];
+        let mut found = [(0.0, Vec3::zeros()); CHUNK];
+        for turn in turns {
+            for (moved, &xi) in moved.iter_mut().zip(points) {
+                *moved = turn.point(xi);
+            }
+            let found = &mut found[..points.len()];
+            cell.values_and_gradients(&moved[..points.len()], found);
+            for ((sum, &(phi, g)), &xi) in out.iter_mut().zip(&*found).zip(points) {
+                let (w, dw) = turn.weight(shape, xi);
+                sum.0 += w * phi;
+                // grad (w Phi(Q xi)) = w Q^T grad Phi + Phi grad w
+                sum.1 += turn.matrix.tr_mul(&g) * w + dw * phi;
+            }
+        }
+    }
+
+    /// Contains the values of a cell over a box of an element.
+    fn bound_in(&self, element: usize, cell: &C, region: &CellBox<3>) -> Interval {
+        let turns = self.turns(element);
+        // A mean of the turns lies in the hull of their values.
+        let own = turns.iter().map(|t| Field::bound(cell, &t.region(region)));
+        own.reduce(Interval::hull)
+            .unwrap_or_else(|| Field::bound(cell, region))
+    }
+
     /// Passes index, value and gradient of points of an element to `found`. Each member with a weight there is
     /// evaluated for many points at once.
     fn for_each_value(
@@ -246,7 +303,7 @@ impl<'a, C: CellField> Blend<'a, C> {
                 let counts = |w: &Weights| w[m].0 != 0.0 || w[m].1 != Vec3::zeros();
                 let cell = member.of(shape).filter(|_| weights.iter().any(counts));
                 if let Some(cell) = cell {
-                    cell.values_and_gradients(points, &mut slopes[m][..points.len()]);
+                    self.values_in(element, cell, points, &mut slopes[m][..points.len()]);
                     shares[m] = true;
                 }
             }
@@ -283,7 +340,10 @@ impl<C: CellField> Filling for Blend<'_, C> {
                 }
             }
         }
-        for (member, scale) in self.members.iter().zip(&self.scales) {
+        // Around mixed elements cells continue by their weights, not by themselves.
+        let is_mixed = self.mixture.is_some_and(|m| !m.is_empty());
+        let members = self.members.iter().zip(&self.scales);
+        for (member, scale) in members.filter(|_| !is_mixed) {
             let value = |shape, xi| member.of(shape).map_or(0.0, |c| c.value(xi));
             interface::check(scaffold, &value, 1.0 / scale)?;
         }
@@ -294,7 +354,12 @@ impl<C: CellField> Filling for Blend<'_, C> {
         let shape = self.scaffold.element(element).shape();
         self.mix((element, xi), &self.weights.at(element, xi), |m| {
             let cell = self.members[m].of(shape)?;
-            Some(Field::value_and_gradient(cell, xi))
+            if self.turns(element).is_empty() {
+                return Some(Field::value_and_gradient(cell, xi));
+            }
+            let mut found = [(0.0, Vec3::zeros())];
+            self.values_in(element, cell, &[xi], &mut found);
+            Some(found[0])
         })
     }
 
@@ -328,7 +393,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
         for m in 0..count {
             w[m] = self.weights.range(element, m, region);
             if let Some(cell) = self.members[m].of(shape).filter(|_| w[m].hi > 0.0) {
-                let b = Field::bound(cell, region);
+                let b = self.bound_in(element, cell, region);
                 let s = self.scales[m];
                 phi[m] = Interval::new(b.lo * s, b.hi * s);
             }
@@ -379,6 +444,9 @@ impl<C: CellField> Filling for Blend<'_, C> {
     fn gradient_sup(&self, element: usize) -> f64 {
         let shape = self.scaffold.element(element).shape();
         let whole = shape.cell_box();
+        let corner_count = self.scaffold.element(element).kind().corner_count();
+        let turns = self.turns(element).iter();
+        let turn_slope: f64 = turns.map(|t| t.max_slope(corner_count)).sum();
         let (mut sup, mut weight_slope) = (0f64, 0.0);
         for m in 0..self.members.len() {
             let (greatest, slope) = self.weights.extremes(element, m);
@@ -386,9 +454,9 @@ impl<C: CellField> Filling for Blend<'_, C> {
                 continue;
             };
             let s = self.scales[m];
-            sup = sup.max(cell.gradient_sup() * s);
+            let b = Field::bound(cell, &whole);
+            sup = sup.max((cell.gradient_sup() + turn_slope * b.hi.max(-b.lo)) * s);
             if slope > 0.0 {
-                let b = Field::bound(cell, &whole);
                 weight_slope += slope * (b.hi.max(-b.lo) * s);
             }
             if slope > 0.0 && !self.pairs.is_empty() {
@@ -419,8 +487,13 @@ impl<C: CellField> Filling for Blend<'_, C> {
             let own = m.of(shape)?.smooth()?;
             own.fold.is_none().then_some(highest.max(own.frequency))
         });
+        let mixing = if self.turns(element).is_empty() {
+            0.0
+        } else {
+            1.0
+        };
         Some(SmoothFunction {
-            frequency: frequency? + 1.0,
+            frequency: frequency? + 1.0 + mixing,
             fold: None,
         })
     }

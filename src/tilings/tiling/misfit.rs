@@ -15,8 +15,9 @@ pub struct BadEdge {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "the cell has less symmetry than its element, and no turns of the elements make it continue over all faces: {}; \
-     use a cell with its element's whole group, or a mesh without such edges (four hexes around every inner edge)",
-    misfit_text(self)
+     use a cell with its element's whole group, or a mesh without such edges (four hexes around every inner edge){}",
+    misfit_text(self),
+    if self.can_blend { ", or tiling.orient = { mismatch = \"blend\" }, which mixes turns of the cell there" } else { "" }
 )]
 pub struct Misfit {
     /// The inner edges around which cells do not continue.
@@ -27,6 +28,8 @@ pub struct Misfit {
     pub faces: usize,
     /// Numbers of the elements at the first of these faces.
     pub elements: [u64; 2],
+    /// Whether [`super::Mismatch::Blend`] closes them.
+    pub can_blend: bool,
 }
 
 /// Greatest number of edges in a message.

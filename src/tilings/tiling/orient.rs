@@ -5,18 +5,21 @@
 //! elements anew, each by a symmetry of its reference shape that keeps the handedness of the cell in space.
 //! Symmetries of the cell, and what it shows on each face in each order of the corners, follow from its
 //! coefficients (`views`). A breadth-first search turns the elements of each component, then every face is
-//! checked (`search`). Where no turns fit, as around an edge with three hexes, the error names these edges.
+//! checked (`search`). Where no turns fit, as around an edge with three hexes, the error names these edges, or the
+//! elements there hold the cell in several turns whose weights make it continue (`mixing`).
 //!
 //! Not promised: where a face leaves a neighbour several different cells that continue equally well, only one is
 //! tried.
 
 mod bad_edges;
+mod mixing;
 mod search;
 mod views;
 
 pub use search::{Aim, Directions};
 
 use super::misfit::Misfit;
+use super::mixture::Mixture;
 use super::{Member, TilingError, interface};
 use crate::scaffold::{Scaffold, ScaffoldError};
 use druse_cells::cell::Cell;
@@ -31,17 +34,30 @@ pub struct Oriented {
     pub scaffold: Scaffold,
     /// Number of the elements whose numbering is another.
     pub turned: usize,
+    /// The elements that hold the cells in several turns; without any where turns alone make them continue.
+    pub mixture: Mixture,
+}
+
+/// What becomes of faces over which no turns make the cells continue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mismatch {
+    /// They are an error.
+    #[default]
+    Refuse,
+    /// The elements at their nodes hold the cells in several turns.
+    Blend,
 }
 
 /// Turns the elements of a scaffold so that the cells of all members continue over its faces; `None` if nothing
 /// needs a turn. With directions, also elements in which the cells continue already are turned.
 ///
 /// # Errors
-/// [`TilingError::Misfit`] where no turns fit.
+/// [`TilingError::Misfit`] where no turns fit and nothing is blended.
 pub fn orient(
     scaffold: &Scaffold,
     members: &[Member<Cell>],
     aim: &Aim,
+    mismatch: Mismatch,
 ) -> Result<Option<Oriented>, TilingError> {
     let cells = || members.iter().flat_map(|m| m.cells.iter());
     if cells().all(|c| c.fits_any_numbering() && c.element().dimension() == 3) {
@@ -69,30 +85,39 @@ pub fn orient(
     let faces = Faces::new(scaffold, &views);
     let search = Search::new(scaffold, &views, &faces);
     let found = search.run(aim);
-    if let Some(&first) = found.bad.first() {
-        let edges = bad_edges::bad_edges(&search, &faces, &found.bad, &found.turns);
-        let elements = faces.list[first as usize].elements;
-        return Err(TilingError::Misfit(Box::new(Misfit {
-            lines: bad_edges::line_count(&edges),
-            edges,
-            faces: found.bad.len(),
-            elements: elements.map(|e| scaffold.number(e as usize)),
-        })));
-    }
     let identity = Mat3::identity();
     let turn = |e: usize| {
-        let shape = views.shape(scaffold.element(e).shape());
-        let matrix = &shape.turns[usize::from(found.turns[e])].matrix;
+        let matrix = &search.turns(e)[usize::from(found.turns[e])].matrix;
         ((matrix - identity).norm_squared() > 1e-9).then_some(matrix)
     };
-    let turned = (0..scaffold.len()).filter(|&e| turn(e).is_some()).count();
-    if turned == 0 {
+    let count = (0..scaffold.len()).filter(|&e| turn(e).is_some()).count();
+    if count == 0 && found.bad.is_empty() {
         return Ok(None);
     }
     let failed = |_: ScaffoldError| TilingError::Empty;
+    let turned = scaffold.turned(turn).map_err(failed)?;
+    let mut mixture = Mixture::default();
+    if let Some(&first) = found.bad.first() {
+        let mixed = mixing::mixture(&search, &faces, &found.bad, &found.turns, &turned);
+        match (mixed, mismatch) {
+            (Some(mixed), Mismatch::Blend) => mixture = mixed,
+            (mixed, _) => {
+                let edges = bad_edges::bad_edges(&search, &faces, &found.bad, &found.turns);
+                let elements = faces.list[first as usize].elements;
+                return Err(TilingError::Misfit(Box::new(Misfit {
+                    lines: bad_edges::line_count(&edges),
+                    edges,
+                    faces: found.bad.len(),
+                    elements: elements.map(|e| scaffold.number(e as usize)),
+                    can_blend: mixed.is_some(),
+                })));
+            }
+        }
+    }
     Ok(Some(Oriented {
-        scaffold: scaffold.turned(turn).map_err(failed)?,
-        turned,
+        scaffold: turned,
+        turned: count,
+        mixture,
     }))
 }
 

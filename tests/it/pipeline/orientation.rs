@@ -135,6 +135,7 @@ fn a_gyroid_in_a_ball_is_refused_with_the_edges_and_a_bad_direction_with_its_pla
     assert_eq!(misfit.lines, 20, "{found}");
     assert!(misfit.edges.iter().all(|e| e.elements == 3));
     assert!(found.to_string().contains("with 3 elements"), "{found}");
+    assert!(found.to_string().contains("mismatch"), "{found}");
     let block = "druse = 1\n[cell.g]\nsurface = \"gyroid\"\n[scaffold]\nbox = { size = [2, 2, 2], cell_size = 1 }\n\
                  [tiling]\ncell = \"g\"\norient = { toward = [\"x - 0.5\", 0, 0] }\n[band]\nvoxel_size = 0.1\n";
     let found = error(block).to_string();
@@ -153,7 +154,7 @@ fn a_gyroid_in_a_ball_is_refused_with_the_edges_and_a_bad_direction_with_its_pla
 #[test]
 #[ignore = "long; tests/run full"]
 fn a_million_hexes_are_turned() {
-    use druse::tiling::{Aim, Member, orient};
+    use druse::tiling::{Aim, Member, Mismatch, orient};
     let [ordered, mixed] = grids([100, 100, 100]);
     let gyroid = druse::cell::Surface::Gyroid
         .cell(druse::frame::Element::Hex)
@@ -163,11 +164,57 @@ fn a_million_hexes_are_turned() {
         cells: vec![&gyroid],
     }];
     let start = std::time::Instant::now();
-    let found = orient(&mixed, &members, &Aim::World).unwrap().unwrap();
+    let found = orient(&mixed, &members, &Aim::World, Mismatch::Refuse)
+        .unwrap()
+        .unwrap();
     println!(
         "figure: turning {} hexes, seconds | {:.2} | 3",
         mixed.len(),
         start.elapsed().as_secs_f64()
     );
     assert_eq!(found.scaffold.connectivity(), ordered.connectivity());
+}
+
+/// Around edges with three hexes the cell is mixed from its turns: one closed body, the same in bricks.
+#[test]
+fn a_gyroid_in_a_ball_is_one_body_where_its_turns_are_mixed() {
+    let place = tempfile::tempdir().unwrap();
+    let ball = "druse = 1\n[cell.g]\nsurface = \"gyroid\"\nlevel = -0.3\n[scaffold]\nsphere = { radius = 6, cell_size = 3 }\n\
+                [tiling]\ncell = \"g\"\ncertificate = true\norient = { mismatch = \"blend\" }\n[band]\nvoxel_size = 0.12\n\
+                [[op]]\nkeep_largest = true\n[[output]]\nvdb = \"a.vdb\"\n[[output]]\nmesh = \"a.ply\"\n";
+    let whole = report(ball, place.path(), None);
+    let continuity = whole.continuity.as_ref().unwrap();
+    assert!(continuity.blended_elements > 0);
+    assert!(continuity.value_jump_max < 1e-5, "{:?}", continuity.worst);
+    let file = druse::io::read_mesh(place.path().join("a.ply")).unwrap();
+    let check = druse::mesh::check(&file.mesh);
+    assert_eq!(
+        (check.open_edges.count, check.components),
+        (0, 1),
+        "{check:?}"
+    );
+    let bricks = report(ball, place.path(), Some(2));
+    let hashes = [&whole, &bricks].map(|r| r.outputs[0].content_hash.clone());
+    assert_eq!(hashes[0], hashes[1]);
+    // Thin walls around its mid-surface are mixed likewise.
+    let sheet = ball
+        .replace("level = -0.3", "solid = \"sheet\"")
+        .replace("certificate = true", "thickness = \"0.5\"");
+    assert!(
+        report(&sheet, place.path(), None).outputs[0]
+            .content_hash
+            .is_some()
+    );
+    let words = [
+        ("mismatch = \"mix\"", "blend"),
+        ("up = [1, 0, 0]", "toward"),
+    ];
+    for (wrong, expected) in words {
+        let text = ball.replace("mismatch = \"blend\"", wrong);
+        let error = druse::recipe::Recipe::parse(&text, &[])
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(error.contains(expected), "{error}");
+    }
 }

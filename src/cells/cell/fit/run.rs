@@ -7,7 +7,7 @@ use super::extension::Extension;
 use super::frequency_set::{self, needed_samples};
 use super::grid::grid_size;
 use super::sampling::{
-    Images, QuadraturePoint, Quality, Target, parts_per_edge, quadrature_points, sample,
+    ImageMap, Images, QuadraturePoint, Quality, Target, parts_per_edge, quadrature_points, sample,
 };
 use super::solve::{NormalEquations, Sample};
 use super::{
@@ -15,7 +15,7 @@ use super::{
 };
 use crate::cell::{Cell, CellError, Expression, Series, symmetry};
 use crate::symmetry::{Basis, Frequency, Lattice};
-use druse_geometry::frame::{CellPoint, Element, Vec3};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use druse_geometry::progress::{Cancelled, Progress};
 use nalgebra::SVector;
 use rayon::prelude::*;
@@ -85,10 +85,26 @@ impl Job<'_> {
             .then(|| face_normal::equations(&basis, self.element));
         let operators = compatibility::embedded(basis.group(), basis.lattice());
         let domain = Domain::new(self.element, &operators);
+        let space = compatibility::space_group::<3>(self.element, options.group.as_deref())?;
+        let image = |rotation, shift| ImageMap { rotation, shift };
+        let images = match &space {
+            None => operators.into_iter().map(|q| image(q, None)).collect(),
+            // The lattice coordinates of a hex are those of the reference frame.
+            Some(space) => space
+                .operators()
+                .iter()
+                .map(|g| {
+                    image(
+                        Mat3::from_fn(|i, j| f64::from(g.rotation.rows()[i][j])),
+                        Some(Vec3::from(g.fractions())),
+                    )
+                })
+                .collect(),
+        };
         let mut target = Target {
             images: Images {
                 source: self.source,
-                operators,
+                operators: images,
                 symmetrise: options.symmetrise,
             },
             symmetric: false,
@@ -100,11 +116,14 @@ impl Job<'_> {
             }
             _ => self.transform(&basis, &domain, &mut target, constraint.as_ref())?,
         };
-        let series = Series::new(
+        let mut series = Series::new(
             basis.group().clone(),
             basis.lattice().clone(),
             &nonzero(basis.coefficients(&found.real)),
         )?;
+        if let Some(space) = compatibility::space_group(self.element, options.group.as_deref())? {
+            series = series.mean_over(&space)?;
+        }
         let residual = if self.element == Element::Ball {
             0.0
         } else {

@@ -3,17 +3,34 @@
 use super::super::domain::{Domain, Flag, SimplexGrid, all_flags};
 use super::accuracy::SourceInfo;
 use super::{Distance, FitError, Symmetrise};
-use druse_geometry::frame::{CellPoint, Element, Mat3};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
 /// Minimal number of samples per unknown.
 const SAMPLES_PER_UNKNOWN: usize = 12;
 
+/// An operator of a group that gives an image of the source.
+pub(super) struct ImageMap {
+    pub rotation: Mat3,
+    /// The fractions of the periods, of a space group; the image then lies in the same period again.
+    pub shift: Option<Vec3>,
+}
+
+impl ImageMap {
+    fn apply(&self, p: CellPoint<3>) -> CellPoint<3> {
+        let turned = self.rotation * p.0;
+        CellPoint(match self.shift {
+            Some(shift) => (turned + shift).map(|c| c - c.round()),
+            None => turned,
+        })
+    }
+}
+
 /// The source and the operators that give its images.
 pub(super) struct Images<'a> {
     pub source: &'a Distance<'a>,
-    pub operators: Vec<Mat3>,
+    pub operators: Vec<ImageMap>,
     pub symmetrise: Symmetrise,
 }
 
@@ -33,7 +50,7 @@ impl Images<'_> {
         let values: Vec<f64> = self
             .operators
             .iter()
-            .map(|q| (self.source)(CellPoint(q * p.0)))
+            .map(|q| (self.source)(q.apply(p)))
             .collect();
         let mean = values.iter().sum::<f64>() / n;
         let value = match self.symmetrise {

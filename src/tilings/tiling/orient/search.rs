@@ -6,7 +6,7 @@
 //! one is taken whose cells lie best as [`Aim`] wants them, and of the turns that give the same cell the one that
 //! lies best too. The result does therefore not depend on how the elements were numbered.
 
-use super::views::{NO_TURN, Views};
+use super::views::{NO_TURN, Turn, Views};
 use crate::scaffold::{FaceRef, Neighbour, Scaffold};
 use druse_geometry::frame::{Mat3, Vec3};
 
@@ -65,6 +65,16 @@ impl Aim {
 pub(super) struct Shared {
     pub elements: [u32; 2],
     pub views: [u16; 2],
+}
+
+impl Shared {
+    /// The face as the other element sees it.
+    pub fn reversed(self) -> Self {
+        Self {
+            elements: [self.elements[1], self.elements[0]],
+            views: [self.views[1], self.views[0]],
+        }
+    }
 }
 
 /// The shared faces of a scaffold.
@@ -128,10 +138,7 @@ impl Faces {
         Some(if face.elements[0] == f.element {
             *face
         } else {
-            Shared {
-                elements: [face.elements[1], face.elements[0]],
-                views: [face.views[1], face.views[0]],
-            }
+            face.reversed()
         })
     }
 }
@@ -201,10 +208,30 @@ impl<'a> Search<'a> {
         self.views.next(shown, face.views[1], is_mirror)
     }
 
+    /// The turns of an element's shape.
+    pub fn turns(&self, element: usize) -> &[Turn] {
+        &self
+            .views
+            .shape(self.scaffold.element(element).shape())
+            .turns
+    }
+
     /// The class of a turn of an element.
     pub fn class(&self, element: usize, turn: u8) -> u8 {
-        let shape = self.views.shape(self.scaffold.element(element).shape());
-        shape.turns[usize::from(turn)].class
+        self.turns(element)[usize::from(turn)].class
+    }
+
+    /// The classes of all turns that keep the handedness of an element.
+    pub fn classes(&self, element: usize) -> impl Iterator<Item = u8> {
+        let keeps = move |t: &&Turn| t.is_mirror == self.is_mirror[element];
+        self.turns(element).iter().filter(keeps).map(|t| t.class)
+    }
+
+    /// The first turn of a class that keeps the handedness of an element.
+    pub fn turn_of_class(&self, element: usize, class: u8) -> Option<u8> {
+        let is_own = |t: &Turn| t.is_mirror == self.is_mirror[element] && t.class == class;
+        let found = self.turns(element).iter().position(is_own);
+        found.map(|n| n as u8)
     }
 
     /// Of the turns of an element that keep its handedness, the one of each class that lies best, with its score.

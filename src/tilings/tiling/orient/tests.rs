@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::scaffold::{Connectivity, Kind};
+use crate::tiling::{Blend, Filling, Interpolation};
 use druse_cells::cell::{Expression, Series, Surface, operators_of, symmetry};
 use druse_geometry::frame::{CellPoint, Element, Vec3};
 
@@ -72,14 +73,14 @@ fn a_shuffled_grid_is_numbered_as_the_ordered_one() {
     for kind in [Kind::Hex8] {
         let ordered = warped(kind, [4, 4, 4]);
         assert!(
-            orient(&ordered, &member(&gyroid), &Aim::World)
+            orient(&ordered, &member(&gyroid), &Aim::World, Mismatch::Refuse)
                 .unwrap()
                 .is_none()
         );
         for seed in 0..4 {
             let mixed = shuffled(&ordered, seed);
             assert!(!continues(&mixed, &member(&gyroid)));
-            let found = orient(&mixed, &member(&gyroid), &Aim::World)
+            let found = orient(&mixed, &member(&gyroid), &Aim::World, Mismatch::Refuse)
                 .unwrap()
                 .unwrap();
             assert!(found.turned > 40);
@@ -94,7 +95,7 @@ fn a_chiral_cell_continues_in_a_thousand_numberings() {
     let cell = chiral(1);
     for seed in 0..50 {
         let mixed = shuffled(&ordered, seed);
-        let found = orient(&mixed, &member(&cell), &Aim::World).unwrap();
+        let found = orient(&mixed, &member(&cell), &Aim::World, Mismatch::Refuse).unwrap();
         let turned = found.map_or(mixed, |f| f.scaffold);
         assert!(continues(&turned, &member(&cell)), "{seed}");
         // The handedness of the cell is kept in all elements.
@@ -127,7 +128,8 @@ fn edges_with_three_hexes_are_named() {
     let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
     for layers in [1, 3] {
         let scaffold = hollow_sphere(layers);
-        let Err(TilingError::Misfit(misfit)) = orient(&scaffold, &member(&gyroid), &Aim::World)
+        let Err(TilingError::Misfit(misfit)) =
+            orient(&scaffold, &member(&gyroid), &Aim::World, Mismatch::Refuse)
         else {
             panic!("a gyroid cannot fill it");
         };
@@ -138,7 +140,59 @@ fn edges_with_three_hexes_are_named() {
             assert!((x.abs() - y.abs()).abs() < 1e-12 && (y.abs() - z.abs()).abs() < 1e-12);
         }
         assert!(misfit.to_string().contains("8 lines"), "{misfit}");
+        assert!(misfit.to_string().contains("mismatch"), "{misfit}");
     }
+}
+
+/// Around these edges the turns of the cell are mixed, so that it continues over all faces; elsewhere it is as it was.
+#[test]
+fn mixed_turns_continue_around_edges_with_three_hexes() {
+    let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
+    let (ball, sphere) = (Scaffold::ball(6.0, 3.0).unwrap(), hollow_sphere(3));
+    for (scaffold, cell) in [(&sphere, &gyroid), (&ball, &gyroid), (&sphere, &chiral(4))] {
+        let mixed = shuffled(scaffold, 8);
+        let found = orient(&mixed, &member(cell), &Aim::World, Mismatch::Blend)
+            .unwrap()
+            .unwrap();
+        assert!(!found.mixture.is_empty());
+        let ones = vec![1.0; mixed.nodes().len()];
+        let [own] = member(cell);
+        let blend = Blend::new(&found.scaffold, vec![own], ones, Interpolation::Linear).unwrap();
+        let blend = blend.with_mixture(&found.mixture);
+        assert!(blend.check(&found.scaffold).is_ok());
+        let jump = crate::tiling::certify(&found.scaffold, &blend).value_jump_max;
+        assert!(jump < 1e-9, "{jump}");
+        let mut state = 5;
+        for element in 0..mixed.len() {
+            let turns = found.mixture.turns(element);
+            let at = [0; 3].map(|_| draw(&mut state, 1000) as f64 / 1000.0 - 0.5);
+            let xi = CellPoint(Vec3::from(at));
+            let shape = mixed.element(element).shape();
+            let sum: f64 = turns.iter().map(|t| t.weight(shape, xi).0).sum();
+            assert!(turns.is_empty() || (sum - 1.0).abs() < 1e-12, "{sum}");
+            // The gradient is that of the values, and both keep to their bounds.
+            let (value, gradient) = blend.value_and_gradient(element, xi);
+            for axis in 0..3 {
+                let step = Vec3::ith(axis, 1e-5);
+                let [a, b] = [xi.0 + step, xi.0 - step].map(|p| blend.value(element, CellPoint(p)));
+                assert!(((a - b) / 2e-5 - gradient[axis]).abs() < 1e-5);
+            }
+            assert!(blend.bound(element, &shape.cell_box()).contains(value));
+            assert!(gradient.norm() <= blend.gradient_sup(element));
+        }
+    }
+    // A cell that shows something else on every face has no partner behind it, so that nothing can be mixed.
+    let column = |k| {
+        let (group, lattice) = symmetry::<3>(Element::Wedge, Some("C1"), None).unwrap();
+        Series::new(group, lattice, &[([1, 0, 0], [0.3, 0.8]), (k, [0.5, 0.1])]).unwrap()
+    };
+    let one_way = Cell::new("one_way", Element::Wedge, column([0, 1, 1])).unwrap();
+    let wedges = warped(Kind::Wedge6, [2, 2, 2]);
+    let found = orient(&wedges, &member(&one_way), &Aim::World, Mismatch::Blend);
+    let Err(TilingError::Misfit(misfit)) = found else {
+        panic!("it continues nowhere");
+    };
+    assert!(!misfit.can_blend && !misfit.to_string().contains("mismatch"));
 }
 
 /// A column along z has the symmetry of a quarter turn about it, so that it runs along edges with three hexes.
@@ -149,7 +203,7 @@ fn a_column_runs_along_the_axis_of_an_o_grid() {
     let column = Series::new(group, lattice, &terms).unwrap();
     let column = Cell::new("column", Element::Hex, column).unwrap();
     let cylinder = shuffled(&Scaffold::cylinder(10.0, 10.0, 4.0).unwrap(), 3);
-    let found = orient(&cylinder, &member(&column), &Aim::World)
+    let found = orient(&cylinder, &member(&column), &Aim::World, Mismatch::Refuse)
         .unwrap()
         .unwrap();
     assert!(continues(&found.scaffold, &member(&column)));
@@ -158,10 +212,10 @@ fn a_column_runs_along_the_axis_of_an_o_grid() {
         assert!(along.z.abs() > 0.999);
     }
     let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
-    assert!(orient(&cylinder, &member(&gyroid), &Aim::World).is_err());
+    assert!(orient(&cylinder, &member(&gyroid), &Aim::World, Mismatch::Refuse).is_err());
     // Without the core all inner edges have four hexes.
     let tube = shuffled(&Scaffold::tube(5.0, 10.0, 10.0, 3.0).unwrap(), 5);
-    let found = orient(&tube, &member(&gyroid), &Aim::World)
+    let found = orient(&tube, &member(&gyroid), &Aim::World, Mismatch::Refuse)
         .unwrap()
         .unwrap();
     let jump = crate::tiling::certify(&found.scaffold, &gyroid).value_jump_max;
@@ -179,7 +233,7 @@ fn columns_follow_a_direction_where_nothing_else_decides() {
             toward: vec![Vec3::ith(axis, 1.0); grid.len()],
             ..Directions::default()
         });
-        let found = orient(&grid, &member(&column), &aim).unwrap();
+        let found = orient(&grid, &member(&column), &aim, Mismatch::Refuse).unwrap();
         assert_eq!(found.is_none(), axis == 2);
         let turned = found.as_ref().map_or(&grid, |f| &f.scaffold);
         assert!(continues(turned, &member(&column)));
@@ -208,7 +262,9 @@ fn other_shapes_and_functions_are_turned_too() {
     let up = arrow(Element::Wedge, "C3v", [[1, 0, 0], [0, 0, 1]]);
     let mixed = shuffled(&wedges, 11);
     assert!(!continues(&mixed, &member(&up)));
-    let found = orient(&mixed, &member(&up), &Aim::World).unwrap().unwrap();
+    let found = orient(&mixed, &member(&up), &Aim::World, Mismatch::Refuse)
+        .unwrap()
+        .unwrap();
     assert!(continues(&found.scaffold, &member(&up)));
 
     // Around one vertex, every tet turns its corner there.
@@ -225,7 +281,7 @@ fn other_shapes_and_functions_are_turned_too() {
     };
     let mixed = shuffled(&octahedron, 2);
     assert!(!continues(&mixed, &member(&cone)));
-    let found = orient(&mixed, &member(&cone), &Aim::World)
+    let found = orient(&mixed, &member(&cone), &Aim::World, Mismatch::Refuse)
         .unwrap()
         .unwrap();
     assert!(continues(&found.scaffold, &member(&cone)));
@@ -242,7 +298,7 @@ fn other_shapes_and_functions_are_turned_too() {
     let quarter = Mat3::new(0., -1., 0., 1., 0., 0., 0., 0., 1.);
     let mixed = plate.turned(|e| (e % 3 == 1).then_some(&quarter)).unwrap();
     assert!(!continues(&mixed, &member(&weave)));
-    let found = orient(&mixed, &member(&weave), &Aim::World)
+    let found = orient(&mixed, &member(&weave), &Aim::World, Mismatch::Refuse)
         .unwrap()
         .unwrap();
     assert_eq!(found.scaffold.connectivity(), plate.connectivity());
@@ -251,7 +307,7 @@ fn other_shapes_and_functions_are_turned_too() {
     let both = vec![gyroid.expression().clone(), chiral(5).expression().clone()];
     let union = Cell::new("union", Element::Hex, Expression::least(both, 0.1).unwrap()).unwrap();
     let mixed = shuffled(&warped(Kind::Hex8, [3, 2, 2]), 9);
-    let found = orient(&mixed, &member(&union), &Aim::World)
+    let found = orient(&mixed, &member(&union), &Aim::World, Mismatch::Refuse)
         .unwrap()
         .unwrap();
     assert!(continues(&found.scaffold, &member(&union)));

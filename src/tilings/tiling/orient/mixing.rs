@@ -1,0 +1,147 @@
+//! Weights of turns by which a cell continues over faces where no turns of the elements do.
+//!
+//! An element with one of its turns is a sheet. Over each face a sheet of one element continues in one sheet of the
+//! other. Around a node the sheets that continue in each other form leaves; a leaf around an edge with three hexes
+//! winds through several sheets of each element. At a node of a bad face all sheets of a leaf get the same weight,
+//!
+//! w = (number of elements whose own turn is in the leaf) / (number of its sheets),
+//!
+//! at all other nodes the own turn has weight 1. The weights of an element sum to one at each node. Interpolated
+//! between corners they agree on both sides of a face for sheets that continue there, and so do their sums.
+
+use super::search::{Faces, Search};
+use super::views::NO_TURN;
+use crate::scaffold::Scaffold;
+use crate::tiling::mixture::{MixedTurn, Mixture};
+use druse_geometry::frame::Mat3;
+use druse_geometry::union_find::UnionFind;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Least weight that counts.
+const MIN_WEIGHT: f64 = 1e-12;
+
+/// An element and the class of one of its turns.
+type Sheet = (u32, u8);
+
+/// The mixture that closes bad faces; `None` if a sheet at one of them does not continue in a single sheet.
+/// `turned` is the scaffold in the turns `turns`.
+pub(super) fn mixture(
+    search: &Search,
+    faces: &Faces,
+    bad: &[u32],
+    turns: &[u8],
+    turned: &Scaffold,
+) -> Option<Mixture> {
+    let mut nodes = BTreeSet::new();
+    for &place in bad {
+        let element = faces.list[place as usize].elements[0] as usize;
+        let own = search.scaffold.faces_of(element);
+        let own = own.filter(|f| faces.place(*f) == Some(place));
+        nodes.extend(own.flat_map(|f| crate::tiling::interface::corners(search.scaffold, f).1));
+    }
+    let mut stars: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for e in search.scaffold.elements() {
+        let corners = &e.nodes()[..e.kind().corner_count()];
+        for node in corners.iter().filter(|n| nodes.contains(n)) {
+            let star = stars.entry(*node).or_default();
+            // A degenerate element repeats a node.
+            if star.last() != Some(&(e.index() as u32)) {
+                star.push(e.index() as u32);
+            }
+        }
+    }
+    // By element and class of turn the weights at the corners; other nodes keep the own turn.
+    let mut weights: BTreeMap<u32, BTreeMap<u8, [f64; 8]>> = BTreeMap::new();
+    for (&node, star) in &stars {
+        for (&(element, class), w) in &node_weights(search, faces, turns, (node, star))? {
+            let own_class = search.class(element as usize, turns[element as usize]);
+            let e = turned.element(element as usize);
+            let corners = &e.nodes()[..e.kind().corner_count()];
+            let by_class = weights.entry(element).or_insert_with(|| {
+                let mut own = [0.0; 8];
+                for (w, corner) in own.iter_mut().zip(corners) {
+                    *w = f64::from(u8::from(!nodes.contains(corner)));
+                }
+                BTreeMap::from([(own_class, own)])
+            });
+            let at_corners = by_class.entry(class).or_default();
+            for (v, _) in corners.iter().enumerate().filter(|(_, c)| **c == node) {
+                at_corners[v] = *w;
+            }
+        }
+    }
+    let mut mixed = BTreeMap::new();
+    for (element, mut by_class) in weights {
+        by_class.retain(|_, w| w.iter().any(|w| *w > MIN_WEIGHT));
+        if by_class.len() == 1 {
+            continue;
+        }
+        let all = search.turns(element as usize);
+        let own: Mat3 = all[usize::from(turns[element as usize])].matrix;
+        let turn = |(class, weights): (u8, [f64; 8])| {
+            let found = search.turn_of_class(element as usize, class)?;
+            // The elements are numbered in their own turns by now.
+            let matrix = all[usize::from(found)].matrix * own.transpose();
+            Some(MixedTurn { matrix, weights })
+        };
+        mixed.insert(
+            element,
+            by_class.into_iter().map(turn).collect::<Option<_>>()?,
+        );
+    }
+    Some(Mixture::new(mixed))
+}
+
+/// The weights of the sheets around a node.
+fn node_weights(
+    search: &Search,
+    faces: &Faces,
+    turns: &[u8],
+    (node, star): (u32, &[u32]),
+) -> Option<BTreeMap<Sheet, f64>> {
+    let mut sheets: Vec<Sheet> = Vec::new();
+    for &e in star {
+        let classes: BTreeSet<u8> = search.classes(e as usize).collect();
+        sheets.extend(classes.into_iter().map(|c| (e, c)));
+    }
+    let number = |s: Sheet| sheets.binary_search(&s).ok();
+    let mut leaves = UnionFind::new(sheets.len());
+    for (n, &(e, class)) in sheets.iter().enumerate() {
+        let turn = search.turn_of_class(e as usize, class)?;
+        for f in search.scaffold.faces_of(e as usize) {
+            let Some(face) = faces.get(f) else { continue };
+            let corners = crate::tiling::interface::corners(search.scaffold, f).1;
+            if !corners.contains(&node) {
+                continue;
+            }
+            let next = search.next(&face, turn);
+            if next == NO_TURN {
+                return None;
+            }
+            let other = face.elements[1];
+            let next_class = search.class(other as usize, next);
+            // The way back must lead to the same sheet, or the two sides would weigh different ones.
+            let back = search.next(&face.reversed(), next);
+            if back == NO_TURN || search.class(e as usize, back) != class {
+                return None;
+            }
+            leaves.union(n, number((other, next_class))?);
+        }
+    }
+    let (labels, count) = leaves.labels(0..sheets.len());
+    let (mut size, mut chosen) = (vec![0.0; count], vec![0.0; count]);
+    for (&(e, class), label) in sheets.iter().zip(&labels) {
+        size[*label as usize] += 1.0;
+        if search.class(e as usize, turns[e as usize]) == class {
+            chosen[*label as usize] += 1.0;
+        }
+    }
+    let weight = |label: u32| chosen[label as usize] / size[label as usize];
+    Some(
+        sheets
+            .iter()
+            .zip(&labels)
+            .map(|(&sheet, &label)| (sheet, weight(label)))
+            .collect(),
+    )
+}
