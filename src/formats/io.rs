@@ -52,6 +52,7 @@ mod polygon_draft;
 mod polygons;
 mod polymesh;
 mod scaffold;
+mod scalar;
 mod source;
 mod stl;
 mod table;

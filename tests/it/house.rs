@@ -27,7 +27,7 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("tilings", 30750),
     ("effective", 7450),
     ("crystal", 7900),
-    ("formats", 19850),
+    ("formats", 19750),
     ("solids", 5450),
     ("vdb", 11200),
     ("recipe", 5650),

@@ -1,6 +1,7 @@
 //! A reader of numbers from text or binary sections.
 
 use super::error::ReadError;
+use super::number;
 use super::source::{Source, quote};
 
 /// The encoding of numbers.
@@ -18,6 +19,8 @@ pub(super) enum Encoding {
 pub(super) struct Tokens {
     pub source: Source,
     pub encoding: Encoding,
+    /// Begins a comment up to the end of its line.
+    pub comment: Option<char>,
     line: String,
     at: usize,
 }
@@ -27,6 +30,7 @@ impl Tokens {
         Self {
             source,
             encoding: Encoding::Text,
+            comment: None,
             line: String::new(),
             at: 0,
         }
@@ -39,7 +43,10 @@ impl Tokens {
             self.line.clear();
             match self.source.line()? {
                 None => return Ok(None),
-                Some(text) => self.line.push_str(text.trim()),
+                Some(text) => {
+                    let end = self.comment.and_then(|c| text.find(c));
+                    self.line.push_str(text[..end.unwrap_or(text.len())].trim());
+                }
             }
             if !self.line.is_empty() {
                 self.at = self.line.len();
@@ -56,30 +63,58 @@ impl Tokens {
         Ok(&self.line)
     }
 
-    /// Makes the words of the next line available to [`Self::word`].
-    fn fill(&mut self, what: &str) -> Result<(), ReadError> {
+    /// Advances to the line of the next word; returns false at the end of the file.
+    fn find_word(&mut self) -> Result<bool, ReadError> {
         while self.line[self.at..].trim_start().is_empty() {
-            self.needed_line(what)?;
+            if self.line()?.is_none() {
+                return Ok(false);
+            }
             self.at = 0;
+        }
+        Ok(true)
+    }
+
+    /// The next word of text; `None` at the end of the file.
+    pub fn next_word(&mut self) -> Result<Option<&str>, ReadError> {
+        if !self.find_word()? {
+            return Ok(None);
+        }
+        let rest = &self.line[self.at..];
+        let start = self.at + rest.len() - rest.trim_start().len();
+        let length = self.line[start..].find(char::is_whitespace);
+        self.at = length.map_or(self.line.len(), |n| start + n);
+        Ok(Some(&self.line[start..self.at]))
+    }
+
+    /// The next word of text; the end of the file is an error.
+    pub fn word(&mut self, what: &str) -> Result<&str, ReadError> {
+        if !self.find_word()? {
+            return Err(self.end(what));
+        }
+        Ok(self.next_word()?.unwrap_or_default())
+    }
+
+    /// Skips the line of the next word.
+    pub fn skip_line(&mut self) -> Result<(), ReadError> {
+        self.find_word()?;
+        self.at = self.line.len();
+        Ok(())
+    }
+
+    /// Skips all words up to one that begins with a letter.
+    pub fn skip_numbers(&mut self) -> Result<(), ReadError> {
+        while let Some(word) = self.next_word()? {
+            if word.starts_with(|c: char| c.is_ascii_alphabetic()) {
+                self.at -= word.len();
+                break;
+            }
         }
         Ok(())
     }
 
-    /// The next word of text.
-    pub fn word(&mut self, what: &str) -> Result<&str, ReadError> {
-        self.fill(what)?;
-        let rest = &self.line[self.at..];
-        let start = self.at + rest.len() - rest.trim_start().len();
-        let length = self.line[start..]
-            .find(char::is_whitespace)
-            .unwrap_or(self.line.len() - start);
-        self.at = start + length;
-        Ok(&self.line[start..start + length])
-    }
-
-    fn parse<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, ReadError> {
+    fn parse<T>(&mut self, what: &str, value: impl Fn(&str) -> Option<T>) -> Result<T, ReadError> {
         let word = self.word(what)?;
-        if let Ok(value) = word.parse() {
+        if let Some(value) = value(word) {
             return Ok(value);
         }
         let found = quote(word);
@@ -97,7 +132,7 @@ impl Tokens {
     /// A signed integer: 32 bits in binary, up to 64 bits in text.
     pub fn int(&mut self, what: &str) -> Result<i64, ReadError> {
         match self.encoding {
-            Encoding::Text => self.parse(what),
+            Encoding::Text => self.parse(what, |w| w.parse().ok()),
             _ => Ok(i64::from(i32::from_le_bytes(self.binary(what)?))),
         }
     }
@@ -105,15 +140,15 @@ impl Tokens {
     /// A 64-bit unsigned integer.
     pub fn size(&mut self, what: &str) -> Result<u64, ReadError> {
         match self.encoding {
-            Encoding::Text => self.parse(what),
+            Encoding::Text => self.parse(what, |w| w.parse().ok()),
             _ => Ok(u64::from_le_bytes(self.binary(what)?)),
         }
     }
 
-    /// A 64-bit real number.
+    /// A real number, 64 bits in binary.
     pub fn double(&mut self, what: &str) -> Result<f64, ReadError> {
         match self.encoding {
-            Encoding::Text => self.parse(what),
+            Encoding::Text => self.parse(what, |w| number::real(w.as_bytes())),
             _ => Ok(f64::from_le_bytes(self.binary(what)?)),
         }
     }

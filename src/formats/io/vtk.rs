@@ -5,7 +5,6 @@
 //! number of nodes; polygons and triangle strips of a grid become triangles. The content of a file, not its
 //! extension, decides between grid and polygons. Point and cell data become fields.
 
-mod array;
 mod legacy;
 mod poly;
 mod types;

@@ -3,12 +3,14 @@
 //! In text each element takes a line, or several if a line is too short. Further numbers on its line are
 //! ignored, unless the file has fewer lines than elements: then they belong to the next element.
 
-use super::header::{Format, Header, Layer, Role, Scalar};
+use super::header::{Header, Layer, Role};
 use crate::io::error::{Place, ReadError};
 use crate::io::number;
 use crate::io::number::words;
 use crate::io::polygons::Soup;
+use crate::io::scalar::Scalar;
 use crate::io::source::{Source, quote};
+use crate::io::tokens::Encoding;
 use druse_crystal::polymesh::Faces;
 use druse_geometry::frame::{Vec3, is_in_range};
 
@@ -33,7 +35,7 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
     for layer in header.layers.iter().filter(|l| !l.properties.is_empty()) {
         let min_bytes: usize = match format {
             // A digit and a separator each; the last line may lack its end.
-            Format::Text => 2 * layer.properties.len() - 1,
+            Encoding::Text => 2 * layer.properties.len() - 1,
             _ => layer
                 .properties
                 .iter()
@@ -97,7 +99,7 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
         // The next layer may begin on the same line.
         (line, at) = (rows.line, rows.at);
     }
-    let known = format != Format::Text && source.size() != u64::MAX;
+    let known = format != Encoding::Text && source.size() != u64::MAX;
     Ok(Content {
         points,
         normals,
@@ -109,7 +111,7 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
 /// A reader of elements from lines of text or binary data.
 struct Rows<'a> {
     source: &'a mut Source,
-    format: Format,
+    format: Encoding,
     layer: &'a Layer,
     /// The numbers of the current line, and the index of the next one.
     line: Vec<f64>,
@@ -121,7 +123,7 @@ struct Rows<'a> {
 impl Rows<'_> {
     fn next(&mut self) -> Result<(), ReadError> {
         self.number += 1;
-        if self.format == Format::Text && self.at == self.line.len() {
+        if self.format == Encoding::Text && self.at == self.line.len() {
             self.fill()?;
         }
         Ok(())
@@ -153,7 +155,7 @@ impl Rows<'_> {
     }
 
     fn number(&mut self, kind: Scalar) -> Result<f64, ReadError> {
-        if self.format == Format::Text {
+        if self.format == Encoding::Text {
             if self.at == self.line.len() {
                 self.fill()?;
             }
@@ -171,20 +173,15 @@ impl Rows<'_> {
             }
             return Ok(x);
         }
-        let n = kind.size();
-        let mut bytes = [0u8; 8];
-        match self.source.bytes(n, "") {
-            Ok(own) => bytes[..n].copy_from_slice(own),
+        let big_endian = self.format == Encoding::Big;
+        match self.source.bytes(kind.size(), "") {
+            Ok(bytes) => Ok(kind.real(bytes, big_endian)),
             Err(e) => {
                 let what = format!("a number of {} {}", self.layer.name, self.number);
-                return Err(ReadError::data(e.path(), e.place(), e.found(), what)
-                    .with_hint("the file looks truncated"));
+                Err(ReadError::data(e.path(), e.place(), e.found(), what)
+                    .with_hint("the file looks truncated"))
             }
         }
-        if self.format == Format::Big {
-            bytes[..n].reverse();
-        }
-        Ok(kind.number(bytes))
     }
 
     fn bad(&self, found: impl Into<String>, expected: &str) -> ReadError {
@@ -195,7 +192,7 @@ impl Rows<'_> {
             _ => "element",
         };
         let place = match self.format {
-            Format::Text => Place::ItemOnLine(what, self.number, self.source.line_number()),
+            Encoding::Text => Place::ItemOnLine(what, self.number, self.source.line_number()),
             _ => Place::Item(what, self.number),
         };
         ReadError::data(self.source.path(), place, found, expected)
@@ -205,7 +202,7 @@ impl Rows<'_> {
         let x = self.number(kind)?;
         let left = self.source.remaining();
         let room = match self.format {
-            Format::Text => (self.line.len() - self.at) as u64 + left,
+            Encoding::Text => (self.line.len() - self.at) as u64 + left,
             _ => left / item.size() as u64,
         };
         if !(x >= 0.0 && x.fract() == 0.0 && x <= room as f64) {

@@ -1,76 +1,10 @@
 //! The header of PLY: the elements of the file and their properties.
 
 use crate::io::error::ReadError;
+use crate::io::scalar::Scalar;
 use crate::io::source::{Source, quote};
+use crate::io::tokens::Encoding;
 use druse_geometry::frame::LengthUnit;
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Scalar {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-}
-
-impl Scalar {
-    fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "char" | "int8" => Self::I8,
-            "uchar" | "uint8" => Self::U8,
-            "short" | "int16" => Self::I16,
-            "ushort" | "uint16" => Self::U16,
-            "int" | "int32" => Self::I32,
-            "uint" | "uint32" => Self::U32,
-            "int64" | "long" => Self::I64,
-            "uint64" | "ulong" => Self::U64,
-            "float" | "float32" => Self::F32,
-            "double" | "float64" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    pub fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
-    }
-
-    fn is_whole(self) -> bool {
-        !matches!(self, Self::F32 | Self::F64)
-    }
-
-    /// The number in little-endian bytes.
-    pub fn number(self, b: [u8; 8]) -> f64 {
-        match self {
-            Self::I8 => f64::from(b[0] as i8),
-            Self::U8 => f64::from(b[0]),
-            Self::I16 => f64::from(i16::from_le_bytes([b[0], b[1]])),
-            Self::U16 => f64::from(u16::from_le_bytes([b[0], b[1]])),
-            Self::I32 => f64::from(i32::from_le_bytes([b[0], b[1], b[2], b[3]])),
-            Self::U32 => f64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])),
-            Self::I64 => i64::from_le_bytes(b) as f64,
-            Self::U64 => u64::from_le_bytes(b) as f64,
-            Self::F32 => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
-            Self::F64 => f64::from_le_bytes(b),
-        }
-    }
-}
-
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Format {
-    Text,
-    Little,
-    Big,
-}
 
 /// A property: a list if it has a type for its length, otherwise a scalar.
 pub(super) struct Property {
@@ -105,7 +39,7 @@ impl Layer {
             _ => return,
         };
         let lists = || self.properties.iter().enumerate();
-        let is_list = |p: &Property| p.length.is_some() && p.kind.is_whole();
+        let is_list = |p: &Property| p.length.is_some() && !p.kind.is_float();
         let named = lists().find(|(_, p)| {
             p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index")
         });
@@ -118,7 +52,7 @@ impl Layer {
 }
 
 pub(super) struct Header {
-    pub format: Format,
+    pub format: Encoding,
     pub layers: Vec<Layer>,
     pub unit: Option<LengthUnit>,
 }
@@ -143,9 +77,9 @@ pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
             ["end_header"] => break,
             ["format", name, ..] => {
                 format = Some(match name {
-                    "ascii" => Format::Text,
-                    "binary_little_endian" => Format::Little,
-                    "binary_big_endian" => Format::Big,
+                    "ascii" => Encoding::Text,
+                    "binary_little_endian" => Encoding::Little,
+                    "binary_big_endian" => Encoding::Big,
                     _ => {
                         return Err(source.bad(
                             quote(name),
@@ -200,8 +134,12 @@ pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
 
 fn property(words: &[&str], layer: &str) -> Option<Property> {
     let (length, kind, name) = match *words {
-        ["list", length, kind, name] => (Some(Scalar::named(length)?), Scalar::named(kind)?, name),
-        [kind, name] => (None, Scalar::named(kind)?, name),
+        ["list", length, kind, name] => (
+            Some(Scalar::from_ply(length)?),
+            Scalar::from_ply(kind)?,
+            name,
+        ),
+        [kind, name] => (None, Scalar::from_ply(kind)?, name),
         _ => return None,
     };
     let name = name.to_ascii_lowercase();

@@ -1,11 +1,11 @@
 //! Legacy `.vtk` files, versions 2 to 5.1. Keywords are read in any case.
 
-use super::array::Scalar;
 use super::poly::{Polygons, Section};
 use super::{Cells, VtkFile};
 use crate::io::collector::Collector;
 use crate::io::element_file::FieldAt;
 use crate::io::error::ReadError;
+use crate::io::scalar::Scalar;
 use crate::io::source::{Source, quote};
 use crate::io::tokens::Tokens;
 use std::path::Path;

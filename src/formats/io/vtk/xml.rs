@@ -2,12 +2,12 @@
 
 mod data;
 
-use super::array::Scalar;
 use super::poly::{Polygons, SECTIONS, Section};
 use super::{Cells, VtkFile};
 use crate::io::collector::Collector;
 use crate::io::element_file::FieldAt;
 use crate::io::error::{Place, ReadError};
+use crate::io::scalar::Scalar;
 use crate::io::source::{Source, quote};
 use crate::io::unpack_limit::Allowance;
 use data::{Appended, Format};

@@ -3,7 +3,7 @@
 //! An array is its length in bytes and the bytes; compressed, it is the number of blocks, the size
 //! of a block, the size of the last one (0 if full), the compressed size of each, and the blocks.
 
-use super::super::array::Scalar;
+use crate::io::scalar::Scalar;
 use crate::io::source::quote;
 use crate::io::unpack_limit::Allowance;
 use flate2::read::ZlibDecoder;

@@ -1,4 +1,4 @@
-//! The number types of VTK and their decoding.
+//! The number types of binary files and their decoding.
 
 /// A number type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +50,23 @@ impl Scalar {
         })
     }
 
+    /// The type of a name in the header of a PLY file.
+    pub fn from_ply(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "int64" | "long" => Self::I64,
+            "uint64" | "ulong" => Self::U64,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
     /// The size of a number in bytes.
     pub fn size(self) -> usize {
         match self {
@@ -70,6 +87,7 @@ impl Scalar {
         match self {
             Self::F32 => f64::from(f32::from_bits(self.bits(bytes, big_endian) as u32)),
             Self::F64 => f64::from_bits(self.bits(bytes, big_endian)),
+            Self::U64 => self.bits(bytes, big_endian) as f64,
             _ => self.whole(bytes, big_endian) as f64,
         }
     }
