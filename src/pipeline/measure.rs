@@ -5,7 +5,6 @@ pub mod cavities;
 pub mod cut_faces;
 pub mod file_measures;
 pub mod least_wall;
-pub mod nearest;
 pub mod requirements;
 pub mod solid_measures;
 pub mod spatial_bins;

@@ -31,7 +31,7 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("solids", 5450),
     ("vdb", 11200),
     ("recipe", 5650),
-    ("pipeline", 22600),
+    ("pipeline", 22450),
     ("cli", 14650),
     ("sequence", 300),
     ("python", 2500),

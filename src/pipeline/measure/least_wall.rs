@@ -10,8 +10,7 @@
 //! that it doubles, because a large one meets most of the part. A ball counts if it is inscribed: no other
 //! part of the surface reaches into it. In convex edges one does; they have no wall thickness.
 
-use super::nearest::Site;
-use super::spatial_bins::Bins;
+use super::spatial_bins::{Bins, Site};
 use crate::frame::Vec3;
 use crate::mesh::TriMesh;
 use crate::pipeline::base::histogram::Histogram;

@@ -2,9 +2,15 @@
 //!
 //! A few searches take less time than to build a k-d tree.
 
-use super::nearest::Site;
 use crate::frame::{Aabb, Vec3};
 use rayon::prelude::*;
+
+/// A point with a value.
+#[derive(Clone, Copy)]
+pub(crate) struct Site<T> {
+    pub position: Vec3,
+    pub value: T,
+}
 
 /// Points in cubes of equal size over their box.
 pub(crate) struct Bins<T> {

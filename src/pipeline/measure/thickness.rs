@@ -14,8 +14,7 @@
 use super::least_wall::{
     BIN_EDGE_FACTOR, Phase, SurfacePoint, TouchingBall, Wall, WallSamples, ball_at,
 };
-use super::nearest::{KdTree, Site};
-use super::spatial_bins::Bins;
+use super::spatial_bins::{Bins, Site};
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
@@ -24,6 +23,9 @@ use crate::pipeline::base::error::RunError;
 use crate::progress::Cancelled;
 use crate::vdb::LevelSet;
 use rayon::prelude::*;
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 /// Approximate number of points at which thickness is measured, if the surface has more.
@@ -163,7 +165,7 @@ impl SolidGeometry {
 }
 
 /// The thickness at points of a surface, searched by the nearest point.
-pub(crate) struct Thickness(KdTree<f32>);
+pub(crate) struct Thickness(RTree<GeomWithData<[f64; 3], f32>>);
 
 impl Thickness {
     /// Measures it over the closed mesh of a solid in memory.
@@ -183,17 +185,18 @@ impl Thickness {
         solid: SolidGeometry,
     ) -> Result<Self, RunError> {
         let walls = walls(context, ("thickness", TARGET_POINTS), surface, solid)?.into_iter();
-        let sites = walls.map(|(position, wall)| Site {
-            position,
-            value: wall.thickness as f32,
-        });
-        Ok(Self(KdTree::new(sites.collect())))
+        let points =
+            walls.map(|(p, wall)| GeomWithData::new(<[f64; 3]>::from(p), wall.thickness as f32));
+        Ok(Self(RTree::bulk_load(points.collect())))
     }
 
     /// The thickness at a point, in the unit of the solid; 0 if no ball is inscribed anywhere.
     pub fn at(&self, p: Vec3) -> f32 {
-        let nearest = self.0.nearest_within(p, f64::INFINITY, |_| true);
-        nearest.map_or(0.0, |site| site.value)
+        let nearest = self.0.nearest_neighbors(&p.into()).into_iter();
+        // Of equally near points the one with the smallest coordinates, so that their order does not matter.
+        let first =
+            nearest.min_by(|a, b| a.geom().partial_cmp(b.geom()).unwrap_or(Ordering::Equal));
+        first.map_or(0.0, |point| point.data)
     }
 }
 
