@@ -3,7 +3,6 @@
 //! | frame | type | unit | origin |
 //! |---|---|---|---|
 //! | cell | [`CellPoint`] | none (hex edge 1, tet edge sqrt 2) | centroid of the reference element |
-//! | lattice | [`LatticePoint`] | lattice vectors of the cell | the same point |
 //! | world | [`WorldPoint`] | the recipe's unit | the user's |
 //! | index | [`Coord`] | voxels | world origin; sample (i, j, k) is at world `i h`, the voxel's centre |
 //!
@@ -37,10 +36,6 @@ pub fn is_in_range(x: f64) -> bool {
 /// Cartesian reference coordinates of an element (mathematics: x in R^d, origin at the centroid).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellPoint<const D: usize>(pub SVector<f64, D>);
-
-/// Coordinates u on a cell's lattice L, with x = L u.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LatticePoint<const D: usize>(pub SVector<f64, D>);
 
 /// A point of the part, in the recipe's unit.
 #[derive(Clone, Copy, Debug, PartialEq)]

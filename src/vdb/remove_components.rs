@@ -146,18 +146,6 @@ impl LevelSet {
         self.remove(ComponentSelection::AllButLargest, session)
     }
 
-    /// Removes the components of the solid with a volume below `volume` (world units cubed).
-    ///
-    /// # Errors
-    /// As [`LevelSet::remove`].
-    pub fn remove_small(
-        &mut self,
-        volume: f64,
-        session: Session<'_>,
-    ) -> Result<RemovedComponents, VdbError> {
-        self.remove(ComponentSelection::SmallerThan(volume), session)
-    }
-
     /// Fills the voids of at most `volume` (world units cubed); infinity fills all.
     ///
     /// # Errors

@@ -22,15 +22,6 @@ impl<const D: usize> Orbit<D> {
         let negative = self.representative().map(|c| -c);
         self.members.binary_search(&negative).is_ok()
     }
-
-    /// The factor of the orthonormal function in front of the sum over all operators,
-    /// K = (|L| |S| |Stab|)^(-1/2) (Eq. 5).
-    pub fn normalisation(&self, lattice: &Lattice<D>) -> f64 {
-        let s = self.stabiliser_order as f64;
-        (lattice.volume() * s * s * self.members.len() as f64)
-            .sqrt()
-            .recip()
-    }
 }
 
 impl<const D: usize> PointGroup<D> {

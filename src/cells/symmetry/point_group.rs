@@ -314,22 +314,6 @@ impl<const D: usize> PointGroup<D> {
             .collect()
     }
 
-    /// Whether the group contains the inversion x -> -x. All invariant real functions then have real
-    /// coefficients.
-    pub fn contains_inversion(&self) -> bool {
-        let inversion = Operator::new(Operator::<D>::identity().rows().map(|r| r.map(|c| -c)));
-        self.operators.contains(&inversion)
-    }
-
-    /// The operators that fix the index `k`.
-    pub fn stabiliser(&self, k: Frequency<D>) -> Vec<Operator<D>> {
-        self.operators
-            .iter()
-            .filter(|op| op.apply_to_frequency(k) == k)
-            .copied()
-            .collect()
-    }
-
     /// The representative of the orbit of `k`: its lexicographically largest member.
     pub fn canonical(&self, k: Frequency<D>) -> Frequency<D> {
         self.operators

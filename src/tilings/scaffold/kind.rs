@@ -198,11 +198,6 @@ impl Kind {
         self.row().edges
     }
 
-    /// The mid node of an edge of a quadratic kind.
-    pub fn edge_mid(self, edge: usize) -> Option<u8> {
-        (self.degree() == 2).then(|| (self.corner_count() + edge) as u8)
-    }
-
     /// The faces, in the order of [`Element::faces`]; planar kinds have none.
     pub fn faces(self) -> &'static [FaceNodes] {
         self.row().faces

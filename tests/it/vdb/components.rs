@@ -4,7 +4,7 @@ use super::{THREADS, ball, complement, cube, intersection, level_set, session, s
 use druse::band::{LeafBatch, LeafSink};
 use druse::field::{BoxSolid, Sphere};
 use druse::frame::{Aabb, Coord, Transform, Vec3};
-use druse::vdb::{LeafView, LevelSet, LevelSetBuilder};
+use druse::vdb::{ComponentSelection, LeafView, LevelSet, LevelSetBuilder};
 
 fn at(x: f64, y: f64, z: f64, radius: f64) -> Sphere {
     Sphere {
@@ -220,14 +220,15 @@ fn small_pieces_go_by_volume() {
         union(at(20.0, 0.0, 0.0, 4.0), at(-20.0, 0.0, 0.0, 2.0)),
     );
     let mut s = level_set(&field, cube(25.0), 0.5);
-    let dropped = s.remove_small(ball(3.0), session()).unwrap();
+    let remove_small = |s: &mut LevelSet, volume| {
+        let small = ComponentSelection::SmallerThan(volume);
+        s.remove(small, session()).unwrap()
+    };
+    let dropped = remove_small(&mut s, ball(3.0));
     assert_eq!(dropped.components, 1);
     assert_eq!(s.components(session()).unwrap().len(), 2);
-    assert_eq!(s.remove_small(ball(3.0), session()).unwrap().components, 0);
-    assert_eq!(
-        s.remove_small(f64::INFINITY, session()).unwrap().components,
-        2
-    );
+    assert_eq!(remove_small(&mut s, ball(3.0)).components, 0);
+    assert_eq!(remove_small(&mut s, f64::INFINITY).components, 2);
     let mut active = 0;
     s.for_each_leaf(|leaf: LeafView<'_>| active += leaf.active().count())
         .unwrap();
