@@ -6,7 +6,7 @@ use super::output::Answer;
 use crate::frame::{LengthUnit, figures};
 use crate::io::atomic::require_writable;
 use crate::pipeline;
-use crate::pipeline::{GradeOptions, GradeReport, GradeRule, RunOptions};
+use crate::pipeline::{GradeOptions, GradeReport, GradeRule};
 use crate::recipe::Recipe;
 use clap::{Args, ValueEnum};
 use std::fmt::Write;
@@ -122,12 +122,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         exponent: positive("--exponent", p.exponent)?,
         unit: p.unit,
     };
-    let run = RunOptions {
-        threads: p.threads,
-        strict: session.strict(),
-        isolated: Some(super::vdb::reader()?),
-        ..RunOptions::default()
-    };
+    let run = super::vdb::run_options(p.threads, session)?;
     let report = pipeline::grade(&recipe, (&run, &options), &p.output, session)?;
     session.finish();
     let mut text = describe(&report, recipe.unit());

@@ -21,11 +21,8 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let options = RunOptions {
-        threads: p.threads,
         out: p.out.clone(),
-        strict: session.strict(),
-        isolated: Some(super::vdb::reader()?),
-        ..RunOptions::default()
+        ..super::vdb::run_options(p.threads, session)?
     };
     if super::sequence_plan::is_sequence(&p.plan) {
         return super::sequence_plan::merge(&p.plan, options, session);

@@ -54,13 +54,10 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
     crate::io::atomic::require_writable(&p.output)?;
     let options = RunOptions {
-        threads: p.threads,
         memory: Some(p.memory),
         bricks: p.bricks,
         out: p.out.clone(),
-        strict: session.strict(),
-        isolated: Some(super::vdb::reader()?),
-        ..RunOptions::default()
+        ..super::vdb::run_options(p.threads, session)?
     };
     if let Some(frames) = &p.frames {
         return sequence(p, frames, &options, session);

@@ -52,17 +52,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     };
     let temporary_path = temporary.as_ref().map(|t| t.path().to_owned());
     let options = RunOptions {
-        threads: p.threads,
         memory: p.memory,
         bricks: p.bricks,
         out: p.out.clone().or(temporary_path),
         // The recipe came with the file: its names are not the user's own.
         confined: true,
-        strict: session.strict(),
         brief: p.out.is_none(),
-        isolated: Some(super::vdb::reader()?),
         expected_inputs: origin.inputs.clone(),
-        ..RunOptions::default()
+        ..super::vdb::run_options(p.threads, session)?
     };
     let report = run(&recipe, &options, session).map_err(|e| refusal(path, e))?;
     session.finish();

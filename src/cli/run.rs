@@ -123,14 +123,10 @@ fn inspect_voxels(recipe: &Recipe) -> Result<(), Failure> {
 
 fn options(p: &Parameters, session: &Session) -> Result<RunOptions, Failure> {
     Ok(RunOptions {
-        threads: p.threads,
         memory: p.memory,
         bricks: p.bricks,
         out: p.out.clone(),
-        strict: session.strict(),
-        brief: false,
-        isolated: Some(super::vdb::reader()?),
-        ..RunOptions::default()
+        ..super::vdb::run_options(p.threads, session)?
     })
 }
 
@@ -146,11 +142,8 @@ fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answe
         ));
     }
     let options = RunOptions {
-        threads: p.threads,
         memory: p.memory,
-        strict: session.strict(),
-        isolated: Some(super::vdb::reader()?),
-        ..RunOptions::default()
+        ..super::vdb::run_options(p.threads, session)?
     };
     let left = pipeline::make_bricks(&p.recipe, &p.brick, &options, session)?;
     session.finish();

@@ -223,12 +223,9 @@ pub(super) fn make_items(p: &super::run::Parameters, session: &Session) -> Resul
         ));
     }
     let options = RunOptions {
-        threads: p.threads,
         memory: p.memory,
         out: p.out.clone(),
-        strict: session.strict(),
-        isolated: Some(super::vdb::reader()?),
-        ..RunOptions::default()
+        ..super::vdb::run_options(p.threads, session)?
     };
     let opened = Opened::new(&p.recipe, options)?;
     let count = opened.plan.items.len();

@@ -335,3 +335,14 @@ fn drain(stream: &mut TcpStream) {
         }
     }
 }
+
+/// The head of a binary answer: the length of a description, and the description.
+pub(super) fn headed(about: &serde_json::Value) -> Vec<u8> {
+    let mut text = about.to_string();
+    while !text.len().is_multiple_of(4) {
+        text.push(' ');
+    }
+    let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
+    bytes.extend(text.bytes());
+    bytes
+}

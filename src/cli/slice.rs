@@ -112,11 +112,8 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         _ => Format::Png,
     });
     let options = RunOptions {
-        threads: p.threads,
-        strict: session.strict(),
-        isolated: Some(super::vdb::reader()?),
         opened,
-        ..RunOptions::default()
+        ..super::vdb::run_options(p.threads, session)?
     };
     let how = SliceOptions {
         axis: p.axis as usize,

@@ -88,7 +88,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         let options = RunOptions {
             out: p.out.as_deref().map(|out| folder_of(out, n)),
             confined: true,
-            ..options(p, session)?
+            ..super::vdb::run_options(p.threads, session)?
         };
         let head = format!("{}/{} {label}", n + 1, combinations.len());
         match pipeline::run(&c.recipe, &options, session) {
@@ -171,15 +171,6 @@ fn check_folders(out: &Path, combinations: &[Combination]) -> Result<(), Failure
     Ok(())
 }
 
-fn options(p: &Parameters, session: &Session) -> Result<RunOptions, Failure> {
-    Ok(RunOptions {
-        threads: p.threads,
-        strict: session.strict(),
-        isolated: Some(super::vdb::reader()?),
-        ..RunOptions::default()
-    })
-}
-
 /// All combinations, the last key varying fastest. Each is a valid recipe.
 fn combinations(p: &Parameters, axes: &[Axis]) -> Result<Vec<Combination>, Failure> {
     let count = axes
@@ -237,7 +228,7 @@ fn dry_run(
     combinations: &[Combination],
     session: &Session,
 ) -> Result<Answer, Failure> {
-    let options = options(p, session)?;
+    let options = super::vdb::run_options(p.threads, session)?;
     let (mut text, mut facts) = (String::new(), Vec::new());
     let (mut seconds, mut memory) = (0.0, 0);
     for (n, c) in combinations.iter().enumerate() {

@@ -2,6 +2,7 @@
 
 use super::context::Session;
 use super::failure::Failure;
+use crate::pipeline::RunOptions;
 use crate::vdb;
 use crate::vdb::subprocess::Program;
 use crate::vdb::{
@@ -78,6 +79,16 @@ pub(super) fn reader() -> Result<Program, Failure> {
     Ok(Program {
         path,
         arguments: vec![OsString::from(CHILD)],
+    })
+}
+
+/// Options of a run that reads `.vdb` files by the child.
+pub(super) fn run_options(threads: usize, session: &Session) -> Result<RunOptions, Failure> {
+    Ok(RunOptions {
+        threads,
+        strict: session.strict(),
+        isolated: Some(reader()?),
+        ..RunOptions::default()
     })
 }
 

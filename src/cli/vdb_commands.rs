@@ -140,12 +140,9 @@ impl Draft {
         let opened = self.opened.take();
         let recipe = self.recipe()?;
         let options = RunOptions {
-            threads,
-            strict: session.strict(),
             brief: true,
-            isolated: Some(super::vdb::reader()?),
             opened,
-            ..RunOptions::default()
+            ..super::vdb::run_options(threads, session)?
         };
         let report = run(&recipe, &options, session)?;
         session.finish();

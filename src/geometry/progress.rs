@@ -21,6 +21,17 @@ impl Progress for Silent {
     }
 }
 
+/// A [`Progress`] that forwards cancellation and hides stages, for work that is one unit of a stage.
+pub struct CancelOnly<'a>(pub &'a dyn Progress);
+
+impl Progress for CancelOnly<'_> {
+    fn stage(&self, _: &str, _: Option<u64>) {}
+    fn advance(&self, _: u64) {}
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+}
+
 /// The error of work that stopped because [`Progress::cancelled`] returned true; no partial result remains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("cancelled")]

@@ -12,7 +12,7 @@
 //! balls, rows of attributes, decimation, decks, welding and the file writers. Only the loops around them differ:
 //! components and fog are found on a tree or per block, meshes and attributes come whole or in patches.
 
-use super::base::context::{CancelOnly, StageContext};
+use super::base::context::StageContext;
 use super::base::error::RunError;
 use super::base::memory;
 use super::base::report::{SolidReport, StageResults};
@@ -32,7 +32,7 @@ use crate::band::{
 use crate::frame::Coord;
 use crate::io::WriteError;
 use crate::io::atomic::AtomicFile;
-use crate::progress::{Progress, Threads};
+use crate::progress::{CancelOnly, Progress, Threads};
 use crate::recipe::Recipe;
 use crate::vdb::LevelSet;
 use std::collections::BTreeMap;

@@ -129,15 +129,10 @@ pub fn cell_block(
         field: Box::new(solid),
         name: "the block".into(),
     };
-    let context = StageContext {
-        threads: session.threads,
-        progress: session.progress,
-        scale: Scale {
-            unit: LengthUnit::default(),
-            voxel_size,
-        },
-        half_width,
-        region: None,
+    let scale = Scale {
+        unit: LengthUnit::default(),
+        voxel_size,
     };
+    let context = StageContext::of_solid(session, scale, half_width);
     Ok(Some(context.sample(&shape, "band")?.0))
 }

@@ -156,6 +156,19 @@ pub enum Varying {
     Field(FieldRef),
 }
 
+impl Varying {
+    /// The same, with the nearest value outside of a file's field instead of an error.
+    pub(crate) fn or_nearest(&self) -> Self {
+        match self {
+            Self::Field(field) if field.outside == Some(Outside::Error) => Self::Field(FieldRef {
+                outside: Some(Outside::Nearest),
+                ..field.clone()
+            }),
+            other => other.clone(),
+        }
+    }
+}
+
 /// A field in a file: .vtu, .vtk, .vdb or .csv.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -1,16 +1,11 @@
 //! Merging of solids that touch in a plane of voxels.
 
 use super::error::VdbError;
-use super::smooth::{leaf_of, write_leaves};
+use super::smooth::{leaf_batches, leaf_of, write_leaves};
 use super::{LevelSet, Session};
 use crate::band::{LEAF, LeafBatch};
 use crate::field::leaf_contacts;
 use crate::frame::Coord;
-use crate::progress::Cancelled;
-use rayon::prelude::*;
-
-/// Leaves that one thread processes between two checks for cancellation.
-const CHUNK_LEAVES: usize = 256;
 
 impl LevelSet {
     /// Gives voxels in a contact plane of two solids the value that they would have without the contact, as the
@@ -78,17 +73,6 @@ impl LevelSet {
             batch.push(own.origin, mask, &values);
         };
         let all: Vec<usize> = (0..leaves.len()).collect();
-        all.par_chunks(CHUNK_LEAVES)
-            .map(|chunk| {
-                if session.progress.cancelled() {
-                    return Err(VdbError::Cancelled(Cancelled));
-                }
-                let mut batch = LeafBatch::default();
-                for &n in chunk {
-                    merge_leaf(n, &mut batch);
-                }
-                Ok(batch)
-            })
-            .collect()
+        leaf_batches(&all, session, merge_leaf)
     }
 }

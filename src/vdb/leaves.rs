@@ -173,11 +173,7 @@ impl LevelSet {
     /// # Errors
     /// Only errors of OpenVDB.
     pub fn values(&self, voxels: &[Coord]) -> Result<Vec<f32>, VdbError> {
-        let flat: Vec<[i32; 3]> = voxels.iter().map(|v| v.0).collect();
-        let mut values = vec![0.0; voxels.len()];
-        ffi::grid_values(&self.grid, flat.as_flattened(), &mut values)
-            .map_err(|e| VdbError::plain("reading values", &e))?;
-        Ok(values)
+        values_of(&self.grid, voxels)
     }
 
     /// Signed distances at world points, trilinear between voxels.
@@ -187,6 +183,15 @@ impl LevelSet {
     pub fn samples(&self, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
         samples_of(&self.grid, points)
     }
+}
+
+/// Values at voxels; the background outside.
+pub(super) fn values_of(grid: &ffi::Grid, voxels: &[Coord]) -> Result<Vec<f32>, VdbError> {
+    let flat: Vec<[i32; 3]> = voxels.iter().map(|v| v.0).collect();
+    let mut values = vec![0.0; voxels.len()];
+    ffi::grid_values(grid, flat.as_flattened(), &mut values)
+        .map_err(|e| VdbError::plain("reading values", &e))?;
+    Ok(values)
 }
 
 /// Values at world points, trilinear between voxels; the background outside.

@@ -1,19 +1,15 @@
 //! Offsets and wider bands by closest-point redistancing.
 
 use super::error::VdbError;
-use super::smooth::{leaf_of, write_leaves};
+use super::smooth::{leaf_batches, leaf_of, write_leaves};
 use super::{LevelSet, Scheme, Session, Tools, ffi};
 use crate::band::{LEAF, LeafBatch, Region, SurfacePoints, VOXELS};
 use crate::frame::Coord;
-use crate::progress::Cancelled;
 use rayon::prelude::*;
 
 /// Greatest offset of one step, voxels: each leaf searches all leaves within reach, whose number grows with the
 /// third power of the offset.
 const MAX_STEP_VOXELS: f64 = 48.0;
-/// Leaves that one thread processes between two checks for cancellation.
-const CHUNK_LEAVES: usize = 64;
-
 /// Parameters of a rebuild of distances.
 #[derive(Clone, Copy)]
 pub(super) struct Rebuild {
@@ -207,17 +203,6 @@ impl LevelSet {
                 batch.push(origin, moved.mask, &moved.values);
             }
         };
-        all.par_chunks(CHUNK_LEAVES)
-            .map(|chunk| {
-                if session.progress.cancelled() {
-                    return Err(VdbError::Cancelled(Cancelled));
-                }
-                let mut batch = LeafBatch::default();
-                for &origin in chunk {
-                    rebuild_leaf(origin, &mut batch);
-                }
-                Ok(batch)
-            })
-            .collect()
+        leaf_batches(&all, session, rebuild_leaf)
     }
 }

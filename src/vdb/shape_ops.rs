@@ -182,11 +182,7 @@ impl LevelSet {
         let extra = extra.clamp(0.0, 4096.0) as u32;
         self.widen(extra, session)?;
         operand.widen(extra, session)?;
-        let smoothing = Smoothing {
-            high_order: session.scheme == Scheme::Weno5,
-            normalisations: -1,
-            ..widening()
-        };
+        let smoothing = tracking(session);
         self.change("blend", session, |grid, host| {
             ffi::grid_blend(grid, operand.grid, radius, smoothing, host)
         })?;
@@ -237,11 +233,7 @@ impl LevelSet {
             });
         }
         let range = mask.range()?;
-        let smoothing = Smoothing {
-            high_order: session.scheme == Scheme::Weno5,
-            normalisations: -1,
-            ..widening()
-        };
+        let smoothing = tracking(session);
         // OpenVDB's sign: an addition to the distance shrinks the solid.
         self.change("moving the surface", session, |grid, host| {
             ffi::grid_offset_masked(grid, -distance, &mask.by.grid, range, smoothing, host)
@@ -262,11 +254,7 @@ impl LevelSet {
     ) -> Result<(), VdbError> {
         self.check_same_voxels(before)?;
         let range = mask.range()?;
-        let smoothing = Smoothing {
-            high_order: session.scheme == Scheme::Weno5,
-            normalisations: -1,
-            ..widening()
-        };
+        let smoothing = tracking(session);
         self.change("masking", session, |grid, host| {
             ffi::grid_restrict_change(grid, &before.grid, &mask.by.grid, range, smoothing, host)
         })
@@ -278,6 +266,15 @@ impl LevelSet {
     /// Only errors of OpenVDB.
     pub fn prune(&mut self, session: Session<'_>) -> Result<(), VdbError> {
         self.change("prune", session, ffi::grid_prune)
+    }
+}
+
+/// Options of OpenVDB's tracker after a change that moves the surface.
+fn tracking(session: Session<'_>) -> Smoothing {
+    Smoothing {
+        high_order: session.scheme == Scheme::Weno5,
+        normalisations: -1,
+        ..widening()
     }
 }
 

@@ -7,6 +7,7 @@ use super::{LevelSet, Scheme, Session, Tools, ffi};
 use crate::band::{LeafBatch, LeafRef, Smoother};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
+use rayon::prelude::*;
 use std::pin::Pin;
 
 /// Leaves written back at a time.
@@ -30,6 +31,26 @@ pub(super) fn leaf_of<'a>(leaves: &'a Leaves<'_>, n: usize) -> LeafRef<'a> {
         mask: l.mask,
         values: l.values,
     })
+}
+
+/// Leaves that one thread makes between two checks for cancellation.
+const CHUNK_LEAVES: usize = 64;
+
+/// The leaves that `make` adds to a batch for each item, in the order of the items.
+pub(super) fn leaf_batches<T: Copy + Sync>(
+    items: &[T],
+    session: Session<'_>,
+    make: impl Fn(T, &mut LeafBatch) + Sync,
+) -> Result<Vec<LeafBatch>, VdbError> {
+    let chunks = items.par_chunks(CHUNK_LEAVES).map(|chunk| {
+        if session.progress.cancelled() {
+            return Err(VdbError::Cancelled(Cancelled));
+        }
+        let mut batch = LeafBatch::default();
+        chunk.iter().for_each(|&item| make(item, &mut batch));
+        Ok(batch)
+    });
+    chunks.collect()
 }
 
 /// Writes leaves into a tree; replaces existing ones.

@@ -3,7 +3,7 @@
 use super::error::{FileError, VdbError};
 use super::file::{CoarseReading, GridInfo};
 use super::index_map::IndexMap;
-use super::leaves::{Leaves, samples_of};
+use super::leaves::{Leaves, samples_of, values_of};
 use super::refusal::Located;
 use super::resample::on_cubes;
 use super::value_survey::Survey;
@@ -354,11 +354,7 @@ impl Volume {
     /// # Errors
     /// Only errors of OpenVDB.
     pub fn values(&self, voxels: &[Coord]) -> Result<Vec<f32>, VdbError> {
-        let flat: Vec<[i32; 3]> = voxels.iter().map(|v| v.0).collect();
-        let mut values = vec![0.0; voxels.len()];
-        ffi::grid_values(&self.grid, flat.as_flattened(), &mut values)
-            .map_err(|e| VdbError::plain("reading values", &e))?;
-        Ok(values)
+        values_of(&self.grid, voxels)
     }
 
     /// Reads a grid of floats in this process; only for trusted files. Without a name: `surface`, else the only

@@ -81,7 +81,7 @@ pub(super) fn style() -> &'static str {
 pub(super) fn pack(scene: &Scene, title: &str) -> std::io::Result<Vec<u8>> {
     // They are read on this machine, at once.
     let (about, numbers) = describe(scene, title, Compression::fast())?;
-    let mut bytes = super::sampled::headed(&about);
+    let mut bytes = crate::cli::server::headed(&about);
     bytes.extend(numbers);
     Ok(bytes)
 }

@@ -1,7 +1,7 @@
 //! Slices of a grid: values on planes across an axis.
 
 use crate::cli::failure::Failure;
-use crate::cli::server::Refused;
+use crate::cli::server::{Refused, headed};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::vdb::{LevelSet, Volume};
 use serde_json::{Value, json};
@@ -76,15 +76,4 @@ impl Sampled {
             Grid::Volume(volume) => volume.samples(points)?,
         })
     }
-}
-
-/// The head of a binary answer: the length of a description, and the description.
-pub(super) fn headed(about: &Value) -> Vec<u8> {
-    let mut text = about.to_string();
-    while !text.len().is_multiple_of(4) {
-        text.push(' ');
-    }
-    let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
-    bytes.extend(text.bytes());
-    bytes
 }

@@ -11,7 +11,7 @@ use crate::homogenize::{
 use druse_cells::cell::{Cell, DesignProperties};
 use druse_geometry::field::Field;
 use druse_geometry::frame::Element;
-use druse_geometry::progress::Progress;
+use druse_geometry::progress::{CancelOnly, Progress};
 
 /// Samples along each edge of a voxel, from which it is solid or void.
 const FINENESS: usize = 2;
@@ -42,7 +42,7 @@ pub(super) fn figures(
     let period = Period::of_cell(cell.clone(), Packing::Bcc)?;
     let samples = period.samples(n, FINENESS, progress)?;
     let shares = sharpened(&samples.shares());
-    let found = properties(samples.grid(), &shares, settings, &Quiet(progress))?;
+    let found = properties(samples.grid(), &shares, settings, &CancelOnly(progress))?;
     let own = summary(&found);
     let tensors = Effective {
         stiffness: found.stiffness.unwrap_or_default(),
@@ -50,17 +50,6 @@ pub(super) fn figures(
         permeability: own.permeability.unwrap_or(0.0),
     };
     Ok((own, tensors))
-}
-
-/// A progress that shows no stages of its own.
-struct Quiet<'a>(&'a dyn Progress);
-
-impl Progress for Quiet<'_> {
-    fn stage(&self, _: &str, _: Option<u64>) {}
-    fn advance(&self, _: u64) {}
-    fn cancelled(&self) -> bool {
-        self.0.cancelled()
-    }
 }
 
 fn summary(found: &Properties) -> DesignProperties {

@@ -24,11 +24,17 @@ pub(crate) struct StageContext<'a> {
 impl<'a> StageContext<'a> {
     /// The context of a recipe.
     pub fn new(recipe: &Recipe, threads: &'a Threads, progress: &'a dyn Progress) -> Self {
+        let half_width = recipe.sections().band.half_width.0;
+        Self::of_solid(Session::new(threads, progress), recipe.scale(), half_width)
+    }
+
+    /// The context of a solid without a recipe.
+    pub fn of_solid(session: Session<'a>, scale: Scale, half_width: f64) -> Self {
         Self {
-            threads,
-            progress,
-            scale: recipe.scale(),
-            half_width: recipe.sections().band.half_width.0,
+            threads: session.threads,
+            progress: session.progress,
+            scale,
+            half_width,
             region: None,
         }
     }
@@ -84,16 +90,5 @@ impl StageContext<'_> {
     /// The context for a band of another half width.
     pub fn with_half_width(self, half_width: f64) -> Self {
         Self { half_width, ..self }
-    }
-}
-
-/// Progress that forwards cancellation and hides stages: a brick is one unit of its run's progress.
-pub(crate) struct CancelOnly<'a>(pub &'a dyn Progress);
-
-impl Progress for CancelOnly<'_> {
-    fn stage(&self, _: &str, _: Option<u64>) {}
-    fn advance(&self, _: u64) {}
-    fn cancelled(&self) -> bool {
-        self.0.cancelled()
     }
 }

@@ -7,11 +7,11 @@ use crate::band::{
     LeafFileError, LeafFileHead, LeafSink, LeafStore, Region, SinkError, StoreError,
 };
 use crate::frame::Coord;
-use crate::pipeline::base::context::{CancelOnly, StageContext};
+use crate::pipeline::base::context::StageContext;
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::base::report::SolidReport;
 use crate::pipeline::base::stage_timer::StageTimer;
-use crate::progress::Progress;
+use crate::progress::{CancelOnly, Progress};
 use crate::vdb::{
     ComponentSelection, FileError, LevelSet, LevelSetBuilder, StoredRemoval, VdbError,
 };

@@ -4,10 +4,10 @@ use super::BrickRun;
 use super::assemble::part;
 use super::solid::StoredSolid;
 use crate::frame::{Coord, Vec3};
-use crate::pipeline::base::context::CancelOnly;
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::base::report::OutputFile;
 use crate::pipeline::outputs::deck;
+use crate::progress::CancelOnly;
 use crate::recipe::Output;
 use std::path::Path;
 

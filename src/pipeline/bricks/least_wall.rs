@@ -6,10 +6,10 @@ use super::solid::StoredSolid;
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
-use crate::pipeline::base::context::CancelOnly;
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::measure::least_wall;
 use crate::pipeline::measure::least_wall::{MAX_BRICK_WALL, Phase, WallSamples};
+use crate::progress::CancelOnly;
 
 /// Edge of a cube, voxels. With its halo it has as many leaves as a block.
 const CUBE_EDGE: i32 = 64;

@@ -10,9 +10,9 @@ use crate::band::{
     BLOCK, Band, FinerBand, LEAF, Leaf, LeafBatch, LeafMap, LeafRef, LeafSink, Region, StoreError,
 };
 use crate::frame::{Aabb, Coord};
-use crate::pipeline::base::context::CancelOnly;
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::ops::voxels::Resampling;
+use crate::progress::CancelOnly;
 use crate::vdb::{FileError, SampledLevelSet};
 use rayon::prelude::*;
 use std::collections::BTreeMap;

@@ -5,9 +5,8 @@ use super::halo::{coarser_copies, removal_halo};
 use super::solid::{Bricks, StoredSolid};
 use super::{BrickRun, crop_where};
 use crate::band::{BLOCK, Region};
-use crate::pipeline::base::context::CancelOnly;
 use crate::pipeline::base::error::RunError;
-use crate::progress::Cancelled;
+use crate::progress::{CancelOnly, Cancelled};
 use crate::vdb::StoredSegments;
 
 /// Greatest number of blocks of a component that uses bricks of one block each, so that little is read

@@ -24,7 +24,7 @@ use crate::pipeline::inputs::source::{skeleton, skeleton_notes};
 use crate::pipeline::inputs::spatial_value::{SpatialContext, sign_hint};
 use crate::recipe;
 use crate::recipe::{
-    CellPlace, CellSection, FieldRef, Length, Outside, Recipe, Section, TilingSection, Varying,
+    CellPlace, CellSection, Length, Outside, Recipe, Section, TilingSection, Varying,
 };
 use crate::scaffold::Scaffold;
 use crate::tiling::{Boundary, Filling, TilingError, TilingOptions};
@@ -395,15 +395,7 @@ fn sized_parts(
         // the struts take the nearest value.
         spatial.values(files, thickness, scaffold.nodes())?;
     }
-    let thickness = match thickness {
-        Varying::Field(field) if field.outside == Some(Outside::Error) => {
-            Varying::Field(FieldRef {
-                outside: Some(Outside::Nearest),
-                ..field.clone()
-            })
-        }
-        other => other.clone(),
-    };
+    let thickness = thickness.or_nearest();
     let negative = |d: f64, p: Vec3| {
         Err(RunError::Tiling(format!(
             "{}: found {d} at ({:.4}, {:.4}, {:.4}); expected a thickness that is not negative{}",

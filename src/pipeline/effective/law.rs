@@ -121,7 +121,7 @@ impl Law {
             let fraction = crate::homogenize::mean(&shares);
             let mut stiffness = [[0.0; 6]; 6];
             if settings.stiffness {
-                let quiet = crate::pipeline::base::context::CancelOnly(session.progress);
+                let quiet = crate::progress::CancelOnly(session.progress);
                 let found = properties_from(grid, &shares, &properties, Some(&mut start), &quiet)
                     .map_err(failed)?;
                 stiffness = found.stiffness.unwrap_or(stiffness);

@@ -4,6 +4,7 @@ use super::{GradeOptions, GradeRule};
 use crate::frame::{Vec3, WorldPoint};
 use crate::io::{DataField, ElementFile, FieldAt, Place, ReadError, read_elements, read_frd};
 use crate::pipeline::base::error::RunError;
+use crate::pipeline::inputs::field_data::von_mises;
 use crate::pipeline::inputs::scattered_data::ScatteredPoints;
 use crate::pipeline::inputs::source::has_extension;
 use crate::scaffold::{Kind, Scaffold};
@@ -256,16 +257,4 @@ fn by_element(path: &Path, scaffold: &Scaffold, field: &Field) -> Result<Vec<f64
     Err(e
         .with_hint("*EL FILE without a set writes all elements")
         .into())
-}
-
-/// Von Mises stress of xx yy zz xy yz zx, or of nine components.
-fn von_mises(r: &[f64]) -> f64 {
-    let (d, s) = if r.len() == 6 {
-        ([r[0], r[1], r[2]], [r[3], r[4], r[5]])
-    } else {
-        ([r[0], r[4], r[8]], [r[1], r[5], r[6]])
-    };
-    let normal = (d[0] - d[1]).powi(2) + (d[1] - d[2]).powi(2) + (d[2] - d[0]).powi(2);
-    let shear: f64 = s.iter().map(|s| s * s).sum();
-    (normal / 2.0 + 3.0 * shear).sqrt()
 }

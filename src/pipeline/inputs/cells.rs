@@ -268,16 +268,11 @@ pub fn one_element(
         distance: crate::tiling::Distance::Fast,
         boundary: crate::tiling::Boundary::Cut,
     };
-    let context = StageContext {
-        threads: session.threads,
-        progress: session.progress,
-        scale: recipe::Scale {
-            unit: crate::frame::LengthUnit::default(),
-            voxel_size,
-        },
-        half_width,
-        region: None,
+    let scale = recipe::Scale {
+        unit: crate::frame::LengthUnit::default(),
+        voxel_size,
     };
+    let context = StageContext::of_solid(session, scale, half_width);
     let shape = alone.shape(options, "the element".into())?;
     Ok(context.sample(&shape, "band")?.0)
 }

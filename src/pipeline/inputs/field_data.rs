@@ -456,7 +456,7 @@ fn component(path: &Path, field: &DataField, name: Option<&str>) -> Result<Vec<f
 }
 
 /// Von Mises stress of six components in VTK's order xx yy zz xy yz zx, or of nine.
-fn von_mises(r: &[f64]) -> f64 {
+pub(crate) fn von_mises(r: &[f64]) -> f64 {
     let (d, s) = if r.len() == 6 {
         ([r[0], r[1], r[2]], [r[3], r[4], r[5]])
     } else {

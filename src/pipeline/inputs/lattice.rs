@@ -194,16 +194,11 @@ pub fn solid_picture(
     let Some(lattice) = lattice else {
         return Err(RunError::Empty("the file".into()));
     };
-    let context = StageContext {
-        threads: session.threads,
-        progress: session.progress,
-        scale: Scale {
-            unit: LengthUnit::default(),
-            voxel_size,
-        },
-        half_width,
-        region: None,
+    let scale = Scale {
+        unit: LengthUnit::default(),
+        voxel_size,
     };
+    let context = StageContext::of_solid(session, scale, half_width);
     let reach = half_width * voxel_size;
     let shape = Shape {
         field: lattice.field(mesh.as_ref(), (reach, Offsets::default())),

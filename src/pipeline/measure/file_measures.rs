@@ -8,7 +8,7 @@ use crate::pipeline::base::layer_facts::BuildReport;
 use crate::pipeline::base::void_facts::CavitiesReport;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{BuildSection, Scale};
-use crate::vdb::LevelSet;
+use crate::vdb::{LevelSet, Session};
 
 /// The cavities of a solid, as reported.
 pub(crate) fn cavities_of(
@@ -58,14 +58,7 @@ pub(crate) fn file_context<'a>(
     threads: &'a Threads,
     progress: &'a dyn Progress,
 ) -> StageContext<'a> {
-    StageContext {
-        threads,
-        progress,
-        scale: Scale {
-            unit,
-            voxel_size: solid.voxel_size(),
-        },
-        half_width: solid.half_width(),
-        region: None,
-    }
+    let voxel_size = solid.voxel_size();
+    let session = Session::new(threads, progress);
+    StageContext::of_solid(session, Scale { unit, voxel_size }, solid.half_width())
 }

@@ -48,12 +48,7 @@ pub(super) fn pack(mesh: Option<&PolyMesh>, mut about: Value) -> Vec<u8> {
             "faces": mesh.face_count(),
         });
     }
-    let mut text = about.to_string();
-    while !text.len().is_multiple_of(4) {
-        text.push(' ');
-    }
-    let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
-    bytes.extend(text.bytes());
+    let mut bytes = crate::cli::server::headed(&about);
     bytes.extend(positions.iter().flat_map(|c| c.to_le_bytes()));
     bytes.extend(numbers.iter().flat_map(|n| n.to_le_bytes()));
     bytes

@@ -5,7 +5,7 @@ use crate::frame::WorldPoint;
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::inputs::input_files::InputFiles;
 use crate::pipeline::inputs::spatial_value::SpatialContext;
-use crate::recipe::{FieldRef, Outside, TilingSection, Varying};
+use crate::recipe::TilingSection;
 use crate::tiling::Interpolation;
 
 /// A quantity that varies over a tiling.
@@ -60,16 +60,7 @@ impl CellTiling {
         let Some(thickness) = &section.thickness else {
             return Ok(None);
         };
-        let nearest = match thickness {
-            Varying::Field(field) if field.outside == Some(Outside::Error) => {
-                Varying::Field(FieldRef {
-                    outside: Some(Outside::Nearest),
-                    ..field.clone()
-                })
-            }
-            other => other.clone(),
-        };
-        let values = spatial.values(files, &nearest, &self.points)?;
+        let values = spatial.values(files, &thickness.or_nearest(), &self.points)?;
         Ok(Some(Graded::thickness(values)))
     }
 
