@@ -122,10 +122,13 @@ pub(super) fn describe_design(report: &DesignReport, text: &mut String) {
         let flow = p
             .permeability
             .map_or(String::new(), |k| format!(", permeability {k:.3e}"));
+        let way = p
+            .opening
+            .map_or(String::new(), |r| format!(", opening {r:.4}"));
         let _ = writeln!(
             text,
             "{} sharp voxels: bulk {:.5} ({:.3} of its bound), C44 {:.5}, Zener's ratio {:.3}, Poisson's ratio \
-             {:.3}, conductivity {:.4}{flow}",
+             {:.3}, conductivity {:.4}{flow}{way}",
             p.voxels, p.bulk, p.bulk_over_bound, p.c44, p.zener, p.poisson, p.conductivity
         );
     }

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct DesignFlags {
     /// Design a cell with target properties: bulk, shear, young, conductivity or permeability (the largest at
     /// the volume fraction), or a table such as '{ maximise = "bulk", zener = 1 }' with maximise, zener,
-    /// poisson, stiffness, weight, starts, evaluations, voxels.
+    /// poisson, stiffness, weight, min_opening, min_permeability, max_permeability, starts, evaluations, voxels.
     #[arg(
         long,
         value_name = "TARGET",
@@ -81,6 +81,9 @@ impl From<InverseError> for Failure {
             }
             InverseError::Disconnected(_) => {
                 "other starts (--start, --seed, starts = N), another volume fraction, or more evaluations"
+            }
+            InverseError::Infeasible { .. } => {
+                "the nearest value in target, a smaller volume fraction, or more evaluations"
             }
             _ => return Self::usage(e.to_string()),
         };

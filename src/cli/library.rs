@@ -38,6 +38,9 @@ pub(super) struct Parameters {
     /// Seed of random cells to start from.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Least width of walls and gaps, in reference lengths.
+    #[arg(long, value_name = "LENGTH")]
+    min_feature: Option<Positive>,
     /// The directory of the .cell files.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -77,6 +80,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             band_limit: Some(p.band_limit),
             start: p.start.clone(),
             seed: p.seed,
+            min_feature: p.min_feature,
             ..CellSection::default()
         };
         let name = cell_name(fraction);

@@ -40,6 +40,7 @@ mod elasticity;
 mod gradient;
 mod grid;
 mod material;
+mod opening;
 mod packing;
 mod period;
 mod phases;
@@ -60,6 +61,7 @@ pub use elasticity::{Elasticity, Stiffness};
 pub use gradient::{Derivatives, Sensitivities, by_coefficients};
 pub use grid::Grid;
 pub use material::Isotropic;
+pub use opening::{Opening, opening};
 pub use packing::Packing;
 pub use period::Period;
 #[doc(hidden)]

@@ -35,6 +35,7 @@ mod search;
 mod space;
 mod start;
 mod target;
+mod tube;
 mod verify;
 
 pub use design::{Design, Prepared, Stage, StartChoice};
@@ -48,9 +49,11 @@ pub use samples::SampledBasis;
 pub use search::Designed;
 #[doc(hidden)]
 pub use space::Space;
-pub use target::{Property, Target, UpperBounds};
+pub use target::{Miss, Property, Target, UpperBounds};
 #[doc(hidden)]
-pub use verify::properties_of;
+pub use tube::{Tube, Way};
+#[doc(hidden)]
+pub use verify::{properties_of, ways};
 
 /// Why a cell cannot be designed.
 #[derive(Debug, thiserror::Error)]
@@ -96,12 +99,37 @@ pub enum InverseError {
          and of void likewise (of a sheet on each side)"
     )]
     Disconnected(String),
+    /// Constraints that no start led to.
+    #[error(
+        "no start led to a cell that meets the constraints at volume fraction {fraction}; the nearest has {}",
+        nearest(misses)
+    )]
+    Infeasible {
+        /// The volume fraction.
+        fraction: f64,
+        /// What the nearest cell misses.
+        misses: Vec<Miss>,
+    },
     /// Effective properties cannot be had.
     #[error(transparent)]
     Homogenize(#[from] HomogenizeError),
     /// The cell cannot be made.
     #[error(transparent)]
     Cell(#[from] CellError),
+}
+
+/// What a cell reached of the constraints that it misses, rounded so that it is feasible.
+fn nearest(misses: &[Miss]) -> String {
+    let each = misses.iter().map(|m| {
+        let is_least = m.found < m.wanted;
+        let word = if is_least { "at most" } else { "at least" };
+        let rounded = target::rounded(m.found, is_least);
+        format!(
+            "{} {rounded} where {} was wanted; expected {word} {rounded}",
+            m.key, m.wanted
+        )
+    });
+    each.collect::<Vec<_>>().join(", and ")
 }
 
 impl InverseError {

@@ -42,6 +42,13 @@ pub struct TargetTable {
     pub stiffness: Option<[[Finite; 6]; 6]>,
     /// Weight of the square of the relative distance to the stiffness, beside maximise [default: 10].
     pub weight: Option<Positive>,
+    /// Least opening: radius of the greatest ball that travels through the void to the next period along every axis,
+    /// in reference lengths; of a sheet through the void on each side.
+    pub min_opening: Option<Positive>,
+    /// Least permeability of the void, mean over directions, in squares of the period.
+    pub min_permeability: Option<Positive>,
+    /// Greatest permeability of the void, in squares of the period.
+    pub max_permeability: Option<Positive>,
     /// Poisson's ratio of the solid [default: 0.3].
     pub solid_poisson: Option<Finite>,
     /// Number of starts; after each of three stages the better half goes on [default: 8].
@@ -213,6 +220,8 @@ mod tests {
             ("bluk", "bulk"),
             ("{ maximize = \"bulk\" }", "maximise"),
             ("{ zener = 0 }", "positive"),
+            ("{ min_opening = -0.1 }", "positive"),
+            ("{ min_openning = 0.1 }", "min_opening"),
             ("{ stiffness = [[1, 2]] }", "array"),
         ] {
             let refused = text.parse::<TargetWord>().unwrap_err();

@@ -2,6 +2,7 @@
 
 mod designs;
 mod gradients;
+mod openings;
 mod oracles;
 mod refusals;
 

@@ -69,6 +69,9 @@ pub struct DesignProperties {
     /// Permeability of the void, mean over the axes, period squared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub permeability: Option<f64>,
+    /// Radius of the greatest ball that travels through the void to the next period, reference lengths.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub opening: Option<f64>,
     /// Bulk modulus over its Hashin-Shtrikman bound.
     pub bulk_over_bound: f64,
     /// Mean shear modulus over its bound.

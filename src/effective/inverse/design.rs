@@ -3,7 +3,8 @@
 use super::objective::Objective;
 use super::samples::SampledBasis;
 use super::space::Space;
-use super::target::{Target, UpperBounds};
+use super::target::{Target, UpperBounds, rounded};
+use super::verify::scale;
 use super::{InverseError, Property};
 use crate::homogenize::{Control, Isotropic, Settings};
 use druse_cells::cell::{Cell, Solid, symmetry};
@@ -192,6 +193,7 @@ impl Design {
         let solid = Isotropic::new(1.0, self.solid_poisson)?;
         let bounds = UpperBounds::new(solid, VOID_SHARE, self.volume_fraction);
         self.target.check(self.volume_fraction, &bounds)?;
+        self.check_opening()?;
         let (group, lattice) =
             symmetry::<3>(self.element, self.group.as_deref(), self.lattice.as_deref())?;
         if self.element == Element::Tet && group.order() < self.element.symmetry_order() {
@@ -221,7 +223,8 @@ impl Design {
         let settings = Settings {
             solid,
             void: VOID_SHARE,
-            permeability: self.target.maximise == Some(Property::Permeability),
+            permeability: self.target.maximise == Some(Property::Permeability)
+                || self.target.bounds_flow(),
             control: Control {
                 tolerance: FIGURE_RESIDUAL,
                 ..Control::default()
@@ -235,6 +238,31 @@ impl Design {
             settings,
             grids,
         })
+    }
+}
+
+impl Design {
+    /// Refuses an opening that the void has no room for: a ball of radius R that travels through one period leaves
+    /// a tube at least one period long behind, whose volume pi R^2 is at most that of the void. A sheet has two.
+    fn check_opening(&self) -> Result<(), InverseError> {
+        let Some(radius) = self.target.min_opening else {
+            return Ok(());
+        };
+        let voids = if self.solid.is_symmetric() { 2.0 } else { 1.0 };
+        let room = ((1.0 - self.volume_fraction) / (voids * std::f64::consts::PI)).sqrt();
+        let greatest = room.min(0.5) / scale(self.element);
+        if radius > 0.0 && radius < greatest {
+            return Ok(());
+        }
+        Err(refuse(
+            "min_opening",
+            &radius,
+            format!(
+                "a radius above 0 and below {}, which leaves room for its tube at volume fraction {}",
+                rounded(greatest, true),
+                self.volume_fraction
+            ),
+        ))
     }
 }
 

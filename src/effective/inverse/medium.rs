@@ -57,7 +57,7 @@ impl Needs {
         Self {
             modes,
             conductivity: target.maximise == Some(Property::Conductivity),
-            permeability: target.maximise == Some(Property::Permeability),
+            permeability: target.maximise == Some(Property::Permeability) || target.bounds_flow(),
         }
     }
 }

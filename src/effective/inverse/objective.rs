@@ -13,9 +13,15 @@ const POISSON_WEIGHT: f64 = 30.0;
 /// Weight of the logarithm of Young's modulus in a target without another stiffness: without it the void
 /// alone, which has every ratio of the solid, would be a solution.
 const STIFFNESS_REWARD: f64 = 0.02;
+/// Weight of the square of the logarithm of a permeability over the bound that it misses.
+const FLOW_WEIGHT: f64 = 10.0;
 
 /// Most that a correction changes Zener's ratio by, as a factor.
 const MAX_CORRECTION: f64 = 1.5;
+/// Most that a correction changes a bound of the permeability by: narrow voids of grey voxels flow unlike sharp ones.
+const MAX_FLOW_CORRECTION: f64 = 5.0;
+/// Part by which a corrected bound is stricter, since a barrier always gives way a little.
+const FLOW_MARGIN: f64 = 0.03;
 
 /// Effective properties, relative to the solid; zero where the target does not need them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -114,10 +120,13 @@ impl Objective {
         &self.bounds
     }
 
-    /// The objective with the goals of `target` moved by the error of a stiffness that shares with wide interfaces
-    /// give, against that of sharp voxels.
+    /// The objective with the goals of `target` moved by the error of properties that shares with wide interfaces
+    /// give, against those of sharp voxels.
     #[must_use]
-    pub fn corrected(&self, target: &Target, wide: &Voigt, sharp: &Voigt) -> Self {
+    pub fn corrected(&self, target: &Target, wide: &Effective, sharp: &Effective) -> Self {
+        let flow_error = (wide.permeability / sharp.permeability)
+            .clamp(1.0 / MAX_FLOW_CORRECTION, MAX_FLOW_CORRECTION);
+        let (wide, sharp) = (&wide.stiffness, &sharp.stiffness);
         let zener = |c: &Voigt| {
             let [c11, c12, c44] = cubic_means(c);
             2.0 * c44 / (c11 - c12)
@@ -140,6 +149,12 @@ impl Objective {
                     goal[i][j] += wide[i][j] - sharp[i][j];
                 }
             }
+        }
+        if let Some(least) = &mut moved.min_permeability {
+            *least *= flow_error * (1.0 + FLOW_MARGIN);
+        }
+        if let Some(most) = &mut moved.max_permeability {
+            *most *= flow_error / (1.0 + FLOW_MARGIN);
         }
         Self::new(moved, self.bounds)
     }
@@ -197,6 +212,14 @@ impl Objective {
             let by = mean_slopes([-c12 / (sum * sum), c11 / (sum * sum), 0.0]);
             add(&mut cost.by_stiffness, 2.0 * POISSON_WEIGHT * off, &by);
         }
+        // The logarithm of the permeability below its least or above its greatest value.
+        let flow = |bound: Option<f64>| bound.map_or(0.0, |k| (found.permeability / k).ln());
+        let off = flow(self.target.min_permeability).min(0.0)
+            + flow(self.target.max_permeability).max(0.0);
+        if off != 0.0 {
+            cost.value += FLOW_WEIGHT * off * off;
+            cost.by_permeability += 2.0 * FLOW_WEIGHT * off / found.permeability;
+        }
         if let Some((wanted, weight)) = &self.target.stiffness {
             let size: f64 = wanted.iter().flatten().map(|v| v * v).sum();
             for i in 0..6 {
@@ -252,6 +275,17 @@ mod tests {
                 poisson,
                 stiffness,
                 ..with(None)
+            });
+        }
+        for (min_permeability, max_permeability) in [
+            (Some(3e-3), None),
+            (None, Some(1e-3)),
+            (Some(1e-3), Some(3e-3)),
+        ] {
+            targets.push(Target {
+                min_permeability,
+                max_permeability,
+                ..with(Some(Property::Bulk))
             });
         }
         for target in targets {

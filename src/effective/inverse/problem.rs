@@ -10,6 +10,7 @@ use super::medium::{Medium, Needs};
 use super::objective::{Effective, Objective};
 use super::samples::SampledBasis;
 use super::space::Space;
+use super::tube::Tube;
 use crate::homogenize::{Connectivity, Grid};
 use druse_cells::cell::Solid;
 use druse_geometry::progress::Progress;
@@ -48,6 +49,8 @@ pub struct Problem<'a> {
     /// Distances by which the surface is moved into the solid before it is evaluated: 0, or half the least
     /// feature both ways.
     pub erosions: Vec<f64>,
+    /// Where no solid may be.
+    pub tube: Option<Tube>,
 }
 
 /// The objective at one point.
@@ -173,6 +176,12 @@ impl Problem<'_> {
         })
     }
 
+    /// Coefficients of unknowns and the level of the volume fraction, in the unit of the series.
+    pub(super) fn placed(&self, unknowns: &[f64]) -> Option<(Vec<f64>, f64)> {
+        let shape = self.shape(unknowns, &self.direction())?;
+        Some((shape.coefficients, shape.level * shape.slope))
+    }
+
     /// Values of the function that the level multiplies.
     pub fn direction(&self) -> Vec<f64> {
         if self.space.is_matched() {
@@ -224,6 +233,24 @@ impl Problem<'_> {
                 by_level += by_share * s.by_level;
             }
         }
+        // The barrier is the same for all erosions: it is that of the surface itself.
+        let barrier = self.tube.as_ref().map(|tube| {
+            let at_points = |coefficients: &[f64]| tube.field(coefficients);
+            let mut field = at_points(&shape.coefficients);
+            for v in &mut field {
+                *v /= shape.slope;
+            }
+            let along = if self.space.is_matched() {
+                at_points(self.space.direction())
+            } else {
+                vec![1.0; field.len()]
+            };
+            let own = tube.barrier(&field, shape.level, &along);
+            total += own.value;
+            by_level += own.by_level;
+            let along: f64 = own.by_field.iter().zip(&field).map(|(a, b)| a * b).sum();
+            (tube.transposed(&own.by_field), along)
+        });
         let shares = self.shares(&shape.field, shape.level, &direction, 0.0);
         let rate = self.volume(&shares, |s| s.by_level);
         let voxels = self.sampled.grid().voxels() as f64;
@@ -231,7 +258,13 @@ impl Problem<'_> {
             by_field[n] -= by_level / rate * self.sampled.counts()[n] * s.by_field / voxels;
         }
         let mut by_coefficients = self.sampled.transposed(&by_field);
-        let along: f64 = by_field.iter().zip(&shape.field).map(|(a, b)| a * b).sum();
+        let mut along: f64 = by_field.iter().zip(&shape.field).map(|(a, b)| a * b).sum();
+        if let Some((by_points, by_slope)) = barrier {
+            along += by_slope;
+            for (b, own) in by_coefficients.iter_mut().zip(by_points) {
+                *b += own;
+            }
+        }
         for (b, s) in by_coefficients.iter_mut().zip(&shape.by_coefficients) {
             *b = (*b - along * s) / shape.slope;
         }

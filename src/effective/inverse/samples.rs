@@ -24,6 +24,8 @@ pub struct SampledBasis {
     /// Mean square slope of each function over the period, per reference length of the period.
     slopes: Vec<f64>,
     is_cubic: bool,
+    element: Element,
+    basis: Basis<3>,
 }
 
 /// Signed permutations of the axes that leave the field of a period unchanged.
@@ -112,11 +114,7 @@ impl SampledBasis {
             }
             counts.push(count);
             let p = Vec3::from(at.map(|c| c as f64 / (2 * n) as f64));
-            points.push(if element == Element::Tet {
-                Packing::Bcc.reference(p)
-            } else {
-                CellPoint(p)
-            });
+            points.push(reference(element, p));
         }
         let mut values = Vec::with_capacity(points.len() * basis.len());
         for p in &points {
@@ -136,6 +134,8 @@ impl SampledBasis {
             values,
             slopes,
             is_cubic: contains_tetrahedral(&operators),
+            element,
+            basis: basis.clone(),
         })
     }
 
@@ -157,6 +157,11 @@ impl SampledBasis {
     /// A point of the element in each orbit.
     pub fn points(&self) -> &[CellPoint<3>] {
         &self.points
+    }
+
+    /// Appends the values of all functions at a place in the period.
+    pub fn values_in_period(&self, p: Vec3, out: &mut Vec<f64>) {
+        values_at(&self.basis, reference(self.element, p), out);
     }
 
     /// Whether tensors of the second order are isotropic and stiffness is cubic.
@@ -222,6 +227,15 @@ impl SampledBasis {
         let rest = (&matrix * &solved - &right).norm_squared();
         let all = right.norm_squared().max(f64::MIN_POSITIVE);
         (solved.as_slice().to_vec(), 1.0 - rest / all)
+    }
+}
+
+/// The point of the element at a place in the period.
+fn reference(element: Element, p: Vec3) -> CellPoint<3> {
+    if element == Element::Tet {
+        Packing::Bcc.reference(p)
+    } else {
+        CellPoint(p)
     }
 }
 

@@ -12,6 +12,8 @@ use super::problem::{Evaluation, Interface, Problem};
 use super::samples::SampledBasis;
 use super::space::{self, Space};
 use super::start::{self, Start};
+use super::target::Miss;
+use super::tube::Tube;
 use super::verify;
 use crate::homogenize::{Control, HomogenizeError};
 use druse_cells::cell::{Cell, DesignProperties, DesignReport, DesignStep, FitReport, Solid};
@@ -22,6 +24,12 @@ use rayon::prelude::*;
 const SEARCH_RESIDUAL: f64 = 1e-4;
 /// Corrections of the goals of a target with ratios or a stiffness.
 const CORRECTIONS: usize = 2;
+/// Corrections of a target with constraints, at most.
+const CONSTRAINED_CORRECTIONS: usize = 4;
+/// Opening that a correction aims at, over the least one.
+const OPENING_MARGIN: f64 = 1.005;
+/// The least and the greatest radius of the barrier, over the least opening.
+const BARRIER_RADII: [f64; 2] = [0.95, 1.5];
 /// Part of the last stage's evaluations that each correction has.
 const CORRECTION_SHARE: f64 = 0.4;
 
@@ -37,6 +45,8 @@ struct Candidate {
     earlier: Vec<Evaluation>,
     /// The objective, with goals that corrections have moved.
     objective: Objective,
+    /// Radius of the barrier that keeps the void open, over the least opening.
+    barrier: f64,
 }
 
 impl Candidate {
@@ -114,7 +124,27 @@ impl Prepared {
                 power: own.power,
             },
             erosions: half.map_or_else(|| vec![0.0], |h| vec![h, -h]),
+            tube: None,
         }
+    }
+
+    /// The barrier around the ways through a candidate's void, where an opening is wanted.
+    fn tube(
+        &self,
+        candidate: &Candidate,
+        problem: &Problem,
+        n: usize,
+    ) -> Result<Option<Tube>, InverseError> {
+        let Some(least) = self.design.target.min_opening else {
+            return Ok(None);
+        };
+        let Some((coefficients, level)) = problem.placed(&candidate.unknowns) else {
+            return Ok(None);
+        };
+        let cell = self.cell(&coefficients, level, problem.space)?;
+        let (_, ways) = verify::ways(&cell, n)?;
+        let radius = candidate.barrier * least * verify::scale(self.design.element);
+        Ok(Some(Tube::new(problem.sampled, &ways, radius)))
     }
 
     fn media(&self, problem: &Problem) -> Vec<Medium> {
@@ -165,11 +195,18 @@ impl Prepared {
         let found: Vec<_> = all
             .par_iter()
             .map(|c| {
-                let problem = self.problem(stage, &sampled, space, &c.objective);
+                let mut problem = self.problem(stage, &sampled, space, &c.objective);
+                problem.tube = self.tube(c, &problem, self.grids[stage])?;
                 let media = self.media(&problem);
-                optimise(&problem, c.unknowns.clone(), media, evaluations, progress)
+                Ok(optimise(
+                    &problem,
+                    c.unknowns.clone(),
+                    media,
+                    evaluations,
+                    progress,
+                ))
             })
-            .collect();
+            .collect::<Result<_, InverseError>>()?;
         let mut is_stopped = false;
         for (candidate, (found, failure)) in all.iter_mut().zip(found) {
             report.history.push(DesignStep {
@@ -241,6 +278,7 @@ impl Prepared {
                 any: None,
                 earlier: Vec::new(),
                 objective: self.objective.clone(),
+                barrier: OPENING_MARGIN,
             })
             .collect();
         let known = if earlier.is_none() {
@@ -263,7 +301,8 @@ impl Prepared {
                 all.truncate(candidates(self.design.starts, stage + 1));
             }
         }
-        if !is_stopped && self.design.target.has_goals() {
+        let target = &self.design.target;
+        if !is_stopped && (target.has_goals() || target.is_constrained()) {
             is_stopped = self.correct(&mut all, &space, &mut report, progress)?;
         }
         report.complete = !is_stopped;
@@ -279,8 +318,10 @@ impl Prepared {
         progress: &dyn Progress,
     ) -> Vec<Candidate> {
         let design = &self.design;
-        let is_free =
-            design.matched.is_empty() && !design.face_normal && design.min_feature.is_none();
+        let is_free = design.matched.is_empty()
+            && !design.face_normal
+            && design.min_feature.is_none()
+            && !design.target.is_constrained();
         let has_start = !matches!(design.start, StartChoice::Several);
         if design.solid != Solid::Sheet || has_start || !is_free {
             return Vec::new();
@@ -300,6 +341,7 @@ impl Prepared {
                     any: found.any.map(|a| a.1),
                     earlier: Vec::new(),
                     objective: self.objective.clone(),
+                    barrier: 1.0,
                 }
             });
         evaluated.collect()
@@ -316,7 +358,14 @@ impl Prepared {
     ) -> Result<bool, InverseError> {
         let stage = self.design.stages.len() - 1;
         let share = CORRECTION_SHARE * self.stage_evaluations(stage) as f64;
-        for round in 0..CORRECTIONS {
+        let target = &self.design.target;
+        let rounds = if target.is_constrained() {
+            CONSTRAINED_CORRECTIONS
+        } else {
+            CORRECTIONS
+        };
+        for round in 0..rounds {
+            let mut is_met = true;
             for candidate in all.iter_mut() {
                 let Some(best) = candidate.best.as_ref().or(candidate.any.as_ref()) else {
                     continue;
@@ -324,18 +373,25 @@ impl Prepared {
                 let cell = self.cell(&best.coefficients, best.level, space)?;
                 let fine = 2 * self.design.voxels;
                 match verify::figures(&cell, fine, &self.settings, progress) {
-                    Ok((_, found)) => {
-                        candidate.objective = self.objective.corrected(
-                            &self.design.target,
-                            &best.effective.stiffness,
-                            &found.stiffness,
-                        );
+                    Ok((own, found)) => {
+                        is_met &= target.misses(&own).is_empty();
+                        candidate.objective =
+                            self.objective.corrected(target, &best.effective, &found);
+                        // The barrier gives way a little: it is moved by what the opening misses.
+                        if let (Some(least), Some(found)) = (target.min_opening, own.opening) {
+                            let moved = candidate.barrier * OPENING_MARGIN * least / found;
+                            candidate.barrier = moved.clamp(BARRIER_RADII[0], BARRIER_RADII[1]);
+                        }
                     }
                     Err(e) if e.is_cancelled() => return Ok(true),
                     Err(e) => return Err(e),
                 }
             }
-            let title = format!("correction {} of {CORRECTIONS}", round + 1);
+            // Goals have all their rounds; constraints end them as soon as every candidate meets them.
+            if is_met && (!target.has_goals() || round >= CORRECTIONS) {
+                break;
+            }
+            let title = format!("correction {} of {rounds}", round + 1);
             let effort = (stage, title.as_str(), share.ceil() as usize);
             if self.advance(effort, all, space, report, progress)? {
                 return Ok(true);
@@ -361,6 +417,7 @@ impl Prepared {
         }
         let mut fault = InverseError::Disconnected("no level gives the volume fraction".to_owned());
         let mut chosen: Option<(f64, Cell, &Candidate, Option<DesignProperties>)> = None;
+        let mut nearest: Option<Vec<Miss>> = None;
         for candidate in all {
             let last = candidate.best.as_ref().or(candidate.any.as_ref());
             let mut connected = None;
@@ -382,6 +439,14 @@ impl Prepared {
                 (best.cost, None)
             } else {
                 let (own, found) = verify::figures(&cell, fine, &self.settings, progress)?;
+                let misses = self.design.target.misses(&own);
+                if !misses.is_empty() {
+                    let size = |all: &[Miss]| all.iter().map(Miss::size).fold(0.0, f64::max);
+                    if nearest.as_ref().is_none_or(|n| size(&misses) < size(n)) {
+                        nearest = Some(misses);
+                    }
+                    continue;
+                }
                 let cost = self
                     .objective
                     .cost(&found)
@@ -396,7 +461,13 @@ impl Prepared {
             if is_stopped {
                 return Err(HomogenizeError::Cancelled(druse_geometry::progress::Cancelled).into());
             }
-            return Err(fault);
+            return Err(match nearest {
+                Some(misses) => InverseError::Infeasible {
+                    fraction: self.design.volume_fraction,
+                    misses,
+                },
+                None => fault,
+            });
         };
         report.start.clone_from(&candidate.start);
         report.objective = cost;

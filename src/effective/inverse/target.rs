@@ -2,6 +2,7 @@
 
 use super::InverseError;
 use crate::homogenize::{Bounds, Isotropic, Voigt, compliance, cubic_means, engineering};
+use druse_cells::cell::DesignProperties;
 
 /// Excess over a bound that is rounding.
 const BOUND_TOLERANCE: f64 = 1e-9;
@@ -54,6 +55,31 @@ pub struct Target {
     pub poisson: Option<f64>,
     /// A stiffness relative to the solid's Young's modulus, and its weight.
     pub stiffness: Option<(Voigt, f64)>,
+    /// Least radius of the greatest ball that travels through the void to the next period along every axis,
+    /// reference lengths; of a sheet through the void on each side.
+    pub min_opening: Option<f64>,
+    /// Least permeability of the void, mean over directions, period squared.
+    pub min_permeability: Option<f64>,
+    /// Greatest permeability of the void.
+    pub max_permeability: Option<f64>,
+}
+
+/// A constraint that a cell misses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Miss {
+    /// Its key in a recipe.
+    pub key: &'static str,
+    /// The value that was wanted.
+    pub wanted: f64,
+    /// The value of the cell.
+    pub found: f64,
+}
+
+impl Miss {
+    /// How far the value is from the one wanted, as a logarithm of their ratio.
+    pub fn size(&self) -> f64 {
+        (self.wanted.ln() - self.found.max(f64::MIN_POSITIVE).ln()).abs()
+    }
 }
 
 /// Upper bounds at a volume fraction, relative to the solid.
@@ -83,6 +109,21 @@ impl UpperBounds {
     }
 }
 
+/// A positive number with three digits, towards 0 or away from it.
+pub(super) fn rounded(value: f64, is_down: bool) -> f64 {
+    if value <= 0.0 {
+        return 0.0;
+    }
+    let unit = 10f64.powf(value.log10().floor() - 2.0);
+    let digits = if is_down {
+        (value / unit).floor()
+    } else {
+        (value / unit).ceil()
+    };
+    // The text gives the nearest number with those digits.
+    format!("{:.2e}", digits * unit).parse().unwrap_or(value)
+}
+
 fn outside(what: &'static str, found: f64, expected: String) -> InverseError {
     InverseError::Target {
         what,
@@ -106,6 +147,7 @@ impl Target {
                 "found an empty target; expected maximise, stiffness, zener or poisson".to_owned(),
             ));
         }
+        self.check_flow()?;
         if let Some(z) = self.zener.filter(|z| !(z.is_finite() && *z > 0.0)) {
             return Err(outside("zener", z, "a positive number".to_owned()));
         }
@@ -130,6 +172,66 @@ impl Target {
         check_stiffness(c, fraction, bounds)
     }
 
+    /// Refuses permeabilities that exclude each other and constraints without an aim.
+    fn check_flow(&self) -> Result<(), InverseError> {
+        for (key, given) in [
+            ("min_permeability", self.min_permeability),
+            ("max_permeability", self.max_permeability),
+        ] {
+            if let Some(k) = given.filter(|k| !(k.is_finite() && *k > 0.0 && *k < 1.0)) {
+                let expected = "a number between 0 and 1, both excluded, in squares of the period";
+                return Err(outside(key, k, expected.to_owned()));
+            }
+        }
+        if let (Some(least), Some(most)) = (self.min_permeability, self.max_permeability)
+            && least > most
+        {
+            return Err(InverseError::Conflict(format!(
+                "found min_permeability {least} above max_permeability {most}; expected at most {most}"
+            )));
+        }
+        if self.is_constrained() && self.maximise.is_none() && !self.has_goals() {
+            return Err(InverseError::Conflict(
+                "found constraints alone in target; expected maximise, stiffness, zener or poisson beside \
+                 min_opening, min_permeability or max_permeability"
+                    .to_owned(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Whether the permeability is bounded.
+    pub fn bounds_flow(&self) -> bool {
+        self.min_permeability.is_some() || self.max_permeability.is_some()
+    }
+
+    /// Whether it has constraints that a cell must meet.
+    pub fn is_constrained(&self) -> bool {
+        self.min_opening.is_some() || self.bounds_flow()
+    }
+
+    /// The constraints that figures of a cell miss.
+    pub fn misses(&self, found: &DesignProperties) -> Vec<Miss> {
+        let (opening, flow) = (found.opening, found.permeability);
+        let all = [
+            ("min_opening", self.min_opening, opening, true),
+            ("min_permeability", self.min_permeability, flow, true),
+            ("max_permeability", self.max_permeability, flow, false),
+        ];
+        let missed = all
+            .into_iter()
+            .filter_map(|(key, wanted, found, is_least)| {
+                let (wanted, found) = (wanted?, found?);
+                let is_met = if is_least {
+                    found >= wanted
+                } else {
+                    found <= wanted
+                };
+                (!is_met).then_some(Miss { key, wanted, found })
+            });
+        missed.collect()
+    }
+
     /// Whether it has numbers to meet.
     pub fn has_goals(&self) -> bool {
         self.zener.is_some() || self.poisson.is_some() || self.stiffness.is_some()
@@ -146,11 +248,7 @@ impl Target {
 
     /// Whether the bulk modulus is all that counts.
     pub fn is_bulk_alone(&self) -> bool {
-        *self
-            == Self {
-                maximise: Some(Property::Bulk),
-                ..Self::default()
-            }
+        self.maximise == Some(Property::Bulk) && !self.has_goals()
     }
 
     /// As the words of a recipe.
@@ -164,6 +262,14 @@ impl Target {
         parts.extend(self.poisson.map(|nu| format!("poisson = {nu}")));
         if let Some((c, weight)) = &self.stiffness {
             parts.push(format!("stiffness = {c:?}, weight = {weight}"));
+        }
+        let constraints = [
+            ("min_opening", self.min_opening),
+            ("min_permeability", self.min_permeability),
+            ("max_permeability", self.max_permeability),
+        ];
+        for (key, value) in constraints {
+            parts.extend(value.map(|v| format!("{key} = {v}")));
         }
         format!("{{ {} }}", parts.join(", "))
     }

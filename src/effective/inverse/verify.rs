@@ -5,16 +5,22 @@
 use super::InverseError;
 use super::objective::Effective;
 use super::problem::is_connected;
+use super::tube::Way;
 use crate::homogenize::{
-    Grid, Packing, Period, Properties, Settings, cubic_means, properties, sharpened,
+    Grid, Packing, Period, Properties, Settings, cubic_means, opening, properties, sharpened,
 };
-use druse_cells::cell::{Cell, DesignProperties};
+use druse_cells::cell::{Cell, DesignProperties, Solid};
 use druse_geometry::field::Field;
 use druse_geometry::frame::Element;
 use druse_geometry::progress::{CancelOnly, Progress};
+use rayon::prelude::*;
 
 /// Samples along each edge of a voxel, from which it is solid or void.
 const FINENESS: usize = 2;
+/// Nodes along the period are a multiple of this.
+const NODE_MULTIPLE: usize = 8;
+/// Most nodes along the period: distances of throats err by a thousandth of the period there.
+const MAX_NODES: usize = 128;
 
 /// Properties on a grid, of sharp voxels.
 ///
@@ -43,13 +49,64 @@ pub(super) fn figures(
     let samples = period.samples(n, FINENESS, progress)?;
     let shares = sharpened(&samples.shares());
     let found = properties(samples.grid(), &shares, settings, &CancelOnly(progress))?;
-    let own = summary(&found);
+    let mut own = summary(&found);
+    own.opening = Some(ways(cell, n)?.0);
     let tensors = Effective {
         stiffness: found.stiffness.unwrap_or_default(),
         conductivity: found.conductivity.unwrap_or_default(),
         permeability: own.permeability.unwrap_or(0.0),
     };
     Ok((own, tensors))
+}
+
+/// The opening of a cell's void in reference lengths, of a sheet the lesser of its two sides, and the ways of the
+/// greatest balls, on at least `n` nodes along the period, and at most 128.
+///
+/// # Errors
+/// [`InverseError`] of an element without a period.
+pub fn ways(cell: &Cell, n: usize) -> Result<(f64, Vec<Way>), InverseError> {
+    let period = Period::of_cell(cell.clone(), Packing::Bcc)?;
+    // Throats of common surfaces lie at multiples of an eighth of the period.
+    let n = n.next_multiple_of(NODE_MULTIPLE).min(MAX_NODES);
+    let field: Vec<f64> = (0..n * n * n)
+        .into_par_iter()
+        .map(|v| {
+            let at = [v / (n * n), v / n % n, v % n];
+            let p = at.map(|j| j as f64 / n as f64 - 0.5);
+            cell.expression().value(period.reference(p.into()))
+        })
+        .collect();
+    let level = cell.level();
+    let sides: &[f64] = match cell.solid() {
+        Solid::Sheet | Solid::Channels => &[1.0, -1.0],
+        Solid::Below => &[1.0],
+        Solid::Above => &[-1.0],
+    };
+    let mut least = f64::INFINITY;
+    let mut all = Vec::new();
+    for side in sides {
+        let is_sheet = sides.len() == 2;
+        // The void of a network above its level is that of minus the field below it.
+        let edge = if is_sheet { level } else { side * level };
+        let depths: Vec<f64> = field.iter().map(|phi| side * phi - edge).collect();
+        let found = opening(n, &depths, |v| !is_sheet || side * field[v] > 0.0);
+        least = least.min(found.radius);
+        all.push(Way {
+            side: *side,
+            path: found.path,
+            step: 1.0 / n as f64,
+        });
+    }
+    Ok((least / scale(cell.element()), all))
+}
+
+/// Lengths in the period over those of the reference element: a tet of the packing is smaller.
+pub(super) fn scale(element: Element) -> f64 {
+    if element == Element::Tet {
+        Packing::Bcc.shrinkage()
+    } else {
+        1.0
+    }
 }
 
 fn summary(found: &Properties) -> DesignProperties {
@@ -121,13 +178,7 @@ pub fn narrow_shares(
     progress: &dyn Progress,
 ) -> Result<[f64; 2], InverseError> {
     let (_, shares, _) = sharp(cell, n, progress)?;
-    // A tet of the packing is smaller than the reference element.
-    let scale = if cell.element() == Element::Tet {
-        Packing::Bcc.shrinkage()
-    } else {
-        1.0
-    };
-    let radius = 0.5 * diameter * scale * n as f64;
+    let radius = 0.5 * diameter * scale(cell.element()) * n as f64;
     let solid: Vec<bool> = shares.iter().map(|s| *s >= 0.5).collect();
     let void: Vec<bool> = solid.iter().map(|s| !s).collect();
     Ok([&solid, &void].map(|phase| narrow_share(phase, n, radius)))

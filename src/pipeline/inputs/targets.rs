@@ -45,6 +45,9 @@ fn target(table: &TargetTable) -> Result<Target, CellFault> {
         zener: table.zener.map(|z| z.0),
         poisson: table.poisson.map(|nu| nu.0),
         stiffness,
+        min_opening: table.min_opening.map(|r| r.0),
+        min_permeability: table.min_permeability.map(|k| k.0),
+        max_permeability: table.max_permeability.map(|k| k.0),
     })
 }
 

@@ -97,7 +97,8 @@ def design(
     ----------
     target : str or mapping
         The property to maximise (bulk, shear, young, conductivity or permeability), or a mapping with maximise,
-        zener, poisson, stiffness [6, 6], weight, starts, evaluations and voxels, as ``target`` of a recipe.
+        zener, poisson, stiffness [6, 6], weight, min_opening, min_permeability, max_permeability, starts, evaluations
+        and voxels, as ``target`` of a recipe.
     volume_fraction : float
         Share of the element that is solid.
     element : {"hex", "tet"}

@@ -5,7 +5,8 @@ use druse::cell::{Solid, Surface, symmetry};
 use druse::frame::Element;
 use druse::homogenize::{Control, Isotropic, Voigt};
 use druse::inverse::{
-    Interface, Medium, Objective, Problem, Property, SampledBasis, Space, Target, UpperBounds,
+    Interface, Medium, Objective, Problem, Property, SampledBasis, Space, Target, Tube,
+    UpperBounds, ways,
 };
 use druse::progress::Silent;
 use druse::symmetry::Basis;
@@ -18,6 +19,8 @@ struct Case {
     solid: Solid,
     erosions: Vec<f64>,
     is_matched: bool,
+    /// Radius of the barrier around the way through the void of `schwarz_p`.
+    barrier: Option<f64>,
 }
 
 impl Case {
@@ -29,6 +32,7 @@ impl Case {
             solid: Solid::Below,
             erosions: vec![0.0],
             is_matched: false,
+            barrier: None,
         }
     }
 }
@@ -52,6 +56,11 @@ fn agrees(case: &Case) {
     };
     let space = Space::new(case.element, &basis, &sampled, case.solid, false, &matched).unwrap();
     let objective = Objective::new(case.target.clone(), UpperBounds::new(solid, void, fraction));
+    let tube = case.barrier.map(|radius| {
+        let plain = Surface::SchwarzP.cell(Element::Hex).unwrap();
+        let (_, ways) = ways(&plain.with_solid(case.solid, 0.2).unwrap(), 8).unwrap();
+        Tube::new(&sampled, &ways, radius)
+    });
     let problem = Problem {
         sampled: &sampled,
         space: &space,
@@ -63,6 +72,7 @@ fn agrees(case: &Case) {
             power: 2.0,
         },
         erosions: case.erosions.clone(),
+        tube,
     };
     let control = Control {
         tolerance: 1e-10,
@@ -85,7 +95,8 @@ fn agrees(case: &Case) {
     let every = space.unknowns_count().div_ceil(tried);
     for n in (0..space.unknowns_count()).step_by(every) {
         // The flow is known to fewer digits.
-        let is_flow = case.target.maximise == Some(Property::Permeability);
+        let is_flow =
+            case.target.maximise == Some(Property::Permeability) || case.target.bounds_flow();
         let h = if is_flow { 2e-3 } else { 5e-4 };
         let moved = |by: f64| {
             let mut unknowns = unknowns.clone();
@@ -134,6 +145,32 @@ fn every_objective_has_the_gradient_of_central_differences() {
         },
     ] {
         agrees(&Case::network(target));
+    }
+}
+
+#[test]
+fn constraints_have_it_too() {
+    let bulk = || Case::network(largest(Property::Bulk));
+    // The tubes of the surface are narrower than the barrier, so that it acts.
+    for solid in [Solid::Below, Solid::Sheet] {
+        agrees(&Case {
+            solid,
+            barrier: Some(0.3),
+            erosions: vec![0.02, -0.02],
+            ..bulk()
+        });
+    }
+    agrees(&Case {
+        is_matched: true,
+        barrier: Some(0.4),
+        ..bulk()
+    });
+    for (min_permeability, max_permeability) in [(Some(1e-1), None), (None, Some(1e-4))] {
+        agrees(&Case::network(Target {
+            min_permeability,
+            max_permeability,
+            ..largest(Property::Bulk)
+        }));
     }
 }
 

@@ -34,6 +34,35 @@ fn wrong_designs_are_refused() {
         (refused(|d| d.starts = 0), "starts"),
         (refused(|d| d.evaluations = 2), "3 or more"),
         (refused(|d| d.min_feature = Some(0.6)), "0.5"),
+        (
+            refused(|d| d.target.min_opening = Some(0.48)),
+            "below 0.472, which leaves room for its tube at volume fraction 0.3",
+        ),
+        (
+            refused(|d| {
+                d.solid = Solid::Sheet;
+                d.target.min_opening = Some(0.34);
+            }),
+            "below 0.333",
+        ),
+        (
+            refused(|d| d.target.min_permeability = Some(2.0)),
+            "min_permeability 2",
+        ),
+        (
+            refused(|d| {
+                d.target.min_permeability = Some(2e-3);
+                d.target.max_permeability = Some(1e-3);
+            }),
+            "min_permeability 0.002 above max_permeability 0.001",
+        ),
+        (
+            refused(|d| {
+                d.target = Target::default();
+                d.target.min_opening = Some(0.1);
+            }),
+            "constraints alone",
+        ),
         (refused(|d| d.solid = Solid::Above), "below"),
         (refused(|d| d.target = Target::default()), "empty target"),
         (refused(|d| d.target.poisson = Some(0.5)), "-1 and 0.5"),
@@ -85,6 +114,25 @@ fn wrong_designs_are_refused() {
         assert!(message.contains(words), "no {words:?} in {message}");
         assert!(message.contains("expected"), "{message}");
     }
+}
+
+#[test]
+fn constraints_that_no_cell_meets_name_the_nearest_value() {
+    // At half solid a tube of 0.38 has room, but the band holds no such network.
+    let mut design = short(largest(Property::Bulk), 0.5);
+    design.target.min_opening = Some(0.38);
+    (design.evaluations, design.starts) = (6, 1);
+    let made = design.prepare().unwrap().search(None, &Silent);
+    let Err(e @ InverseError::Infeasible { .. }) = made else {
+        panic!("expected a constraint that is missed");
+    };
+    let InverseError::Infeasible { misses, .. } = &e else {
+        unreachable!()
+    };
+    let nearest = misses[0].found;
+    assert!(nearest > 0.1 && nearest < 0.38, "{e}");
+    let digits = e.to_string();
+    assert!(digits.contains("expected at most 0."), "{digits}");
 }
 
 #[test]
