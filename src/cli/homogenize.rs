@@ -22,6 +22,7 @@ use std::path::{Path, PathBuf};
 pub(super) use sweep::Sweep;
 
 mod output;
+mod pareto;
 mod sweep;
 
 /// Residual for derivatives; their error is of the order of the residual itself.
@@ -99,6 +100,13 @@ pub(super) struct Parameters {
     /// The sweep as a picture (.png).
     #[arg(long, value_name = "X.png", requires = "sweep")]
     plot: Option<PathBuf>,
+    /// Bulk modulus over permeability as a picture (.png): of this cell, of those beside it and of named surfaces at
+    /// its volume fraction, all of wholly solid or void voxels. With -o their table.
+    #[arg(long, value_name = "X.png", conflicts_with_all = ["sweep", "gradient", "modulus", "picture", "only"])]
+    pareto: Option<PathBuf>,
+    /// A .cell file or a surface to show with --pareto. May be repeated.
+    #[arg(long, value_name = "CELL", requires = "pareto")]
+    beside: Vec<PathBuf>,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -149,6 +157,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         (&p.modulus, &["csv"]),
         (&p.picture, &["png"]),
         (&p.plot, &["png"]),
+        (&p.pareto, &["png"]),
     ] {
         if let Some(path) = path {
             check_extension(path, extensions)?;
@@ -163,9 +172,10 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     for Warning { code, message } in std::mem::take(&mut source.warnings) {
         session.warn_of(code, message)?;
     }
-    threads.install(|| match &p.sweep {
-        Some(sweep) => sweep::answer(p, &source, sweep, &settings, session),
-        None => one(p, &source, &settings, session),
+    threads.install(|| match (&p.sweep, &p.pareto) {
+        (Some(sweep), _) => sweep::answer(p, &source, sweep, &settings, session),
+        (_, Some(picture)) => pareto::answer(p, &source, (picture, &settings), session),
+        _ => one(p, &source, &settings, session),
     })
 }
 

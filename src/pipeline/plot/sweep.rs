@@ -9,6 +9,8 @@ const WIDTH: usize = 900;
 const HEIGHT: usize = 560;
 const LEFT_MARGIN: usize = 80;
 const TOP_MARGIN: usize = 50;
+/// Width of a letter.
+const NAME_LETTER: usize = 7;
 /// Colours of the curves.
 const COLOURS: [Rgb888; 6] = [
     Rgb888::new(214, 40, 40),
@@ -98,6 +100,17 @@ pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Imag
             .collect();
         for pair in shown.windows(2) {
             canvas.thick_line(pair[0], pair[1], colour);
+        }
+        // A single point has its name beside it, left of it where the frame is near.
+        if let [[px, py]] = shown[..] {
+            let length = NAME_LETTER * curve.name.len() + 8;
+            let is_right = px + length < LEFT_MARGIN + width;
+            let left = if is_right {
+                px + 8
+            } else {
+                px.saturating_sub(length)
+            };
+            canvas.text(left, py.saturating_sub(6), &curve.name, colour);
         }
         for [px, py] in shown {
             canvas.frame(
