@@ -125,9 +125,11 @@ pub(super) fn solve(
         if progress.cancelled() {
             return Err(druse_geometry::progress::Cancelled.into());
         }
+        // z = P r. The buffer `q` holds z here, and K p from `apply` on.
         system.precondition(r, q);
         let product = dot(r, q);
         let first = *goal.get_or_insert(product);
+        // sqrt(r.z / r0.z0): the residual in the norm of P, which measures strains.
         let residual = (product.max(0.0) / first).sqrt();
         if first <= 0.0 || product <= 0.0 || residual <= control.tolerance {
             return Ok(iteration);
@@ -140,9 +142,11 @@ pub(super) fn solve(
             });
         }
         if iteration > 0 {
+            // beta = r.z / (r.z of the iteration before).
             beta = product / last;
         }
         last = product;
+        // p = z + beta p, rounded to single precision.
         p.par_chunks_mut(CHUNK_LENGTH)
             .zip(q.par_chunks(CHUNK_LENGTH))
             .for_each(|(p, z)| {
@@ -150,6 +154,8 @@ pub(super) fn solve(
                     #[inline(always)]
                     || {
                         for (p, z) in p.iter_mut().zip(z) {
+                            // At the first iteration p is that of the load before: it is not read, since it
+                            // need not be finite.
                             let old = if beta == 0.0 {
                                 0.0
                             } else {
@@ -166,6 +172,7 @@ pub(super) fn solve(
             // The residual lies in the null space of the operator.
             return Ok(iteration);
         }
+        // alpha = r.z / (p . K p); u += alpha p; r -= alpha K p.
         let alpha = product / curvature;
         add(u, alpha, p);
         add(r, -alpha, q);

@@ -42,6 +42,7 @@ impl Collocation {
             let (n, stride) = (counts[axis], strides[axis]);
             let mut line = vec![Complex64::default(); n];
             for start in 0..field.len() {
+                // Only voxels with index 0 along the axis begin a line.
                 if start / stride % n != 0 {
                     continue;
                 }
@@ -113,6 +114,7 @@ impl Collocation {
         let count = self.grid.voxels();
         let mut fields = self.gradients::<C, T>(input);
         self.rows(&mut fields, |first, row| flux.map(first, row));
+        // The transpose of d/dx_a is -i q_a in Fourier space: output_c = -sum over a of d(flux_ca)/dx_a.
         for c in 0..C {
             let mut sum = vec![Complex64::default(); count];
             for a in 0..3 {

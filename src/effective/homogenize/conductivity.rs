@@ -74,6 +74,7 @@ impl<'a> Conduction<'a> {
         let shares = &self.shares[first..first + nz];
         for (row, mean) in rows.chunks_mut(nz).zip(gradient) {
             for (v, share) in row.iter_mut().zip(shares) {
+                // q = k (G + grad u), k mixed arithmetically by the share of solid.
                 let conductivity = self.void + share * (self.solid - self.void);
                 *v = sign * conductivity * (*v + mean);
             }
@@ -113,6 +114,7 @@ impl<'a> Conduction<'a> {
             }
             found.iterations[load] = cg::solve(self, &mut u, warm, &mut space, control, progress)?;
             let mean = self.mean_flux(&u);
+            // Under the unit gradient of `load` the mean flux is column `load` of the conductivity.
             for (row, s) in found.matrix.iter_mut().zip(mean) {
                 row[load] = s;
             }
@@ -203,6 +205,7 @@ impl<'a> Conduction<'a> {
         for (load, u) in potentials.iter().enumerate() {
             self.derivative
                 .sum::<1, 1, f64>(u, &|first, rows: &mut [f64]| {
+                    // `chosen` ascends, so that the voxels of this row are one range of it.
                     let from = chosen.partition_point(|n| *n < first);
                     let to = chosen.partition_point(|n| *n < first + nz);
                     if from < to
@@ -226,6 +229,7 @@ impl<'a> Conduction<'a> {
             .into_iter()
             .zip(found)
             .map(|(n, e)| {
+                // dK_ij/dshare = e_i . (k_solid - k_void) e_j; the operator is its own adjoint.
                 let product = |i: usize, j: usize| -> f64 {
                     difference * (0..3).map(|a| e[i][a] * e[j][a]).sum::<f64>()
                 };

@@ -86,6 +86,7 @@ impl<'a> Elasticity<'a> {
         let shares = &self.shares[first..first + nz];
         let (void, solid) = (self.void, self.solid);
         let difference = [solid.lambda - void.lambda, solid.mu - void.mu];
+        // Row 3 c + a holds du_c/dx_a. Nine disjoint slices of equal length let the compiler vectorise the loop.
         let (r0, rest) = rows.split_at_mut(nz);
         let (r1, rest) = rest.split_at_mut(nz);
         let (r2, rest) = rest.split_at_mut(nz);
@@ -99,6 +100,7 @@ impl<'a> Elasticity<'a> {
             let share = shares[k];
             let lambda = void.lambda + share * difference[0];
             let mu = void.mu + share * difference[1];
+            // sigma = lambda tr(e) I + 2 mu e with e = E + sym grad u; 2 e of a shear pair is the sum of its gradients.
             let (xx, yy, zz) = (r0[k] + strain[0], r4[k] + strain[1], r8[k] + strain[2]);
             let pressure = lambda * (xx + yy + zz);
             let yz = mu * (r5[k] + r7[k] + strain[3]);
@@ -157,6 +159,7 @@ impl<'a> Elasticity<'a> {
         for &load in loads {
             self.strain = [0.0; 6];
             self.strain[load] = 1.0;
+            // Without kept or given displacements all load cases share one buffer.
             let u = if found.displacements.is_empty() {
                 &mut own
             } else {
@@ -171,6 +174,7 @@ impl<'a> Elasticity<'a> {
             let solved = cg::solve(self, &mut taken, warm, &mut space, control, progress)?;
             found.iterations[load] = solved;
             let stress = self.mean_stress(&taken);
+            // Under the unit strain of `load` the mean stress is column `load` of the stiffness.
             for (row, s) in found.matrix.iter_mut().zip(stress) {
                 row[load] = s;
             }
@@ -231,7 +235,7 @@ impl<'a> Elasticity<'a> {
         gradients.iter().map(density).collect()
     }
 
-    /// Derivatives of the effective stiffness by the share of solid in each voxel that `wanted` holds, times
+    /// Derivatives of the effective stiffness by the share of solid in each voxel that `selected` holds, times
     /// the number of voxels: `e_i : (C_solid - C_void) : e_j` of the strains of the load cases, in the order of
     /// [`PAIRS`]. No adjoint problem is needed, the operator is its own adjoint.
     ///

@@ -94,6 +94,8 @@ impl<const C: usize> Spectral<C> {
         let scratch_y = along_y.iter().map(|f| f.get_inplace_scratch_len()).max();
         let scratch_y = vec![empty; scratch_y.unwrap_or(0)];
         let layer = ny * nz;
+        // First pass, a layer across x per task: transforms along z, then along y. The transpose between them
+        // makes the lines along y contiguous.
         self.layers
             .par_chunks_mut(C * half * ny)
             .zip(input.par_chunks(S * layer))
@@ -125,6 +127,8 @@ impl<const C: usize> Spectral<C> {
         let layers = &self.layers;
         let scratch_x = along_x.iter().map(|f| f.get_inplace_scratch_len()).max();
         let scratch_x = vec![empty; scratch_x.unwrap_or(0)];
+        // Second pass, a frequency of z per task: all of x and y of one frequency of z lie together, so that
+        // the transform along x, the product and the transform back need no other task's numbers.
         self.planes
             .par_chunks_mut(C * nx * ny)
             .enumerate()
@@ -163,6 +167,8 @@ impl<const C: usize> Spectral<C> {
             );
         let planes = &self.planes;
         let scale = 1.0 / (nx * ny * nz) as f64;
+        // Third pass, a layer across x per task: back along y, then along z. The transforms are not normalised;
+        // `scale` divides by the number of voxels.
         output.par_chunks_mut(S * layer).enumerate().for_each_init(
             || {
                 let rows = vec![empty; half * ny];
