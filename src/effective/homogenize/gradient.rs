@@ -102,6 +102,7 @@ impl Basis {
         let powers = u.map(|u| -> Vec<Complex64> {
             (-bound..=bound)
                 .map(|k| {
+                    // exp(2 pi i k u). Whole turns go first, which keeps the argument within half a turn.
                     let turn = f64::from(k) * (u - u.round());
                     let (s, c) = libm::sincos(TAU * (turn - turn.round()));
                     Complex64::new(c, s)
@@ -116,6 +117,8 @@ impl Basis {
                 .iter()
                 .map(|k| power(0, k[0]) * power(1, k[1]) * power(2, k[2]))
                 .sum();
+            // c S and its conjugate add to 2 Re c Re S - 2 Im c Im S. A self-paired orbit holds its
+            // own conjugate, so that its sum is real.
             if orbit.is_self_paired {
                 out.push(sum.re);
             } else {

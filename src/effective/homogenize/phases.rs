@@ -196,6 +196,7 @@ impl Samples {
             .values
             .iter()
             .fold([f64::MAX, f64::MIN], |[lo, hi], v| [lo.min(*v), hi.max(*v)]);
+        // The levels between which the share runs from 0 to 1; a symmetric solid depends on |value| alone.
         let [mut low, mut high] = if self.solid.is_symmetric() {
             [0.0, ends[0].abs().max(ends[1].abs())]
         } else {
@@ -205,11 +206,13 @@ impl Samples {
         let mut level = f64::midpoint(low, high);
         for _ in 0..60 {
             let (found, rate) = self.fraction_at(level);
+            // The side of the bracket depends on whether the solid grows or shrinks with its level.
             if (found < fraction) == grows {
                 low = level;
             } else {
                 high = level;
             }
+            // A Newton step that leaves the bracket, or divides by 0, gives way to bisection.
             let newton = level - (found - fraction) / rate;
             let next = if newton > low && newton < high {
                 newton
