@@ -119,6 +119,7 @@ impl Stencil {
         slab(own, x, &mut self.centre);
         let c = &self.centre;
         let [along_x, along_y, along_z] = &mut self.neighbours;
+        // x neighbours are whole slabs; only the first and the last lie in the neighbouring leaf.
         match x {
             0 => slab(xm, 7, &mut along_x[0]),
             _ => slab(own, x - 1, &mut along_x[0]),
@@ -127,12 +128,15 @@ impl Stencil {
             7 => slab(xp, 0, &mut along_x[1]),
             _ => slab(own, x + 1, &mut along_x[1]),
         }
+        // A slab is y by z: y neighbours are the slab moved by one row of 8, z neighbours the slab moved by one
+        // voxel. What moves in from outside comes from the leaves around.
         along_y[0][..8].copy_from_slice(&ym[8 * x + 7]);
         along_y[0][8..].copy_from_slice(&c[..56]);
         along_y[1][..56].copy_from_slice(&c[8..]);
         along_y[1][56..].copy_from_slice(&yp[8 * x]);
         along_z[0][1..].copy_from_slice(&c[..63]);
         along_z[1][..63].copy_from_slice(&c[1..]);
+        // The move by one voxel brings a voxel of another row to the edge of this one: it is overwritten.
         for y in 0..8 {
             along_z[0][8 * y] = zm[8 * x + y][7];
             along_z[1][8 * y + 7] = zp[8 * x + y][0];
@@ -144,6 +148,7 @@ impl Stencil {
 /// `first`.
 #[inline(always)]
 pub(super) fn box_mean(pool: &Pool, axis: usize, width: usize, first: usize, out: &mut [Values]) {
+    // Leaves on each side that the box meets.
     let reach = width.div_ceil(8);
     let weight = 1.0 / (2 * width + 1) as f32;
     let mut line: Vec<&Values> = Vec::with_capacity(2 * reach + 1);
@@ -190,6 +195,8 @@ fn across_rows(
         let index = (row / stride) & 7;
         let first_row = row - index * stride;
         let mut sum = [0f32; 8];
+        // `at` counts voxels from the start of the line: voxel at % 8 of leaf at / 8. All eight z of a row are
+        // summed at once.
         for at in middle + index - width..=middle + index + width {
             let term = &line[at >> 3][first_row + (at & 7) * stride];
             for z in 0..8 {
