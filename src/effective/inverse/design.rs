@@ -7,7 +7,7 @@ use super::target::{Target, UpperBounds, rounded};
 use super::verify::scale;
 use super::{InverseError, Property};
 use crate::homogenize::{Control, Isotropic, Settings};
-use druse_cells::cell::{Cell, Solid, symmetry};
+use druse_cells::cell::{Cell, Solid, space_group, symmetry};
 use druse_cells::symmetry::Basis;
 use druse_geometry::frame::Element;
 
@@ -194,6 +194,11 @@ impl Design {
         let bounds = UpperBounds::new(solid, VOID_SHARE, self.volume_fraction);
         self.target.check(self.volume_fraction, &bounds)?;
         self.check_opening()?;
+        // Unknowns are whole orbits, whose coefficients have no phases.
+        if let Some(space) = space_group::<3>(self.element, self.group.as_deref())? {
+            let expected = "a group without fractions, such as Oh, O or C1".to_owned();
+            return Err(refuse("group", &space.name(), expected));
+        }
         let (group, lattice) =
             symmetry::<3>(self.element, self.group.as_deref(), self.lattice.as_deref())?;
         if self.element == Element::Tet && group.order() < self.element.symmetry_order() {
