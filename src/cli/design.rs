@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct DesignFlags {
     /// Design a cell with target properties: bulk, shear, young, conductivity or permeability (the largest at
     /// the volume fraction), or a table such as '{ maximise = "bulk", zener = 1 }' with maximise, zener,
-    /// poisson, stiffness, weight, min_opening, min_permeability, max_permeability, starts, evaluations, voxels.
+    /// poisson, stiffness, weight, `min_opening`, `min_permeability`, `max_permeability`, starts, evaluations, voxels.
     #[arg(
         long,
         value_name = "TARGET",

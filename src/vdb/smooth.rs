@@ -47,7 +47,9 @@ pub(super) fn leaf_batches<T: Copy + Sync>(
             return Err(VdbError::Cancelled(Cancelled));
         }
         let mut batch = LeafBatch::default();
-        chunk.iter().for_each(|&item| make(item, &mut batch));
+        for &item in chunk {
+            make(item, &mut batch);
+        }
         Ok(batch)
     });
     chunks.collect()

@@ -26,7 +26,7 @@ use std::collections::BTreeMap;
 /// | `lidinoid` | (s2X cY sZ + s2Y cZ sX + s2Z cX sY - c2X c2Y - c2Y c2Z - c2Z c2X) / 2 + 0.15 | one of two sides |
 ///
 /// Those with sines but the diamond have no point of cubic symmetry: the average of the gyroid over any cubic group
-/// about the usual origin is zero. Their groups have fractions of the period (I4_1 32 for the gyroid). They are periodic
+/// about the usual origin is zero. Their groups have fractions of the period (`I4132` for the gyroid). They are periodic
 /// cells of the hex without a point group (C1), which fill scaffolds whose elements can all be turned alike, such as a box.
 ///
 /// All others except the diamond have the full cubic group and fit a hex. These and the diamond also fit

@@ -224,7 +224,7 @@ impl<const D: usize> SpaceGroup<D> {
     }
 
     /// The coefficients of the mean of a function over all operators:
-    /// C'_q = sum over operators and k with R^T k = q of C_k exp(2 pi i k.t) / |G|.
+    /// `C'_q = sum over operators and k with R^T k = q of C_k exp(2 pi i k.t) / |G|`.
     pub fn mean(
         &self,
         coefficients: &[(Frequency<D>, [f64; 2])],

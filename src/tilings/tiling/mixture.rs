@@ -1,7 +1,7 @@
 //! A cell in several turns inside the elements at faces over which no turn of theirs continues.
 //!
-//! Phi_e(xi) = sum over turns k of w_k(xi) Phi(Q_k xi), with weights that are interpolated between the corners of
-//! the element and sum to one. [`super::orient()`] chooses them so that Phi_e is continuous over all faces.
+//! `Phi_e(xi) = sum over turns k of w_k(xi) Phi(Q_k xi)`, with weights that are interpolated between the corners of
+//! the element and sum to one. [`super::orient()`] chooses them so that `Phi_e` is continuous over all faces.
 
 use super::Interpolation;
 use super::corners::CornerFunctions;
