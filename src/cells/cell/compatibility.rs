@@ -69,12 +69,10 @@ pub fn symmetry<const D: usize>(
     group: Option<&str>,
     lattice: Option<&str>,
 ) -> Result<(PointGroup<D>, Lattice<D>), CellError> {
-    if let Some(space) = space_group::<D>(element, group)? {
-        let lattice = Lattice::named(lattices(element)[0])?;
-        return Ok((space.site_group()?, lattice));
-    }
     let parsed = match group {
-        Some(text) if text.contains(',') => Some(GroupText::parse(&text.replace(';', "\n"))?),
+        Some(text) if text.contains(',') && !text.contains('/') => {
+            Some(GroupText::parse(&text.replace(';', "\n"))?)
+        }
         _ => None,
     };
     let own = parsed.as_ref().and_then(|t| t.lattice.clone());
@@ -92,6 +90,9 @@ pub fn symmetry<const D: usize>(
         return Err(unfitting(element, "lattice", name.to_owned(), expected));
     }
     let lattice = Lattice::named(name)?;
+    if let Some(space) = space_group::<D>(element, group)? {
+        return Ok((space.site_group()?, lattice));
+    }
     let group = match parsed {
         None => PointGroup::named(group.unwrap_or(default_group(element)), &lattice)?,
         Some(text) => {

@@ -44,17 +44,19 @@ impl<const D: usize> SpaceOperator<D> {
         image
     }
 
-    /// The product that applies `other` first: R1 (R2 u + t2) + t1.
-    fn after(&self, other: &Self) -> Self {
+    /// The product that applies `other` first: R1 (R2 u + t2) + t1; `None` if an entry overflows.
+    fn after(&self, other: &Self) -> Option<Self> {
         let mut shift = self.shift;
         for (t, row) in shift.iter_mut().zip(self.rotation.rows()) {
-            let moved: i32 = row.iter().zip(other.shift).map(|(m, s)| m * s).sum();
+            let moved: i32 = row
+                .iter()
+                .zip(other.shift)
+                .map(|(m, s)| m.rem_euclid(PARTS) * s)
+                .sum();
             *t = (*t + moved).rem_euclid(PARTS);
         }
-        Self {
-            rotation: self.rotation * other.rotation,
-            shift,
-        }
+        let rotation = self.rotation.checked_mul(&other.rotation)?;
+        Some(Self { rotation, shift })
     }
 
     /// Reads `x+1/2,-y,-z+1/2`.
@@ -173,19 +175,20 @@ impl<const D: usize> SpaceGroup<D> {
         };
         let mut found = BTreeSet::from([identity]);
         let mut frontier = vec![identity];
+        let infinite = || SymmetryError::Infinite {
+            generators: text.to_owned(),
+            limit: MAX_ORDER,
+            dimension: D,
+        };
         while let Some(e) = frontier.pop() {
-            frontier.extend(
-                generators
-                    .iter()
-                    .map(|g| g.after(&e))
-                    .filter(|p| found.insert(*p)),
-            );
+            for g in &generators {
+                let product = g.after(&e).ok_or_else(infinite)?;
+                if found.insert(product) {
+                    frontier.push(product);
+                }
+            }
             if found.len() > MAX_ORDER {
-                return Err(SymmetryError::Infinite {
-                    generators: text.to_owned(),
-                    limit: MAX_ORDER,
-                    dimension: D,
-                });
+                return Err(infinite());
             }
         }
         Ok(Self {
@@ -270,7 +273,7 @@ mod tests {
             let group = SpaceGroup::<3>::named(entry.hm_full).unwrap();
             let all: BTreeSet<_> = group.operators().iter().copied().collect();
             for (a, b) in group.operators().iter().zip(group.operators().iter().rev()) {
-                assert!(all.contains(&a.after(b)), "{}", entry.hm_full);
+                assert!(all.contains(&a.after(b).unwrap()), "{}", entry.hm_full);
             }
             let points = group.point_group().unwrap().order();
             assert_eq!(all.len() % points, 0);
@@ -299,5 +302,6 @@ mod tests {
         assert!(error("x+1/5,y,z").contains("1/5"));
         assert!(error("x+1/24,y+1/24,z; x,y+1/24,z").contains("192"));
         assert!(error("2x+1/2,y,z").contains("determinant"));
+        assert!(error("2x+y+1/2,x+y,z").contains("infinite"));
     }
 }
