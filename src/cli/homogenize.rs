@@ -402,3 +402,17 @@ fn warn_of(
     }
     Ok(())
 }
+
+/// The answer with the written files and their sizes below its text and in its facts.
+fn with_files(mut text: String, mut facts: serde_json::Value, files: &[(&Path, u64)]) -> Answer {
+    for (path, bytes) in files {
+        let (path, size) = (super::terminal::path(path), super::numbers::size(*bytes));
+        let _ = writeln!(text, "{path}  {size}");
+    }
+    let list = files.iter();
+    let list = list.map(
+        |(path, bytes)| serde_json::json!({ "path": path.display().to_string(), "bytes": bytes }),
+    );
+    facts["files"] = list.collect();
+    Answer::new(text, facts)
+}

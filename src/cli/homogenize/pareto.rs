@@ -3,7 +3,7 @@
 //! Voxels are wholly solid or void, so that no figure crosses its bound. The surfaces have the volume fraction of
 //! the cell, each as a network and as a sheet.
 
-use super::Parameters;
+use super::{Parameters, with_files};
 use crate::cell::{Cell, DesignProperties, Solid, Surface};
 use crate::cli::context::Session;
 use crate::cli::failure::Failure;
@@ -110,7 +110,7 @@ pub(super) fn answer(
             .any(|o| (o[0] >= k && o[1] > bulk) || (o[0] > k && o[1] >= bulk));
     }
     let rows: Vec<Value> = entries.iter().map(row).collect();
-    let mut facts = json!({ "kind": "pareto", "voxels": p.resolution, "cells": rows });
+    let facts = json!({ "kind": "pareto", "voxels": p.resolution, "cells": rows });
     let mut text = String::new();
     for e in &entries {
         let _ = writeln!(
@@ -145,20 +145,7 @@ pub(super) fn answer(
         &curves(&entries),
     );
     files.push((picture, write_bytes(picture, &image.png()?)?));
-    for (path, bytes) in &files {
-        let _ = writeln!(
-            text,
-            "{}  {}",
-            crate::cli::terminal::path(path),
-            crate::cli::numbers::size(*bytes)
-        );
-    }
-    let files: Vec<Value> = files
-        .iter()
-        .map(|(path, bytes)| json!({ "path": path.display().to_string(), "bytes": bytes }))
-        .collect();
-    facts["files"] = files.into();
-    Ok(Answer::new(text, facts))
+    Ok(with_files(text, facts, &files))
 }
 
 fn row(e: &Entry) -> Value {

@@ -1,6 +1,6 @@
 //! `--sweep volume_fraction=FROM:TO:STEP`: a table and curves over the volume fraction.
 
-use super::{Parameters, warn_of};
+use super::{Parameters, warn_of, with_files};
 use crate::cli::context::Session;
 use crate::cli::failure::Failure;
 use crate::cli::output::Answer;
@@ -9,7 +9,6 @@ use crate::io::atomic::write_bytes;
 use crate::pipeline::{CellPeriod, SweepCurve, sampled, shares_of, sweep_picture};
 use crate::progress::Progress;
 use serde_json::{Value, json};
-use std::fmt::Write;
 use std::str::FromStr;
 
 /// Maximum number of steps of a sweep.
@@ -148,7 +147,7 @@ pub(super) fn answer(
             Value::Object(row.collect())
         })
         .collect();
-    let mut facts = json!({
+    let facts = json!({
         "kind": "sweep",
         "cell": source.name,
         "period": source.period.describe(),
@@ -167,7 +166,7 @@ pub(super) fn answer(
         } else {
             format!("{facts:#}\n")
         };
-        files.push((path, write_bytes(path, bytes.as_bytes())?));
+        files.push((path.as_path(), write_bytes(path, bytes.as_bytes())?));
     } else {
         text += &table;
     }
@@ -176,20 +175,7 @@ pub(super) fn answer(
         let image = sweep_picture(&title, "volume fraction", &curves(&lines, p, settings));
         files.push((path, write_bytes(path, &image.png()?)?));
     }
-    for (path, bytes) in &files {
-        let _ = writeln!(
-            text,
-            "{}  {}",
-            crate::cli::terminal::path(path),
-            crate::cli::numbers::size(*bytes)
-        );
-    }
-    let files: Vec<Value> = files
-        .iter()
-        .map(|(path, bytes)| json!({ "path": path.display().to_string(), "bytes": bytes }))
-        .collect();
-    facts["files"] = files.into();
-    Ok(Answer::new(text, facts))
+    Ok(with_files(text, facts, &files))
 }
 
 fn table(lines: &[Line]) -> String {
