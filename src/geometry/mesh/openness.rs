@@ -6,13 +6,15 @@
 //! the bounding box decide, or points beside the triangles where the walls are too thin for those.
 
 use super::half_edges::{BoundaryEdge, HalfEdges};
-use super::shells::FLAT_VOLUME_RATIO;
 use super::{MeshSolid, TriMesh};
 use crate::frame::Vec3;
 use std::fmt;
 
 /// Samples of the winding number per axis of the bounding box.
 const SAMPLES_PER_AXIS: usize = 20;
+/// Mean thickness (volume over area) of a closed surface below which it is flat, over the size of its box. A product of
+/// three differences from the centre of the box is good to four roundings of double precision, so its sign is known.
+const FLAT_THICKNESS_RATIO: f64 = 1e-15;
 /// One of these samples as a fraction.
 const MIN_FRACTION: f64 = 1.0 / 8000.0;
 /// Samples of the winding number beside the triangles.
@@ -103,10 +105,11 @@ impl Samples {
     fn of_closed(solid: &MeshSolid) -> Self {
         let mesh = solid.mesh();
         let volume = mesh.volume();
-        if volume.abs() <= FLAT_VOLUME_RATIO * mesh.area().powf(1.5) {
+        let size = solid.bounds().size();
+        if volume.abs() <= FLAT_THICKNESS_RATIO * size.amax() * mesh.area() {
             return Self::beside_triangles(solid);
         }
-        let fraction = volume / solid.bounds().size().product();
+        let fraction = volume / size.product();
         Self {
             inside: fraction.clamp(0.0, 1.0),
             negative: (-fraction).clamp(0.0, 1.0),
@@ -197,7 +200,12 @@ impl Samples {
 impl fmt::Display for Openness {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(hole) = self.holes.first() else {
-            return write!(f, "no open edges");
+            let volume = if self.inside == 0.0 {
+                ", and no volume beyond the rounding of its coordinates"
+            } else {
+                ""
+            };
+            return write!(f, "no open edges{volume}");
         };
         let c = hole.centre;
         write!(
