@@ -137,6 +137,19 @@ pub struct Sections {
     pub require: Option<RequireSection>,
 }
 
+impl Sections {
+    /// The unit and the voxel size that lengths refer to. A voxel size in voxels is
+    /// refused before.
+    fn scale(&self) -> Scale {
+        let unit = self.unit.0;
+        let voxel_size = self.band.voxel_size.0.in_unit(unit, unit);
+        Scale {
+            unit,
+            voxel_size: voxel_size.expect("a voxel size in voxels is refused"),
+        }
+    }
+}
+
 fn default_frame() -> i32 {
     frames::DEFAULT_FRAME
 }
@@ -212,14 +225,7 @@ impl Recipe {
 
     /// The unit and the voxel size that its lengths refer to.
     pub fn scale(&self) -> Scale {
-        let unit = Scale {
-            unit: self.unit(),
-            voxel_size: f64::NAN,
-        };
-        Scale {
-            voxel_size: self.sections.band.voxel_size.resolve(unit),
-            ..unit
-        }
+        self.sections.scale()
     }
 
     /// A path of the recipe, seen from the working directory.

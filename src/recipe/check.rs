@@ -3,7 +3,7 @@
 use super::error::{RecipeError, nearest};
 use super::op::Op;
 use super::operand::Operand;
-use super::quantity::{Length, Scale, Width};
+use super::quantity::{Length, Width};
 use super::source::Source;
 use super::{
     CellSection, FileRef, FillKind, ScaffoldSection, Sections, Solid, TilingSection, VERSION,
@@ -437,13 +437,8 @@ fn start(sections: &Sections, source: &Source) -> Checked {
 /// Whether OpenVDB can hold the recipe's voxels in this unit.
 fn large_enough(sections: &Sections, unit: LengthUnit, key: &str, source: &Source) -> Checked {
     let own = sections.unit.0;
-    let scale = Scale {
-        unit: own,
-        voxel_size: f64::NAN,
-    };
-    let voxel = sections.band.voxel_size.resolve(scale) * own.to(unit);
-    // Values that are not sizes are refused elsewhere.
-    if voxel >= Transform::MIN_VOXEL_SIZE || voxel.is_nan() {
+    let voxel = sections.scale().voxel_size * own.to(unit);
+    if voxel >= Transform::MIN_VOXEL_SIZE {
         return Ok(());
     }
     let found = format!(

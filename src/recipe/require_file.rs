@@ -2,7 +2,7 @@
 
 use super::build::BuildSection;
 use super::error::RecipeError;
-use super::quantity::{Scale, Unit};
+use super::quantity::Unit;
 use super::require::RequireSection;
 use super::source::Source;
 use crate::frame::LengthUnit;
@@ -49,11 +49,7 @@ impl RequireFile {
             return Err(source.fault(&format!("build.{key}"), message));
         }
         let unit = sections.unit.0;
-        let scale = Scale {
-            unit,
-            voxel_size: f64::NAN,
-        };
-        super::check::requirements(&section, scale, &source)?;
+        super::check::requirements(&section, |size| size.0.in_unit(unit, unit), &source)?;
         Ok(Self {
             unit,
             section,

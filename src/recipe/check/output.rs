@@ -7,7 +7,6 @@ use crate::recipe::grid_word::GridWord;
 use crate::recipe::op::Op;
 use crate::recipe::operand::Operand;
 use crate::recipe::output::{MesherWord, Output, OutputKind};
-use crate::recipe::quantity::Scale;
 use crate::recipe::source::Source;
 
 /// Voxels along the period of a homogenised cell.
@@ -259,16 +258,8 @@ fn of_deck(sections: &Sections, output: &Output, key: &str, source: &Source) -> 
     if output.kind.is_none() || sections.op.iter().any(|op| matches!(op, Op::Resample(_))) {
         return Ok(());
     }
-    let unknown = Scale {
-        unit: sections.unit.0,
-        voxel_size: f64::NAN,
-    };
-    let scale = Scale {
-        voxel_size: sections.band.voxel_size.resolve(unknown),
-        ..unknown
-    };
     output
-        .element_voxels(scale)
+        .element_voxels(sections.scale())
         .map(|_| ())
         .map_err(|message| fault("element_size", message))
 }

@@ -3,13 +3,18 @@
 use super::Checked;
 use crate::recipe::op::Op;
 use crate::recipe::operand::Operand;
-use crate::recipe::quantity::{Length, Scale};
+use crate::recipe::quantity::Size;
 use crate::recipe::require::RequireSection;
 use crate::recipe::source::Source;
 use crate::recipe::{ScaffoldSection, Sections};
 
-/// Rules that hold in any file with the section; `scale` measures its lengths.
-pub(in crate::recipe) fn section(r: &RequireSection, scale: Scale, source: &Source) -> Checked {
+/// Rules that hold in any file with the section. `length` gives a size in the unit of the file; `None` for voxels of no
+/// known size.
+pub(in crate::recipe) fn section(
+    r: &RequireSection,
+    length: impl Fn(Size) -> Option<f64>,
+    source: &Source,
+) -> Checked {
     let ranges = [
         ("volume_fraction", r.volume_fraction, 1.0),
         ("mass", r.mass, f64::INFINITY),
@@ -62,13 +67,9 @@ pub(in crate::recipe) fn section(r: &RequireSection, scale: Scale, source: &Sour
         ));
     }
     if let (Some(wall), Some(fits)) = (r.least_wall, r.fits) {
-        let is_voxels = |l: Length| matches!(l, Length::Voxels(_));
-        let known = scale.voxel_size.is_finite() || !is_voxels(wall.0);
-        let narrow = fits
-            .iter()
-            .map(|s| s.resolve(scale))
-            .fold(f64::INFINITY, f64::min);
-        if known && wall.resolve(scale) > narrow {
+        let sides = fits.iter().filter_map(|side| length(*side));
+        let narrowest = sides.fold(f64::INFINITY, f64::min);
+        if length(wall).is_some_and(|wall| wall > narrowest) {
             return Err(source.fault(
                 "require.least_wall",
                 format!("walls of {wall} do not fit into the box of require.fits"),
@@ -83,15 +84,8 @@ pub(super) fn with_recipe(sections: &Sections, source: &Source) -> Checked {
     let Some(r) = &sections.require else {
         return Ok(());
     };
-    let scale = Scale {
-        unit: sections.unit.0,
-        voxel_size: f64::NAN,
-    };
-    let scale = Scale {
-        voxel_size: sections.band.voxel_size.resolve(scale),
-        ..scale
-    };
-    section(r, scale, source)?;
+    let scale = sections.scale();
+    section(r, |size| Some(size.resolve(scale)), source)?;
     if let Some(name) = r.of_builds().first()
         && sections.build.is_none()
     {
