@@ -249,6 +249,7 @@ impl Scaffold {
                 Geometry::new(elements.kind(e), &points)
             })
             .collect();
+        // Straight elements lie in the box of their control points. Curved ones are bounded to 1e-7 of the size.
         let straight = geometry.iter().filter(|g| g.curved_controls().is_none());
         let curved = geometry.iter().filter_map(Geometry::curved_controls);
         Ok(Self {
@@ -373,10 +374,13 @@ impl std::fmt::Debug for Scaffold {
     }
 }
 
+/// Checks that nodes are finite and elements refer to them. With `planar` the elements must be triangles and quads,
+/// else solids.
 fn check(nodes: &[Vec3], elements: &Connectivity, planar: bool) -> Result<(), ScaffoldError> {
     if elements.is_empty() {
         return Err(ScaffoldError::Empty);
     }
+    // Nodes and elements have 32-bit numbers.
     for (found, what) in [(nodes.len(), "nodes"), (elements.len(), "elements")] {
         if found >= u32::MAX as usize {
             return Err(ScaffoldError::TooMany { found, what });

@@ -73,8 +73,8 @@ fn triangle(degree: usize) -> impl Iterator<Item = [usize; 3]> {
     (0..=degree).flat_map(move |j| (0..=degree - j).map(move |i| [i, j, 0]))
 }
 
-/// Values at the equidistant lattice to Bernstein coefficients: on a line for cubes, on the simplex,
-/// on the triangle for prisms.
+/// The inverse of the matrix of Bernstein basis functions at the equidistant lattice: it takes values there to
+/// coefficients. On a line for cubes, on the simplex for tets, on the triangle for prisms.
 fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
     static TABLES: [[OnceLock<DMatrix<f64>>; 6]; 3] = [const { [const { OnceLock::new() }; 6] }; 3];
     TABLES[family as usize][degree].get_or_init(|| {
@@ -82,6 +82,7 @@ fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
         let at = |i: usize| i as f64 / n.max(1) as f64;
         let basis = match family {
             Family::Tensor => DMatrix::from_fn(n + 1, n + 1, |row, i| {
+                // B_i(t) = (n over i) t^i (1 - t)^(n - i), one row for each point.
                 let t = at(row);
                 binomial(n, i) * t.powi(i as i32) * (1.0 - t).powi((n - i) as i32)
             }),
@@ -92,6 +93,7 @@ fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
                     triangle(n).collect()
                 };
                 DMatrix::from_fn(points.len(), points.len(), |row, column| {
+                    // B_ijk = n! / (i! j! k! l!) r_0^i r_1^j r_2^k (1 - r_0 - r_1 - r_2)^l with l = n - i - j - k.
                     let r = points[row].map(at);
                     let l = if n == 0 {
                         1.0
@@ -121,6 +123,7 @@ impl<T: Coefficient> Net<T> {
         let combine = |c: &DMatrix<f64>, row: usize, get: &dyn Fn(usize) -> T| {
             (1..c.ncols()).fold(get(0) * c[(row, 0)], |s, j| s + get(j) * c[(row, j)])
         };
+        // One axis of a cube, or the height of a prism: coefficients replace the values of each line.
         let along = |values: &[T], n: usize, stride: usize| -> Vec<T> {
             let c = collocation(Family::Tensor, degree);
             (0..values.len())
@@ -146,6 +149,7 @@ impl<T: Coefficient> Net<T> {
             }
             Family::Prism => {
                 let c = collocation(family, degree);
+                // Each layer is a triangle; then the layers are combined along the height.
                 let layer = c.nrows();
                 values = (0..values.len())
                     .map(|at| combine(c, at % layer, &|j| values[at / layer * layer + j]))
@@ -337,6 +341,7 @@ impl Part {
             Self::Simplex(v) => {
                 let [a, b] = SIMPLEX_EDGES[way];
                 let middle = (v[a] + v[b]) / 2.0;
+                // Each half has the middle in place of one end of the edge.
                 for (half, gone) in halves.iter_mut().zip([b, a]) {
                     if let Self::Simplex(w) = half {
                         w[gone] = middle;

@@ -37,6 +37,7 @@ impl Scaffold {
             .filter(|f| self.neighbour(*f) == super::Neighbour::Outside)
             .map(|f| Surface::new(self, f))
             .collect();
+        // Two faces share a side. The greater error of both decides how often it is cut, so that no gap opens.
         let mut sides: HashMap<[u32; 2], f64> = HashMap::new();
         for s in &outer {
             for i in 0..s.count() {

@@ -88,6 +88,7 @@ impl Scaffold {
             unused_nodes: used.iter().filter(|u| !**u).count(),
             ..Defects::default()
         };
+        // The tolerance in the cell frame, at the greatest stretch of all elements.
         let margin = NODE_TOLERANCE * self.stretch().1;
         let outer: Vec<u32> = self.outer_corner_nodes();
         let misplaced: Vec<Option<(MisplacedNode, Misplacement)>> = outer
@@ -189,6 +190,7 @@ impl Scaffold {
     }
 
     /// The first element that a corner node touches without being its corner.
+    /// `margin` is the distance from the node, world units, within which elements are candidates.
     fn misplacement(&self, node: u32, margin: f64) -> Option<(MisplacedNode, Misplacement)> {
         let at = WorldPoint(self.nodes()[node as usize]);
         let mut near = Vec::new();
@@ -208,12 +210,14 @@ impl Scaffold {
                 element: self.number(e as usize),
             };
             let reference = element.shape().vertices();
+            // On a vertex of the element: the node should have been merged with it.
             if reference
                 .iter()
                 .any(|v| (v - xi.0).norm() < 4.0 * NODE_TOLERANCE)
             {
                 return Some((found, Misplacement::Unmerged));
             }
+            // On a face without neighbour the node hangs. On an inner face it is an overlap with both elements.
             let on_outer = element
                 .shape()
                 .faces()
@@ -226,6 +230,7 @@ impl Scaffold {
             if on_outer {
                 return Some((found, Misplacement::Hanging));
             }
+            // Any other element may still explain the node better.
             inside = inside.or(Some((found, Misplacement::Overlapping)));
         }
         inside

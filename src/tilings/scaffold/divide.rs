@@ -116,9 +116,11 @@ impl Scaffold {
         self.divided(Pattern::Columns)
     }
 
+    /// Divides every element by a pattern. Nodes come in the order of the first part that has them.
     fn divided(&self, pattern: Pattern) -> Result<Divided, ScaffoldError> {
         let mut tables: HashMap<Kind, Vec<PartNodes>> = HashMap::new();
         let mut total = 0usize;
+        // The parts of each kind are found once. The number of parts is checked before any is made.
         for element in 0..self.len() {
             let kind = self.connectivity().kind(element);
             if let std::collections::hash_map::Entry::Vacant(free) = tables.entry(kind) {
@@ -142,6 +144,7 @@ impl Scaffold {
         let mut nodes: Vec<Vec3> = Vec::new();
         let mut elements = Connectivity::default();
         let (mut parents, mut numbers) = (Vec::with_capacity(total), Vec::with_capacity(total));
+        // A node's name is its corners with their shares, sorted: the same in every element that has the node.
         for e in self.elements() {
             let corners = &e.nodes()[..e.kind().corner_count()];
             for part in &tables[&e.kind()] {

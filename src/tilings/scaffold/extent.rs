@@ -97,6 +97,7 @@ fn greatest(nets: impl Iterator<Item = Net<f64>>, known: f64, tolerance: f64) ->
             open.push(Open { highest, net });
         }
     }
+    // The part with the highest upper bound is split until that bound is within the tolerance of a value reached.
     let mut splits_left = MAX_SPLITS;
     while let Some(part) = open.pop() {
         if part.highest <= reached + tolerance || splits_left == 0 {

@@ -68,6 +68,7 @@ impl Scaffold {
                 cell,
             });
         }
+        // About two nodes for each cube of the box, as in a body-centred lattice.
         let found = bounds.size().map(|s| s / cell + 1.0).product() * 2.0;
         if !found.is_finite() || found > MAX_NODES {
             return Err(ScaffoldError::TooMany {
@@ -82,6 +83,7 @@ impl Scaffold {
             return Err(ScaffoldError::Empty);
         }
         let lost = body.lost();
+        // Edges along creases are kept while tets are improved.
         let edges = body.crease_edges();
         let mut tets = TetMesh::new(body.nodes.all, body.tets, edges, (solid, &creases));
         tets.improve();

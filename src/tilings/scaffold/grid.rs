@@ -45,6 +45,7 @@ impl Scaffold {
                 counts,
             });
         }
+        // An axis of n cells has n + 1 layers of nodes: the limit holds for nodes too.
         let found = counts
             .iter()
             .try_fold(per_cell, |n: usize, c| n.checked_mul(c.checked_add(1)?))
@@ -56,6 +57,7 @@ impl Scaffold {
             });
         }
         let [nx, ny, nz] = counts;
+        // i / n comes first: the last node lies at the size exactly.
         let at = |i: usize, n: usize, axis: usize| size[axis] * (i as f64 / n as f64);
         let mut nodes = Vec::with_capacity((nx + 1) * (ny + 1) * (nz + 1));
         for k in 0..=nz {
@@ -65,6 +67,7 @@ impl Scaffold {
                 }
             }
         }
+        // Nodes are in order of z, then y, then x.
         let node = |i, j, k| (i + (nx + 1) * (j + (ny + 1) * k)) as u32;
         let mut elements = Connectivity::default();
         for k in 0..nz {
@@ -91,6 +94,7 @@ impl Scaffold {
                                 elements.push(kind, &wedge.map(|n| hex[n]));
                             }
                         }
+                        // A node in the middle is the apex of six pyramids over the faces.
                         Kind::Pyramid5 => {
                             let corners = hex.iter().map(|&n| nodes[n as usize]);
                             let apex = nodes.len() as u32;

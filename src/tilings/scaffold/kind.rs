@@ -246,6 +246,8 @@ impl Kind {
         let mut all: Vec<(u8, i8)> = Vec::new();
         let (corners, mids) = (self.corner_count() as u8, self.node_count() as u8);
         let edges_end = mids.min(2 * corners);
+        // VTK's order: corners below and above, mid nodes below and above, mid nodes of the upright edges, faces, the
+        // middle.
         all.extend(level(0..corners, -1).chain(level(0..corners, 1)));
         all.extend(level(corners..edges_end, -1).chain(level(corners..edges_end, 1)));
         Some(match self {
@@ -261,6 +263,7 @@ impl Kind {
             }
             Self::Quad9 => {
                 all.extend(level(0..4, 0));
+                // The faces x-, x+, y-, y+ stand on the mid nodes 7, 5, 4 and 6.
                 all.extend([(7, 0), (5, 0), (4, 0), (6, 0), (8, -1), (8, 1), (8, 0)]);
                 (Self::Hex27, all)
             }

@@ -68,6 +68,7 @@ impl Geometry {
         let affine = Affine::through(kind, &net);
         let tolerance = AFFINE_TOLERANCE * bounds.half_diagonal();
         let degree = kind.degree() as f64;
+        // The map is affine if all control points lie where the affine map takes their parameters.
         let is_affine = lattice(net.family, net.degree)
             .zip(&net.coefficients)
             .all(|(p, c)| {
@@ -232,6 +233,7 @@ pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64)
     let mut splits_left = 64;
     while let Some((net, part)) = open.pop() {
         let centre = net.mean();
+        // Over the part, J is a mean of its coefficients: |J - J0| is at most eta.
         let eta = net
             .coefficients
             .iter()
@@ -248,6 +250,7 @@ pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64)
             greatest = greatest.max(s.max() + eta);
         }
     }
+    // |det J| is the product of the singular values, two of them at most `greatest`.
     let (low, high) = determinant.range();
     let by_volume = low.max(-high) / greatest.powi(2);
     (least.max(by_volume).max(0.0), greatest)
@@ -303,8 +306,10 @@ pub(super) fn newton(
 /// second differences, which are their Bernstein coefficients.
 pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
     match net.family {
+        // With parameters r = T xi + constant, d2F / dxi_j dxi_k = sum over a, b of T_aj T_bk d2F / dr_a dr_b.
         Family::Tensor => PAIRS.map(|[j, k]| supremum(second(net, j, k))),
         Family::Prism => {
+            // The nets of the derivatives differ in degree: their bounds are added.
             let t = kind.parameters_by_cell();
             let by_r: [[Vec3; 3]; 3] =
                 [0, 1, 2].map(|a| [0, 1, 2].map(|b| supremum(second(net, a, b))));
@@ -319,6 +324,7 @@ pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
             })
         }
         Family::Simplex => {
+            // All nets are of one degree: coefficients are added before the bound, which is sharper.
             let t = kind.parameters_by_cell();
             let by_r: [[Vec<Vec3>; 3]; 3] =
                 [0, 1, 2].map(|a| [0, 1, 2].map(|b| second(net, a, b).collect()));

@@ -120,6 +120,7 @@ impl Scaffold {
         let e = self.element(f.element as usize);
         let centre = centroid(&e).0;
         let (middle, corners) = self.face_points(f);
+        // Probes: the middle of the face, and points between it and the corners and on the sides.
         let mut points = vec![middle];
         for (i, c) in corners.iter().enumerate() {
             let next = corners[(i + 1) % corners.len()];
@@ -128,6 +129,7 @@ impl Scaffold {
         let mut near = Vec::new();
         let mut found = Vec::new();
         for point in points {
+            // Moved towards the element's centre, the point lies inside the element and off the face.
             let x = e.map(CellPoint(point + (centre - point) * PROBE_DEPTH));
             self.candidates(&Aabb::of([x.0]), &mut near);
             for &other in &near {
@@ -138,6 +140,7 @@ impl Scaffold {
                 let o = self.element(other as usize);
                 let xi = o.inverse_inside(x, 0.0);
                 let is_within = xi.is_some_and(|xi| o.shape().face_distance(xi) < -OVERLAP_DEPTH);
+                // Elements that share a face are compared by the order of its corners.
                 if is_within && !self.neighbours(f.element as usize).any(|n| n == other) {
                     found.push(pair);
                 }

@@ -28,18 +28,22 @@ type Row<T> = (T, [T; 3]);
 
 impl Polynomial {
     /// Of a map that is such a polynomial, from its values where the coordinates are 0 or +-1/2.
+    /// `powers` must span it.
     pub(super) fn of(powers: Powers, map: impl Fn(Vec3) -> Vec3) -> Self {
         let mut coefficients = Vec::new();
         let values: Vec<Vec3> = (0..27)
             .map(|n| Vec3::from([n % 3, n / 3 % 3, n / 9].map(|i| (i as f64 - 1.0) / 2.0)))
             .map(map)
             .collect();
+        // One axis after the other: three values in a line become its coefficients.
         for c in 0..3 {
             let mut a: Vec<f64> = values.iter().map(|v| v[c]).collect();
             for stride in [1, 3, 9] {
                 for first in (0..27).filter(|n| n / stride % 3 == 0) {
                     let at = [first, first + stride, first + 2 * stride];
+                    // At -1/2, 0 and 1/2.
                     let [low, middle, high] = at.map(|n| a[n]);
+                    // a + b t through both ends, or a + b t + c t^2 through all three.
                     if powers == Powers::Linear {
                         (a[at[0]], a[at[1]]) = (low.midpoint(high), high - low);
                     } else {
@@ -49,6 +53,7 @@ impl Polynomial {
                     }
                 }
             }
+            // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
             coefficients.extend(match powers {
                 Powers::Linear => [0, 1, 3, 4, 9, 10, 12, 13].map(|n| a[n]).to_vec(),
                 Powers::Simplex => [0, 1, 3, 9, 2, 6, 18, 4, 12, 10].map(|n| a[n]).to_vec(),

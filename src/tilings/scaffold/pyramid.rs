@@ -137,6 +137,7 @@ impl Twisted {
 
     /// The sign of det J over the element; what is below `tiny` counts as 0.
     pub fn orientation(&self, tiny: f64) -> Orientation {
+        // det J is bilinear over the base: its extremes are at corners.
         let d = self.determinants();
         let (mut low, mut high) = (0, 0);
         for i in 1..4 {
@@ -152,6 +153,7 @@ impl Twisted {
             Orientation::Positive
         } else if d[high] < -tiny {
             Orientation::Negative
+        // Where both signs occur, the one opposite to the mean is wrong.
         } else if d[low] < -tiny && d[high] > tiny {
             let wrong = if self.mean_determinant() >= 0.0 {
                 low

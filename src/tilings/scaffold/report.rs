@@ -241,11 +241,13 @@ impl ScaffoldReport {
     pub fn warnings(&self) -> Vec<String> {
         let d = &self.defects;
         let mut found = Vec::new();
+        // Sentences with a count of 0 are left out.
         let mut warn = |count: usize, text: String| {
             if count > 0 {
                 found.push(text);
             }
         };
+        // The first five numbers.
         let list = |numbers: &mut dyn Iterator<Item = u64>| {
             let first: Vec<String> = numbers.take(5).map(|n| n.to_string()).collect();
             first.join(", ")

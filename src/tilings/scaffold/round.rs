@@ -74,6 +74,7 @@ impl Scaffold {
             nodes: Vec::new(),
             elements: Connectivity::default(),
         };
+        // The core: a cube of n^3 elements, each two half steps wide.
         for z in 0..n {
             for y in 0..n {
                 for x in 0..n {
@@ -81,6 +82,7 @@ impl Scaffold {
                 }
             }
         }
+        // On each side of the core, layers of elements reach from its surface to the sphere.
         for axis in 0..3 {
             for end in [0, 2 * n] {
                 for v in 0..n {

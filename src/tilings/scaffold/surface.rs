@@ -174,6 +174,8 @@ impl Surface {
         }))
     }
 
+    /// Elements of this thickness (world units) around the surface. A node is moved by half the thickness times its
+    /// vector in `along`, to both sides.
     fn thickened(&self, thickness: f64, along: &[Vec3]) -> Result<Scaffold, ScaffoldError> {
         if !(thickness.is_finite() && thickness > 0.0) {
             return Err(ScaffoldError::BadThickness(thickness));
@@ -186,6 +188,7 @@ impl Surface {
                 continue;
             };
             let own = self.elements.nodes(e);
+            // A copy of a node at a level belongs to all elements around the node.
             let made: Vec<u32> = places
                 .into_iter()
                 .map(|(node, level)| {
@@ -267,6 +270,7 @@ impl Surface {
     /// The elements to reverse so that neighbours have one orientation; the first of each component stays. On a
     /// one-sided surface some neighbours do not agree.
     fn reversed(&self) -> Vec<bool> {
+        // The elements at each edge, and whether each runs from the lower node to the higher.
         let mut edges: BTreeMap<[u32; 2], Vec<(usize, bool)>> = BTreeMap::new();
         for e in 0..self.len() {
             let own = self.elements.nodes(e);
@@ -279,6 +283,7 @@ impl Surface {
                     .push((e, a < b));
             }
         }
+        // Neighbours of one orientation run along their edge in opposite directions.
         let mut beside: Vec<Vec<(usize, bool)>> = vec![Vec::new(); self.len()];
         for pair in edges.values() {
             if let [(a, up), (b, other)] = pair[..] {
@@ -286,6 +291,7 @@ impl Surface {
                 beside[b].push((a, up == other));
             }
         }
+        // Each component is visited from its first element.
         let mut reversed: Vec<Option<bool>> = vec![None; self.len()];
         for first in 0..self.len() {
             if reversed[first].is_some() {

@@ -66,6 +66,7 @@ impl Topology {
                 faces.push((face_key(elements, f), f));
             }
         }
+        // Sorted by corners, the faces at one place are beside each other.
         faces.sort_unstable();
         let mut topology = Self {
             neighbours: vec![Neighbour::Outside; faces.len()],
@@ -75,6 +76,7 @@ impl Topology {
             components: Vec::new(),
         };
         let mut sets = UnionFind::new(elements.len());
+        // One face is outer, two are neighbours, more are non-manifold.
         for group in faces.chunk_by(|a, b| a.0 == b.0) {
             for pair in group.windows(2) {
                 sets.union(pair[0].1.element as usize, pair[1].1.element as usize);

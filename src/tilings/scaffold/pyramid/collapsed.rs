@@ -33,8 +33,10 @@ type Span = (Vec3, Vec3);
 /// The terms 1, h, ah, bh, abh, then h^2 times 1, a, b, a^2, b^2, ab, a^2 b, a b^2, a^2 b^2, and their
 /// gradients by x, y and h.
 fn terms(a: f64, b: f64, h: f64) -> ([f64; MAX_TERMS], [Vec3; MAX_TERMS]) {
+    // x = a h and y = b h. Gradients are written with a and b: none divides by h, which is 0 at the apex.
     let (x, y, ab) = (a * h, b * h, a * b);
     let v = Vec3::new;
+    // h^2 a b^2 is b x y, and so on.
     (
         [
             1.0,
@@ -112,14 +114,17 @@ pub(in crate::scaffold) fn complete<T: Copy>(
     values: &mut [T],
     sum: impl Fn(&[(T, f64)]) -> T,
 ) {
+    // Lattice point (i, j, k): a = (i - 1) / 2, b = (j - 1) / 2, h = 1 - k / 2.
     let place = |i: usize, j: usize, k: usize| index(Family::Tensor, 2, [i, j, k]);
     let corners = [[0, 0], [2, 0], [2, 2], [0, 2]];
     let all = |k: usize, weight: f64, v: &[T]| corners.map(|[i, j]| (v[place(i, j, k)], weight));
     let mids = [[1, 0], [2, 1], [1, 2], [0, 1]];
+    // The base of eight nodes: u(0, 0) = sum of mid nodes / 2 - sum of corners / 4.
     if kind == Kind::Pyramid13 {
         let around = mids.map(|[i, j]| (values[place(i, j, 0)], 0.5));
         values[place(1, 1, 0)] = sum(&[&all(0, -0.25, values)[..], &around].concat());
     }
+    // Half up the middle of a triangle: the quadratic of its six nodes at (1/4, 1/4, 1/2).
     for (n, [i, j]) in mids.into_iter().enumerate() {
         let ends = [corners[n], corners[(n + 1) % 4]];
         let [low, high] = ends.map(|[i, j]| (values[place(i, j, 0)], -0.125));
@@ -127,6 +132,7 @@ pub(in crate::scaffold) fn complete<T: Copy>(
         let base = (values[place(i, j, 0)], 0.25);
         values[place(i, j, 1)] = sum(&[low, high, rising, falling, base]);
     }
+    // Half up the axis, with u = apex + h linear(a, b) + h^2 quadratic(a, b) and a bilinear `linear`.
     let centre = (values[place(1, 1, 0)], 0.25);
     let around = [
         &all(1, 0.25, values)[..],
@@ -134,6 +140,7 @@ pub(in crate::scaffold) fn complete<T: Copy>(
         &[centre],
     ];
     values[place(1, 1, 1)] = sum(&around.concat());
+    // The cube's side at h = 0 is the apex.
     let apex = values[place(0, 0, 2)];
     values[place(0, 0, 2)..].fill(apex);
 }
