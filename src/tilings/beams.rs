@@ -214,7 +214,7 @@ impl Beams {
         }
     }
 
-    /// Values of a leaf moved outwards by `by`, clamped to the background.
+    /// Values of a leaf of 8^3 samples moved outwards by `by`, clamped to the background; all lengths in world units.
     fn leaf(
         &self,
         origin: Vec3,
@@ -223,15 +223,18 @@ impl Beams {
         out: &mut [f32; 512],
         scratch: &mut Scratch,
     ) -> LeafContent {
+        // The ball around all samples of the leaf.
         let half = (LEAF_EDGE - 1) as f64 / 2.0;
         let centre = origin.add_scalar(half * step);
         let radius = (half * 3f64.sqrt() + ROUNDING_MARGIN) * step;
+        // Parts within the background of a moved sample give its value; a fillet reaches farther by its radius.
         let reach = if self.fillet > 0.0 {
             (background + by).max(0.0) + self.fillet
         } else {
             background + by
         };
         let least = self.gather(centre, radius, reach, &mut scratch.found);
+        // The distance is 1-Lipschitz: the value at the centre bounds those in the ball.
         if least - self.depth_of_fillets(radius, &scratch.found) - by >= background + radius {
             return LeafContent::Outside;
         }
@@ -243,8 +246,10 @@ impl Beams {
             scratch.near.push(&self.parts[slot as usize], centre);
         }
         let at: [f32; LEAF_EDGE] = std::array::from_fn(|n| ((n as f64 - half) * step) as f32);
+        // No part beyond `reach` is collected: samples that no part lowers are out of the band.
         out.fill((background + by).max(self.fillet) as f32);
         rows::lower_to_distances(&scratch.near, &at, &at, &at, out);
+        // Fillets lower values near corners between parts. The clamp comes after them.
         if self.fillet > 0.0 {
             let place = |n: usize| {
                 let steps = [n >> 6, n >> 3 & 7, n & 7].map(|c| c as f64 - half);
@@ -269,6 +274,7 @@ impl Beams {
         let span = lattice.span();
         let centre = span.centre().0;
         let radius = span.half_diagonal() + ROUNDING_MARGIN * lattice.step;
+        // No sample is farther from the solid than `reach`: parts farther than that from the samples give no value.
         let (least, _) = self.nearest_part(centre);
         let reach = (least + radius).max(self.fillet);
         self.gather(centre, radius, reach, &mut scratch.found);
@@ -276,6 +282,7 @@ impl Beams {
         for &(_, slot) in &scratch.found {
             scratch.near.push(&self.parts[slot as usize], centre);
         }
+        // Coordinates relative to the centre, in single precision, for a block of whole rows.
         let at = |axis: usize, n: usize| {
             let from = lattice.origin.0[axis] - centre[axis];
             (from + n as f64 * lattice.step) as f32
@@ -287,6 +294,7 @@ impl Beams {
         scratch.values[..nx * ny * ROW_LEN].fill(f32::INFINITY);
         let values = &mut scratch.values[..nx * ny * ROW_LEN];
         rows::lower_to_distances(&scratch.near, &xs[..nx], &ys[..ny], &zs, values);
+        // `round_corners` borrows the scratch.
         if self.fillet > 0.0 {
             let mut values = std::mem::take(&mut scratch.values);
             let place = |n: usize| {
@@ -380,6 +388,7 @@ impl Field for Beams {
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let mut scratch = Scratch::new();
         let [nx, ny, nz] = lattice.counts;
+        // In blocks of 8^3; a row of a block is eight samples along z, and the last may be cut.
         for i in (0..nx).step_by(LEAF_EDGE) {
             for j in (0..ny).step_by(LEAF_EDGE) {
                 for k in (0..nz).step_by(ROW_LEN) {
@@ -417,6 +426,7 @@ impl Field for Beams {
         }
         let mut scratch = Scratch::new();
         let (mut kept, mut evaluated) = (0, 0);
+        // A leaf without band is not kept: the next one takes its place.
         for (n, origin) in leaves.origins.iter().enumerate() {
             let values = &mut leaves.values[kept];
             leaves.bits[n] = match self.leaf(

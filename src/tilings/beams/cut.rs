@@ -20,6 +20,7 @@ pub struct ScaffoldSolid {
 impl ScaffoldSolid {
     /// The union of closed surfaces.
     pub fn new(surfaces: impl IntoIterator<Item = TriMesh>) -> Self {
+        // Surfaces whose boxes are apart form one mesh, so that most unions need a single search.
         let mut layers: Vec<(Vec<Aabb>, Vec<TriMesh>)> = Vec::new();
         for mesh in surfaces {
             let own = mesh.bounds();
@@ -33,6 +34,7 @@ impl ScaffoldSolid {
                 None => layers.push((vec![own], vec![mesh])),
             }
         }
+        // Vertices are numbered one after the other.
         let joined = |meshes: Vec<TriMesh>| {
             let (mut points, mut triangles) = (Vec::new(), Vec::new());
             for mesh in &meshes {

@@ -67,7 +67,9 @@ impl ReferenceParts {
     #[must_use]
     pub fn symmetrised(&self, operators: &[Mat3]) -> Self {
         let mut all = Self::default();
+        // Reference lengths are near 1.
         let same = |a: &Vec3, b: &Vec3| (a - b).norm() < 1e-6;
+        // A strut is known in either direction, a plate with its corners in any order.
         for g in operators {
             for (ends, r) in &self.struts {
                 let [a, b] = ends.map(|e| g * e);
@@ -208,6 +210,8 @@ impl Network {
             struts: HashMap::new(),
             facets: HashMap::new(),
         };
+        // Elements are mapped in parallel and merged in their order: the numbers do not depend on threads. Batches
+        // bound the memory.
         for first in (0..scaffold.len()).step_by(BATCH_SIZE) {
             let last = scaffold.len().min(first + BATCH_SIZE);
             let mapped: Vec<MappedParts> = (first..last)
@@ -224,6 +228,7 @@ impl Network {
             }
         }
         let mut network = builder.network;
+        // Sums become means over the elements that share a segment.
         for strut in &mut network.struts {
             strut.radii = strut.radii.map(|r| r / f64::from(strut.shared));
         }
@@ -278,8 +283,10 @@ impl Builder {
         Ok(next)
     }
 
+    /// Adds a segment, or its radii to those of the same segment in another element.
     fn strut(&mut self, simplex: &MappedSimplex<2>) -> Result<(), NetworkError> {
         let ends = [self.node(simplex.points[0])?, self.node(simplex.points[1])?];
+        // Shorter than the spacing of nodes.
         if ends[0] == ends[1] {
             return Ok(());
         }
@@ -302,6 +309,7 @@ impl Builder {
             Entry::Occupied(entry) => {
                 let known = &mut self.network.struts[*entry.get() as usize];
                 for (n, r) in simplex.radii.into_iter().enumerate() {
+                    // The known segment may run the other way.
                     let at = if known.ends[n] == ends[n] { n } else { 1 - n };
                     known.radii[at] += r;
                 }
@@ -312,11 +320,13 @@ impl Builder {
         Ok(())
     }
 
+    /// Adds a triangle, unless another element or cell has given it.
     fn facet(&mut self, simplex: &MappedSimplex<3>) -> Result<(), NetworkError> {
         let [a, b, c] = simplex.points;
         let corners = [self.node(a)?, self.node(b)?, self.node(c)?];
         let mut key = corners;
         key.sort_unstable();
+        // Two corners are one node: the triangle has no area.
         if key[0] == key[1] || key[1] == key[2] {
             return Ok(());
         }
@@ -340,7 +350,8 @@ impl Builder {
     }
 }
 
-/// The segments and triangles of all cells in one element.
+/// The segments and triangles of all cells in one element. `cells` holds for each cell its parts by element shape;
+/// `chord` bounds the deviation of chords from curves, world units.
 fn map_parts(
     element: &ElementMap,
     cells: &[Vec<(Element, ReferenceParts)>],
@@ -360,6 +371,7 @@ fn map_parts(
         for (ends, radius) in &parts.struts {
             mapper.line(*ends, *radius, &mut all.0);
         }
+        // A plate is a flat convex polygon: a fan of triangles covers it.
         for (corners, radius) in &parts.plates {
             for n in 1..corners.len() - 1 {
                 let fan = [corners[0], corners[n], corners[n + 1]];

@@ -122,11 +122,13 @@ impl Slab {
             return None;
         }
         let normal = area / size;
+        // A barycentric coordinate rises at a right angle to the opposite side, by 1 over the triangle's height there.
         let barycentric = [
             (normal.cross(&(c - b)) / size, 1.0),
             (normal.cross(&(a - c)) / size, 0.0),
             (normal.cross(&(b - a)) / size, 0.0),
         ];
+        // The radius is linear: its gradient is the sum of those of the barycentrics times the corners' radii.
         let radius_gradient = (0..3)
             .map(|n| barycentric[n].0 * plate.radii[n])
             .sum::<Vec3>();

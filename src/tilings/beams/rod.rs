@@ -73,8 +73,9 @@ impl Axis {
         }
     }
 
-    /// Signed distance and its gradient.
+    /// Signed distance and its gradient at a point, world units.
     fn value(&self, p: Vec3) -> (f64, Vec3) {
+        // h along the axis, q away from it.
         let x = p - self.from;
         let h = x.dot(&self.along);
         let across = x - self.along * h;
@@ -83,6 +84,7 @@ impl Axis {
         let point = [h, q];
         let first = self.on_cap(0, [-h, q]);
         let last = self.on_cap(1, [h - self.length, q]);
+        // The nearest points of the side and both ends. `on_cap` measures h outwards.
         let nearest = [
             on_segment(point, [0.0, r], [self.length, s]),
             [-first[0], first[1]],
@@ -96,6 +98,7 @@ impl Axis {
             }
         }
         let (distance, c) = best;
+        // Beyond an end only a hemisphere is inside; between the ends, q is compared with the radius there.
         let is_inside = if h < 0.0 {
             self.is_round[0] && h.hypot(q) < r
         } else if h > self.length {
@@ -105,6 +108,7 @@ impl Axis {
         };
         let sign = if is_inside { -1.0 } else { 1.0 };
         let outward = across.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+        // (p - c) / distance, outwards; on the surface itself, the direction away from the axis.
         let gradient = if distance > 0.0 {
             (self.along * (h - c[0]) + outward * (q - c[1])) * (sign / distance)
         } else {

@@ -146,6 +146,7 @@ impl SimdKernel for LowerToDistances<'_> {
     fn run<L: Lanes>(self, l: L) {
         let zs = l.load(self.zs);
         let rows = self.values.as_chunks_mut::<ROW_LEN>().0;
+        // The union's distance is the minimum over the parts, one part after the other.
         for axis in &self.near.axes {
             let tapers = axis.slope != 0.0;
             let mut n = 0;
@@ -158,6 +159,7 @@ impl SimdKernel for LowerToDistances<'_> {
                 }
             }
         }
+        // The interior of a plate counts only where the foot point is in the triangle; `to_slab` keeps other values.
         for slab in &self.near.slabs {
             let mut n = 0;
             for &x in self.xs {

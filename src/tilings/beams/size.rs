@@ -52,12 +52,14 @@ impl Network {
         weights: Option<&WeightsAt>,
         [tolerance, least]: [f64; 2],
     ) -> Result<(Vec<Beam>, Vec<Plate>), E> {
+        // Constant and relative widths are linear along each part: the ends suffice.
         let varies = weights.is_some() || matches!(width, Width::Varying(_));
         let (along, across) = if varies {
             (STRUT_INTERVALS, PLATE_INTERVALS)
         } else {
             (1, 1)
         };
+        // The samples of all struts, then of all plates, are evaluated at once.
         let mut points = Vec::new();
         for strut in &self.struts {
             points.extend((0..=along).map(|n| self.on_strut(scaffold, strut, (n, along))));
@@ -87,9 +89,11 @@ impl Network {
                 found
             }
         };
+        // Weights scale radii at the samples.
         if let Some(weights) = weights {
             self.apply_weights(weights, (along, across), least, &mut radii);
         }
+        // Parts are cut where the radius is not linear.
         let samples = Samples { points, radii };
         let mut beams = Vec::new();
         for n in 0..self.struts.len() {
