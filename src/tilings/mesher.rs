@@ -182,6 +182,7 @@ impl<'a> Mesher<'a> {
         region: Region,
         progress: &dyn Progress,
     ) -> Result<Patch, MesherError> {
+        // Positions are in single precision, whose rounding follows from the greatest coordinate.
         let max_of_leaves = || {
             let ends = |c: i32, a: usize| {
                 let at = |c: i32| (f64::from(c) * self.voxel_size + self.origin[a]).abs();
@@ -191,6 +192,7 @@ impl<'a> Mesher<'a> {
             leaves.iter().map(reach).fold(0.0, f64::max)
         };
         let max_coordinate = self.max_coordinate.unwrap_or_else(max_of_leaves);
+        // Vertices stay this far from the ends of their edges, so that rounding merges no two of them.
         let margin = if self.is_double {
             vertex_position::MIN_MARGIN
         } else {

@@ -276,6 +276,7 @@ impl<'a> CrossedEdges<'a> {
     fn open_cell(&self, n: usize, corners: &Corners) -> Option<(usize, u32)> {
         let neighbours = &self.neighbours[n];
         let found = |x: usize, bits: u64| (bits != 0).then(|| (x, bits.trailing_zeros()));
+        // A cell reaches one voxel beyond its own on each axis: cells at the leaf's upper sides need the leaves above.
         let has_all_upper = (1..8).all(|slot| neighbours.upper[slot] != NO_LEAF);
         if !has_all_upper {
             for x in 0..8 {
@@ -294,11 +295,13 @@ impl<'a> CrossedEdges<'a> {
                 }
             }
         }
+        // A cell directly below x = 0 has its upper four corners there, in one slice.
         if neighbours.missing_below & 1 != 0
             && let Some(open_cell) = found(0, mixed(&corners[0]))
         {
             return Some(open_cell);
         }
+        // Likewise below y = 0 and z = 0: two voxels of each of two slices.
         for (bit, word, plane) in [(2, 1, Y_MIN_BITS), (4, 2, Z_MIN_BITS)] {
             if neighbours.missing_below & bit == 0 {
                 continue;
@@ -352,6 +355,7 @@ fn neighbours(leaves: &[LeafValues], part: &[LeafValues], region: Region) -> Vec
         };
         part.len()
     ];
+    // Leaves and targets are in order of origin: one pass over both meets all neighbours at a step.
     let mut scan = |step: [i32; 3], set: &mut dyn FnMut(&mut Neighbours, Coord, Option<u32>)| {
         let target = |leaf: &LeafValues| leaf.origin.offset(step[0], step[1], step[2]);
         let Some(first) = part.first().map(target) else {
@@ -367,12 +371,14 @@ fn neighbours(leaves: &[LeafValues], part: &[LeafValues], region: Region) -> Vec
             set(of_leaf, origin, found.then_some(at as u32));
         }
     };
+    // Leaves above, on each combination of axes.
     for slot in 0..8 {
         let step = [slot >> 2, slot >> 1 & 1, slot & 1].map(|d| d as i32 * LEAF);
         scan(step, &mut |of_leaf, _, n| {
             of_leaf.upper[slot] = n.unwrap_or(NO_LEAF);
         });
     }
+    // Leaves below, along single axes: only their absence inside the region matters.
     for axis in 0..3 {
         let mut step = [0; 3];
         step[axis] = -LEAF;

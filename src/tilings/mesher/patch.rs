@@ -39,6 +39,7 @@ pub struct Patch<const N: usize = 3> {
 }
 
 impl Patch {
+    /// The patch of these vertices and triangles. Identities of vertices on seams let other patches refer to them.
     pub(super) fn new(
         crossed: &CrossedEdges,
         vertices: Vec<Vec3>,
@@ -46,6 +47,7 @@ impl Patch {
     ) -> Self {
         let region = crossed.region;
         let (mut lower, mut upper) = (Vec::new(), Vec::new());
+        // Patches below refer to the vertices in the region's lowest layers.
         let (own, others) = crossed.order.split_at(crossed.owned_leaves);
         if region != Region::EVERYWHERE {
             for &n in own {
@@ -59,6 +61,7 @@ impl Patch {
                 }
             }
         }
+        // The leaves above own these vertices; the order is that of their numbers.
         for &n in others {
             for_each_edge(crossed, n as usize, |seam_vertex, _| {
                 upper.push(seam_vertex);

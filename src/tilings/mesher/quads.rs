@@ -47,6 +47,7 @@ impl RegionQuads {
         let cell_of = |v: &Vec3| Coord(index(*v).map(|c| c.floor() as i32).into());
         let cells: Vec<Coord> = mesh.vertices().iter().map(cell_of).collect();
         let is_within = |cell: Coord| region.meets(cell, 1);
+        // The least cell of the four around the quad's edge decides its region.
         let is_of_region = |q: &[u32; 4]| {
             let least = |a| q.iter().map(|&v| cells[v as usize][a]).min().unwrap_or(0);
             is_within(Coord(std::array::from_fn(least)))
@@ -56,6 +57,7 @@ impl RegionQuads {
             .filter(|(_, q)| is_of_region(q))
             .map(|(n, _)| n)
             .collect();
+        // The region's own vertices come first.
         let mut vertices: Vec<u32> = (0..cells.len() as u32).collect();
         vertices.retain(|&v| is_within(cells[v as usize]));
         let owned = vertices.len();
@@ -63,12 +65,14 @@ impl RegionQuads {
         for (n, &v) in (0..).zip(&vertices) {
             local_number[v as usize] = Some(n);
         }
+        // Corners of its quads in regions above follow, each once.
         for v in quads.iter().flat_map(|&n| mesh.quads()[n as usize]) {
             local_number[v as usize].get_or_insert_with(|| {
                 vertices.push(v);
                 vertices.len() as u32 - 1
             });
         }
+        // Several vertices may share a cell: their positions distinguish them.
         let seam_vertex = |v: u32| SeamVertex {
             voxel: cells[v as usize],
             tag: mesh.vertices()[v as usize]

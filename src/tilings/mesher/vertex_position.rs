@@ -172,9 +172,11 @@ impl Mesher<'_> {
     fn exact_zero(&self, field: &WorldField, crossing: &Crossing, start: f64) -> f64 {
         let tolerance = 1e-9;
         let [a, b] = crossing.ends.map(f64::from);
+        // The zero lies between `near` and `far`; `far` is the latest point.
         let (mut near, mut far): ((f64, f64), (f64, f64)) = ((0.0, a), (1.0, b));
         let mut share = start;
         for _ in 0..MAX_STEPS {
+            // Rounding has put the point on an end: there is nothing between.
             if !(share > near.0.min(far.0) && share < near.0.max(far.0)) {
                 return share;
             }
@@ -182,6 +184,7 @@ impl Mesher<'_> {
             if value.abs() <= tolerance * self.voxel_size || !value.is_finite() {
                 return share;
             }
+            // The value of a retained end is halved, so that the next point is nearer to it.
             if (value < 0.0) == (far.1 < 0.0) {
                 near.1 /= 2.0;
             } else {
@@ -191,6 +194,7 @@ impl Mesher<'_> {
             if (near.0 - far.0).abs() <= tolerance {
                 return share;
             }
+            // The secant through both ends.
             share = (near.0 * far.1 - far.0 * near.1) / (far.1 - near.1);
         }
         share
