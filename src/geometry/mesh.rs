@@ -256,6 +256,7 @@ impl TriMesh {
         const CHUNK_TRIANGLES: usize = 1 << 14;
         let chunks = self.triangles.par_chunks(CHUNK_TRIANGLES);
         let bounds = self.bounds_in_parallel();
+        // Volumes about a point nearby are small, so that their sum keeps its digits.
         let centre = || {
             if bounds.is_empty() {
                 Vec3::zeros()
@@ -264,10 +265,12 @@ impl TriMesh {
             }
         };
         let origin = point.unwrap_or_else(centre);
+        // Sums of chunks of fixed size, added in order: the same bits at any number of threads.
         let sums: Vec<[f64; 2]> = chunks
             .map(|chunk| {
                 let corners = chunk.iter().map(|t| t.map(|v| self.vertices[v as usize]));
                 corners.fold([0.0; 2], |[six_volumes, two_areas], [a, b, c]| {
+                    // (a - o).n / 6 is the volume of the tetrahedron from the origin, |n| / 2 the triangle's area.
                     let normal = (b - a).cross(&(c - a));
                     [
                         six_volumes + (a - origin).dot(&normal),

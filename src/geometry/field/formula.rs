@@ -113,6 +113,7 @@ impl Formula {
     /// If there are fewer values than variables.
     pub fn value(&self, variables: &[f64]) -> f64 {
         assert!(variables.len() >= self.variables, "a value for every name");
+        // Operands lie on a stack, the last on top. The parser has checked its height.
         let mut stack = [0.0; STACK_SIZE];
         let mut top = 0;
         for step in &self.steps {

@@ -104,9 +104,11 @@ impl Element {
                 v(-0.5, 0.5, z),
             ]
         };
+        // Planar elements and layers of a wedge are unit triangles and squares with their centroid at the origin.
         match self {
             Self::Tri => triangle(0.0).to_vec(),
             Self::Quad => square(0.0).to_vec(),
+            // Alternate corners of the cube.
             Self::Tet => {
                 vec![
                     v(-0.5, -0.5, -0.5),
@@ -122,6 +124,7 @@ impl Element {
                 all.push(v(0.0, 0.0, 0.5f64.sqrt()));
                 all
             }
+            // The vertices of an icosahedron.
             Self::Ball => cyclic_permutations([0.0, 1.0, GOLDEN_RATIO])
                 .map(|p| p.normalize() * BALL_RADIUS)
                 .collect(),
@@ -137,6 +140,7 @@ impl Element {
             normal: n.normalize(),
             offset,
         };
+        // The outward normals of the sides; `z` tilts those of a pyramid.
         let of_square = |z: f64, offset: f64| {
             [[0., -1.], [1., 0.], [0., 1.], [-1., 0.]]
                 .map(|[x, y]| face(Vec3::new(x, y, z), offset))
@@ -148,6 +152,7 @@ impl Element {
         match self {
             Self::Tri => of_triangle().to_vec(),
             Self::Quad => of_square(0.0, 0.5).to_vec(),
+            // Four of the eight (+-1, +-1, +-1), on the planes n.x = 1/2.
             Self::Tet => [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]]
                 .map(|n| face(Vec3::from(n), 0.5 / 3f64.sqrt()))
                 .to_vec(),
@@ -164,6 +169,7 @@ impl Element {
                 all.extend(of_square(0.5f64.sqrt(), 6f64.sqrt().recip()));
                 all
             }
+            // The inradius of the icosahedron. Its normals are the vertices of a dodecahedron.
             Self::Ball => {
                 let offset = BALL_RADIUS * GOLDEN_RATIO * GOLDEN_RATIO
                     / (3.0 * (1.0 + GOLDEN_RATIO * GOLDEN_RATIO)).sqrt();

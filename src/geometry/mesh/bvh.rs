@@ -232,7 +232,7 @@ impl Bvh {
         }
     }
 
-    /// Visits every slot whose box may meet the ray from `p` along an axis, forward or backward.
+    /// Visits every slot whose box may meet the ray from `p`, world units, along an axis, forward or backward.
     pub(crate) fn along(
         &self,
         p: Vec3,
@@ -244,6 +244,7 @@ impl Bvh {
             return;
         }
         let q = to_f32(self.local.point(p));
+        // A depth-first search from the root, node 0.
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let mut stack = [0u32; MAX_STACK];
         let mut top = 1;
@@ -304,7 +305,8 @@ impl Bvh {
         self.overlapping_where(region, |_| true, visit);
     }
 
-    /// As [`Bvh::overlapping`], in the root's leaves and in the nodes that `enters` admits.
+    /// As [`Bvh::overlapping`], in the root's leaves and in the nodes, by number, that `enters` admits. The search ends
+    /// when `visit` returns false.
     pub(crate) fn overlapping_where(
         &self,
         region: &Aabb,
@@ -314,6 +316,7 @@ impl Bvh {
         if self.nodes.is_empty() || region.is_empty() {
             return;
         }
+        // The region grows by the rounding of its corners to single precision.
         let lo = to_f32(self.local.point(region.min)).map(|c| c - c.abs() * DISTANCE_SLACK);
         let hi = to_f32(self.local.point(region.max)).map(|c| c + c.abs() * DISTANCE_SLACK);
         let mut stack = [0u32; MAX_STACK];
@@ -326,6 +329,7 @@ impl Bvh {
                 if !meets || node.count[l] == UNUSED_LANE {
                     continue;
                 }
+                // An inner node has a count of 0 and its number in place of the first slot.
                 if node.count[l] == 0 {
                     if enters(node.first[l] as usize) {
                         stack[top] = node.first[l];

@@ -153,6 +153,7 @@ impl MeshReport {
             };
             let _ = writeln!(f, "{property}: {holds}");
         }
+        // Of each kind of defect the first place is given.
         for (name, finding) in self.defects() {
             let _ = write!(f, "{} {name}", finding.count);
             if let Some(Defect { at, triangles }) = finding.places.first() {
@@ -213,6 +214,7 @@ pub fn check_with(
     intersections: bool,
     progress: &dyn Progress,
 ) -> Result<MeshReport, Cancelled> {
+    // Corners at one place are one vertex, as files without shared vertices need.
     let merged = mesh.merged();
     let edges = HalfEdges::of(merged.triangles(), merged.vertices().len());
     if progress.cancelled() {
@@ -244,6 +246,7 @@ pub fn check_with(
             });
         }
     }
+    // The surface is searched by box; the middle of the first triangle of a pair is its place.
     if intersections {
         progress.stage("self-intersections", Some(mesh.triangles().len() as u64));
         let numbered: Vec<_> = merged.iter_corners().zip(0u32..).collect();

@@ -100,11 +100,13 @@ impl CloudSolid {
             let index = normals.iter().position(is_invalid).unwrap_or(0);
             return Err(CloudError::NoNormal(index));
         };
+        // Each point's share of the area gives the size of its tile.
         let shares = shares(&points);
         let area: f64 = shares.iter().sum();
         if !(area.is_finite() && area > 0.0) {
             return Err(CloudError::NoArea(area));
         }
+        // Outward normals give 1 inside; inward ones give -1, and then all are reversed.
         let mut solid = Self::tiled(points, &unit_normals, &shares, 1.0);
         let (least, greatest) = solid.winding_range();
         if greatest > 0.5 {

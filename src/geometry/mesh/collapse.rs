@@ -167,6 +167,7 @@ struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
+    /// The surface before the first pass, with the quadric and the fixed state of each vertex.
     fn new(vertices: &'a [Vec3], triangles: &[[u32; 3]]) -> Self {
         let mut surface = Self {
             vertices,
@@ -175,12 +176,15 @@ impl<'a> Surface<'a> {
             quadrics: vec![Quadric::ZERO; vertices.len()],
             is_fixed: vec![false; vertices.len()],
         };
+        // Vertices on an edge stay unless exactly two triangles of one orientation meet there.
         for edge in HalfEdges::of(triangles, vertices.len()).edges() {
             if !matches!(edge, [s, t] if s.is_forward() != t.is_forward()) {
                 surface.is_fixed[edge[0].lo as usize] = true;
                 surface.is_fixed[edge[0].hi as usize] = true;
             }
         }
+        // A quadric is the squared distance to the planes around a vertex, weighted by their areas. Triangles that
+        // repeat a vertex fix their corners.
         for &triangle in triangles {
             let area_vector = surface.area_vector(triangle);
             let repeats = triangle[0] == triangle[1] || triangle[1] == triangle[2];
@@ -334,10 +338,12 @@ impl<'a> Surface<'a> {
         for &triangle in triangles {
             let normal = self.area_vector(triangle);
             let [a, b, c] = triangle;
+            // The neighbour over an edge has the edge in the other direction.
             for [u, v] in [[a, b], [b, c], [c, a]] {
                 let has_edge = |t: &[u32; 3]| from_corner(*t, v).is_some_and(|[next, _]| next == u);
                 let among = triangles.iter().copied().find(has_edge);
                 let beyond = || {
+                    // Else it is one of the surface, without the triangles that the collapse removes.
                     [u, v]
                         .iter()
                         .filter_map(|&star| self.triangle_of(star, [v, u]))

@@ -23,6 +23,7 @@ pub struct MeshComponent {
 /// The components of a mesh, largest volume first, and the component of each vertex.
 #[doc(hidden)]
 pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
+    // Triangles that share a vertex are of one component.
     let mut sets = UnionFind::new(mesh.vertices().len());
     for &[a, b, c] in mesh.triangles() {
         sets.union(a as usize, b as usize);
@@ -36,6 +37,7 @@ pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
         bounds: Aabb::EMPTY,
     };
     let mut found = vec![none; count];
+    // Volumes about a point of the mesh, whose sums lose fewer digits than about a far origin.
     let origin = mesh.vertices().first().copied().unwrap_or_default();
     for (t, corners) in mesh.triangles().iter().zip(mesh.iter_corners()) {
         let component = &mut found[labels[t[0] as usize] as usize];
@@ -44,6 +46,7 @@ pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
         component.volume += a.dot(&b.cross(&c)) / 6.0;
         component.bounds = component.bounds.union(Aabb::of(corners));
     }
+    // By volume, largest first; the sort is stable, so that equal ones keep their order.
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|&a, &b| found[b].volume.abs().total_cmp(&found[a].volume.abs()));
     let mut rank = vec![0; count];

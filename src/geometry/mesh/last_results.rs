@@ -42,13 +42,14 @@ pub(super) fn bound(id: MeshId, region: &Aabb, make: impl FnOnce() -> Interval) 
     made
 }
 
-/// Fills with the values of a mesh on a lattice, by `make` unless they are this thread's last ones.
+/// Fills `out` with the values of the mesh `id` on a lattice, by `make` unless they are this thread's last ones.
 pub(super) fn fill(
     id: MeshId,
     lattice: &SampleLattice<WorldPoint>,
     out: &mut [f32],
     make: impl FnOnce(&mut [f32]),
 ) {
+    // Large lattices would take memory in each thread.
     if out.len() > MAX_SAMPLES {
         return make(out);
     }

@@ -223,6 +223,7 @@ impl LatticeDistances<'_> {
         hint: &mut u32,
         slots: &mut Vec<u32>,
     ) -> usize {
+        // A ball around the range's samples.
         let ends = [0, 1].map(|k| self.point([0, 1, 2].map(|a| range[a][k] - k)));
         let centre = (ends[0] + ends[1]) / 2.0;
         let radius = (ends[1] - ends[0]).norm() / 2.0;
@@ -236,6 +237,7 @@ impl LatticeDistances<'_> {
         }
         from.squared.resize(n, [0.0; PACK_SIZE]);
         let q = self.local_point(l, centre);
+        // The least bound in each lane, over all packs.
         let mut lane_minima = l.splat(f32::INFINITY);
         for i in 0..n {
             let pack = from.packs[i];
@@ -254,6 +256,7 @@ impl LatticeDistances<'_> {
                 (lane, minimum) = (n, row[n]);
             }
         }
+        // The triangle with the least bound is measured: the nearer the hint, the fewer triangles remain.
         for i in 0..n {
             if from.squared[i][lane] <= minimum {
                 let found = self.slot(from.packs[i], lane as u32);
@@ -263,6 +266,7 @@ impl LatticeDistances<'_> {
                 break;
             }
         }
+        // Nearer than d + 2 r to the centre, see the head of this file.
         let nearest = self.squared(*hint, centre).sqrt();
         let reach = (nearest + 2.0 * radius).min(self.max_distance + radius);
         let limit = l.splat(self.limit(reach));
@@ -275,6 +279,7 @@ impl LatticeDistances<'_> {
             let pack = from.packs[i];
             to.packs.push(pack);
             remaining += mask.count_ones() as usize;
+            // Beyond the level's limit the caller divides the range and needs no slots.
             while mask != 0 && remaining <= MAX_ROW_TRIANGLES[level] {
                 slots.push(self.slot(pack, mask.trailing_zeros()));
                 mask &= mask - 1;
@@ -321,7 +326,8 @@ impl LatticeDistances<'_> {
         }
     }
 
-    /// Measures a block's samples one by one against many triangles.
+    /// Measures the samples of the block `range` one by one against many triangles, those of the packs in `level`.
+    /// `hint` is the slot of a triangle near the last sample, where the next search starts.
     #[inline(always)]
     fn measure_points<L: Lanes>(
         &mut self,
@@ -336,6 +342,7 @@ impl LatticeDistances<'_> {
                     let p = self.point([x, y, z]);
                     let q = self.local_point(l, p);
                     let mut nearest2 = self.squared(*hint, p);
+                    // Each triangle measured may lower the distance up to which others matter.
                     let mut cutoff = l.splat(self.limit(nearest2.sqrt().min(self.max_distance)));
                     for &pack in &level.packs {
                         let squared = lower_bounds(l, &self.discs[pack as usize], &q);
@@ -345,6 +352,7 @@ impl LatticeDistances<'_> {
                         {
                             mask &= l.below(plate_bounds(l, plates, &q), cutoff);
                         }
+                        // Exact distances of the lanes that remain.
                         while mask != 0 {
                             let slot = self.slot(pack, mask.trailing_zeros());
                             mask &= mask - 1;

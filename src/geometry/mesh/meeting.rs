@@ -36,11 +36,13 @@ pub(crate) fn meeting_pairs(
 ) -> Result<Vec<[u32; 2]>, Cancelled> {
     let search = Search::of(soup);
     let count = soup.corners.len();
+    // Slots, not numbers, are chunked: neighbours in the tree are tested by one thread.
     let slots: Vec<usize> = (0..count).collect();
     let chunks = slots.par_chunks(4096).map(|slots| {
         if progress.cancelled() {
             return Vec::new();
         }
+        // Only later slots are searched, so that no pair comes twice.
         let pairs = slots.iter().filter_map(|&s| {
             let [a, b] = [s, search.first_later(s)?].map(|slot| soup.number[slot]);
             Some([a.min(b), a.max(b)])
@@ -234,7 +236,10 @@ impl Fan {
 }
 
 impl Pieces {
+    /// The pieces of triangles by slot, each with the box around it, and the tree over all boxes. `hubs` holds
+    /// the hub of each slot.
     fn of(corners: &[[Vec3; 3]], hubs: &[u32]) -> Self {
+        // Long thin triangles have boxes that are mostly empty: they are cut into pieces, fewer each if many are long.
         let counts: Vec<f64> = corners.par_iter().map(piece_count).collect();
         let long = counts.iter().filter(|n| **n >= 2.0).count();
         let most = (MAX_PIECES_IN_ALL / long.max(1)).clamp(1, MAX_PIECES) as f64;
@@ -249,6 +254,7 @@ impl Pieces {
         }
         let boxes: Vec<Aabb> = of_each.into_iter().flatten().collect();
         let bvh = Bvh::new(boxes.len(), |i| boxes[i]);
+        // A node knows the last triangle in it, and the hub if all of its triangles have the same.
         let node = |slot: usize| {
             let triangle = slots[bvh.order()[slot] as usize];
             (triangle, hubs[triangle as usize])

@@ -120,6 +120,7 @@ impl QuadMesh {
                     }
                     progress.advance(256);
                 }
+                // The crease in the vertex's cell, if there is one, else the zero along its normal.
                 let mut target = Target::default();
                 if options.sharp && near_creases[n] {
                     surface.project_to_crease(p, &mut target);
@@ -130,11 +131,13 @@ impl QuadMesh {
                 Ok(target)
             })
             .collect::<Result<_, _>>()?;
+        // A corner in a cell without vertex goes to the nearest vertex beside it.
         assign_corners(&before.vertices, &mut targets, options.voxel_size);
         let mut points: Vec<Vec3> = before.vertices.clone();
         for (position, target) in points.iter_mut().zip(&targets) {
             *position = target.position.unwrap_or(*position);
         }
+        // A vertex that spoils a triangle goes back, which may spoil others: rounds go on until none does.
         let swapped = loop {
             revert_invalid(self, &mut points, options.voxel_size);
             let swapped = self.choose_diagonals(&points, &targets, &surface);
@@ -197,6 +200,7 @@ impl QuadMesh {
         swapped: &[bool],
         progress: &dyn Progress,
     ) -> Result<BTreeSet<usize>, Cancelled> {
+        // Files may store single precision: what intersects there counts.
         let rounded: Vec<Vec3> = points
             .par_iter()
             .map(|p| p.map(|c| f64::from(c as f32)))
@@ -209,6 +213,7 @@ impl QuadMesh {
             } else {
                 [[a, b, c], [a, c, d]]
             };
+            // A quad that repeats its last corner is one triangle.
             let count = if quad[2] == quad[3] { 1 } else { 2 };
             triangles.extend(both.into_iter().take(count).map(|t| (t, n as u32)));
         }
@@ -294,6 +299,7 @@ fn valid_diagonals(mesh: &QuadMesh, points: &[Vec3], h: f64, quad: [u32; 4]) -> 
 /// without valid diagonal.
 fn revert_invalid(mesh: &QuadMesh, points: &mut [Vec3], h: f64) {
     let before = mesh.vertices();
+    // + 0.0 makes -0 and 0 one key.
     let key = |p: &Vec3| [p.x, p.y, p.z].map(|c| (c as f32 + 0.0).to_bits());
     let mut used = HashSet::with_capacity(points.len());
     for (position, old) in points.iter_mut().zip(before) {
@@ -303,6 +309,7 @@ fn revert_invalid(mesh: &QuadMesh, points: &mut [Vec3], h: f64) {
         }
     }
     drop(used);
+    // A restored point changes its other quads: until all are valid.
     loop {
         let invalid: Vec<[u32; 4]> = mesh
             .quads()

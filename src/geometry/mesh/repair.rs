@@ -152,6 +152,7 @@ impl Oriented {
         }
         let mut oriented = self;
         let scans = Scans::of(&oriented.mesh, &oriented.shells, &oriented.measured);
+        // The triangles of some shells.
         let of_shells = |shells: &[usize]| -> Vec<bool> {
             let of = oriented.shells.of.iter();
             of.map(|s| shells.contains(&(*s as usize))).collect()
@@ -177,6 +178,7 @@ impl Oriented {
             add(RepairKind::Repeated, message);
             mesh = without(&mesh, &of_shells(&scans.covered));
         }
+        // The shells have changed: all is determined anew from the remaining mesh.
         let flipped_faces = oriented.flipped_faces;
         oriented = Self::of(mesh);
         oriented.flipped_faces += flipped_faces;

@@ -47,6 +47,7 @@ impl Scans {
     /// Compares the open shells of a mesh.
     pub(super) fn of(mesh: &TriMesh, shells: &Shells, measured: &[ShellMeasures]) -> Self {
         let mut scans = Self::default();
+        // Open shells, largest first; small ones are no scans.
         let mut open: Vec<usize> = (0..shells.count)
             .filter(|&s| !measured[s].is_closed)
             .collect();
@@ -63,6 +64,7 @@ impl Scans {
         if !(2..=MAX_SCANS).contains(&open.len()) {
             return scans;
         }
+        // Each shell is compared with the larger ones that were kept.
         let mut kept: Vec<(usize, MeshSolid)> = Vec::new();
         for &shell in &open {
             let part = part(mesh, shells, shell);
@@ -80,6 +82,7 @@ impl Scans {
                 scans.covered.push(shell);
                 continue;
             }
+            // Most of the points near the other one have opposite normals.
             let is_opposed = 2 * overlap.opposed > overlap.near;
             if is_opposed {
                 scans.opposed.push(shell);

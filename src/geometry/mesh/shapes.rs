@@ -38,6 +38,7 @@ impl TriMesh {
     pub fn ball(centre: Vec3, radius: f64, levels: u32) -> Self {
         let axis = |a: usize, s: f64| Vec3::ith(a, s);
         let mut triangles: Vec<[Vec3; 3]> = Vec::new();
+        // The faces of an octahedron, counter-clockwise seen from outside.
         for sx in [1.0, -1.0] {
             for sy in [1.0, -1.0] {
                 for sz in [1.0, -1.0] {
@@ -50,6 +51,7 @@ impl TriMesh {
                 }
             }
         }
+        // Each triangle becomes four, with the middles of its sides moved to the sphere.
         for _ in 0..levels {
             triangles = triangles
                 .into_iter()
@@ -59,6 +61,7 @@ impl TriMesh {
                 })
                 .collect();
         }
+        // Corners that triangles share become one vertex; equal sums give equal bits.
         let mut merger = VertexMerger::default();
         let triangles = triangles.iter().map(|t| t.map(|p| merger.add(p))).collect();
         Self {

@@ -93,7 +93,7 @@ impl MeshSolid {
         Self::of_parts(parts, is_cap)
     }
 
-    /// Assembles a solid.
+    /// Assembles a solid. `is_cap` marks the triangles that count for the winding number only.
     ///
     /// # Panics
     /// When `is_cap` does not have one entry per triangle.
@@ -114,6 +114,7 @@ impl MeshSolid {
             numbered.filter(|t| is_cap[t.1 as usize] == cap).collect()
         };
         let (open, boundary) = parts.open.unzip();
+        // Distances are measured from the surface without caps and buried parts, winding numbers from all triangles.
         let is_surface = |t: &([Vec3; 3], u32)| !is_cap[t.1 as usize];
         let (surface, winding_soup, buried) = match parts.united {
             Some(united) => {

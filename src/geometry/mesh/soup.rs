@@ -140,12 +140,14 @@ impl Soup {
         self.pieces = PieceTree::of(&self.corners, &self.long);
     }
 
-    /// As [`Self::new`], where no or few distances and winding numbers are needed.
+    /// As [`Self::new`], without cutting long triangles: for few distances and winding numbers. Each triangle comes
+    /// with its number in the mesh.
     pub(crate) fn uncut(triangles: &[([Vec3; 3], u32)]) -> Self {
         let bvh = Bvh::new(triangles.len(), |i| Aabb::of(triangles[i].0));
         let at = |slot: &u32| triangles[*slot as usize];
         let corners: Vec<_> = bvh.order().iter().map(|s| at(s).0).collect();
         let (mut slivers, mut long) = (Vec::new(), Vec::new());
+        // Bounding discs are loose for slivers and long triangles, which get tighter shapes.
         let disc = |(slot, t): (u32, &[Vec3; 3])| {
             let mut disc = Disc::around(t, bvh.local());
             let thinness = Thinness::of(t);

@@ -143,6 +143,7 @@ fn touching_shells(
     soup: &Soup,
     tolerance: f64,
 ) -> Vec<bool> {
+    // The search ends at the first box of another shell.
     let touches_another = |t: &usize| {
         let shell = shells.of[*t];
         let region = Aabb::of(mesh.corners(*t)).dilated(tolerance);
@@ -381,8 +382,8 @@ impl Plane {
         self.origin + self.axes[0] * u + self.axes[1] * v
     }
 
-    /// Adds the segments in which another triangle intersects the plane: all its sides if it is coplanar.
-    /// Returns whether it is not coplanar.
+    /// Adds the segments in which a triangle intersects the plane: all its sides if it is coplanar. Corners within
+    /// `tolerance`, world units, lie in the plane. Returns whether the triangle is not coplanar.
     fn add_intersection(
         &self,
         other: &[Vec3; 3],
@@ -398,6 +399,7 @@ impl Plane {
         }
         let project = other.map(|p| self.project(p));
         let mut points: Vec<[f64; 2]> = Vec::with_capacity(3);
+        // A corner in the plane, or a side that crosses it.
         for i in 0..3 {
             let j = (i + 1) % 3;
             if heights[i] == 0.0 {
@@ -410,6 +412,7 @@ impl Plane {
                 );
             }
         }
+        // One point alone is no segment: the triangle touches the plane.
         match points[..] {
             [a, b] => segments.push([a, b]),
             [a, b, c] => segments.extend([[a, b], [b, c], [c, a]]),

@@ -93,9 +93,11 @@ impl Moment {
         }
     }
 
-    /// The symmetric traceless parts of -3 M and 15 T.
+    /// The symmetric traceless parts of -3 M by [`PAIRS`] and of 15 T by [`TRIPLES`], times the number of their
+    /// permutations.
     fn traceless(&self) -> ([f64; 6], [f64; 10]) {
         let mean = self.second.trace() / 3.0;
+        // Sums over i and j hold each pair off the diagonal twice.
         let pairs = PAIRS.map(|[i, j]| {
             if i == j {
                 -3.0 * (self.second[(i, i)] - mean)
@@ -103,16 +105,19 @@ impl Moment {
                 -3.0 * (self.second[(i, j)] + self.second[(j, i)])
             }
         });
+        // T symmetrised: the mean over the permutations; `third` is 2 T.
         let whole = |i: usize, j: usize, k: usize| {
             let t = &self.third;
             (t[k][(i, j)] + t[i][(j, k)] + t[j][(k, i)]) / 6.0
         };
+        // Traceless: T_ijk minus (delta_ij t_k + delta_jk t_i + delta_ik t_j) / 5 with the trace t_k = T_iik.
         let trace = [0, 1, 2].map(|k| (0..3).map(|i| whole(i, i, k)).sum::<f64>() / 5.0);
         let triples = TRIPLES.map(|[i, j, k]| {
             let mut value = whole(i, j, k);
             value -= f64::from(u8::from(i == j)) * trace[k];
             value -= f64::from(u8::from(j == k)) * trace[i];
             value -= f64::from(u8::from(i == k)) * trace[j];
+            // A triple with repeated indices has fewer permutations.
             let orders = match (i == j, j == k) {
                 (true, true) => 1.0,
                 (false, false) => 6.0,
@@ -152,18 +157,20 @@ impl Winding {
         }
     }
 
-    /// The winding number of `q`; groups farther than `beta` radii are expanded.
+    /// The winding number of `q`, world units; groups farther than `beta` radii are expanded.
     pub(crate) fn number(&self, soup: &Soup, q: Vec3, beta: f32) -> f64 {
         let nodes = soup.bvh.nodes();
         if nodes.is_empty() {
             return 0.0;
         }
         let local = soup.bvh.local().point(q);
+        // Far away the sum vanishes; single precision would overflow.
         if local.amax() > 1e9 || !local.iter().all(|c| c.is_finite()) {
             return 0.0;
         }
         let p = [local.x as f32, local.y as f32, local.z as f32];
         let beta2 = beta * beta;
+        // Far groups by their expansion in single precision, near triangles exactly.
         let mut near = SolidAngle::ZERO;
         let mut far = 0f64;
         let mut stack = [0u32; MAX_STACK];
@@ -193,8 +200,10 @@ impl Winding {
 }
 
 impl Expansions {
-    /// The solid angle of each lane by its expansion, and whether the lane is far enough for the expansion.
+    /// The solid angle of each lane by its expansion, and whether the lane is far enough for the expansion. `p` is in
+    /// the tree's frame, `beta2` the square of the opening parameter.
     fn seen_from(&self, p: [f32; 3], beta2: f32) -> ([f32; 4], [bool; 4]) {
+        // r = c - p, four lanes at a time.
         let mut r = [[0f32; 4]; 3];
         let mut d2 = [0f32; 4];
         for a in 0..3 {
@@ -210,6 +219,7 @@ impl Expansions {
         if far == [false; 4] {
             return ([0.0; 4], far);
         }
+        // N.r, r.(-3 M).r and 15 T(r, r, r).
         let (mut one, mut two, mut three) = ([0f32; 4], [0f32; 4], [0f32; 4]);
         for a in 0..3 {
             for l in 0..4 {
@@ -226,6 +236,7 @@ impl Expansions {
                 three[l] += own[l] * r[i][l] * r[j][l] * r[k][l];
             }
         }
+        // N.r / r^3 + two / r^5 + three / r^7.
         let mut flux = [0f32; 4];
         for l in 0..4 {
             let inverse2 = 1.0 / d2[l];

@@ -77,6 +77,7 @@ struct Parser<'a> {
     depth: usize,
 }
 
+/// The steps of a formula in reverse Polish notation. `constants` are named numbers beside pi, tau and e.
 pub(super) fn steps(
     text: &str,
     variables: &[&str],
@@ -90,6 +91,7 @@ pub(super) fn steps(
         });
     }
     let characters: Vec<char> = text.chars().collect();
+    // A formula is a sum up to the end of the text.
     let mut parser = Parser {
         text: &characters,
         at: 0,
@@ -241,12 +243,14 @@ impl Parser<'_> {
         Err(self.error("an operator, \",\" or \")\""))
     }
 
+    /// Reads digits, a point and an exponent.
     fn number(&mut self) -> Result<(), FormulaError> {
         let start = self.at;
         let digit = |p: &Self| p.text.get(p.at).is_some_and(char::is_ascii_digit);
         while digit(self) || self.text.get(self.at) == Some(&'.') {
             self.at += 1;
         }
+        // An e without digits after it is no exponent.
         if matches!(self.text.get(self.at), Some('e' | 'E')) {
             let before = self.at;
             self.at += 1;
@@ -269,6 +273,7 @@ impl Parser<'_> {
         self.push(Step::Number(value))
     }
 
+    /// Reads a name: a function if a parenthesis follows, else a variable or a constant.
     fn name(&mut self) -> Result<(), FormulaError> {
         let start = self.at;
         while self
@@ -287,6 +292,7 @@ impl Parser<'_> {
             };
             return self.call(&word, *function, start);
         }
+        // A variable may have the name of a constant, and hides it.
         if let Some(n) = self.variables.iter().position(|v| *v == word) {
             return self.push(Step::Variable(n as u16));
         }
@@ -303,12 +309,14 @@ impl Parser<'_> {
         )))
     }
 
+    /// Reads the arguments of a function whose name begins at `start`.
     fn call(&mut self, name: &str, function: Function, start: usize) -> Result<(), FormulaError> {
         self.at += 1;
         let mut count = 0;
         loop {
             self.sum()?;
             count += 1;
+            // A fold of n arguments is n - 1 steps of two operands.
             if let (Function::Fold(f), 2..) = (function, count) {
                 self.push(Step::Binary(f))?;
             }

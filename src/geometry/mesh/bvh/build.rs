@@ -63,8 +63,10 @@ impl Extent {
     }
 }
 
-/// Builds the node over a range of primitives whose first slot is `base`, after the nodes in `out`.
+/// Builds the node over a range of primitives whose first slot is `base`, after the nodes in `out`. `depth` counts the
+/// halvings above it: a split in four is two.
 pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: &mut Vec<Node>) {
+    // The node's number is fixed before its children are built.
     let node_index = out.len();
     out.push(Node::empty());
     let parts = split_in_four(primitives, depth);
@@ -89,6 +91,7 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
         }
         start += length as u32;
     }
+    // Children of large ranges are built apart from each other, with numbers from 0, then moved behind the others.
     if rest.is_empty() && start - base >= MIN_PARALLEL_PRIMITIVES as u32 {
         use rayon::prelude::*;
         let built: Vec<(usize, Vec<Node>)> = inner
@@ -102,6 +105,7 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
         for (l, nodes) in built {
             let shift = out.len() as u32;
             node.first[l] = shift;
+            // Only inner lanes hold numbers of nodes.
             out.extend(nodes.into_iter().map(|mut n| {
                 for l in 0..4 {
                     if n.count[l] == 0 {
