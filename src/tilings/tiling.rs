@@ -212,6 +212,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         Self::from_ref(scaffold, FillingRef::Owned(Box::new(filling)), options)
     }
 
+    /// Prepares each element and the boundary of each component, and finds the kernel that fits.
     fn from_ref(
         scaffold: &'a Scaffold,
         filling: FillingRef<'a, F>,
@@ -229,6 +230,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             return Err(TilingError::Empty);
         }
         filling.check(scaffold)?;
+        // Slope bounds and inverse maps of each element.
         let patches: Vec<Patch> = (0..scaffold.len())
             .map(|number| {
                 Patch::new(
@@ -239,6 +241,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
                 )
             })
             .collect();
+        // Each component has its own boundary: a mesh within `CHORD_TOLERANCE` voxels of its outer faces.
         let mut component_of = vec![0; scaffold.len()];
         let mut components = Vec::new();
         for (number, elements) in scaffold.components().iter().enumerate() {
@@ -250,6 +253,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
                 boundary: MeshSolid::new(outer.mesh),
             });
         }
+        // A box of equal hexes along the axes has a faster kernel, if the cell is a short series.
         let hex_grid = filling
             .products()
             .and_then(|products| axis_aligned::HexGrid::new(scaffold, products, &patches, options));

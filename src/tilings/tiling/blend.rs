@@ -81,6 +81,7 @@ impl<'a, C: CellField> Blend<'a, C> {
         normalise(scaffold, interpolation, count, &mut weights)?;
         let weights = Distribution::new(scaffold, interpolation, count, weights)
             .map_err(|expected| TilingError::WeightCount { found, expected })?;
+        // 1 / gamma. A cell without slope has no surface to be weighed.
         let mut scales = Vec::new();
         for member in &members {
             let rms = member.cells.first().map_or(0.0, |c| c.gradient_rms());
@@ -200,7 +201,8 @@ impl<'a, C: CellField> Blend<'a, C> {
         total
     }
 
-    /// Value and gradient at a point, from those of the members and their weights there.
+    /// Value and gradient of F = sum `W_c` `Phi_c` / `gamma_c` - T(W) - B at a point of an element. `weights` are those
+    /// of the members there, `of` gives value and gradient of a member, or `None` where it has no cell.
     fn mix(
         &self,
         (element, xi): (usize, CellPoint<3>),
@@ -209,6 +211,7 @@ impl<'a, C: CellField> Blend<'a, C> {
     ) -> (f64, Vec3) {
         let count = self.members.len();
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
+        // A member without weight and without change of weight adds nothing.
         for (m, &(w, dw)) in weights[..count].iter().enumerate() {
             if w == 0.0 && dw == Vec3::zeros() {
                 continue;
@@ -216,6 +219,7 @@ impl<'a, C: CellField> Blend<'a, C> {
             let Some((phi, g)) = of(m) else {
                 continue;
             };
+            // d(W Phi) = W dPhi + Phi dW.
             let s = self.scales[m];
             value += w * s * phi;
             gradient += g * (w * s) + dw * (s * phi);
@@ -298,6 +302,7 @@ impl<'a, C: CellField> Blend<'a, C> {
             for (weights, &xi) in weights.iter_mut().zip(points) {
                 *weights = self.weights.at(element, xi);
             }
+            // A member is evaluated for all points of a chunk if any of them needs it.
             let mut shares = [false; MAX_MEMBERS];
             for (m, member) in self.members.iter().enumerate() {
                 let counts = |w: &Weights| w[m].0 != 0.0 || w[m].1 != Vec3::zeros();
@@ -441,6 +446,8 @@ impl<C: CellField> Filling for Blend<'_, C> {
         Interval::new(range.lo - slack, range.hi + slack)
     }
 
+    /// L with |grad F| <= L over an element, per reference length: the greatest |grad `Phi_c`| / `gamma_c` as the
+    /// weights sum to one, plus |grad `W_c`| |`Phi_c`| / `gamma_c` for each member, plus the slopes of T and B.
     fn gradient_sup(&self, element: usize) -> f64 {
         let shape = self.scaffold.element(element).shape();
         let whole = shape.cell_box();
@@ -454,11 +461,13 @@ impl<C: CellField> Filling for Blend<'_, C> {
                 continue;
             };
             let s = self.scales[m];
+            // Turns of a cell blend its copies: their weights' slopes multiply the cell's greatest value.
             let b = Field::bound(cell, &whole);
             sup = sup.max((cell.gradient_sup() + turn_slope * b.hi.max(-b.lo)) * s);
             if slope > 0.0 {
                 weight_slope += slope * (b.hi.max(-b.lo) * s);
             }
+            // dT / `dW_c` is a sum over the pairs with this member, each at most |t| + |dt|.
             if slope > 0.0 && !self.pairs.is_empty() {
                 let most = self
                     .pairs

@@ -361,10 +361,13 @@ impl<F: Filling> TiledSolid<'_, F> {
         if away <= 0.0 {
             return Interval::new(-w, w);
         }
+        // |d| = |F| s >= |F| / L.
         let mut least = away / near.slope_sup;
+        // Rule R may find zero points that are nearer than the steps of rule Q.
         if self.options.distance == Distance::Exact && !self.is_free_of_zeros(component, region) {
             least = 0.0;
         }
+        // Values from w on are w exactly; within the band, rounding counts.
         let least = if least >= w * (1.0 + RELATIVE_SLACK) {
             w
         } else {

@@ -89,6 +89,7 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
         .into_par_iter()
         .filter_map(|(f, g)| face(scaffold, filling, f, g))
         .collect();
+    // Jumps are relative to the range of F over all faces.
     let (low, high) = measured
         .iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), f| {
@@ -106,6 +107,7 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
     }
     let scale = 1.0 / (high - low).max(f64::MIN_POSITIVE);
     let mut jumps = Vec::new();
+    // The worst point of each face stands for it among the worst of all.
     for face in &measured {
         let mut worst: Option<Discontinuity> = None;
         for &(jump, at, gap) in &face.jumps {
@@ -134,6 +136,7 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
     });
     jumps.truncate(5);
     found.worst = jumps;
+    // Statistics over the points of some faces, in the order of the faces: the same at any number of threads.
     let statistics = |kind: &'static str, faces: &[&Face]| {
         let mut jumps: Vec<f64> = faces
             .iter()

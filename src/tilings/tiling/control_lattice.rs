@@ -117,7 +117,8 @@ impl ControlLattice {
         }
     }
 
-    /// Range of one of `count` quantities over a box, and a bound of its gradient's length there.
+    /// Range of quantity `number` of `count` over the box `over`, and a bound of its gradient's length there. `values`
+    /// holds all quantities at each control point.
     pub fn range(
         &self,
         values: &[f64],
@@ -125,9 +126,12 @@ impl ControlLattice {
         number: usize,
         over: &Aabb,
     ) -> (Interval, f64) {
+        // The control points whose B-splines are not zero over the box.
         let low = [0, 1, 2].map(|a| self.interval(a, over.min[a]).0);
         let high = [0, 1, 2].map(|a| self.interval(a, over.max[a]).0 + 3);
         let value = |at: [usize; 3]| values[self.number(at) * count + number];
+        // B-splines are not negative and sum to one: values lie between those of the control points. A derivative is
+        // likewise a mean of differences over the spacing.
         let mut range = Interval::new(f64::INFINITY, f64::NEG_INFINITY);
         let mut steepest = [0f64; 3];
         for i in low[0]..=high[0] {

@@ -122,6 +122,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     ) -> Option<f64> {
         let max_step = 2.0 * self.options.half_width;
         let tolerance = STEP_TOLERANCE * self.options.voxel_size;
+        // The search starts at the point of the domain nearest to the preimage of `x`.
         let mut xi = domain.project(patch.clamp(domain.project(preimage.xi)));
         let mut converged = false;
         for _ in 0..MAX_STEPS {
@@ -131,8 +132,12 @@ impl<F: Filling> TiledSolid<'_, F> {
                 .value_and_gradient(patch.number(), CellPoint(xi));
             let slope = domain.basis.tr_mul(&g);
             let step = if domain.dimension == 1 {
+                // On an edge: the zero of the tangent.
                 Vec3::new(-f / slope.x, 0.0, 0.0)
             } else {
+                // On a face or in the cell, with parameters t, tangents T = J basis and M = T^T T: minimise |x - p - T
+                // t| where F + slope.t = 0. Without the condition t = M^-1 T^T (x - p), which is `free`; the multiplier
+                // moves it along M^-1 slope, which is `normal`.
                 let tangents = jacobian * domain.basis;
                 let mut metric = tangents.tr_mul(&tangents);
                 for unused in domain.dimension..3 {
@@ -153,6 +158,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 converged = true;
                 break;
             }
+            // Far outside the cell the field has no meaning.
             if patch.shape().face_distance(CellPoint(xi)) > 1.0 {
                 return None;
             }

@@ -161,7 +161,8 @@ impl FaceJoins {
     }
 }
 
-/// Compares a filling's values on both sides of every join; `slope` is the mean slope.
+/// Compares a filling's values on both sides of every join. `value` is the filling at a point of an element of a shape,
+/// `slope` the mean slope.
 pub(super) fn check(
     scaffold: &Scaffold,
     value: &dyn Fn(Element, CellPoint<3>) -> f64,
@@ -175,6 +176,7 @@ pub(super) fn check(
             neighbour_vertices,
         } = join;
         let mut jump = 0f64;
+        // The same point of the face, seen from both elements.
         for uv in FACE_POINTS {
             let w = corner_weights(own_vertices.len(), uv);
             let a = value(shapes[0], weighted_point(shapes[0], &own_vertices, w));

@@ -45,6 +45,7 @@ fn misfit_text(misfit: &Misfit) -> String {
     if misfit.edges.is_empty() {
         return faces;
     }
+    // The first few edges are listed, with the number of elements around each.
     let place = |e: &BadEdge| {
         let [x, y, z] = e.middle;
         format!("({x:.4}, {y:.4}, {z:.4}) with {} elements", e.elements)

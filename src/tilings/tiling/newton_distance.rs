@@ -151,6 +151,7 @@ impl SimdKernel for FirstStepKernel<'_> {
         let Self(limits, map, starts, first_steps) = self;
         let groups = starts.x.chunks(4).zip(starts.slopes.chunks(4));
         let groups = groups.zip(starts.at.chunks_mut(4)).zip(first_steps);
+        // Each group of up to four points fills the lanes; missing points repeat the last.
         for (n, (((x, s), at), first_step)) in groups.enumerate() {
             let (f, g) = load_slopes(lanes, s);
             let start = rows(lanes, x);
@@ -158,13 +159,17 @@ impl SimdKernel for FirstStepKernel<'_> {
                 InverseJacobians::Local(local_map) => local_map.inverse_jacobian_row(start),
                 InverseJacobians::Each(all) => matrix_rows(lanes, &all[4 * n..4 * n + x.len()]),
             };
+            // g = J^-T grad F.
             let g = to_world(inverse, g);
             let square = dot(g, g, f.splat(0.0));
+            // p = -F g / (|g|^2 + damping), and the scale at a zero, |g| / (|g|^2 + damping).
             let step = limits.newton_step(f, g, square);
             let zero_scale = square.sqrt() / (square + f.splat(limits.damping));
+            // A magnitude of 0 marks a zero, where |p| / |F| has no value.
             let magnitude = f.abs();
             let magnitude =
                 magnitude.select_below(f.splat(limits.zero_tolerance), f.splat(0.0), magnitude);
+            // The point moves to xi + J^-1 p; a curved map corrects that by a Newton step of its inverse.
             let [a, b, c, d] = lane_indices(at.len());
             let from = rows(lanes, &[at[a].0, at[b].0, at[c].0, at[d].0]);
             let estimate = product(inverse, step, from);

@@ -191,8 +191,9 @@ impl Patch {
         (preimage.face_distance < -FACE_TOLERANCE).then_some(preimage)
     }
 
-    /// The preimages of the points that may be less than `margin` world units outside, four at a time. Each
-    /// four start from the local map at the first of the previous four.
+    /// Writes the preimages of the points that may be less than `margin` world units outside to `found`. They are found
+    /// four at a time; each four start from the local map at the first of the previous four. `for_f32` is that of
+    /// [`InverseOptions`].
     pub fn preimages(
         &self,
         scaffold: &Scaffold,
@@ -205,6 +206,7 @@ impl Patch {
         at.clear();
         all.clear();
         let affine = self.affine();
+        // Affine elements are inverted at once, from the distance m that the planes give.
         self.planes.for_each_within(points, margin, |n, m| {
             indices.push(n as u32);
             match affine {
@@ -222,6 +224,7 @@ impl Patch {
             Some(map) => map.preimages(local_map, for_f32, at, all),
             None => all.resize(at.len(), None),
         }
+        // Newton's method failed from the local map: other starts, one point at a time.
         for (&x, preimage) in at.iter().zip(all).filter(|(_, s)| s.is_none()) {
             let start = Some(local_map.estimate(x));
             *preimage = self.preimage(
@@ -304,7 +307,8 @@ impl Patch {
         (point, preimage)
     }
 
-    /// Newton's method for the continued map. Each step starts at a point of the closed cell.
+    /// Newton's method for the continued map, from `estimate`, reference coordinates. Each step starts at a point of
+    /// the closed cell; the last one may end outside, where the map is continued linearly.
     fn newton(
         &self,
         scaffold: &Scaffold,
@@ -314,6 +318,7 @@ impl Patch {
     ) -> Option<Preimage> {
         const STEPS: usize = 40;
         let element = scaffold.element(self.number);
+        // J^-1 is that of the clamped point: beyond the cell the map is linear.
         let mut at = estimate;
         for _ in 0..STEPS {
             let (p, jacobian) = element.map_and_jacobian(CellPoint(at));
