@@ -95,6 +95,7 @@ impl AttributeStore {
         threads: &Threads,
         progress: &dyn Progress,
     ) -> Result<Self, StoreError> {
+        // In a file the values of blocks follow each other in the order of blocks: their places are sums.
         let mut ends = vec![HEAD_BYTES; files.len()];
         let mut blocks = BTreeMap::new();
         for block in store.blocks() {
@@ -104,6 +105,7 @@ impl AttributeStore {
             blocks.insert(block, (file, ends[file], active));
             ends[file] += 4 * width as u64 * active;
         }
+        // All files are checked before any error is returned, so that one run names every bad file.
         let checked: Vec<Result<(), LeafFileError>> = threads.install(|| {
             let checks = files.par_iter().zip(&ends).map(|((path, identity), end)| {
                 if progress.cancelled() {
@@ -179,6 +181,8 @@ impl AttributeStore {
         progress: &dyn Progress,
         mut visit: impl FnMut(Coord, &[u64; 8], &[f32]),
     ) -> Result<(), StoreError> {
+        // Leaves come in slabs of blocks with one x. Only the cursors of a slab are open; they share the memory for
+        // reading ahead.
         let mut slab = None;
         let mut ahead = MAX_LEAF_BYTES;
         let mut cursors: HashMap<Coord, Cursor> = HashMap::new();
@@ -211,6 +215,7 @@ struct Cursor {
 }
 
 impl Cursor {
+    /// The next `bytes` bytes of a block's values as numbers. The file is read at most `ahead` bytes at a time.
     fn next(
         &mut self,
         store: &AttributeStore,
@@ -220,6 +225,7 @@ impl Cursor {
     ) -> Result<Vec<f32>, LeafFileError> {
         let entry = store.blocks.get(&block);
         let (file, start, active) = entry.copied().unwrap_or_default();
+        // Read bytes are dropped before more are added.
         if self.buffer.len() - self.used < bytes {
             self.buffer.drain(..self.used);
             self.used = 0;

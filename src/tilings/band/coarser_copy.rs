@@ -46,6 +46,7 @@ impl FinerBand<'_> {
         let count = self.leaves.len();
         let surface = SurfacePoints::new(count, leaf, self.voxel_size, self.background);
         let surface = surface.with_background(background);
+        // Leaves of one block beside each other: a batch never crosses a block.
         let mut all = surface.coarser_leaves();
         all.retain(|&origin| within.meets(origin, LEAF));
         all.sort_by_key(|origin| origin.aligned(BLOCK));
@@ -57,6 +58,7 @@ impl FinerBand<'_> {
                 return Err(Cancelled);
             }
             let mut batch = LeafBatch::default();
+            // Where the finer values are in their own band, they are kept: the distance to points is less accurate.
             for &origin in chunk {
                 let finer = finer_origins(origin).map(|o| self.leaf(o));
                 let mut made = surface.coarser_leaf(origin, &self.inside(origin, &finer));

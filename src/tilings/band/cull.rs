@@ -88,6 +88,7 @@ impl<'a> Culler<'a> {
         if !(half_width.is_finite() && half_width >= 1.0) {
             return Err(BandError::HalfWidth(half_width));
         }
+        // The half width and one voxel around the extent hold every active voxel.
         let h = transform.voxel_size();
         let low = (extent.min / h).map(|c| (c - half_width).floor() - 1.0);
         let high = (extent.max / h).map(|c| (c + half_width).ceil() + 1.0);
@@ -185,6 +186,8 @@ impl<'a> Culler<'a> {
         if side == Side::Unknown && edge == LEAF {
             side = self.leaf_side(origin);
         }
+        // Cubes beyond the band end here: outside ones are dropped, inside ones noted as tiles once they fit in a
+        // block.
         match side {
             Side::Outside => return,
             Side::Inside if edge <= BLOCK => return cubes.inside.push((origin, edge)),
@@ -198,6 +201,7 @@ impl<'a> Culler<'a> {
             }
             _ => {}
         }
+        // Tests of single leaves are left out where they seldom decide anything.
         let half = edge / 2;
         let are_leaves = half == LEAF;
         let is_tested = !are_leaves || cubes.batch_test.should_run();

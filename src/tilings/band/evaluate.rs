@@ -95,6 +95,7 @@ fn evaluate_block(
         leaves_evaluated: block.origins.len() as u64,
         ..BandStats::default()
     };
+    // `waiting` is the slab whose masks still need the signs of the next one.
     let mut waiting: Option<Slab> = None;
     let (mut first, mut parts) = (0, 0);
     while first < block.origins.len() || waiting.is_some() {
@@ -112,6 +113,7 @@ fn evaluate_block(
         let reached = BLOCK_PARTS * first as u64 / block.origins.len() as u64;
         progress.advance(reached - parts);
         parts = reached;
+        // A complete slab need not wait; the one before it is delivered first.
         let complete = next.take_if(|slab| slab.is_complete);
         for mut slab in [waiting.take(), complete].into_iter().flatten() {
             stats.samples_evaluated += block.complete(&mut slab, &mut inside);
@@ -370,6 +372,7 @@ impl<'a> Block<'a> {
     /// evaluated beyond the block.
     fn activate(&self, leaf: Coord, mask: &mut [u64; 8]) -> u64 {
         let mut near = Neighbourhood::default();
+        // The signs of the 27 leaves around this one, as far as they are in the block.
         let own = slot(self.origin, leaf);
         for d in 0..27usize {
             let direction = [d / 9, d / 3 % 3, d % 3];
@@ -385,6 +388,7 @@ impl<'a> Block<'a> {
                 near.set_leaf(direction, signs);
             }
         }
+        // Layers that lie in other blocks are evaluated here, so that a block needs no other.
         let mut samples = 0;
         for axis in 0..3 {
             for (at_end, outside) in [
@@ -418,6 +422,7 @@ fn set_layer(
     near: &mut Neighbourhood,
 ) -> u64 {
     let h = culler.transform.voxel_size();
+    // The layer and the one beside it in the leaf: only a change of sign between them matters.
     let corner = |along: i32, across: i32| {
         let mut c = leaf.offset(across, across, across);
         c.0[axis] = leaf[axis] + along;
@@ -431,6 +436,7 @@ fn set_layer(
     if bound.lo > 0.0 || bound.hi < 0.0 {
         return 0;
     }
+    // One sample thick along the axis, and one beyond the leaf across it: edges and corners included.
     let mut counts = [SPAN; 3];
     counts[axis] = 1;
     let lattice = SampleLattice {

@@ -36,6 +36,7 @@ pub(super) fn flood(
 pub(super) fn flood_leaf(first: bool, known: &[u64; 8], inside: &[u64; 8]) -> [u64; 8] {
     let mut all = [0; 8];
     let mut along_x = first;
+    // The first voxel of a row or slice starts with the state before it; known voxels set the state from there on.
     for x in 0..8 {
         if known[x] & 1 == 1 {
             along_x = inside[x] & 1 == 1;
@@ -47,6 +48,7 @@ pub(super) fn flood_leaf(first: bool, known: &[u64; 8], inside: &[u64; 8]) -> [u
             if known[y] & 1 == 1 {
                 along_y = inside[y] & 1 == 1;
             }
+            // Rows whose voxels are all known, or all unknown, need no loop.
             rows[y] = match known[y] {
                 u8::MAX => inside[y],
                 0 if along_y => u8::MAX,

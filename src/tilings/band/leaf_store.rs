@@ -162,6 +162,7 @@ impl LeafStore {
             });
             summaries.collect::<Result<_, Cancelled>>()
         })?;
+        // Every bad file is named, not only the first.
         let (mut summaries, mut errors) = (Vec::with_capacity(read.len()), Vec::new());
         for (n, summary) in read.into_iter().enumerate() {
             match summary {
@@ -181,6 +182,7 @@ impl LeafStore {
             active_voxels: 0,
             bounds: None,
         };
+        // Files must hold different blocks.
         for (n, summary) in summaries.into_iter().enumerate() {
             store.leaves += summary.leaves;
             store.active_voxels += summary.active_voxels;
@@ -207,6 +209,7 @@ impl LeafStore {
         inspect(path, head, |_, _| ()).map(|_| ())
     }
 
+    /// The nodes of 32^3 blocks over all blocks: which blocks exist, and which of the others lie inside.
     fn make_upper_nodes(&self) -> BTreeMap<Coord, UpperNode> {
         let mut groups: BTreeMap<Coord, Vec<(usize, [bool; 2])>> = BTreeMap::new();
         for (origin, block) in &self.blocks {
@@ -214,6 +217,7 @@ impl LeafStore {
             let entry = groups.entry(node).or_default();
             entry.push((slot(*origin, node), block.ends));
         }
+        // Blocks without leaves have the state of the end of the block before them, in the order of slots.
         let node_of = |(origin, children): (Coord, Vec<(usize, [bool; 2])>)| {
             let first = children[0].1[0];
             let mut node = UpperNode {

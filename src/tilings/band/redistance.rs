@@ -1,9 +1,10 @@
 //! Closest-point redistancing: distances from points of the surface, for offsets of any size in one step.
 //!
-//! [`SurfacePoints::new`] takes the leaves of a band; [`SurfacePoints::moved`] returns a leaf of the moved surface. Each
-//! crossing of the surface with a lattice edge is a point with a normal and second derivatives from the voxels around
-//! it. The distance of a voxel x is that to the surface through its nearest point q. With h the component of x - q along the normal n, t the tangential component, and k = t·H t / |t|^2 the normal
-//! curvature in the direction of t (H is the Hessian of the distance),
+//! [`SurfacePoints::new`] takes the leaves of a band; [`SurfacePoints::moved`] returns a leaf of the moved surface.
+//! Each crossing of the surface with a lattice edge is a point with a normal and second derivatives from the voxels
+//! around it. The distance of a voxel x is that to the surface through its nearest point q. With h the component of x -
+//! q along the normal n, t the tangential component, and k = t·H t / |t|^2 the normal curvature in the direction of t
+//! (H is the Hessian of the distance),
 //!
 //! `d = h + k |t|^2 / (2 (1 + h k))`,
 //!
@@ -134,6 +135,7 @@ impl SurfacePoints {
             voxel_size,
             background,
         };
+        // Numbers of wedges count over all leaves. Corners may come as a second part of a leaf's points.
         let found = found.into_iter().filter(|f| !f.points.is_empty());
         for mut leaf in corner::placed(found.collect()) {
             let first = surface.points.len() as u32;

@@ -221,6 +221,7 @@ impl Smoother {
             .par_chunks_mut(CHUNK_LEAVES)
             .zip(spare.par_chunks_mut(CHUNK_LEAVES))
             .zip(masks.par_chunks_mut(CHUNK_LEAVES))
+            // A leaf without active voxels is no longer processed: it must be equal in both buffers.
             .for_each(|((values, spare), masks)| {
                 run_vectorized(
                     #[inline(always)]

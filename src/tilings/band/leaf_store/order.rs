@@ -22,6 +22,7 @@ impl LeafStore {
         progress: &dyn Progress,
         mut visit: impl FnMut(Coord, &[u64; 8], &[f32]) -> Result<(), StoreError>,
     ) -> Result<(), StoreError> {
+        // A slab is all blocks with one x; its leaves alternate between the blocks.
         let mut slab: Vec<Cursor> = Vec::new();
         let mut blocks = self.blocks.iter().peekable();
         while let Some((&origin, block)) = blocks.next() {
@@ -30,6 +31,7 @@ impl LeafStore {
                 continue;
             }
             let ahead = (READ_AHEAD_BYTES / slab.len()).clamp(MAX_LEAF_BYTES, 1 << 18);
+            // x first, then the blocks' rows of one y, then y within the blocks: the order of origins.
             for x in 0..16 {
                 if progress.cancelled() {
                     return Err(Cancelled.into());
@@ -84,6 +86,7 @@ impl<'a> Cursor<'a> {
         ahead: usize,
     ) -> Result<Option<StoredLeaf>, LeafFileError> {
         let is_whole = |bytes: &[u8]| leaf_length(bytes).is_some_and(|n| n <= bytes.len());
+        // Read on until a whole leaf is in the buffer, at a chunk's end in the next chunk.
         while !is_whole(&self.buffer[self.used..]) {
             let Some(chunk) = self.block.chunks.get(self.position.0) else {
                 return Ok(None);

@@ -73,6 +73,7 @@ impl LeafStore {
         Ok((origins, masks))
     }
 
+    /// Visits the stored leaves of a block that meet a region, in the order of the file.
     fn visit_stored(
         &self,
         block: Coord,
@@ -85,6 +86,7 @@ impl LeafStore {
         let path = &self.files[entry.file];
         let failed = |e| self.io_error(entry.file, e);
         let mut file = File::open(path).map_err(failed)?;
+        // Chunks hold ranges of x layers: those beside the region are not read.
         let layer_meets = |chunk: &&Chunk| {
             let [first, last] = chunk.layers.map(|x| block[0] + i32::from(x) * LEAF);
             first <= region.max[0] && last + LEAF > region.min[0]

@@ -71,6 +71,7 @@ impl Block<'_> {
     /// The nearest point to each sample: squared distances, and indices in the list.
     #[inline(always)]
     fn nearest<L: Lanes>(&self, l: L, [x, y, z]: [L::F; 3]) -> (L::F, L::F) {
+        // Only points that may be nearest to one of the eight samples are measured, see [`CandidateTest`].
         let cube = Cube::new(self.first, 2, self.lengths.spacing);
         let test = CandidateTest {
             cube,
@@ -84,6 +85,7 @@ impl Block<'_> {
         let mut number = 0;
         for (px, (py, pz)) in xs.zip(rest) {
             let mut bits = test.accepts(l, [px, py, pz]);
+            // Each point against all eight samples; the first of equal distances stays.
             while bits != 0 {
                 let n = bits.trailing_zeros() as usize & 7;
                 bits &= bits - 1;
@@ -106,6 +108,7 @@ impl SimdKernel for Block<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Self::Output {
+        // The eight lanes are the samples of a cube, z fastest.
         let [a, b, c] = self.first;
         let spacing = self.lengths.spacing;
         let [a, b, c] = [spacing * a as f32, spacing * b as f32, spacing * c as f32];
@@ -124,6 +127,7 @@ impl SimdKernel for Block<'_> {
         let mut hessian = [[0.0; 8]; 6];
         let mut sign = [1.0; 8];
         let mut is_sharp = false;
+        // Each lane gets the position, normal and Hessian of its nearest point.
         for n in 0..8 {
             let place = places[n] as usize;
             let point = &self.points[self.list.numbers[place] as usize];
@@ -146,6 +150,7 @@ impl SimdKernel for Block<'_> {
             l.sub(z, l.load(az)),
         ];
         let d = distances(l, (&normal, &hessian), away, square, l.load(&sign));
+        // Lanes at sharp edges take the closed form of their planes, at least |x - q| less the shortfall.
         let d = if is_sharp {
             let (mut sizes, mut squares) = ([0.0; 8], [0.0; 8]);
             l.store(d, &mut sizes);
@@ -175,6 +180,7 @@ impl SimdKernel for Block<'_> {
             background,
             ..
         } = self.lengths;
+        // The offset surface: (d - by) h, clamped to the band.
         let v = l.mul(l.sub(d, l.splat(by)), l.splat(voxel_size));
         let v = l.min(l.max(v, l.splat(-background)), l.splat(background));
         let mut values = [0.0; 8];
@@ -194,6 +200,7 @@ fn distances<L: Lanes>(
 ) -> L::F {
     let (zero, one) = (l.splat(0.0), l.splat(1.0));
     let [nx, ny, nz] = [l.load(&normal[0]), l.load(&normal[1]), l.load(&normal[2])];
+    // h = x.n, |t|^2 = |x|^2 - h^2 and t = x - h n.
     let height = l.fused(x, nx, l.fused(y, ny, l.mul(z, nz)));
     let back = l.sub(zero, height);
     let tangential_square = l.max(l.fused(back, height, square), zero);
@@ -216,22 +223,26 @@ fn distances<L: Lanes>(
     let bent_y = l.fused(yy, ty, l.mul(two, l.mul(yz, tz)));
     let bent_z = l.fused(zz, tz, l.mul(two, l.mul(zx, tx)));
     let curvature_term = l.fused(tx, bent_x, l.fused(ty, bent_y, l.mul(tz, bent_z)));
+    // k, or 0 where t vanishes.
     let curvature = l.select_below(
         l.splat(1e-12),
         tangential_square,
         l.div(curvature_term, tangential_square),
         zero,
     );
+    // 1 + h k, bounded below.
     let factor = l.max(
         l.fused(height, curvature, one),
         l.splat(MIN_CURVATURE_FACTOR),
     );
+    // k |t|^2 / (2 (1 + h k)).
     let correction = l.mul(l.splat(0.5), l.div(curvature_term, factor));
     let correction = l.min(l.max(correction, l.splat(-MAX_CURVATURE_REDUCTION)), one);
     // If a voxel's sign disagrees with its side of the tangent plane, its distance is zero.
     let size = l.max(l.mul(l.add(height, correction), sign), zero);
     let to_point = l.sqrt(square);
     let size = l.min(size, to_point);
+    // Far beside the point, the distance blends to |x - q|.
     let weight = l.sub(
         l.mul(l.sqrt(tangential_square), l.splat(1.0 / MAX_TANGENTIAL)),
         one,

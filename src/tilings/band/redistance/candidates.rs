@@ -79,6 +79,7 @@ impl NearestToCentre {
         let centre = [l.splat(a), l.splat(b), l.splat(c)];
         let [(xs, x), (ys, y), (zs, z)] = at.map(|at| at.as_chunks::<8>());
         let (mut least, mut place) = (l.splat(f32::INFINITY), l.splat(0.0));
+        // Eight points at a time, each lane with its own minimum and the index that has it.
         let (mut index, eight) = (l.load(&LANE_INDICES), l.splat(8.0));
         for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
             let square = squares(l, [x, y, z], centre);
@@ -89,6 +90,7 @@ impl NearestToCentre {
         let (mut row, mut places) = ([0.0; 8], [0.0; 8]);
         l.store(least, &mut row);
         l.store(place, &mut places);
+        // The least of the lanes, then the points that fill no lane.
         let (mut least, mut place) = (f32::INFINITY, 0);
         for n in 0..8 {
             if row[n] < least {

@@ -201,6 +201,7 @@ impl<'a> ClosestPointField<'a> {
     fn points_in(&self, origin: Coord) -> Option<Vec<LeafPoints>> {
         let own = Region::cube(origin, BLOCK_EDGE);
         let around = own.grown(LEAF);
+        // Points of the block's own leaves depend on voxels of the leaves around them.
         let samples = self.samples_in(around);
         let mut found: Vec<LeafRef<'_>> = Vec::new();
         for samples in &samples {
@@ -328,6 +329,7 @@ impl Field for ClosestPointField<'_> {
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        // Samples off the voxel lattice are evaluated one by one.
         let Some(first) = self.first_voxel(lattice) else {
             for (n, v) in out.iter_mut().enumerate() {
                 *v = self.value(lattice.point(n)) as f32;
@@ -340,6 +342,7 @@ impl Field for ClosestPointField<'_> {
             max: first.offset(nx - 1, ny - 1, nz - 1),
         };
         out.fill(f32::NAN);
+        // Rows of each leaf's cached values are copied to the lattice.
         for origin in region.cubes(LEAF) {
             let part = region.common(Region::cube(origin, LEAF));
             self.with_leaf(origin, |leaf| {

@@ -102,6 +102,8 @@ impl<'a> Search<'a> {
         };
         let mut lists = LISTS.take().unwrap_or_default();
         let Lists { own, part } = &mut *lists;
+        // Candidates of the leaf, then of its eight parts of 4^3 samples, then of 2^3 in `part`: each list narrows the
+        // one before.
         self.near(self.max_distance(), own);
         for n in (0..8).filter(|_| !own.numbers.is_empty()) {
             let corner = [n >> 2, n >> 1 & 1, n & 1].map(|c| 4 * c);
@@ -134,6 +136,7 @@ impl<'a> Search<'a> {
         corner: [usize; 3],
         leaf: &mut MovedLeaf,
     ) {
+        // Bits of a word are 8 y + z: two rows of two bits make four samples of one x.
         for n in 0..8 {
             let [x, y, z] = [
                 corner[0] + 2 * (n >> 2),
@@ -161,6 +164,7 @@ impl<'a> Search<'a> {
             let Some((values, within)) = found else {
                 continue;
             };
+            // Lanes to voxels of the leaf, x slowest.
             for (m, v) in values.into_iter().enumerate() {
                 let bit = bit + 8 * (m >> 1 & 1) + (m & 1);
                 leaf.values[64 * (x + (m >> 2)) + bit] = v;

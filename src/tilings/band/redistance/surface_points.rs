@@ -148,6 +148,7 @@ impl Stencils {
     ) {
         let per_voxel = 1.0 / voxel_size;
         self.far = background * per_voxel * (1.0 - 1e-4);
+        // The leaf itself and the 26 around it, each with the range of voxels that it gives.
         for (dx, xs) in PARTS {
             for (dy, ys) in PARTS {
                 for (dz, zs) in PARTS {
@@ -194,6 +195,7 @@ impl Stencils {
     /// The point on the edge along `axis` that begins at a voxel.
     fn point(&self, place: [usize; 3], at: usize, axis: usize) -> Point {
         let share = self.crossing(at, STRIDES[axis]);
+        // Derivatives are central differences at both ends of the edge, interpolated to the crossing.
         let mix = |f: &dyn Fn(usize) -> f32| {
             let (a, b) = (f(at), f(at + STRIDES[axis]));
             a + (b - a) * share
@@ -211,10 +213,12 @@ impl Stencils {
             let (s, t) = (STRIDES[one], STRIDES[other]);
             mix(&|n| 0.25 * (v[n + s + t] - v[n + s - t] - v[n - s + t] + v[n - s - t]))
         };
+        // Along the edge itself the difference of its ends is sharper.
         let along = v[at + STRIDES[axis]] - v[at];
         let mut gradient = [slope(0), slope(1), slope(2)];
         gradient[axis] = along;
         let mut size = length(gradient);
+        // Without a slope, as in a wall thinner than a voxel, the normal is the edge's direction.
         if size < 0.1 {
             gradient = [0.0; 3];
             gradient[axis] = along.signum();

@@ -64,8 +64,11 @@ pub(super) struct Wedge {
 impl Wedge {
     /// Signed distance, voxels, of the position at displacement `away` from the point.
     pub fn distance(&self, away: Vector) -> f32 {
+        // y is the displacement from the edge or corner, `heights` those over the planes.
         let y = sum(away, self.offset);
         let heights = self.normals.map(|n| dot(n, y));
+        // With y = s n_i + t n_j + the part along the edge, the edge is nearest where s, t > 0, at sqrt(u s + v t); else
+        // it is the plane of the greater height.
         let of_pair = |i: usize, j: usize| {
             let (u, v) = (heights[i], heights[j]);
             let c = dot(self.normals[i], self.normals[j]);
@@ -80,6 +83,7 @@ impl Wedge {
         let Some(dual) = self.dual else {
             let (u, v) = (heights[0], heights[1]);
             let c = dot(self.normals[0], self.normals[1]);
+            // An edge with two planes ends after its half length: beyond that its end is nearest.
             let size = of_pair(0, 1);
             if u <= c * v || v <= c * u {
                 return self.sign * size;
@@ -88,6 +92,7 @@ impl Wedge {
             let beyond = (square.max(0.0).sqrt() - HALF_LENGTH).max(0.0);
             return self.sign * (size * size + beyond * beyond).sqrt();
         };
+        // The dual basis gives y's coefficients by the normals: all positive where the corner itself is nearest.
         let size = if dual.iter().all(|d| dot(*d, y) > 0.0) {
             dot(y, y).sqrt()
         } else {
@@ -248,6 +253,7 @@ fn gather<'a>(
     let mut all = vec![0.0; EDGE * EDGE * EDGE];
     let parts = [(-8, -PADDING..0), (0, 0..8), (8, 8..EDGE as i32 - PADDING)];
     let offset = |[x, y, z]: [i32; 3]| (x << 6 | y << 3 | z) as usize;
+    // The leaf and the 26 around it.
     for (dx, xs) in &parts {
         for (dy, ys) in &parts {
             for (dz, zs) in &parts {
@@ -285,6 +291,7 @@ fn samples(v: &[f32], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Sample> {
             for z in zs[0]..zs[1] {
                 let at = x * STRIDES[0] + y * STRIDES[1] + z;
                 let distance = v[at];
+                // Far from the surface, or next to an edge, a voxel defines no plane.
                 if distance.abs() > MAX_DISTANCE {
                     continue;
                 }
@@ -294,6 +301,7 @@ fn samples(v: &[f32], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Sample> {
                 let Some(normal) = unit(STRIDES.map(|s| 0.5 * (v[at + s] - v[at - s]))) else {
                     continue;
                 };
+                // The foot: the voxel less its distance along the normal.
                 let place = [x, y, z].map(|c| (c as i32 - PADDING) as f32);
                 found.push(Sample {
                     at: difference(place, normal.map(|n| n * distance)),

@@ -91,6 +91,7 @@ pub(super) fn stencil(
         }
         let own = &pool.values[n];
         let around = pool.around(n);
+        // Slabs without active voxels are copied; in the others inactive voxels keep their value.
         for x in 0..8 {
             let rows = 8 * x..8 * x + 8;
             if mask[x] == 0 {

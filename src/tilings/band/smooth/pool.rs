@@ -168,6 +168,8 @@ impl Pool {
             .with_min_len(256)
             .map(|(mask, around)| {
                 let [xm, xp, ym, yp, zm, zp] = around.map(of);
+                // Bit 8 y + z of word x: neighbours along x are in other words, along y 8 bits away, along z one bit
+                // away. What crosses the leaf's face comes from the leaf beside it.
                 std::array::from_fn(|x| {
                     let w = mask[x];
                     let left = if x > 0 { mask[x - 1] } else { xm[7] };
@@ -196,6 +198,7 @@ impl Pool {
             .flat_map_iter(|n| {
                 let (mask, around) = (&self.masks[n], &self.neighbours[n]);
                 let any = |bits: u64| mask.iter().any(|w| w & bits != 0);
+                // Bits on the face in direction d: -x, +x, -y, +y, -z, +z.
                 let on_face = move |d: usize| match d {
                     0 => mask[0] != 0,
                     1 => mask[7] != 0,
@@ -213,6 +216,7 @@ impl Pool {
                     })
             })
             .collect();
+        // In order of origin, each once: the numbers of new leaves do not depend on threads.
         absent.sort_unstable();
         absent.dedup_by_key(|a| a.0);
         for (origin, inside) in absent {
