@@ -5,7 +5,8 @@
 //! |F| >= L w at all samples, whatever elements they are in. F is continuous except where a scaffold overlaps
 //! itself, where the centre is in several elements. The other blocks go through rule Q, eight at a time.
 //! Samples outside the scaffold are collected and evaluated at the closest points of the boundary, 64 at a
-//! time.
+//! time. d = F s follows section 7.1 of mathematics.md; `rule` computes the scale s and its blend across faces.
+//! Lattices hold the values of single points: tests/it/tiling/affine.rs compares them.
 
 mod block;
 mod distances;
@@ -94,6 +95,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             .centres
             .locate(patches, &buffers.batch, self.delta());
         self.evaluate_owned(near, &mut buffers.centres, &mut values);
+        // Points in several elements or in none have no single value here: they come back as `None`.
         let single = buffers.centres.single;
         std::array::from_fn(|n| (single >> n & 1 != 0).then_some(values[n % MAX_SAMPLES]))
     }
@@ -108,6 +110,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         out: &mut [f32],
     ) {
         self.start_sign_proof((lattice.step, quantity, depth), buffers);
+        // The buffer is taken out while `whole` borrows it, and put back before each return.
         let mut block_spans = std::mem::take(&mut buffers.block_spans);
         for (axis, spans) in block_spans.iter_mut().enumerate() {
             spans.clear();
@@ -126,6 +129,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 (i * lattice.counts[1] + j) * lattice.counts[2] + k
             }),
         };
+        // Few elements: all parts share them, so that batches of 64 points fill across parts.
         if near.patches.len() <= MAX_SHARED_CANDIDATES {
             buffers.clear();
             for part in parts(lattice) {
@@ -136,6 +140,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             buffers.block_spans = block_spans;
             return;
         }
+        // Many elements: each part keeps only those within reach, since each batch is located in all of its elements.
         let mut candidates = std::mem::take(&mut buffers.candidates);
         for part in parts(lattice) {
             buffers.clear();
@@ -179,6 +184,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         part: &PartOfLattice,
         lattice_depth: Interval,
     ) -> Interval {
+        // Deeper than the band, the boundary has no effect, and tighter bounds would change nothing.
         if lattice_depth.hi <= -self.options.half_width {
             return lattice_depth;
         }
@@ -201,6 +207,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         out: &mut [f32],
     ) {
         let w = self.options.half_width;
+        // The part is farther outside than the band reaches: d = D >= w everywhere.
         if self.is_cut() && depth.lo >= w {
             part.indices(context.lattice)
                 .for_each(|n| out[n] = w as f32);
@@ -209,6 +216,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let number = buffers.parts.len();
         let is_deep = depth.hi <= -w;
         let first = buffers.part_triangles.len();
+        // Triangles matter only where the boundary may cut.
         if let Some(boundary_triangles) = context.boundary_triangles.filter(|_| !is_deep) {
             let span = part.span(context.lattice);
             let boundary = &self.components[context.component].boundary;
@@ -250,14 +258,17 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn fill_blocks(&self, context: &FillContext, buffers: &mut AffineBuffers, out: &mut [f32]) {
         let step = context.lattice.step;
         let w = self.options.half_width;
+        // A block is out of the band where |F| >= L (R + reach) at its centre.
         let reach = match context.quantity {
             Quantity::Distances => w,
             // Larger than rounding errors.
             Quantity::Signs => 1e-3 * step,
         };
         let mut values = [0.0; MAX_SAMPLES];
+        // Signs are proved if |F| out of the band, at least w L, is more than it changes between neighbours.
         buffers.has_unproved_sign |= buffers.samples.change > w * context.near.slope_sup;
         let all = std::mem::take(&mut buffers.blocks);
+        // The centres of up to 64 blocks make one batch.
         for blocks in all.chunks(MAX_SAMPLES) {
             buffers.batch.clear();
             for block in blocks {
@@ -278,6 +289,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 let threshold = self.max_change(context.near, block.radius + reach);
                 far |= u64::from(value.abs() >= threshold) << n;
             }
+            // A centre in no element, or in several, decides nothing.
             let mut undecided = buffers.batch.active & !(far & single);
             for n in bits(far & single) {
                 let block = &blocks[n];
@@ -297,12 +309,14 @@ impl<F: Filling> TiledSolid<'_, F> {
                     context.fill(block, &[d as f32; BLOCK_VOLUME], out);
                     continue;
                 }
+                // The field is far, but the boundary may still cut single samples.
                 let known = context.region_facts(part);
                 for n in bits(u64::from(block.sample_mask)) {
                     let cut = self.cut_sample(context, d, (block, n), known);
                     out[context.storage_index(block, n)] = cut as f32;
                 }
             }
+            // Undecided blocks go on in groups of eight, which fill a batch with their 64 samples.
             let mut numbers = [0; MAX_SAMPLES];
             for (to, n) in numbers.iter_mut().zip(bits(undecided)) {
                 *to = n;

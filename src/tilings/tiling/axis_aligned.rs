@@ -8,6 +8,7 @@
 //!
 //! The scale d / |F| is interpolated from a table over one period where it is smooth enough: where trials on
 //! leaves spread over a period show errors of the distances within [`RMS_TOLERANCE`] and [`MAX_ERROR`].
+//! [`HexGrid::distance`] is the same rule (section 7.1 of mathematics.md) in double precision, one point at a time.
 
 use super::patch::Patch;
 use super::{Boundary, Distance, TilingOptions, Visits};
@@ -67,6 +68,7 @@ impl HexGrid {
         let wave_number = size.map(|s| std::f64::consts::TAU / s);
         let max_step = 2.0 * options.half_width;
         let max_angle = wave_number.max() * max_step;
+        // Steps of large angles leave the accuracy of `Products::advanced`; without L the scale has no lower bound.
         if options.distance != Distance::Fast
             || max_angle > MAX_STEP_ANGLE
             || !slope_sup.is_finite()
@@ -84,6 +86,7 @@ impl HexGrid {
             zero_tolerance: (1e-4 * slope_rms * h) as f32,
             wave_number: wave_number.map(|t| t as f32).into(),
         };
+        // Single precision must hold all parameters and the series.
         if !rule.is_finite() || !products.is_single() {
             return None;
         }
@@ -105,12 +108,14 @@ impl HexGrid {
         };
         let field = &hex_grid.field;
         let tables = TABLE_SPACINGS.map(|spacing| Scales::new(field, h, spacing));
+        // Fewest nodes and widest spacing first: the fastest table that is accurate wins.
         let mut candidates = (4..=scales::MAX_POLYNOMIAL_NODES).flat_map(|n| {
             tables
                 .iter()
                 .flatten()
                 .map(move |t| t.clone().with_nodes(n))
         });
+        // Where no polynomial follows, each sample may still interpolate locally; else it computes its own scale.
         let found = candidates
             .find(|scales| hex_grid.is_accurate(scales))
             .or_else(|| {
@@ -134,9 +139,11 @@ impl HexGrid {
             let periods = &self.field.periods;
             let part = spread.map(|s| s.fract() - 0.5);
             let origin = WorldPoint(periods.centre + part.component_div(&periods.rate));
+            // Not cut at the box: the box is exact in both and would hide errors.
             let [exact, interpolated] =
                 [&self.scales, scales].map(|scales| self.leaf(scales, false, origin, h));
             for (a, b) in exact.iter().zip(&interpolated) {
+                // Beyond the band both are clamped and agree.
                 if a.abs() < w || b.abs() < w {
                     let error = f64::from(a - b) / h;
                     squares += error * error;
@@ -184,6 +191,7 @@ impl HexGrid {
     /// As [`Field::sides`](druse_geometry::field::Field::sides).
     pub fn sides(&self, first: Vec3, step: f64, [low, high]: [f64; 2]) -> [u64; 2] {
         let w = self.options.half_width;
+        // Distances beyond the half width are not bounded.
         if high.max(-low) > w * f64::from(ROUNDING_FACTOR) {
             return [0; 2];
         }
@@ -204,6 +212,7 @@ impl HexGrid {
 
     /// Cuts the sides of 4^3 leaves at the box.
     fn cut_sides(&self, first: Vec3, step: f64, band: [f64; 2], sides: [u64; 2]) -> [u64; 2] {
+        // The leaves in a cube of 4^3: their range along each axis includes the layer of samples around them.
         let leaf = |axis: usize, n: usize| {
             let from = first[axis] + (8.0 * n as f64 - 1.0) * step;
             self.outside_range(axis, from, from + 9.0 * step)
@@ -216,6 +225,7 @@ impl HexGrid {
             .iter()
             .fold(f64::MIN, |m, b| m.max(b.1));
         let [mut inside, mut outside] = sides;
+        // The whole cube is far inside the box, which then cuts nothing.
         if furthest <= least {
             return sides;
         }
@@ -307,6 +317,7 @@ impl HexGrid {
             step * (2.0 * w / step.norm()).min(1.0)
         };
         let (f, g) = self.slope(x);
+        // s = |p1 + p2| / |F|, or its limit at a zero.
         let scale = if f.abs() < 1e-9 * self.slope_rms * self.options.voxel_size {
             g.norm() / (g.norm_squared() + damping)
         } else {
@@ -338,6 +349,7 @@ impl HexGrid {
 
     /// Bounds over eight boxes at once.
     pub fn bounds(&self, regions: &[Aabb; 8]) -> [Interval; 8] {
+        // Lane n is box n.
         let corners = |of: fn(&Aabb) -> Vec3| -> [[f64; 8]; 3] {
             let mut all = [[0.0; 8]; 3];
             for (n, region) in regions.iter().enumerate() {
@@ -352,6 +364,7 @@ impl HexGrid {
             max: corners(|r| r.max),
         });
         let all = regions[1..].iter().fold(regions[0], |a, &b| a.union(b));
+        // Far inside the box none of the eight is cut.
         let is_cut = self.is_cut() && self.box_range(&all).1 > -self.options.half_width;
         std::array::from_fn(|n| {
             let (lo, hi) = (f64::from(lo[n]), f64::from(hi[n]));
@@ -371,6 +384,7 @@ impl HexGrid {
         // The scale is at least 1 / L, to rounding.
         let slack = 1e-6 * w;
         let away = |f: f64| {
+            // Out of the band d is exactly w; within it |d| >= |F| / L.
             if f >= w * self.slope_sup * (1.0 + 1e-6) {
                 w
             } else {

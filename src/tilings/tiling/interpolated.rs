@@ -6,6 +6,8 @@
 //!
 //! A trial decides whether a leaf may be interpolated: the polynomial is compared with the cell at samples
 //! where its error is largest, the leaf's corners among them. A sheet |f| - t is interpolated by f.
+//! The error that a leaf may have is `interpolation_tolerance` times the field's root mean square slope;
+//! tests/it/tiling/interpolated.rs measures it.
 
 mod leaf;
 mod matrices;
@@ -68,6 +70,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let Ok(out) = <&mut [f32; VOLUME]>::try_from(out) else {
             return false;
         };
+        // Only whole leaves that are deeper inside the boundary than the band, where nothing is cut.
         if lattice.counts != [EDGE; 3] || self.options.distance == Distance::Exact || depth.hi > -w
         {
             return false;
@@ -77,6 +80,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let Some(smooth) = self.filling.smooth(number as usize) else {
             return false;
         };
+        // Waves of the highest frequency across the leaf, a measure of how well a polynomial can follow.
         let waves = across * smooth.frequency;
         if waves > MAX_WAVES {
             return false;
@@ -84,6 +88,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let limits = self.limits(patch);
         let rule = RuleQ::new((limits, patch.slope_sup), smooth.fold, w, lattice.step);
         let allowed = tolerance * patch.slope_rms;
+        // Wavy leaves begin with the greater number of nodes.
         let first = usize::from(waves > MAX_WAVES_FEW_NODES);
         for matrices in &Matrices::all()[first..] {
             let Some(error) = self.try_interpolation(number, lattice, (matrices, &rule), buffers)
@@ -97,6 +102,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 *out = buffers.leaf.distances;
                 return true;
             }
+            // An error this far off does not come down to the tolerance with more nodes.
             if error > RETRY_FACTOR * allowed {
                 return false;
             }
@@ -131,10 +137,12 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
         }
         let count = at.len();
+        // Trial samples follow the nodes, so that one inversion of the map serves both.
         at.extend(trial_samples().map(|n| lattice.origin.stepped(lattice.step, n).0));
         let patch = &self.patches[number as usize];
         points.clear();
         let mut local_map = patch.origin_map();
+        // Affine maps have a closed inverse; others are inverted by a search, and every point must be in the element.
         if patch.is_affine() {
             local_map.estimate_all(at, points);
         } else {

@@ -1,4 +1,6 @@
-//! Values and distances of a batch's points.
+//! Blends the scales of elements near a face to one distance a point: d = F sum(omega s) / sum(omega), rule Q in
+//! section 7.1 of mathematics.md, clamped to the band. Data lie in rows of eight points in double precision; F and
+//! its gradient come as groups of four single-precision numbers a point and are transposed to rows when loaded.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
@@ -108,6 +110,7 @@ impl SimdKernel for FarDistancesKernel<'_> {
         let zero = Eight::of(lanes, &[0.0; ROW]);
         let (band_value, w) = (zero.splat(self.band_value), zero.splat(self.half_width));
         let mut low = 0;
+        // d = w sign F, kept by points whose |F| is out of the band: no scale is computed for them.
         for row in 0..self.len.div_ceil(ROW).min(MAX_SAMPLES / ROW) {
             let Some(f) = self.distances.values(lanes, row) else {
                 break;
@@ -133,12 +136,15 @@ impl SimdKernel for BlendKernel<'_> {
             let Some(f) = self.distances.values(lanes, row) else {
                 break;
             };
+            // d = F sum(omega s) / sum(omega), within the band.
             let weights = Eight::of(lanes, &self.distances.weights[row]);
             let d = f * Eight::of(lanes, &self.distances.scales[row]) / weights;
             let d = d.min(w).max(zero - w);
             let other = Eight::of(lanes, &self.distances.d[row]);
+            // d left the band although |F| is small: a neighbour may have the other sign.
             let near = f.abs().bits_below(change) & !d.abs().bits_below(within);
             unproved |= u64::from(near) << (ROW * row);
+            // Points without weights keep the half width with their sign.
             self.distances.d[row] = zero.select_below(weights, d, other).row();
         }
         unproved

@@ -1,4 +1,7 @@
-//! Samples outside the scaffold.
+//! Samples outside the scaffold: `d = max(d_F, d_S)`, the cut at the boundary in section 7.1 of mathematics.md.
+//!
+//! `d_S` is the exact distance to the boundary, `d_F` the distance of the field at the closest point of the boundary.
+//! Without a cut, `d_F` alone continues the field. Up to 64 closest points make one batch of rule Q.
 
 use super::AffineBuffers;
 use super::block::FillContext;
@@ -47,6 +50,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let mut feet = Aabb::EMPTY;
             let mut exterior_points = [(0, 0.0); MAX_SAMPLES];
             for (number, sample) in exterior.iter().enumerate() {
+                // Beyond the band, or beyond the greatest distance in the part, no closest point is needed.
                 let closest = if self.is_cut() {
                     let known = context.region_facts(&buffers.parts[sample.part]);
                     let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
@@ -54,10 +58,12 @@ impl<F: Filling> TiledSolid<'_, F> {
                 } else {
                     Some(boundary.closest(sample.x))
                 };
+                // No boundary within the band: d = w.
                 let Some(closest) = closest else {
                     out[sample.n] = w as f32;
                     continue;
                 };
+                // d_S: 0 within the tolerance of the boundary; -w, below every d_F, where the boundary does not cut.
                 let outside = match self.is_cut() {
                     true if closest.distance < self.boundary_tolerance() => 0.0,
                     true => closest.distance,
@@ -73,6 +79,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 continue;
             }
             let (centre, half) = (feet.centre().0, feet.size() / 2.0);
+            // Only elements that reach the box of the closest points can contribute to them.
             buffers.near_indices.clear();
             for (near_index, &e) in (0..).zip(&context.near.patches) {
                 if !self.patches[e as usize].is_box_outside(centre, half, self.delta()) {
@@ -82,6 +89,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let near = (context.near, &*buffers.near_indices);
             self.evaluate_rule_q(near, &buffers.batch, context.quantity, &mut buffers.samples);
             buffers.evaluations += u64::from(buffers.samples.owned.count_ones());
+            // d = max(d_F, d_S); a closest point that rounding puts into no element is evaluated alone.
             for n in bits(buffers.batch.active) {
                 let (number, outside) = exterior_points[n];
                 let sample = &exterior[number];

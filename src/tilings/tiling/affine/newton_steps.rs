@@ -1,4 +1,9 @@
-//! Both Newton steps of rule Q in an affine element, eight points at a time.
+//! Both Newton steps of rule Q in an affine element, eight points at a time (section 7.1 of mathematics.md).
+//!
+//! With J the element's map, the world gradient is g = J^-T grad F. A step is p = -F g / (|g|^2 + damping), at most
+//! as long as the limits allow; the second starts at the end of the first with F and g evaluated anew in the same
+//! element, whose field continues beyond its faces. The scale is s = |p1 + p2| / |F|, or at a zero
+//! |g| / (|g|^2 + damping). Points lie in rows of eight in double precision; F and gradients come in single precision.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
@@ -85,13 +90,17 @@ impl SimdKernel for FirstStepKernel<'_> {
             let Some((f, g)) = load_slopes(lanes, &newton.slopes, row) else {
                 break;
             };
+            // g = J^-T grad F.
             let g = to_world(inverse, g);
             let square = dot(g, g, zero);
+            // p1 = -F g / (|g|^2 + damping), shortened to the limit.
             let step = limits.newton_step(f, g, square);
             let magnitude = f.abs();
+            // A magnitude of 0 marks a zero: the quotient |p| / |F| has no value there.
             newton.magnitude[row] = magnitude
                 .select_below(zero.splat(limits.zero_tolerance), zero, magnitude)
                 .row();
+            // s at a zero: |g| / (|g|^2 + damping).
             newton.scale[row] = (square.sqrt() / (square + zero.splat(limits.damping))).row();
             for (to, step) in newton.step.iter_mut().zip(step) {
                 to[row] = step.row();
@@ -99,6 +108,7 @@ impl SimdKernel for FirstStepKernel<'_> {
             let Some(at) = newton.at.as_chunks_mut::<ROW>().0.get_mut(row) else {
                 break;
             };
+            // The point moves to xi + J^-1 p1 in reference coordinates.
             let mut starts = [[0.0; 3]; ROW];
             for (to, at) in starts.iter_mut().zip(&*at) {
                 *to = at.0.into();
@@ -126,6 +136,7 @@ impl SimdKernel for SecondStepKernel<'_> {
             let Some((f, g)) = load_slopes(lanes, &newton.slopes, row) else {
                 break;
             };
+            // g and p2 at the end of the first step.
             let g = to_world(inverse, g);
             let [x, y, z] = limits.newton_step(f, g, dot(g, g, zero));
             let step = [
@@ -134,6 +145,7 @@ impl SimdKernel for SecondStepKernel<'_> {
                 Eight::of(lanes, &newton.step[2][row]) + z,
             ];
             let magnitude = Eight::of(lanes, &newton.magnitude[row]);
+            // s = |p1 + p2| / |F|; at a zero the scale of the first step stays.
             let scale = dot(step, step, zero).sqrt() / magnitude;
             let scale = zero.select_below(magnitude, scale, Eight::of(lanes, &newton.scale[row]));
             newton.scale[row] = scale.min(zero.splat(max)).max(zero.splat(min)).row();

@@ -1,4 +1,8 @@
-//! Rule Q for a batch of points among affine elements.
+//! Rule Q for a batch of points among affine elements: d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md.
+//!
+//! F is the value in the owner, the element of lowest number that contains the point. s is the scale of two Newton
+//! steps in each element e less than delta away, and `omega = 1 - max(m_e, depth) / delta` its weight, with `m_e` the
+//! distance outside e and depth the distance of the point below its owner's faces. The owner weighs 1.
 
 use super::distances::BatchDistances;
 use super::newton_steps::NewtonBatch;
@@ -59,9 +63,11 @@ impl BatchEvaluation {
         if self.locations.len() < count {
             self.locations.resize_with(count, BatchLocations::default);
         }
+        // Elements come in ascending order: the first that contains a point owns it.
         let (mut open, mut repeated, mut deep) = (batch.active, 0, 0);
         for (location, patch) in self.locations.iter_mut().zip(patches) {
             patch.locate(batch, delta, location);
+            // A second element contains the point as well.
             repeated |= location.owns & !open;
             // Elements that share more than faces.
             self.has_unproved_sign |=
@@ -139,6 +145,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             ..
         } = evaluation;
         let locations = &locations[..near_indices.len()];
+        // The owners give F and the gradient at each point.
         let mut deep = 0;
         for (location, near_index) in locations.iter().zip(near_indices) {
             let count = gather(location, location.owns, &mut newton.at);
@@ -154,12 +161,14 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
             deep |= location.owns & location.deep;
         }
+        // |d| >= |F| / L: where |F| >= w L, the distance is the half width.
         // Every scale is at least 1 / L.
         let band = distances.set_far_distances(batch.len(), [w * sup, w]) & *owned;
         *has_unproved_sign |= *change > w * sup;
         if band == 0 || quantity == Quantity::Signs {
             return;
         }
+        // Deep points have no second element; the others need their depth below the owner's faces.
         let shared = band & !deep;
         if shared != 0 {
             for location in locations {
@@ -179,6 +188,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 count += 1;
             }
             let first = count;
+            // omega = 1 - max(m_e, depth) / delta, zero a voxel away from the face.
             for n in bits(location.shares & shared & !location.owns) {
                 let weight = 1.0 - location.outside(n).max(depth[n]) / delta;
                 if weight > 0.0 {
@@ -192,6 +202,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
             let patch = patch(near_index);
             let neighbours = first..count;
+            // Owned points have their slopes already; neighbours continue their own field to the points.
             if !neighbours.is_empty() {
                 let at = &newton.at[neighbours.clone()];
                 self.filling.values_and_gradients_f32(
@@ -200,6 +211,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                     &mut newton.slopes[neighbours],
                 );
             }
+            // s of each point in this element, by two Newton steps.
             let (limits, map) = (self.limits(patch), patch.origin_map());
             newton.len = count;
             newton.take_first_step(limits, &map);

@@ -1,4 +1,7 @@
-//! Batches of up to 64 points in rows of eight, and their locations in affine elements.
+//! Batches of up to 64 points in rows of eight, and their locations xi = J^-1 (x - x0) in affine elements.
+//!
+//! Coordinates are stored by axis, then by row, in double precision; sets of points are masks of 64 bits. m(x), the
+//! greatest signed distance to the planes of the element's faces, decides which points it owns or shares.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
@@ -202,16 +205,20 @@ impl SimdKernel for LocateKernel<'_> {
                 Eight::of(lanes, &batch.x[1][row]),
                 Eight::of(lanes, &batch.x[2][row]),
             ];
+            // m(x) <= 0 inside.
             let m = planes.outside_distance(x);
             location.outside[row] = m.row();
             let shares = m.bits_below(delta);
+            // No point of the row is near the element: its xi is not needed.
             if shares == 0 {
                 continue;
             }
+            // xi = J^-1 (x - x0).
             let xi = product(inverse, difference(x, centre), [zero; 3]);
             for (to, xi) in location.xi.iter_mut().zip(xi) {
                 to[row] = xi.row();
             }
+            // Face tolerance in reference coordinates, so that both elements of a face own its points.
             let owns = shares & !on_face.bits_below(face_distance_row(shape, xi));
             location.shares |= u64::from(shares) << (ROW * row);
             location.owns |= u64::from(owns) << (ROW * row);

@@ -39,6 +39,7 @@ impl SimdKernel for SidesKernel<'_> {
         let mut halves = [[0.0; 8]; 3];
         for axis in 0..3 {
             let mut parts = [0.0; 8];
+            // The parts of the leaves along each axis, five samples each, clamped to the box.
             for n in 0..8 {
                 let centre = first[axis] + PART_CENTRES[n] * step;
                 let a = periods.inside(axis, centre - PART_HALF_STEPS * step);
@@ -51,6 +52,7 @@ impl SimdKernel for SidesKernel<'_> {
         let [x, y, z] = &tables;
         let [above, below] =
             products.classify_boxes(l, [x, y, z], &halves, bounds, F32_PRECISION as f32);
+        // A leaf is on a side if all its parts are.
         [leaves_of(&below), leaves_of(&above)]
     }
 }

@@ -1,4 +1,10 @@
-//! SIMD kernels for a short trigonometric series: rule Q on rows of samples, signs and bounds.
+//! SIMD kernels for a short trigonometric series F: rule Q on rows of samples, signs and bounds.
+//!
+//! With k the wave number along each axis, the world gradient is `g_a = k_a dF/du_a`, u in radians. A damped Newton
+//! step is -q g with q = F / (g.g + damping). Its end lies at the angles `-q g_a k_a` from the start, where the
+//! functions follow by [`Products::advanced`] without new sines. The scale is s = |q g + r h| / |F| with r and h the
+//! factor and gradient of the second step, and d = F s (section 7.1 of mathematics.md). Rows are eight samples along z
+//! in single precision.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
@@ -38,6 +44,7 @@ pub(super) struct RuleQ {
 impl RuleQ {
     /// Whether all parameters are finite in single precision.
     pub fn is_finite(&self) -> bool {
+        // Without `..`: a new parameter cannot be left out here.
         let Self {
             damping,
             max_step,
@@ -104,6 +111,7 @@ pub(super) fn scale<L: Lanes, const LIMIT_SMOOTHLY: bool>(
     let PeriodicField { products, rule, .. } = field;
     let (f, g, m, q) = newton::<L, LIMIT_SMOOTHLY>(l, products, rule, at);
     let minus_q = l.sub(l.splat(0.0), q);
+    // The functions at the end of the first step, by rotation through its angle along each axis.
     let mut shifted = [*at[0], *at[1], *at[2]];
     for a in 0..3 {
         let angle = l.mul(l.mul(minus_q, g[a]), l.splat(rule.wave_number[a]));
@@ -111,6 +119,7 @@ pub(super) fn scale<L: Lanes, const LIMIT_SMOOTHLY: bool>(
     }
     let (_, h, _, r) =
         newton::<L, LIMIT_SMOOTHLY>(l, products, rule, [&shifted[0], &shifted[1], &shifted[2]]);
+    // s^2 = |q g + r h|^2 / F^2.
     let mut square = l.splat(0.0);
     for a in 0..3 {
         let step = l.fused(q, g[a], l.mul(r, h[a]));
@@ -118,6 +127,7 @@ pub(super) fn scale<L: Lanes, const LIMIT_SMOOTHLY: bool>(
     }
     let f_squared = l.max(l.mul(f, f), l.splat(f32::MIN_POSITIVE));
     let scale = l.sqrt(l.div(square, f_squared));
+    // At a zero: |g| / (g.g + damping).
     let zero_scale = l.div(l.sqrt(m), l.add(m, l.splat(rule.damping)));
     let scale = l.select_below(
         l.magnitude(f),
@@ -141,13 +151,16 @@ fn newton<L: Lanes, const LIMIT_SMOOTHLY: bool>(
     at: [&Along<L::F>; 3],
 ) -> (L::F, [L::F; 3], L::F, L::F) {
     let (f, mut g) = products.slope(l, at);
+    // g_a = k_a dF/du_a and m = g.g.
     let mut m = l.splat(0.0);
     for a in 0..3 {
         g[a] = l.mul(g[a], l.splat(rule.wave_number[a]));
         m = l.fused(g[a], g[a], m);
     }
+    // q = F / (m + damping); the step's squared length is q^2 m.
     let mut q = l.div(f, l.add(m, l.splat(rule.damping)));
     let square = l.mul(l.mul(q, q), m);
+    // A step of length t becomes t / (1 + (t / limit)^4)^(1/4), which has no kink at the limit.
     if LIMIT_SMOOTHLY {
         let limit = SMOOTH_STEP_FRACTION * rule.max_step;
         let ratio = l.mul(square, l.splat((limit * limit).recip()));
@@ -183,6 +196,7 @@ impl SimdKernel for RowKernel<'_> {
         } = self;
         let (products, periods) = (&field.products, &field.periods);
         let mut at = [[l.splat(0.0); FUNCTIONS]; 3];
+        // Only z has steps: the row lies along z, and x and y are the same in all lanes.
         for (axis, steps) in [&[0.0; 8], &[0.0; 8], &FIRST_EIGHT_STEPS]
             .into_iter()
             .enumerate()
@@ -219,6 +233,7 @@ impl SimdKernel for RangeKernel<'_> {
         let bounds = &periods.bounds;
         let (mut parts, mut halves) = ([[0.0; 8]; 3], [[0.0; 8]; 3]);
         for axis in 0..3 {
+            // Four boxes at a time, in double precision as far as the fraction of a period.
             let (least, greatest) = (
                 l.splat_four(bounds.min[axis]),
                 l.splat_four(bounds.max[axis]),
@@ -239,6 +254,7 @@ impl SimdKernel for RangeKernel<'_> {
         let x = products.along(l, &parts[0]);
         let y = products.along(l, &parts[1]);
         let z = products.along(l, &parts[2]);
+        // Half sizes in radians.
         let mut half = [l.splat(0.0); 3];
         for axis in 0..3 {
             half[axis] = l.mul(l.load(&halves[axis]), l.splat(rule.wave_number[axis]));
@@ -279,6 +295,7 @@ impl SimdKernel for SignKernel<'_> {
             rows,
         } = self;
         let (products, periods) = (&field.products, &field.periods);
+        // The functions along each axis, in two halves of eight samples.
         let mut tables = [[[[0.0; 8]; FUNCTIONS]; 2]; 3];
         for axis in 0..3 {
             for (half, steps) in [&FIRST_EIGHT_STEPS, &NEXT_EIGHT_STEPS]
@@ -306,6 +323,7 @@ impl SimdKernel for SignKernel<'_> {
             }
             return;
         }
+        // Rows along y: eight bits of y are scattered to eight rows of z.
         rows.fill(0);
         for (i, rows) in rows.chunks_mut(counts[1]).enumerate() {
             for k in 0..counts[2] {

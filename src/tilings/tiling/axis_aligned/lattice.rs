@@ -17,6 +17,7 @@ impl HexGrid {
             step,
             counts,
         } = *lattice;
+        // Whole leaves and their outer layers take the values that leaves have, so that neighbours agree to the bit.
         if counts == [8; 3] && self.is_step_supported(step) {
             out.copy_from_slice(&self.leaf(&self.scales, self.is_cut(), origin, step));
             return;
@@ -31,6 +32,7 @@ impl HexGrid {
         let w = self.options.half_width;
         let (least, greatest) = self.box_range(&lattice.span());
         self.fill_rows(lattice, out);
+        // Far inside the box nothing is cut, and far outside all is.
         if self.is_cut() && greatest > -w {
             if least >= w {
                 out.fill(w as f32);
@@ -51,6 +53,7 @@ impl HexGrid {
             step,
             counts,
         } = *lattice;
+        // The axis of one sample; a leaf begins at a multiple of eight steps.
         let axis = counts.iter().position(|&n| n == 1).unwrap_or(0);
         let is_last = (origin.0[axis] / step).round().rem_euclid(8.0) > 0.0;
         if is_last {
@@ -59,6 +62,7 @@ impl HexGrid {
         let leaf = self.leaf(&self.scales, self.is_cut(), origin, step);
         let stride = 64 >> (3 * axis);
         let first = if is_last { 7 * stride } else { 0 };
+        // Strides of the two axes that remain in a leaf of 8^3, z fastest.
         let [slow, fast] = [[8, 1], [64, 1], [64, 8]][axis];
         for (n, value) in out.iter_mut().enumerate() {
             *value = leaf[first + n / 8 * slow + n % 8 * fast];
@@ -97,6 +101,7 @@ impl HexGrid {
             counts,
             rows: &mut *rows,
         });
+        // A sample outside along any axis is outside the box, whatever the sign of F.
         if self.is_cut() && greatest >= 0.0 {
             let is_inside = |axis: usize, n: usize| self.outside_at(lattice, axis, n) < 0.0;
             let along_z = (0..counts[2]).fold(0, |row, k| row | u64::from(is_inside(2, k)) << k);

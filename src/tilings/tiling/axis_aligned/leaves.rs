@@ -3,6 +3,9 @@
 //! The functions along an axis are computed once for all leaves at a coordinate, and their products along x
 //! and y once for a column of leaves. One sweep over the 64 rows of a leaf turns values into distances and
 //! sets the bits of negative samples and of those within the band.
+//!
+//! d = F s, moved by `by` and cut at the box. Rows hold eight samples along z, and the sweep takes two rows at once,
+//! y and y + 1. Scales s come from a table or are computed for each sample (module `scales`).
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
@@ -99,6 +102,7 @@ impl SimdKernel for LeavesKernel<'_, '_> {
                 }
             }
             let [x, y, z] = [0, 1, 2].map(|axis| &axes.along[slots[axis]][axis]);
+            // The product of x and y serves all leaves of a column.
             if column_at != [x.origin, y.origin] {
                 let products = &field.products;
                 products.column(l, &x.along, &y.along, &mut column);
@@ -108,6 +112,7 @@ impl SimdKernel for LeavesKernel<'_, '_> {
             let Some(rows) = values.and_then(|v| v.as_chunks_mut().0.first_chunk_mut()) else {
                 break;
             };
+            // F at all samples, then distances in place.
             field.products.values(l, &column, &z.along, rows);
             let outside = [x.outermost(), y.outermost(), z.outermost()];
             let outermost = outside[0].max(outside[1]).max(outside[2]);
@@ -119,6 +124,7 @@ impl SimdKernel for LeavesKernel<'_, '_> {
                 at: [x, y, z],
                 is_near_edge: outside.into_iter().filter(|&b| b > 0.0).count() > 1,
             };
+            // Far inside the box the cut is left out.
             let reaches_box = is_cut && outermost > by - background;
             *bits = match (scales.nodes(), reaches_box) {
                 (4, false) => sweep.run::<L, 4, false>(l, rows),
@@ -139,6 +145,7 @@ impl SimdKernel for LeavesKernel<'_, '_> {
             if is_cut && background <= reach && outermost > by - background - reach {
                 bits.settled = false;
             }
+            // A leaf out of the band is overwritten by the next.
             kept += usize::from(!bits.is_out());
         }
     }
@@ -183,9 +190,11 @@ impl Sweep<'_> {
         // moved surface: there the field is between 0 and `by` times its greatest slope.
         let middle = 0.5 * by / rule.min_scale;
         let (less, reach) = (same(-middle), same(rule.sign_reach + middle.abs()));
+        // |F| beyond which d is out of the band, since s is at least the least scale.
         let beyond = same((background + by.abs()) / rule.min_scale);
         let mut planes = [[zero; N]; 4];
         let mut along_z = [l.splat(0.0); druse_cells::cell::FUNCTIONS];
+        // Without a table: the functions along z. With one: scales interpolated along y and z, x remains.
         if N == PER_SAMPLE {
             for (to, from) in along_z.iter_mut().zip(&z.along) {
                 *to = l.load(from);
@@ -201,6 +210,7 @@ impl Sweep<'_> {
         };
         // Positive as long as every sample is within the band or has neighbours of its own sign.
         let mut margin = limit;
+        // A slab of samples with the same x, in pairs of rows.
         for (i, slab) in rows.as_chunks_mut::<8>().0.iter_mut().enumerate() {
             let (from, weights) = Scales::weights::<L, N>(l, x, i);
             let (mut negative, mut within) = (0, 0);
@@ -209,6 +219,7 @@ impl Sweep<'_> {
                 let f = wide.load(rows);
                 let mut s = zero;
                 if N == PER_SAMPLE {
+                    // Scales are costly: only pairs of rows with a sample in the band compute them.
                     if wide.below(wide.magnitude(f), beyond) != 0 {
                         let at_x = splat_at(l, &x.along, i);
                         let at_y = [splat_at(l, &y.along, j), splat_at(l, &y.along, j + 1)];
@@ -218,17 +229,21 @@ impl Sweep<'_> {
                         ]);
                     }
                 } else {
+                    // s = the sum over the nodes along x.
                     for n in 0..contributing_nodes(N) {
                         let plane = planes[pair & 3][(from + n).min(N - 1)];
                         s = wide.fused(weights[n], plane, s);
                     }
                 }
                 s = wide.max(s, least);
+                // d = F s - by.
                 let mut d = wide.fused(f, s, back);
                 let mut size = wide.magnitude(d);
                 let off = wide.magnitude(wide.add(f, less));
+                // Positive where the neighbours have the same sign, or the sample is within the band.
                 let free = wide.max(wide.sub(off, reach), wide.sub(limit, size));
                 margin = wide.min(free, margin);
+                // d = max(d, D - by).
                 if CUT {
                     let (ox, oy) = (l.splat(x.outside[i & 7]), [y.outside[j], y.outside[j + 1]]);
                     let outside = oy.map(|oy| [ox, l.splat(oy), outside_z]);

@@ -1,4 +1,6 @@
-//! Positions of samples in the periods of a box of equal hexes.
+//! Positions of samples in the periods of a box of equal hexes: u = (x - centre) rate, less the nearest whole number.
+//!
+//! The subtraction is in double precision; the rest, in [-1/2, 1/2), keeps its accuracy in single precision.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
@@ -102,6 +104,7 @@ pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Ve
             return None;
         }
         let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
+        // The element's size along each axis; it is parallel to the axes if each row of J has one entry.
         let own = Vec3::from_fn(|a, _| jacobian.row(a).abs().sum());
         let scale = own.max();
         let is_axis = |a: usize| {
@@ -123,6 +126,7 @@ pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Ve
         centres.push(centre.0);
     }
     let size = size?;
+    // As many elements as the box has places.
     let counts = bounds.size().component_div(&size);
     let number = counts.map(f64::round);
     let fits = (counts - number).amax() < 1e-6;
@@ -130,6 +134,7 @@ pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Ve
         return None;
     }
     let mut taken = vec![false; centres.len()];
+    // And one in each place.
     for centre in &centres {
         let position = (centre - bounds.min).component_div(&size) - Vec3::repeat(0.5);
         let index = position.map(f64::round);

@@ -192,6 +192,7 @@ impl Scales {
         };
         let count = self.counts[axis];
         let mut positions = [0.0; 8];
+        // Positions in the table, in entries; the first entry lies half a spacing from the origin.
         for n in 0..8 {
             let x = origin + step * n as f64;
             data.outside[n] = periods.outside(axis, x, step) as f32;
@@ -226,6 +227,7 @@ impl Scales {
             let entry = (first + n as i64).rem_euclid(self.counts[axis] as i64);
             data.nodes[n] = entry as usize * self.stride(axis);
         }
+        // The cubic Lagrange weights at -1, 0, 1, 2 for a position t after the second of four entries.
         let mut from = 0;
         for v in 0..8 {
             // At most one entry further than the previous sample, also with rounding.
@@ -251,6 +253,8 @@ impl Scales {
         positions: &[f64; 8],
         data: &mut Axis,
     ) {
+        // The entries nearest to the Chebyshev positions, all different: from the middle outwards, each next one is at
+        // least one entry further.
         let stride = self.stride(axis);
         let middle = f64::midpoint(positions[0], positions[7]);
         let half = (positions[7] - positions[0]) / 2.0;
@@ -268,6 +272,7 @@ impl Scales {
         for n in (0..inner).rev() {
             at[n] = target(n).min(at[n + 1] - 1);
         }
+        // Lagrange weights: prod over m != n of (x - x_m) / (x_n - x_m).
         let mut differences = [l.splat(0.0); MAX_POLYNOMIAL_NODES];
         for n in 0..self.nodes {
             let mut row = [0.0; 8];
@@ -287,6 +292,7 @@ impl Scales {
             }
             l.store(l.div(weight, l.splat(denominator)), &mut data.weights[n]);
             let entry = |node: i64| node.rem_euclid(self.counts[axis] as i64) as usize;
+            // Rows along z are repeated at their ends, so that offsets from the first node need no wrap.
             data.nodes[n] = if axis == 2 {
                 entry(at[0]) + (at[n] - at[0]) as usize
             } else {
@@ -299,6 +305,7 @@ impl Scales {
     /// time. The sum over x, with the weights of [`Self::weights`], remains to be done.
     #[inline(always)]
     pub fn planes<L: Lanes, const N: usize>(&self, l: L, at: [&Axis; 3]) -> [[Pair<L>; N]; 4] {
+        // A constant in each instance: the branch costs nothing.
         if N == LOCAL_NODES {
             let local = self.local_planes(l, at);
             let mut planes = [[l.wide().splat_rows([0.0; 2]); N]; 4];
@@ -321,6 +328,7 @@ impl Scales {
         for k in 0..N {
             offsets[k] = z.nodes[k].wrapping_sub(z.nodes[0]) % NODE_SPAN;
         }
+        // Weights of two samples along y in one pair of rows.
         let mut weights_y = [[zeros; N]; 4];
         for v in 0..4 {
             for j in 0..N {
@@ -328,6 +336,7 @@ impl Scales {
             }
         }
         let mut planes = [[zeros; N]; 4];
+        // Contract along z, then along y; the layer of each node along x remains.
         for i in 0..N {
             let mut rows = [zeros; N];
             for j in 0..N {

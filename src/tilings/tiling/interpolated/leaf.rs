@@ -1,4 +1,9 @@
-//! A leaf's distances by rule Q from the field at its nodes, eight samples at a time.
+//! A leaf's distances by rule Q from the field at its nodes, eight samples along z at a time.
+//!
+//! `F = sum of w_i(x) w_j(y) w_k(z) F_ijk`, contracted along z, then y, then x; derivatives use the matrices of their
+//! orders. The first step is -q g with q = F / (g.g + damping). The second starts where it ends, with the field
+//! continued by the Hessian H: F1 = F - q g.g + q^2 g.Hg / 2 and g1 = g - q H g. The scale is |q g + r g1| / |F| with r
+//! the factor of the second step. F1 / F, what the first step leaves, measures the error: [`MAX_REMAINDER`] limits it.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
@@ -145,6 +150,7 @@ impl SimdKernel for LeafKernel<'_> {
                 }
             }
         }
+        // Along y: the six products of orders that values and both derivatives need.
         for y in 0..EDGE {
             let mut along_yz = [[zero; MAX_NODES]; YZ_ORDERS.len()];
             for j in 0..count {
@@ -158,11 +164,13 @@ impl SimdKernel for LeafKernel<'_> {
                     }
                 }
             }
+            // Along x: F first; most rows are out of the band and need no derivatives.
             for x in 0..EDGE {
                 let mut f = zero;
                 for i in 0..count {
                     f = l.fused(l.splat(matrices.weights[0][i][x]), along_yz[0][i], f);
                 }
+                // A sheet: F = sign (|f| - half), with f the interpolated field.
                 let interpolated = f;
                 if let Some(fold) = rule.fold {
                     let away = l.sub(l.magnitude(f), l.splat(fold.half));
@@ -177,6 +185,7 @@ impl SimdKernel for LeafKernel<'_> {
                     store(l, far_distance, &mut leaf.distances, n);
                     continue;
                 }
+                // The nine derivatives of the rows in the band.
                 let mut slopes = [zero; DERIVATIVE_COUNT];
                 for i in 0..count {
                     let mut weights = [zero; ORDERS];
@@ -187,6 +196,7 @@ impl SimdKernel for LeafKernel<'_> {
                         *slope = l.fused(weights[order_x], along_yz[yz][i], *slope);
                     }
                 }
+                // The derivatives of |f| change sign with f.
                 if let Some(fold) = rule.fold {
                     let (sign, other) = (l.splat(fold.sign), l.splat(-fold.sign));
                     let side = l.select_below(interpolated, zero, other, sign);
@@ -194,6 +204,7 @@ impl SimdKernel for LeafKernel<'_> {
                         *slope = l.mul(side, *slope);
                     }
                 }
+                // d = F s, valid if little of F remains after the first step.
                 let (scale, remainder) = scale(l, rule, f, &slopes);
                 let size = l.magnitude(f);
                 let is_curved = l.below(
@@ -248,13 +259,16 @@ fn scale<L: Lanes>(l: L, rule: &RuleQ, f: L::F, slopes: &[L::F; DERIVATIVE_COUNT
     for axis in 0..3 {
         g1[axis] = l.fused(minus_q, hessian_gradient[axis], g[axis]);
     }
+    // r, the factor of the second step from F1 and g1.
     let r = rate(l, rule, f1, dot(l, g1, g1));
     let mut step = g;
     for axis in 0..3 {
         step[axis] = l.fused(q, g[axis], l.mul(r, g1[axis]));
     }
+    // s = |q g + r g1| / |F|.
     let magnitude = l.max(l.magnitude(f), l.splat(f32::MIN_POSITIVE));
     let scale = l.div(l.sqrt(dot(l, step, step)), magnitude);
+    // At a zero: |g| / (g.g + damping).
     let zero_scale = l.div(l.sqrt(m), l.add(m, l.splat(rule.damping)));
     let scale = l.select_below(
         l.magnitude(f),

@@ -1,4 +1,7 @@
-//! Interpolation matrices along one axis: from values at nodes to values and derivatives at samples.
+//! Interpolation matrices along one axis: from values at Chebyshev nodes to values and derivatives at samples.
+//!
+//! Weight of node n at x: the Lagrange polynomial `l_n(x) = prod over m != n of (x - x_m) / (x_n - x_m)`, and its first
+//! and second derivative, per voxel.
 
 use super::EDGE;
 use std::sync::LazyLock;
