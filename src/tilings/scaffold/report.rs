@@ -133,6 +133,7 @@ impl Scaffold {
 
     /// Measures the scaffold and finds defects.
     pub fn report(&self) -> ScaffoldReport {
+        // In parallel by element; sums and lists follow in order, the same at any number of threads.
         let measures: Vec<(f64, f64, Orientation)> = (0..self.len())
             .into_par_iter()
             .map(|e| {

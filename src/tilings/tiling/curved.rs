@@ -174,10 +174,12 @@ impl<F: Filling> TiledSolid<'_, F> {
         let whole = std::mem::take(&mut batch.blocks);
         let mut next = 0;
         for (number, samples) in blocks.iter().enumerate() {
+            // Samples of blocks that lie in no single element are located one by one.
             let Some(block) = whole.get(next).filter(|b| b.number == number) else {
                 batch.open.extend(samples);
                 continue;
             };
+            // |F| >= L (R + w) at the centre decides the whole block.
             if block.f.abs() >= self.max_change(&local.near, block.radius + w) {
                 let d = w.copysign(block.f);
                 for t in samples {

@@ -84,6 +84,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         out: &mut [f32],
     ) -> (u64, bool) {
         let w = self.options.half_width;
+        // Continued without a cut, each component has a value everywhere: single points choose between them.
         if !self.is_cut() && self.components.len() > 1 {
             for component in 0..self.components.len() {
                 self.record(&self.near(component, &lattice.span(), self.margin()));
@@ -114,6 +115,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 is_first = false;
                 continue;
             }
+            // Components are united: the least value counts.
             let mut values = std::mem::take(&mut scratch.values);
             values.clear();
             values.resize(out.len(), w as f32);

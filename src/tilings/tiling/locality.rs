@@ -363,6 +363,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let w = self.options.half_width;
         let slack = self.chord_slack();
         let boundary = &self.components[component].boundary;
+        // In no element: outside the scaffold, or in a gap that rounding leaves between elements.
         let Some(at) = self.owner(local, x) else {
             if known.is_deep {
                 return self.value_in_gap(local, x);
@@ -429,6 +430,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         if let Some(at) = self.owner(local, q) {
             return Some((at, q));
         }
+        // The element with the least distance m; each one found limits the search in the next.
         let mut best: Option<(f64, usize, Preimage)> = None;
         for near_index in 0..local.near.patches.len() {
             let reach = best.as_ref().map_or(f64::INFINITY, |b| b.0);

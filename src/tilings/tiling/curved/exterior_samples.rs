@@ -28,6 +28,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         batch: &mut CurvedBatch,
         out: &mut [f32],
     ) {
+        // The boundary's points first; most samples beyond the band need none.
         let mut continued = std::mem::take(&mut batch.continued);
         continued.clear();
         for sample in &batch.exterior {
@@ -41,6 +42,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 }
             }
         }
+        // Owners of the points. Near curved faces the points are then moved towards the elements, and have new owners.
         self.find_nearest(local, &mut continued, batch);
         if self.fade(local, &mut continued) {
             self.find_nearest(local, &mut continued, batch);
@@ -78,11 +80,13 @@ impl<F: Filling> TiledSolid<'_, F> {
         if known.is_deep {
             return Err(None);
         }
+        // The cut at the boundary leaves at least the distance to it; without a cut the field is continued alone.
         let (closest, least) = if self.is_cut() {
             let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
             let Some(closest) = known.closest_within(boundary, sample.x, radius) else {
                 return Err((!boundary.contains(sample.x)).then_some(w));
             };
+            // Inside by less than the chordal error: between the triangles and a curved face.
             let distance = closest.distance;
             let outside = if distance < self.boundary_tolerance() {
                 0.0

@@ -120,6 +120,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         scales.resize(contributions.len(), 0.0);
         let count = contributions.len().max(first_steps.len());
         first_steps.resize(count, FirstStep::default());
+        // First Newton step of all points with one element and one local map, which share its limits and map.
         let (mut first, mut next_inverse, mut first_step) = (0, 0, 0);
         for run in contributions
             .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))
@@ -153,6 +154,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             );
             (first, first_step) = (all.end, range.end);
         }
+        // F and its gradient at the ends of the first steps, all points of an element at once.
         let mut first = 0;
         for run in contributions.chunk_by(|a, b| a.near_index == b.near_index) {
             let all = first..first + run.len();
@@ -160,6 +162,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let near_index = run[0].near_index as usize;
             self.evaluate_slopes(local, near_index, &points[all.clone()], &mut slopes[all]);
         }
+        // The second steps, in the runs of the first: each gives the scale s of its point.
         let (mut first, mut first_step) = (0, 0);
         for run in contributions
             .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))
@@ -177,6 +180,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             );
             (first, first_step) = (all.end, range.end);
         }
+        // d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md; the elements come in ascending order.
         for (contribution, scale) in contributions.iter().zip(&*scales) {
             let sum = &mut sums[contribution.item as usize];
             sum.scales += contribution.weight * scale;

@@ -25,6 +25,7 @@ pub(super) fn bad_edges(search: &Search, faces: &Faces, bad: &[u32], turns: &[u8
         };
         let corners = face_nodes(search, first);
         for i in 0..corners.len() {
+            // An edge that several bad faces have is visited once.
             let mut nodes = [corners[i], corners[(i + 1) % corners.len()]];
             nodes.sort_unstable();
             if !seen.insert(nodes) {
