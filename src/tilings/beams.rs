@@ -25,7 +25,7 @@ pub use cut::{Cut, ScaffoldSolid};
 pub use network::{Network, NetworkError, ReferenceParts};
 pub use part::{Beam, Plate};
 pub use rod::{Rod, Rods};
-pub use size::{DiametersAt, WeightsAt, Width};
+pub use size::{DiametersAt, RadiusLimits, WeightsAt, Width};
 
 use part::{Axis, Part};
 use rows::{NearbyParts, ROW_LEN};
@@ -219,7 +219,8 @@ impl Beams {
         &self,
         origin: Vec3,
         step: f64,
-        (by, background): (f64, f64),
+        by: f64,
+        background: f64,
         out: &mut [f32; 512],
         scratch: &mut Scratch,
     ) -> LeafContent {
@@ -429,23 +430,18 @@ impl Field for Beams {
         // A leaf without band is not kept: the next one takes its place.
         for (n, origin) in leaves.origins.iter().enumerate() {
             let values = &mut leaves.values[kept];
-            leaves.bits[n] = match self.leaf(
-                origin.0,
-                leaves.step,
-                (by, background),
-                values,
-                &mut scratch,
-            ) {
-                LeafContent::Outside => without_band(false),
-                LeafContent::Inside => without_band(true),
-                LeafContent::Values => {
-                    evaluated += 512;
-                    LeafBits {
-                        settled: true,
-                        ..LeafBits::from_values(values, leaves.background)
+            leaves.bits[n] =
+                match self.leaf(origin.0, leaves.step, by, background, values, &mut scratch) {
+                    LeafContent::Outside => without_band(false),
+                    LeafContent::Inside => without_band(true),
+                    LeafContent::Values => {
+                        evaluated += 512;
+                        LeafBits {
+                            settled: true,
+                            ..LeafBits::from_values(values, leaves.background)
+                        }
                     }
-                }
-            };
+                };
             kept += usize::from(!leaves.bits[n].is_out());
         }
         Some(evaluated)

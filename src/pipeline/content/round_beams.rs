@@ -10,7 +10,8 @@
 
 use super::tiling::CellTiling;
 use crate::beams::{
-    Beam, Beams, Cut, Network, NetworkError, Plate, ReferenceParts, ScaffoldSolid, WeightsAt, Width,
+    Beam, Beams, Cut, Network, NetworkError, Plate, RadiusLimits, ReferenceParts, ScaffoldSolid,
+    WeightsAt, Width,
 };
 use crate::cell::{default_group, operators_of};
 use crate::field::{Field, Interval, WorldField};
@@ -359,12 +360,15 @@ fn sized_parts(
     let at = |element: usize, xi: CellPoint<3>| weights.at(element, xi);
     let at: Option<&WeightsAt> = (!weights.is_single()).then_some(&at as &WeightsAt);
     let voxel = recipe.scale().voxel_size;
-    let tolerance = [RADIUS_ERROR * voxel, MIN_RADIUS * voxel];
+    let limits = RadiusLimits {
+        tolerance: RADIUS_ERROR * voxel,
+        min_radius: MIN_RADIUS * voxel,
+    };
     if let Some(fraction) = fraction(recipe, section) {
         // Thin beams have small boxes, which makes the nearest-beam search fast.
         let trial = 1e-6 * scaffold.bounds().half_diagonal();
         let constant =
-            |d: f64| network.sized(scaffold, Width::<RunError>::Constant(d), None, tolerance);
+            |d: f64| network.sized(scaffold, Width::<RunError>::Constant(d), None, limits);
         let (beams, plates) = constant(trial)?;
         let found = Beams::new(&beams, &plates)
             .and_then(|b| diameter_for_fraction(&b, trial, scaffold, fraction));
@@ -372,9 +376,9 @@ fn sized_parts(
     }
     let Some(thickness) = &section.thickness else {
         return match physical_thicknesses(recipe, &section.cells())? {
-            None => network.sized(scaffold, Width::<RunError>::Relative, at, tolerance),
+            None => network.sized(scaffold, Width::<RunError>::Relative, at, limits),
             Some([d, ..]) if weights.is_single() => {
-                network.sized(scaffold, Width::<RunError>::Constant(d), None, tolerance)
+                network.sized(scaffold, Width::<RunError>::Constant(d), None, limits)
             }
             Some(own) => {
                 let positive = own.iter().copied().filter(|&t| t > 0.0);
@@ -384,7 +388,7 @@ fn sized_parts(
                     std::array::from_fn(|n| all[n] * own[n] / unit)
                 };
                 let width = Width::<RunError>::Constant(unit);
-                network.sized(scaffold, width, Some(&at), tolerance)
+                network.sized(scaffold, width, Some(&at), limits)
             }
         };
     };
@@ -413,7 +417,7 @@ fn sized_parts(
                 spatial.key
             )));
         }
-        return network.sized(scaffold, Width::<RunError>::Constant(d), at, tolerance);
+        return network.sized(scaffold, Width::<RunError>::Constant(d), at, limits);
     }
     let mut diameters = |places: &[Vec3]| {
         let found = spatial.values(files, &thickness, places)?;
@@ -422,7 +426,7 @@ fn sized_parts(
             None => Ok(found),
         }
     };
-    network.sized(scaffold, Width::Varying(&mut diameters), at, tolerance)
+    network.sized(scaffold, Width::Varying(&mut diameters), at, limits)
 }
 
 /// The thicknesses of the cells in units of length; `None` if no cell has one.

@@ -147,7 +147,7 @@ impl Field for Cut<'_> {
             };
             let found = self
                 .beams
-                .leaf(origin.0, step, (by, background), values, &mut scratch);
+                .leaf(origin.0, step, by, background, values, &mut scratch);
             // The leaf and its neighbouring samples.
             let with_neighbours = lattice.span().dilated(step);
             let distance = match found {

@@ -30,6 +30,24 @@ pub enum Width<'a, E> {
     Varying(&'a mut DiametersAt<'a, E>),
 }
 
+/// Limits of the radii of a sized network, world units.
+#[derive(Clone, Copy, Debug)]
+pub struct RadiusLimits {
+    /// Bounds the error of the radii between the ends of a part.
+    pub tolerance: f64,
+    /// The smallest radius, unless half the radius without weights is less.
+    pub min_radius: f64,
+}
+
+/// Numbers of intervals at whose ends the radius is evaluated.
+#[derive(Clone, Copy)]
+struct Intervals {
+    /// Along a strut.
+    strut: usize,
+    /// Along each side of a plate's triangle.
+    side: usize,
+}
+
 /// Points along the parts, and the radii there.
 struct Samples {
     points: Vec<Vec3>,
@@ -39,9 +57,7 @@ struct Samples {
 impl Network {
     /// Beams and plates with these widths. With weights, a part's width is multiplied by the sum of the
     /// weights of the cells that contain it: parts of a single cell taper off with its weight, and parts
-    /// common to all cells keep their width. The smallest radius is `least`, or half the radius without
-    /// weights if that is less. Parts without any weight are omitted. `tolerance` bounds the error of the
-    /// radii between the ends. All lengths are in world units.
+    /// common to all cells keep their width. Parts without any weight are omitted.
     ///
     /// # Errors
     /// Errors of a varying width.
@@ -50,19 +66,23 @@ impl Network {
         scaffold: &Scaffold,
         width: Width<E>,
         weights: Option<&WeightsAt>,
-        [tolerance, least]: [f64; 2],
+        limits: RadiusLimits,
     ) -> Result<(Vec<Beam>, Vec<Plate>), E> {
         // Constant and relative widths are linear along each part: the ends suffice.
         let varies = weights.is_some() || matches!(width, Width::Varying(_));
-        let (along, across) = if varies {
-            (STRUT_INTERVALS, PLATE_INTERVALS)
+        let intervals = if varies {
+            Intervals {
+                strut: STRUT_INTERVALS,
+                side: PLATE_INTERVALS,
+            }
         } else {
-            (1, 1)
+            Intervals { strut: 1, side: 1 }
         };
+        let (along, across) = (intervals.strut, intervals.side);
         // The samples of all struts, then of all plates, are evaluated at once.
         let mut points = Vec::new();
         for strut in &self.struts {
-            points.extend((0..=along).map(|n| self.on_strut(scaffold, strut, (n, along))));
+            points.extend((0..=along).map(|n| self.on_strut(scaffold, strut, n, along)));
         }
         let per_facet = triangle_points(across).count();
         for facet in &self.facets {
@@ -82,39 +102,42 @@ impl Network {
             }
             Width::Constant(d) => vec![d / 2.0; points.len()],
             Width::Varying(diameters) => {
-                let mut found = diameters(&points)?;
-                for d in &mut found {
+                let mut widths = diameters(&points)?;
+                for d in &mut widths {
                     *d /= 2.0;
                 }
-                found
+                widths
             }
         };
         // Weights scale radii at the samples.
         if let Some(weights) = weights {
-            self.apply_weights(weights, (along, across), least, &mut radii);
+            self.apply_weights(weights, intervals, limits.min_radius, &mut radii);
         }
         // Parts are cut where the radius is not linear.
         let samples = Samples { points, radii };
         let mut beams = Vec::new();
         for n in 0..self.struts.len() {
-            samples.beams(n * (along + 1), along, tolerance, &mut beams);
+            samples.beams(n * (along + 1), along, limits.tolerance, &mut beams);
         }
         let mut plates = Vec::new();
         let first = self.struts.len() * (along + 1);
         for n in 0..self.facets.len() {
-            samples.plates(first + n * per_facet, across, tolerance, &mut plates);
+            samples.plates(first + n * per_facet, across, limits.tolerance, &mut plates);
         }
         Ok((beams, plates))
     }
 
-    fn on_strut(&self, scaffold: &Scaffold, strut: &Strut, (n, of): (usize, usize)) -> Vec3 {
-        if n == 0 || n == of {
-            return self.nodes[strut.ends[usize::from(n == of)] as usize];
+    /// World point `n` of the `count + 1` points that divide a strut evenly.
+    fn on_strut(&self, scaffold: &Scaffold, strut: &Strut, n: usize, count: usize) -> Vec3 {
+        // The ends are nodes, the same bits in every element.
+        if n == 0 || n == count {
+            return self.nodes[strut.ends[usize::from(n == count)] as usize];
         }
-        let xi = CellPoint(strut_point(strut, n as f64 / of as f64));
+        let xi = CellPoint(strut_point(strut, n as f64 / count as f64));
         scaffold.element(strut.element as usize).map(xi).0
     }
 
+    /// The world point of a facet at weights `c` of its second and third corner.
     fn on_facet(&self, scaffold: &Scaffold, facet: &Facet, c: [f64; 2]) -> Vec3 {
         let corner = |n: usize| self.nodes[facet.corners[n] as usize];
         match c {
@@ -128,27 +151,29 @@ impl Network {
         }
     }
 
-    /// Multiplies radii by the weights of the parts' cells, with the lower limit `least` or half the radius.
+    /// Multiplies radii by the weights of the parts' cells, with the lower limit `min_radius` or half the radius.
     /// Parts without any weight get radius 0.
     fn apply_weights(
         &self,
         weights: &WeightsAt,
-        (along, across): (usize, usize),
-        least: f64,
+        intervals: Intervals,
+        min_radius: f64,
         radii: &mut [f64],
     ) {
-        let share = |cells: u8, element: u32, xi: Vec3| {
+        let (along, across) = (intervals.strut, intervals.side);
+        // The sum of the weights of a part's cells at a point.
+        let weight_at = |cells: u8, element: u32, xi: Vec3| {
             let all = weights(element as usize, CellPoint(xi));
             let own = all.iter().enumerate().filter(|(n, _)| cells >> n & 1 == 1);
             own.map(|(_, w)| w).sum::<f64>()
         };
-        let taper = |radii: &mut [f64], shares: &[f64]| {
+        let taper = |radii: &mut [f64], weights: &[f64]| {
             // A weight that is a rounding error counts as 0.
-            let has_weight = shares.iter().any(|&s| s > ZERO_WEIGHT_TOLERANCE);
-            for (radius, share) in radii.iter_mut().zip(shares) {
-                let thinnest = least.min(*radius / 2.0);
+            let has_weight = weights.iter().any(|&w| w > ZERO_WEIGHT_TOLERANCE);
+            for (radius, weight) in radii.iter_mut().zip(weights) {
+                let thinnest = min_radius.min(*radius / 2.0);
                 *radius = if has_weight {
-                    (*radius * share).max(thinnest)
+                    (*radius * weight).max(thinnest)
                 } else {
                     0.0
                 };
@@ -160,9 +185,9 @@ impl Network {
             .iter()
             .zip(of_struts.chunks_exact_mut(along + 1))
         {
-            let at = |n: usize| share(s.cells, s.element, strut_point(s, n as f64 / along as f64));
-            let shares: Vec<f64> = (0..=along).map(at).collect();
-            taper(radii, &shares);
+            let point = |n: usize| strut_point(s, n as f64 / along as f64);
+            let weights = (0..=along).map(|n| weight_at(s.cells, s.element, point(n)));
+            taper(radii, &weights.collect::<Vec<f64>>());
         }
         let per_facet = triangle_points(across).count();
         for (f, radii) in self
@@ -170,18 +195,20 @@ impl Network {
             .iter()
             .zip(of_facets.chunks_exact_mut(per_facet))
         {
-            let shares =
-                triangle_points(across).map(|c| share(f.cells, f.element, facet_point(f, c)));
-            taper(radii, &shares.collect::<Vec<f64>>());
+            let weights =
+                triangle_points(across).map(|c| weight_at(f.cells, f.element, facet_point(f, c)));
+            taper(radii, &weights.collect::<Vec<f64>>());
         }
     }
 }
 
+/// The reference point at the fraction `t` of a strut.
 fn strut_point(strut: &Strut, t: f64) -> Vec3 {
     let [a, b] = strut.reference;
     a + (b - a) * t
 }
 
+/// The reference point of a facet at weights of its second and third corner.
 fn facet_point(facet: &Facet, [u, v]: [f64; 2]) -> Vec3 {
     let [a, b, c] = facet.reference;
     a + (b - a) * u + (c - a) * v
@@ -194,7 +221,8 @@ fn triangle_points(count: usize) -> impl Iterator<Item = [f64; 2]> {
 }
 
 impl Samples {
-    /// The beams of a strut with samples from `first` on.
+    /// Adds the beams of a strut with `count + 1` samples from `first` on: one, or those of its halves where the radius
+    /// is not linear within the tolerance.
     fn beams(&self, first: usize, count: usize, tolerance: f64, out: &mut Vec<Beam>) {
         let (from, to) = (first, first + count);
         let [a, b] = [self.radii[from], self.radii[to]];
@@ -214,7 +242,8 @@ impl Samples {
         }
     }
 
-    /// The plates of a facet with samples from `first` on.
+    /// Adds the plates of a facet with the samples of [`triangle_points`] from `first` on: one, or `count^2` where the
+    /// radius is not linear within the tolerance.
     fn plates(&self, first: usize, count: usize, tolerance: f64, out: &mut Vec<Plate>) {
         // Index in the order of `triangle_points`.
         let number = |i: usize, j: usize| first + i * (2 * count + 3 - i) / 2 + j;
