@@ -199,7 +199,7 @@ impl<'a> Mesher<'a> {
             vertex_position::margin(max_coordinate / self.voxel_size)
         };
         let threshold = inside_below(self.voxel_size);
-        let crossed = edge_vertices::CrossedEdges::new(leaves, (region, threshold), progress)?;
+        let crossed = edge_vertices::CrossedEdges::new(leaves, region, threshold, progress)?;
         let vertices = vertex_position::vertices(&crossed, self, margin, progress)?;
         let triangles = cells::triangles(&crossed, &vertices, progress)?;
         Ok(Patch::new(&crossed, vertices, triangles))

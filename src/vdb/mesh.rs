@@ -221,7 +221,7 @@ impl LevelSet {
         // Corners of single quads are in neighbouring cells. Corners of merged quads are in neighbouring
         // leaves, and relaxation moves them at most to the next leaf.
         let layer = if adaptivity > 0.0 { 2 * LEAF } else { 1 };
-        RegionQuads::new(mesh, (region, last, layer), index)
+        RegionQuads::new(mesh, region, last, layer, index)
     }
 
     /// Number of voxels around a region on which its quads depend, a multiple of 8. OpenVDB merges quads leaf

@@ -102,10 +102,15 @@ pub(super) struct CrossedEdges<'a> {
 pub(super) type Corners = [[u64; 4]; 9];
 
 impl<'a> CrossedEdges<'a> {
-    /// Values below `threshold` are inside.
+    /// The signs and crossed edges of leaves, which are in order of origin. The cells of leaves in `region` are meshed;
+    /// values below `threshold`, world units, are inside.
+    ///
+    /// # Errors
+    /// [`MesherError`]: leaves out of order, a surface that is not closed in the region, or cancellation.
     pub fn new(
         leaves: &'a [LeafValues<'a>],
-        (region, threshold): (Region, f32),
+        region: Region,
+        threshold: f32,
         progress: &dyn Progress,
     ) -> Result<Self, MesherError> {
         if let Some(pair) = leaves.windows(2).find(|p| p[0].origin >= p[1].origin) {

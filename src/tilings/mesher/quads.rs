@@ -36,12 +36,14 @@ pub struct RegionQuads {
 
 impl RegionQuads {
     /// Selects the quads of a region in the mesh of a larger part. Corners of its quads are at most `layer`
-    /// voxels above it; `last` is the greatest x of the regions processed together with this one; `index`
+    /// voxels above it; `last_x` is the greatest x of the regions processed together with this one; `index`
     /// maps world coordinates to index space.
     #[doc(hidden)]
     pub fn new(
         mesh: &QuadMesh,
-        (region, last, layer): (Region, i32, i32),
+        region: Region,
+        last_x: i32,
+        layer: i32,
         index: impl Fn(Vec3) -> Vec3,
     ) -> Self {
         let cell_of = |v: &Vec3| Coord(index(*v).map(|c| c.floor() as i32).into());
@@ -89,7 +91,7 @@ impl RegionQuads {
             owned,
             vertices,
             local_number,
-            max_x: last.saturating_add(layer),
+            max_x: last_x.saturating_add(layer),
         }
     }
 
