@@ -237,7 +237,7 @@ impl Scaffold {
     /// Any [`ScaffoldError`] but those of a box. Folded, duplicate or disconnected elements are no error here;
     /// [`Scaffold::validate`] reports them.
     pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
-        check(&nodes, &elements, false)?;
+        check(&nodes, &elements, Dimension::Solid)?;
         let geometry: Vec<Geometry> = (0..elements.len())
             .into_par_iter()
             .map(|e| {
@@ -374,9 +374,21 @@ impl std::fmt::Debug for Scaffold {
     }
 }
 
-/// Checks that nodes are finite and elements refer to them. With `planar` the elements must be triangles and quads,
-/// else solids.
-fn check(nodes: &[Vec3], elements: &Connectivity, planar: bool) -> Result<(), ScaffoldError> {
+/// The dimension of elements.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Dimension {
+    /// Triangles and quads of a surface.
+    Planar,
+    /// Elements with a volume.
+    Solid,
+}
+
+/// Checks that nodes are finite and elements refer to them, and that all elements have a dimension.
+fn check(
+    nodes: &[Vec3],
+    elements: &Connectivity,
+    dimension: Dimension,
+) -> Result<(), ScaffoldError> {
     if elements.is_empty() {
         return Err(ScaffoldError::Empty);
     }
@@ -396,18 +408,18 @@ fn check(nodes: &[Vec3], elements: &Connectivity, planar: bool) -> Result<(), Sc
         });
     }
     for element in 0..elements.len() {
-        let (kind, own) = (elements.kind(element), elements.nodes(element));
-        if kind.is_planar() != planar {
+        let (kind, element_nodes) = (elements.kind(element), elements.nodes(element));
+        if kind.is_planar() != (dimension == Dimension::Planar) {
             return Err(ScaffoldError::Dimension { element, kind });
         }
-        if own.len() != kind.node_count() {
+        if element_nodes.len() != kind.node_count() {
             return Err(ScaffoldError::NodeCount {
                 element,
                 kind,
-                found: own.len(),
+                found: element_nodes.len(),
             });
         }
-        if let Some(&node) = own.iter().find(|&&n| n as usize >= nodes.len()) {
+        if let Some(&node) = element_nodes.iter().find(|&&n| n as usize >= nodes.len()) {
             return Err(ScaffoldError::NoSuchNode {
                 element,
                 kind,

@@ -61,7 +61,7 @@ enum Misplacement {
 impl Scaffold {
     /// Finds the places where neighbouring elements do not fit.
     pub(super) fn defects(&self) -> Defects {
-        let found = self.overlaps();
+        let overlaps = self.overlaps();
         let numbers = |pairs: Vec<[u32; 2]>| {
             let pairs = pairs.into_iter();
             pairs.map(|p| p.map(|e| self.number(e as usize))).collect()
@@ -82,8 +82,8 @@ impl Scaffold {
                     group.iter().map(number).collect()
                 })
                 .collect(),
-            united: numbers(found.between),
-            overlaps: numbers(found.within),
+            united: numbers(overlaps.between),
+            overlaps: numbers(overlaps.within),
             torn: self.torn(),
             unused_nodes: used.iter().filter(|u| !**u).count(),
             ..Defects::default()
@@ -205,7 +205,7 @@ impl Scaffold {
             let Some(xi) = element.inverse_inside(at, NODE_TOLERANCE) else {
                 continue;
             };
-            let found = MisplacedNode {
+            let misplaced = MisplacedNode {
                 node,
                 element: self.number(e as usize),
             };
@@ -215,7 +215,7 @@ impl Scaffold {
                 .iter()
                 .any(|v| (v - xi.0).norm() < 4.0 * NODE_TOLERANCE)
             {
-                return Some((found, Misplacement::Unmerged));
+                return Some((misplaced, Misplacement::Unmerged));
             }
             // On a face without neighbour the node hangs. On an inner face it is an overlap with both elements.
             let on_outer = element
@@ -228,10 +228,10 @@ impl Scaffold {
                         && (plane.normal.dot(&xi.0) - plane.offset).abs() <= NODE_TOLERANCE
                 });
             if on_outer {
-                return Some((found, Misplacement::Hanging));
+                return Some((misplaced, Misplacement::Hanging));
             }
             // Any other element may still explain the node better.
-            inside = inside.or(Some((found, Misplacement::Overlapping)));
+            inside = inside.or(Some((misplaced, Misplacement::Overlapping)));
         }
         inside
     }

@@ -85,10 +85,15 @@ impl Scaffold {
         let lost = body.lost();
         // Edges along creases are kept while tets are improved.
         let edges = body.crease_edges();
-        let mut tets = TetMesh::new(body.nodes.all, body.tets, edges, (solid, &creases));
+        let mut tets = TetMesh::new(body.nodes.all, body.tets, edges, solid, &creases);
         tets.improve();
         let (mut nodes, tets, edges) = tets.finished();
-        let curved = curve::curved(solid, &creases, (&mut nodes, &tets, &edges), options.order)?;
+        let body = curve::StraightBody {
+            nodes: &mut nodes,
+            tets: &tets,
+            crease_edges: &edges,
+        };
+        let curved = curve::curved(solid, &creases, body, options.order)?;
         Ok(Filled {
             scaffold: curved.scaffold,
             straight: curved.straight,

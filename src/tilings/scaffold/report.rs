@@ -107,6 +107,14 @@ pub struct ScaffoldReport {
     pub outer_faces: usize,
 }
 
+/// What the report measures of one element.
+struct ElementMeasures {
+    /// Without sign, world units.
+    volume: f64,
+    quality: f64,
+    orientation: Orientation,
+}
+
 impl Scaffold {
     /// Least and greatest dihedral angle of the straight tets, degrees; `None` if there are none.
     pub fn dihedral_range(&self) -> Option<[f64; 2]> {
@@ -134,20 +142,24 @@ impl Scaffold {
     /// Measures the scaffold and finds defects.
     pub fn report(&self) -> ScaffoldReport {
         // In parallel by element; sums and lists follow in order, the same at any number of threads.
-        let measures: Vec<(f64, f64, Orientation)> = (0..self.len())
+        let measures: Vec<ElementMeasures> = (0..self.len())
             .into_par_iter()
             .map(|e| {
                 let e = self.element(e);
-                (e.volume().abs(), e.quality(), e.orientation())
+                ElementMeasures {
+                    volume: e.volume().abs(),
+                    quality: e.quality(),
+                    orientation: e.orientation(),
+                }
             })
             .collect();
         let (mut mirrored, mut folded, mut degenerate) = (Vec::new(), Vec::new(), Vec::new());
         let mut worst = (f64::INFINITY, 0);
-        for (e, (_, quality, orientation)) in measures.iter().enumerate() {
-            if *quality < worst.0 {
-                worst = (*quality, self.number(e));
+        for (e, element) in measures.iter().enumerate() {
+            if element.quality < worst.0 {
+                worst = (element.quality, self.number(e));
             }
-            match *orientation {
+            match element.orientation {
                 Orientation::Positive => {}
                 Orientation::Negative => mirrored.push(e as u32),
                 Orientation::Folded { determinant, at } => {
@@ -166,10 +178,10 @@ impl Scaffold {
                 .filter(|k| k.1 > 0)
                 .collect(),
             nodes: self.nodes().len(),
-            volume: measures.iter().map(|f| f.0).sum(),
+            volume: measures.iter().map(|m| m.volume).sum(),
             bounds: self.bounds(),
             worst_quality: worst,
-            mean_quality: measures.iter().map(|f| f.1).sum::<f64>() / self.len() as f64,
+            mean_quality: measures.iter().map(|m| m.quality).sum::<f64>() / self.len() as f64,
             curved: self.elements().filter(|e| !e.is_affine()).count(),
             mirrored,
             folded,

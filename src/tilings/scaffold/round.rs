@@ -15,8 +15,14 @@ const CORE_ROUNDNESS: f64 = 0.5;
 /// Maximum number of elements.
 const MAX_ELEMENTS: f64 = 2e7;
 
-/// A lattice point: of the core, and how many half layers outside it.
-type Name = ([i64; 3], i64);
+/// A lattice point.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Name {
+    /// The point of the core, or that of its surface below the point, in half cells.
+    core: [i64; 3],
+    /// Half layers outside the core.
+    layer: i64,
+}
 
 /// The direction of a point of the cube's surface; the tangent makes the angles uniform.
 fn direction(c: Vec3) -> Vec3 {
@@ -26,13 +32,13 @@ fn direction(c: Vec3) -> Vec3 {
 }
 
 /// The position of a lattice point in a ball of radius 1; a coordinate z of 0 gives a disc.
-fn place((i, layer): Name, n: i64, layers: i64) -> Vec3 {
-    let c = Vec3::from(i.map(|i| i as f64 / n as f64 - 1.0));
+fn place(name: Name, n: i64, layers: i64) -> Vec3 {
+    let c = Vec3::from(name.core.map(|i| i as f64 / n as f64 - 1.0));
     let size = c.amax();
     let unit = if size > 0.0 { direction(c / size) } else { c };
     let inner = (c * (1.0 - CORE_ROUNDNESS) / 2f64.sqrt() * 1.1 + unit * (size * CORE_ROUNDNESS))
         * CORE_SHARE;
-    let outward = layer as f64 / (2 * layers) as f64;
+    let outward = name.layer as f64 / (2 * layers) as f64;
     inner * (1.0 - outward) + unit * outward
 }
 
@@ -78,7 +84,10 @@ impl Scaffold {
         for z in 0..n {
             for y in 0..n {
                 for x in 0..n {
-                    builder.hex(|p| ([2 * x + p[0], 2 * y + p[1], 2 * z + p[2]], 0));
+                    builder.hex(|p| Name {
+                        core: [2 * x + p[0], 2 * y + p[1], 2 * z + p[2]],
+                        layer: 0,
+                    });
                 }
             }
         }
@@ -89,11 +98,14 @@ impl Scaffold {
                     for u in 0..n {
                         for l in 0..layers {
                             builder.hex(|p| {
-                                let mut i = [0; 3];
-                                i[axis] = end;
-                                i[(axis + 1) % 3] = 2 * u + p[0];
-                                i[(axis + 2) % 3] = 2 * v + p[1];
-                                (i, 2 * l + p[2])
+                                let mut core = [0; 3];
+                                core[axis] = end;
+                                core[(axis + 1) % 3] = 2 * u + p[0];
+                                core[(axis + 2) % 3] = 2 * v + p[1];
+                                Name {
+                                    core,
+                                    layer: 2 * l + p[2],
+                                }
                             });
                         }
                     }
@@ -119,10 +131,15 @@ impl Scaffold {
         let (n, layers) = counts(radius, cell, 2, floors)?;
         let floors = floors as i64;
         let mut builder = Builder {
-            place: |(i, layer): Name| {
+            place: |name: Name| {
+                let [x, y, z] = name.core;
                 // In the disc's middle plane the core's third coordinate is that of its centre.
-                let flat = place(([i[0], i[1], n], layer), n, layers) * radius;
-                Vec3::new(flat.x, flat.y, height * (i[2] as f64 / (2 * floors) as f64))
+                let in_disc = Name {
+                    core: [x, y, n],
+                    ..name
+                };
+                let flat = place(in_disc, n, layers) * radius;
+                Vec3::new(flat.x, flat.y, height * (z as f64 / (2 * floors) as f64))
             },
             names: HashMap::new(),
             nodes: Vec::new(),
@@ -131,7 +148,10 @@ impl Scaffold {
         for z in 0..floors {
             for y in 0..n {
                 for x in 0..n {
-                    builder.hex(|p| ([2 * x + p[0], 2 * y + p[1], 2 * z + p[2]], 0));
+                    builder.hex(|p| Name {
+                        core: [2 * x + p[0], 2 * y + p[1], 2 * z + p[2]],
+                        layer: 0,
+                    });
                 }
             }
             for axis in 0..2 {
@@ -139,10 +159,13 @@ impl Scaffold {
                     for u in 0..n {
                         for l in 0..layers {
                             builder.hex(|p| {
-                                let mut i = [0, 0, 2 * z + p[2]];
-                                i[axis] = end;
-                                i[1 - axis] = 2 * u + p[0];
-                                (i, 2 * l + p[1])
+                                let mut core = [0, 0, 2 * z + p[2]];
+                                core[axis] = end;
+                                core[1 - axis] = 2 * u + p[0];
+                                Name {
+                                    core,
+                                    layer: 2 * l + p[1],
+                                }
                             });
                         }
                     }
@@ -184,12 +207,14 @@ impl Scaffold {
         // Where the tangents at an arc's ends meet, halfway to the chord.
         let middle = f64::midpoint(libm::cos(turn), libm::cos(turn).recip());
         let mut builder = Builder {
-            place: |(i, _): Name| {
-                let along = i[0] as f64 * turn;
-                let radius = inner + (outer - inner) * (i[1] as f64 / (2 * across) as f64);
-                let radius = radius * if i[0] % 2 == 0 { 1.0 } else { middle };
-                let z = height * (i[2] as f64 / (2 * floors) as f64);
-                Vec3::new(radius * libm::cos(along), radius * libm::sin(along), z)
+            // A tube has no core: its lattice runs around, outwards and up.
+            place: |name: Name| {
+                let [around, outward, up] = name.core;
+                let angle = around as f64 * turn;
+                let radius = inner + (outer - inner) * (outward as f64 / (2 * across) as f64);
+                let radius = radius * if around % 2 == 0 { 1.0 } else { middle };
+                let z = height * (up as f64 / (2 * floors) as f64);
+                Vec3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
             },
             names: HashMap::new(),
             nodes: Vec::new(),
@@ -198,7 +223,11 @@ impl Scaffold {
         for z in 0..floors {
             for y in 0..across {
                 for x in 0..n {
-                    builder.hex(|p| ([(2 * x + p[0]) % (2 * n), 2 * y + p[1], 2 * z + p[2]], 0));
+                    // The last element ends where the first begins.
+                    builder.hex(|p| Name {
+                        core: [(2 * x + p[0]) % (2 * n), 2 * y + p[1], 2 * z + p[2]],
+                        layer: 0,
+                    });
                 }
             }
         }

@@ -46,7 +46,7 @@ impl Surface {
     /// # Errors
     /// As [`Scaffold::new`], with solids in the place of planar elements.
     pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
-        super::check(&nodes, &elements, true)?;
+        super::check(&nodes, &elements, super::Dimension::Planar)?;
         Ok(Self {
             nodes,
             elements,

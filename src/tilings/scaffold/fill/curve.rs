@@ -26,16 +26,27 @@ pub(super) struct Curved {
     pub straight: Vec<Vec3>,
 }
 
-/// A body of straight tets: nodes, tets, edges along creases.
-pub(super) type Straight<'a> = (&'a mut [Node], &'a [[u32; 4]], &'a BTreeSet<[u32; 2]>);
+/// A body of straight tets.
+pub(super) struct StraightBody<'a> {
+    pub nodes: &'a mut [Node],
+    /// Corners with positive volume.
+    pub tets: &'a [[u32; 4]],
+    /// Edges along creases, the lower node first.
+    pub crease_edges: &'a BTreeSet<[u32; 2]>,
+}
 
 /// A scaffold of these tets: of first order, or of second where wanted or where the surface is curved.
 pub(super) fn curved(
     solid: &MeshSolid,
     creases: &Creases,
-    (nodes, tets, crease_edges): Straight<'_>,
+    body: StraightBody<'_>,
     order: Option<u32>,
 ) -> Result<Curved, ScaffoldError> {
+    let StraightBody {
+        nodes,
+        tets,
+        crease_edges,
+    } = body;
     let at = |n: u32| nodes[n as usize].place;
     let mut moved: BTreeMap<[u32; 2], Vec3> = BTreeMap::new();
     if order != Some(1) {

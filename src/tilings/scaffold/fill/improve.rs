@@ -79,7 +79,8 @@ impl<'a> TetMesh<'a> {
         nodes: Vec<Node>,
         tets: Vec<[u32; 4]>,
         crease_edges: BTreeSet<[u32; 2]>,
-        (solid, creases): (&'a MeshSolid, &'a Creases),
+        solid: &'a MeshSolid,
+        creases: &'a Creases,
     ) -> Self {
         let mut around = vec![Vec::new(); nodes.len()];
         for (t, corners) in (0u32..).zip(&tets) {

@@ -280,7 +280,7 @@ impl Nodes {
     fn add_faces(&mut self, solid: &MeshSolid, creases: &Creases, sizes: &Sizes, bins: &mut Bins) {
         let triangles: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
         let seed = solid.bounds().min;
-        let mut candidates: Vec<(f64, Vec3, Vec3, f64)> = triangles
+        let mut candidates: Vec<FacePlace> = triangles
             .par_iter()
             .flat_map_iter(|&corners| {
                 let n = normal(corners);
@@ -300,24 +300,32 @@ impl Nodes {
                         } else {
                             (creases.nearest(p, None) - p).norm()
                         };
-                        (layer, p, n, sizes.at(p))
+                        FacePlace {
+                            layer,
+                            at: p,
+                            normal: n,
+                            size: sizes.at(p),
+                        }
                     })
                 })
             })
             .collect();
-        candidates.par_sort_by(|a, b| a.0.total_cmp(&b.0));
+        candidates.par_sort_by(|a, b| a.layer.total_cmp(&b.layer));
         let mut normals: HashMap<u32, Vec3> = HashMap::new();
-        for (_, p, n, size) in candidates {
-            let is_taken = bins.any(p, |node| {
-                (self.place(node) - p).norm() < FACE_SPACING * size
+        for place in candidates {
+            let FacePlace {
+                at, normal, size, ..
+            } = place;
+            let is_taken = bins.any(at, |node| {
+                (self.place(node) - at).norm() < FACE_SPACING * size
                     && normals
                         .get(&node)
-                        .is_none_or(|m| m.dot(&n) > SAME_SIDE_COSINE)
+                        .is_none_or(|other| other.dot(&normal) > SAME_SIDE_COSINE)
             });
             if !is_taken {
-                let node = self.push(p, Site::Face);
-                normals.insert(node, n);
-                bins.add(p, node);
+                let node = self.push(at, Site::Face);
+                normals.insert(node, normal);
+                bins.add(at, node);
             }
         }
     }
@@ -332,17 +340,22 @@ impl Nodes {
         let cubes = (0..counts[0]).into_par_iter().flat_map_iter(|i| {
             (0..counts[1]).flat_map(move |j| (0..counts[2]).map(move |k| [i, j, k]))
         });
-        let mut places: Vec<(usize, Vec3, f64)> = cubes
+        let mut places: Vec<InnerPlace> = cubes
             .flat_map_iter(|cube| {
                 let low = origin + Vec3::from(cube.map(|c| c as f64)) * cell;
                 let mut found = Vec::new();
-                lattice_points(solid, sizes, (low, cell, 0), &mut found);
+                let cube = LatticeCube {
+                    low,
+                    edge: cell,
+                    level: 0,
+                };
+                lattice_points(solid, sizes, cube, &mut found);
                 found
             })
             .collect();
         // Large cells first: they keep their lattice.
-        places.sort_by_key(|p| p.0);
-        for (_, p, size) in places {
+        places.sort_by_key(|p| p.level);
+        for InnerPlace { at: p, size, .. } in places {
             let limit = INNER_SPACING * size;
             if !bins.any(p, |node| (self.place(node) - p).norm() < limit) {
                 let node = self.push(p, Site::Inside);
@@ -352,14 +365,44 @@ impl Nodes {
     }
 }
 
-/// The points of a cube's body-centred lattice that lie inside, deep enough for their size; where sizes may be
+/// A place for a node on a face.
+struct FacePlace {
+    /// Distance from the nearest crease, or from the first place: nodes are added in this order.
+    layer: f64,
+    at: Vec3,
+    /// Unit normal of the face.
+    normal: Vec3,
+    /// Length of the edges wanted there, world units.
+    size: f64,
+}
+
+/// A cube of the lattice of inner nodes.
+#[derive(Clone, Copy)]
+struct LatticeCube {
+    /// Its least corner, and the length of its edges, world units.
+    low: Vec3,
+    edge: f64,
+    /// How often the first cube was halved.
+    level: usize,
+}
+
+/// A place for an inner node.
+struct InnerPlace {
+    level: usize,
+    at: Vec3,
+    /// Length of the edges wanted there, world units.
+    size: f64,
+}
+
+/// Adds the points of a cube's body-centred lattice that lie inside, deep enough for their size; where sizes may be
 /// less than two thirds of the cube, those of its eighths too.
 fn lattice_points(
     solid: &MeshSolid,
     sizes: &Sizes,
-    (low, edge, level): (Vec3, f64, usize),
-    found: &mut Vec<(usize, Vec3, f64)>,
+    cube: LatticeCube,
+    found: &mut Vec<InnerPlace>,
 ) {
+    let LatticeCube { low, edge, level } = cube;
     let centre = low.add_scalar(edge / 2.0);
     let size = sizes.at(centre);
     // The lattice of this size is the corner and the centre of each cube.
@@ -368,20 +411,25 @@ fn lattice_points(
         if size > 0.6 * edge && (level == 0 || size < 1.3 * edge) {
             let depth = -solid.signed_distance(p);
             if depth > INNER_DEPTH * size {
-                found.push((level, p, size));
+                found.push(InnerPlace { level, at: p, size });
             }
         }
     }
-    let least = size - GROWTH * edge * 0.75f64.sqrt();
-    if level + 1 < LEVELS && least < 0.65 * edge {
+    // Sizes grow by at most GROWTH per length: this is the least in the cube.
+    let min_size = size - GROWTH * edge * 0.75f64.sqrt();
+    if level + 1 < LEVELS && min_size < 0.65 * edge {
         let near = solid.signed_distance(centre);
         if near > edge {
             return;
         }
         for n in 0..8 {
             let shift = [n & 1, n >> 1 & 1, n >> 2].map(|c| f64::from(c) * edge / 2.0);
-            let part = (low + Vec3::from(shift), edge / 2.0, level + 1);
-            lattice_points(solid, sizes, part, found);
+            let eighth = LatticeCube {
+                low: low + Vec3::from(shift),
+                edge: edge / 2.0,
+                level: level + 1,
+            };
+            lattice_points(solid, sizes, eighth, found);
         }
     }
 }
