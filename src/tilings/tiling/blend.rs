@@ -202,12 +202,13 @@ impl<'a, C: CellField> Blend<'a, C> {
     }
 
     /// Value and gradient of F = sum `W_c` `Phi_c` / `gamma_c` - T(W) - B at a point of an element. `weights` are those
-    /// of the members there, `of` gives value and gradient of a member, or `None` where it has no cell.
+    /// of the members there, `member_slope` gives value and gradient of a member, or `None` where it has no cell.
     fn mix(
         &self,
-        (element, xi): (usize, CellPoint<3>),
+        element: usize,
+        xi: CellPoint<3>,
         weights: &Weights,
-        of: impl Fn(usize) -> Option<(f64, Vec3)>,
+        member_slope: impl Fn(usize) -> Option<(f64, Vec3)>,
     ) -> (f64, Vec3) {
         let count = self.members.len();
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
@@ -216,7 +217,7 @@ impl<'a, C: CellField> Blend<'a, C> {
             if w == 0.0 && dw == Vec3::zeros() {
                 continue;
             }
-            let Some((phi, g)) = of(m) else {
+            let Some((phi, g)) = member_slope(m) else {
                 continue;
             };
             // d(W Phi) = W dPhi + Phi dW.
@@ -313,8 +314,8 @@ impl<'a, C: CellField> Blend<'a, C> {
                 }
             }
             for (n, (&xi, weights)) in points.iter().zip(&*weights).enumerate() {
-                let of = |m: usize| shares[m].then(|| slopes[m][n]);
-                found(first + n, self.mix((element, xi), weights, of));
+                let member_slope = |m: usize| shares[m].then(|| slopes[m][n]);
+                found(first + n, self.mix(element, xi, weights, member_slope));
             }
             first += points.len();
         }
@@ -357,7 +358,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
 
     fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3) {
         let shape = self.scaffold.element(element).shape();
-        self.mix((element, xi), &self.weights.at(element, xi), |m| {
+        self.mix(element, xi, &self.weights.at(element, xi), |m| {
             let cell = self.members[m].of(shape)?;
             if self.turns(element).is_empty() {
                 return Some(Field::value_and_gradient(cell, xi));

@@ -72,13 +72,23 @@ pub struct Certificate {
 /// Points along an edge of a face.
 const EDGE_POINTS: usize = 5;
 
+/// The difference between both sides of a face at a point.
+struct Jump {
+    /// Of the value.
+    size: f64,
+    /// The point, world coordinates.
+    at: Vec3,
+    /// Distance of the point from the other element's face, world units.
+    gap: f64,
+}
+
 /// Measurements on one face.
 struct Face {
     sides: [FaceRef; 2],
     corners: usize,
     range: (f64, f64),
-    /// Jumps with their points and gaps.
-    jumps: Vec<(f64, Vec3, f64)>,
+    jumps: Vec<Jump>,
+    /// Angles between both sides' normals where the zero set crosses the face, degrees.
     creases: Vec<f64>,
 }
 
@@ -110,14 +120,14 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
     // The worst point of each face stands for it among the worst of all.
     for face in &measured {
         let mut worst: Option<Discontinuity> = None;
-        for &(jump, at, gap) in &face.jumps {
-            let value_jump = jump * scale;
+        for jump in &face.jumps {
+            let value_jump = jump.size * scale;
             if worst.is_none_or(|w| value_jump > w.value_jump) {
                 worst = Some(Discontinuity {
                     elements: face.sides.map(|f| scaffold.number(f.element as usize)),
-                    at: at.into(),
+                    at: jump.at.into(),
                     value_jump,
-                    gap,
+                    gap: jump.gap,
                 });
             }
         }
@@ -140,7 +150,7 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
     let statistics = |kind: &'static str, faces: &[&Face]| {
         let mut jumps: Vec<f64> = faces
             .iter()
-            .flat_map(|f| f.jumps.iter().map(|j| j.0 * scale))
+            .flat_map(|f| f.jumps.iter().map(|j| j.size * scale))
             .collect();
         let mut creases: Vec<f64> = faces.iter().flat_map(|f| f.creases.clone()).collect();
         let (jump_max, jump_p99) = percentiles(&mut jumps);
@@ -228,14 +238,20 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             }
             let Some((sides, x, gap)) = both(uv) else {
                 // A point outside one of the elements is a gap in the mesh.
-                found
-                    .jumps
-                    .push((f64::INFINITY, maps[0].bounds().centre().0, f64::INFINITY));
+                found.jumps.push(Jump {
+                    size: f64::INFINITY,
+                    at: maps[0].bounds().centre().0,
+                    gap: f64::INFINITY,
+                });
                 continue;
             };
             let value = sides[0].0;
             found.range = (found.range.0.min(value), found.range.1.max(value));
-            found.jumps.push(((value - sides[1].0).abs(), x, gap));
+            found.jumps.push(Jump {
+                size: (value - sides[1].0).abs(),
+                at: x,
+                gap,
+            });
             let before = [last, row.get(i).copied()];
             for (other, v) in before.into_iter().flatten() {
                 if (v < 0.0) != (value < 0.0) {

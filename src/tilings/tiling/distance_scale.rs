@@ -10,34 +10,34 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// The distance d(F) at a point of the scaffold, clamped to the band and not cut at the boundary.
     pub(super) fn distance(&self, local: &LocalSearch, at: Owner, x: Vec3) -> f64 {
         let w = self.options.half_width;
-        let slope = self.slope(local.near.patches[at.near_index], &at.preimage);
-        let f = slope.0;
+        let (f, g) = self.slope(local.near.patches[at.near_index], &at.preimage);
         // Every scale is at least 1 / L.
         if f.abs() >= w * local.near.slope_sup {
             return w.copysign(f);
         }
-        let d = self.fast(local, at, x, slope);
+        let d = self.fast(local, at, x, f, g);
         match self.options.distance {
             Distance::Fast => d,
             Distance::Exact => self.exact(local, x, d),
         }
     }
 
-    /// Rule Q, from value and gradient in the owner.
-    fn fast(&self, local: &LocalSearch, at: Owner, x: Vec3, slope: (f64, Vec3)) -> f64 {
+    /// Rule Q: d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md. `f` and `g` are value and gradient in the
+    /// owner, by its reference coordinates.
+    fn fast(&self, local: &LocalSearch, at: Owner, x: Vec3, f: f64, g: Vec3) -> f64 {
         let w = self.options.half_width;
         let delta = self.delta();
         let patch = self.patch(local, at.near_index);
-        let own = self.scale(patch, &at.preimage, x, slope);
+        let owner_scale = self.scale(patch, &at.preimage, x, f, g);
         let depth = patch.depth(&at.preimage);
         if depth >= delta {
-            return (slope.0 * own).clamp(-w, w);
+            return (f * owner_scale).clamp(-w, w);
         }
         // Sum by ascending element number, so that both sides of a face give the same bits.
         let (mut sum, mut weights) = (0.0, 0.0);
         for near_index in 0..local.near.patches.len() {
             if near_index == at.near_index {
-                sum += own;
+                sum += owner_scale;
                 weights += 1.0;
                 continue;
             }
@@ -47,17 +47,12 @@ impl<F: Filling> TiledSolid<'_, F> {
             let patch = self.patch(local, near_index);
             let weight = 1.0 - preimage.outside_distance.max(depth) / delta;
             if weight > 0.0 {
-                sum += weight
-                    * self.scale(
-                        patch,
-                        &preimage,
-                        x,
-                        self.slope(patch.number() as u32, &preimage),
-                    );
+                let (f, g) = self.slope(patch.number() as u32, &preimage);
+                sum += weight * self.scale(patch, &preimage, x, f, g);
                 weights += weight;
             }
         }
-        (slope.0 * sum / weights).clamp(-w, w)
+        (f * sum / weights).clamp(-w, w)
     }
 
     /// The filling's value in an element and its gradient by reference coordinates.
@@ -67,8 +62,8 @@ impl<F: Filling> TiledSolid<'_, F> {
     }
 
     /// The scale `s_e`: distance per field unit at `x`, by two damped Newton steps with the element's own field,
-    /// from its value and gradient there.
-    fn scale(&self, patch: &Patch, preimage: &Preimage, x: Vec3, slope: (f64, Vec3)) -> f64 {
+    /// from its value `f` and gradient `g` there.
+    fn scale(&self, patch: &Patch, preimage: &Preimage, x: Vec3, f: f64, g: Vec3) -> f64 {
         let limits = self.limits(patch);
         let mut at = [CellPoint(preimage.xi)];
         let (mut first_steps, mut scales) = ([FirstStep::default()], [0.0]);
@@ -76,7 +71,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             x: &[x],
             at: &mut at,
             inverses: InverseJacobians::Each(&[preimage.inverse]),
-            slopes: &[slope],
+            slopes: &[(f, g)],
         };
         patch.take_first_step(self.scaffold, limits, starts, &mut first_steps);
         let slope = self.filling.value_and_gradient(patch.number(), at[0]);
