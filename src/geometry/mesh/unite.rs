@@ -227,7 +227,8 @@ impl Classifier<'_> {
                 let away = p.iter().map(|c| (c[0] - centre[0]).hypot(c[1] - centre[1]));
                 let radius = away.fold(0.0, f64::max);
                 let is_surface = self.is_surface(
-                    (plane.point(centre), radius),
+                    plane.point(centre),
+                    radius,
                     plane.normal,
                     shell,
                     is_alone_in_plane,
@@ -264,7 +265,8 @@ impl Classifier<'_> {
     /// triangle lies in its plane (`is_alone_in_plane`), the winding number in front is that behind minus 1.
     fn is_surface(
         &self,
-        (p, radius): (Vec3, f64),
+        p: Vec3,
+        radius: f64,
         normal: Vec3,
         shell: u32,
         is_alone_in_plane: bool,
@@ -295,7 +297,7 @@ impl Classifier<'_> {
         let away = corners.iter().map(|p| (p - centroid).norm());
         let radius = away.fold(0.0, f64::max);
         Plane::of(&corners).is_none_or(|plane| {
-            self.is_surface((centroid, radius), plane.normal, self.shells.of[t], false)
+            self.is_surface(centroid, radius, plane.normal, self.shells.of[t], false)
         })
     }
 
