@@ -159,8 +159,8 @@ impl<'a> BrickRun<'a> {
         }
     }
 
-    /// Makes some bricks of the first pass and skips complete ones. Returns the counts of the sampling
-    /// and the number of bricks skipped.
+    /// Makes the first pass of the bricks with these numbers and skips complete ones. Returns the
+    /// counts of the sampling and the number of bricks skipped.
     pub fn make_first_pass(
         &self,
         bricks: std::ops::Range<usize>,
@@ -176,6 +176,7 @@ impl<'a> BrickRun<'a> {
         let (mut stats, mut skipped) = (BandStats::default(), 0);
         self.progress.stage("bricks", Some(bricks.len() as u64));
         for brick in bricks {
+            // A file as the start needs no sampling: its leaves in the brick are copied.
             let result = self.make_file((0, &self.first), brick, |writer| match &source {
                 FirstPassSource::Field(shape) => self.sample(brick, shape, writer),
                 FirstPassSource::File(solid) => {
@@ -451,19 +452,22 @@ fn resumable_plan(directory: &Path, inputs: &Inputs, edge: Option<u32>) -> Optio
     (is_same && edge.is_none_or(|e| e == plan.edge)).then_some(plan)
 }
 
-/// Chooses the bricks of a run within a budget.
+/// Chooses the bricks of a run within a budget of memory: their edge in blocks, and the halo and
+/// reach of the operations in voxels.
 fn choose_layout(
     inputs: &Inputs,
     threads: &Threads,
     counts: &Counts,
     budget: &Budget,
 ) -> Result<Layout, RunError> {
+    // The error names what the run needs in memory and why bricks are no way out.
     let refused = |reason| estimate::shortage_error(inputs, threads, counts, budget.bytes, reason);
     if let Some(reason) = bricks_refusal(inputs) {
         return Err(refused(reason));
     }
     let passes = passes(inputs);
     let (halo, reach) = (max_halo(&passes), total_reach(before_resampling(&passes)));
+    // A brick with its halo on both sides must fit into one part.
     let max_edge = match halo {
         0 => i32::MAX,
         _ => (MAX_PART_EDGE - 2 * halo).max(0) / BLOCK,

@@ -128,11 +128,13 @@ pub fn write_sequence_scenes(
     for (n, output) in recipe.sections().output.iter().enumerate() {
         let key = format!("output.{n}.{}", OutputKind::Vdb.word());
         let template = recipe.source().template(&key);
+        // Components differ from frame to frame, so their files have no common scene.
         let Some(template) = template.filter(|_| output.usda && output.segments.is_none()) else {
             continue;
         };
         let unit = output.unit_or_default(recipe.unit());
         let factor = recipe.unit().to(unit);
+        // Each frame has its file, and its box from the report in the unit of the output.
         let frames = reports.iter().map(|(frame, report)| {
             let name = expand(template, *frame).ok().flatten().unwrap_or_default();
             let file = Path::new(&name).file_name().unwrap_or_default();

@@ -75,6 +75,8 @@ pub fn beam_period(
     round(name, section, element, packing, &Path::to_path_buf)
 }
 
+/// The struts or plates of a section as round beams; `None` where it describes something else, or a
+/// form that only a fitted cell has. `resolve` completes paths of graphs.
 fn round(
     name: &str,
     section: &CellSection,
@@ -82,6 +84,7 @@ fn round(
     packing: Packing,
     resolve: &dyn Fn(&Path) -> PathBuf,
 ) -> Result<Option<CellPeriod>, RunError> {
+    // Inversion, another placement or a level belong to fitted cells.
     let is_round = (section.graph.is_some() || section.plates.is_some())
         && section.section != Some(Section::Fitted)
         && matches!(element, Element::Hex | Element::Tet)
@@ -147,6 +150,7 @@ pub fn recipe_period(
         )));
     };
     let mut section = section.clone();
+    // A level rule of the command line replaces that of the recipe: a cell has one rule at most.
     if !flags.levels().is_empty() {
         section.level = flags.level;
         section.volume_fraction = flags.volume_fraction;
@@ -156,6 +160,7 @@ pub fn recipe_period(
     section.radius = flags.radius.or(section.radius);
     section.plate_thickness = flags.plate_thickness.or(section.plate_thickness);
     section.section = flags.section.or(section.section);
+    // A tiled cell takes the elements of the scaffold, which can be of several kinds.
     let has_element = section.own_element().is_some()
         || section.file.is_some()
         || section.surface.is_some()
@@ -167,6 +172,7 @@ pub fn recipe_period(
         ));
     }
     let element = recipe_element(recipe, &section)?;
+    // Struts and plates are taken as exact round beams where the section allows it.
     if let Some(found) = round(name, &section, element, packing, &|path| {
         recipe.resolve(path)
     })? {

@@ -170,6 +170,8 @@ fn interpolated(values: &[f64], x: usize, y: usize) -> f64 {
     row(j) * (1.0 - v) + row(j + 1) * v
 }
 
+/// Draws one slice of a cell: its values as shades, the lines of both surfaces and of the element.
+/// `corner` is the upper left pixel, `reach` half the extent of the plane in reference lengths.
 fn slice(
     canvas: &mut Canvas,
     corner: [usize; 2],
@@ -182,11 +184,13 @@ fn slice(
     let cell_values = sampled(plane, reach, |p| cell.value(p));
     let source_values = source.map(|s| sampled(plane, reach, |p| s.value(p)));
     let edge = sampled(plane, reach, |p| element.face_distance(p));
+    // Shades span the greatest magnitude; a field of zeros would divide by 0.
     let scale = cell_values
         .iter()
         .map(|v| v.abs())
         .fold(0.0, f64::max)
         .max(1e-12);
+    // A line passes where the sign changes to the pixel on the right or below.
     let crosses = |values: &[f64], x: usize, y: usize| {
         let here = interpolated(values, x, y) < 0.0;
         let beside = |x, y| (interpolated(values, x, y) < 0.0) != here;
@@ -200,6 +204,7 @@ fn slice(
             if crosses(&edge, x, y) {
                 shade = Shade(GRID_COLOUR);
             }
+            // The cell's surface is drawn over that of the source.
             let marks = [
                 (source_values.as_ref(), ACCENT_COLOUR),
                 (Some(&cell_values), TEXT_COLOUR),
@@ -244,6 +249,9 @@ fn curve(cell: &Cell, source: Option<&Source>) -> Curve {
     }
 }
 
+/// The error of a series with only its largest coefficients, over their number. `place` is the point
+/// of the series for a point of the cell. The error is the root mean square of the difference to the
+/// source, or to the whole series without one.
 fn truncated<const D: usize>(
     cell: &Cell,
     source: Option<&Source>,
@@ -255,6 +263,7 @@ fn truncated<const D: usize>(
         .iter()
         .map(|p| source.map_or_else(|| series.value(place(*p)), |s| s.value(*p)))
         .collect();
+    // All members of an orbit share a coefficient: its energy is |c|^2 times their number.
     let weight = |k, c: [f64; 2]| {
         let size = series.group().orbit(k).members.len() as f64;
         c[0].hypot(c[1]) * size.sqrt()
@@ -266,6 +275,7 @@ fn truncated<const D: usize>(
         .collect();
     terms.sort_by(|a, b| b.0.total_cmp(&a.0));
     let terms: Vec<_> = terms.into_iter().map(|t| t.1).collect();
+    // Numbers in equal steps of their logarithm, n^(i / points).
     let mut counts: Vec<usize> = (0..=CURVE_POINTS)
         .map(|i| {
             (terms.len() as f64)
@@ -284,6 +294,8 @@ fn truncated<const D: usize>(
                 .par_iter()
                 .zip(&targets)
                 .map(|(p, g)| (truncated_series.value(place(*p)) - g).powi(2))
+                // The sum is in the order of the points, so that it is the same at any number of
+                // threads.
                 .collect::<Vec<_>>()
                 .into_iter()
                 .sum();
@@ -292,9 +304,11 @@ fn truncated<const D: usize>(
         .collect()
 }
 
+/// Draws the error over the number of coefficients, both on logarithmic axes.
 fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     let (left, top) = (MARGIN + 70, HEADER + SLICE + 3 * MARGIN + 34);
     let (width, height) = (2 * SLICE - 100, CHART - 78);
+    // An error of 0 has no logarithm.
     let is_shown = |rms: f64| rms > MIN_PLOTTED_RMS && rms.is_finite();
     let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| is_shown(c.1)).collect();
     if shown.len() < 2 {
@@ -308,11 +322,13 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     }
     let max_count = shown[shown.len() - 1].0.max(2) as f64;
     let logs = shown.iter().map(|c| c.1.log10());
+    // The axis ends at whole decades and spans at least one.
     let (mut low, mut high) = logs.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
     (low, high) = (low.floor(), high.ceil().max(low.floor() + 1.0));
     let x = |count: f64| left + (count.ln() / max_count.ln() * width as f64).round() as usize;
     let y = |log: f64| top + ((high - log) / (high - low) * height as f64).round() as usize;
     let decades = low as i32..=high as i32;
+    // Not every decade gets a line where there are many.
     let step = (decades.clone().count() / MAX_DECADES).max(1);
     for decade in decades.step_by(step) {
         let at = y(f64::from(decade));
@@ -347,6 +363,7 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
 }
 
 fn facts(canvas: &mut Canvas, cell: &Cell) {
+    // The column to the right of the chart.
     let (left, mut top) = (
         2 * (SLICE + MARGIN) + MARGIN,
         HEADER + SLICE + 3 * MARGIN + 16,

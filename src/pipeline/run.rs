@@ -43,6 +43,8 @@ pub fn plan(
             estimate.brick_bytes = bricks::brick_bytes(&inputs, &plan);
             estimate.peak_memory_bytes = plan.memory_bytes;
         }
+        // Too little memory for bricks is a fact of the prediction, which names what is needed; the run
+        // itself refuses.
         Ok(None)
         | Err(
             RunError::Memory { .. } | RunError::BricksUnsupported { .. } | RunError::Budget { .. },

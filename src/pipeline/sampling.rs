@@ -99,7 +99,8 @@ impl<'a> Probe<'a> {
         self.inputs.report().warnings
     }
 
-    /// The field at world points, by tables or by the cells' series (`exact`).
+    /// The field at world points. The cells are evaluated by their tables, or by their series if
+    /// `exact`.
     ///
     /// # Errors
     /// Cells that do not fit the scaffold.
@@ -116,6 +117,7 @@ impl<'a> Probe<'a> {
                 probe_beams(tiling, beams, solid, &points)
             }
             Content::Sheets(sheets) => {
+                // A tolerance of 0: values are exact at each point, not interpolated between nodes.
                 let sheet_options = SheetOptions {
                     tiling: options,
                     offsets: Offsets::default(),
@@ -149,6 +151,7 @@ impl<'a> Probe<'a> {
             let quality: Vec<f64> = scaffold.elements().map(|e| e.quality()).collect();
             let cell_weights = tiling.cell_weights()?;
             let names = self.cells();
+            // One field per cell: its weight at the centre of each element.
             let mut weights = vec![Vec::with_capacity(scaffold.len()); names.len()];
             for e in scaffold.elements() {
                 let own = cell_weights.list(e.index(), e.shape().centroid());
@@ -171,7 +174,8 @@ impl<'a> Probe<'a> {
     }
 }
 
-/// Round beams at points: phi is the signed distance to the uncut beams, `distance` that of the solid.
+/// Round beams at points. phi is the signed distance to the uncut beams, `distance` that of the
+/// solid, within the half width. World units.
 fn probe_beams(
     tiling: &CellTiling,
     round: &RoundBeams,
@@ -200,7 +204,8 @@ fn probe_beams(
     Ok(points.par_iter().map(sample_at).collect())
 }
 
-/// Sheets at points: phi is the signed distance before it is clamped to the band.
+/// Sheets at points. phi is the signed distance before it is clamped to the half width of the band,
+/// world units.
 fn probe_sheets(
     tiling: &CellTiling,
     field: &WorldField,
@@ -209,6 +214,7 @@ fn probe_sheets(
 ) -> Result<Vec<FieldSample>, RunError> {
     let scaffold = &tiling.loaded.scaffold;
     let count = tiling.palette.len();
+    // Only for the weights of the cells.
     let cells = tiling.tabulated()?;
     let sample_at = |&p: &Vec3| {
         let (phi, gradient) = field.value_and_gradient(WorldPoint(p));

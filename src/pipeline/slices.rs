@@ -61,6 +61,7 @@ pub fn slice<E: From<RunError>>(
     let mut context = StageContext::new(recipe, &threads, progress);
     let first = inputs.field_operation_count();
     let initial_solid = inputs.volumes.take_start();
+    // All operations act on the field: its values are exact at every pixel.
     if initial_solid.is_none() && first == sections.op.len() {
         let shape = shape(&inputs, context.scale)?;
         return cut(
@@ -76,6 +77,7 @@ pub fn slice<E: From<RunError>>(
         None => context.sample(&shape(&inputs, context.scale)?, "band")?.0,
     };
     let mut ignored_report = SolidReport::default();
+    // Operations that need neighbours act on the level set, which is then interpolated between voxels.
     for (n, op) in sections.op.iter().enumerate().skip(first) {
         apply(
             &mut context,
@@ -111,7 +113,7 @@ fn whole_layers(mut bounds: Aabb, scale: Scale, slice_options: &SliceOptions) ->
     bounds
 }
 
-/// Cuts a field within a box.
+/// Cuts a field within a box and passes the layers to `take` in ascending order.
 fn cut<E: From<RunError>>(
     context: StageContext,
     field: &WorldField,
@@ -137,6 +139,7 @@ fn cut<E: From<RunError>>(
     };
     let total = plan.layers() as u64;
     context.progress.stage("slice", Some(total));
+    // A group of layers is cut in parallel and then passed on in order, so that few are in memory.
     for group in (0..plan.layers()).step_by(LAYERS_PER_GROUP) {
         if context.progress.cancelled() {
             return Err(RunError::from(Cancelled).into());

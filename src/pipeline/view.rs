@@ -106,6 +106,7 @@ pub fn cell_block(
     (voxel_size, half_width): (f64, f64),
     session: Session,
 ) -> Result<Option<LevelSet>, RunError> {
+    // The solid elements that hold the cell; planar cells are extruded.
     let kind = match cell.element() {
         Element::Tet => Kind::Tet4,
         Element::Tri | Element::Wedge => Kind::Wedge6,

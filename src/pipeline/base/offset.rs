@@ -44,6 +44,8 @@ impl Offsets {
             return None;
         }
         let count = self.count + 1;
+        // A shell of thickness t is |phi - d| - t/2. Its middle surface, at distance d, lies t/2 to the
+        // side of the wall.
         let (distance, half_wall) = match op {
             Op::Dilate(m) => (m.distance.resolve(scale), None),
             Op::Erode(m) => (-m.distance.resolve(scale), None),
@@ -58,6 +60,7 @@ impl Offsets {
             }
             _ => return None,
         };
+        // Erosion after dilation is not a shift by the difference: it closes gaps.
         (self.distance * distance >= 0.0).then_some(Self {
             count,
             distance: self.distance + distance,

@@ -30,6 +30,8 @@ impl BrickRun<'_> {
         report: &mut SolidReport,
         timer: &mut StageTimer,
     ) -> Result<StoredSolid, RunError> {
+        // `files` are the newest files of each brick. A pass replaces those of the bricks that it
+        // changes.
         let ops = &self.inputs.recipe.sections().op;
         let mut files = self.files(0, &self.first);
         let mut solid = StoredSolid {
@@ -42,6 +44,8 @@ impl BrickRun<'_> {
             let changed = match &pass.kind {
                 PassKind::Operations => self.operate(number, &solid)?,
                 PassKind::Removal(unwanted) => self.remove(number, *unwanted, &solid, report)?,
+                // A channel leaves the solid, so a drain may need more bricks than before: all files are
+                // new.
                 PassKind::Drain => match self.drain(number, &solid, report)? {
                     Some(done) => {
                         files = self.files(number, &done.bricks);
@@ -52,6 +56,8 @@ impl BrickRun<'_> {
                     None => Vec::new(),
                 },
                 PassKind::Resampling(step) => {
+                    // Resampling changes the voxels. The new bricks get room for the passes up to the
+                    // next resampling.
                     let after = &self.passes[number + 1..];
                     let bricks = self.bricks_after(step, before_resampling(after), &solid)?;
                     self.resample(number, step, &solid, &bricks)?;
@@ -63,6 +69,7 @@ impl BrickRun<'_> {
             for &brick in &changed {
                 files[brick] = self.file(number, &solid.bricks, brick);
             }
+            // The next pass reads the newest files only.
             if !changed.is_empty() {
                 solid.store = self.open(plan, &files, pass.ops.end)?;
             }
@@ -71,6 +78,7 @@ impl BrickRun<'_> {
                 done.check(&solid.store, context.scale.voxel_size, context.session())?;
             }
             let last = pass.ops.end - 1;
+            // One operation can take several passes; its time ends with the last of them.
             let continues = |next: &Pass| next.ops == pass.ops;
             if !self.passes.get(number + 1).is_some_and(continues) {
                 timer.end_stage(&format!("op.{last}.{}", ops[last].name()))?;
@@ -212,6 +220,7 @@ pub(super) fn missing_bricks(
         LeafFileError::Io { source, .. } => source.kind() == std::io::ErrorKind::NotFound,
         LeafFileError::Invalid { .. } => false,
     };
+    // Numbers of the bricks that are missing, or of those that are damaged.
     let list = |is_missing: bool| {
         let numbers = faults.iter().filter(|f| missing(&f.1) == is_missing);
         let words: Vec<String> = numbers.map(|f| f.0.to_string()).collect();
@@ -220,6 +229,7 @@ pub(super) fn missing_bricks(
     let mut parts = Vec::new();
     parts.extend(list(true).map(|l| format!("missing: {l}")));
     parts.extend(list(false).map(|l| format!("damaged or of another plan: {l}")));
+    // At most 20 bricks are named, so that the command stays readable.
     let advice = match plan {
         Some(plan) => {
             let runs = faults.iter().take(20).map(|(n, _)| format!("--brick {n}"));

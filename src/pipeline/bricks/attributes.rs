@@ -69,6 +69,8 @@ impl BrickRun<'_> {
         Ok(())
     }
 
+    /// Writes the attribute files of one brick: for each word the values at its active voxels, block
+    /// by block and leaf by leaf. Files that are complete stay.
     fn make_brick_attributes(
         &self,
         brick: usize,
@@ -82,6 +84,7 @@ impl BrickRun<'_> {
             .collect();
         let blocks: Vec<Coord> = store.blocks_in(bricks.region(brick)).collect();
         let active = blocks.iter().filter_map(|b| store.file_of(*b));
+        // A complete file has its identity and one row per active voxel.
         let active: u64 = active.map(|(_, active)| active).sum();
         let is_there = |(word, (path, identity)): (&GridWord, &(PathBuf, [u8; 32]))| {
             AttributeStore::check(path, identity, word.components(), active).is_ok()
@@ -100,11 +103,13 @@ impl BrickRun<'_> {
         for block in blocks {
             let leaves = store.read(block, Region::EVERYWHERE);
             let leaves = leaves.map_err(|e| FileError::from(StoreError::from(e)))?;
+            // Batches of leaves bound the memory for rows of values.
             for first in (0..leaves.len()).step_by(LEAVES_PER_BATCH) {
                 let last = leaves.len().min(first + LEAVES_PER_BATCH);
                 let rows = self.rows(attributes, transform, &leaves, first..last)?;
                 let mut start = 0;
                 for ((word, writer), (path, _)) in words.iter().zip(&mut writers).zip(&files) {
+                    // A row holds the values of all words; each file takes the columns of its own word.
                     let columns = start..start + word.components();
                     start = columns.end;
                     let rows_of_points = rows
@@ -116,6 +121,7 @@ impl BrickRun<'_> {
                 }
             }
         }
+        // Files appear under their names only when all values are written.
         for (writer, (path, _)) in writers.into_iter().zip(&files) {
             writer
                 .finish()

@@ -233,7 +233,8 @@ pub(crate) struct Budget {
     pub held: u64,
 }
 
-/// The greatest edge of bricks, in blocks, that a budget allows, or the requested one.
+/// The greatest edge of bricks, in blocks, that a budget in bytes allows, or the requested one if it
+/// fits. `counts` are the estimated voxels and leaves.
 ///
 /// # Errors
 /// The memory that the smallest bricks need, or the bricks that would fit.
@@ -248,6 +249,8 @@ pub(crate) fn edge_that_fits(
     }: &Budget,
 ) -> Result<u32, RunError> {
     let cost = |edge: u32| memory_bytes(inputs, threads, counts, (edge, held));
+    // The cost grows with the edge, but not by a formula that could be solved for it; the few edges are
+    // tried.
     let largest_fitting = |max_edge: u32| (1..=max_edge).rev().find(|&edge| cost(edge) <= budget);
     match requested {
         Some(edge) if cost(edge) <= budget => Ok(edge),

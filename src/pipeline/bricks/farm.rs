@@ -64,6 +64,7 @@ pub fn make_bricks(
     progress: &dyn Progress,
 ) -> Result<usize, RunError> {
     let (plan, recipe) = read_plan(path)?;
+    // The numbers come from the command line. They are checked before any input is read.
     for range in bricks {
         if range.end > plan.bricks.len() || range.is_empty() {
             return Err(plan_error(
@@ -82,6 +83,7 @@ pub fn make_bricks(
     let brick_run = open_run(path, plan, &inputs, &threads, progress)?;
     make_directory(&brick_run.directory)?;
     let requested: usize = bricks.iter().map(ExactSizeIterator::len).sum();
+    // The plan predicts the bytes of all bricks; these take their share.
     let share = brick_run.plan.leaf_bytes / brick_run.plan.bricks.len().max(1) as u64;
     check_disk(&brick_run.directory, share.saturating_mul(requested as u64))?;
     let mut skipped = 0;
@@ -181,7 +183,9 @@ pub(crate) fn out_of_plan(
     Ok(Some(folder.join(planned)))
 }
 
-/// Refuses outputs that a plan's overrides name, not the recipe, outside the folder of the recipe.
+/// Refuses outputs outside the folder of the recipe that only the overrides of a plan name. `set`
+/// are the overrides, as `key=value`. A plan can come from another machine, and merging it must not
+/// write anywhere on this one.
 ///
 /// # Errors
 /// [`RunError::Plan`].
@@ -193,6 +197,7 @@ pub(crate) fn check_overridden_outputs(
     let Some(file) = &recipe.source().path else {
         return Ok(());
     };
+    // Outputs that the recipe itself names are trusted: they are those without overrides of `output`.
     let is_other = |pair: &&String| {
         !pair
             .trim_start_matches([' ', '"', '\''])

@@ -54,7 +54,8 @@ fn cubes_of(block: Coord) -> impl Iterator<Item = Region> {
     })
 }
 
-/// The walls at every `vertex_stride`-th vertex in a cube.
+/// The walls at every `vertex_stride`-th vertex in a cube. A wall is a ball that touches the surface
+/// there from inside the phase.
 fn cube_walls(
     brick_run: &BrickRun,
     stored: &StoredSolid,
@@ -65,6 +66,8 @@ fn cube_walls(
     let context = stored.bricks.context(brick_run, &quiet);
     let failed = RunError::level_set("walls");
     let h = context.scale.voxel_size;
+    // A ball at a vertex of the cube has its opposite contact within its diameter, so the surface is
+    // needed that far.
     let around = cube.grown(MAX_BRICK_WALL);
     let solid = part(
         context,
@@ -80,6 +83,7 @@ fn cube_walls(
         let voxel = p.map(|c| (c / h).floor() as i32);
         cube.meets(Coord(voxel.into()), 1)
     };
+    // Each vertex is counted in one cube: the one with its voxel.
     let own = mesh.vertices().iter().enumerate();
     let own = own.filter(|(_, p)| is_within(p)).map(|(n, _)| n as u32);
     let samples: Vec<u32> = own.step_by(vertex_stride).collect();

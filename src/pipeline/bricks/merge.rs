@@ -37,6 +37,8 @@ pub(super) fn merge_and_write(
     let context = solid.bricks.context(brick_run, brick_run.progress);
     let components = stored_components(&solid.store, context.scale.voxel_size, context.session())?;
     timer.end_stage("pieces")?;
+    // The analysis of ways out counts closed cavities too. Without it the cheaper count of closed voids
+    // is enough.
     let require = recipe.sections().require.as_ref().filter(|_| !is_brief);
     if let Some(require) = require.filter(|r| r.escape_radius.is_some()) {
         let h = context.scale.voxel_size;
@@ -58,6 +60,7 @@ pub(super) fn merge_and_write(
         report.build = Some(BuildReport::new(&request, &found, Vec3::zeros()));
         timer.end_stage("layers")?;
     }
+    // Thickness is measured before the meshes and grids that show it.
     let thickness = if targets.needs_thickness() {
         let thickness = thickness(brick_run, &solid)?;
         timer.end_stage("thickness")?;
@@ -66,6 +69,8 @@ pub(super) fn merge_and_write(
         None
     };
     let thickness = thickness.as_ref();
+    // All mesh files grow together while the bricks are meshed once; the same patches give volume and
+    // area.
     let mut meshes = Meshes::create(brick_run, &solid, targets, thickness)?;
     let found = measure(brick_run, &solid, &mut meshes)?;
     let mut meshes = meshes.commit()?;
@@ -85,11 +90,13 @@ pub(super) fn merge_and_write(
         report.add_gaps(sampled_walls(brick_run, &solid, Phase::Void)?);
         timer.end_stage("gaps")?;
     }
+    // The volumes need the box of the solid, which the meshes gave.
     let volumes = Volumes::new(brick_run, &solid, found.frame, thickness)?;
     if volumes.has_more_than_surface() {
         timer.end_stage("grids")?;
     }
     let mut outputs = Vec::new();
+    // The report lists the files in the order of the recipe.
     for (output, path) in &targets.files {
         if output.picture.is_some() {
             picture(brick_run, &solid, (output, path), found.frame)?;

@@ -110,12 +110,15 @@ impl MeshOutput<'_> {
         for<'f> Faces<'f>: From<&'f [[u32; N]]>,
     {
         let own = &patch.vertices[..patch.owned];
+        // Vertices near a voxel may become equal in single precision. They are moved off it, by the same
+        // amount in every brick. Meshes with own faces are exempt, because their vertices lie elsewhere.
         let mut distinct = Vec::new();
         if let Some(far) = self.max_coordinate.filter(|_| self.face_source.is_all()) {
             distinct.clone_from(&patch.vertices);
             let (h, origin) = (context.scale.voxel_size, Vec3::zeros());
             let clear = || move_off_voxels(&mut distinct, h, origin, far);
             if !context.threads.install(clear) {
+                // Near the origin the margin of the mesher is enough: nothing was moved.
                 distinct.clear();
             }
         }
@@ -158,9 +161,12 @@ impl MeshOutput<'_> {
         let failed = RunError::level_set("mesh");
         let mesh = solid.part_to_quads(*adaptivity, far, context.session());
         let mut mesh = mesh.map_err(&failed)?;
+        // The part has a halo around the region; only the region's own quads are written.
         let share = solid.region_quads(&mesh, (region, last), *adaptivity);
         let mut projection_error = 0.0;
         if let (Some(projection), Some(exact)) = (*projection, exact) {
+            // The projection moves all vertices, because those of the halo limit how far the region's
+            // own ones may go. Only the latter are counted.
             let project = || mesh.project_each(&*exact.field, projection, context.progress);
             let outcomes = context.threads.install(project)?;
             let found = ProjectionSummary::of(share.owned().iter().map(|&v| outcomes[v as usize]));
@@ -170,6 +176,7 @@ impl MeshOutput<'_> {
             self.facts.kept = add(self.facts.kept, found.kept);
         }
         let patch = share.patch(&mesh);
+        // A patch is decimated alone and keeps its border, so that it fits its neighbours.
         if *as_triangles {
             let mut patch = patch.into_triangles();
             if let Some(decimation) = *decimation {
@@ -225,6 +232,7 @@ impl<'a> Meshes<'a> {
         for (output, path) in targets.of_kind(OutputKind::Mesh) {
             let unit = output.unit_or_default(recipe.unit());
             let factor = recipe.unit().to(unit);
+            // Beams are written from the lattice and need no surface.
             if output.beams {
                 beams.push(BeamOutput {
                     path: path.clone(),
@@ -238,6 +246,7 @@ impl<'a> Meshes<'a> {
             let attributes = Attributes::new(context, brick_run.inputs, words, thickness, factor)?;
             let is_exact = output.project || output.sharp;
             let is_double = needs_double(path, (far, centre), (context.scale, factor))?;
+            // Counts of a projection start at 0. Files without a projection report none.
             let moved_count = is_exact.then_some(0);
             outputs.push(MeshOutput {
                 path: path.clone(),
@@ -256,6 +265,7 @@ impl<'a> Meshes<'a> {
                 },
             });
         }
+        // One field serves all outputs.
         let needs_exact = outputs.iter().any(|output| output.is_exact);
         let exact = needs_exact.then(|| shape(brick_run.inputs, context.scale));
         Ok(Self {
@@ -333,6 +343,7 @@ impl<'a> Meshes<'a> {
             let patches = solid.block_patches(region, far, field, context.session(), |patch| {
                 Ok::<_, RunError>(decimated_patch(&patch, decimation, region.max[0]))
             })?;
+            // Vertices on seams get the numbers that earlier patches gave them.
             let numbered = patches.iter().map(|patch| weld(welder, patch));
             let numbered = numbered.collect::<Result<Vec<_>, _>>()?;
             for (patch, numbered) in patches.iter().zip(&numbered) {
@@ -365,6 +376,8 @@ impl<'a> Meshes<'a> {
             else {
                 continue;
             };
+            // Without projection and decimation a quad depends on few voxels, and the part of the whole
+            // brick has them.
             let projection_halo = match (projection, decimation) {
                 (None, None) => {
                     output.add_quad_region(context, solid, None, (region, far, last))?;
@@ -376,6 +389,7 @@ impl<'a> Meshes<'a> {
             let halo =
                 LevelSet::quad_halo(*adaptivity).max(LevelSet::quad_halo(0.0) + projection_halo);
             let blocks: Vec<Coord> = stored.store.blocks_in(region).collect();
+            // Descending, as the welder of the seams expects.
             for block in blocks.into_iter().rev() {
                 let own = Region::cube(block, BLOCK);
                 let part = part(context, &stored.store, own.grown(halo), Coord([0; 3]))?;

@@ -109,7 +109,8 @@ impl BrickPlan {
         }
     }
 
-    /// Differences between a run and the plan: version, recipe, inputs, voxels.
+    /// Differences between a run and the plan, one sentence each: version, recipe, inputs, kind of
+    /// arithmetic, voxels. None if the plan is of this run.
     pub(in super::super) fn differences(&self, inputs: &Inputs) -> Vec<String> {
         let report = inputs.report();
         let (voxel_size, half_width) = voxel_size_and_half_width(inputs.recipe);
@@ -142,6 +143,8 @@ impl BrickPlan {
             found.push(message.to_owned());
         }
         let scale = (self.voxel_size, self.half_width) != (voxel_size, half_width);
+        // Voxels follow from the recipe and its inputs. A difference that is already named explains
+        // them.
         if scale && found.is_empty() {
             found.push(format!(
                 "the recipe has voxels of {voxel_size} and a half width of {half_width}"
@@ -168,6 +171,8 @@ pub(in super::super) fn make_plan(
     progress: &dyn Progress,
 ) -> Result<BrickPlan, RunError> {
     let context = StageContext::new(inputs.recipe, threads, progress);
+    // Blocks that the surface may cross: those of the file, or those where bounds of the field cannot
+    // rule it out.
     let (blocks, extent) = if let Some(start) = inputs.volumes.start() {
         let failed = RunError::level_set("plan");
         (blocks_in(start)?, start.bounds().map_err(failed)?)
@@ -176,6 +181,7 @@ pub(in super::super) fn make_plan(
         let blocks = context.band(&shape)?.blocks();
         (blocks.map_err(RunError::band("plan"))?, shape.extent)
     };
+    // Operations move the surface by at most the reach; operands add material of their own.
     let surroundings = |block: &Coord| Region::cube(*block, BLOCK).grown(layout.reach);
     let mut regions: Vec<Region> = blocks.iter().map(surroundings).collect();
     let passes = passes(inputs);
@@ -223,6 +229,8 @@ pub(super) fn operand_regions(
 ) -> Result<Vec<Region>, RunError> {
     let reach = total_reach(passes);
     let distance = f64::from(reach) * context.scale.voxel_size;
+    // A box of the solid so far. It bounds unbounded operands, and grows with each operand that may add
+    // to it.
     let mut bounds = extent.dilated(distance);
     let mut regions = Vec::new();
     let ops = inputs.recipe.sections().op.iter().enumerate();

@@ -72,6 +72,8 @@ impl BrickRun<'_> {
         for brick in 0..bricks.len() {
             self.make_file((number, bricks), brick, |writer| {
                 let region = bricks.region(brick);
+                // Finer voxels read few old leaves per brick. Coarser ones read many: these are made in
+                // smaller cubes, one at a time.
                 if portion_edge >= BLOCK {
                     return self.resample_region(step, solid, region, writer);
                 }
@@ -149,7 +151,8 @@ impl BrickRun<'_> {
         Ok(())
     }
 
-    /// As [`Self::resample_region`], for voxels of twice the edge; `around` are the old voxels that determine them.
+    /// As `resample_region`, for new voxels of twice the edge; `around` is the region of old voxels
+    /// that determine those in `region`. Every second old voxel is a new one.
     fn double_region(
         &self,
         step: &Resampling,
@@ -164,6 +167,7 @@ impl BrickRun<'_> {
         let parts = self.threads.install(read);
         let parts = parts.map_err(|e| FileError::from(StoreError::from(e)))?;
         let mut leaves: Vec<LeafRef<'_>> = parts.iter().flat_map(LeafBatch::leaves).collect();
+        // The band searches its leaves by their origins.
         leaves.sort_unstable_by_key(|leaf| leaf.origin);
         let finer = FinerBand {
             leaves,

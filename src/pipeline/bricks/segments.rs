@@ -22,6 +22,8 @@ impl BrickRun<'_> {
         let voxels = (context.scale.voxel_size, context.half_width);
         let progress_session = bricks.context(self, self.progress).session();
         let found = StoredSegments::find(store, voxels, progress_session)?;
+        // Components are numbered as passes after those of the recipe, so that their files have names
+        // and hashes of their own.
         let first = self.passes.len() + usize::from(coarser_copies(self.inputs.recipe));
         let halo = removal_halo(context.half_width);
         self.progress.stage("segments", Some(found.len() as u64));
@@ -29,6 +31,7 @@ impl BrickRun<'_> {
         for component in 0..found.len() {
             let segment = found.segment(component);
             let blocks = segment.blocks();
+            // Small components get small bricks, so that little is read for them.
             let edge = if blocks.len() > MAX_SMALL_COMPONENT_BLOCKS {
                 self.plan.edge
             } else {
@@ -42,6 +45,8 @@ impl BrickRun<'_> {
                 }
                 self.make_file((first + component, &component_bricks), brick, |writer| {
                     let region = component_bricks.region(brick);
+                    // The band of a removed neighbour reaches into this brick; the halo shows which
+                    // component each voxel belongs to.
                     let grown = region.grown(halo);
                     let mut part = part(context, store, grown, grown.min)?;
                     let session = context.session();

@@ -44,7 +44,8 @@ pub(super) struct Volumes<'a> {
 }
 
 impl<'a> Volumes<'a> {
-    /// Makes attributes, copies, components and fog, where any file contains them.
+    /// Makes attributes, copies, components and fog, where any file contains them. `bounds` is the
+    /// box of the solid in the recipe's unit, for scenes.
     pub fn new(
         brick_run: &'a BrickRun,
         solid: &'a StoredSolid,
@@ -55,6 +56,7 @@ impl<'a> Volumes<'a> {
         brick_run.make_attributes(&attribute_words(recipe), solid, thickness)?;
         let context = solid.bricks.context(brick_run, brick_run.progress);
         let mut outputs = recipe.sections().output.iter();
+        // Only `.vdb` files hold fog; it takes a pass over all leaves.
         let has_fog = outputs.any(|o| {
             let is_volume = o.named().iter().any(|n| n.0 == OutputKind::Vdb);
             is_volume && output::words(recipe, o).contains(&GridWord::Density)
@@ -92,18 +94,21 @@ impl<'a> Volumes<'a> {
                 let words = output::words(self.brick_run.inputs.recipe, output);
                 let has_surface = words.contains(&GridWord::Surface);
                 let own = has_surface.then(|| (GridWord::Surface.to_string(), self.solid));
+                // The solid, and behind it its coarser copies.
                 let levels = usize::from(output.lod.unwrap_or(0));
                 let copies = (1..).zip(&self.coarser[..levels]);
                 let copies = copies.map(|(n, copy)| (output::coarser_copy_name(n), copy));
                 let surfaces: Vec<_> = own.into_iter().chain(copies).collect();
                 self.write_one(output, path, &words, &surfaces)
             }
+            // All components in one file, each a grid with its number.
             Some(Segments::Grids) => {
                 let named =
                     components().map(|(n, component)| (output::component_name(n), component));
                 let named: Vec<_> = named.collect();
                 self.write_one(output, path, &[], &named)
             }
+            // One file per component, with its number in the name.
             Some(Segments::Files) => {
                 let mut files = Vec::new();
                 for (n, component) in components() {

@@ -81,11 +81,14 @@ pub fn level_shifts(
         GradedQuantity::VolumeFraction => "tiling.volume_fraction",
         GradedQuantity::Thickness => "tiling.thickness",
     };
+    // Levels are tabulated in reference lengths. A world thickness is divided by the local size of the
+    // elements.
     if quantity == GradedQuantity::Thickness {
         for (v, s) in values.iter_mut().zip(node_scales(scaffold, cell.element())) {
             *v /= s;
         }
     }
+    // Only corners carry a grading. Values at nodes within edges must not widen the range of the table.
     let is_corner = crate::pipeline::inputs::spatial_value::corner_nodes(scaffold);
     let used = values.iter().zip(&is_corner).filter(|v| *v.1);
     let range = used.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (v, _)| {
@@ -98,6 +101,7 @@ pub fn level_shifts(
         density: density.as_ref(),
         slope: CellField::gradient_rms(table),
     };
+    // A few levels are found over the range, and interpolated for each node.
     let grades = grade_shifts(graded, key, range)?;
     let shift = |(v, is_corner): (f64, bool)| {
         if is_corner {

@@ -69,6 +69,7 @@ impl<'a> Inputs<'a> {
             inputs.load_standalone_cells(Session::new(threads, progress))?;
             inputs.load_tiling(Session::new(threads, progress))
         })?;
+        // The counts need the number of elements, and the volumes the boxes of all other files.
         inputs.visits = Visits::new(inputs.elements() as usize);
         inputs.volumes = Volumes::load(&mut inputs.files, threads, progress)?;
         inputs.files.compare_boxes()?;

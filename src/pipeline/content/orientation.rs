@@ -99,7 +99,8 @@ fn is_principal(direction: &Direction) -> bool {
     matches!(direction, Direction::Field(f) if f.component.as_deref() == Some(PRINCIPAL))
 }
 
-/// Unit vectors of a direction at points.
+/// Unit vectors of a direction at points: from three numbers, a field of vectors, or the principal
+/// direction of a field of stresses. Fails where a vector has length 0.
 fn unit_vectors(
     files: &mut InputFiles,
     spatial: &SpatialContext,
@@ -108,6 +109,7 @@ fn unit_vectors(
 ) -> Result<Vec<Vec3>, RunError> {
     let vectors = match direction {
         Direction::Components(components) => {
+            // Each component may vary over the part on its own.
             let mut all = Vec::new();
             for varying in components.iter() {
                 all.push(spatial.values(files, varying, points)?);

@@ -65,9 +65,11 @@ pub(crate) fn is_round(files: &mut InputFiles, tiling: &TilingSection) -> Result
         .cells()
         .iter()
         .partition(|name| cells[**name].is_round(tiling));
+    // Nothing to decide where all cells are of one kind.
     let ([first, ..], [other, ..]) = (&round[..], &fitted[..]) else {
         return Ok(!round.is_empty());
     };
+    // A section that the recipe requests is an error here; one that is the default becomes a warning.
     let named = round
         .iter()
         .find(|name| cells[**name].section == Some(Section::Round));
@@ -211,6 +213,7 @@ fn symmetrised(
                 word.clone()
             }
         }
+        // Graphs of files have no symmetry of their own, graphs of the library do.
         None if is_file => default_group(shape).to_owned(),
         None => return Ok(parts),
     };
@@ -282,7 +285,8 @@ impl RoundBeams {
         self.diameters
     }
 
-    /// The solid as a field.
+    /// The solid as a field: the beams, cut by the scaffold's outer faces if the boundary is cut,
+    /// and by the mesh that the scaffold fills, if there is one.
     pub fn shape<'a>(
         &'a self,
         tiling: &'a CellTiling,
@@ -304,6 +308,8 @@ impl RoundBeams {
                 ScaffoldSolid::new(components.map(mesh))
             });
             shape.extent = bounds.intersection(scaffold.bounds());
+            // Offsets need true distances near the edge of the cut, which the plain maximum does not
+            // give.
             shape.field = if offsets.count == 0 {
                 Box::new(Cut::new(&self.beams, outer))
             } else {

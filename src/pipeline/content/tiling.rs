@@ -323,7 +323,9 @@ impl CellTiling {
         Ok(())
     }
 
-    /// Warns where no level of a cell gives the requested thickness; values are in reference lengths.
+    /// Warns where no level of a cell gives the requested thickness. `values` are the requested ones
+    /// at all points, in reference lengths; `used` are the numbers of the points that the cell
+    /// fills.
     fn warn_of_missed_thickness(
         &self,
         files: &mut InputFiles,
@@ -331,6 +333,7 @@ impl CellTiling {
         grades: &[Grade],
         (used, values): (&[usize], &[f64]),
     ) -> Result<(), RunError> {
+        // A grade has a nearest value only where no level gives the target.
         let missed =
             |n: &&usize| nearest_grade(grades, values[**n]).is_some_and(|g| g.nearest.is_some());
         let count = used.iter().filter(missed).count();
@@ -426,6 +429,9 @@ impl CellTiling {
         Ok(())
     }
 
+    /// The blend of the palette's cells over the scaffold, with the weights, the grading and the
+    /// mixture of turned elements. `cells` gives the form of each cell that is evaluated: its series
+    /// or its table.
     fn blend<'a, C: CellField>(
         &'a self,
         cells: impl Fn(&'a PaletteCell) -> Vec<&'a C>,
@@ -436,6 +442,7 @@ impl CellTiling {
             cells: cells(entry),
         });
         let weights = if self.weights.is_empty() {
+            // A single cell has weight 1 everywhere.
             vec![1.0; self.interpolation.places(scaffold).len()]
         } else {
             self.weights.clone()
@@ -449,6 +456,8 @@ impl CellTiling {
         if !self.turned.mixture.is_empty() {
             blend = blend.with_mixture(&self.turned.mixture);
         }
+        // Sums of unlike cells lose volume in between; the level is moved so that the fraction is
+        // interpolated too.
         if self.follow_volume && self.palette.len() > 1 {
             blend = blend.with_interpolated_volumes();
         }

@@ -62,7 +62,8 @@ pub(in super::super) struct Law {
 }
 
 impl Law {
-    /// Homogenises a cell at each parameter, ascending.
+    /// Homogenises a cell at each parameter of its graded quantity, ascending; once if it has none.
+    /// `settings` holds the material and the resolution.
     pub fn new(
         recipe: &Recipe,
         cell: LawCell,
@@ -70,6 +71,8 @@ impl Law {
         settings: LawSettings,
         session: Session,
     ) -> Result<Self, RunError> {
+        // Round beams are sampled once, at the mean diameter; their level then makes them thinner or
+        // thicker.
         let mean = parameters.iter().sum::<f64>() / parameters.len().max(1) as f64;
         let source = cell.period(recipe, mean, session)?;
         let key = format!("cell.{}", cell.name);
@@ -106,6 +109,7 @@ impl Law {
             notes: Vec::new(),
             points: Vec::new(),
         };
+        // The solutions at one parameter are the start of the iterations at the next, which is near.
         let mut start = InitialSolutions::default();
         let own = [0.0];
         let all = if cell.quantity.is_some() {
@@ -114,6 +118,7 @@ impl Law {
             &own[..]
         };
         session.progress.stage("homogenise", Some(all.len() as u64));
+        // The cell is sampled once; each parameter only moves the level.
         for &parameter in all {
             let level = cell.level(&source, &samples, (parameter, mean), &key)?;
             samples = samples.with_level(level);
@@ -125,6 +130,7 @@ impl Law {
                 let found = properties_from(grid, &shares, &properties, Some(&mut start), &quiet)
                     .map_err(failed)?;
                 stiffness = found.stiffness.unwrap_or(stiffness);
+                // A solid that does not percolate carries nothing along that axis.
                 let weak = ["x", "y", "z"]
                     .iter()
                     .zip(found.solid.percolates)
@@ -245,7 +251,8 @@ impl LawCell<'_> {
         recipe_period(recipe, self.name, &flags, self.packing, session)
     }
 
-    /// The level of samples for a parameter; `mean` is the thickness that beams have at level 0.
+    /// The level of the samples at which the graded quantity has the value `parameter`; `mean` is
+    /// the thickness that beams have at level 0.
     fn level(
         &self,
         source: &CellPeriod,
@@ -270,6 +277,8 @@ impl LawCell<'_> {
             (Some(GradedQuantity::VolumeFraction), Some(cell)) => {
                 cell.level_for_volume_fraction(parameter).map_err(of_cell)?
             }
+            // The samples of beams are distances: a level l moves the surface by l, so the diameter
+            // grows by 2 l.
             (Some(GradedQuantity::Thickness), None) => {
                 (parameter - mean) / 2.0 * source.period.length_scale()
             }

@@ -21,7 +21,8 @@ pub(crate) fn shape<'a>(inputs: &'a Inputs, scale: Scale) -> Result<Shape<'a>, R
     shape_with(inputs, scale, inputs.offsets())
 }
 
-/// The solid after its field operations and some offsets.
+/// The solid after its field operations and some offsets, for voxels of the size in `scale`.
+/// Distances hold over the band and over the offsets.
 pub(crate) fn shape_with<'a>(
     inputs: &'a Inputs,
     scale: Scale,
@@ -30,6 +31,7 @@ pub(crate) fn shape_with<'a>(
     let sections = inputs.recipe.sections();
     let reach = offsets.reach() + sections.band.half_width.0 * scale.voxel_size;
     let mut solid = inputs.tiling_shape(scale, offsets)?.map(Chained::from);
+    // Operations from the first one that needs neighbours on act on the level set.
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
         let key = format!("op.{n}");
@@ -57,6 +59,7 @@ pub(crate) fn shape_with<'a>(
     if !shape.extent.size().iter().all(|s| s.is_finite()) {
         return Err(RunError::Unbounded(shape.name));
     }
+    // The offset comes last: phi - distance, or ||phi - distance| - half|... of a wall.
     if offsets.count > 0 {
         shape.extent = shape.extent.dilated(offsets.growth());
         shape.field = Box::new(Offset {
@@ -91,12 +94,15 @@ pub(crate) fn extent_bound(
             (Some(bounds), Op::Intersect(_) | Op::Trim(_)) if bounds.meets(other) => {
                 bounds.intersection(other)
             }
+            // Disjoint boxes: the solid is empty.
             (Some(_), Op::Intersect(_) | Op::Trim(_)) => return Ok(None),
+            // A subtraction may shrink the solid, but not by a known amount.
             (Some(bounds), Op::Subtract(_)) => bounds,
             (Some(bounds), _) => bounds.union(other),
         });
     }
     let is_usable = |r: &Aabb| !r.is_empty() && r.size().iter().all(|s| s.is_finite());
+    // The first filter keeps boxes of no solid from becoming boxes by dilation.
     let grown = bounds
         .filter(is_usable)
         .map(|r| r.dilated(offsets.growth()));
@@ -120,13 +126,16 @@ impl<'a> From<Shape<'a>> for Chained<'a> {
     }
 }
 
-/// Adds an operation with its operand to a solid.
+/// Adds an operation with its operand `b` to a solid `a`. `reach` is the distance from the surface,
+/// world units, up to which values must be distances.
 fn combine<'a>(
     op: &Op,
     a: Chained<'a>,
     b: Shape<'a>,
     (reach, offsets): (f64, Offsets),
 ) -> Result<Chained<'a>, RunError> {
+    // Maxima and minima can be chained and culled together. Under offsets the distance to the edge of
+    // the cut matters, and a combination that knows it takes their place.
     let and = |chain: Chain<'a>, field| match offsets.count {
         0 => chain.and(field),
         _ => Chain::One(intersection(chain.into_field(), field, reach, offsets)),
@@ -143,6 +152,7 @@ fn combine<'a>(
             }
             (and(a.chain, b.field), a.extent.intersection(b.extent))
         }
+        // a minus b = a and not b.
         Op::Subtract(_) => (and(a.chain, Box::new(Complement(b.field))), a.extent),
         _ => {
             let chain = match offsets.count {
@@ -159,8 +169,8 @@ fn combine<'a>(
     })
 }
 
-/// The operand of an operation on the level set; `None` if it has none. `extent_bound` gives a box of
-/// all that matters, which bounds an unbounded operand.
+/// The operand of an operation on the level set, which is number `n` of the recipe; `None` if it has
+/// none. `extent_bound` gives a box of all that matters, which bounds an unbounded operand.
 pub(crate) fn operation_shape<'a>(
     inputs: &'a Inputs,
     (n, op): (usize, &Op),
@@ -179,6 +189,7 @@ pub(crate) fn operation_shape<'a>(
     if shape.extent.size().iter().all(|s| s.is_finite()) {
         return Ok(Some(shape));
     }
+    // The union with an unbounded solid is unbounded.
     if !matches!(op, Op::Intersect(_) | Op::Subtract(_)) {
         return Err(RunError::Unbounded(shape.name));
     }
@@ -190,7 +201,8 @@ pub(crate) fn operation_shape<'a>(
     }))
 }
 
-/// The operand of an operation as a shape.
+/// The operand of an operation as a shape. `key` names the operation, as in `op.2`; `offsets` widen
+/// the distance up to which the values of tilings and lattices must be distances.
 pub(crate) fn operand<'a>(
     inputs: &'a Inputs,
     operand: &Operand,
@@ -204,6 +216,7 @@ pub(crate) fn operand<'a>(
             let word = operand.surface().map_or("solid", |s| s.word());
             if let Some(lattice) = inputs.lattice(key) {
                 let band = inputs.recipe.sections().band.half_width.0 * scale.voxel_size;
+                // A file may hold beams without a mesh.
                 let mesh = Some(solid).filter(|s| !s.mesh().is_empty());
                 let bounds = mesh.map_or(Aabb::EMPTY, MeshSolid::bounds);
                 return Ok(Shape {
@@ -221,6 +234,7 @@ pub(crate) fn operand<'a>(
         Operand::Skin(skin) => {
             let solid = inputs.solid(key);
             let thickness = skin.thickness.resolve(scale);
+            // `reach` is the part of the wall outside the mesh, by which the box grows.
             let (side, reach) = match skin.side {
                 Side::Inside => (MeshSide::Inside, 0.0),
                 Side::Outside => (MeshSide::Outside, thickness),
@@ -279,6 +293,7 @@ pub(crate) fn operand<'a>(
         Operand::Plane(plane) => {
             let normal = Vec3::from(plane.normal.map(|c| c.0));
             Shape {
+                // A half space is unbounded; the operation gives it a box.
                 extent: Aabb {
                     min: Vec3::repeat(f64::NEG_INFINITY),
                     max: Vec3::repeat(f64::INFINITY),

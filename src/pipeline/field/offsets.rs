@@ -175,6 +175,7 @@ fn foot_error(
         .draw(threads, progress, FOOT_SAMPLES)
         .map_err(RunError::band("offsets"))?;
     let error = |p: &WorldPoint| {
+        // A distance is 0 at the foot point: along the unit gradient, as far as its own value.
         let (s, gradient) = field.value_and_gradient(*p);
         let direction = gradient.try_normalize(0.0).unwrap_or_default();
         (field.value(WorldPoint(p.0 - direction * s)) / h).powi(2)

@@ -47,6 +47,7 @@ pub(super) fn read(
             .with_hint("meshio converts results of other programs to .vtu")
             .into());
     };
+    // The number of components shows what the field is, unless an option decides.
     let by_components = match field.components {
         1 => GradeRule::Energy,
         6 | 9 => GradeRule::Stress,
@@ -68,6 +69,7 @@ pub(super) fn read(
             .into());
     }
     let values = by_element(path, scaffold, &field)?;
+    // A field of zeros would give an empty part.
     if values.iter().all(|v| *v == 0.0) {
         let found = format!("the field {:?} with 0 in all elements", options.field);
         return Err(ReadError::data(path, Place::File, found, "the results of a load").into());
@@ -102,11 +104,15 @@ fn other_mesh(path: &Path, place: Place, found: String, expected: String) -> Rea
     )
 }
 
+/// A field of a `.frd` file, at the nodes of the deck. `factor` is the file's unit of
+/// length per unit of the scaffold.
 fn of_frd(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<Field, RunError> {
     let file = read_frd(path)?;
     let field = file.field(name)?;
     let used = used(scaffold);
     let expected = used.iter().filter(|u| **u).count();
+    // Results of another deck would be put on wrong elements: number and place of every node are
+    // compared.
     if file.nodes.len() != expected {
         let found = format!("{} nodes", file.nodes.len());
         let expected = format!("{expected}, those of the scaffold's deck");
@@ -133,12 +139,14 @@ fn of_frd(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<F
         }
     }
     let components = field.components.len();
+    // Nodes without a result keep NaN, so that their elements are reported.
     let mut values = vec![f64::NAN; components * used.len()];
     for (row, &number) in field
         .values
         .chunks_exact(components.max(1))
         .zip(&field.nodes)
     {
+        // Numbers of the deck count from 1.
         let n = (number as usize).wrapping_sub(1);
         if let Some(own) = values.get_mut(n * components..(n + 1) * components) {
             own.copy_from_slice(row);
@@ -224,7 +232,8 @@ fn of_mesh(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<
     })
 }
 
-/// The mean of the components of each element, as one number.
+/// One number for each element: the energy density, or the von Mises stress of the mean of its
+/// components. Results at nodes are averaged over the element's nodes in the deck.
 fn by_element(path: &Path, scaffold: &Scaffold, field: &Field) -> Result<Vec<f64>, RunError> {
     let k = field.components;
     let mut all = Vec::with_capacity(scaffold.len());
@@ -237,6 +246,8 @@ fn by_element(path: &Path, scaffold: &Scaffold, field: &Field) -> Result<Vec<f64
                 .map(|&n| n as usize)
                 .collect(),
         };
+        // The mean of the tensors is the stress at the element's centre; a mean of von Mises stresses
+        // would not be.
         let mean: Vec<f64> = (0..k)
             .map(|c| {
                 places.iter().map(|p| field.values[p * k + c]).sum::<f64>() / places.len() as f64
@@ -246,6 +257,7 @@ fn by_element(path: &Path, scaffold: &Scaffold, field: &Field) -> Result<Vec<f64
         if !value.is_finite() {
             missing.push(e);
         }
+        // Extrapolation to nodes can make an energy slightly negative.
         all.push(value.max(0.0));
     }
     let Some(&first) = missing.first() else {

@@ -125,9 +125,12 @@ impl Grading<'_> {
         (0..centres.len()).map(mean).collect()
     }
 
-    /// The grading for a target of the measure.
+    /// The new grading where `measure` is to become `target` in every element. The fraction of an
+    /// element grows by (measure / target)^exponent, within a factor of `step` and the bounds.
     fn at(&self, update: &Update, measure: &[f64], target: f64) -> NewGrading {
         let exponent = update.exponent.unwrap_or(match update.rule {
+            // For stresses ~ 1 / fraction and energy densities ~ 1 / fraction^2 a single step reaches
+            // the target.
             GradeRule::Stress => 1.0,
             GradeRule::Energy => 0.5,
         });
@@ -142,6 +145,7 @@ impl Grading<'_> {
                 value.clamp(low, high)
             })
             .collect();
+        // The tiling takes values at nodes. Their means in the elements show what the part really has.
         let nodes = self.at_nodes(&own);
         let mean = |e: usize| {
             let element = self.scaffold.element(e);

@@ -144,7 +144,9 @@ pub(crate) fn shares_of(is_sharp: bool, samples: &Samples) -> Vec<f64> {
     if is_sharp { sharpened(&shares) } else { shares }
 }
 
-/// Derivatives by every coefficient, from the solutions of all load cases.
+/// Derivatives of all properties by every coefficient of the cell's series, from the solutions of
+/// all load cases. `shares` are the shares of solid of the voxels at `level`, `start` holds the
+/// solutions.
 fn gradient(
     source: &CellPeriod,
     options: &PropertyOptions,
@@ -155,6 +157,7 @@ fn gradient(
     progress.stage("gradient", None);
     let settings = &options.settings;
     let grid = source.period.grid(options.resolution)?;
+    // Coefficients move the surface only, so only voxels that it cuts contribute.
     let is_cut = |n: usize| shares[n] > 0.0 && shares[n] < 1.0;
     let void = settings.solid.scaled(settings.void);
     let elastic = Elasticity::new(grid, shares, settings.solid, void, settings.scheme)?
@@ -167,6 +170,7 @@ fn gradient(
         settings.scheme,
     )?;
     let thermal = conduction.sensitivity(&start.potentials, &is_cut);
+    // The solutions take much memory, and the samples come next.
     drop(start);
     let samples = sampled(source, options.resolution, Some(level), progress)?;
     let sensitivities = Sensitivities { elastic, thermal };
@@ -229,6 +233,7 @@ impl CellProperties {
         all["hydraulic_diameter"] = json!(self.hydraulic_diameter());
         if let Some(coarse) = &self.coarse {
             let [stiffness, conductivity, permeability] = self.errors();
+            // 2 fine - coarse: exact where the error falls with the edge of a voxel.
             let both = |a: &Option<[[f64; 3]; 3]>, b: &Option<[[f64; 3]; 3]>| {
                 a.as_ref().zip(b.as_ref()).map(|(a, b)| extrapolated(a, b))
             };
@@ -278,6 +283,7 @@ pub fn period_warnings(
             let message = format!(
                 "struts of diameter {diameter:.4} are {across:.1} voxels wide; {MIN_VOXELS_PER_DIAMETER} or more resolve \
                  them: a resolution of {}",
+                // Resolutions are even.
                 needed / 2 * 2 + 2
             );
             warn(Warning::THIN_WALLS, message);
@@ -288,6 +294,7 @@ pub fn period_warnings(
 
 /// A description of phases that are disconnected or missing.
 fn disconnected(period: &Period, found: &Properties) -> Option<String> {
+    // The axes along which a phase does not connect the period to its images; planar cells have two.
     let axes = |percolates: [bool; 3]| -> Vec<&str> {
         let used = if period.element().dimension() == 2 {
             2

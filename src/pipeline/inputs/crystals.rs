@@ -105,6 +105,7 @@ impl Crystal {
         let mesh = mesh
             .mapped(map)
             .map_err(|e| fault(recipe, frame, &e.to_string()))?;
+        // Parameters change the mesh, so they are hashed with the script.
         let parameters = script.set.iter().map(|(k, v)| format!("\n# {k} = {v}"));
         let notes = notes.iter().map(|n| format!("line {}: {}", n.line, n.text));
         let own = script.file.as_ref();

@@ -57,6 +57,7 @@ impl FieldData {
         let map = frame_map(file, file.unit.map(|u| u.0), files.recipe.unit());
         let is_grid = has_extension(&path, &["vdb"]);
         let is_table = has_extension(&path, &["csv"]);
+        // Only meshes have cells.
         if field.at == Some(FieldPlace::Cells) && (is_grid || is_table) {
             let found = "at = \"cells\" for a file without cells";
             let e = ReadError::data(&path, Place::File, found, "at = \"points\", or no such key");
@@ -99,6 +100,7 @@ impl FieldData {
     /// value.
     pub fn at(&self, p: Vec3) -> Result<f64, ReadError> {
         let found = match &self.source {
+            // Grids interpolate between voxels, lists of values between nodes or nearest points.
             Source::Grid(grid) => {
                 let (index, is_outside) = grid.nearest_index(p);
                 match self.outside {
@@ -106,6 +108,7 @@ impl FieldData {
                     Some(Outside::Value(v)) if is_outside => return Ok(v.0),
                     _ => {}
                 }
+                // The index lies in the box of active voxels, where single voxels may still be missing.
                 grid.at(index, self.outside)
                     .map_err(|(v, voxel)| (v, Place::File, format!(" at voxel {voxel:?}")))
             }
@@ -157,6 +160,7 @@ impl ValueList {
         let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
         let text = crate::io::table_text(path, bytes)?;
         let header = crate::io::column_names(&text);
+        // A missing column is reported with all column names; a misspelt one has a near match.
         if !header.iter().any(|h| *h == field.field) && !header.is_empty() {
             let e = ReadError::data(
                 path,
@@ -196,7 +200,8 @@ impl ValueList {
         }
     }
 
-    /// Point or cell data of a mesh.
+    /// Point or cell data of a mesh of solids or surfaces. `map` takes places of the file to the
+    /// recipe's frame.
     fn of_elements(
         path: &Path,
         field: &FieldRef,
@@ -213,6 +218,8 @@ impl ValueList {
         let invalid = |e: ScaffoldError| {
             ReadError::data(path, Place::File, e.to_string(), "a mesh of elements")
         };
+        // Solids interpolate point data within their elements. Surfaces give the value of the nearest
+        // node or face.
         let (places, element_numbers, mesh): (Vec<Vec3>, Vec<u64>, _) = match &file {
             ElementFile::Solids(file) => {
                 let nodes: Vec<Vec3> = file.scaffold.nodes().iter().map(|&v| map(v)).collect();
@@ -398,6 +405,7 @@ fn find_field<'a>(
                 None => e,
             })
         }
+        // Two of one name at one location cannot be chosen between by `at`.
         [first, ..] if candidates.iter().all(|f| f.at == first.at) => {
             let all: Vec<String> = candidates
                 .iter()
@@ -433,6 +441,7 @@ fn component(path: &Path, field: &DataField, name: Option<&str>) -> Result<Vec<f
         Err(ReadError::data(path, Place::File, found, expected))
     };
     let index = match name {
+        // A name, a number, or an invariant of all components.
         None if n == 1 => 0,
         Some("x" | "0") => 0,
         Some("y" | "1") => 1,

@@ -40,6 +40,8 @@ impl FieldGrid {
         let volume = fetch(files.reader, path, Some(name))?;
         let unit = unit_of(&volume, file.unit.map(|u| u.0));
         let outward = frame_map(file, Some(unit), files.recipe.unit());
+        // The frame is affine: its images of 0 and of the axes give its matrix, whose inverse leads from
+        // points to voxels.
         let origin = outward(Vec3::zeros());
         let matrix =
             Mat3::from_columns(&[Vec3::x(), Vec3::y(), Vec3::z()].map(|e| outward(e) - origin));
@@ -47,6 +49,7 @@ impl FieldGrid {
         let map = info.index_map();
         let voxels = info.bbox.unwrap_or_default();
         let voxels = voxels.map(|v| Vec3::from(v.map(f64::from)));
+        // A rotated box is bounded by the images of its corners.
         let corners = (0..8u8).map(|c| {
             let corner = Vec3::from_fn(|a, _| voxels[usize::from(c >> a & 1)][a]);
             outward(map.world(corner))
@@ -84,6 +87,7 @@ impl FieldGrid {
         let corner = |n: i32| {
             let bits = [n & 1, n >> 1 & 1, n >> 2 & 1];
             let voxel = [0, 1, 2].map(|a| first[a] as i32 + bits[a]);
+            // Trilinear weights: the product over the axes of f or 1 - f.
             let weight: f64 = (0..3)
                 .map(|a| {
                     if bits[a] == 1 {
@@ -95,6 +99,7 @@ impl FieldGrid {
                 .product();
             (Coord(voxel), weight)
         };
+        // Voxels without weight may be missing.
         let corners: Vec<(Coord, f64)> = (0..8).map(corner).filter(|c| c.1 > MIN_WEIGHT).collect();
         let voxels: Vec<Coord> = corners.iter().map(|c| c.0).collect();
         let values = self.values(&voxels);
@@ -123,6 +128,8 @@ impl FieldGrid {
 
     /// The value of the nearest voxel that has one; the first of equally near voxels.
     fn nearest_value(&self, voxel: Coord) -> Option<f64> {
+        // Shells of growing cubes, each sorted by distance. A corner of one shell may be farther than a
+        // face of the next; the shell decides.
         for reach in 1..=MAX_SEARCH_RADIUS {
             let side = -reach..=reach;
             let mut shell = Vec::new();

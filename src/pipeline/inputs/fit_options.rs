@@ -10,6 +10,7 @@ const MAX_TOLERANCE_BAND_LIMIT: f64 = 24.0;
 /// The fit options of a section of a recipe or of the command line.
 pub fn fit_options(section: &CellSection) -> FitOptions {
     let default = FitOptions::default();
+    // With a tolerance the fit chooses the band limit, up to a greater bound.
     let band_limit = if section.tolerance.is_some() {
         MAX_TOLERANCE_BAND_LIMIT
     } else {

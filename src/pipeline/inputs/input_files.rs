@@ -71,7 +71,8 @@ impl<'a> InputFiles<'a> {
         }
     }
 
-    /// The solid of a file, kept or read, with its beams if they are wanted.
+    /// The solid of the file of an operation, kept from an earlier run or read, and its beams if
+    /// `has_beams`. `key` names the operation, as in `op.2`.
     fn file_solid(
         &mut self,
         key: &str,
@@ -79,6 +80,7 @@ impl<'a> InputFiles<'a> {
         has_beams: bool,
     ) -> Result<SolidAndBeams, RunError> {
         let path = self.recipe.resolve(&file.path);
+        // All that decides the solid: the file with its size and time, its frame, and the recipe's unit.
         let whole = file_key(&path).map(|f| {
             let unit = self.recipe.unit();
             (key.to_owned(), format!("{file:?} {has_beams} {unit:?} {f}"))
@@ -101,7 +103,8 @@ impl<'a> InputFiles<'a> {
         )
     }
 
-    /// What `make` makes, or made in an earlier run for the same place and key.
+    /// What `make` makes, or made in an earlier run of this session for the same place and key.
+    /// `kept` selects the cache of its kind.
     pub fn kept<T: Clone>(
         &mut self,
         kept: impl Fn(&RunCache) -> &Kept<ReadInput<T>>,
@@ -111,6 +114,8 @@ impl<'a> InputFiles<'a> {
         let (Some(cache), Some(key)) = (self.cache, key) else {
             return make(self);
         };
+        // `make` also records inputs, warnings and paths. They are kept with the value, and recorded
+        // again in each run.
         let before = (self.inputs.len(), self.warnings.len(), self.paths.len());
         let mut is_new = false;
         let found = kept(cache).get_or_make(key, || {
@@ -178,7 +183,8 @@ impl<'a> InputFiles<'a> {
         Ok(solid)
     }
 
-    /// Converts a file's mesh and beams to the recipe's unit and frame and makes solids of them.
+    /// Converts a file's mesh and beams to the recipe's unit and frame and makes solids of them. The
+    /// second solid holds the beams, if there are any.
     fn read_solid(
         &mut self,
         key: &str,
@@ -186,6 +192,7 @@ impl<'a> InputFiles<'a> {
         SolidFile { file: read, beams }: SolidFile,
     ) -> Result<(MeshSolid, Option<LatticeSolid>), RunError> {
         let path = self.recipe.resolve(&file.path);
+        // The recipe's word on the unit counts before that of the file.
         let own = file.unit.map(|u| u.0).or(read.unit);
         let recipe = self.recipe.unit();
         let mesh = mapped_mesh(&read.mesh, file, own, recipe);
@@ -202,6 +209,7 @@ impl<'a> InputFiles<'a> {
         for warning in read.warnings {
             self.warn(Warning::MESH, format!("{key}: {warning}"))?;
         }
+        // A file may hold beams alone.
         let solid = if mesh.is_empty() {
             MeshSolid::new(mesh)
         } else {

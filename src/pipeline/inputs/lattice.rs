@@ -70,6 +70,7 @@ impl LatticeSolid {
         mut solid: impl FnMut(TriMesh) -> Result<MeshSolid, RunError>,
     ) -> Result<Option<Self>, RunError> {
         let mut made: Vec<ClippedBeams> = Vec::new();
+        // Parts without a clipping mesh are collected into one, so that one search finds their beams.
         let (mut unclipped, mut bounds) = ((Vec::new(), Vec::new()), Aabb::EMPTY);
         let mut add_part = |(beams, rods): (Vec<Beam>, Vec<Rod>),
                             clip: Option<(MeshSolid, bool)>| {
@@ -99,6 +100,7 @@ impl LatticeSolid {
                 };
                 add_beam(&placed, &mut lists.0, &mut lists.1);
             }
+            // A ball is a beam of length 0.
             lists.0.extend(part.balls.iter().map(|&(c, r)| Beam {
                 ends: [map(c); 2],
                 radii: [r * factor; 2],
@@ -121,8 +123,8 @@ impl LatticeSolid {
         self.bounds
     }
 
-    /// The union of the beams and a mesh, if there is one, as a field; `reach` bounds the distances that
-    /// matter.
+    /// The union of the beams and a mesh, if there is one, as a field. `reach` bounds the distances
+    /// that matter, world units.
     pub fn field<'a>(
         &'a self,
         mesh: Option<&'a MeshSolid>,
@@ -144,6 +146,7 @@ impl LatticeSolid {
                 own = united(own, Box::new(Borrowed(rods)));
             }
             let Some(mut own) = own else { continue };
+            // A clip keeps the inside of its mesh or the outside.
             if let Some((mesh, keeps_inside)) = &part.clip {
                 let mesh: Box<WorldField<'a>> = Box::new(Borrowed(mesh));
                 let kept = if *keeps_inside {
@@ -171,7 +174,8 @@ impl ClippedBeams {
     }
 }
 
-/// The solid of a file with beams as a level set, for a picture. `half_width` is in voxels.
+/// The solid of a file with beams as a level set, for a picture. The voxel size is in the file's
+/// unit, `half_width` in voxels.
 ///
 /// # Errors
 /// A mesh that bounds no solid; an error of the band or of OpenVDB.

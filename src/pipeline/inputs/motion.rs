@@ -87,6 +87,7 @@ pub(crate) struct FileNodes<'a> {
 
 impl FileNodes<'_> {
     /// The nodes in the recipe's frame, where the section's cache, field and formulas move them.
+    /// `file` is the frame of the scaffold's file and `path` its path.
     pub fn posed(
         &self,
         files: &mut InputFiles,
@@ -99,6 +100,7 @@ impl FileNodes<'_> {
         let motion = section.motion.as_ref();
         let cache = motion.and_then(|m| m.points.as_ref());
         let mut nodes: Vec<Vec3> = match (cache, pose.frame) {
+            // A cache replaces the nodes of the file; it counts them in the file's order.
             (Some(points), Some(frame)) => {
                 let cache_path = recipe.resolve(&points.path);
                 let cache = PointCache::open(&cache_path)?;
@@ -117,7 +119,9 @@ impl FileNodes<'_> {
         };
         let displacement = motion.and_then(|m| m.displacement.as_ref());
         let velocity = motion.and_then(|m| m.velocity.as_ref());
+        // Vectors are turned and scaled as the nodes are, but not translated: map(v) - map(0).
         let origin = map(Vec3::zeros());
+        // x + u of a displacement, x + t v of a velocity.
         for (name, factor) in [
             (displacement.filter(|_| pose.frame.is_some()), 1.0),
             (velocity.filter(|_| pose.drift != 0.0), pose.drift),
@@ -177,6 +181,7 @@ impl FileNodes<'_> {
         };
         let vectors = field.values.chunks_exact(3).map(Vec3::from_column_slice);
         let vectors: Vec<Vec3> = vectors.collect();
+        // One vector that is not finite would spoil every element beside it, so its node is named.
         match vectors
             .iter()
             .position(|v| !v.iter().all(|c| c.is_finite()))
@@ -204,6 +209,7 @@ pub(crate) fn deformed(
         return Ok(nodes);
     };
     let fps = recipe.clock().fps;
+    // Frame 1 is time 0.
     let constants = [
         ("frame", frame),
         ("time", (frame - 1.0) / fps),
@@ -218,6 +224,7 @@ pub(crate) fn deformed(
     let bounds = Aabb::of(nodes.iter().copied());
     let size = bounds.size();
     let place = |p: &Vec3| {
+        // The second triple of variables is the place within the box of the scaffold, from 0 to 1.
         let b = (p - bounds.min).zip_map(&size, |d, s| if s > 0.0 { d / s } else { 0.0 });
         let variables = [p.x, p.y, p.z, b.x, b.y, b.z];
         let q = Vec3::from_fn(|a, _| formulas[a].value(&variables));
@@ -352,7 +359,8 @@ fn series_pose(recipe: &Recipe, template: &str, frame: i32) -> Pose {
     }
 }
 
-/// The pose at rest; nothing if it is that of the run.
+/// The pose at rest, to which `rest` attributes refer; `None` if it is that of the run. It is that
+/// of `rest_frame`, of the undisplaced file, or of the first frame of a series.
 fn rest_pose(recipe: &Recipe, section: &ScaffoldSection) -> Result<Option<Pose>, RunError> {
     let requested = section.motion.as_ref().and_then(|m| m.rest_frame);
     let now = recipe.clock().frame;

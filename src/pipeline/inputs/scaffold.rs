@@ -123,6 +123,7 @@ pub(crate) fn load(
         },
     )?;
     let own = (&*checked.scaffold, &checked.node_numbers[..]);
+    // The velocity needs the scaffold at other frames, read and divided in the same way.
     let motion = node_motion(files, section, own, |files, pose| {
         let other = divided_scaffold(files, section, pose)?;
         Ok((other.scaffold, other.node_numbers))
@@ -157,11 +158,13 @@ fn divided_scaffold(
     let mut source = source_scaffold(files, section, pose)?;
     let path = source.path.clone();
     let fail = |e: ScaffoldError| failed(path.as_deref(), &e);
+    // Files are deformed where they are read; here generated shapes are.
     if source.path.is_none() && section.motion.is_some() {
         let nodes = source.scaffold.nodes().to_vec();
         let nodes = deformed(files.recipe, section, pose, nodes)?;
         source.scaffold = with_nodes(&source.scaffold, nodes).map_err(fail)?;
     }
+    // Inverted elements go first, because division would multiply them.
     if section.skip_inverted {
         source = without_inverted(files, source)?;
     }
@@ -385,7 +388,8 @@ fn warn_thin_walls(files: &mut InputFiles, surface: &Surface) -> Result<(), RunE
     )
 }
 
-/// The shell of a crystal's faces. Face groups become element groups.
+/// The shell of a crystal's faces, of a thickness in recipe units. Face groups become element
+/// groups, because each face becomes one element.
 fn crystal_shell(
     files: &mut InputFiles,
     frame: &CrystalFrame,
@@ -432,6 +436,7 @@ fn without_inverted(
         return Ok(source);
     }
     inverted.sort_unstable();
+    // The first five show where to search in the file.
     let numbers: Vec<String> = inverted
         .iter()
         .take(5)
@@ -452,6 +457,7 @@ fn without_inverted(
     for &e in &kept {
         elements.push(whole.connectivity().kind(e), whole.connectivity().nodes(e));
     }
+    // The elements that stay keep their numbers of the file.
     let numbers = kept.iter().map(|&e| whole.number(e)).collect();
     let scaffold = Scaffold::new(whole.nodes().to_vec(), elements)
         .map_err(|e| failed(source.path.as_deref(), &e))?
@@ -467,6 +473,7 @@ fn validate(
     path: Option<&Path>,
 ) -> Result<ScaffoldReport, RunError> {
     let found = scaffold.validate().map_err(|e| {
+        // Of two that overlap the second is named as the wrong one.
         let (element, message) = match &e {
             InvalidScaffold::Folded(inverted, _) | InvalidScaffold::Degenerate(inverted, _) => (
                 inverted.number,

@@ -142,6 +142,7 @@ impl SourceReader<'_> {
         };
         let mut file: Option<(&'static str, PathBuf)> = None;
         let mut crystal = None;
+        // Exactly one key is present, as the recipe's check requires; the first that is found decides.
         let mut open = |key: &'static str, f: &FileFrame| {
             let path = self.resolve(&f.path);
             file = Some((key, path.clone()));
@@ -159,6 +160,7 @@ impl SourceReader<'_> {
             let map = frame_map(f, None, LengthUnit::default());
             let origin = map(Vec3::zeros());
             let points = read.points.into_iter().map(&map).collect();
+            // Normals are turned, but not translated.
             let normals: Vec<Vec3> = read.normals.into_iter().map(|n| map(n) - origin).collect();
             let cloud = CloudSolid::new(points, &normals)
                 .map_err(|e| ReadError::data(&path, Place::File, e.to_string(), "a solid"))?;
@@ -183,6 +185,7 @@ impl SourceReader<'_> {
                 Source::voxels(element, &voxels, &place)?
             }
         } else if let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) {
+            // A graph is a file, or a name of the library.
             let path = has_extension(&f.path, &GRAPH_FILES).then(|| open("graph", f));
             let (skeleton, notes) = struts_and_plates(section, f, element, path.as_deref())?;
             record.warn(Warning::MESH, &notes);
@@ -194,6 +197,7 @@ impl SourceReader<'_> {
             Source::mesh(element, &mesh, &place, caps)?
         } else {
             let text = section.formula.as_deref().unwrap_or_default();
+            // Formulas may depend on the frame and the time of a sequence.
             let clock = self.recipe.map(|r| r.clock().constants());
             let constants = clock.as_ref().map_or(&[][..], |c| c);
             let formula = Formula::with_constants(text, &["x", "y", "z"], constants)
@@ -404,9 +408,11 @@ fn placement(place: &CellPlace) -> Placement {
 pub fn set_source(input: &Path, section: &mut CellSection) -> Result<(), ReadError> {
     let text = input.to_str().unwrap_or("");
     let file = || Some(Brief(FileFrame::short(input.to_owned())));
+    // Without an element, names of all elements are accepted; the element is then chosen by the caller.
     let elements = section
         .own_element()
         .map_or(Element::SCAFFOLD_ELEMENTS.to_vec(), |e| vec![e]);
+    // Names before files: a file of such a name is reached as `./name`.
     let name = text.strip_suffix("_struts").unwrap_or(text);
     let is_offered = |names: fn(Element) -> &'static [&'static str]| {
         elements.iter().any(|e| names(*e).contains(&name))

@@ -172,7 +172,8 @@ fn has_voxels(solid: &LevelSet, recipe: &Recipe) -> bool {
     (solid.voxel_size() - h).abs() <= 1e-9 * h && (solid.half_width() - width).abs() <= 1e-4
 }
 
-/// W111: other voxels than the recipe's are resampled; an error if the operation requires equal ones.
+/// W111: warns that a grid with other voxels than the recipe's is resampled, unless the recipe
+/// requests it. `factor` converts the grid's lengths to the recipe's unit.
 fn compare_voxels(
     files: &mut InputFiles,
     grid: &Grid,
@@ -196,6 +197,7 @@ fn compare_voxels(
     }
     let bounds = solid.bounds().map_err(RunError::level_set(stage))?;
     let size = bounds.size().max() * factor;
+    // A wrong unit shows in a part that is smaller than one voxel.
     let note = if size < scale.voxel_size {
         format!(
             "; all of it spans {} {unit}, less than a voxel: is its unit right?",

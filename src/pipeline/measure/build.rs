@@ -61,6 +61,7 @@ impl BuildReport {
         let height = |number: i64| base + number as f64 * request.layer_height;
         let layers = &found.layers[..];
         let count = layers.len();
+        // The greatest value of all layers and its height; the first of equal ones.
         let greatest = |value: &dyn Fn(usize) -> f64| {
             let all = (0..layers.len()).map(|n| [value(n), height(layers[n].number)]);
             all.fold([0.0, 0.0], |a, b| if b[0] > a[0] { b } else { a })
@@ -79,6 +80,7 @@ impl BuildReport {
                 })
                 .collect()
         };
+        // Neighbouring layers share one step of the profile where there are too many.
         let per_step = count.div_ceil(MAX_PROFILE).max(1);
         let profile = layers.chunks(per_step).map(|chunk| ProfileStep {
             height: height(chunk[0].number),
@@ -158,6 +160,7 @@ impl BuildReport {
             number(self.overhang),
             number(self.overhang_area)
         );
+        // The first five places; the report holds more.
         for (word, count, list) in [
             ("islands", self.islands, &self.island_list),
             ("cups", self.cups, &self.cup_list),

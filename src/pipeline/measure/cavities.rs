@@ -93,6 +93,7 @@ impl CavitiesReport {
                 number(c.radius)
             );
         }
+        // Those with the narrowest ways out come first in the list.
         let more = self.count as usize - self.list.len();
         if more > 0 {
             let _ = writeln!(text, "  and {more} more with greater escape radii");

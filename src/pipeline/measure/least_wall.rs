@@ -200,7 +200,8 @@ impl TouchingBall {
     }
 }
 
-/// The ball that touches at a point. The search starts with balls up to `first` and ends with those up to `max_radius`.
+/// The ball inside that touches the surface at a point and again opposite to it. The search starts
+/// with balls of radius up to `first` and ends with those up to `max_radius`, world units.
 pub(crate) fn ball_at(
     SurfacePoint {
         position: p,
@@ -209,9 +210,12 @@ pub(crate) fn ball_at(
     bins: &Bins<Vec3>,
     [first, max_radius]: [f64; 2],
 ) -> TouchingBall {
+    // A vertex without a normal has no inside.
     if inward == Vec3::zeros() {
         return TouchingBall::Pierced;
     }
+    // Contacts are opposite if their direction from p is near enough to the normal, and their normal
+    // turns back. This excludes neighbours of p on the same wall.
     let is_opposite = |q: &Site<Vec3>| {
         let d = q.position - p;
         let along = d.dot(&inward);
@@ -219,6 +223,8 @@ pub(crate) fn ball_at(
             && q.value.dot(&inward) <= MAX_NORMAL_COSINE
     };
     let touching = (p, inward);
+    // A contact on the ray along the normal bounds the search. Where there is none, the radius doubles
+    // until a contact is found.
     let radius = if let Some(bound) = bins.ball_along(touching, max_radius, is_opposite) {
         let smallest = bins.smallest_ball(touching, bound, is_opposite);
         smallest.unwrap_or(bound)
@@ -233,6 +239,8 @@ pub(crate) fn ball_at(
         }
     };
     let centre = p + inward * radius;
+    // Points deep inside the ball belong to a surface whose contacts are not opposite: the ball crosses
+    // it.
     if bins.any_within(centre, radius * (1.0 - MAX_PENETRATION)) {
         return TouchingBall::Pierced;
     }

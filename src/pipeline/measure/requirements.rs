@@ -56,6 +56,8 @@ pub(crate) fn mass(r: &RequireSection, solid: &SolidReport, unit: LengthUnit) ->
 pub(crate) fn judge(require: &RequireSection, report: &Report, scale: Scale) -> Vec<Requirement> {
     let mut judge = Judge {
         scale,
+        // A run in bricks measures walls up to this thickness only. Thicker ones satisfy any limit below
+        // it.
         wall_limit: report
             .bricks
             .map(|_| f64::from(MAX_BRICK_WALL) * scale.voxel_size),
@@ -65,6 +67,7 @@ pub(crate) fn judge(require: &RequireSection, report: &Report, scale: Scale) -> 
     if let Some(most) = require.value_jump_max {
         let jump = report.continuity.as_ref();
         let value = jump.map(|c| c.value_jump_max);
+        // Without shared faces there is no jump.
         let met = value.is_none_or(|v| v <= most.0);
         judge.list.push(Requirement {
             name: "value_jump_max",
@@ -111,6 +114,7 @@ pub fn judge_level_set(
         components: solid.components(session).map_err(&failed)?.len() as u64,
         ..SolidReport::default()
     };
+    // The sampling of walls follows the voxels of the file.
     let geometry = SolidGeometry {
         lattice: VoxelLattice {
             origin: solid.origin(),
@@ -130,6 +134,7 @@ pub fn judge_level_set(
         (solid, &mesh, geometry),
         &mut report,
     )?;
+    // Layers take a second pass over the voxels, so only requirements on the build lead to it.
     if let Some(section) = file
         .build
         .as_ref()
@@ -171,6 +176,7 @@ fn judge_file(
     voxel_size: f64,
 ) -> Vec<Requirement> {
     report.mass = mass(&file.section, &report, unit);
+    // Limits are in the unit of the requirements, so the measures are converted to it.
     let factor = unit.to(file.unit);
     let scaled = |v: Option<f64>| v.map(|v| v * factor);
     let moved = |p: Option<[f64; 3]>| p.map(|p| p.map(|c| c * factor));
@@ -208,12 +214,14 @@ impl Judge {
     /// Judges the measures of the solid.
     fn solid(&mut self, r: &RequireSection, solid: &SolidReport) {
         if let Some(least) = r.least_wall {
+            // No wall up to the limit in bricks: it is thicker than that.
             let found = solid.least_wall.or(self.wall_limit);
             self.at_least("least_wall", least, (found, solid.least_wall_place));
             self.advise("make walls thicker there: thickness, or dilate");
         }
         if let Some(least) = r.least_gap {
             let found = solid.least_gap;
+            // No two surfaces face each other across the void.
             if found.is_none() {
                 self.no_gap(least);
             } else {
@@ -259,6 +267,8 @@ impl Judge {
         format!("{} {}", short_number(v), self.scale.unit)
     }
 
+    /// Enters the requirement that a length is at least `least`. A value without a place is a bound:
+    /// it is greater than all lengths that are measured.
     fn at_least(
         &mut self,
         name: &'static str,
@@ -266,6 +276,7 @@ impl Judge {
         (value, place): (Option<f64>, Option<[f64; 3]>),
     ) {
         let limit = least.resolve(self.scale);
+        // A missing value does not meet it: there is nothing to judge.
         let met = value.is_some_and(|v| v >= limit);
         self.list.push(Requirement {
             name,
@@ -341,6 +352,7 @@ impl Judge {
         ] {
             let Some(most) = most else { continue };
             self.count(name, ("at most", most), Some(found));
+            // The lowest of them is named.
             if let Some(last) = self.list.last_mut().filter(|r| !r.met) {
                 last.place = list.first().map(|s| s.place);
             }

@@ -30,8 +30,10 @@ pub(crate) fn refuse_torn(
     };
     let unit = context.scale.unit.symbol();
     let h = context.scale.voxel_size;
+    // The voxel's position as a level set file holds it, without a negative zero.
     let [x, y, z] = [first.x, first.y, first.z].map(|c| ((c / h).round() * h) as f32 + 0.0);
     let ops = &inputs.recipe.sections().op;
+    // The last operation made the solid, or the sampling where there is none.
     let stage = match ops.split_last() {
         Some((last, before)) => format!("op.{}.{}", before.len(), last.name()),
         None => "band".into(),
@@ -101,7 +103,8 @@ pub(crate) fn measure(
 }
 
 impl SolidReport {
-    /// Enters the samples of its walls.
+    /// Enters the samples of the walls. `requested` are the least and greatest thickness of the
+    /// recipe, world units; samples at faces of `cut` do not count in the percentiles.
     pub(crate) fn add_walls(
         &mut self,
         walls: WallSamples,
@@ -113,6 +116,7 @@ impl SolidReport {
         let percentiles = threads.install(|| cut.percentiles(all, thicker));
         self.thickness = percentiles.map(|[p5, p50, p95]| ThicknessReport {
             requested: requested.map(|[least, greatest]| {
+                // One thickness up to rounding is reported as a number, not as a range.
                 if greatest - least <= 1e-9 * greatest {
                     RequestedThickness::Uniform(greatest)
                 } else {

@@ -31,6 +31,7 @@ impl Inputs<'_> {
             );
             self.warn(Warning::COMPONENTS, message)?;
         }
+        // A large removed share points at a defect of the solid, not at dust.
         let removed_share = solid.dropped_volume / (solid.dropped_volume + solid.volume);
         if removed_share > 0.01 {
             let message = format!(

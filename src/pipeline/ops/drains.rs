@@ -74,8 +74,8 @@ pub(crate) fn check_open(
     })
 }
 
-/// The channels as one solid in the frame of voxel (0, 0, 0), and its reports; `origin` is the world position of
-/// that voxel.
+/// The channels as one solid in the frame of voxel (0, 0, 0), and their reports. Channels and
+/// `radius` are in voxels; `origin` is the world position of voxel (0, 0, 0).
 pub(crate) fn drilled<'a>(
     channels: &[Channel],
     radius: f64,
@@ -88,6 +88,7 @@ pub(crate) fn drilled<'a>(
         let ends = channel.map(|p| p * voxel_size);
         extent = extent.union(Aabb::of(ends).dilated(radius));
         fields.push(Box::new(Capsule { ends, radius }));
+        // Reports are in world units.
         let [from, to] = ends.map(|p| (p + origin).into());
         reports.push(DrainReport {
             from,

@@ -71,10 +71,12 @@ impl<'a> Attributes<'a> {
         self.words.iter().map(GridWord::components).sum()
     }
 
-    /// The values at points, point by point in one list.
+    /// The values of all words at points, point by point in one list; words with several components
+    /// take as many places.
     pub fn values(&self, points: impl Iterator<Item = Vec3>) -> Vec<f32> {
         let mut out = Vec::new();
         for p in points {
+            // The element and the reference coordinates of the point; all words share this search.
             let located = self.tiling.as_ref().and_then(|f| Some((f, f.locate(p)?)));
             let weights = located.as_ref().map(|(f, (e, xi))| f.weights.list(*e, *xi));
             for word in &self.words {
@@ -111,6 +113,7 @@ impl<'a> Attributes<'a> {
                         let shape = f.tiling.loaded.scaffold.element(*e).shape();
                         out.extend(folded(shape, *xi).map(|c| c as f32));
                     }
+                    // Outside the scaffold: -1 for numbers, 0 for all other words.
                     (GridWord::CellId | GridWord::ElementId, None) => out.push(-1.0),
                     (word, None) => out.extend(std::iter::repeat_n(0.0, word.components())),
                     (GridWord::Surface | GridWord::Density, _) => {}

@@ -46,7 +46,8 @@ pub(crate) fn write(
     write_cubes(context, (inputs.recipe, solid.origin()), &all, output, path)
 }
 
-/// Writes the deck of cubes; `origin` is the position of voxel (0, 0, 0) in the recipe's unit.
+/// Writes the deck of cubes. `recipe` names the part, `origin` is the position of voxel (0, 0, 0) in
+/// the recipe's unit. Only the largest set of cubes that are joined by faces is written.
 pub(crate) fn write_cubes(
     context: StageContext,
     (recipe, origin): (&Recipe, Vec3),
@@ -58,6 +59,7 @@ pub(crate) fn write_cubes(
     let factor = recipe.unit().to(unit);
     let share = output.solid_share.map_or(SOLID_SHARE, |s| s.0);
     let solid = cubes.at_least(share);
+    // Loose cubes would make the stiffness matrix singular.
     let (kept, components) = largest_face_component(&solid);
     if kept.is_empty() {
         let message =

@@ -101,6 +101,7 @@ fn make(
     let mut classes = Vec::new();
     let mut class_of = vec![0u32; elements.cell_of.len()];
     let mut facts = MacroDeckFacts::default();
+    // Elements of one cell with similar parameters share a material class.
     for (c, law) in laws.iter().enumerate() {
         let own = material_classes(&elements, c);
         for (n, (parameter, members)) in own.iter().enumerate() {
@@ -117,6 +118,7 @@ fn make(
         }
         facts.laws.push(law_facts(&elements, law, (c, own.len())));
     }
+    // The volume of solid follows from the parameter of each element, not from that of its class.
     for (e, volume) in elements.volumes.iter().enumerate() {
         let fraction = laws[elements.cell_of[e]].fraction(elements.parameters[e]);
         facts.volume += volume * factor.powi(3);
@@ -219,7 +221,8 @@ fn law_facts(
     }
 }
 
-/// What a deck does not represent.
+/// Sentences on what a deck does not represent. `stretch` is the greatest stretch of an element and
+/// `stretched` the number of elements above 1.25.
 fn notes(
     inputs: &Inputs,
     elements: &EffectiveElements,

@@ -56,6 +56,8 @@ pub(crate) fn write(
         .then(|| shape(done.inputs, context.scale))
         .transpose()?;
     let failed = RunError::level_set("mesh");
+    // Three sources of faces: OpenVDB's mesher, the zeros of the exact field along edges of voxels, and
+    // the mesh of the level set that is there already.
     let mut surface = if by_openvdb {
         let mut mesh = done
             .solid
@@ -94,6 +96,7 @@ pub(crate) fn write(
     } else {
         Surface::Triangles(Cow::Borrowed(base_mesh))
     };
+    // Decimation comes after the projection, so that it removes what the surface does not need.
     if let (Some(section), Surface::Triangles(mesh)) = (&output.decimate, &surface) {
         context.progress.stage("decimate", None);
         let decimation = Decimation::new(section, context.scale);
@@ -104,6 +107,7 @@ pub(crate) fn write(
     let words = output.grids.as_deref().unwrap_or_default();
     let attributes = Attributes::new(context, done.inputs, words, done.thickness, factor)?;
     let values = attributes.at_vertices(context, surface.view().vertices);
+    // Far from the origin, single precision cannot hold the vertices apart.
     let far = done
         .solid
         .max_coordinate()
@@ -116,6 +120,7 @@ pub(crate) fn write(
         && !is_double
         && !is_obj(path)
     {
+        // Only vertices that still lie on edges of voxels can be moved along them.
         let (mut vertices, faces) = (mesh.vertices().to_vec(), mesh.triangles());
         let (h, origin) = (context.scale.voxel_size, done.solid.origin());
         let clear = || move_off_voxels(&mut vertices, h, origin, far);

@@ -43,6 +43,7 @@ pub(crate) fn write(
 ) -> Result<Vec<OutputFile>, RunError> {
     let recipe = done.inputs.recipe;
     let unit = output.unit_or_default(recipe.unit());
+    // An output names one file; that decides its kind.
     let Some((kind, _)) = output.named().first().copied() else {
         return Ok(Vec::new());
     };
@@ -137,6 +138,7 @@ pub(crate) fn vdb_file<'a>(
             Some(RecipeCompression::Zip) => Compression::Zip,
             Some(RecipeCompression::Blosc) | None => Compression::Blosc,
         });
+    // The tags make a file reproducible: recipe, hashes of its inputs, unit and voxels.
     let text = recipe.source().text();
     file.tag("druse.recipe", &text)?;
     file.tag(
@@ -204,10 +206,12 @@ fn volumes(
     } else {
         files.push((path.to_owned(), coarser(context, done, output)?));
     }
+    // A file of components holds no grids of the whole solid.
     let is_divided = output.segments.is_some();
     let mut written = Vec::new();
     for (path, grids) in files {
         let hash = volume(context, done, output, (&path, unit), &grids, is_divided)?;
+        // A scene names all grids of its file.
         let names = grids.iter().map(|(name, _)| name.clone());
         let words = words(done.inputs.recipe, output);
         let words = words
@@ -312,6 +316,7 @@ fn volume(
     let fog_grid = fog_grid.transpose().map_err(RunError::level_set("fog"))?;
     let attributes = Attributes::new(context, done.inputs, &words, done.thickness, factor)?;
     let numbers = attributes.grids(context, done.solid)?;
+    // The file appears under its name when it is complete.
     let staged = StagedPath::create(path)?;
     let mut file = vdb_file(context, done.inputs, output, path)?;
     if words.contains(&GridWord::Surface) {

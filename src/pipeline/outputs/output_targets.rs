@@ -107,8 +107,8 @@ pub(crate) fn check_confined(recipe: &Recipe, folder: &Path) -> Result<(), RunEr
     Ok(())
 }
 
-/// What is there already under the names that a run gives to files beside that of an output: scenes, components,
-/// bricks.
+/// The paths that exist already under the names that a run gives to files beside that of an output:
+/// scenes, components, bricks.
 fn companions(output: &Output, path: &Path) -> impl Iterator<Item = PathBuf> {
     let file = path.file_name().unwrap_or_default().to_string_lossy();
     let bricks = format!(".{file}.bricks");
@@ -121,6 +121,7 @@ fn companions(output: &Output, path: &Path) -> impl Iterator<Item = PathBuf> {
     let is_companion = move |other: &Path| {
         let is_scene = has_scene && other.extension().is_some_and(|e| e == "usda");
         let other_stem = other.file_stem().unwrap_or_default();
+        // Components are named as the file, with an underscore and a number.
         let number = other_stem
             .to_str()
             .zip(stem.to_str())

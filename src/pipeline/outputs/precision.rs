@@ -10,7 +10,7 @@ use std::path::Path;
 const MAX_SPACING: f64 = 0.1;
 
 /// Whether a mesh file needs double precision. `far` is the greatest magnitude of its coordinates in
-/// recipe units; `factor` converts to the file's unit.
+/// recipe units and `centre` the centre of the part; `factor` converts to the file's unit.
 ///
 /// # Errors
 /// [`WriteError::Format`] for formats without double precision, with the operation that moves
@@ -21,6 +21,7 @@ pub(crate) fn needs_double(
     (scale, factor): (Scale, f64),
 ) -> Result<bool, RunError> {
     let reach = (far * factor) as f32;
+    // Neighbouring numbers of single precision are this far apart at the greatest coordinate.
     let spacing = f64::from(reach.next_up() - reach) / factor;
     if spacing <= MAX_SPACING * scale.voxel_size {
         return Ok(false);
@@ -31,6 +32,7 @@ pub(crate) fn needs_double(
     if !is_stl {
         return Ok(true);
     }
+    // Whole numbers are enough to bring the part near the origin.
     let [x, y, z] = centre.map(|c| -c.round());
     let (unit, voxel) = (scale.unit, scale.voxel_size);
     Err(WriteError::Format {

@@ -12,7 +12,8 @@ use crate::pipeline::measure::requirements;
 use crate::progress::Threads;
 use crate::recipe::Recipe;
 
-/// Checks the finished solid, judges the requirements and writes the report.
+/// Checks the finished solid, judges the requirements and writes the report. A brief run judges no
+/// requirements.
 pub(crate) fn finish_report(
     mut inputs: Inputs,
     results: StageResults,
@@ -20,6 +21,7 @@ pub(crate) fn finish_report(
     outputs: &Targets,
     mut timer: StageTimer,
 ) -> Result<Report, RunError> {
+    // Resampling may have changed the voxels: those of the results count.
     let scale = crate::recipe::Scale {
         voxel_size: results.band.voxel_size,
         ..inputs.recipe.scale()
@@ -61,6 +63,7 @@ pub(crate) fn finish_report(
         report.solid.mass = requirements::mass(require, &report.solid, scale.unit);
         report.requirements = requirements::judge(require, &report, scale);
     }
+    // Times and memory come last, so that they include the verdicts.
     report.stages = timer.stages;
     report.peak_memory_bytes = memory::peak();
     for path in &outputs.reports {

@@ -26,7 +26,8 @@ pub(crate) struct SceneFrame {
     pub bounds: Aabb,
 }
 
-/// The text of the scene of a sequence: a time sample per frame of the files and of the box.
+/// The text of the scene of a sequence: a time sample per frame of the files and of the box. `unit`
+/// is that of the lengths, `fps` the frames per second, and `grids` are the names of the grids.
 pub(crate) fn sequence_scene(
     scene: &Path,
     (unit, fps): (LengthUnit, f64),
@@ -44,6 +45,7 @@ pub(crate) fn sequence_scene(
     }
     let mut text = head(&prim, unit, &times);
     text.push_str("    float3[] extent.timeSamples = {\n");
+    // Frames without a solid have no box.
     for f in frames.iter().filter(|f| !f.bounds.is_empty()) {
         let _ = writeln!(text, "        {}: {},", f.frame, extent(f.bounds));
     }
@@ -80,6 +82,7 @@ fn fields(text: &mut String, prim: &str, file: &str, grids: &[String]) {
     for grid in grids {
         let name = identifier(grid);
         let word: Option<GridWord> = grid.parse().ok();
+        // Viewers choose the shading by this class.
         let class = match &word {
             Some(GridWord::Density) => "fogVolume",
             Some(w) if w.is_attribute() => "unknown",

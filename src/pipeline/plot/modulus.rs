@@ -110,12 +110,15 @@ fn on_square(p: Vec3, size: usize) -> [f64; 2] {
     [half + p.x * scale, half - p.y * scale]
 }
 
-/// Draws a triangle of points with positions on the colour map.
+/// Draws a triangle into the samples of a square picture of `size` samples along each side. Each
+/// corner has its position in view coordinates, z towards the viewer, and its place on the colour
+/// map from 0 to 1.
 fn triangle(samples: &mut [Sample], size: usize, corners: [(Vec3, f32); 3]) {
     let p = corners.map(|c| on_square(c.0, size));
     let cross = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
         (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     };
+    // Twice the signed area; a triangle seen from its edge covers nothing.
     let area = cross(p[0], p[1], p[2]);
     if area == 0.0 {
         return;
@@ -124,6 +127,7 @@ fn triangle(samples: &mut [Sample], size: usize, corners: [(Vec3, f32); 3]) {
     let Some(normal) = normal.try_normalize(0.0) else {
         return;
     };
+    // Both sides of a triangle are lit as the one towards the viewer.
     let normal = if normal.z < 0.0 { -normal } else { normal };
     let light = Vec3::new(-0.5, 0.65, 0.6).normalize();
     let brightness = (0.42 + 0.58 * normal.dot(&light).max(0.0)) as f32;
@@ -136,9 +140,11 @@ fn triangle(samples: &mut [Sample], size: usize, corners: [(Vec3, f32); 3]) {
         let high = p.iter().fold(0.0, |m: f64, q| m.max(q[axis])).ceil();
         low as usize..(high as usize + 1).min(size)
     };
+    // All samples in the box of the triangle.
     for y in range(1) {
         for x in range(0) {
             let q = [x as f64 + 0.5, y as f64 + 0.5];
+            // Barycentric coordinates; one below 0 lies outside.
             let w = [
                 cross(q, p[1], p[2]) / area,
                 cross(p[0], q, p[2]) / area,
@@ -149,6 +155,7 @@ fn triangle(samples: &mut [Sample], size: usize, corners: [(Vec3, f32); 3]) {
             }
             let depth: f64 = (0..3).map(|i| w[i] * corners[i].0.z).sum();
             let sample = &mut samples[y * size + x];
+            // The triangle nearest to the viewer wins.
             if depth > sample.depth {
                 let share: f32 = (0..3).map(|i| w[i] as f32 * corners[i].1).sum();
                 *sample = Sample {
@@ -181,7 +188,7 @@ fn axes(canvas: &mut Canvas, [left, top]: [usize; 2], view: &Mat3, reach: impl F
     }
 }
 
-/// Draws the colour bar with its range, and lines of text.
+/// Draws the colour bar from the least to the greatest modulus, and lines of text below it.
 fn legend(canvas: &mut Canvas, [min_modulus, max_modulus]: [f64; 2], lines: &[String]) {
     let (left, top, height) = (MARGIN + SQUARE + 16, HEIGHT - SQUARE - MARGIN + 16, 220);
     canvas.text(left, top - 18, "Young's modulus", TEXT_COLOUR);

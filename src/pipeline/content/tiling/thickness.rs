@@ -49,6 +49,8 @@ impl CellTiling {
             self.values(files, &spatial("tiling.thickness"), varying)?
         } else {
             let shape = self.palette[0].cells[0].element();
+            // Without a thickness of the tiling each place has the mean of its cells' own, t = sum w_c
+            // t_c / sum w_c. A bare t_c is in multiples of the local edge.
             let mut values = self.at_points(node_scales(&self.loaded.scaffold, shape));
             let count = self.palette.len();
             for (at, value) in values.iter_mut().enumerate() {
@@ -66,6 +68,7 @@ impl CellTiling {
             }
             values
         };
+        // Points that no cell of the tiling uses may have any value.
         let not_positive = (0..values.len()).find(|&n| self.counts[n] && values[n] <= 0.0);
         if let Some(n) = not_positive {
             let p = self.points[n];

@@ -52,13 +52,15 @@ fn component_count(solid: &MeshSolid) -> usize {
     mesh_components(&solid.mesh().merged()).0.len().max(1)
 }
 
-/// The error on tets that fall apart: it names a cell size with which they do not, if one of a few helps.
+/// The error on tets that fall apart into `found` components where the mesh has `expected`. It names
+/// a cell size with which they do not, if one of a few helps. `tets` is the number of tets so far.
 fn torn(
     solid: &MeshSolid,
     options: FillOptions,
     tets: usize,
     [found, expected]: [usize; 2],
 ) -> String {
+    // The number of tets grows with the cube of the refinement.
     let mut tried = SMALLER
         .into_iter()
         .take_while(|s| tets as f64 / s.powi(3) < MAX_TRIED_TETS);
