@@ -191,6 +191,7 @@ fn probe_beams(
         let Some((e, xi)) = scaffold.locate(p) else {
             return FieldSample::outside(distance, count);
         };
+        // Beams have no field of a cell; their own distance takes its place.
         let (phi, gradient) = round.beams().value_and_gradient(p);
         FieldSample {
             phi,

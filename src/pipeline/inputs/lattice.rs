@@ -202,6 +202,7 @@ pub fn solid_picture(
         unit: LengthUnit::default(),
         voxel_size,
     };
+    // A picture has no recipe: unit and voxels are those of the file.
     let context = StageContext::of_solid(session, scale, half_width);
     let reach = half_width * voxel_size;
     let shape = Shape {

@@ -368,6 +368,7 @@ fn rest_pose(recipe: &Recipe, section: &ScaffoldSection) -> Result<Option<Pose>,
         .motion
         .as_ref()
         .is_some_and(|m| m.displacement.is_some());
+    // A displaced file is at rest as it is stored.
     if is_displaced && requested.is_none() {
         return Ok(Some(Pose::default()));
     }
@@ -378,6 +379,7 @@ fn rest_pose(recipe: &Recipe, section: &ScaffoldSection) -> Result<Option<Pose>,
         }));
     };
     let rest = requested.or(frames.first().copied()).unwrap_or(now);
+    // Nothing else to read.
     if rest == now {
         return Ok(None);
     }

@@ -406,6 +406,7 @@ fn crystal_shell(
     let scaffold = surface
         .shell(thickness)
         .map_err(|e| invalid(e.to_string()))?;
+    // Face n of the mesh is element n of the shell.
     let groups = mesh.group_counts().into_keys().map(|group| {
         let elements =
             (0..mesh.face_count() as u32).filter(|&f| mesh.groups()[f as usize] == group);

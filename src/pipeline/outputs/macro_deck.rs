@@ -239,6 +239,7 @@ fn notes(
         ));
     }
     if stretched > 0 {
+        // Tets are compared with those of the packing, which are not regular themselves.
         let tets = elements.cells.iter().find(|c| c.shape == Element::Tet);
         let beside = tets.map_or_else(
             || "the mean element".to_owned(),

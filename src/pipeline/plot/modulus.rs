@@ -200,6 +200,7 @@ fn legend(canvas: &mut Canvas, [min_modulus, max_modulus]: [f64; 2], lines: &[St
         }
     }
     canvas.frame([left, top], [left + 22, top + height], GRID_COLOUR);
+    // Five labels in equal steps from the least modulus to the greatest.
     for n in 0..=4 {
         let share = f64::from(n) / 4.0;
         let value = min_modulus + (max_modulus - min_modulus) * share;
