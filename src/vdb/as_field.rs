@@ -292,6 +292,7 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let builder = LevelSetBuilder::new(transform, half_width)?;
+        // Voxels of twice the edge need no interpolation: every second voxel is a new one.
         if self.is_doubling(transform, placement, session) {
             for batch in self.coarser_leaves(half_width, session)? {
                 let block = batch.origins[0].aligned(BLOCK);

@@ -31,6 +31,7 @@ impl LevelSet {
         let order: Vec<usize> = (0..leaves.len()).collect();
         let progress = session.progress;
         let groups: Vec<Vec<f32>> = session.threads.install(|| {
+            // Groups of leaves amortise a call of `function`; their order fixes that of the values.
             let groups = order.par_chunks(GROUP_LEAVES).map(|group| {
                 if progress.cancelled() {
                     return Err(Cancelled);
@@ -50,6 +51,7 @@ impl LevelSet {
         })?;
         drop(leaves);
         let values_per_voxel: usize = components.iter().sum();
+        // The values of a voxel lie side by side; each attribute takes its columns.
         let mut start = 0;
         let mut attributes = Vec::with_capacity(components.len());
         for &count in components {

@@ -159,12 +159,14 @@ impl Ranking {
         }
         let unbounded_root = unbounded.map(|n| sets.find(n));
         if let Some(root) = unbounded_root {
+            // The unbounded outside is never rounding.
             whole[root].depth = f32::INFINITY;
         }
         let is_deep = |root: usize| f64::from(whole[root].depth) >= MIN_DEPTH * voxel_size;
         let mut order: Vec<(Coord, usize)> = (0..whole.len())
             .filter_map(|root| Some((whole[root].place?, root)))
             .collect();
+        // Largest first; equal ones by place, so that the numbers do not depend on the order of uniting.
         order.sort_by_key(|&(place, root)| (!is_deep(root), Reverse(whole[root].voxels), place));
         let mut number = vec![usize::MAX; whole.len()];
         for (component, &(_, root)) in order.iter().enumerate() {
@@ -227,6 +229,9 @@ impl Components {
         Self::below(index, Side::Solid, scale, session)
     }
 
+    /// The components of one side. Inside are values below `threshold`; both it and `voxel_size` are
+    /// in world units. Members of the sets are the parts of all leaves, then the tiles, then the
+    /// unbounded outside.
     fn below(
         index: &LeafIndex<'_>,
         side: Side,
@@ -245,6 +250,7 @@ impl Components {
                 })
                 .collect::<Result<_, _>>()
         })?;
+        // Each list with the number of its first part among all parts.
         let mut parts = Vec::with_capacity(lists.len());
         let mut first_tile = 0;
         for list in lists {
@@ -252,6 +258,7 @@ impl Components {
             first_tile += list.len();
             parts.push((first, list));
         }
+        // The last member stands for all space beyond leaves and tiles.
         let outside = first_tile + index.tiles.len();
         let mut sets = UnionFind::new(outside + 1);
         join_leaves(index, &parts, side, first_tile, &mut sets);
@@ -260,6 +267,7 @@ impl Components {
         for (leaf, (_, list)) in index.leaves.iter().zip(&parts) {
             stats.extend(list.iter().map(|part| ComponentStats::of_part(part, leaf)));
         }
+        // Tiles on the other side keep empty statistics, and so have no rank.
         stats.extend(index.tiles.iter().map(|tile| {
             let stats = is_on_side(tile.value, side)
                 .then(|| ComponentStats::of_cube(tile.origin, tile.edge, tile.value));

@@ -71,6 +71,7 @@ impl GridInfo {
             .into_iter()
             .map(|m| (m.key, m.value))
             .collect();
+        // Axis-aligned cubes are described by edge and origin alone.
         let map = (!facts.plain_transform).then(|| IndexMap::from_corners(&facts.corners));
         Self {
             name: facts.name,
@@ -144,6 +145,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     let mut hash = Some(ContentHash::default());
     let mut grids = Vec::with_capacity(names.len());
     let mut order: Vec<_> = names.iter().enumerate().collect();
+    // The content hash takes the grids in order of name, as the writer does.
     order.sort_by_key(|&(_, name)| name);
     for (index, name) in order {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
@@ -153,6 +155,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
                 hash.add(name, &grid).map_err(damaged)?;
             }
         } else {
+            // A grid of another type has no content hash, and so the file has none.
             hash = None;
         }
         let mut info = GridInfo {
@@ -308,6 +311,7 @@ pub(super) fn pick_for_view(
         let name = format!("surface_lod_{level}");
         names.iter().position(|n| *n == name)
     };
+    // Without coarser copies a mean over cubes of voxels is made while the grid is read.
     if index_of(1).is_none() {
         let own_name = name.unwrap_or("surface");
         if names.iter().any(|n| n == own_name) {
@@ -327,6 +331,7 @@ pub(super) fn pick_for_view(
         }
         return own();
     }
+    // The level set itself, if it is small enough.
     if !delayed {
         let found = own()?;
         if ffi::grid_active_voxels(&found.grid).map_err(damaged)? <= reading.max_voxels {
@@ -334,6 +339,7 @@ pub(super) fn pick_for_view(
         }
     }
     let mut best = None;
+    // From the coarsest copy to finer ones, up to the first that is too large.
     for (level, index) in (1..=MAX_LOD).rev().filter_map(|l| Some((l, index_of(l)?))) {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
         let is_small = ffi::grid_active_voxels(&grid).map_err(damaged)? <= reading.max_voxels;

@@ -108,6 +108,7 @@ impl Volume {
         if !self.info.cubic && how.cubes == Cubes::Refuse {
             return Err(self.refuse_voxels(path));
         }
+        // The plan follows from class and values alone; no value is changed before the grid is accepted.
         let plan = self.plan(how).map_err(|r| located.refuse(r))?;
         let map = self.info.map;
         let cubes = how.cubes;
@@ -127,6 +128,7 @@ impl Volume {
             }
             Plan::LevelSet(repair) => {
                 self.repair(&repair, session).map_err(failed)?;
+                // Signs of inactive values are free to mend, because the band beside them fixes them.
                 let wrong = self.fill_signs(session).map_err(failed)?;
                 let mut notes = repair.notes;
                 for note in &notes {
@@ -153,6 +155,7 @@ impl Volume {
                 (solid, notes)
             }
         };
+        // So far the solid is in index space.
         if let (Some(map), Cubes::Edge(edge)) = (map, cubes) {
             let half_width = how.half_width;
             let made = on_cubes(&solid, &map, (edge, half_width), session);
@@ -175,6 +178,8 @@ impl Volume {
             "fog volume" => self.fog_plan(),
             class => {
                 let [low, high] = survey.range.unwrap_or_default();
+                // Values of both signs that change by one voxel per voxel are distances, whatever the
+                // class.
                 let is_band =
                     low < 0.0 && high > 0.0 && self.slopes().is_some_and(Slopes::is_uniform);
                 if is_band {

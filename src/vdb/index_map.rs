@@ -132,7 +132,8 @@ impl IndexMap {
         })
     }
 
-    /// Describes the voxels at a point in index space: "voxels of 0.1 x 0.1 x 0.2, turned".
+    /// Describes the voxels at a point in index space: "voxels of 0.1 x 0.1 x 0.2, turned". The
+    /// columns of the Jacobian matrix there are the edges of a voxel.
     pub fn description(&self, index: Vec3) -> String {
         let edges = self.edges(index);
         let [x, y, z] = [0, 1, 2].map(|a| edges.column(a).into_owned());
@@ -147,9 +148,11 @@ impl IndexMap {
         } else {
             format!("voxels of {a} x {b} x {c}")
         };
+        // Edges that are not at right angles.
         let is_sheared = [(x, y), (y, z), (z, x)]
             .iter()
             .any(|(u, v)| u.dot(v).abs() > RELATIVE_TOLERANCE * u.norm() * v.norm());
+        // Edges that are not along axes: turned, unless the shear explains them.
         let off_axis = (0..3)
             .any(|a| (0..3).any(|b| a != b && edges[(a, b)].abs() > RELATIVE_TOLERANCE * longest));
         let words = [

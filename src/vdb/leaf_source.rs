@@ -18,6 +18,8 @@ pub(super) struct MemorySource<'a> {
 }
 
 impl<'a> MemorySource<'a> {
+    /// Groups the active leaves and the inner tiles by blocks of 128 voxels, in which analyses read
+    /// them.
     pub fn new(index: &'a LeafIndex<'a>) -> Self {
         let mut leaves: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
         for (n, leaf) in index.leaves.iter().enumerate() {
@@ -32,6 +34,7 @@ impl<'a> MemorySource<'a> {
         let mut large_tiles = Vec::new();
         for tile in index.tiles.iter().filter(|t| t.value < 0.0) {
             let cube = (tile.origin, tile.edge);
+            // A tile larger than a block would have to be listed in many blocks.
             if tile.edge > BLOCK {
                 large_tiles.push(cube);
             } else {

@@ -44,6 +44,7 @@ impl LevelSet {
         let middle = middle(&index);
         let numbers: Vec<usize> = (0..index.leaves.len()).collect();
         let groups: Vec<[f64; 2]> = session.threads.install(|| {
+            // Sums by groups of fixed size, added in order: equal at any number of threads.
             let groups = numbers.par_chunks(GROUP_LEAVES).map(|group| {
                 if session.progress.cancelled() {
                     return Err(Cancelled);
@@ -60,6 +61,7 @@ impl LevelSet {
             .fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
         let components = Components::bodies(&index, h, session)?;
         Ok(Measures {
+            // Divergence theorem: 3 V is the integral of x . n over the surface.
             volume: volume / 3.0 * h.powi(3),
             area: area * h.powi(2),
             components: components.ranking.counted().len() as u64,
@@ -80,7 +82,8 @@ fn middle(index: &LeafIndex<'_>) -> [f64; 3] {
     [0, 1, 2].map(|a| axis(a).floor())
 }
 
-/// Sums over a leaf, voxels: delta |grad|, and delta grad . x.
+/// Sums over a leaf in voxels: delta(phi) |grad phi| for the area and delta(phi) grad phi . x for
+/// three times the volume. `middle` is the origin of x, `h` the voxel size.
 fn sums(index: &LeafIndex<'_>, leaf: usize, middle: [f64; 3], h: f32) -> [f64; 2] {
     let view = &index.leaves[leaf];
     let mut neighbours: Option<[Holder; FACES.len()]> = None;
@@ -91,6 +94,7 @@ fn sums(index: &LeafIndex<'_>, leaf: usize, middle: [f64; 3], h: f32) -> [f64; 2
         #[inline(always)]
         || {
             for (number, (&values, active)) in view.rows().enumerate() {
+                // Voxels of a row where the Dirac delta is not 0.
                 let mut near = [false; 8];
                 for z in 0..8 {
                     near[z] = active >> z & 1 == 1 && values[z].abs() <= limit;
@@ -98,6 +102,7 @@ fn sums(index: &LeafIndex<'_>, leaf: usize, middle: [f64; 3], h: f32) -> [f64; 2
                 if near == [false; 8] {
                     continue;
                 }
+                // Most leaves have such rows; the others never search their neighbours.
                 let faces = neighbours.get_or_insert_with(|| index.face_neighbours(leaf));
                 let (x, y) = (number >> 3, number & 7);
                 let row = Row {
@@ -113,7 +118,9 @@ fn sums(index: &LeafIndex<'_>, leaf: usize, middle: [f64; 3], h: f32) -> [f64; 2
     [sums.area.iter().sum(), sums.volume.iter().sum()]
 }
 
-/// The rows before and after row `number` of a leaf along x, y and z.
+/// The rows before and after row `number` of a leaf along x, y and z, for central differences.
+/// `faces` are the holders of the neighbours in the order -x, +x, -y, +y, -z, +z. Rows run along z;
+/// row 8 x + y has the voxels (x, y).
 #[inline(always)]
 fn around(
     index: &LeafIndex<'_>,
@@ -123,6 +130,7 @@ fn around(
 ) -> [[[f32; 8]; 2]; 3] {
     let own = Holder::Leaf(leaf);
     let mut rows = [[index.row(own, number); 2]; 3];
+    // At the first and last row the neighbour's opposite row follows.
     for (axis, step) in [8, 1].into_iter().enumerate() {
         let place = number / step % 8;
         let [before, after] = [faces[2 * axis], faces[2 * axis + 1]];
@@ -137,6 +145,7 @@ fn around(
             },
         ];
     }
+    // Along z the neighbours are in the row itself, shifted by one voxel.
     let [before, after] = &mut rows[2];
     before.rotate_right(1);
     before[0] = index.row(faces[4], number)[7];

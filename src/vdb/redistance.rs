@@ -64,6 +64,7 @@ impl LevelSet {
     ) -> Result<(), VdbError> {
         let own = self.half_width;
         let is_narrow = !SurfacePoints::suffices(own);
+        // A narrow band does not determine surface points: it is widened first and cut off last.
         if is_narrow {
             let half_width = SurfacePoints::MIN_HALF_WIDTH;
             let rebuild = Rebuild {
@@ -75,6 +76,8 @@ impl LevelSet {
             self.rebuild(operation, rebuild, session)?;
             self.half_width = half_width;
         }
+        // The work for a leaf grows with the third power of the offset, so long offsets go in equal
+        // steps.
         let steps = Self::offset_steps(outwards / self.voxel_size());
         let rebuild = Rebuild {
             outwards: outwards / steps as f64,
@@ -84,6 +87,7 @@ impl LevelSet {
         };
         for _ in 0..steps {
             self.rebuild(operation, rebuild, session)?;
+            // Nothing is left after an erosion.
             if self.active_voxels()? == 0 {
                 break;
             }
@@ -121,7 +125,8 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Rebuilds the distances; after an error the level set is empty.
+    /// Rebuilds the distances of the band from its surface points, and replaces the leaves that
+    /// differ. After an error the level set is empty. `operation` is its name in errors.
     pub(super) fn rebuild(
         &mut self,
         operation: &'static str,
@@ -130,6 +135,7 @@ impl LevelSet {
     ) -> Result<(), VdbError> {
         let background = how.background;
         let is_wider = background > self.background() as f32;
+        // All new leaves are computed from the old ones before any is written.
         let changed = session
             .threads
             .install(|| self.changed_leaves(how, session));
@@ -143,6 +149,7 @@ impl LevelSet {
         };
         self.change(operation, session, |mut grid, host| {
             if is_wider {
+                // Only a wider band has another background; its inactive values follow it.
                 ffi::grid_set_background(grid.as_mut(), background, host)?;
             }
             for batch in changed {

@@ -91,9 +91,11 @@ impl LevelSet {
         if !is_removed.contains(&true) {
             return Ok(removed);
         }
+        // Leaves with removed voxels are edited, tiles filled as a whole.
         let voxels =
             (0..index.leaves.len()).map(|leaf| (leaf, found.selected_in(leaf, &is_removed)));
         let mut edit = Removal::new(self, &index, side, voxels).edit();
+        // Members of the sets after the parts are the tiles, in the same order.
         for (n, tile) in index.tiles.iter().enumerate() {
             let component = found.ranking.component_of[found.first_tile + n];
             if is_removed.get(component) == Some(&true) {
@@ -188,7 +190,7 @@ pub(super) fn band_leaves(half_width: f64) -> i32 {
 }
 
 impl<'a> Removal<'a> {
-    /// A removal of selected voxels, by leaf.
+    /// A removal of selected voxels: pairs of a leaf's number and its removed voxels on `side`.
     pub fn new(
         level_set: &LevelSet,
         index: &'a LeafIndex<'a>,
@@ -201,6 +203,7 @@ impl<'a> Removal<'a> {
         for (leaf, bits) in selected.filter(|(_, bits)| !voxel_mask::is_empty(bits)) {
             removed.insert(leaf, bits);
             let o = index.leaves[leaf].origin;
+            // The band of a removed component reaches this many leaves beyond its own.
             for x in -band_leaves..=band_leaves {
                 for y in -band_leaves..=band_leaves {
                     for z in -band_leaves..=band_leaves {
@@ -234,6 +237,8 @@ impl<'a> Removal<'a> {
 
     /// The leaves after the removal, ascending.
     pub fn edit(self) -> Edit {
+        // `reset` are the voxels that change: removed ones, and those whose steepest descent leads to
+        // them.
         let reset = self.reset_voxels();
         let marched = self.march(&reset);
         let fill = self.sign * self.background;
@@ -251,9 +256,12 @@ impl<'a> Removal<'a> {
             let view = &self.index.leaves[leaf];
             let (mut mask, mut values) = (view.mask, *view.values);
             for n in (0..512).filter(|&n| voxel_mask::contains(bits, n)) {
+                // Near a remaining surface a voxel takes its distance to that, else it becomes
+                // background.
                 let marched_value = marched.get(&view.voxel(n));
                 values[n] = marched_value.map_or(fill, |psi| self.sign * psi);
                 mask[n >> 6] &= !(1 << (n & 63));
+                // Only voxels with a distance stay active.
                 mask[n >> 6] |= u64::from(marched_value.is_some()) << (n & 63);
             }
             edit.origins.push(view.origin.0);

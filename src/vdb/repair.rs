@@ -212,6 +212,7 @@ impl Volume {
         if let Some(background) = repair.background {
             ffi::grid_set_background(self.grid.pin_mut(), background, &host).map_err(failed)?;
         }
+        // Active tiles lie beyond the band: they become inactive, with the background of their side.
         if repair.has_active_tiles {
             let tiles =
                 super::leaves::tiles_of(&self.grid, TileChoice::Distinct).map_err(failed)?;

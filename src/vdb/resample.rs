@@ -12,7 +12,8 @@ use crate::band::Band;
 use crate::frame::{Transform, Vec3};
 use crate::mesh::MeshSolid;
 
-/// The solid on cubic voxels, from a level set in index space and its map to the world.
+/// The solid on cubic voxels, from a level set in index space and its map to the world. `edge` is
+/// that of the new voxels in world units, `half_width` that of the band in voxels.
 pub(super) fn on_cubes(
     in_index_space: &LevelSet,
     map: &IndexMap,
@@ -29,6 +30,7 @@ pub(super) fn on_cubes(
     if !mesh.is_empty() {
         let middle = mesh.bounds().centre().0;
         let mapped = mesh.mapped(|v| map.world(v));
+        // A mirrored map turns triangles inside out.
         let mapped = if map.is_mirrored(middle) {
             mapped.flipped()
         } else {
@@ -36,6 +38,7 @@ pub(super) fn on_cubes(
         };
         let extent = mapped.bounds();
         let solid = MeshSolid::new(mapped);
+        // An open surface bounds no solid.
         if !solid.is_cycle() {
             return Err(VdbError::Open);
         }

@@ -43,7 +43,8 @@ impl Samples {
         })
     }
 
-    /// Traces the extra samples of pixels with an edge towards a neighbour.
+    /// Traces the extra samples of pixels with an edge towards a neighbour. `trace` returns a hit or
+    /// `None` for each number of a sample.
     pub fn divide<E>(
         &mut self,
         trace: &mut impl FnMut(&[u32]) -> Result<Vec<Option<Hit>>, E>,
@@ -53,6 +54,7 @@ impl Samples {
         for n in 0..width * height {
             let right = (n % width + 1 < width).then_some(n + 1);
             let below = (n + width < width * height).then_some(n + width);
+            // Each pair of neighbours once; an edge marks both pixels.
             for next in [right, below].into_iter().flatten() {
                 if is_edge(self.hits[n].as_ref(), self.hits[next].as_ref()) {
                     has_edge[n] = true;
@@ -62,6 +64,7 @@ impl Samples {
         }
         let mut numbers = Vec::new();
         for n in (0..width * height).filter(|&n| has_edge[n]) {
+            // Extra samples follow those of all pixels; the pixel keeps the number of its first one.
             self.extra[n] = (width * height + numbers.len()) as u32;
             numbers.extend((1..=EXTRA_SAMPLES).map(|k| number(width, n, k)));
         }

@@ -73,7 +73,8 @@ impl LevelSet {
             .collect()
     }
 
-    /// One component, from the leaves with parts of it.
+    /// One component, from the leaves with parts of it. `component` is its number, `own` are its
+    /// leaves, ascending; `cubes` finds the leaves near them.
     fn segment(
         &self,
         index: &LeafIndex<'_>,
@@ -84,12 +85,14 @@ impl LevelSet {
     ) -> Result<Self, VdbError> {
         let origins = || own.iter().map(|&n| index.leaves[n].origin);
         let near = cubes.around(origins());
+        // The component is a copy from which all others near it are removed.
         let others = near.iter().map(|&n| (n, found.others_in(n, component)));
         let edit = Removal::new(self, index, Side::Solid, others).edit();
         let edited: BTreeMap<Coord, usize> =
             edit.origins.iter().map(|o| Coord(*o)).zip(0..).collect();
         let band_leaves = LEAF * band_leaves(self.half_width());
         let is_own = |leaf: &usize| own.binary_search(leaf).is_ok();
+        // The outer half of the band may lie in leaves without a voxel of the solid.
         let is_beside = |leaf: &usize| {
             let around = Region::cube(index.leaves[*leaf].origin, LEAF).grown(band_leaves);
             let mut leaves = around.cubes(LEAF).filter_map(|o| index.leaf(o));
@@ -102,6 +105,7 @@ impl LevelSet {
                 Some(&n) => (edit.masks[n], &edit.values[n]),
                 None => (leaf.mask, leaf.values),
             };
+            // Leaves that lose all active voxels are left out.
             if !voxel_mask::is_empty(&mask) {
                 let batch = blocks.entry(leaf.origin.aligned(BLOCK)).or_default();
                 batch.push(leaf.origin, mask, values);

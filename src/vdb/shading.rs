@@ -178,7 +178,8 @@ impl Lights {
         }
     }
 
-    /// Linear colour of a sample.
+    /// Linear colour of sample `n`: ambient light by openness, a key light with shadow and gloss, a
+    /// fill light, and a fade into light grey with depth.
     fn shade(&self, n: usize, hit: &Hit) -> [f32; 3] {
         const SURFACE_COLOUR: [f32; 3] = [0.46, 0.55, 0.64];
         const CUT_COLOUR: [f32; 3] = [0.80, 0.30, 0.10];
@@ -188,8 +189,11 @@ impl Lights {
         let shadow = if hit.lit { 1.0 } else { 0.0 };
         let lit = hit.normal.dot(&self.key).max(0.0) * shadow;
         let fill = hit.normal.dot(&self.fill).max(0.0);
+        // Light from the sky above and the ground below, mixed by the normal's height.
         let sky = 0.5 + 0.5 * hit.normal.z;
+        // Blinn's highlight: (normal . half vector)^32.
         let gloss = 0.12 * hit.normal.dot(&self.half).max(0.0).powi(32) * shadow;
+        // Depth from 0 at the nearest hit to 1 at the farthest.
         let span = (self.depths[1] - self.depths[0]).max(f32::MIN_POSITIVE);
         let far = (hit.position.dot(&self.forward) - self.depths[0]) / span;
         let fade = 0.18 * far.clamp(0.0, 1.0);
@@ -215,6 +219,7 @@ pub(super) fn shade_image(picture: &Picture, samples: &Samples, lights: &Lights)
         .enumerate()
         .for_each(|(n, pixel)| {
             let (mut sum, mut covered, mut all) = ([0f32; 3], 0f32, 0f32);
+            // A pixel has one sample, or several where it has an edge.
             for sample in samples.of_pixel(n) {
                 all += 1.0;
                 if let Some(hit) = &samples.hits()[sample] {
@@ -228,6 +233,8 @@ pub(super) fn shade_image(picture: &Picture, samples: &Samples, lights: &Lights)
                 return;
             }
             for c in 0..3 {
+                // With transparency the colour is that of the hits and their share becomes alpha; else
+                // misses are white.
                 let colour = if picture.transparent {
                     sum[c] / covered
                 } else {

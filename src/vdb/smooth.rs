@@ -83,6 +83,7 @@ impl LevelSet {
         let h = self.voxel_size();
         let smoothed: Result<Smoother, Cancelled> = session.threads.install(|| {
             let mut smoother = Smoother::new(leaves.len(), leaf, h, background);
+            // All iterations act on one copy of the leaves.
             for _ in 0..iterations {
                 match kind {
                     Filter::Gaussian => smoother.gaussian(width, session.progress),
@@ -97,6 +98,7 @@ impl LevelSet {
         let smoother = match smoothed {
             Ok(smoother) => smoother,
             Err(stopped) => {
+                // After a cancellation the level set is empty, as after other operations that stop.
                 ffi::grid_clear(self.grid.pin_mut()).map_err(failed)?;
                 return Err(VdbError::Cancelled(stopped));
             }
@@ -107,6 +109,7 @@ impl LevelSet {
                 if let Some(values) = leaf.values.first_chunk() {
                     batch.push(leaf.origin, leaf.mask, values);
                 }
+                // Batches bound the memory for a third copy of the values.
                 if batch.len() == BATCH_LEAVES {
                     write_leaves(grid.as_mut(), &batch)?;
                     batch.clear();

@@ -47,8 +47,8 @@ impl SolidCubes {
         self.edge.unsigned_abs()
     }
 
-    /// Adds the solid of a level set, or of the cells that begin in a region. Regions of one solid must not overlap;
-    /// the level set must reach a voxel beyond a region.
+    /// Adds the solid of a level set, or of the cells that begin in a region `within`. Regions of
+    /// one solid must not overlap; the level set must reach a voxel beyond a region.
     ///
     /// # Errors
     /// [`VdbError::TooManyCubes`] beyond [`MAX_CUBES`]; [`VdbError::Cancelled`]; what OpenVDB refuses.
@@ -74,11 +74,13 @@ impl SolidCubes {
             });
             leaves.collect::<Result<_, _>>()
         })?;
+        // Leaves hold the surface: their cells have a share of solid. Inner tiles are solid as a whole.
         self.cubes.extend(found.into_iter().flatten());
         for tile in index.tiles.iter().filter(|t| t.value < 0.0) {
             let whole = Region::cube(tile.origin, tile.edge);
             self.add_box(within.map_or(whole, |r| common(r, whole)))?;
         }
+        // Cells of one cube from several leaves are added up.
         self.sum();
         Self::check_count(self.cubes.len() as u64)
     }

@@ -104,6 +104,7 @@ impl VdbWriter<'_> {
             let facts = ffi::grid_facts(grid).map_err(refused)?;
             backgrounds.push(facts.background as f32);
         }
+        // The hash takes the grids in order of name, the file in the order in which they were added.
         named.sort_by_key(|(_, (name, _))| *name);
         for (index, (name, grid)) in named {
             progress.stage("hash", None);
@@ -112,6 +113,7 @@ impl VdbWriter<'_> {
             hash.begin_grid(&GridHead::new(name, &facts, grid.leaves()));
             grid.hash(&mut hash, (facts.half, factor), progress)?;
         }
+        // Each block is passed twice: for the topology and for the values.
         let blocks: usize = grids.iter().map(|g| g.shape().blocks().count()).sum();
         progress.stage("write", Some(2 * blocks as u64));
         self.write_with(staged, hash.finish(), |file, descriptor, flags, host| {
@@ -158,6 +160,8 @@ impl StoredGrid<'_> {
         }
     }
 
+    /// Adds the grid to a content hash: its leaves, then its tiles. `half` is whether values are
+    /// stored with 16 bits; `factor` converts lengths to the file's unit.
     fn hash(
         &self,
         hash: &mut ContentHash,
@@ -179,6 +183,7 @@ impl StoredGrid<'_> {
                 fog.for_each_leaf(progress, |origin, mask, own| {
                     hash.leaf(origin.0, mask, half, own);
                 })?;
+                // A fog has active tiles inside; the other grids have none that are active.
                 hash.begin_tiles(fog.tiles());
                 fog.for_each_tile(|origin, edge| {
                     hash.tile(&TileView {
@@ -242,7 +247,8 @@ impl StoredGrid<'_> {
         }
     }
 
-    /// The leaves of a block, in the file's unit.
+    /// The leaves of a block, values multiplied by `factor` into the file's unit. Attributes have a
+    /// factor of their own.
     fn block(&self, origin: Coord, factor: f32) -> Result<BlockLeaves, LeafFileError> {
         let (attribute, store, factor) = match self {
             Self::Fog(fog) => return fog.block(origin),
@@ -255,6 +261,7 @@ impl StoredGrid<'_> {
             values,
         } = store.read(origin, Region::EVERYWHERE)?;
         let mut values = if let Some(attribute) = attribute {
+            // An attribute file holds active voxels only; masks of the level set show which these are.
             drop(values);
             scatter(&masks, &attribute.read(origin)?, attribute.width())
         } else {
@@ -339,6 +346,7 @@ impl StoredGrid<'_> {
         let Session {
             threads, progress, ..
         } = options.session;
+        // The format has all topology before any value, so that blocks are read twice.
         for upper in &upper_nodes {
             let (at, inside) = (&upper.origin.0, &upper.inside);
             ffi::stream_upper(stream.as_mut(), at, &upper.children, inside)?;

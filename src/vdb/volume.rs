@@ -77,6 +77,7 @@ impl Volume {
         if let Some(map) = &info.map {
             let [low, high] = info.bbox.unwrap_or_default();
             let corner = |v: [i32; 3]| Vec3::from(v.map(f64::from));
+            // A map that folds or flattens voxels has no inverse.
             if !map.is_regular(corner(low), corner(high)) {
                 return Err(refuse(
                     format!("{} without a volume", info.shape()),
@@ -84,6 +85,7 @@ impl Volume {
                     "write the grid again with another transform".to_owned(),
                 ));
             }
+            // In index space its voxels are cubes of edge 1.
             ffi::grid_set_transform(grid.pin_mut(), 1.0, &[0.0; 3]).map_err(damaged)?;
         } else if Transform::new(info.voxel_size[0]).is_none() {
             return Err(refuse(
@@ -217,6 +219,8 @@ impl Volume {
             });
         }
         let outside = self.info.background.unwrap_or(0.0);
+        // The background lies outside: the solid is on the other side of the value. Where it equals the
+        // value, a fog is solid above it.
         let is_above = if (outside - value).abs() > 0.0 {
             outside < value
         } else {
@@ -225,6 +229,7 @@ impl Volume {
         let sign = if is_above { -1.0 } else { 1.0 };
         let failed = |e| VdbError::of("extracting an isosurface", session, &e);
         let mut grid = ffi::grid_copy(&self.grid).map_err(failed)?;
+        // phi = sign (v - value), negative inside.
         let (factor, shift) = (sign as f32, (-sign * value) as f32);
         ffi::grid_scale_values(grid.pin_mut(), factor, shift, &session.host()).map_err(failed)?;
         self.measured(grid, half_width, session)

@@ -151,7 +151,8 @@ impl<'a> VdbWriter<'a> {
         self.add(name, &attribute.grid, self.scale, false)
     }
 
-    /// Adds any grid of OpenVDB; `scale` multiplies lengths.
+    /// Adds any grid of OpenVDB under a name. `scale` multiplies lengths, `half` stores values with
+    /// 16 bits.
     pub(super) fn add(
         &mut self,
         name: &str,
@@ -168,6 +169,7 @@ impl<'a> VdbWriter<'a> {
         if name.is_empty() {
             return Err(refuse("is empty"));
         }
+        // OpenVDB would read such names back as others.
         if name.contains(['[', ']', '\u{1e}']) {
             return Err(refuse(
                 "contains a character that OpenVDB uses to number equal names",
@@ -210,6 +212,7 @@ impl<'a> VdbWriter<'a> {
                 },
             });
         }
+        // The latest value counts.
         self.tags.retain(|(k, _)| k != key);
         self.tags.push((key.to_owned(), value.to_owned()));
         Ok(())

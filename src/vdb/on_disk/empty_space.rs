@@ -47,6 +47,7 @@ impl EmptySpace {
             nodes: BTreeMap::new(),
             cubes: BTreeMap::new(),
         };
+        // Inner cubes of 4096 voxels without any block are members of their own.
         for cube in store.inside_upper_cubes() {
             empty.cubes.insert(cube, sets.extend(1));
             stats.push(match side {
@@ -122,7 +123,9 @@ impl EmptySpace {
     }
 }
 
-/// Labels a node's slots without a block: one member for each connected part.
+/// Labels the slots of a node of 32^3 blocks that hold no block: one member for each connected part
+/// on a side. Returns the member of each slot. `value` is the background, the depth of the solid
+/// there.
 fn label_slots(
     node: &UpperNode,
     side: Side,
@@ -135,6 +138,7 @@ fn label_slots(
         |n: usize| !bit(&node.children, n) && bit(&node.inside, n) == (side == Side::Solid);
     let mut own = UnionFind::new(SLOTS);
     for n in (0..SLOTS).filter(|&n| is_on_side(n)) {
+        // The next slot along x, y and z; bits of a slot's number are x, y, z with five bits each.
         for shift in [10, 5, 0] {
             let neighbour = n + (1 << shift);
             if n >> shift & (SLOTS_PER_EDGE - 1) != SLOTS_PER_EDGE - 1 && is_on_side(neighbour) {
@@ -145,6 +149,7 @@ fn label_slots(
     let (number, count) = own.labels((0..SLOTS).filter(|&n| is_on_side(n)));
     let first = sets.extend(count);
     stats.resize(first + count, ComponentStats::default());
+    // Each slot adds its cube of 128 voxels to the statistics of its part.
     for n in (0..SLOTS).filter(|&n| is_on_side(n)) {
         let at = |shift: usize| (n >> shift & (SLOTS_PER_EDGE - 1)) as i32 * BLOCK;
         let least = node.origin.offset(at(10), at(5), at(0));

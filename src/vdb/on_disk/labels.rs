@@ -171,7 +171,8 @@ pub(super) fn label(
     })
 }
 
-/// Joins the parts of two slots over their common face; the second slot follows the first on an axis.
+/// Joins the parts of two neighbouring slots over their common face; slot `m` follows slot `n` on
+/// the axis. Members of the sets are all parts, then one member for each full slot.
 fn join_slots(
     (n, one): (usize, Slot),
     (m, other): (usize, Slot),
@@ -183,6 +184,7 @@ fn join_slots(
     let is_on_face = |part: &u32, last: bool| !voxel_mask::is_empty(&face(*part, last));
     match (one, other) {
         (Slot::Full, Slot::Full) => sets.union(parts.len() + n, parts.len() + m),
+        // All parts with a voxel on the face touch the full slot.
         (Slot::Parts(a, b), Slot::Full) => {
             for part in (a..b).filter(|p| is_on_face(p, true)) {
                 sets.union(part as usize, parts.len() + m);
@@ -196,6 +198,7 @@ fn join_slots(
         (Slot::Parts(a, b), Slot::Parts(c, d)) => {
             for part in a..b {
                 let mine = face(part, true);
+                // Two parts touch if voxels of both face each other.
                 for next in c..d {
                     if voxel_mask::intersects(&mine, &face(next, false)) {
                         sets.union(part as usize, next as usize);
@@ -207,7 +210,8 @@ fn join_slots(
     }
 }
 
-/// The voxels of all components on the faces of the block.
+/// The voxels of all components on the six faces of the block, as one item of 64 bits for each slot
+/// and part. `label` maps parts, then full slots, to components.
 fn faces(slots: &[Slot], parts: &[Part], label: &[u32]) -> Faces {
     let mut faces = Faces::default();
     for (f, list) in faces.0.iter_mut().enumerate() {
@@ -215,6 +219,7 @@ fn faces(slots: &[Slot], parts: &[Part], label: &[u32]) -> Faces {
         for slot in 0..SLOTS_PER_EDGE * SLOTS_PER_EDGE {
             let fixed = if last { SLOTS_PER_EDGE - 1 } else { 0 };
             let (u, v) = (slot / SLOTS_PER_EDGE, slot % SLOTS_PER_EDGE);
+            // The slot's number has four bits for each of x, y and z; the face fixes one of them.
             let n = match axis {
                 0 => fixed << 8 | u << 4 | v,
                 1 => u << 8 | fixed << 4 | v,

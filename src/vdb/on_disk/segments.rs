@@ -30,7 +30,8 @@ pub struct StoredSegment<'a> {
 }
 
 impl StoredSegments {
-    /// Finds the components of a solid whose band is `half_width` voxels wide on each side.
+    /// Finds the components of a solid whose voxels have the edge `voxel_size` in world units and
+    /// whose band is `half_width` voxels wide on each side.
     ///
     /// # Errors
     /// A changed leaf file, or cancellation.
@@ -47,6 +48,7 @@ impl StoredSegments {
                 for &label in labels {
                     let component = found.ranking.component_of[first + label as usize];
                     if let Some(leaves) = by_component.get_mut(component)
+                        // Several parts of a leaf may belong to one component.
                         && leaves.last() != Some(&leaf)
                     {
                         leaves.push(leaf);
@@ -55,6 +57,7 @@ impl StoredSegments {
             });
         }
         for leaves in &mut by_component {
+            // Sorted for binary search.
             leaves.sort_unstable();
         }
         Ok(Self {

@@ -75,6 +75,7 @@ impl<'a> StoredFog<'a> {
                 .inside_slots(*b)
                 .is_some_and(|s| s.iter().any(|&w| w != 0))
         };
+        // A voxel beyond the band has the negative background, which is the least value of all.
         let least = if blocks.iter().any(has_deep_voxels) {
             -store.background()
         } else {
@@ -106,6 +107,7 @@ impl<'a> StoredFog<'a> {
         };
         let all = || blocks.par_iter().map(count).collect::<Result<Vec<_>, _>>();
         let all: Vec<FogCounts> = session.threads.install(all)?;
+        // Counts are added in order of blocks; blocks without fog are left out.
         for (&block, own) in blocks.iter().zip(all).filter(|(_, own)| own.leaves > 0) {
             fog.blocks.insert(block);
             if let Some([low, high]) = own.bounds {
