@@ -21,6 +21,8 @@ pub(super) use require::section as requirements;
 
 type Checked = Result<(), RecipeError>;
 
+/// Checks all rules between the keys and sections of a recipe, in the order of its sections, so that
+/// the first error is the one to mend first. Rules of single keys are checked when they are read.
 pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
     if sections.druse != VERSION {
         let found = sections.druse;
@@ -35,6 +37,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
     super::crystal::check(sections, source)?;
     scaffold(sections, source)?;
     motion::motion(sections, source)?;
+    // Lengths in voxels refer to this key.
     if let Length::Voxels(_) = sections.band.voxel_size.0 {
         return Err(source.fault(
             "band.voxel_size",
@@ -63,6 +66,8 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
     require::with_recipe(sections, source)
 }
 
+/// Rules of `[cell.NAME]`: one source, at most one rule for its level, and references to other
+/// cells.
 fn cells(sections: &Sections, source: &Source) -> Checked {
     for (name, cell) in &sections.cell {
         let key = format!("cell.{name}");
@@ -87,6 +92,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 format!("{key} takes one of level, volume_fraction, thickness; found {found}"),
             ));
         }
+        // The grading of a tiling gives a level too.
         let graded = sections
             .tiling
             .as_ref()
@@ -112,6 +118,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
 
 /// Rules of keys that describe struts or plates, or hold a formula.
 fn parts(sections: &Sections, cell: &CellSection, key: &str, source: &Source) -> Checked {
+    // Files of struts may hold plates as well.
     let own = |f: &Option<FileRef>| {
         f.as_ref().is_some_and(|f| {
             let extension = f.path.extension().and_then(|e| e.to_str()).unwrap_or("");
@@ -145,6 +152,7 @@ fn parts(sections: &Sections, cell: &CellSection, key: &str, source: &Source) ->
     Ok(())
 }
 
+/// Rules of `[scaffold]` and `[tiling]`, which go together: one source, and cells that exist.
 fn scaffold(sections: &Sections, source: &Source) -> Checked {
     match (&sections.scaffold, &sections.tiling) {
         (None, None) => Ok(()),
@@ -179,6 +187,7 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
             for name in tiling.cells() {
                 known_cell(name, key, sections, source)?;
                 let cell = &sections.cell[name];
+                // Fitted cells round their corners by the band limit, not by a radius.
                 if cell.fillet.is_some() && !cell.is_round(tiling) {
                     return Err(source
                         .fault(
@@ -193,6 +202,7 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
     }
 }
 
+/// Rules of `[tiling]`: one way to choose cells, and at most one graded quantity.
 fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
     let mut given = Vec::new();
     given.extend(tiling.cell.iter().map(|_| "cell"));
@@ -205,6 +215,7 @@ fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
             format!("[tiling] needs exactly one of cell, transition, assign; found {found}"),
         ));
     }
+    // Each place stores the weights of all cells.
     if tiling.cells().len() > MAX_CELLS {
         return Err(source.fault(
             "tiling",
@@ -249,7 +260,10 @@ fn known_cell(name: &str, key: &str, sections: &Sections, source: &Source) -> Ch
     })
 }
 
+/// Rules of `[scaffold]`. Its lengths must not be in voxels, because the scaffold must not change
+/// with their size.
 fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
+    // Each length with the key that an error names.
     let mut lengths: Vec<(&str, Length)> = Vec::new();
     if let Some(block) = &scaffold.block {
         let sizes = block.size.iter().chain([&block.cell_size]);
@@ -288,6 +302,7 @@ fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
     if let Some(size) = scaffold.cell_size {
         no_voxels(size.0, "scaffold.cell_size", source)?;
     }
+    // A CAD part has no elements yet: they need a size.
     let is_cad = scaffold
         .file
         .as_ref()
@@ -340,6 +355,7 @@ fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
             "expected one of shell and plate; found both",
         ));
     }
+    // Each step divides every element into eight.
     if scaffold.refine > 6 {
         return Err(source.fault(
             "scaffold.refine",
@@ -362,6 +378,7 @@ fn no_voxels(length: Length, key: &str, source: &Source) -> Checked {
     }
 }
 
+/// Rules of one operation; `key` is its place, as in `op.2`.
 fn operation(op: &Op, key: &str, source: &Source) -> Checked {
     if let Some(Operand::Plane(plane)) = op.operand()
         && plane.normal.iter().all(|c| c.0 == 0.0)
@@ -404,6 +421,8 @@ fn operation(op: &Op, key: &str, source: &Source) -> Checked {
     }
     if let Op::Gaussian(k) | Op::Mean(k) | Op::Median(k) = op {
         let Width(width) = k.width;
+        // A kernel is as wide as the halo of voxels around each block. A width in units of length is
+        // resolved later.
         if width.number() > 64.0 && !matches!(width, Length::In(..)) {
             return Err(source.fault(
                 &format!("{key}.{}", op.name()),

@@ -82,6 +82,7 @@ impl<'a> SurfaceRef<'a> {
 pub(super) fn check(sections: &Sections, source: &Source) -> Result<(), RecipeError> {
     for (name, crystal) in &sections.crystal {
         let key = format!("crystal.{name}");
+        // Steps are parsed here, so that their errors have a line. Files are read by the run.
         let script = match (&crystal.steps, &crystal.file) {
             (Some(steps), None) => Script::parse(steps),
             (None, Some(_)) => continue,
@@ -93,6 +94,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Result<(), RecipeEr
         };
         script.map_err(|e| source.step_fault(&format!("{key}.steps"), &e))?;
     }
+    // Keys that take a mesh or a crystal take exactly one.
     for (key, found) in pairs(sections) {
         if found != 1 {
             let message = format!(

@@ -123,6 +123,7 @@ impl RecipeError {
     pub(super) fn toml(source: &Source, error: &toml::de::Error) -> Self {
         let mut message = error.message().trim_end().replace('\n', "; ");
         let mut hint = None;
+        // An enum in TOML is a table with one key; the reader calls that an element.
         if message.starts_with("wanted exactly 1 element") {
             let found = if message.contains("more than") {
                 "several"
@@ -141,6 +142,7 @@ impl RecipeError {
                 )
             };
             hint = nearest(&found, &known).map(|w| format!("did you mean \"{w}\"?").into());
+            // A key of an earlier version needs its replacement, not a similar word.
             if let Some((_, instead)) = REMOVED_KEYS.iter().find(|(k, _)| *k == found) {
                 message = format!("the key \"{found}\" was removed");
                 hint = Some((*instead).into());

@@ -49,6 +49,8 @@ fn in_table(
     Ok(())
 }
 
+/// Replaces the frame tokens in a value and below it. `key` is its place; `templates` receives the
+/// texts with tokens by their places.
 fn in_value(
     key: String,
     value: &mut Spanned<DeValue>,

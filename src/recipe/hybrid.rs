@@ -72,6 +72,7 @@ pub struct Hybrid {
 impl CellSection {
     /// The hybrid that the section describes, if other cells are its source.
     pub fn hybrid(&self) -> Option<Hybrid> {
+        // An average has weights; the other ways name cells alone.
         if let Some(shares) = &self.average {
             return Some(Hybrid {
                 way: Way::Average,
@@ -174,6 +175,7 @@ impl Hybrid {
                     return Err(CellError::Expression(none).into());
                 };
                 let mut cell = (*first).clone();
+                // A sum of several cells is made pair by pair.
                 for other in rest {
                     cell = minkowski(name, &cell, other, how, options, progress)?;
                 }
@@ -222,6 +224,7 @@ pub(super) fn check(cells: &BTreeMap<String, CellSection>) -> Result<(), (String
                 known.join(", ")
             ));
         }
+        // A cell that is made of itself could not be fitted in any order.
         if reaches(cells, name, &hybrid) {
             return wrong("it is made of itself".to_owned());
         }

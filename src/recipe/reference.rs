@@ -86,7 +86,7 @@ impl Book {
         }
     }
 
-    /// A table of keys.
+    /// Writes the keys of an object as a Markdown table, required ones first.
     fn keys(&self, object: &Value, text: &mut String) {
         text.push_str("\n| key | value | |\n|---|---|---|\n");
         let Some(properties) = object["properties"].as_object() else {
@@ -100,6 +100,7 @@ impl Book {
         let (first, rest): (Vec<_>, Vec<_>) = properties.iter().partition(|p| is_required(p.0));
         for (key, value) in first.into_iter().chain(rest) {
             let mut description = cell(value["description"].as_str().unwrap_or(""));
+            // A single key needs no such word.
             if is_required(key) && properties.len() > 1 {
                 description = format!("Required. {description}");
             }
@@ -134,9 +135,11 @@ impl Book {
         }
     }
 
-    /// How a value is written.
+    /// How a value is written, from its schema: a reference, alternatives, words, a constant, or
+    /// simple types.
     fn kind(&self, value: &Value) -> String {
         if let Some(name) = reference_name(value) {
+            // Small types are described in place, others have a section to link to.
             if is_inline(name) {
                 return self.kind(&self.definitions[name]);
             }
@@ -144,6 +147,7 @@ impl Book {
         }
         let alternatives = ["anyOf", "oneOf"].iter().find_map(|k| value[*k].as_array());
         if let Some(list) = alternatives {
+            // `null` stands for a missing key, which the table shows otherwise.
             let kinds = list.iter().filter(|v| v["type"] != "null");
             let kinds: Vec<String> = kinds.map(|v| self.kind(v)).collect();
             return kinds.join(" or ");

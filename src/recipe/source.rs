@@ -253,6 +253,8 @@ fn set<'i>(
     set_in(child.get_mut(), name, &parts[1..], value, key_span)
 }
 
+/// Sets a value below a node of the document. `name` is the node's path in errors, `parts` are the
+/// keys that lead on from it, and `key_span` is the place of an override, for entries that it adds.
 fn set_in<'i>(
     node: &mut DeValue<'i>,
     name: &str,
@@ -270,6 +272,7 @@ fn set_in<'i>(
                     parts[0]
                 )
             })?;
+            // The index after the last one appends an entry; a gap is an error.
             if index > count {
                 return Err(format!(
                     "{name} has {count} entries, numbered from 0: there is no {index}"

@@ -141,6 +141,7 @@ impl CellSection {
                     .to_owned(),
             ));
         }
+        // Keys of a fit to a source, which a search by properties has not.
         let others = [
             ("invert", self.invert.is_some()),
             ("keep", self.keep.is_some()),
@@ -188,6 +189,7 @@ pub(super) fn check(
                         format!("no cell is named {other:?}; known: {known}"),
                     );
                 }
+                // A chain of matches would have no order in which to search.
                 Some(own) if own.matched.is_some() => {
                     return wrong(
                         "match",

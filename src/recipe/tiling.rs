@@ -360,6 +360,7 @@ impl<'de> Deserialize<'de> for Varying {
                     Err(E::custom("expected a finite number"))
                 }
             }
+            // TOML writes whole numbers without a point.
             fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Varying, E> {
                 self.visit_f64(v as f64)
             }

@@ -42,6 +42,8 @@ fn fail<T>(found: String, expected: &'static str) -> Result<T, FrameListError> {
 impl FromStr for FrameList {
     type Err = FrameListError;
 
+    /// Parses parts that are separated by commas: a frame, a range, or a range with a step, in
+    /// rising order.
     fn from_str(text: &str) -> Result<Self, FrameListError> {
         let mut frames: Vec<i32> = Vec::new();
         for part in text.split(',') {
@@ -64,6 +66,7 @@ impl FromStr for FrameList {
                     "frames in rising order, each once",
                 );
             }
+            // Counted in 64 bits before anything is allocated: a range can span all integers.
             let count = (i64::from(last) - i64::from(first)) / i64::from(step) + 1;
             if frames.len() as i64 + count > MAX_FRAMES as i64 {
                 return fail(format!("{count} frames in {part:?}"), "at most 100000");

@@ -102,6 +102,7 @@ pub fn expand(text: &str, frame: i32) -> Result<Option<String>, TokenError> {
             width: wide.width,
         });
     }
+    // Two widths would give one frame two numbers.
     if let Some(other) = found.iter().find(|t| t.width != first.width) {
         return Err(TokenError::Disagree {
             text: text.to_owned(),
@@ -109,6 +110,7 @@ pub fn expand(text: &str, frame: i32) -> Result<Option<String>, TokenError> {
             second: text[other.span.clone()].to_owned(),
         });
     }
+    // The width counts digits; the sign comes before them.
     let sign = if frame < 0 { "-" } else { "" };
     let number = format!(
         "{sign}{:0width$}",
@@ -117,6 +119,7 @@ pub fn expand(text: &str, frame: i32) -> Result<Option<String>, TokenError> {
     );
     let mut out = String::new();
     let mut end = 0;
+    // The text between tokens is copied, each token becomes the number.
     for token in &found {
         out.push_str(&text[end..token.span.start]);
         out.push_str(&number);
@@ -161,9 +164,12 @@ pub fn frames_on_disk(template: &Path) -> Vec<i32> {
         .filter_map(|entry| {
             let file = entry.file_name().to_string_lossy().into_owned();
             let rest = file.strip_prefix(head)?;
+            // Digits after the head of the name, with a sign at most before them.
             let is_number = |(n, c): &(usize, char)| c.is_ascii_digit() || (*n == 0 && *c == '-');
             let length = rest.char_indices().take_while(is_number).count();
             let frame: i32 = file[start..start + length].parse().ok()?;
+            // The name made from the frame must be the file's: this checks the tail, the width, and
+            // further tokens.
             let is_own = expand(&name, frame).ok().flatten()? == file;
             is_own.then_some(frame)
         })

@@ -110,6 +110,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
 }
 
 /// Rules of the keys that choose and store the grids of a volume or the attributes of a .ply mesh.
+/// `kind` and `extension` are those of the output's file, `key` is its place, as in `output.0`.
 fn grids(
     sections: &Sections,
     output: &Output,
@@ -136,6 +137,7 @@ fn grids(
     let Some(words) = &output.grids else {
         return Ok(());
     };
+    // Only .ply has attributes at vertices, and of these only values that exist at a point.
     let ply = kind == OutputKind::Mesh && extension == "ply";
     if kind != OutputKind::Vdb && !ply {
         return fault(
@@ -178,6 +180,7 @@ fn grids(
             return fault("grids", message);
         }
     }
+    // An output of coarser copies alone has a grid without naming it.
     if words.is_empty() && kind == OutputKind::Vdb && output.lod.is_none() {
         return fault("grids", "no grid; expected at least one".into());
     }
@@ -188,7 +191,8 @@ fn grids(
     Ok(())
 }
 
-/// Rules of beam outputs.
+/// Rules of outputs of beams: the struts of graphs as they are in the scaffold, unchanged by
+/// operations.
 fn of_beams(
     sections: &Sections,
     output: &Output,
@@ -222,6 +226,7 @@ fn of_beams(
     if is_round {
         return Ok(());
     }
+    // A fitted graph has its own radii as long as nothing sets its level.
     let ungraded = tiling.filter(|t| {
         t.cell.is_some()
             && t.level.is_none()
@@ -264,7 +269,7 @@ fn of_deck(sections: &Sections, output: &Output, key: &str, source: &Source) -> 
         .map_err(|message| fault("element_size", message))
 }
 
-/// Rules of a deck of the scaffold's elements.
+/// Rules of a deck of the scaffold's elements. `fault` makes the error of a key of this output.
 fn of_macro_deck(
     sections: &Sections,
     output: &Output,
@@ -275,6 +280,7 @@ fn of_macro_deck(
                        voxels of the solid, or a tiled scaffold for a deck of its elements";
         return Err(fault("fe", message.into()));
     }
+    // A share of solid per element belongs to voxels; here the law of the cell gives the stiffness.
     for (word, given) in [
         ("element_size", output.element_size.is_some()),
         ("solid_share", output.solid_share.is_some()),
