@@ -134,6 +134,8 @@ fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer,
     Ok(list_group(group, own, radius))
 }
 
+/// The operators, elements and orbits of a point group in `D` dimensions, up to frequencies of
+/// `radius`.
 fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius: f64) -> Answer {
     let name = group.name().to_owned();
     let lattice_name = lattice.name().unwrap_or("of its own");
@@ -145,6 +147,7 @@ fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius:
         .map(Element::name)
         .collect();
     let operators: Vec<String> = group.operators().iter().map(ToString::to_string).collect();
+    // The number of orbits grows with the third power of the radius.
     let radius = radius.clamp(0.0, 16.0);
     let orbits = group.orbits(&lattice, radius);
     let generators: Vec<String> = group.generators().iter().map(ToString::to_string).collect();
@@ -199,9 +202,12 @@ fn is_of<const D: usize>(element: Element, group: &PointGroup<D>, lattice: &Latt
     })
 }
 
+/// Values and gradients of a cell at the points of a file, as a table; written to `output` if there
+/// is one.
 fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Failure> {
     output.map_or(Ok(()), require_writable)?;
     let planar = cell.element().dimension() == 2;
+    // A planar cell has no z.
     let columns: &[&str] = if planar {
         &["x", "y", "phi", "gx", "gy"]
     } else {

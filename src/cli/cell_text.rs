@@ -58,6 +58,7 @@ pub(super) fn describe(cell: &Cell) -> String {
         cell.volume_fraction(),
         cell.gamma(),
     );
+    // A designed cell has no source, so its report has other numbers.
     if let Some(design) = cell.report().and_then(|r| r.design.as_ref()) {
         describe_design(design, &mut text);
     } else if let Some(report) = cell.report() {

@@ -90,7 +90,8 @@ fn refused(error: &FileError, grid: &GridInfo, text: &mut String) -> Value {
     json!({ "name": grid.name, "problems": [problem], "hint": hint })
 }
 
-/// Checks one level set; the result as text and as an object.
+/// Checks one level set. Appends lines to `text` and returns the result as an object; `unit` is the
+/// name of the file's unit.
 fn level_set(
     adopted: &Adopted,
     (grid, unit): (&GridInfo, &str),
@@ -98,6 +99,7 @@ fn level_set(
     session: vdb::Session<'_>,
 ) -> Result<Value, Failure> {
     let mut check = adopted.solid.check(session)?;
+    // Grids that are not cubes are checked in index space; the place is shown in the world.
     if let Some(at) = check.torn_at.filter(|_| !grid.cubic) {
         check.torn_at = Some(grid.index_map().world(at.into()).into());
     }
@@ -130,6 +132,7 @@ fn level_set(
         let _ = writeln!(text, "  {line}");
     }
     let [inside, outside] = check.known_widths;
+    // Some programs cut the band off on one side.
     if inside.min(outside) < check.half_width {
         let _ = writeln!(
             text,
@@ -146,6 +149,7 @@ fn level_set(
     Ok(facts)
 }
 
+/// Checks all level sets of a file, its requirements, and its content hash.
 fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answer, Failure> {
     let (path, session) = (&p.file, vdb::Session::new(threads, shown));
     let require = p.require.read()?;
@@ -176,6 +180,7 @@ fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answ
                     text.push_str(&lines);
                     facts["layers"] = found;
                 }
+                // Requirements are those of one part: the first level set.
                 if let Some(require) = require.as_ref().filter(|_| requirements.is_empty()) {
                     let part = (path.as_path(), &adopted.solid, unit.as_str());
                     requirements = super::require::of_level_set(require, part, threads, shown)?;
@@ -195,6 +200,8 @@ fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answ
         passed = false;
         let _ = writeln!(text, "no level set to check");
     }
+    // The hash is recorded in the file, or in its first grid where a program dropped the tags of the
+    // file.
     let recorded = info.meta("druse.content_hash").or_else(|| {
         info.grids
             .first()

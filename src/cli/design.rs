@@ -91,12 +91,14 @@ impl From<InverseError> for Failure {
     }
 }
 
+/// Searches a cell by its properties and writes it to `output`, also if the search is interrupted.
 pub(super) fn answer(
     flags: &DesignFlags,
     section: &CellSection,
     (output, threads): (&Path, &Threads),
     session: &Session,
 ) -> Result<Answer, Failure> {
+    // The flags become keys of a cell's section, so that its rules check them.
     let mut section = section.clone();
     section.target.clone_from(&flags.target);
     section.start.clone_from(&flags.start);
@@ -147,6 +149,7 @@ pub(super) fn answer(
         None
     };
     let made = threads.install(|| prepared.search(earlier.as_ref(), session))?;
+    // The best cell so far is kept for --resume.
     let bytes = write_cell(output, &made.cell)?;
     if made.is_stopped {
         return Err(Failure::resumable(format!(
@@ -168,7 +171,8 @@ pub(super) fn answer(
     Ok(Answer::new(text, facts))
 }
 
-/// What a search would do.
+/// The plan of a search in words: its unknowns, the grids of its stages, and the bounds that no cell
+/// of this volume fraction exceeds.
 fn plan(prepared: &Prepared) -> Result<Answer, Failure> {
     let basis = prepared.basis();
     let (unknowns, bounds) = (prepared.unknowns()?, prepared.bounds());

@@ -191,6 +191,8 @@ impl Failure {
         })
     }
 
+    /// The error as text of several lines: message, place, excerpt of the file with a marker, hint.
+    /// With colours of a terminal if `colored`.
     fn block(&self, colored: bool) -> String {
         let paint = |code: &str, text: &str| {
             if colored {
@@ -203,6 +205,7 @@ impl Failure {
         let message = terminal::message(&message);
         let mut block = format!("{}: {message}\n", paint("1;31", "error"));
         if let Some(file) = self.file.as_deref().map(terminal::line) {
+            // A column makes sense only behind a line.
             let place = [self.line, self.column]
                 .iter()
                 .map_while(|n| n.map(|n| format!(":{n}")))
@@ -377,6 +380,8 @@ impl From<RunError> for Failure {
     fn from(e: RunError) -> Self {
         let message = e.to_string();
         let (code, hint) = match e {
+            // Errors of files have places and hints of their own; the others get the hint of the command
+            // line.
             RunError::Recipe(e) => return e.into(),
             RunError::Read(e) => return e.into(),
             RunError::Write(e) => return e.into(),

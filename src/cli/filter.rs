@@ -44,6 +44,7 @@ pub(super) struct Parameters {
 /// Operations that a recipe enables by `true`; others without a value get an empty table, for the defaults.
 const FLAGS: [&str; 4] = ["keep_largest", "fill_voids", "prune", "fog"];
 
+/// Writes a recipe of the operations and the output on the command line, and runs it.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let (mut draft, unit) = Draft::of_file(&p.file, &p.choice)?;
     for text in &p.operations {
@@ -64,6 +65,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         ("lod", p.lod.map(|n| Value::Integer(n.into()))),
         ("segments", p.segments.clone().map(Value::String)),
         ("usda", Some(Value::Boolean(p.usda))),
+        // A deck of a level set can only hold its voxels.
         ("kind", (key == "fe").then(|| Value::String("hex8".into()))),
     ]);
     let (report, lines) = draft.run(session, p.threads)?;

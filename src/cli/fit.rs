@@ -38,6 +38,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Fits a cell to an input, or searches one by its properties if there is none.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let name = stem(&p.output);

@@ -42,6 +42,7 @@ pub(super) fn check_paths<'a>(
     }
     for path in outputs {
         let text = path.to_string_lossy();
+        // A single frame overwrites nothing of another.
         if frames.frames().len() == 1 || has_token(&text) {
             path_at(path, frames.frames()[0])?;
             continue;

@@ -67,6 +67,8 @@ enum Rule {
     Energy,
 }
 
+/// Makes a new grading from the results of a deck. All flags are checked before the recipe is
+/// computed.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output.extension().is_none_or(|e| e != "vtu") {
         return Err(Failure::usage(format!(
@@ -82,6 +84,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         other => Ok(other),
     };
     let recipe = Recipe::read(&p.recipe, &p.set)?;
+    // Results are in the unit of the deck that the recipe writes.
     let deck_unit = p.unit.unwrap_or_else(|| {
         let outputs = &recipe.sections().output;
         let deck = outputs.iter().find(|o| o.is_macro_deck());
@@ -111,6 +114,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         field: p.field.clone(),
         rule: match (p.rule, limit) {
             (Some(Rule::Energy), _) => Some(GradeRule::Energy),
+            // A limit is a stress, so it chooses that rule.
             (Some(Rule::Stress), _) | (None, Some(_)) => Some(GradeRule::Stress),
             (None, None) => None,
         },
@@ -138,6 +142,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
+/// The new grading in words; lengths in the recipe's unit.
 fn describe(r: &GradeReport, unit: LengthUnit) -> String {
     let measure = match r.rule {
         GradeRule::Stress => "stress in the solid",
@@ -146,6 +151,7 @@ fn describe(r: &GradeReport, unit: LengthUnit) -> String {
     let above = r
         .above_limit
         .map_or(String::new(), |n| format!(", {n} elements above the limit"));
+    // A thickness is a length; a volume fraction and a level have no unit.
     let of = match r.quantity {
         "thickness" => format!(" {unit}"),
         _ => String::new(),

@@ -149,9 +149,11 @@ impl From<HomogenizeError> for Failure {
     }
 }
 
+/// Computes effective properties, a sweep of them, or a comparison with other cells.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let settings = settings(p)?;
+    // The computation takes minutes: names are checked before it.
     for (path, extensions) in [
         (&p.output, &["json", "csv"][..]),
         (&p.modulus, &["csv"]),
@@ -164,6 +166,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             require_writable(path)?;
         }
     }
+    // These keep the solutions, which need more memory.
     let keeps = p.gradient || p.sweep.is_some();
     if let Some(fault) = pipeline::resolution_fault(p.resolution, &settings, keeps) {
         return Err(Failure::usage(format!("--resolution: {fault}")));
@@ -205,6 +208,7 @@ fn settings(p: &Parameters) -> Result<Settings, Failure> {
     if !(p.residual > 0.0 && p.residual < 1.0) {
         return Err(refuse("--residual", p.residual, "a share between 0 and 1"));
     }
+    // Without --only all properties are wanted.
     let wants = |property| p.only.is_empty() || p.only.contains(&property);
     if p.gradient && !(wants(Property::Stiffness) && wants(Property::Conductivity)) {
         return Err(Failure::usage(
@@ -226,6 +230,7 @@ fn settings(p: &Parameters) -> Result<Settings, Failure> {
         permeability: wants(Property::Permeability),
         all_loads: p.all_loads || p.gradient,
         control: Control {
+            // The error of derivatives is of the order of the residual itself, not of its square.
             tolerance: if p.gradient {
                 p.residual.min(GRADIENT_RESIDUAL)
             } else {
@@ -317,7 +322,7 @@ fn check_band_limit(
     }
 }
 
-/// The properties of one cell, from two grids.
+/// The properties of one cell on the requested grid and on one half as fine, and the files of them.
 fn one(
     p: &Parameters,
     source: &CellPeriod,
@@ -357,6 +362,7 @@ fn one(
         written.push((path, write_bytes(path, text.as_bytes())?));
     }
     if p.modulus.is_some() || p.picture.is_some() {
+        // Young's modulus along n is 1 / (n n : S : n n), with the compliance S.
         let inverse = fine.stiffness.as_ref().and_then(compliance);
         let inverse = inverse.ok_or_else(|| {
             Failure::usage("the stiffness is singular; it has no directional modulus")

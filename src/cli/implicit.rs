@@ -59,6 +59,7 @@ impl std::str::FromStr for Repeat {
 
 const UNIT: LengthUnit = LengthUnit::Millimetre;
 
+/// Writes a cell as an implicit function in a 3MF, in boxes or inside a mesh.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output
         .extension()
@@ -75,6 +76,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         p.edge.0.in_unit(UNIT, UNIT).ok_or_else(|| {
             Failure::usage("found --edge in voxels; expected a length, as in 5mm")
         })?;
+    // Other cells continue over the faces of their period.
     if cell.element() == Element::Ball && p.inside.is_none() && p.repeat.0 != [1; 3] {
         let message = "found --repeat for a cell of a ball, which has no period; expected one cell";
         return Err(Failure::usage(message).hint("--inside MESH fills a larger shape"));

@@ -19,6 +19,7 @@ pub(super) struct Parameters {
     file: PathBuf,
 }
 
+/// Summarises a file by its kind.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     use FileKind::{Cell, Mesh, Recipe, Scaffold, Vdb};
     let path = &p.file;
@@ -34,6 +35,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         Mesh => mesh(path, session)?,
         Scaffold => {
             let described = super::scaffold::describe(path)?;
+            // A mesh of surface elements is a scaffold or a solid: both views are shown.
             if described.1["kind"] == "surface" {
                 surface(path, described, session)?
             } else {
@@ -48,6 +50,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
+/// The sections of a recipe, as lines and as an object.
 fn recipe(path: &Path) -> Result<(String, Value), Failure> {
     let recipe = Recipe::read(path, &[])?;
     let s = recipe.sections();
@@ -137,6 +140,7 @@ pub(super) fn unit_of(info: &FileInfo) -> String {
     stated.or_else(of_grid).unwrap_or_else(|| "m".into())
 }
 
+/// The grids of an OpenVDB file, as lines.
 fn vdb_screen(path: &Path, info: &FileInfo) -> String {
     let unit = unit_of(info);
     let mut text = format!(
@@ -169,6 +173,7 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
             if g.half { ", half floats" } else { "" }
         );
         if let Some([min, max]) = g.bbox {
+            // A turned grid needs all eight corners for its box.
             let corners = (0..8u8).map(|c| {
                 map.world(Vec3::from_fn(|a, _| {
                     f64::from(if c >> a & 1 == 1 { max[a] } else { min[a] })
@@ -199,6 +204,7 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
             let _ = writeln!(text, "  note: {}", super::terminal::line(note));
         }
         for (key, value) in &g.metadata {
+            // The recipe is long; it has a command of its own.
             if key.starts_with("druse.") && key != "druse.recipe" {
                 let _ = writeln!(
                     text,

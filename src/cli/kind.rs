@@ -47,6 +47,7 @@ const TABLE: [(&str, FileKind); 21] = [
 impl FileKind {
     /// The kind of an existing file, which must be one of those that a command takes.
     pub(super) fn of(path: &Path, taken: &[Self]) -> Result<Self, Failure> {
+        // A missing file is reported before its extension.
         let found = std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?;
         if found.is_dir() {
             return Err(Failure::data(path, "found a directory; expected a file"));

@@ -45,6 +45,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Plans the bricks or frames of a recipe and writes job files for queue systems.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output.extension().is_none_or(|e| e != "json") {
         return Err(Failure::usage(format!(
@@ -127,6 +128,7 @@ fn sequence(
     let planned = super::sequence_plan::plan(p, frames, options, session)?;
     let mut files = planned.files;
     files.extend(job_files(p, &planned.items)?);
+    // The bar of progress ends before lines follow.
     session.finish();
     let (count, frames) = (planned.items.count, frames.frames().len());
     session.note(&format!(

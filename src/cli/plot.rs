@@ -39,6 +39,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Draws a cell beside its source and lists the error by the number of coefficients.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     require_writable(&p.output)?;
@@ -47,6 +48,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         let source = match &p.source {
             None => None,
             Some(input) => {
+                // The source must be placed as it was for the fit.
                 let flags = CellSection {
                     place: p.place.clone(),
                     caps: p.caps,

@@ -62,6 +62,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     })
 }
 
+/// Renders all files into one picture, side by side where there are several.
 fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let tools = vdb::Session::new(&threads, session);
@@ -74,6 +75,7 @@ fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     require_writable(&p.output)?;
     let columns = pipeline::contact_sheet_columns(p.files.len());
     let rows = p.files.len().div_ceil(columns);
+    // The requested size is that of the whole sheet.
     let size = [
         (p.size.0 as usize / columns).max(16),
         (p.size.1 as usize / rows).max(16),
@@ -105,7 +107,8 @@ fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     Ok(Answer::new(text, facts))
 }
 
-/// One picture, and the values of the grid that colours it.
+/// One picture of `width` by `height` pixels, and the least and greatest value of the grid that
+/// colours it, if one does.
 fn picture(
     p: &Parameters,
     path: &Path,
@@ -116,6 +119,7 @@ fn picture(
         Some(cell) => cell_picture(path, &cell, tools)?,
         None => solid_of(path, session, tools)?,
     };
+    // A cut beside the part would show it whole, without a word.
     if let Some(cut) = p.cut {
         let bounds = solid.bounds()?;
         let (from, to) = (bounds.min[cut.axis], bounds.max[cut.axis]);
@@ -182,6 +186,7 @@ fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<Level
                 if solid.beams.is_empty() {
                     voxelized(path, &solid.file.mesh, tools)?
                 } else {
+                    // The voxels follow from the size of the part: the picture shows no finer ones.
                     let voxel = solid.bounds().size().max() / PREVIEW_RESOLUTION;
                     pipeline::solid_picture(path, &solid, [voxel, BAND_HALF_WIDTH], tools)?
                 }
@@ -191,6 +196,7 @@ fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<Level
                     return voxelized(path, &mesh(path, session)?, tools);
                 };
                 let scaffold = file.scaffold;
+                // Curved faces are cut into triangles with an error that the picture does not show.
                 let (_, stretch) = scaffold.stretch();
                 let mut shell = TriMesh::default();
                 for component in 0..scaffold.components().len() {

@@ -53,11 +53,13 @@ impl Display {
         self.style == Style::Bar
     }
 
+    /// Begins a stage; `total` is the number of its steps, if it is known.
     pub(super) fn stage(&self, name: &str, total: Option<u64>) {
         let name = &*terminal::line(name);
         match self.style {
             Style::None => {}
             Style::Bar => {
+                // Without a total there is no end to show, only the time so far.
                 let template = if total.is_some() {
                     "{msg:<12} {wide_bar} {percent:>3} %  {eta:>4} left"
                 } else {

@@ -91,8 +91,11 @@ struct Origin {
 }
 
 impl Origin {
+    /// The recipe and hashes that a file records. Refuses files whose grids were changed after the
+    /// run.
     fn read(path: &Path, info: &FileInfo) -> Result<Self, Failure> {
         let meta = |key: &str| {
+            // Some programs keep the tags of grids only.
             let of_grid = || info.grids.first().and_then(|g| g.meta(key));
             info.meta(key).or_else(of_grid)
         };
@@ -134,6 +137,8 @@ fn compared(path: &Path, origin: &Origin, report: &Report, keeps_outputs: bool) 
     let expected = Some(&origin.content_hash);
     let has_name =
         |o: &&&crate::pipeline::OutputFile| Path::new(&o.path).file_name() == path.file_name();
+    // The output with the recorded hash; else that of the same name, else the first one, to show how it
+    // differs.
     let made = volumes
         .iter()
         .find(|o| o.content_hash.as_ref() == expected)

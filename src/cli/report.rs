@@ -33,6 +33,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Writes the page of a run's report.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output.extension().is_none_or(|e| e != "html") {
         let found = p.output.display();
@@ -49,6 +50,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             format!("found no JSON ({e}); expected the report of a run"),
         )
     })?;
+    // Any other JSON would give an empty page.
     if !(report["druse"].is_string() && report["solid"]["volume"].is_number()) {
         return Err(Failure::data(
             path,

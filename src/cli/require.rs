@@ -48,7 +48,7 @@ impl Parameters {
         Ok(Some(file))
     }
 
-    /// Checks a mesh that is a solid against requirements.
+    /// Checks a mesh that is a solid against requirements. `report` is that of the solid's mesh.
     pub(super) fn judge_mesh(
         &self,
         require: &RequireFile,
@@ -63,6 +63,7 @@ impl Parameters {
             .hint("name it: --unit mm"));
         };
         let r = &require.section;
+        // These are measured on voxels.
         for (name, needs) in [
             ("least_wall", r.least_wall.is_some()),
             ("least_gap", r.least_gap.is_some()),

@@ -53,6 +53,8 @@ pub(super) struct Parameters {
     pub(super) from: Option<PathBuf>,
 }
 
+/// Runs a recipe, a plan, a sequence, or the recipe of a `.vdb`: the name of the file and the flags
+/// decide.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let is_plan = p.recipe.extension().is_some_and(|e| e == "json");
     if is_plan && super::sequence_plan::is_sequence(&p.recipe) {
@@ -76,6 +78,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         ));
     }
     let recipe = Recipe::read(&p.recipe, &p.set)?;
+    // A damaged grid of a cell crashes OpenVDB; a child opens it first.
     inspect_voxels(&recipe)?;
     let options = options(p, session)?;
     if p.dry_run {
@@ -152,6 +155,7 @@ fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answe
     Ok(Answer::new(text, json!({ "made": made, "left": left })))
 }
 
+/// A prediction as lines; numbers that do not apply to the recipe are left out.
 fn prediction(e: &Estimate) -> String {
     let lines = [
         ("elements", grouped(e.elements)),

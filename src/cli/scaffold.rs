@@ -69,6 +69,7 @@ enum What {
     },
 }
 
+/// Describes a scaffold, makes one, or checks one or the continuity of a recipe's tiling.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     match &p.what {
         What::Info { file, output } => {
@@ -102,6 +103,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             output,
             tolerance,
             set,
+            // A recipe is checked as a tiling, another file as a mesh of elements.
         } if file.extension().is_some_and(|e| e == "toml") => {
             certificate(file, output.as_deref(), *tolerance, set, session)
         }
@@ -120,7 +122,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
 }
 
-/// The continuity of a recipe's field.
+/// The continuity of a recipe's field over shared faces. It passes if no jump of the value exceeds
+/// `tolerance`, a share of the field's range; `output` is a `.vtu` for the elements.
 fn certificate(
     path: &Path,
     output: Option<&Path>,
@@ -135,6 +138,7 @@ fn certificate(
         ..RunOptions::default()
     };
     let probe = match (Probe::new(&recipe, &options, session), output) {
+        // Elements whose cells cannot continue: the file shows the edges around which they fail.
         (Err(RunError::Misfit { misfit, scaffold }), Some(path)) if !misfit.edges.is_empty() => {
             let edges: Vec<[u32; 2]> = misfit.edges.iter().map(|e| e.nodes).collect();
             let around: Vec<f64> = misfit.edges.iter().map(|e| e.elements as f64).collect();
@@ -301,6 +305,7 @@ fn left_out((skipped, unused_nodes): (usize, usize), notes: &[String], text: &mu
     }
 }
 
+/// The description of a mesh of surface elements, as text and as an object.
 fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     let kinds = file.surface.kinds();
     let listed: Vec<String> = kinds
@@ -315,6 +320,7 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
         listed.join(", "),
         file.surface.nodes().len()
     );
+    // Each of these also appends its lines.
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
     left_out((file.skipped, file.unused_nodes), &file.notes, &mut text);
@@ -337,6 +343,7 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
 /// The description of a scaffold, as text and as an object.
 fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let report = file.scaffold.report();
+    // Elements by their numbers in the file.
     let bad =
         |list: &[crate::scaffold::BadElement]| list.iter().map(|b| b.number).collect::<Vec<u64>>();
     let kinds: serde_json::Map<String, Value> = report
@@ -390,6 +397,7 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     (text, facts)
 }
 
+/// The report of a scaffold as lines; the first inverted and the first degenerate element are named.
 fn screen(path: &Path, r: &ScaffoldReport) -> String {
     let kinds: Vec<String> = r
         .kinds

@@ -46,9 +46,11 @@ impl Made<'_> {
         Ok(())
     }
 
+    /// Tets that fill the part: by gmsh in a CAD part, by this program in a mesh.
     fn scaffold(&self, session: &Session) -> Result<Scaffold, Failure> {
         let stated = match self.unit {
             Some(unit) => Some(unit),
+            // gmsh converts CAD parts to millimetres.
             None if is_cad(self.part) => None,
             None => crate::io::stated_unit(self.part)?,
         };

@@ -93,6 +93,7 @@ pub(super) fn plan(
     for &frame in frames.frames() {
         session.require_running()?;
         let recipe = sequence.at(frame)?;
+        // A frame that fits into memory is one item; else each of its bricks is.
         if p.bricks.is_none() {
             let estimate = estimate(&recipe, options, session)?;
             if estimate.bricks == 0 {
@@ -232,6 +233,7 @@ pub(super) fn make_items(p: &super::run::Parameters, session: &Session) -> Resul
     let (mut made, mut left, mut passed) = (0, 0, true);
     for n in p.brick.iter().flat_map(Clone::clone) {
         session.require_running()?;
+        // Numbers come from the command line.
         let Some(item) = opened.plan.items.get(n) else {
             return Err(Failure::data(
                 &p.recipe,
@@ -241,6 +243,7 @@ pub(super) fn make_items(p: &super::run::Parameters, session: &Session) -> Resul
                 ),
             ));
         };
+        // An item is a brick of a frame's plan, or a whole frame.
         let is_new = if let (Some(plan), Some(brick)) = (&item.plan, item.brick) {
             let plan = opened.folder.join(plan);
             let bricks = brick..brick + 1;
@@ -277,6 +280,7 @@ pub(super) fn merge(
         session.require_running()?;
         let recipe = Recipe::read(&opened.recipe, &overrides(&opened.plan.set, frame))?;
         let report_path = frame_report(&recipe, opened.options.out.as_deref());
+        // Whole frames are complete already, and so are frames that an earlier merge made.
         if let Some(report) = finished_frame(&recipe, &report_path) {
             reports.push((frame, report));
             continue;

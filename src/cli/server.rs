@@ -268,11 +268,14 @@ fn converse(mut stream: TcpStream, guard: &Guard, requests: &SyncSender<Waiting>
         Err(Refusal::With(refused)) => {
             let reply = Reply::text(refused.status, &refused.message);
             if write(&mut stream, &reply).is_ok() {
+                // The rest of a refused request is read, else the browser may lose the answer.
                 drain(&mut stream);
             }
             return;
         }
     };
+    // The thread of the page makes the answer; `sent` reports that it is on its way, so that the program
+    // may end.
     let ((answer, answered), (sent, receipt)) = (sync_channel(1), channel());
     let waiting = Waiting {
         request,
@@ -289,6 +292,8 @@ fn converse(mut stream: TcpStream, guard: &Guard, requests: &SyncSender<Waiting>
     }
 }
 
+/// Writes the head and the body of an answer. The headers allow nothing from elsewhere, and no
+/// copies.
 fn write(stream: &mut TcpStream, reply: &Reply) -> std::io::Result<()> {
     let reason = match reply.status {
         200 => "OK",

@@ -95,7 +95,9 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     })
 }
 
+/// Slices a part into pictures, or into one file of outlines.
 fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    // A level set is sliced as the recipe that reads it.
     let (recipe, opened) = match FileKind::of(&p.file, &[FileKind::Vdb, FileKind::Recipe])? {
         FileKind::Vdb => {
             let (mut draft, _) = Draft::of_file(&p.file, &p.choice)?;
@@ -136,6 +138,7 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let sliced = if format == Format::Png {
         let mut pictures = Pictures::in_folder(&p.output);
         let sliced = slice(&recipe, &options, &how, session, |s, n, layer| {
+            // The folder is made when the first layer is there, not for a run that fails.
             if n == 0 {
                 require_directory(&p.output)?;
             }
@@ -213,7 +216,7 @@ impl Drop for Pictures<'_> {
     }
 }
 
-/// Writes a slice stack in millimetres; `cut` passes the layers to its argument.
+/// Writes a slice stack in millimetres; `cut` slices the part and passes the layers to its argument.
 fn stack(
     file: &mut AtomicFile,
     p: &Parameters,
@@ -233,6 +236,7 @@ fn stack(
     let mut writer = None;
     let sliced = cut(&mut |s, n, layer| {
         let to_mm = s.unit.to(LengthUnit::Millimetre);
+        // The writer needs the box, which the first layer brings.
         if let Some(file) = out.take() {
             let plan = &s.plan;
             let [u, v] = [0, 1].map(|k| plan.corner[k] + plan.pixels[k] as f64 * plan.pixel);

@@ -58,6 +58,7 @@ pub(super) fn beam_screen(parts: &[BeamPart], unit: Option<LengthUnit>) -> (Stri
     let length: f64 = beams().map(|b| (b.ends[1] - b.ends[0]).norm()).sum();
     let symbol = unit.map_or_else(String::new, |u| format!(" {u}"));
     let plural = |n: usize| if n == 1 { "" } else { "s" };
+    // One number where all radii are equal.
     let span = |r: [f64; 2]| {
         if r[0] == r[1] {
             format!("radius {}{symbol}", figures(r[0]))

@@ -154,6 +154,7 @@ fn check_folders(out: &Path, combinations: &[Combination]) -> Result<(), Failure
         let report = folder.join(report.unwrap_or(Path::new(REPORT_NAME)));
         let report = std::fs::read(report).unwrap_or_default();
         let report: Value = serde_json::from_slice(&report).unwrap_or_default();
+        // The hash of the recipe in a report shows which combination wrote the folder.
         let is_other = |(m, other): (usize, &Combination)| {
             m != n && report["recipe_blake3"] == other.hash && other.hash != c.hash
         };
@@ -173,6 +174,7 @@ fn check_folders(out: &Path, combinations: &[Combination]) -> Result<(), Failure
 
 /// All combinations, the last key varying fastest. Each is a valid recipe.
 fn combinations(p: &Parameters, axes: &[Axis]) -> Result<Vec<Combination>, Failure> {
+    // Checked before the list is made: products of axes grow fast.
     let count = axes
         .iter()
         .try_fold(1usize, |n, a| n.checked_mul(a.values.len()))
@@ -184,6 +186,7 @@ fn combinations(p: &Parameters, axes: &[Axis]) -> Result<Vec<Combination>, Failu
     };
     let mut found = Vec::with_capacity(count);
     for n in 0..count {
+        // The digits of n in the mixed base of the axes, the last axis first.
         let mut rest = n;
         let mut values: Vec<String> = axes
             .iter()
@@ -201,6 +204,7 @@ fn combinations(p: &Parameters, axes: &[Axis]) -> Result<Vec<Combination>, Failu
                 .zip(&values)
                 .map(|(a, v)| format!("{}={v}", a.key)),
         );
+        // Without a folder only the numbers are wanted.
         if p.out.is_none() {
             overrides.push("output=[]".into());
         }
@@ -234,6 +238,7 @@ fn dry_run(
     for (n, c) in combinations.iter().enumerate() {
         let estimate = pipeline::plan(&c.recipe, &options, session)?;
         seconds += estimate.seconds;
+        // Runs come one after the other: times add up, memory does not.
         memory = memory.max(estimate.peak_memory_bytes);
         let _ = writeln!(
             text,

@@ -84,9 +84,11 @@ impl Draft {
     pub fn of_file(path: &Path, choice: &GridChoice) -> Result<(Self, LengthUnit), Failure> {
         let name = choice.grid.as_deref();
         let volume = super::vdb::reader()?.fetch(path, name)?;
+        // As a flag, as the file's tag, or metres.
         let own = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
         let unit = choice.unit.or_else(own).unwrap_or(LengthUnit::Metre);
         let (edge, width) = volume.voxels();
+        // A band of another width is rebuilt with the usual 3 voxels.
         let width = if (1.5..=64.0).contains(&width) {
             width
         } else {
@@ -110,6 +112,7 @@ impl Draft {
             ("invert", choice.invert.then_some(Value::Boolean(true))),
         ]);
         draft.operation("union", toml_table([("vdb", Some(source))]));
+        // The grid is read already; the run takes it from here.
         draft.opened = Some(PrefetchedGrid::new(path, name, volume));
         Ok((draft, unit))
     }
@@ -131,7 +134,7 @@ impl Draft {
         Ok(Recipe::parse(&self.sections.to_string(), &[])?)
     }
 
-    /// Parses and runs the draft.
+    /// Parses and runs the draft. Returns the report and a line for each file.
     pub fn run(
         mut self,
         session: &Session,
@@ -140,6 +143,7 @@ impl Draft {
         let opened = self.opened.take();
         let recipe = self.recipe()?;
         let options = RunOptions {
+            // These commands report no walls.
             brief: true,
             opened,
             ..super::vdb::run_options(threads, session)?

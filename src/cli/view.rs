@@ -90,6 +90,7 @@ fn triangle_count(text: &str) -> Result<usize, String> {
         .ok_or_else(|| "expected a number of triangles from 1k to 4M, as in 400k".to_owned())
 }
 
+/// Writes the page of a file, or serves it live without an output.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let is_html = |path: &PathBuf| {
         path.extension()
@@ -112,6 +113,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let threads = super::context::threads(p.threads)?;
     let tools = crate::vdb::Session::new(&threads, session);
     let (scene, _) = threads.install(|| load::scene(p, tools, session))?;
+    // An empty page would hide that the file has no surface.
     if scene.triangles() == 0 {
         return Err(Failure::data(
             &p.file,
@@ -162,6 +164,7 @@ fn parts_text(body: &Body) -> String {
     }
 }
 
+/// The contents of a written page, as lines and as an object.
 fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer {
     let path = output.display().to_string();
     let size = scene.bounds().size();

@@ -82,6 +82,7 @@ impl PeriodResults<'_> {
             for a in 0..3 {
                 let axis = ["1", "2", "3"][a];
                 line("E", axis, "", e.young[a]);
+                // Shear moduli and ratios are in Voigt order: 23, 13, 12, and 12, 13, 23.
                 line("G", ["2", "1", "1"][a], ["3", "3", "2"][a], e.shear[a]);
                 line("nu", ["1", "1", "2"][a], ["2", "3", "3"][a], e.poisson[a]);
             }
@@ -146,6 +147,7 @@ impl PeriodResults<'_> {
             let name = |of: &str| format!("d {of} / d {}{k}", d.part);
             line(&name("volume_fraction"), "", "", d.volume_fraction);
             for i in 0..6 {
+                // The derivative is symmetric; its upper half is listed.
                 for j in i..6 {
                     line(&name("C"), LOADS[i], LOADS[j], d.stiffness[i][j]);
                 }
@@ -160,6 +162,7 @@ impl PeriodResults<'_> {
         text
     }
 
+    /// The properties in words. Without a modulus of the solid the results are relative to it.
     pub fn text(&self) -> String {
         let fine = self.fine();
         let [nx, ny, nz] = fine.voxels;
@@ -172,6 +175,7 @@ impl PeriodResults<'_> {
             fine.volume_fraction,
         );
         let young = self.material.young.unwrap_or(1.0);
+        // Without a modulus the solid has E = 1.
         let unit = if self.material.young.is_some() {
             ""
         } else {
@@ -239,6 +243,7 @@ impl PeriodResults<'_> {
         for (name, error) in names.into_iter().zip(self.computed.errors()) {
             parts.extend(error.map(|e| format!("{name} {:.2} %", 100.0 * e)));
         }
+        // The error is the difference of the two grids.
         if let (Some(coarse), false) = (&self.computed.coarse, parts.is_empty()) {
             let _ = writeln!(
                 text,

@@ -59,7 +59,8 @@ fn surfaces(element: Element, fraction: f64) -> Vec<Cell> {
     made.collect()
 }
 
-/// The pictured cells and the text and table of their figures.
+/// Pictures the cells, and returns the text and table of their figures. `source` is the cell itself;
+/// `picture` is the file of the picture.
 ///
 /// # Errors
 /// A period without a cell of a hex or a tet, a file that cannot be read or written, and those of the solver.
@@ -105,6 +106,7 @@ pub(super) fn answer(
     let places: Vec<[f64; 2]> = entries.iter().map(Entry::place).collect();
     for entry in &mut entries {
         let [k, bulk] = entry.place();
+        // Best if no other cell is at least as good in both figures and better in one.
         entry.is_best = !places
             .iter()
             .any(|o| (o[0] >= k && o[1] > bulk) || (o[0] > k && o[1] >= bulk));

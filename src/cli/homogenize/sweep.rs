@@ -113,7 +113,8 @@ impl Line {
     }
 }
 
-/// Solves for each volume fraction, starting from the previous solution.
+/// Solves for each volume fraction, starting from the previous solution, and writes a table and
+/// curves.
 pub(super) fn answer(
     p: &Parameters,
     source: &CellPeriod,
@@ -125,6 +126,7 @@ pub(super) fn answer(
     let mut lines: Vec<Line> = Vec::new();
     for &fraction in &sweep.0 {
         session.stage(&format!("fraction {fraction}"), None);
+        // Sampled anew for each fraction and dropped before the solver runs, which needs the memory.
         let samples = sampled(source, p.resolution, None, session)?;
         let level = samples.level_for_volume_fraction(fraction)?;
         let samples = samples.with_level(level);

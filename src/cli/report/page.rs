@@ -45,6 +45,7 @@ impl Page<'_> {
             ("The run", self.run()),
         ];
         for (title, content) in sections {
+            // Sections without content are left out.
             if !content.is_empty() {
                 let _ = write!(body, "<section><h2>{title}</h2>{content}</section>");
             }
@@ -135,6 +136,7 @@ impl Page<'_> {
         out
     }
 
+    /// The table of requirements, with the place and the hint of those that are not met.
     fn requirements(&self) -> String {
         let rows = self.list("requirements").iter().map(|r| {
             let is_met = r["met"] == true;
@@ -144,6 +146,7 @@ impl Page<'_> {
                 ("missed", "not met")
             };
             let mut found = text(&r["found"]);
+            // Places are known for some requirements, and only where they are missed.
             if r["place"].is_array() {
                 let _ = write!(
                     found,
@@ -168,6 +171,7 @@ impl Page<'_> {
         table(&["", "requirement", "required", "found"], &rows)
     }
 
+    /// Histograms of walls and gaps, each with its limit and its first percentile.
     fn walls(&self) -> String {
         let solid = &self.report["solid"];
         let unit = self.unit();
@@ -178,6 +182,7 @@ impl Page<'_> {
         ] {
             let limit = self.limit(requirement);
             let chart = histogram(&solid[key], &format!("{label}, {unit}"), limit.as_ref());
+            // A brief run measures no walls.
             let Some(chart) = chart else { continue };
             let least = &solid[requirement];
             let at = &solid[format!("{requirement}_place")];
@@ -209,6 +214,7 @@ impl Page<'_> {
         })
     }
 
+    /// The table of cavities, those with the narrowest ways out first.
     fn cavities(&self) -> String {
         let found = &self.report["solid"]["cavities"];
         let Some(list) = found["list"].as_array() else {
@@ -327,12 +333,14 @@ impl Page<'_> {
         table(&["file", "size", "unit", "BLAKE3"], &rows)
     }
 
+    /// The commands that repeat the run, and the recipe.
     fn again(&self) -> String {
         let recipe = self.report["recipe"].as_str().unwrap_or_default();
         let mut lines = Vec::new();
         if !recipe.is_empty() {
             lines.push(format!("druse run {}", escaped(recipe)));
         }
+        // A .vdb with a content hash can be repeated and compared.
         let volume = self.list("outputs").iter().find_map(|o| {
             let path = o["path"].as_str().filter(|p| {
                 std::path::Path::new(p)
@@ -367,6 +375,7 @@ impl Page<'_> {
         out
     }
 
+    /// Time, memory and voxels of the run, with the time of each stage.
     fn run(&self) -> String {
         let stages = self.list("stages");
         let seconds: f64 = stages.iter().filter_map(|s| s["seconds"].as_f64()).sum();

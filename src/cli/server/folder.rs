@@ -15,6 +15,7 @@ pub(in crate::cli) fn inside(directory: &Path, name: &Path) -> Result<PathBuf, S
     let shown = directory.display();
     let expected = format!("expected the plain name of a file in {shown}");
     let text = name.to_str().unwrap_or_default();
+    // No separators, no hidden names, no control characters.
     let plain = !text.is_empty()
         && !text.starts_with('.')
         && text
@@ -25,6 +26,7 @@ pub(in crate::cli) fn inside(directory: &Path, name: &Path) -> Result<PathBuf, S
     }
     let path = directory.join(text);
     let real = |p: &Path| std::fs::canonicalize(p).ok();
+    // A link to another file of the folder is allowed.
     let is_link = std::fs::symlink_metadata(&path).is_ok_and(|m| m.is_symlink());
     if is_link && real(&path).as_deref().and_then(Path::parent) != real(directory).as_deref() {
         return Err(format!(

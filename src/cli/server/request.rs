@@ -93,12 +93,14 @@ pub(super) fn read_request(stream: &mut TcpStream, guard: &Guard) -> Result<Requ
         };
         headers.push((name, value.trim()));
     }
+    // Before the body is read, so that others cost no memory.
     let path = guard.admit(target, &headers)?;
     let method = match method {
         "GET" => Method::Get,
         "POST" => Method::Post,
         _ => return refuse(405, "expected GET or POST"),
     };
+    // A body in chunks has no length to limit.
     if header(&headers, "Transfer-Encoding").next().is_some() {
         return refuse(411, "expected a body with a Content-Length");
     }
@@ -113,6 +115,7 @@ pub(super) fn read_request(stream: &mut TcpStream, guard: &Guard) -> Result<Requ
         },
         _ => return refuse(400, "expected one Content-Length"),
     };
+    // The first read may hold a part of the body behind the head.
     while body.len() < length {
         let mut bytes = [0u8; 4096];
         let count = reader.read(&mut bytes)?;

@@ -41,6 +41,7 @@ impl Table {
             return Ok(table);
         };
         let count = table.keys.len();
+        // Keys, then columns of any number, then the error and the hash.
         let is_same = head.len() >= count + 2
             && head[..count] == table.keys[..]
             && head[head.len() - 2..] == [ERROR, HASH];
@@ -55,6 +56,7 @@ impl Table {
             );
         }
         table.columns = head[count..head.len() - 2].to_vec();
+        // Rows with an error, and a last row that was cut off, are run again.
         for row in rows.filter(|r| r.len() == head.len()) {
             let (error, hash) = (&row[row.len() - 2], &row[row.len() - 1]);
             if error.is_empty() && !hash.is_empty() {

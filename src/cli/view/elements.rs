@@ -27,12 +27,14 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// The body, and whether it has only the outer faces because all would be more than `max_triangles`.
+/// The surface of the elements for a page, and whether it has only the outer faces because all would
+/// be more than `max_triangles`.
 pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
     let Elements {
         scaffold, fields, ..
     } = elements;
     let per_part = |of: usize| of * of;
+    // Triangles of all faces with n^2 parts each; a quad has twice as many as a triangle.
     let count = |parts: usize, inner: bool| -> usize {
         let faces = (0..scaffold.len()).flat_map(|e| scaffold.faces_of(e).map(move |f| (e, f)));
         faces
@@ -45,6 +47,7 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
             .sum()
     };
     let is_outer = count(1, true) > max_triangles;
+    // Curved faces in as many parts as the limit allows.
     let parts = [CURVED_PARTS, 2]
         .into_iter()
         .find(|&n| count(n, !is_outer) <= max_triangles);
@@ -63,6 +66,7 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
     for e in 0..scaffold.len() {
         let element = scaffold.element(e);
         let corners = element.kind().reference_nodes();
+        // Mirrored elements have their faces the other way round.
         let sign = element.volume().signum();
         for face in scaffold.faces_of(e) {
             if is_outer && scaffold.neighbour(face) != Neighbour::Outside {
@@ -165,7 +169,8 @@ fn groups(body: &mut Body, elements: Elements) {
     });
 }
 
-/// Adds a face in `parts` parts a side, with its outline; `visit` is called for each vertex.
+/// Adds a face in `parts` parts a side, with its outline. `side` are its corners in the element's
+/// reference frame, `sign` is -1 for a mirrored element; `visit` is called for each vertex.
 fn add_face(
     body: &mut Body,
     element: &ElementMap,
@@ -179,6 +184,7 @@ fn add_face(
     let mut add = |xi: Vec3| {
         let (x, jacobian) = element.map_and_jacobian(CellPoint(xi));
         let (u, v) = (side[1] - side[0], side[side.len() - 1] - side[0]);
+        // The tangents of the face are J u and J v, so their cross product is its normal.
         let normal = (jacobian * u).cross(&(jacobian * v)) * sign;
         body.positions.push(x.0);
         body.normals.push(normal_bytes(normal));
@@ -188,10 +194,12 @@ fn add_face(
     let mut rows = Vec::new();
     let mut count = 0u32;
     for j in 0..=n {
+        // Rows of a triangle get shorter by one vertex each.
         let last = if is_quad { n } else { n - j };
         rows.push(count);
         for i in 0..=last {
             let (s, t) = (i as f64 / n as f64, j as f64 / n as f64);
+            // Bilinear in a quad, barycentric in a triangle.
             add(if is_quad {
                 (side[0] * (1.0 - s) + side[1] * s) * (1.0 - t)
                     + (side[3] * (1.0 - s) + side[2] * s) * t
@@ -215,6 +223,7 @@ fn add_face(
             }
         }
     }
+    // The outline: two sides from the first corner, and the others.
     for k in 0..n {
         body.lines.push([at(k, 0), at(k + 1, 0)]);
         body.lines.push([at(0, k), at(0, k + 1)]);

@@ -28,6 +28,7 @@ pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
                     coarse_reading(p),
                 )?;
                 step = volume.coarse_step().into();
+                // A level set is not meshed for this; its band gives the number.
                 let triangles = volume.band_voxels() as f64 / VOXELS_PER_TRIANGLE;
                 ("level set", triangles as usize)
             }

@@ -284,7 +284,8 @@ fn usual_key(code: &str) -> Option<&'static str> {
     }
 }
 
-/// Runs the changed recipe with all its files.
+/// Runs the changed recipe with all its files and stores the result for the page. `number`
+/// identifies the run, so that a later one cancels it.
 pub(super) fn run_full(work: &Work, text: &RecipeText, edit: &Edit, number: u64) {
     let progress = work.progress_of(&work.full, number);
     let done = super::work::caught(|| {
@@ -308,6 +309,7 @@ pub(super) fn run_full(work: &Work, text: &RecipeText, edit: &Edit, number: u64)
                 "requirements": requirements.collect::<Vec<_>>(),
             })
         }
+        // A run that was stopped on purpose is no error.
         Err(_) if progress.cancelled() => json!({ "running": false, "cancelled": true }),
         Err(failure) => json!({ "running": false, "error": work.described(&failure, edit) }),
     };

@@ -28,6 +28,7 @@ pub(super) fn serve(p: &Parameters, session: &Session) -> Result<Answer, Failure
     let server = Server::open(p.port)?;
     let address = server.address().to_owned();
     server.announce(session);
+    // One thread computes while this one answers requests; the end of the server stops both.
     let served = std::thread::scope(|scope| {
         Builder::new()
             .spawn_scoped(scope, || work.run())
@@ -73,6 +74,7 @@ fn answer<'scope, 'a: 'scope>(
             .map(|saved| Reply::json(&saved))
             .into(),
         (Method::Post, "run") => run(work, scope).into(),
+        // A new number makes the run with the former one stop.
         (Method::Post, "stop") => {
             work.full.next();
             Reply::json(&work.describe())
@@ -127,6 +129,7 @@ fn run<'scope, 'a: 'scope>(
     let Subject::Recipe(recipe) = &work.subject else {
         return Err(no_recipe());
     };
+    // One lock for test and mark: two requests cannot both start a run.
     let edit = {
         let mut state = work.state();
         if state.full["running"] == true {

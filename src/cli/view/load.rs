@@ -63,7 +63,8 @@ pub(super) fn check(path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The scene of a level set in memory, in its own unit.
+/// The scene of a level set in memory, in its own unit, whose name is `unit`. Wall thickness is
+/// measured if `has_thickness`.
 pub(super) fn solid_scene(
     p: &Parameters,
     solid: &LevelSet,
@@ -131,6 +132,8 @@ fn shown_unit(stated: Option<&str>, longest: f64) -> (&str, f64) {
     }
 }
 
+/// The scene of a level set of a file, and its grid for slices. Large ones are read on coarser
+/// voxels.
 fn level_set(
     p: &Parameters,
     tools: vdb::Session,
@@ -144,6 +147,7 @@ fn level_set(
     let info = volume.info().clone();
     let mut notes = Vec::new();
     progress.stage("meshing", None);
+    // A mean over cubes of voxels leaves crumbs where thin walls were.
     let (mesh, grid) = if step > 1 {
         let mesh = without_crumbs(&volume.coarse_mesh(tools)?, info.voxel_size[0])?;
         (mesh, Grid::Volume(volume))
@@ -157,6 +161,7 @@ fn level_set(
         let mesh = adopted.solid.to_mesh(tools)?;
         (mesh, Grid::LevelSet(adopted.solid))
     };
+    // Metres are shown as millimetres where the part is small.
     let (unit, factor) = shown_unit(stated.as_deref(), mesh.bounds().size().max());
     let mesh = mesh.mapped(|x| x * factor);
     let edge = factor * info.voxel_size[0];
@@ -178,6 +183,7 @@ fn level_set(
         let points: Vec<WorldPoint> = points.iter().map(|&x| WorldPoint(x / factor)).collect();
         let field = |grid: &Volume| -> Result<Field, Failure> {
             let mut values = grid.samples(&points)?;
+            // Thickness is a length and takes the unit of the page.
             let is_length = grid.name().contains("thickness");
             if is_length {
                 for v in &mut values {
@@ -260,7 +266,8 @@ fn simplified(found: usize, kept: usize, notes: &mut Vec<String>) {
     }
 }
 
-/// The grids that colour a level set.
+/// The grids that colour a level set: those of --values, or all grids of floats beside `own`, the
+/// one that is shown.
 fn values(p: &Parameters, own: &str, notes: &mut Vec<String>) -> Result<Vec<Volume>, Failure> {
     let reader = crate::cli::vdb::reader()?;
     let names: Vec<String> = match &p.values {
@@ -269,6 +276,7 @@ fn values(p: &Parameters, own: &str, notes: &mut Vec<String>) -> Result<Vec<Volu
         None => {
             let bytes =
                 std::fs::metadata(&p.file).map_err(|e| crate::io::ReadError::io(&p.file, e))?;
+            // The names of its grids are known only after all of it is read.
             if bytes.len() > MAX_INSPECTED_BYTES {
                 notes.push("the file is large: --values names the grids to colour by".into());
                 return Ok(Vec::new());
@@ -315,6 +323,7 @@ fn mesh_scene(
     surface_scene(p, &mesh, (unit, notes), progress)
 }
 
+/// The scene of a mesh of triangles with the unit of its file; `notes` are those of its reader.
 fn surface_scene(
     p: &Parameters,
     mesh: &TriMesh,
@@ -328,6 +337,7 @@ fn surface_scene(
         "triangles in the file".into(),
         numbers::grouped(mesh.triangles().len() as u64),
     ]];
+    // Only a closed surface has a volume.
     if body.is_closed {
         let volume: f64 = components.iter().map(|c| c.volume).sum();
         facts.push(["volume".into(), volume_text(volume, &unit)]);
@@ -405,6 +415,7 @@ pub(super) fn scaffold_scene(p: &Parameters, own: Elements, warnings: &[String])
     }
 }
 
+/// The scene of a cell: one element in fine voxels and a block of elements in coarse ones.
 fn cell_scene(
     p: &Parameters,
     cell: &Cell,
@@ -420,6 +431,7 @@ fn cell_scene(
     let block = (coarse, BAND_HALF_WIDTH);
     let block = pipeline::cell_block(cell, BLOCK_ELEMENTS, block, tools).map_err(failed)?;
     let solids = [("one element", Some(one)), ("block of 3 x 3 x 3", block)];
+    // Both share the triangles of the page.
     let share = SurfaceOptions {
         max_triangles: p.triangles / solids.len(),
         ..options(p)

@@ -105,6 +105,7 @@ impl RecipeText {
             }
             let mut present = Vec::new();
             all_keys("", &table, &mut present);
+            // In the order of the text, up to a number that a page can show.
             leaves.sort_by_key(|leaf: &Leaf| leaf.span.start);
             leaves.truncate(MAX_CONTROLS);
             let ops = table.iter().find(|(name, _)| name.get_ref() == "op");
@@ -152,6 +153,7 @@ impl RecipeText {
                 "description": leaf.description,
             })
         });
+        // Keys that the recipe lacks follow those that it has.
         let controls = controls.chain(self.absent.iter().map(AbsentKey::control));
         let operations = self
             .operations
@@ -234,6 +236,7 @@ impl RecipeText {
             .map_err(|e| Refused::new(format!("found text that is no object: {e}")))?;
         let mut edit = Edit::default();
         for (key, value) in sent["values"].as_object().into_iter().flatten() {
+            // A key that the text lacks has no old value to compare with.
             if self.absent.iter().any(|k| k.key == *key) {
                 let kind = Kind::Number { is_integer: false };
                 edit.literals
@@ -244,6 +247,7 @@ impl RecipeText {
             let leaf = leaf.ok_or_else(|| {
                 Refused::new(format!("found the key {key:?}; expected one of the page"))
             })?;
+            // Unchanged values keep their text, with its form and comments.
             if *value != leaf.value {
                 let literal = literal(key, &leaf.kind, value)?;
                 edit.literals.insert(key.clone(), literal);
@@ -270,6 +274,7 @@ impl RecipeText {
                     "found another order of operations; expected each of {count} once"
                 )));
             }
+            // The order of the text is no change.
             if !order.is_sorted() {
                 edit.order = order;
             }
@@ -337,7 +342,8 @@ fn all_keys(above: &str, table: &DeTable, keys: &mut Vec<String>) {
     }
 }
 
-/// A value as it is written in a recipe.
+/// A value of a page as it is written in a recipe. Checked by its kind, because any page may send
+/// it.
 fn literal(key: &str, kind: &Kind, value: &Value) -> Result<String, Refused> {
     let expected = |what: &str| Refused::new(format!("{key}: found {value}; expected {what}"));
     let number = || {
@@ -374,7 +380,8 @@ fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
-/// Collects the values below a key that controls can change.
+/// Collects the values at and below a key that controls can change. `words` has the descriptions and
+/// choices of keys.
 fn collect(key: &str, value: &Spanned<DeValue>, words: &SchemaWords, leaves: &mut Vec<Leaf>) {
     let last = key.rsplit('.').next().unwrap_or(key);
     let (kind, parsed) = match value.get_ref() {
@@ -403,6 +410,8 @@ fn collect(key: &str, value: &Spanned<DeValue>, words: &SchemaWords, leaves: &mu
             _ => return,
         },
         DeValue::String(text) => {
+            // A text is a word of the schema, a quantity with its unit, or a formula; other texts have
+            // no control.
             let choices = words.choices(key);
             if choices.iter().any(|c| c == text.as_ref()) {
                 (Kind::Word { choices }, json!(text))

@@ -47,6 +47,7 @@ impl Sampled {
         let around = self.bounds.dilated(MARGIN * self.bounds.size().max());
         let (u, v) = [(1, 2), (0, 2), (0, 1)][axis];
         let size = around.size();
+        // Square pixels; the longer side has the requested number.
         let step = size[u].max(size[v]) / pixels as f64;
         let [width, height] = [u, v].map(|k| ((size[k] / step).ceil() as usize).max(1));
         let point = |n: usize| {

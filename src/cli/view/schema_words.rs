@@ -59,7 +59,8 @@ impl SchemaWords {
         words.into_iter().map(str::to_owned).collect()
     }
 
-    /// All schemas of a key below a node: alternatives and references are followed.
+    /// All schemas of a key below a node; alternatives and references are followed. `parts` are the
+    /// words of the key that are still to follow, `depth` limits references to themselves.
     fn at<'a>(&'a self, node: &'a Value, parts: &[&str], depth: usize) -> Vec<&'a Value> {
         let mut found = Vec::new();
         if depth > MAX_DEPTH {
@@ -67,6 +68,7 @@ impl SchemaWords {
         }
         if let Some((first, rest)) = parts.split_first() {
             let own = &node["properties"][*first];
+            // A number is an index of an array; a word is a property, or the name of any entry.
             let children = if first.parse::<usize>().is_ok() {
                 [&node["items"], &node["prefixItems"][0]]
             } else if own.is_object() {
