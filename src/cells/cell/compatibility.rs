@@ -70,11 +70,15 @@ pub fn symmetry<const D: usize>(
     lattice: Option<&str>,
 ) -> Result<(PointGroup<D>, Lattice<D>), CellError> {
     let parsed = match group {
+        // A text with commas lists operators. With fractions too it is a space group, which `space_group`
+        // parses below.
         Some(text) if text.contains(',') && !text.contains('/') => {
             Some(GroupText::parse(&text.replace(';', "\n"))?)
         }
         _ => None,
     };
+    // The lattice of the caller comes before the one in the text; without both, it is the first of the
+    // element.
     let own = parsed.as_ref().and_then(|t| t.lattice.clone());
     let name = lattice.or(own.as_deref()).unwrap_or(lattices(element)[0]);
     if rank(element) != D {
@@ -90,12 +94,16 @@ pub fn symmetry<const D: usize>(
         return Err(unfitting(element, "lattice", name.to_owned(), expected));
     }
     let lattice = Lattice::named(name)?;
+    // A cell with a space group is fitted as one of the site group about the origin; translations are applied
+    // to the series afterwards.
     if let Some(space) = space_group::<D>(element, group)? {
         return Ok((space.site_group()?, lattice));
     }
     let group = match parsed {
         None => PointGroup::named(group.unwrap_or(default_group(element)), &lattice)?,
         Some(text) => {
+            // The operators are given on the coordinates of the text's lattice and apply on the chosen one
+            // after a change of basis.
             let (group, home) = text.group("own", name)?;
             group.on_lattice(&home, &lattice)?
         }

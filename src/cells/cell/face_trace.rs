@@ -31,6 +31,7 @@ struct Trace {
 /// the concatenated coefficients of all bases.
 pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
     let unknowns: usize = bases.iter().map(|(_, b)| b.len()).sum();
+    // Unknowns of basis i are numbered from starts[i] on.
     let mut starts = vec![0];
     for (_, basis) in bases {
         starts.push(starts[starts.len() - 1] + basis.len());
@@ -40,12 +41,14 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
         .enumerate()
         .flat_map(|(basis_index, (element, basis))| traces(basis_index, *element, basis))
         .collect();
+    // Triangles first, then squares: faces with different numbers of corners never meet.
     let mut rows = Vec::new();
     for corners in [3, 4] {
         let mut of_kind = traces.iter().filter(|t| t.corners == corners);
         let Some(first) = of_kind.next() else {
             continue;
         };
+        // Adds sign T_p to an equation; `part` 0 is its real part, 1 its imaginary part. A missing wave is 0.
         let add =
             |t: &Trace, p: ProjectionKey<2>, part: usize, sign: f64, row: &mut DVector<f64>| {
                 if let Some((_, parts)) = t.waves.get(&p) {
@@ -53,6 +56,7 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
                     place.axpy(sign, &parts[part], 1.0);
                 }
             };
+        // T_p of s equals T_q of t: one equation for the real and one for the imaginary part.
         let mut equal = |(s, p): (&Trace, ProjectionKey<2>), (t, q): (&Trace, ProjectionKey<2>)| {
             for part in 0..2 {
                 let mut row = DVector::zeros(unknowns);
@@ -61,6 +65,7 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
                 rows.push(row);
             }
         };
+        // T_p = T_Qp for every symmetry Q of the face, so that the numbering of its corners has no influence.
         for operator in symmetries(corners) {
             for (p, image) in first
                 .waves
@@ -70,6 +75,7 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
                 equal((first, p), (first, image));
             }
         }
+        // All other traces of this kind equal the first, and are symmetric with it.
         for other in of_kind {
             let all: BTreeSet<_> = first.waves.keys().chain(other.waves.keys()).collect();
             for &p in all {

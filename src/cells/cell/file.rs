@@ -127,6 +127,8 @@ fn expression(document: &mut Document) -> Result<ExpressionEntry, String> {
     let lattice = document.lattice.take();
     let coefficients = document.coefficients.take();
     let missing = |key: &str| format!("missing field `{key}`");
+    // A document with an expression has its groups and lattices in the tree; the same keys beside it would be
+    // ambiguous.
     if let Some(tree) = own {
         let beside = [
             ("group", group.is_some()),
@@ -172,6 +174,7 @@ fn write_series<const D: usize>(text: &mut String, series: &Series<D>) {
 
 /// Writes an expression, one node per line.
 fn write_function(text: &mut String, function: &Expression) {
+    // Text after the head of a node: its parts, one per line, with commas between them.
     let list = |text: &mut String, parts: &[Expression]| {
         for (n, part) in parts.iter().enumerate() {
             text.push_str(if n == 0 { "\n" } else { ",\n" });
@@ -269,6 +272,8 @@ impl Cell {
     /// group or lattice, an invalid coefficient, a level out of range.
     pub fn from_json(text: &str) -> Result<Self, CellTextError> {
         let mut document: Document = serde_json::from_str(text).map_err(|e| {
+            // The message of the parser ends with the place, which the error holds as a number: it is cut
+            // off.
             let full = e.to_string();
             let place = format!(" at line {} column {}", e.line(), e.column());
             CellTextError {
@@ -287,6 +292,7 @@ impl Cell {
             reason,
         })?;
         let function = reader.function(&tree)?;
+        // An error of the finished cell is located at the first occurrence of its key.
         reader.series = 0;
         let mut cell = Self::new(&document.name, document.element, function)
             .and_then(|c| c.with_solid(document.solid, document.level))

@@ -161,6 +161,7 @@ fn fit_period(
         options.check_ball()?;
     }
     let (group, lattice_name) = (&options.group, &options.lattice);
+    // u = L^-1 x maps a point to fractions of the periods; a planar lattice leaves z out.
     let inverse = if dimension == 2 {
         let (_, lattice) =
             super::symmetry::<2>(element, group.as_deref(), lattice_name.as_deref())?;
@@ -184,6 +185,7 @@ fn fit_period(
         period: Some((samples, n)),
         ..SourceInfo::default()
     };
+    // The samples fix the band limit, so that there is no search for a tolerance.
     let options = FitOptions {
         tolerance: None,
         ..options.clone()

@@ -93,6 +93,8 @@ impl Field for Icosahedral {
 
 impl Products {
     fn new(series: &Series<6>) -> Self {
+        // The mirrors make the sum even along each axis: sines cancel, and a wave with frequency f becomes a
+        // product of the cosines of |f_x|, |f_y|, |f_z|.
         let in_space: Vec<([f64; 3], f64)> = series
             .exponentials()
             .iter()
@@ -101,14 +103,17 @@ impl Products {
                 ([f[0].abs(), f[1].abs(), f[2].abs()], c[0])
             })
             .collect();
+        // Each distinct frequency is tabulated once. Products refer to it by number.
         let mut frequencies: Vec<f64> = in_space.iter().flat_map(|t| t.0).collect();
         frequencies.sort_unstable_by(f64::total_cmp);
         frequencies.dedup_by(|next, kept| *next - *kept < FREQUENCY_TOLERANCE);
         let number = |f: f64| frequencies.partition_point(|other| *other < f - FREQUENCY_TOLERANCE);
+        // Exponentials that differ in signs only add up to one product.
         let mut weights: BTreeMap<[usize; 3], f64> = BTreeMap::new();
         for (f, c) in in_space {
             *weights.entry(f.map(number)).or_default() += c;
         }
+        // Terms with the same functions along x and y form a run, which multiplies by these two only once.
         let (mut runs, mut terms) = (Vec::<([usize; 2], Range<usize>)>::new(), Vec::new());
         for ([x, y, z], weight) in weights {
             let end = terms.len() + 1;

@@ -334,9 +334,12 @@ impl Cell {
             .samples(Samples::affordable_parts(self))
             .weighted_by(density);
         let (lo, hi) = samples.range();
+        // A constant function has no level for any share.
         if hi - lo <= CONSTANT_RANGE * hi.abs().max(lo.abs()).max(f64::MIN_POSITIVE) {
             return Err(self.no_surface("solid", lo, hi));
         }
+        // Levels from the grid and from every second point of it: the error is of second order, so that the
+        // two extrapolate.
         let fine = samples.level_for(self.solid, fraction, 1);
         if self.is_corrected_for_curvature() {
             return Ok(samples.corrected_level(self, fraction, fine));

@@ -109,6 +109,7 @@ pub fn minkowski(
     let frame = Frame::new(element, how.environment)?;
     progress.stage("minkowski: samples", None);
     let (first, second) = (Table::new(a)?, Table::new(b)?);
+    // Indicators of both solids on the grid of the period. A clipped cell is empty outside its element.
     let sampled = |table: &Table, clipped: bool, extension: Extension| -> Vec<bool> {
         frame.sample(|p| {
             let within = !clipped || element.face_distance(p) <= 1e-9;
@@ -135,6 +136,7 @@ pub fn minkowski(
     }
     let shape = [frame.n; 3];
     let periodic = frame.extension.is_some();
+    // Distances on the torus wrap around; in a cell without neighbours they do not.
     let distance = signed_distance(&solid, &shape, &frame.steps(), periodic);
     let source = |p: CellPoint<3>| frame.interpolate(&distance, p);
     fit(name, element, &source, options, progress)

@@ -62,6 +62,8 @@ impl<const D: usize> Series<D> {
             if k.iter().any(|v| v.saturating_abs() > MAX_INDEX) {
                 return Err(fail(format!("the index is beyond {MAX_INDEX}")));
             }
+            // One term per orbit pair +-k: of the two representatives the greater is kept, and C(-k) = conj
+            // C(k).
             let rep = group.canonical(k);
             let opposite = group.canonical(k.map(|v| -v));
             let (rep, c) = if rep < opposite {
@@ -71,6 +73,8 @@ impl<const D: usize> Series<D> {
             };
             let orbit = group.orbit(rep);
             let size = c[0].abs().max(c[1].abs());
+            // An orbit with k and -k needs a real coefficient. A small imaginary part is rounding and becomes
+            // 0.
             if orbit.is_self_paired() && c[1].abs() > 1e-9 * size {
                 return Err(fail(format!(
                     "its orbit holds k and -k, so that the imaginary part must be 0, found {}",
@@ -82,11 +86,14 @@ impl<const D: usize> Series<D> {
             } else {
                 c
             };
+            // A short list of orbits may expand to very many waves in a large group.
             if expanded.len() + 2 * orbit.members.len() > MAX_EXPONENTIALS {
                 return Err(fail(format!(
                     "the series has more than {MAX_EXPONENTIALS} exponentials"
                 )));
             }
+            // Every member of the orbit has the same coefficient C; its opposite, if it is in another orbit,
+            // has the conjugate.
             for &q in &orbit.members {
                 expanded.push((q, c));
                 if !orbit.is_self_paired() {
@@ -95,8 +102,11 @@ impl<const D: usize> Series<D> {
             }
             coefficients.push((place, Coefficient { k: rep, c }));
         }
+        // By frequency, then by index. The norm is rounded, so that rounding does not change the order within
+        // a shell.
         let order = |k: Frequency<D>| ((lattice.frequency_norm(k) * 1e9).round() as i64, k);
         coefficients.sort_by_key(|(_, t)| order(t.k));
+        // After sorting, an orbit that is listed twice is beside itself.
         if let Some(pair) = coefficients.windows(2).find(|w| w[0].1.k == w[1].1.k) {
             return Err(CellError::Coefficient {
                 place: pair[1].0,
@@ -261,6 +271,7 @@ impl<const D: usize> Series<D> {
         if self.group.operators() != other.group.operators() || self.lattice != other.lattice {
             return None;
         }
+        // The order of `new`, by which both lists are sorted.
         let order = |k: Frequency<D>| ((self.lattice.frequency_norm(k) * 1e9).round() as i64, k);
         let mut coefficients: Vec<Coefficient<D>> = self.scaled(a).coefficients;
         for t in &other.coefficients {
@@ -273,6 +284,7 @@ impl<const D: usize> Series<D> {
                 Err(at) => coefficients.insert(at, Coefficient { k: t.k, c }),
             }
         }
+        // Waves with the same index are neighbours after sorting and add up.
         let mut expanded = self.scaled(a).expanded;
         expanded.extend(other.expanded.iter().map(|&(k, c)| (k, c.map(|v| v * b))));
         expanded.sort_by_key(|t| t.0);

@@ -85,6 +85,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 impl TrigSum {
     /// From all indices with their coefficients (re, im); both members of each pair must be present.
     pub fn new(mut terms: Vec<([i32; AXES], [f64; 2])>) -> Self {
+        // The sum over all waves is real: C e_k + conj(C) e_-k = 2 Re(C e_k). One wave of each pair is kept,
+        // with weight 2; k = 0 is its own opposite.
         terms.retain(|(k, c)| *k >= [0; AXES] && c.iter().any(|v| *v != 0.0));
         terms.sort_by_key(|t| t.0);
         let mut sum = Self {
@@ -102,6 +104,7 @@ impl TrigSum {
             for a in 0..AXES {
                 sum.bounds[a] = sum.bounds[a].max(k[a].abs());
             }
+            // Waves with consecutive last indices form a run, along which the phasor advances.
             let leading: [i32; LEADING_AXES] = std::array::from_fn(|a| k[a]);
             match sum.runs.last_mut() {
                 Some(r) if r.leading == leading && r.from + r.len as i32 == k[LEADING_AXES] => {
@@ -115,6 +118,7 @@ impl TrigSum {
                 }),
             }
         }
+        // Leading axes on which all indices are 0 are skipped.
         let varies = sum.bounds.iter().position(|b| *b > 0);
         sum.first_axis = varies.unwrap_or(AXES).min(LEADING_AXES - 1);
         sum

@@ -57,6 +57,8 @@ impl Expression {
         &self,
         leaf: &mut dyn FnMut(&Node) -> ValueAndGradient,
     ) -> ValueAndGradient {
+        // Minimum of the parts from first to last. In the rounded zone the gradient is the mean of both, with
+        // weights that add up to 1.
         let mut least =
             |parts: &[Self], radius: f64, transform: fn(ValueAndGradient) -> ValueAndGradient| {
                 parts
@@ -75,6 +77,7 @@ impl Expression {
                 (s + w * v, g + d * *w)
             }),
             Node::Least(parts, radius) => least(parts, *radius, |s| s),
+            // max(a, b) = -min(-a, -b), for values and gradients alike.
             Node::Greatest(parts, radius) => negative(least(parts, *radius, negative)),
             Node::Magnitude(f) => {
                 let slope = f.gradient_with(leaf);

@@ -115,6 +115,8 @@ fn count_components(inside: &[Vec<bool>], flag_images: &[FlagImage], planar: boo
 
 /// Counts the components of source and cell.
 pub(super) fn components(cell: &Cell, target: &Target, domain: &Domain) -> Components {
+    // Phase of source and cell at every grid point of every flag of the domain; the group maps these flags
+    // onto all others.
     let grid = SimplexGrid::new(GRID_PARTS).coordinates();
     let signs: Vec<Vec<(bool, bool)>> = domain
         .flags
@@ -130,6 +132,7 @@ pub(super) fn components(cell: &Cell, target: &Target, domain: &Domain) -> Compo
         .collect();
     let flag_images = flag_images(cell, domain);
     let planar = cell.element().dimension() == 2;
+    // The four counts use the same points, with another choice of the phase.
     let component_count = |pick: &dyn Fn(&(bool, bool)) -> bool| {
         let inside: Vec<Vec<bool>> = signs
             .iter()

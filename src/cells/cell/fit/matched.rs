@@ -150,6 +150,7 @@ fn targets(
     let (quadrature_points, interior) =
         quadrature_points(element, &domain, parts_per_edge, options.weights());
     let scale = field_units_per_edge(cell).recip();
+    // Phi of a sheet, not |Phi| - half: the middle function is smooth, and equal middles give equal sheets.
     let value = |p: CellPoint<3>| {
         if cell.solid().is_symmetric() {
             cell.expression().value(p)

@@ -91,6 +91,7 @@ impl Placement {
         let (linear, offset) = match self {
             Self::Reference => (Mat3::identity(), Vec3::zeros()),
             Self::Fit => {
+                // The longest edge of the source's box becomes that of the element's box, with equal centres.
                 let longest = bounds.size().max();
                 if !(longest.is_finite() && longest > 0.0) {
                     return fail(format!("the source's box has the longest edge {longest}"));
@@ -111,6 +112,7 @@ impl Placement {
                 if !(scale.is_finite() && *scale > 0.0) {
                     return fail(format!("scale is {scale}; expected a positive number"));
                 }
+                // x' = s Rz Ry Rx x + t: the rotation about x comes first.
                 let angles = rotate.map(f64::to_radians);
                 let [x, y, z] = [Vec3::x_axis(), Vec3::y_axis(), Vec3::z_axis()];
                 let turn = nalgebra::Rotation3::from_axis_angle(&z, angles[2])

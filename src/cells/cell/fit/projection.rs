@@ -86,11 +86,14 @@ pub fn lanczos<const D: usize>(
             (PI * x).sin() / (PI * x)
         }
     };
+    // Sigma = sinc(k / (h + 1)) with h = floor((n - 1) / 2), the largest index of the grid (3.2).
     let end = (n.max(1) - 1) as f64 / 2.0;
     let end = end.floor() + 1.0;
     let is_orthogonal = matches!(lattice.name(), Some("square" | "cubic"));
     let longest = (0..D).map(|a| lattice.columns().column(a).norm());
     let longest = longest.fold(0.0, f64::max);
+    // A product over the axes is equal within an orbit only where the group permutes and reverses axes.
+    // Elsewhere the factor depends on |f| alone.
     for (k, c) in terms {
         let factor: f64 = if is_orthogonal {
             k.iter().map(|k| sinc(f64::from(*k) / end)).product()

@@ -192,6 +192,7 @@ impl Job<'_> {
             self.info,
             self.progress,
         )?;
+        // Without averaging the source is taken as it is, so that a lack of symmetry is no error.
         let average = self.options.symmetrise == Symmetrise::Average;
         if average && quality.kept_energy < NO_SYMMETRIC_PART {
             return Err(FitError::NoSymmetricPart {
@@ -199,6 +200,7 @@ impl Job<'_> {
                 kept: quality.kept_energy,
             });
         }
+        // A symmetric source needs one evaluation per point from here on, not one per image.
         target.symmetric = quality.residual <= ASYMMETRY_TOLERANCE * quality.rms;
         Ok((values, quality))
     }
@@ -238,6 +240,7 @@ impl Job<'_> {
             return self.on_grid(basis, target, constraint);
         }
         let (quadrature_points, values, quality) = self.sampled(basis, domain, target)?;
+        // The points of the quadrature as points of the basis, whose internal coordinates (ball only) are 0.
         let samples: Vec<Sample<D>> = quadrature_points
             .iter()
             .zip(values)
@@ -296,6 +299,8 @@ impl Job<'_> {
         let lattice = basis.lattice();
         let (_, _, quality) = self.sampled(basis, domain, target)?;
         let radius = Some(options.band_limit).filter(|r| r.is_finite());
+        // Given samples of the period fix the grid. Otherwise the source is continued over the period, with n
+        // from the density of the options or four samples per shortest wave, whichever is more.
         let (mut coefficients, n) = if let Some((samples, n)) = self.info.period {
             self.progress.stage("fit: transform", None);
             let found =
@@ -325,6 +330,7 @@ impl Job<'_> {
             self.penalised(basis, &mut real);
         }
         let mut constraint = constraint.cloned();
+        // Greedy truncation (3.3): the largest coefficients stay, and a constraint acts on these only.
         if let Some(kept) = largest_coefficients(basis, &real, options.keep) {
             for (value, kept) in real.iter_mut().zip(&kept) {
                 if !kept {

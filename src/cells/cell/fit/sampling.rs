@@ -93,6 +93,8 @@ pub(super) fn midpoints(dimension: usize, n: usize) -> Vec<[f64; 3]> {
             .collect(),
         2 => {
             let mut all = Vec::with_capacity(n * n);
+            // Row j of the triangle has j + 1 upright parts and j inverted ones, with the centroids at thirds
+            // of a step.
             for j in 0..n {
                 for k in 0..=j {
                     let (b, c) = (j as f64, k as f64);
@@ -106,6 +108,7 @@ pub(super) fn midpoints(dimension: usize, n: usize) -> Vec<[f64; 3]> {
         }
         _ => {
             let mut all = Vec::with_capacity(n * n * n);
+            // The centroid of each small tetrahedron is the mean of its four grid points.
             SimplexGrid::new(n).tetrahedra(|corners| {
                 all.push(std::array::from_fn(|a| {
                     corners.iter().map(|c| c[a] as f64).sum::<f64>() / 4.0 * step
@@ -211,6 +214,8 @@ pub(super) fn sample(
     info: &SourceInfo,
     progress: &dyn Progress,
 ) -> Result<(Vec<f64>, Quality), FitError> {
+    // Moments of the source over the images of each point; the first value that is not finite ends the fit,
+    // with its place.
     let moments: Vec<Moments> = quadrature_points
         .par_iter()
         .map(|(p, _)| {
@@ -231,6 +236,8 @@ pub(super) fn sample(
         })
         .collect::<Result<_, _>>()?;
     let total: f64 = quadrature_points[..interior].iter().map(|(_, w)| w).sum();
+    // Weighted mean over the interior; the points of faces and edges follow later in the list and are left
+    // out.
     let mean = |f: &dyn Fn(&Moments) -> f64| {
         let terms = moments[..interior].iter().zip(quadrature_points);
         terms.map(|(m, (_, w))| w * f(m)).sum::<f64>() / total
@@ -245,6 +252,7 @@ pub(super) fn sample(
     let values: Vec<f64> = moments.iter().map(|m| m.value).collect();
     let least = values.iter().copied().fold(f64::INFINITY, f64::min);
     let greatest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    // Without both signs the target has no surface.
     if least >= 0.0 || greatest <= 0.0 {
         return Err(FitError::NoSurface {
             missing: if least >= 0.0 { "solid" } else { "void" },

@@ -214,6 +214,8 @@ impl NormalEquations {
         let n = self.right.len();
         let largest = self.matrix.diagonal().max();
         let span = constraint.map(Constraint::span).filter(|s| s.ncols() > 0);
+        // a = N y with N a basis of the null space: the constraint holds inside the least squares (5.2). A
+        // projection afterwards would spoil the fit.
         let solution = if let Some(span) = span {
             let mut matrix = self.matrix.clone();
             matrix.fill_upper_triangle_with_lower_triangle();
@@ -226,6 +228,7 @@ impl NormalEquations {
         match solution {
             Some(a) if a.iter().all(|v| v.is_finite()) => {
                 let mut real = a.as_slice().to_vec();
+                // Removes the rounding of the step a = N y.
                 if let Some(constraint) = constraint {
                     constraint.project(&mut real);
                 }

@@ -131,6 +131,8 @@ impl Skeleton {
             .iter()
             .map(|c| (c - centre).norm())
             .fold(0.0, f64::max);
+        // Twice the area vector of the triangle at corner i + 1: against the normal, the polygon is not
+        // convex there.
         let corner_normal = |i: usize| {
             let [a, b, c] = [corners[i], corners[(i + 1) % n], corners[(i + 2) % n]];
             (b - a).cross(&(c - b))
@@ -138,9 +140,11 @@ impl Skeleton {
         let area: Vec3 = (0..n)
             .map(|i| (corners[i] - centre).cross(&(corners[(i + 1) % n] - centre)))
             .sum();
+        // The normal is that of the area vector; an area of 0 is a line or a point.
         let Some(normal) = area.try_normalize(1e-9 * size * size) else {
             return Err(none);
         };
+        // All corners lie in the plane through their mean.
         for (corner, c) in corners.iter().enumerate() {
             let off = (c - centre).dot(&normal).abs();
             if off > 1e-6 * size {
@@ -205,11 +209,13 @@ impl Skeleton {
             parts.push((*r, [*a, *b, *b]));
         }
         for (corners, r) in &self.plates {
+            // A convex polygon is the union of the triangles at its first corner.
             let fan =
                 (1..corners.len() - 1).map(|i| (*r, [corners[0], corners[i], corners[i + 1]]));
             parts.extend(fan);
         }
         parts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // One search tree per radius: within a tree the nearest part is the deepest.
         let groups: Vec<(f64, TriangleDistances)> = parts
             .chunk_by(|a, b| a.0 == b.0)
             .map(|same| {

@@ -78,6 +78,7 @@ impl Voxels {
         let counts = [n, n, if shape.len() == 3 { n } else { 1 }];
         if let Some(at) = values.iter().position(|v| !v.is_finite()) {
             let [_, ny, nz] = counts;
+            // Index of the first bad value; the last axis is the fastest.
             return Err(VoxelError::NotFinite {
                 index: [at / (ny * nz), at / nz % ny, at % nz],
                 value: values[at],

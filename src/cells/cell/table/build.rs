@@ -88,9 +88,12 @@ impl Spectrum {
                 lattice.vectors()
             ),
         })?;
+        // A planar series has one sample along z; any period serves.
         let periods = std::array::from_fn(|a| if a < D { own[a] } else { 1.0 });
         let mut max_index = [0; 3];
         let mut terms = Vec::with_capacity(series.exponentials().len());
+        // Indices on the grid: h = f times the period along each axis, an integer for every wave of the
+        // lattice.
         for &(k, c) in series.exponentials() {
             if c == [0.0; 2] {
                 continue;
@@ -110,6 +113,8 @@ impl Spectrum {
             });
         }
         let operators = embedded(series.group(), lattice);
+        // Axes that an operator exchanges need equal numbers of samples. A class has the number of its least
+        // axis; an operator merges the classes of the axes that it maps onto each other.
         let mut axis_class = [0, 1, 2];
         for permutation in operators.iter().filter_map(axis_permutation) {
             for (axis, to) in permutation.into_iter().enumerate() {
@@ -122,6 +127,8 @@ impl Spectrum {
                 }
             }
         }
+        // Operators that permute or reverse axes map the grid onto itself. One operator of each coset of the
+        // others completes the symmetry by a mean over rotated points.
         let mut coset_operators = vec![Mat3::identity()];
         for q in &operators {
             if coset_operators
@@ -131,6 +138,7 @@ impl Spectrum {
                 coset_operators.push(*q);
             }
         }
+        // Symmetries that fold the table: mirrors, twofold axes about z and x, exchanges of x, y and of y, z.
         let has = |samples_for: Mat3| operators.iter().any(|q| (q - samples_for).amax() < 1e-9);
         let keeps = |signs: [f64; 3]| has(Mat3::from_diagonal(&signs.into()));
         let even = |h: &[i32; 3], a: usize, b: usize| (h[a] + h[b]) % 2 == 0;
@@ -141,6 +149,8 @@ impl Spectrum {
                 keeps([1.0, 1.0, -1.0]),
             ],
             twofold: keeps([-1.0, -1.0, 1.0]) && keeps([1.0, -1.0, -1.0]),
+            // All h of one parity: the translations by half a period along two axes leave the function
+            // unchanged (fcc2, section 2.2).
             face_centred: D == 3 && terms.iter().all(|(h, _)| even(h, 0, 1) && even(h, 1, 2)),
             exchanged: [
                 has(Mat3::new(0., 1., 0., 1., 0., 0., 0., 0., 1.)),
@@ -238,6 +248,8 @@ impl Spectrum {
         let [nx, ny, nz] = grid.samples;
         let mut values = vec![Complex64::default(); nx * ny * nz];
         for &(h, [re, im]) in &self.terms {
+            // c_h = C_h / prod_a ((2 + cos(2 pi h_a / N_a)) / 3): the sampled spline then has the values of
+            // the series at the grid points (section 7).
             let gain: f64 = (0..3)
                 .map(|a| attenuation(f64::from(h[a]), grid.samples[a] as f64))
                 .product();
@@ -261,6 +273,8 @@ impl Spectrum {
             .par_chunks_mut(sy * sz)
             .enumerate()
             .for_each(|(i, plane)| {
+                // The padding starts one sample before 0, so that the four coefficients of cell i begin at
+                // index i.
                 let wrap = |c: usize, n: usize| (c + n - 1) % n;
                 for j in 0..sy {
                     let from = (wrap(i, nx) * ny + wrap(j, ny)) * nz;

@@ -28,6 +28,8 @@ impl Table {
             return;
         }
         let [value, slope, _] = leaf.errors();
+        // Ranges and bounds stay those of the spline: they are widened by its error, a gradient by that of
+        // its three components.
         self.slack = [value, 3f64.sqrt() * slope];
         (self.error_bound, self.gradient_error_bound) = (leaf.rounding(), leaf.gradient_rounding());
         self.gradient_sup += self.slack[1];

@@ -5,6 +5,9 @@
 //!
 //! The Bernstein form bounds the gradient in each spline cell, on coarse grids about 10 % too high. The cells
 //! with the largest bounds are subdivided until the bound is close to a length that the gradient attains.
+//!
+//! The laws `the_gradients_bound_is_nearly_reached` and `slopes_near_the_surface_have_a_bound_of_their_own`
+//! measure both.
 
 use super::grid::Grid;
 use super::hull::{CELLS_PER_BATCH, cell_ranges};
@@ -248,6 +251,7 @@ impl SubBox {
         BoundedCell { bound, cell }: BoundedCell,
         distance: SurfaceDistance,
     ) -> Self {
+        // The 4^3 B-spline coefficients that act in the cell.
         let [_, sy, sz] = grid.padded();
         let [x, y, z] = cell;
         let mut bernstein =
@@ -256,6 +260,8 @@ impl SubBox {
             let [i, j, k] = STRIDES.map(|s| n / s % COEFFICIENTS_PER_AXIS);
             *to = f64::from(coefficients[((x + i) * sy + y + j) * sz + z + k]);
         }
+        // Knot insertion along each axis: the coefficients of the same cubic in Bernstein form, whose
+        // extremes bound it.
         for stride in STRIDES {
             bernstein = map_lines(&bernstein, stride, |[p, q, r, s]| {
                 [
@@ -266,6 +272,7 @@ impl SubBox {
                 ]
             });
         }
+        // The bound of the batch is from single precision; the smaller one is kept, for both are rigorous.
         let all = Self::new(Box::new(bernstein), grid.per_unit(), distance);
         Self {
             bound: all.bound.min(f64::from(bound)),

@@ -5,6 +5,9 @@
 //! the cell size, while the B-spline's own coefficients extend into the neighbouring cells. With the
 //! three derivatives raised to one degree, the gradient vectors themselves are combined, whose length is a
 //! convex function.
+//!
+//! Eight cells along z are computed at a time, one per lane, in single precision. The law
+//! `table_bounds_contain_every_sample` compares the ranges with values.
 // Small functions of a hot path, inlined so that they are compiled for the target features of the caller.
 // The compiler does not propagate target features into closures, so this file has none.
 #![allow(clippy::inline_always)]
@@ -46,6 +49,7 @@ fn to_bernstein<L: Lanes>(lanes: L, c: &mut [L::F; COEFFICIENTS_PER_CELL], strid
     let four = lanes.splat(4.0);
     for line in 0..COEFFICIENTS_PER_CELL / 4 {
         let n = line / stride * 4 * stride + line % stride;
+        // Knot insertion: (p + 4 q + r) / 6, (2 q + r) / 3, (q + 2 r) / 3, (q + 4 r + s) / 6.
         let [p, q, r, s] = [c[n], c[n + stride], c[n + 2 * stride], c[n + 3 * stride]];
         c[n] = lanes.mul(lanes.fused(q, four, lanes.add(p, r)), sixth);
         c[n + stride] = lanes.mul(lanes.add(lanes.add(q, q), r), third);
@@ -63,6 +67,8 @@ fn derivative<L: Lanes>(
     stride: usize,
 ) -> L::F {
     let three = lanes.splat(3.0);
+    // Of degree two the coefficients are 3 (b1 - b0), 3 (b2 - b1), 3 (b3 - b2). Raised to degree three, the
+    // two inner ones are means with weights 1/3 and 2/3.
     match n / stride % 4 {
         0 => lanes.mul(lanes.sub(b[n + stride], b[n]), three),
         1 => {
@@ -85,6 +91,7 @@ impl SimdKernel for CellRanges<'_> {
         let [_, sy, sz] = self.grid.padded();
         let [x, y, z] = self.first;
         let zero = lanes.splat(0.0);
+        // The 4^3 coefficients that act in a cell, with the eight cells along z on lanes.
         let mut b = [zero; COEFFICIENTS_PER_CELL];
         for i in 0..4 {
             for j in 0..4 {
@@ -92,6 +99,8 @@ impl SimdKernel for CellRanges<'_> {
                 let row = &self.coefficients[start..start + sz];
                 for k in 0..4 {
                     let c = &mut b[16 * i + 4 * j + k];
+                    // Near the end of a row fewer than eight coefficients are left; the last one stands in
+                    // for the others.
                     *c = if let Some(eight) = row.get(z + k..).and_then(|r| r.first_chunk()) {
                         lanes.load(eight)
                     } else {
@@ -104,6 +113,7 @@ impl SimdKernel for CellRanges<'_> {
                 }
             }
         }
+        // b(x, y, z) in Bernstein form, axis by axis.
         for stride in STRIDES {
             to_bernstein(lanes, &mut b, stride);
         }
@@ -113,6 +123,8 @@ impl SimdKernel for CellRanges<'_> {
             lanes.splat(scale[1] as f32),
             lanes.splat(scale[2] as f32),
         ];
+        // Values lie between the extremes of b. |grad| is convex, so that its maximum over the coefficient
+        // vectors of the gradient is a bound; squares are compared, with one root at the end.
         let (mut least, mut greatest, mut square) = (b[0], b[0], zero);
         for n in 0..COEFFICIENTS_PER_CELL {
             least = lanes.min(least, b[n]);

@@ -148,20 +148,24 @@ impl Spectrum {
     /// The smallest grid for a root mean square error of at most `rms`, and the spectrum without the waves
     /// that the grid cannot represent.
     fn resolved(mut self, rms: f64) -> Result<(Self, Grid), CellError> {
+        // Sampled functions have no exact spectrum to shorten: the default grid holds them.
         if self.sampled.is_some() {
             let grid = self.grid(super::default_samples);
             self.check(&grid)?;
             return Ok((self, grid));
         }
         let whole: f64 = self.terms.iter().map(|t| square_of(t.1)).sum();
+        // An error below single precision is not attainable.
         let square = (rms * rms).max(ROUNDING * ROUNDING * whole);
         let axes = if self.planar { 2 } else { 3 };
         let longest = self.periods[..axes].iter().copied().fold(0.0, f64::max);
+        // A grid with `samples` along the longest period and the same density along the others.
         let of = |samples: usize| {
             let density = aligned_size(samples) as f64 / longest;
             let samples_for = |axis: usize| (density * self.periods[axis]).ceil() as usize;
             self.grid_with(|axis| aligned_size(samples_for(axis).min(MAX_SAMPLES)))
         };
+        // The next size until the waves that the grid holds, and those that it omits, meet the tolerance.
         let mut grid = of(MIN_SAMPLES);
         loop {
             let most = grid.max_frequency();

@@ -1,4 +1,4 @@
-//! The tricubic B-spline: storage of its coefficients, and evaluation of value and gradient.
+//! The tricubic B-spline s(x, y, z) = sum c(i, j, k) B(x - i) B(y - j) B(z - k): storage, values and gradients.
 //!
 //! **Folding.** Only the part of a period is stored from which the symmetries that permute or reverse the
 //! axes generate the rest: see [`GridSymmetry`]. A point is mapped into that part, and its gradient is mapped
@@ -73,6 +73,7 @@ impl Spline {
     /// The spline with these padded coefficients of one period, which have the given symmetry.
     pub fn new(padded: &[f32], grid: Grid, symmetry: GridSymmetry) -> Self {
         let twofold = symmetry.twofold && symmetry.mirrored == [false; 3];
+        // The stored part of each axis: all of it, the upper half, or of a centred lattice one half of that.
         let axes: [Axis; 3] = std::array::from_fn(|a| {
             // A centred lattice has half a period along x and y, with a shift along z.
             let parts = if symmetry.face_centred && a < 2 { 2 } else { 1 };
@@ -88,6 +89,8 @@ impl Spline {
                 cells,
             }
         });
+        // Entry (i, j, k): the coefficients (i, j, k) and (i, j + 1, k); a cell needs three further planes
+        // along x and z, and two further entries along y.
         let [nx, ny, nz] = [axes[0].cells + 3, axes[1].cells + 2, axes[2].cells + 3];
         let [_, sy, sz] = grid.padded();
         let mut table = Vec::with_capacity(nx * ny * nz * NEIGHBOURS_PER_ENTRY);

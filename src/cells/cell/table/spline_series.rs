@@ -49,6 +49,8 @@ impl SplineSeries {
         let ranges = WindowRanges::new(&coefficients, &grid);
         let all = (&*coefficients, ranges.largest());
         let gradient_bounds = gradient_bounds_over(all, &grid, (element, whole_group), surface);
+        // The rounding of a position moves the point by `position_error`, over which the value changes by the
+        // slope and the gradient by the curvature, at most twice the slope per sample distance.
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
         let largest = f64::from(ranges.largest());
         let slope = f64::from(ranges.query([0; 3], grid.samples).max_slope);
@@ -127,6 +129,8 @@ impl SplineSeries {
     pub fn range(&self, region: &CellBox<3>) -> (Interval, f64) {
         let (centre, half) = (
             (region.min + region.max) / 2.0,
+            // The value is the mean over the rotated points, so that the range is the mean of the ranges over
+            // the rotated boxes. A rotated box is enclosed by one along the axes, with the half edges |Q| h.
             (region.max - region.min) / 2.0,
         );
         let (mut lo, mut hi, mut max_slope) = (0.0, 0.0, 0.0);

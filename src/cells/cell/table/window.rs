@@ -20,6 +20,7 @@ const KINK_DECAY: f64 = 0.268;
 pub(super) fn coefficients(products: &Products, grid: &Grid) -> Vec<Complex64> {
     let n = grid.samples[0];
     let half = n / 2 + 1;
+    // Even along every axis: one octant with both faces is sampled, the others mirror it.
     let coordinates: Vec<f64> = (0..half)
         .map(|i| i as f64 * WINDOW_EDGE / n as f64)
         .collect();
@@ -33,6 +34,7 @@ pub(super) fn coefficients(products: &Products, grid: &Grid) -> Vec<Complex64> {
         .collect();
     // For even samples, forward and inverse transforms are equal.
     inverse_transform(&mut values, grid.samples);
+    // As in a periodic table, c_h = value_h / prod (2 + cos(2 pi h / N)) / 3; N normalises both transforms.
     let gains: Vec<f64> = (0..n)
         .map(|h| n as f64 * attenuation(h as f64, n as f64))
         .collect();
@@ -56,6 +58,7 @@ pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
             )
         });
         let product: f64 = of.iter().map(|o| o.0).product();
+        // Error of a wave: see `Spectrum::error_bounds`.
         value += weight.abs() * 2.0 * (1.0 - product);
         for (axis, f) in f.into_iter().enumerate() {
             let (gain, aliases) = of[axis];
@@ -65,6 +68,7 @@ pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
         }
     }
     // The kink is twice the slope. Over half a sample it changes the value.
+    // Samples between the ball and the face of the box.
     let margin = (WINDOW_EDGE - 1.0) / 2.0 * n / WINDOW_EDGE;
     let kink = 2.0 * steepest * libm::pow(KINK_DECAY, margin.floor());
     (value + kink * WINDOW_EDGE / n, slope + kink)

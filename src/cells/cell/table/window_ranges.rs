@@ -208,6 +208,8 @@ impl WindowRanges {
 /// The adjacent windows of two spline cells, and their units.
 fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     use rayon::prelude::*;
+    // Windows of two cells per axis, side by side. A task has one plane of windows, hence two planes of
+    // cells.
     let count = grid.samples.map(|n| n.div_ceil(2));
     let plane_size = count[1] * count[2];
     let mut ranges = vec![Range::JOIN_IDENTITY; count[0] * plane_size];
@@ -217,6 +219,7 @@ fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
         .for_each(|(i, plane)| {
             let [nx, ny, nz] = grid.samples;
             for x in (2 * i..2 * i + 2).filter(|&x| x < nx) {
+                // Ranges of eight cells along z at a time; those beyond the end of the row are dropped.
                 for (y, z) in
                     (0..ny).flat_map(|y| (0..nz).step_by(CELLS_PER_BATCH).map(move |z| (y, z)))
                 {
@@ -227,6 +230,7 @@ fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
                 }
             }
         });
+    // Units are known only after all ranges are: the largest number has the most quantization steps.
     let max_slope = ranges.iter().fold(0f32, |m, r| m.max(r.max_slope));
     let units = Units::new(largest, max_slope);
     let level = Level {
@@ -241,9 +245,11 @@ fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
 /// Windows of twice the width. The stride of an axis doubles once windows overlap by three quarters.
 fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     let width = 2 * last.width;
+    // A window as wide as the longest axis covers the whole period.
     if samples.into_iter().all(|n| last.width >= n) {
         return None;
     }
+    // Wide windows need few starts: once four of them overlap everywhere, every second start is dropped.
     let step = [0, 1, 2].map(|a| {
         let coarser = last.width >= 4 * last.stride[a] && last.count[a].is_multiple_of(2);
         if coarser { 2 } else { 1 }
@@ -255,6 +261,8 @@ fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
         for j in 0..count[1] {
             for k in 0..count[2] {
                 let mut window = Window::JOIN_IDENTITY;
+                // A window of twice the width is the union of eight windows, which start half of it apart
+                // along each axis.
                 for d in 0..8 {
                     let at = |c: usize, a: usize| {
                         (c * step[a] + (d >> (2 - a) & 1) * half[a]) % last.count[a]

@@ -1,5 +1,9 @@
 //! Evaluation of products on SIMD lanes: functions along the axes at eight coordinates, and their sums.
 //!
+//! With the factor `F_n(x, y)` = sum c X(x) Y(y) of the function `Z_n` along z, a value is the sum of `F_n Z_n`.
+//! Over a column of leaves along z the `F_n` stay, so that only the `Z_n` are new. The law `products_are_their_series`
+//! measures the rounding, `bounds_contain_what_products_give` the ranges.
+//!
 //! The compiler does not propagate target features into closures, so this file has none.
 // Small functions of hot paths, inlined so that they are compiled for the target features of the caller.
 #![allow(clippy::inline_always)]
@@ -51,6 +55,7 @@ impl Products {
         (all[1], all[2]) = (c, s);
         for h in 2..=self.harmonics {
             let (ch, sh) = (all[2 * h - 3], all[2 * h - 2]);
+            // cos h t = cos (h-1)t cos t - sin (h-1)t sin t; sin h t = sin (h-1)t cos t + cos (h-1)t sin t.
             all[2 * h - 1] = l.sub(l.mul(ch, c), l.mul(sh, s));
             all[2 * h] = l.fused(sh, c, l.mul(ch, s));
         }
@@ -64,6 +69,7 @@ impl Products {
         let (c0, s0) = (from[1], from[2]);
         self.functions_from_first(
             l,
+            // sin (t + by), cos (t + by).
             l.fused(s0, c, l.mul(c0, s)),
             l.sub(l.mul(c0, c), l.mul(s0, s)),
         )
@@ -75,6 +81,7 @@ impl Products {
         let zero = l.splat(0.0);
         let (mut value, mut gradient) = (zero, [zero; 3]);
         for p in &self.terms {
+            // c X Y Z and c X' Y Z, c X Y' Z, c X Y Z'.
             let [i, j, k] = [
                 p.functions[0] & FUNCTION_MASK,
                 p.functions[1] & FUNCTION_MASK,
@@ -116,6 +123,7 @@ impl Products {
             Solid::Channels => -1.0,
         };
         let zero = l.splat(0.0);
+        // d|v| = sign(v) dv.
         let sign = l.select_below(value, zero, l.splat(-outwards), l.splat(outwards));
         for g in &mut gradient {
             *g = l.mul(*g, sign);
@@ -133,6 +141,8 @@ impl Products {
         half: [L::F; 3],
     ) -> (L::F, L::F) {
         let (value, gradient) = self.sum_and_gradient(l, at);
+        // Taylor: |Phi - Phi(centre)| <= sum_a |dPhi/da| h_a + sum |c| (sum_a k_a h_a)^2 / 2, for harmonics k
+        // and half edges h.
         let mut reach = l.splat(0.0);
         for a in 0..3 {
             reach = l.fused(l.magnitude(gradient[a]), half[a], reach);
@@ -158,6 +168,7 @@ impl Products {
         y: &Along<[f32; 8]>,
         to: &mut Column,
     ) {
+        // F_n at the i-th x and eight y.
         for (i, to) in to.0.iter_mut().enumerate() {
             for (to, of) in to.iter_mut().zip(&self.along_z) {
                 let mut sum = l.splat(0.0);
@@ -201,6 +212,7 @@ impl Products {
     ) {
         let two = l.wide();
         let zero = two.splat_rows([0.0; 2]);
+        // Z_n of eight z twice in a wide register, for two rows that differ in y.
         let mut along_z = [zero; N];
         for (to, of) in along_z.iter_mut().zip(&self.along_z) {
             let row = l.load(&z[of.function & FUNCTION_MASK]);
@@ -208,6 +220,7 @@ impl Products {
         }
         for (i, slab) in out.as_chunks_mut::<8>().0.iter_mut().enumerate() {
             let factors = &column.0[i & 7];
+            // sum_n F_n Z_n, two rows at a time.
             for (j, rows) in slab.as_chunks_mut().0.iter_mut().enumerate() {
                 let j = (2 * j) & 7;
                 let mut sum = zero;
@@ -302,6 +315,8 @@ impl Products {
                     l.store(sums[n], &mut to[n]);
                 }
             }
+            // Value and slopes at eight box centres along z, then the Taylor bound of `sum_ranges` with the
+            // largest remainder of all boxes.
             for j in 0..8 {
                 let (mut value, mut slope) = (zero, [zero; 3]);
                 for n in 0..N {
@@ -331,6 +346,7 @@ impl Products {
             Solid::Channels => false,
         };
         let (zero, half) = (l.splat(0.0), l.splat(self.half as f32));
+        // |sum| is between max(lo, -hi, 0) and max(-lo, hi).
         let minus = l.sub(zero, lo);
         let least = l.max(l.max(lo, l.sub(zero, hi)), zero);
         let greatest = l.max(minus, hi);
@@ -353,6 +369,7 @@ impl Products {
         at: [usize; 3],
         half: usize,
     ) -> L::F {
+        // All products with the same function along the line add up to one factor of it.
         let mut factors = [0.0; FUNCTIONS];
         for p in &self.terms {
             let mut factor = p.factor;
@@ -364,6 +381,7 @@ impl Products {
             }
             factors[p.functions[along] & FUNCTION_MASK] += factor;
         }
+        // Function 0 is 1.
         let mut sum = l.splat(factors[0]);
         for n in 1..=2 * MAX_HARMONICS {
             sum = l.fused(

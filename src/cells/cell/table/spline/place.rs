@@ -67,16 +67,22 @@ impl Spline {
         let (mut part, mut signs) = ([one; 3], [one; 3]);
         for a in 0..3 {
             let axis = &self.axes[a];
+            // v = x / fold period, in double precision: far from the origin single precision would lose the
+            // fraction.
             let mut v = two.mul_eight(coordinates[a], two.splat_eight(axis.rate));
+            // Each fold period along x and y of a centred lattice shifts z by half a period.
             if a == 2 {
                 v = two.sub_eight(
                     v,
                     two.mul_eight(shifts, two.splat_eight(self.centring_shift)),
                 );
             }
+            // The fraction of the fold period, about 0 for a halved axis.
             let whole = two.floor_eight(two.add_eight(v, two.splat_eight(axis.offset)));
             shifts = two.add_eight(shifts, whole);
             let mut v = two.narrow_eight(two.sub_eight(v, whole));
+            // On a mirrored axis |v| is located, and the sign is kept for the gradient. A twofold rotation
+            // reverses two axes at once: z, whose fractions begin at 0, is reversed about 1/2 with either x or y.
             if axis.is_halved {
                 signs[a] = lanes.sign(v);
                 v = lanes.mul(v, signs[a]);
@@ -87,6 +93,7 @@ impl Spline {
             }
             part[a] = v;
         }
+        // v N = cell + within.
         let order = self.sort_axes(lanes, &mut part);
         let (mut cells, mut within) = (part, part);
         for a in 0..3 {
@@ -97,6 +104,7 @@ impl Spline {
             cells[a] = lanes.max(cell, zero);
             within[a] = lanes.fused(v, samples, lanes.sub(zero, cells[a]));
         }
+        // Index in the plane, exact in single precision for the largest tables.
         let start = lanes.mul(cells[2], lanes.splat(self.strides[1]));
         let start = lanes.fused(cells[1], lanes.splat(self.strides[0]), start);
         Positions {

@@ -1,4 +1,4 @@
-//! Weighted sums of coefficients: values and gradients of the spline.
+//! Weighted sums of coefficients: values and gradients of the spline, `sum w_x,i w_y,j w_z,k c_ijk`.
 //!
 //! A batch of point groups is located and gets its weights first; then the sums are taken. The intermediate
 //! weights are in memory, from which a weight is broadcast over a row at no cost. A broadcast from another
@@ -110,6 +110,8 @@ impl Spline {
         let patches = self.patches(lanes, stencils, n);
         let weights = &stencils.weights;
         let first = weights.x(lanes, 0, n);
+        // Over the four planes along x: sum_i w_x,i c_ijk, for the neighbours 0, 1 along y in `low` and 2, 3
+        // in `high`.
         let mut low = lanes.mul(patches[0][0], first);
         let mut high = lanes.mul(patches[0][1], first);
         for i in 1..4 {
@@ -117,6 +119,7 @@ impl Spline {
             low = lanes.fused(patches[i][0], weight, low);
             high = lanes.fused(patches[i][1], weight, high);
         }
+        // Along y: each half times its pair of weights; the pairs are added by `add_partial_sums`.
         let [y0, y1] = weights.y(lanes, n);
         lanes.fused(low, y0, lanes.mul(high, y1))
     }
@@ -127,6 +130,7 @@ impl Spline {
         let patches = self.patches(lanes, &group.stencils, n);
         let (weights, slopes) = (&group.stencils.weights, &group.weights);
         let (first, dx) = (weights.x(lanes, 0, n), slopes.x(lanes, 0, n));
+        // The same planes with the weights w_x and with their derivatives w_x'.
         let mut low = lanes.mul(patches[0][0], first);
         let mut high = lanes.mul(patches[0][1], first);
         let mut dx_low = lanes.mul(patches[0][0], dx);
@@ -138,6 +142,7 @@ impl Spline {
             dx_low = lanes.fused(patches[i][0], dx, dx_low);
             dx_high = lanes.fused(patches[i][1], dx, dx_high);
         }
+        // w_x w_y, w_x' w_y and w_x w_y'.
         let ([y0, y1], [d0, d1]) = (weights.y(lanes, n), slopes.y(lanes, n));
         [
             lanes.fused(low, y0, lanes.mul(high, y1)),
@@ -188,6 +193,8 @@ impl Spline {
                 [sum_xy[i], dx[i], dy[i]] = self.sums_xy(lanes, group, n + i);
             }
         }
+        // Along z: the weights w_z for the value and the derivatives along x and y, w_z' for the derivative
+        // along z.
         let sum_xy = add_partial_sums(lanes, sum_xy);
         let weights = &group.stencils.weights;
         [
@@ -219,9 +226,12 @@ impl Spline {
             .chunks(N * GROUP_SIZE)
             .zip(out.chunks_mut(N * GROUP_SIZE))
         {
+            // Locations and weights of the whole batch come first, its sums second: see the head.
             for (points, stencils) in points.chunks(GROUP_SIZE).zip(&mut stencils) {
                 stencils.set(lanes, &self.locate(lanes, &group(points)));
             }
+            // Eight points are two quartets. A whole group is stored at once; the last group writes only the
+            // points that it has.
             for (stencils, out) in stencils.iter().zip(out.chunks_mut(GROUP_SIZE)) {
                 let low = self.four_values(lanes, stencils, 0, out.len() == 1);
                 if let Some(out) = out.first_chunk_mut::<GROUP_SIZE>() {
@@ -268,6 +278,8 @@ impl Spline {
             for (points, to) in points.chunks(GROUP_SIZE).zip(&mut groups) {
                 let positions = self.locate(lanes, &group(points));
                 to.stencils.set(lanes, &positions);
+                // The derivative along an axis has other weights; its scale is samples per unit of length,
+                // negative on a reversed axis.
                 to.weights.set(lanes, &positions.within, &SLOPE_POLYNOMIALS);
                 for a in 0..3 {
                     let scale = lanes.mul(positions.signs[a], lanes.splat(self.per_unit[a]));
@@ -276,6 +288,8 @@ impl Spline {
                 }
             }
             for (group, out) in groups.iter().zip(out.chunks_mut(GROUP_SIZE)) {
+                // Values and derivatives at two quartets. The second one is computed only if the group has
+                // points in it.
                 let low = self.four_samples(lanes, group, 0, out.len() == 1);
                 let high = match out.len() {
                     5.. => self.four_samples(lanes, group, 1, out.len() == 5),
@@ -287,10 +301,13 @@ impl Spline {
                     slopes[a] = lanes.join_halves(low[a + 1], high[a + 1]);
                     exchanges[a] = lanes.load(&group.exchanges[a]);
                 }
+                // Derivatives of the folded point back to the point: first the exchanges, then reversals and
+                // scale.
                 self.unsort_axes(lanes, &exchanges, &mut slopes);
                 for a in 0..3 {
                     slopes[a] = lanes.mul(slopes[a], lanes.load(&group.scales[a]));
                 }
+                // From one row per component to one point per entry.
                 let [x, y, z] = slopes;
                 let all = lanes.rows_to_columns([lanes.join_halves(low[0], high[0]), x, y, z]);
                 out.copy_from_slice(&all[..out.len()]);

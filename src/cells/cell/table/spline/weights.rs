@@ -35,6 +35,7 @@ const Y_PAIRS: [[usize; 2]; GROUP_SIZE] = [
 fn row_weights<L: Lanes, const N: usize>(lanes: L, t: L::F, powers: &[[f32; 4]; N]) -> [L::F; 4] {
     let mut all = [t; 4];
     for (i, w) in all.iter_mut().enumerate() {
+        // Horner's scheme in t, highest power first.
         *w = lanes.splat(powers[N - 1][i]);
         for p in (0..N - 1).rev() {
             *w = lanes.fused(t, *w, lanes.splat(powers[p][i]));
@@ -88,13 +89,17 @@ impl Weights {
         for (to, from) in self.x.iter_mut().zip(row_weights(lanes, x, powers)) {
             lanes.store(from, to);
         }
+        // Weights along y and z have the same polynomials and share the wide registers.
         let [[y0, z0], [y1, z1], [y2, z2], [y3, z3]] = two_row_weights(lanes, [y, z], powers);
+        // Pairs (w_y0, w_y1) and (w_y2, w_y3) of each point side by side: the layout of the coefficients in a
+        // half plane.
         for (to, from) in self.y[0].iter_mut().zip(lanes.interleave(y0, y1)) {
             lanes.store(from, to);
         }
         for (to, from) in self.y[1].iter_mut().zip(lanes.interleave(y2, y3)) {
             lanes.store(from, to);
         }
+        // Per point the pairs (w_z0, w_z1), then (w_z2, w_z3), two points per row.
         let ([a, b], [c, d]) = (lanes.interleave(z0, z1), lanes.interleave(z2, z3));
         let ([first, third], [second, last]) =
             (lanes.regroup_halves(a, c), lanes.regroup_halves(b, d));
