@@ -46,6 +46,7 @@ impl<'a> Conduction<'a> {
         scheme: Scheme,
     ) -> Result<Self, HomogenizeError> {
         check_shares(grid, shares)?;
+        // A solid that does not conduct leaves no finite medium; a void may conduct nothing.
         for (found, least) in [(solid, f64::MIN_POSITIVE), (void, 0.0)] {
             if !(found.is_finite() && found >= least) {
                 return Err(HomogenizeError::Material {

@@ -67,6 +67,8 @@ impl Basis {
             let orbit = series.group().orbit(t.k);
             let pad = |k: &[i32; D]| std::array::from_fn(|a| if a < D { k[a] } else { 0 });
             let is_self_paired = orbit.is_self_paired();
+            // One real parameter for an orbit that holds k and -k, otherwise the real and the imaginary part
+            // of C.
             parameters.push((t.k.to_vec(), "re", t.c[0]));
             if !is_self_paired {
                 parameters.push((t.k.to_vec(), "im", t.c[1]));
@@ -76,6 +78,7 @@ impl Basis {
                 is_self_paired,
             });
         }
+        // The phasors of one axis serve all members of all orbits.
         let indices = orbits.iter().flat_map(|o| o.members.iter().flatten());
         let bound = indices.map(|k| k.abs()).max().unwrap_or(0);
         let inverse = *series.lattice().inverse();
@@ -145,6 +148,8 @@ pub fn by_coefficients(
         _ => return Err(HomogenizeError::NoCoefficients),
     };
     let [nx, ny, nz] = samples.grid().counts();
+    // One task per layer across x. The layers are added in order, so that the sums do not depend on the
+    // threads.
     let layers: Vec<(Vec<[f64; OUTPUT_COUNT]>, [f64; OUTPUT_COUNT])> = (0..nx)
         .into_par_iter()
         .map(|i| layer(period, samples, sensitivities, &basis, [i, ny, nz]))
@@ -158,6 +163,7 @@ pub fn by_coefficients(
             add(sum, 1.0, own);
         }
     }
+    // A property is a mean over voxels.
     let scale = 1.0 / samples.grid().voxels() as f64;
     let mut all = vec![derivatives(
         None,
@@ -185,6 +191,8 @@ fn derivatives(
     found: &[f64; OUTPUT_COUNT],
     scale: f64,
 ) -> Derivatives {
+    // The outputs are the upper triangle of the stiffness in the order of `PAIRS`, six conductivities, the
+    // volume.
     let mut stiffness = [[0.0; 6]; 6];
     for (n, (i, j)) in PAIRS.into_iter().enumerate() {
         stiffness[i][j] = found[n] * scale;

@@ -31,10 +31,13 @@ impl Packing {
     pub(super) fn tets(self) -> Vec<[Vec3; 4]> {
         let e = |a: usize| Vec3::ith(a, 1.0);
         let mut all = Vec::new();
+        // The three axes with both orders of the other two: six choices for each packing.
         for a in 0..3 {
             for (b, c) in [((a + 1) % 3, (a + 2) % 3), ((a + 2) % 3, (a + 1) % 3)] {
                 match self {
                     Self::Bcc => {
+                        // About the line from the cube's centre 0 to the next centre e_a: one tet for each of
+                        // the four edges of the face between them.
                         for sign in [-1.0, 1.0] {
                             let side = e(a) + e(b) * sign;
                             all.push([
@@ -46,6 +49,8 @@ impl Packing {
                         }
                     }
                     Self::Kuhn => {
+                        // A tet per path along three edges of the cube, all around the diagonal from corner
+                        // to corner.
                         let first = Vec3::repeat(-0.5);
                         let steps = [e(a), e(b), e(c)];
                         let second = first + steps[0];

@@ -84,6 +84,7 @@ impl Period {
         if !matches!(element, Element::Hex | Element::Tet) {
             return Err(HomogenizeError::Element(element.name()));
         }
+        // The maps from the reference element into the period: one per tet, the identity for a hex.
         let (places, factor): (Vec<Place>, f64) = if element == Element::Tet {
             let reference = Element::Tet.vertices();
             let edges = |v: &[Vec3]| Mat3::from_columns(&[v[1] - v[0], v[2] - v[0], v[3] - v[0]]);
@@ -103,6 +104,7 @@ impl Period {
         let mut beams = Unique::default();
         let mut plates = Unique::default();
         let mut thinnest = f64::INFINITY;
+        // A strut on a face or an edge belongs to several tets; `Unique` keeps one of the equal images.
         for place in &places {
             for (ends, radius) in skeleton.struts() {
                 thinnest = thinnest.min(2.0 * radius * factor);
@@ -111,6 +113,7 @@ impl Period {
             }
             for (corners, radius) in skeleton.plates() {
                 thinnest = thinnest.min(2.0 * radius * factor);
+                // A convex plate is the union of the triangles at its first corner.
                 for n in 1..corners.len() - 1 {
                     let triangle = [corners[0], corners[n], corners[n + 1]].map(place);
                     plates.add(&triangle, radius * factor);
@@ -235,6 +238,7 @@ impl Period {
     ) -> Result<Samples, HomogenizeError> {
         let grid = self.grid(n)?;
         let limit = self.band_limit();
+        // A wave above the Nyquist frequency would be sampled as another one.
         if limit > n as f64 / 2.0 {
             return Err(HomogenizeError::Band {
                 limit,
@@ -289,6 +293,8 @@ impl Period {
         n: usize,
         progress: &dyn Progress,
     ) -> Result<Vec<f64>, HomogenizeError> {
+        // The samples lie in mirror images i and n - 1 - i. Triples half > i >= j >= k have the consecutive
+        // numbers i (i + 1) (i + 2) / 6 + j (j + 1) / 2 + k.
         let half = n.div_ceil(2);
         let number = |[i, j, k]: [usize; 3]| i * (i + 1) * (i + 2) / 6 + j * (j + 1) / 2 + k;
         let mut triples = Vec::with_capacity(number([half, 0, 0]));
@@ -310,6 +316,8 @@ impl Period {
             .par_chunks_mut(n * n)
             .enumerate()
             .for_each(|(i, layer)| {
+                // The representative of a sample: each index reflected into the lower half, then in
+                // descending order.
                 for (m, v) in layer.iter_mut().enumerate() {
                     let mut at = [i, m / n, m % n].map(|c| c.min(n - 1 - c));
                     at.sort_unstable_by(|a, b| b.cmp(a));
@@ -347,6 +355,7 @@ fn of_beams(
 ) -> Result<Vec<f64>, HomogenizeError> {
     let [nx, ny, nz] = counts;
     let step = 1.0 / nx as f64;
+    // One task per layer across x, into which the beams write their distances along whole rows.
     let layers: Vec<Vec<f32>> = (0..nx)
         .into_par_iter()
         .map(|i| {

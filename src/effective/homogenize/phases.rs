@@ -82,6 +82,7 @@ impl Samples {
                 samples.values.len()
             )));
         }
+        // A value that is not finite would spread through the transforms over the whole period.
         if let Some(n) = samples.values.iter().position(|v| !v.is_finite()) {
             return Err(HomogenizeError::Grid(format!(
                 "found {} at sample {n}; expected finite values",

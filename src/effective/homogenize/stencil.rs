@@ -63,6 +63,8 @@ fn gradient<T: Copy + Into<f64>>(
     let [a, b, c, d] = corners.map(|r| &r[..nz]);
     let [sx, sy, sz] = sums;
     let (sx, sy, sz) = (&mut sx[..=nz], &mut sy[..=nz], &mut sz[..=nz]);
+    // At each k the sums over the four corners with the signs of the differences along x and y, and without
+    // signs for z.
     for k in 0..nz {
         let (a, b, c, d): (f64, f64, f64, f64) =
             (a[k].into(), b[k].into(), c[k].into(), d[k].into());
@@ -75,6 +77,8 @@ fn gradient<T: Copy + Into<f64>>(
     let (gx, rest) = out.split_at_mut(nz);
     let (gy, gz) = rest.split_at_mut(nz);
     let gz = &mut gz[..nz];
+    // Each derivative is the difference of the means over opposite faces of the voxel: the sums of `k` and `k
+    // + 1`.
     for k in 0..nz {
         gx[k] = (sx[k] + sx[k + 1]) * scale[0];
         gy[k] = (sy[k] + sy[k + 1]) * scale[1];
@@ -155,6 +159,8 @@ impl Stencil {
                                     for c in 0..C {
                                         let fluxes = &rows.values[3 * c * nz..3 * (c + 1) * nz];
                                         flux_sums(fluxes, scale, &mut rows.sums);
+                                        // The transpose: a voxel gives its fluxes back to its eight corners,
+                                        // with the signs of the gradient.
                                         let mut give =
                                             |layer_of: usize, signs: [f64; 2], j: usize| {
                                                 let at = layer_of * layer + (c * ny + j) * nz;
@@ -164,6 +170,8 @@ impl Stencil {
                                                     &mut out[at..at + nz],
                                                 );
                                             };
+                                        // The layer of corners before the voxels lies in this block except at
+                                        // its start, the layer behind them except at its end.
                                         if step > 0 {
                                             give(step - 1, [-1.0, -1.0], j);
                                             give(step - 1, [-1.0, 1.0], next);
@@ -211,6 +219,7 @@ impl Stencil {
         part: &(impl Fn(usize, &mut [f64]) -> [f64; M] + Sync),
     ) -> [f64; M] {
         let [nx, ny, nz] = self.grid.counts();
+        // A sum per layer, then the layers in order: the result does not depend on the threads.
         let layers: Vec<[f64; M]> = (0..nx)
             .into_par_iter()
             .map_init(

@@ -7,6 +7,11 @@
 //! of viscosity 1, reference length squared. The symmetric indefinite system is solved by preconditioned
 //! MINRES (Paige and Saunders 1975; Elman, Silvester and Wathen): the inverse Laplacian of the period for
 //! velocities, the identity for pressures.
+//!
+//! A field lies layer by layer across x, of each layer the velocities along x, y, z and the pressure, over y and
+//! z. The error is of second order in the voxel along flat walls (`a_slit_has_the_permeability_of_poiseuille`) and
+//! below 2 % at 96 voxels for cylinders, whose walls are cut into steps
+//! (`a_square_array_of_cylinders_has_the_permeability_of_its_series`).
 
 use super::HomogenizeError;
 use super::cg::{Control, add, dot};
@@ -61,6 +66,7 @@ impl Stokes {
                 if !is_fluid(n) {
                     return 0;
                 }
+                // A velocity is free on faces between two fluid voxels.
                 let mut flag = 8;
                 for axis in 0..3 {
                     let at = n / strides[axis] % counts[axis];
@@ -78,6 +84,8 @@ impl Stokes {
             return Err(HomogenizeError::NoWalls);
         }
         let spacing = grid.spacing();
+        // The Laplacian: sum_a (2 u - u_before - u_after) / h_a^2. A neighbour inside a wall is -u, so that
+        // the velocity is 0 half way, on the wall; it adds 1 / h_a^2 to the diagonal.
         let weights = spacing.map(|h| 1.0 / (h * h));
         let diagonals = std::array::from_fn(|c: usize| {
             std::array::from_fn(|code: usize| {
@@ -89,6 +97,7 @@ impl Stokes {
             })
         });
         let ghosts = ghosts(grid, &flags);
+        // The eigenvalues of that Laplacian without walls: (2 / h_a sin(pi k / N_a))^2 for the frequency k.
         let squares = std::array::from_fn(|a| {
             let value = |k: usize| {
                 let angle = std::f64::consts::PI * k as f64 / counts[a] as f64;
@@ -96,6 +105,7 @@ impl Stokes {
             };
             (0..counts[a]).map(value).collect::<Vec<f64>>()
         });
+        // The frequency 0 has no inverse; the preconditioner gives it this least positive eigenvalue.
         let least = squares
             .iter()
             .filter_map(|s| s.get(1).copied())
@@ -165,6 +175,8 @@ impl Stokes {
                 next[a] = (at[a] + 1) % [nx, ny, nz][a];
                 next
             };
+            // d<u_axis> / d drag = -|u|^2, for the operator is self-adjoint. The drag on a face is the mean
+            // of both voxels, so that a voxel has half the square of each of its six faces.
             let faces = (0..3).map(|c| square(c, at) + square(c, after(c)));
             -0.5 * faces.sum::<f64>()
         });
@@ -212,6 +224,7 @@ impl Stokes {
                             if self.drag.is_empty() {
                                 return 0.0;
                             }
+                            // The voxel before the face.
                             let lower = match c {
                                 0 => (im * ny + j) * nz + k,
                                 1 => (i * ny + jm) * nz + k,
@@ -219,6 +232,7 @@ impl Stokes {
                             };
                             f64::midpoint(self.drag[first + k], self.drag[lower])
                         };
+                        // -Laplace u + drag u + dp/dx_c on each free face.
                         for k in 0..nz {
                             if flags[k] >> c & 1 == 0 {
                                 out[k] = 0.0;
@@ -241,6 +255,7 @@ impl Stokes {
                     let (u_next, v_next) = (row(ip, 0, j), row(i, 1, jp));
                     for k in 0..nz {
                         let kp = if k + 1 == nz { 0 } else { k + 1 };
+                        // The divergence at the centre of the voxel.
                         let outflow = (u_next[k] - u[k]) * inverse[0]
                             + (v_next[k] - v[k]) * inverse[1]
                             + (w[kp] - w[k]) * inverse[2];
@@ -254,6 +269,7 @@ impl Stokes {
     fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
         let (squares, least, shift) = (&self.squares, self.least, self.shift);
         self.spectral.apply::<FIELD_COUNT>(r, z, |[i, j, k], v| {
+            // 1 / (|xi|^2 + shift), with |xi|^2 the eigenvalue of the Laplacian.
             let square = squares[0][i] + squares[1][j] + squares[2][k];
             let factor = (1.0 / (square.max(least) + shift)) as f32;
             for c in v.iter_mut() {
@@ -265,6 +281,7 @@ impl Stokes {
             .zip(r.par_chunks(FIELD_COUNT * layer))
             .zip(self.flags.par_chunks(layer))
             .for_each(|((z, r), flags)| {
+                // Only velocities on free faces are unknowns. Pressures have the identity.
                 for c in 0..3 {
                     for (v, flag) in z[c * layer..].iter_mut().zip(flags) {
                         if flag >> c & 1 == 0 {
@@ -333,6 +350,8 @@ impl Stokes {
                 *value = f64::from(flag >> axis & 1);
             }
         }
+        // M is the preconditioner. v are Lanczos vectors, z = M v, gamma = sqrt(v . z), w directions of the
+        // solution, eta the residual's size. The names are those of Elman, Silvester and Wathen.
         let (mut z, mut z_next) = (vec![0.0; count], vec![0.0; count]);
         let (mut w_old, mut w) = (vec![0.0; count], vec![0.0; count]);
         self.precondition(&v, &mut z);
@@ -351,6 +370,8 @@ impl Stokes {
             self.apply(&z, &mut z_next);
             let delta = dot(&z_next, &z);
             // The next Lanczos vector takes the place of the last one.
+            // v_next = A z - delta / gamma v - gamma / gamma_old v_old; the next Lanczos vector takes the
+            // place of the last one.
             let (first, second) = (-delta / gamma, -gamma / gamma_old);
             if iteration == 1 {
                 v_old.fill(0.0);
@@ -359,6 +380,8 @@ impl Stokes {
             std::mem::swap(&mut v_old, &mut v);
             self.precondition(&v, &mut z_next);
             let gamma_next = dot(&z_next, &v).max(0.0).sqrt();
+            // Givens rotations make the tridiagonal matrix triangular: alpha3, alpha2 and alpha1 are the
+            // entries of its new column.
             let alpha0 = cosines[1] * delta - cosines[0] * sines[1] * gamma;
             let alpha1 = alpha0.hypot(gamma_next);
             let alpha2 = sines[1] * delta + cosines[0] * cosines[1] * gamma;
@@ -371,6 +394,7 @@ impl Stokes {
             combine(&mut w_old, -alpha3, &w, -alpha2, &z);
             scale(&mut w_old, 1.0 / alpha1);
             std::mem::swap(&mut w_old, &mut w);
+            // x += c eta w. Only the mean velocity is needed, unless the caller keeps x.
             let step = cosines[1] * eta;
             for (m, own) in mean.iter_mut().zip(self.mean(&w)) {
                 *m += step * own;

@@ -80,6 +80,7 @@ pub fn cubic_means(c: &Voigt) -> [f64; 3] {
 
 /// The constants of a stiffness; `None` where it is singular.
 pub fn engineering(c: &Voigt) -> Option<EngineeringConstants> {
+    // Voigt means take the stiffness, Reuss means the compliance, each averaged over all orientations.
     let s = compliance(c)?;
     let [c11, c12, c44] = cubic_means(c);
     let bulk = (c11 + 2.0 * c12) / 3.0;
@@ -88,6 +89,7 @@ pub fn engineering(c: &Voigt) -> Option<EngineeringConstants> {
     let [s11, s12, s44] = cubic_means(&s);
     let shear_reuss = 5.0 / (4.0 * (s11 - s12) + 3.0 * s44);
     let greatest = c.iter().flatten().fold(0.0, |m: f64, v| m.max(v.abs()));
+    // The deviation from the nearest cubic stiffness, relative to the greatest entry.
     let mut off_cubic = 0f64;
     for i in 0..6 {
         for j in 0..6 {
