@@ -168,6 +168,7 @@ impl<'a> Parser<'a> {
         Ok(base)
     }
 
+    /// Reads a number, a bracket, a name, or a function with its arguments.
     fn atom(&mut self) -> Parsed<Node> {
         self.blank();
         let rest = self.rest();
@@ -184,6 +185,7 @@ impl<'a> Parser<'a> {
         if rest.starts_with(digits) {
             let mut end = rest.find(|c| !digits(c)).unwrap_or(rest.len());
             let tail = &rest[end..];
+            // An "e" belongs to the number only if digits follow it; otherwise a name begins there.
             if let Some(power) = tail.strip_prefix(['e', 'E']) {
                 let sign = usize::from(power.starts_with(['+', '-']));
                 let digits = power[sign..].bytes().take_while(u8::is_ascii_digit).count();
@@ -211,6 +213,7 @@ impl<'a> Parser<'a> {
             return Ok(Node::Name(at, name, None));
         }
         let mut arguments = Vec::new();
+        // Arguments are whole expressions between commas; there may be none.
         if !self.take(")") {
             loop {
                 arguments.push(self.level(0)?);
@@ -251,6 +254,7 @@ impl Node {
         ExpressionError { at, message }
     }
 
+    /// The value, where `names` gives those of the caller's names and functions.
     fn value(&self, names: Names) -> Parsed<Value> {
         Ok(match self {
             Self::Number(n) => Value::Number(*n),
@@ -270,6 +274,7 @@ impl Node {
                     ),
                     None => None,
                 };
+                // The names of the caller come first, so that a parameter may have the name of a function.
                 let own = names(name, numbers.as_deref());
                 let value = own.or_else(|| built_in(name, numbers.as_deref()));
                 value.ok_or_else(|| {
@@ -300,6 +305,7 @@ fn both(sign: &str, a: f64, b: f64) -> Value {
     }
 }
 
+/// A constant or function that every expression knows; angles are in degrees.
 fn built_in(name: &str, arguments: Option<&[f64]>) -> Option<Value> {
     let number = match (name, arguments) {
         ("pi", None) => std::f64::consts::PI,

@@ -177,6 +177,7 @@ impl Extrusion {
         Ok(())
     }
 
+    /// Builds the mesh of one iteration from the faces that are `chosen`; messages go to `notes`.
     fn extrude_once(
         &self,
         mesh: &PolyMesh,
@@ -190,6 +191,7 @@ impl Extrusion {
         let mut vertices = mesh.vertices().to_vec();
         let mut faces = Faces::with_capacity(mesh.face_count(), mesh.faces().corners.len());
         let mut groups = Vec::with_capacity(mesh.face_count());
+        // Faces that stay keep their numbers' order and their groups.
         for f in (0..chosen.len()).filter(|&f| !chosen[f]) {
             faces.push(mesh.face(f).iter().copied());
             groups.push(mesh.groups()[f]);
@@ -209,12 +211,15 @@ impl Extrusion {
                 tops.push(faces.len());
             }
             for (k, face) in cap.faces.iter().enumerate() {
+                // A cap numbers the corners of its base first, then its new points: the former are vertices
+                // of the mesh already.
                 let place = |v: &u32| match v.checked_sub(n) {
                     None => loops[*v as usize],
                     Some(new) => offset + new,
                 };
                 faces.push(face.iter().map(place));
                 groups.push(
+                    // Face k of every cap has the same group: corresponding faces of all sources share it.
                     greatest
                         .checked_add(1 + k as u32)
                         .ok_or(ExtrudeError::TooMany(u64::from(greatest) + k as u64))?,
@@ -247,6 +252,7 @@ impl Extrusion {
     }
 
     /// The cap of the kind without an operator.
+    /// `delta` is the dihedral angle between the base and a side, in radians.
     pub(super) fn kind_cap(
         &self,
         base: &Polygon,
@@ -262,9 +268,12 @@ impl Extrusion {
         };
         diagnostics.has_zero_tier |= tiers.contains(&0.0);
         diagnostics.may_fold |=
+            // Below 90 degrees the sides lean inward, and the upper tiers of this kind may pass through each
+            // other.
             self.kind == Kind::Icosahedral && delta < std::f64::consts::FRAC_PI_2;
         let mut tier_points = tier::place_tiers(base, row.tiers, delta, tiers)?;
         let n = base.len();
+        // Vertex i of a ring: ring 0 is the base, ring r is `row.rings[r - 1]` of the new points.
         let number = |ring: usize, i: i32| -> u32 {
             let i = i.rem_euclid(n as i32) as usize;
             match ring.checked_sub(1) {
@@ -276,6 +285,7 @@ impl Extrusion {
             }
         };
         let mut faces = Vec::with_capacity(self.kind.counts(n).1);
+        // The top is made planar on request; otherwise its deviation is recorded, in mean edges of the top.
         if let Some(top) = row.top {
             let loops: Vec<u32> = (0..n as i32).map(|i| number(top, i)).collect();
             let places = loops[0] as usize - n;
@@ -289,6 +299,7 @@ impl Extrusion {
             }
             faces.push(loops);
         }
+        // Each row of the table gives the sides of one edge, as rings with a shift along the base.
         for alternating in row.rows {
             for i in 0..n as i32 {
                 for side in *alternating {

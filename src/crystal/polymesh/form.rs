@@ -88,8 +88,11 @@ pub fn cartesian_group(name: &str) -> Result<Vec<Vec<Mat3>>, FormError> {
         } else {
             Mat3::identity()
         };
+        // Groups of the hexagonal family are written in axes 120 degrees apart; Cartesian axes give
+        // orthogonal matrices: A M A^-1.
         (GROUPS[n].1, axes)
     });
+    // Trigonal groups have a second orientation, about the diagonal of rhombohedral axes.
     let diagonal = RHOMBOHEDRAL_GROUPS.iter().find(|row| row.0 == own);
     let diagonal = diagonal.map(|row| (row.1, Mat3::identity()));
     let rows = standing.into_iter().chain(diagonal);

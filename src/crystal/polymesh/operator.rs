@@ -42,12 +42,15 @@ pub(super) fn cap(
             extrusion.name()
         ));
     }
+    // q has one corner for each pair of the base's corners. `odd` pairs corner 1 with corner 2.
     let m = if paired { n / 2 } else { n };
     let delta = kind.dihedral(extrusion.dihedral, m);
     let rule = Rule::new(operator, kind, delta, m)?;
     let start = usize::from(paired && extrusion.odd);
     let q = Polygon::new(rule.derived(base, start)?)?;
     let solid = closed(&extrusion.kind_cap(&q, delta, diagnostics)?, &q)?;
+    // The image of the base's face has the corners of the base by construction of q, up to rounding: they are
+    // replaced by the base itself.
     let image_mesh = rule.apply(&solid);
     Ok(replace_base(
         &image_mesh,
@@ -192,6 +195,8 @@ impl Rule {
         let mut points = Vec::with_capacity(count);
         let mut faces: Vec<Vec<u32>> = Vec::new();
         let loops = |f: usize| solid.faces().span(f);
+        // A half-edge c runs from corner x to corner y of face f; its twin belongs to the face beyond the
+        // edge. Faces of old faces come first.
         match self.operator {
             Operator::Truncate => {
                 for c in 0..count {
@@ -229,6 +234,8 @@ impl Rule {
                     points.push(centres[f] + arm);
                 }
                 faces.extend((0..solid.face_count()).map(|f| loops(f).map(id).collect()));
+                // Each edge becomes a face between the images of both its faces: a quad, which a snub cuts
+                // into two triangles.
                 for &edge in &ring.edges {
                     let c = edge as usize;
                     let t = solid.twin(c);
@@ -243,6 +250,7 @@ impl Rule {
                 }
             }
             Operator::Omnitruncate => {
+                // Two points per half-edge, before and behind its middle, moved into the face.
                 let place = |c: usize, side: f64| {
                     let f = ring.face[c] as usize;
                     let (x, y) = ends(c);
@@ -257,6 +265,7 @@ impl Rule {
                 for f in 0..solid.face_count() {
                     faces.push(loops(f).flat_map(|c| [id(c), second(c)]).collect());
                 }
+                // Each edge becomes a quad between the two faces.
                 for &edge in &ring.edges {
                     let c = edge as usize;
                     let t = solid.twin(c);
@@ -264,6 +273,7 @@ impl Rule {
                 }
             }
         }
+        // Each vertex becomes a face of the points around it.
         for v in 0..solid.vertex_count() {
             let around = ring.around(v);
             faces.push(match self.operator {

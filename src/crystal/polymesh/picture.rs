@@ -118,6 +118,7 @@ impl Samples {
 
     /// Draws a triangle of points (column, row, inverse depth); the nearer face wins.
     fn fill(&mut self, [a, b, c]: [[f64; 3]; 3], face: u32) {
+        // Twice the signed area of the triangle p, q, (x, y).
         let turn = |p: [f64; 3], q: [f64; 3], x: f64, y: f64| {
             (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
         };
@@ -125,6 +126,7 @@ impl Samples {
         if whole == 0.0 {
             return;
         }
+        // The rows or columns that the triangle may cover, within the picture.
         let span = |k: usize, most: usize| {
             let low = a[k].min(b[k]).min(c[k]).floor().max(0.0) as usize;
             let high = a[k].max(b[k]).max(c[k]).ceil().max(0.0) as usize;
@@ -133,6 +135,8 @@ impl Samples {
         for row in span(1, self.rows) {
             for column in span(0, self.columns) {
                 let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);
+                // Barycentric coordinates of the sample; a negative one is outside. Inverse depth is linear
+                // in the picture.
                 let share =
                     [turn(b, c, x, y), turn(c, a, x, y), turn(a, b, x, y)].map(|t| t / whole);
                 if share.iter().any(|&s| s < 0.0) {

@@ -73,10 +73,12 @@ impl Polygon {
             ));
         }
         let mean_edge = lengths.iter().sum::<f64>() / n as f64;
+        // The area vector defines the normal of faces that are not planar too.
         let area_vector = doubled_area_vector(&points);
         let normal = unit(area_vector)
             .filter(|_| area_vector.norm() > MIN_RELATIVE_AREA * mean_edge * mean_edge)
             .ok_or("it has no area; expected a polygon with a normal")?;
+        // W_i = E_i x N.
         let outward = (0..n)
             .map(|i| unit(edge(i).cross(&normal)))
             .collect::<Option<Vec<Vec3>>>()

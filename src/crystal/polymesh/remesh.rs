@@ -228,6 +228,7 @@ impl Remesh {
             return Err(RemeshError::TooMany(corners));
         }
         let classes = self.classes().len();
+        // Group numbers of the user: one per class, none of them 0.
         if let Grouping::Numbers(numbers) = &self.grouping
             && (numbers.len() != classes || numbers.contains(&0))
         {
@@ -242,6 +243,7 @@ impl Remesh {
             error,
         };
         if !self.dual {
+            // dual_X: the dual, the scheme, the dual again. Its faces come from no old face.
             let built = (self.row().rule)(&Old::new(mesh), &self.values).map_err(fault)?;
             let groups = self.groups(&built, mesh)?;
             return PolyMesh::new(built.vertices, built.faces, groups).map_err(fault);
@@ -258,6 +260,7 @@ impl Remesh {
         PolyMesh::new(built.vertices, built.faces, groups).map_err(fault)
     }
 
+    /// The groups of the new faces, by the grouping of the scheme.
     fn groups(&self, built: &MeshBuilder, old: &PolyMesh) -> Result<Vec<u32>, RemeshError> {
         let greatest = old.greatest_group();
         let faces = built.classes.iter().zip(&built.parents);
@@ -272,6 +275,7 @@ impl Remesh {
             Grouping::Keep => faces
                 .map(
                     |(&class, &parent)| match old.groups().get(parent as usize) {
+                        // A face without a parent gets a new group, by its class.
                         Some(&group) => group,
                         None => greatest.saturating_add(u32::from(class).max(2) - 1),
                     },

@@ -320,6 +320,7 @@ pub fn pyramid(n: usize, edge: f64, height: Option<f64>) -> Result<PolyMesh, See
 /// An edge that is not positive, a count of 0, more than 16 million squares.
 pub fn grid(counts: [usize; 3], edge: f64) -> Result<PolyMesh, SeedError> {
     let edge = positive("edge", edge)?;
+    // Squares of the surface; sums that overflow stay beyond the limit.
     let squares: usize = [(0, 1), (1, 2), (2, 0)]
         .iter()
         .map(|&(a, b)| counts[a].saturating_mul(counts[b]).saturating_mul(2))
@@ -334,6 +335,7 @@ pub fn grid(counts: [usize; 3], edge: f64) -> Result<PolyMesh, SeedError> {
             expected: "1 or more cubes along each axis, at most 16 million squares together",
         });
     }
+    // Points on an edge of the block belong to several squares; each is made once.
     let mut number = std::collections::HashMap::new();
     let mut points = Vec::new();
     let mut vertex = |p: [usize; 3]| {
@@ -345,6 +347,7 @@ pub fn grid(counts: [usize; 3], edge: f64) -> Result<PolyMesh, SeedError> {
         })
     };
     let mut faces = Faces::default();
+    // Both ends along each axis. On the lower one the order is reversed, so that the normal points outward.
     for axis in 0..3 {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         for end in [0, counts[axis]] {
@@ -402,6 +405,7 @@ pub fn torus(major: f64, minor: f64, counts: [usize; 2]) -> Result<PolyMesh, See
             points.push(Vec3::new(r * a.cos(), r * a.sin(), minor * b.sin()));
         }
     }
+    // Indices wrap around both circles.
     let at = |i: usize, j: usize| ((i % n) * m + j % m) as u32;
     let quads = (0..n).flat_map(|i| {
         (0..m).map(move |j| [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)])

@@ -35,6 +35,7 @@ impl Scene<'_> {
             .collect()
     }
 
+    /// The value of a name, or of a function with its arguments, for face `f`; `None` for an unknown one.
     fn resolve(
         &self,
         f: usize,
@@ -43,6 +44,7 @@ impl Scene<'_> {
         cache: &SearchCache,
     ) -> Option<Value> {
         let mesh = self.mesh;
+        // Names without arguments: numbers of the face, and parameters of the script.
         let Some(arguments) = arguments else {
             let axis = |v: Vec3, part: &str| {
                 let place = ["x", "y", "z"].iter().position(|a| *a == part)?;
@@ -75,6 +77,7 @@ impl Scene<'_> {
             };
             return Some(Value::Number(number));
         };
+        // `near` and `ray` have the same answer for every face: the cache keeps it.
         let face = match (name, arguments) {
             ("near", [_, _, _]) | ("ray", [_, _, _, _, _, _]) => {
                 let key = (name.len(), arguments.iter().map(|a| a.to_bits()).collect());

@@ -59,7 +59,7 @@ impl PolyMesh {
         self.symmetrized_by(rotations_only, |_| true)
     }
 
-    /// As [`PolyMesh::symmetrized`], with the symmetries that `keeps` selects; they have to form a group.
+    /// As [`PolyMesh::symmetrized`], with the symmetries that `is_chosen` selects; they have to form a group.
     pub fn symmetrized_by(
         &self,
         rotations_only: bool,
@@ -70,6 +70,8 @@ impl PolyMesh {
         let mut groups = vec![0; self.face_count()];
         let mut shift = vec![0; self.face_count()];
         let mut orbits = 0;
+        // The first face of each orbit gives the group and the start corner. The image of that corner starts
+        // the image face, so that all faces of an orbit begin at corresponding corners.
         for f in 0..self.face_count() {
             if groups[f] != 0 {
                 continue;

@@ -25,6 +25,7 @@ pub(super) fn twins(
     if let Some(face) = groups.iter().position(|&g| g == 0) {
         return Err(PolyError::GroupZero(face));
     }
+    // Each check relies on those before it: indices in range, edges shared by two faces, one fan per vertex.
     finite(vertices)?;
     loops(count, faces)?;
     let twins = pair(count, faces)?;
@@ -162,6 +163,7 @@ fn pair(count: usize, faces: &Faces) -> Result<Vec<u32>, PolyError> {
 
 /// Checks that every vertex is in use, by one fan of faces.
 fn fans(count: usize, faces: &Faces, twins: &[u32]) -> Result<(), PolyError> {
+    // The corner before each corner in its face.
     let mut before = Vec::with_capacity(twins.len());
     for f in 0..faces.len() {
         let span = faces.span(f);
@@ -176,6 +178,7 @@ fn fans(count: usize, faces: &Faces, twins: &[u32]) -> Result<(), PolyError> {
         }
         let v = faces.corners[corner] as usize;
         fans[v] = fans[v].saturating_add(1);
+        // Around a vertex: from a corner over the edge before it to the next face, until the fan is closed.
         let mut c = corner;
         while !visited[c] {
             visited[c] = true;
@@ -212,6 +215,7 @@ pub(crate) struct Ring<'a> {
 }
 
 impl<'a> Ring<'a> {
+    /// The connectivity of all corners of a mesh.
     pub fn new(mesh: &'a PolyMesh) -> Self {
         let faces = &mesh.faces;
         let corners = faces.corners.len();
@@ -224,6 +228,7 @@ impl<'a> Ring<'a> {
             edge: vec![u32::MAX; corners],
             edges: Vec::with_capacity(corners / 2),
         };
+        // Corners of a face are consecutive and close to a ring.
         for f in 0..faces.len() {
             let (start, end) = (faces.span(f).start as u32, faces.span(f).end as u32);
             ring.next.extend(start + 1..end);
@@ -231,6 +236,7 @@ impl<'a> Ring<'a> {
             ring.before.push(end - 1);
             ring.before.extend(start..end - 1);
         }
+        // An edge is numbered at the first of its two corners.
         for c in 0..corners {
             let v = faces.corners[c] as usize;
             if ring.corner[v] == u32::MAX {

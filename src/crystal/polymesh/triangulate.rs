@@ -38,6 +38,7 @@ impl PolyMesh {
                         faces.push(f as u32);
                     }
                 }
+                // A fan about the centre, which is a new vertex.
                 Cut::About(centre) => {
                     let c = vertices.len() as u32;
                     vertices.push(centre);

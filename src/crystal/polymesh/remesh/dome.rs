@@ -15,7 +15,7 @@ const RINGS: [(f64, f64); 7] = [
     (0.01, 0.01),
 ];
 
-/// V' = V + 59E, E' = 116E, F' = F + 56E.
+/// A dome over every face, `p` = [height, scale]: V' = V + 59E, E' = 116E, F' = F + 56E.
 pub(super) fn dome(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = MeshBuilder::with_old_vertices(old);
     let quarter = s.points(
@@ -26,6 +26,8 @@ pub(super) fn dome(old: &Old, p: &[f64]) -> RuleResult {
     let mut sides = Vec::new();
     for f in 0..old.faces() {
         let (normal, length) = (old.mesh.normal(f), old.length(f));
+        // The loop of the face with three points on each edge. The second face of an edge runs through them
+        // backwards.
         let mut below: Vec<u32> = old
             .span(f)
             .flat_map(|c| {
@@ -39,6 +41,8 @@ pub(super) fn dome(old: &Old, p: &[f64]) -> RuleResult {
                 [old.ring.vertex(c) as u32, a, first + 1, b]
             })
             .collect();
+        // Each ring is a Doo-Sabin image of the one below, scaled about its centre and lifted along the
+        // normal by a share of the mean edge. Quads join the two.
         for (height, scale) in RINGS {
             let points: Vec<Vec3> = below.iter().map(|&v| s.vertices[v as usize]).collect();
             let n = points.len();
@@ -58,6 +62,7 @@ pub(super) fn dome(old: &Old, p: &[f64]) -> RuleResult {
         }
         caps.push(below);
     }
+    // Classes in order: all caps, then all sides.
     for (f, cap) in caps.into_iter().enumerate() {
         s.face(1, f as u32, cap);
     }

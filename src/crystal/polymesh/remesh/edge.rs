@@ -106,6 +106,7 @@ pub(super) fn checkerboard(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = MeshBuilder::with_old_vertices(old);
     let point = s.points(old.edge_point_pairs(t));
     let mut inner_points = Vec::with_capacity(old.corners());
+    // Inner corners of each face, by the rules above.
     for f in 0..old.faces() {
         let normal = old.mesh.normal(f);
         for c in old.span(f) {
@@ -126,10 +127,12 @@ pub(super) fn checkerboard(old: &Old, p: &[f64]) -> RuleResult {
         }
     }
     let inner = s.points(inner_points);
+    // The point on edge c near its first corner; that of the twin is near the other end.
     let near = |c: usize| point + old.side(c);
     for f in 0..old.faces() {
         s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
     }
+    // Per corner a quad along the edge and one around the corner.
     for c in 0..old.corners() {
         let after = old.ring.after(c) as u32;
         let quad = [near(c), near(old.twin(c)), inner + after, inner + c as u32];

@@ -45,10 +45,12 @@ pub(super) fn number(
     line: usize,
     column: usize,
 ) -> Result<f64, ScriptError> {
+    // A parameter is a name without arguments.
     let parameters = |name: &str, arguments: Option<&[f64]>| match arguments {
         None => interpreter.parameters.get(name).copied().map(Value::Number),
         Some(_) => None,
     };
+    // The column of an error counts from the start of the expression.
     let value = expression.number(&parameters);
     let value = value.and_then(|v| {
         if v.is_finite() {
@@ -275,6 +277,8 @@ impl<'s, 'w> Arguments<'s, 'w> {
         let Some(mesh) = &model.mesh else {
             return Err(self.fault("there is no mesh yet; begin with a solid such as cube"));
         };
+        // A group number is a short form of a condition on the face's group. `shift` moves columns of errors
+        // from the condition back to the word of the script.
         let (word, text, shift) = if let Some(word) = self.value("group")? {
             let text = format!("group == ({})", word.text);
             (word, text, -("group == (".len() as i64))
@@ -307,6 +311,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         if chosen.contains(&true) {
             return Ok(chosen);
         }
+        // An empty selection is nearly always a mistake: the groups in use help to find it.
         let groups: Vec<String> = mesh
             .group_counts()
             .keys()

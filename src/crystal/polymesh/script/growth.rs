@@ -65,6 +65,7 @@ impl Count<'_, '_> {
         Ok(true)
     }
 
+    /// Counts a list of items once; returns whether the items after it can be counted.
     fn items(&mut self, list: &[Item]) -> Result<bool, ScriptError> {
         for item in list {
             match item {
@@ -75,6 +76,8 @@ impl Count<'_, '_> {
                     line,
                     column,
                 } => {
+                    // After a parameter of the script got a new value its old one is not valid: only a
+                    // literal count is known then.
                     let times = if self.has_parameters {
                         count.number(&|_, _| None).ok()
                     } else {
@@ -93,6 +96,8 @@ impl Count<'_, '_> {
                     let Some(factor) = factor else {
                         return Ok(false);
                     };
+                    // Each step multiplies the corners. The first number beyond the limit ends the script
+                    // before the mesh is made.
                     self.corners = self.corners.saturating_mul(factor);
                     if self.corners > MAX_CORNERS {
                         let text = format!(

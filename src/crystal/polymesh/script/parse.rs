@@ -68,6 +68,8 @@ impl Reader<'_> {
     ) -> Result<Vec<Item>, ScriptError> {
         let mut items = Vec::new();
         loop {
+            // A "}" ends the block that was opened, and is an error outside blocks; the end of the text is
+            // the reverse.
             match self.peek() {
                 None => {
                     return match opened {
@@ -90,6 +92,7 @@ impl Reader<'_> {
         }
     }
 
+    /// The next parameter, loop or step; `depth` is the number of blocks around it.
     fn item(&mut self, depth: usize) -> Result<Item, ScriptError> {
         let place = self.place();
         let start = self.at;
@@ -109,6 +112,7 @@ impl Reader<'_> {
                         format!("{name:?} is not a valid name of a parameter"),
                     ));
                 }
+                // Columns of errors in the value count from the "=" on.
                 let column = rest.column + rest.text.find('=').unwrap_or(0) + 1;
                 Ok(Item::Parameter {
                     name: name.to_owned(),
@@ -139,6 +143,7 @@ impl Reader<'_> {
                 })
             }
             verb => {
+                // The name of a solid alone is a step that makes it.
                 let verb = if is_verb(verb) {
                     verb
                 } else {
@@ -146,6 +151,7 @@ impl Reader<'_> {
                         .ok_or_else(|| unknown(place, verb, &self.full_name(verb)))?
                 };
                 let mut words = Vec::new();
+                // Blanks separate words; a step ends with its line, a semicolon or the end of its block.
                 loop {
                     match self.peek() {
                         None | Some('\n' | ';' | '}' | '#') => break,
@@ -205,6 +211,7 @@ impl Reader<'_> {
         let (line, column) = self.place();
         let start = self.at;
         let mut open: Vec<char> = Vec::new();
+        // Blanks inside brackets belong to the word: a list or a condition is one word.
         while let Some(c) = self.peek() {
             let ends = c.is_whitespace() || matches!(c, ';' | '{' | '}' | '#');
             if open.is_empty() && ends {

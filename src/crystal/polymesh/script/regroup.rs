@@ -69,6 +69,7 @@ pub(super) fn renumber(a: &Arguments, interpreter: &Interpreter) -> StepResult {
     ))
 }
 
+/// The step `startvertex`: rotates the corner lists of faces, so that each begins at the chosen corner.
 pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
@@ -88,12 +89,15 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Step
             return Err(a.fault(text));
         }
     };
+    // Exactly one rule gives the start.
     if usize::from(toward.is_some()) + usize::from(at.is_some()) + usize::from(lowest) != 1 {
         return Err(a.fault("expected exactly one of toward=[x, y, z], at=VERTEX, lowest"));
     }
     let mut shift = vec![0; mesh.face_count()];
     for f in (0..chosen.len()).filter(|&f| chosen[f]) {
         let face = mesh.face(f);
+        // Places are counted in the list of the face: nearest to the target, the given vertex, or the lowest
+        // number.
         let point = |k: usize| mesh.vertices()[face[k] as usize];
         let places = 0..face.len();
         let found = if let Some(target) = toward {
@@ -134,6 +138,7 @@ pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> StepRe
     Ok(outcome)
 }
 
+/// A mesh symmetrized by the subgroup `name` of its symmetries, and the order of that group.
 /// A mesh symmetrized by a subgroup of its symmetries.
 fn symmetrized_by(
     a: &Arguments,
@@ -146,6 +151,7 @@ fn symmetrized_by(
         error.hint = (name == "trigonal").then(|| super::step::TRIGONAL_HINT.to_owned());
         error
     })?;
+    // The group has to lie in the symmetries of the mesh, in one of the orientations of its axes.
     let own = mesh.symmetries();
     let is_own = |m: &Mat3| own.iter().any(|s| (s.matrix - m).amax() < MATRIX_TOLERANCE);
     let found = orientations.iter().find(|group| group.iter().all(is_own));

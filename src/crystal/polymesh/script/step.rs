@@ -70,6 +70,7 @@ pub(super) fn run_step(
         "save" => save(&mut arguments, interpreter),
         name => solid(&mut arguments, name),
     }?;
+    // Words that no step has taken are errors.
     arguments.finish()?;
     for text in outcome.notes {
         interpreter.note(statement.line, text);
@@ -155,6 +156,7 @@ fn torus(a: &mut Arguments) -> StepResult {
 pub(super) const TRIGONAL_HINT: &str = "trigonal crystals refer to the axes of the lattice system rhombohedral, or to \
      those of hexagonal, with one of the groups 3, -3, 32, 3m, -3m";
 
+/// The step `form`: a crystal from planes with distances, in a lattice system with its axes.
 fn form(a: &mut Arguments) -> StepResult {
     let systems = SYSTEMS.map(|row| row.0);
     let word = a.required(&format!("a lattice system: {}", systems.join(", ")))?;
@@ -168,6 +170,7 @@ fn form(a: &mut Arguments) -> StepResult {
     let group = a.value("group")?.map(|w| w.text);
     let fault = |a: &Arguments, e: crate::polymesh::form::FormError| {
         let mut error = a.fault(e.to_string());
+        // "trigonal" is a family with two sets of axes, and no lattice system: a hint names both.
         error.hint = if [Some(system), group.as_deref()].contains(&Some("trigonal")) {
             Some(TRIGONAL_HINT.to_owned())
         } else {
@@ -272,6 +275,7 @@ fn save(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     })
 }
 
+/// The step `extrude`: caps on the chosen faces.
 fn extrude(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let word = a.required("an extrusion such as cubical")?;
     let Some((kind, operator)) = extrusion_named(&word.text) else {
@@ -286,6 +290,7 @@ fn extrude(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
     let tilt = a.number("tilt")?;
+    // A tilt of 0 is upright: a dihedral angle of 90 degrees.
     let dihedral = match (a.value("dihedral")?, tilt) {
         (Some(_), Some(_)) => return Err(a.fault("dihedral and tilt; expected one of them")),
         (None, None) => Dihedral::Regular,
@@ -307,6 +312,7 @@ fn extrude(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
         odd: phase == 1,
         tiers: tiers.clone().unwrap_or_default(),
     };
+    // An empty list would read as no list at all.
     if let Some(list) = tiers.filter(Vec::is_empty) {
         let text = format!(
             "{} tiers; {} takes exactly {}",
@@ -330,6 +336,7 @@ fn extrude(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     })
 }
 
+/// The step `remesh`: one rule on the whole mesh.
 fn remesh(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let word = a.required("a scheme such as checkerboard")?;
     let mut scheme = Remesh::named(&word.text).map_err(|e| {
@@ -345,6 +352,7 @@ fn remesh(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
             });
         error
     })?;
+    // Only parameters of this scheme are taken; others remain and are errors.
     for parameter in scheme.parameters() {
         if let Some(value) = a.number(parameter.name)? {
             scheme
@@ -396,6 +404,7 @@ fn subdivide(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     Ok(outcome)
 }
 
+/// The steps `move`, `turn` and `scale`.
 fn place(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let moved = match a.statement.verb.as_str() {
