@@ -138,10 +138,12 @@ impl AtomicFile {
         self.finish(|file, target| file.persist_noclobber(target))
     }
 
+    /// Flushes, syncs and moves the file to its target by `persist`; returns its size in bytes.
     fn finish(
         mut self,
         persist: impl FnOnce(NamedTempFile, &Path) -> Result<File, PersistError>,
     ) -> Result<u64, WriteError> {
+        // A write that failed before leaves the file damaged, even if later ones succeeded.
         let flushed = match self.fault.take() {
             Some((kind, text)) => Err(io::Error::new(kind, text)),
             None => self.flush(),
@@ -160,6 +162,8 @@ impl AtomicFile {
             needed,
             error: plain(error),
         };
+        // The content is on the disk before the name, and the name before the directory: after a power
+        // failure the target is the old file or the whole new one.
         match sink {
             Sink::Direct(file) => {
                 sync_special(file.get_ref()).map_err(failed)?;

@@ -36,6 +36,7 @@ pub fn read_cell(path: impl AsRef<Path>) -> Result<Cell, ReadError> {
             "JSON text",
         )
     })?;
+    // Some editors begin UTF-8 text with a byte order mark.
     Cell::from_json(text.trim_start_matches('\u{feff}')).map_err(|e| {
         let place = e.line.map_or(Place::File, |n| Place::Line(n as u64));
         ReadError::data(

@@ -61,6 +61,7 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
         let words = line.split(separator).map(|w| w.trim_matches('"'));
         let words: Vec<&str> = words.filter(|w| !w.is_empty()).collect();
         let numbers: Option<Vec<f64>> = words.iter().map(|w| w.parse().ok()).collect();
+        // Only the first line may be a header: it has words where others have numbers.
         let is_header = std::mem::take(&mut first) && numbers.is_none();
         if is_header {
             let place = |name: &str| words.iter().position(|w| w.eq_ignore_ascii_case(name));
@@ -74,6 +75,7 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
             }
             continue;
         }
+        // Columns that are not named are ignored.
         let number = |c: &usize| numbers.as_ref().and_then(|n| n.get(*c)).copied();
         let row: Option<Vec<f64>> = columns.iter().map(number).collect();
         let Some(row) = row.filter(|r| r.iter().all(|c| is_in_range(*c))) else {
@@ -81,6 +83,7 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
                 quote(&line),
                 "six finite numbers below 1e18: x y z nx ny nz",
             );
+            // Three numbers are a point without its normal.
             return Err(if words.len() == 3 {
                 error.with_hint(NORMALS_HINT)
             } else {

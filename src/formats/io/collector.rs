@@ -262,6 +262,7 @@ impl<'a> Collector<'a> {
                 FieldAt::Points => (self.points.len(), "points"),
                 FieldAt::Cells => (self.cells as usize, "cells"),
             };
+            // One value per component and item of the file, in its order.
             if field.values.len() != count.saturating_mul(field.components) {
                 return Err(ReadError::data(
                     self.path,
@@ -276,6 +277,7 @@ impl<'a> Collector<'a> {
             }
             let element_nodes =
                 |n: usize| &field.values[n * field.components..(n + 1) * field.components];
+            // Nodes that no element has, and duplicates, are left out of the fields too.
             let values = match field.at {
                 FieldAt::Points => nodes
                     .iter()

@@ -113,6 +113,7 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
     if faces.is_empty() {
         return Err(source.bad("the end of the file without a face", "faces (f)"));
     }
+    // Corners, faces and edges state the same topology three times: they have to agree.
     let ends = half_edges(path, &corners, &faces, &draft.lines)?;
     check_edges(path, &corners, &ends, &edges)?;
     for face in &faces {
@@ -120,6 +121,7 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
     }
     let mut colors = BTreeMap::new();
     if let Some(library) = library.filter(|l| !l.is_empty()) {
+        // Colours are an extra: a library that cannot be read matters only where colours make the groups.
         let beside = path.with_file_name(&library);
         match mtl::read(&beside) {
             Ok(found) => {
@@ -151,6 +153,7 @@ fn half_edges(
             let place = Place::ItemOnLine("face", f as u64, lines[f]);
             Err(ReadError::data(path, place, found, expected))
         };
+        // A face lists its corners in order: the half-edge of a corner ends at the vertex of the next one.
         for (&c, &d) in face.iter().zip(face.iter().cycle().skip(1)) {
             let vertices = corners.get(c as usize).zip(corners.get(d as usize));
             let Some((_, &end)) = vertices else {
@@ -210,6 +213,7 @@ fn check_edges(
             }
         }
         let (a, b) = (a as usize, b as usize);
+        // The half-edges run in opposite directions between the same vertices.
         if corners[a] != ends[b] || corners[b] != ends[a] {
             let found = format!(
                 "half-edges from vertex {} to {} and from {} to {}",
@@ -245,6 +249,7 @@ pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
     for f in 0..mesh.face_count() {
         let n = mesh.normal(f);
         let face = mesh.face(f);
+        // Corners are numbered face by face. An edge is complete when the opposite half-edge comes.
         for (&a, &b) in face.iter().zip(face.iter().cycle().skip(1)) {
             let _ = writeln!(text, "fv {a} [{:.6} {:.6} {:.6}] [0 0]", n.x, n.y, n.z);
             match first.remove(&(b, a)) {
@@ -260,6 +265,7 @@ pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
         let _ = writeln!(text, "e {a} {b}");
     }
     text.push_str("#\n");
+    // The same order of corners again, with a material where the group changes.
     let (mut group, mut corner) = (0, 0u64);
     for (face, &face_group) in mesh.faces().iter().zip(mesh.groups()) {
         if face_group != group {

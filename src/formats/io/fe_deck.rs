@@ -101,6 +101,8 @@ impl VoxelMesh<'_> {
         mut layer: impl FnMut(&[Coord], [&NodePlane; 2]) -> io::Result<()>,
     ) -> io::Result<u64> {
         let mut next = 1;
+        // The nodes of a plane: the corners of the cubes on both sides of it, each once, numbered in
+        // ascending order.
         let mut numbered = |x: i32, layers: &[&[Coord]]| {
             let mut nodes: Vec<PlaneNode> = Vec::new();
             for cube in layers.iter().copied().flatten() {
@@ -116,6 +118,7 @@ impl VoxelMesh<'_> {
         let mut layers = self.layers().peekable();
         let mut low: Option<NodePlane> = None;
         while let Some((x, cubes)) = layers.next() {
+            // The plane above one layer is the plane below the next, if that is adjacent.
             let below = if let Some(below) = low.take() {
                 below
             } else {
@@ -140,6 +143,7 @@ impl VoxelMesh<'_> {
         })
     }
 
+    /// Writes the deck; returns the number of nodes.
     fn write(
         &self,
         out: &mut impl Write,
@@ -150,6 +154,8 @@ impl VoxelMesh<'_> {
         for line in heading {
             writeln!(out, "{line}")?;
         }
+        // Sides of the box are the nodes and faces at its extremes along an axis; their numbers are kept for
+        // the sets.
         let bounds = self.bounds();
         let mut sides: [Vec<u64>; 6] = Default::default();
         writeln!(out, "*NODE, NSET=ALL_NODES")?;
@@ -169,6 +175,7 @@ impl VoxelMesh<'_> {
             },
             |_, _| Ok(()),
         )?;
+        // The second visit gives the same numbers of nodes, so that none are kept in memory.
         writeln!(out, "*ELEMENT, TYPE=C3D8, ELSET=SOLID")?;
         let mut faces: [Vec<u64>; 6] = Default::default();
         let mut element = 0;

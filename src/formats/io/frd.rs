@@ -61,12 +61,14 @@ impl FrdFile {
     /// # Errors
     /// [`ReadError`] with the fields that the file has.
     pub fn field(&self, name: &str) -> Result<&FrdField, ReadError> {
+        // Requests have short names, results long ones.
         let wanted = match name.to_ascii_uppercase().as_str() {
             "S" => "STRESS".to_owned(),
             "E" => "TOSTRAIN".to_owned(),
             "U" => "DISP".to_owned(),
             other => other.to_owned(),
         };
+        // Later steps come later in the file.
         let found = self.fields.iter().rev().find(|f| f.name == wanted);
         found.ok_or_else(|| {
             let mut known: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
@@ -199,6 +201,7 @@ impl Reader {
         }
     }
 
+    /// Reads a block of results at nodes, from its header on.
     fn field(&mut self) -> Result<FrdField, ReadError> {
         let step = self.integer(STEP, "the number of a step in columns 59 to 63")?;
         let word = columns(self.source.current(), TIME);
@@ -217,12 +220,15 @@ impl Reader {
         loop {
             self.next()?;
             let line = self.source.current();
+            // Keys of the format: -4 name of the field, -5 a component, -1 a node with numbers, -2 more
+            // numbers of it, -3 the end.
             match columns(line, KEY) {
                 b"-4" => {
                     found.name = text(columns(line, NAME)).to_ascii_uppercase();
                     found.line = self.source.line_number();
                 }
                 b"-5" => {
+                    // Components that a post-processor computes have no columns in the rows.
                     if columns(line, COMPUTED) != b"1" {
                         found.components.push(text(columns(line, NAME)));
                     }

@@ -81,6 +81,7 @@ fn read_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
     for (n, beam) in beams.enumerate() {
         let [a, b] = beam.ends;
         let [r, s] = beam.radii;
+        // Struts have one radius: a cone becomes several, each with the radius of its middle.
         let struts = if r == s { 1 } else { STRUTS_PER_CONE };
         varying += usize::from(r != s);
         butt_caps += beam.caps.iter().filter(|c| **c == BeamCap::Butt).count();
@@ -103,6 +104,7 @@ fn read_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
         return Err(ReadError::data(path, Place::File, "no beams", expected)
             .with_hint("a mesh is the source of a cell by the key mesh"));
     }
+    // Everything that a skeleton cannot represent is counted in a note.
     let mut note = |count: usize, text: &str| {
         if count > 0 {
             notes.push(format!("{count} {text}"));
@@ -154,6 +156,7 @@ fn read_text(
             ReadError::data(path, Place::Line(e.line() as u64), e.to_string(), expected)
         })?,
         "toml" => toml::from_str(&text).map_err(|e| {
+            // The error has a range of bytes; lines before it are counted.
             let line = |s: std::ops::Range<usize>| {
                 let before = text.get(..s.start).unwrap_or(&text);
                 Place::Line(before.matches('\n').count() as u64 + 1)
@@ -171,6 +174,7 @@ fn read_text(
     skeleton(path, &graph, radius, thickness)
 }
 
+/// Checks a graph and builds its skeleton; `radius` and `thickness` are those of the caller, if any.
 fn skeleton(
     path: &Path,
     graph: &GraphText,
@@ -205,6 +209,7 @@ fn skeleton(
     };
     let mut skeleton = Skeleton::new();
     for (n, [a, b]) in graph.edges.iter().enumerate() {
+        // The entry of the part comes first, then the value of the caller, then that of the file.
         let given = graph.radii.get(n).copied();
         let r = given
             .or(radius)

@@ -119,6 +119,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         skipped: BTreeMap::new(),
     };
     deck.file(path, 0)?;
+    // Any text may have the extension; a deck has keywords.
     if matches!(deck.section, Section::Start) {
         let expected = "keywords such as *NODE and *ELEMENT";
         let error = ReadError::data(path, Place::File, "no keyword", expected);
@@ -425,6 +426,8 @@ impl Deck<'_> {
                 return Err(self.wrong_count(kinds[0], source));
             }
             Section::System => {
+                // A data line with missing numbers continues with zeros, so that the next point begins at a
+                // multiple of three.
                 let padded = |row: &Vec<f64>| {
                     let mut padded_row = row.clone();
                     padded_row.resize(row.len().next_multiple_of(3), 0.0);
@@ -439,6 +442,7 @@ impl Deck<'_> {
                 })?;
                 self.system = Some(system).filter(|s| *s != Motion::default());
             }
+            // The rule needs the model and its counter at the same time: the counter is moved out and back.
             Section::Copy(copy) => {
                 let mut generated = std::mem::take(&mut self.generated);
                 copy.make(&rows, self.model(), &mut generated, source)?;

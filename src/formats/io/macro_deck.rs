@@ -183,12 +183,15 @@ impl ElementDeck<'_> {
         own.map_or("S1", |l| l.0)
     }
 
+    /// Writes the deck; returns the number of nodes.
     fn write(&self, out: &mut impl Write, heading: &[String]) -> io::Result<u64> {
         writeln!(out, "*HEADING")?;
         for line in heading {
             writeln!(out, "{line}")?;
         }
         let elements = self.scaffold.connectivity();
+        // Nodes of faces and centres are not in serendipity elements; a node without an element would be
+        // singular.
         let mut is_used = vec![false; self.scaffold.nodes().len()];
         for e in 0..elements.len() {
             for n in self.nodes_of(e) {
@@ -202,6 +205,7 @@ impl ElementDeck<'_> {
             writeln!(out, "{}, {:.9e}, {:.9e}, {:.9e}", n + 1, p.x, p.y, p.z)?;
         }
         self.elements(out)?;
+        // Names of sets that exist already: those of groups and materials must differ.
         let mut taken: BTreeSet<String> = ["ALL_NODES".to_owned()].into();
         for (name, ..) in SIDES {
             taken.extend(["", "_ELEMENTS", "_FACE"].map(|end| format!("{name}{end}")));
@@ -245,6 +249,7 @@ impl ElementDeck<'_> {
             let along = used.iter().map(|&n| points[n][axis]);
             along.fold([f64::MAX, f64::MIN], |r, x| [r[0].min(x), r[1].max(x)])
         };
+        // Coordinates on a side differ by rounding, up to a tolerance of the box's diagonal.
         let ranges = [0, 1, 2].map(range);
         let size = Vec3::from(ranges.map(|r| r[1] - r[0])).norm();
         let outer: Vec<FaceRef> = self.scaffold.outer_faces().collect();
@@ -253,6 +258,7 @@ impl ElementDeck<'_> {
             let is_on = |n: usize| (points[n][axis] - place).abs() <= SIDE_TOLERANCE * size;
             let nodes = used.iter().filter(|&&n| is_on(n)).map(|&n| n as u64 + 1);
             write_set(out, "NSET", name, &nodes.collect::<Vec<_>>())?;
+            // An outer face belongs to a side if all its corners do.
             let on_side = outer.iter().filter(|f| {
                 let e = f.element as usize;
                 let nodes = self.scaffold.connectivity().nodes(e);
@@ -260,6 +266,7 @@ impl ElementDeck<'_> {
                 let mut corners = kind.faces()[usize::from(f.face)].corners.iter();
                 corners.all(|&c| is_on(nodes[usize::from(c)] as usize))
             });
+            // A surface lists elements by the label of their face, one set per label.
             let mut faces = Faces::new();
             for f in on_side {
                 let numbers = faces.entry(self.face_label(*f)).or_default();
@@ -324,6 +331,7 @@ impl ElementDeck<'_> {
         writeln!(out, "ELEMENT_FRAMES")
     }
 
+    /// One material and one section for each class of elements that occurs.
     fn materials(&self, out: &mut impl Write, taken: &mut BTreeSet<String>) -> io::Result<()> {
         for (c, class) in self.classes.iter().enumerate() {
             let own = (0..self.class_of.len()).filter(|&e| self.class_of[e] as usize == c);

@@ -50,6 +50,7 @@ impl File<'_> {
     /// Reads the data of a keyword; returns false at the end of the mesh.
     fn section(&mut self, keyword: &str) -> Result<bool, ReadError> {
         let found = TABLE.iter().find(|r| r.1.eq_ignore_ascii_case(keyword));
+        // A binary section gives its own length, so that an unknown one can be skipped; text does not.
         let Some(&(_, name, meaning)) = found else {
             if self.input.is_binary() {
                 self.collector
@@ -87,6 +88,7 @@ impl File<'_> {
                     .push(format!("the values {name} are ignored"));
                 self.input.skip_section()?;
             }
+            // An empty section of a kind that is refused does no harm.
             Meaning::Refused => {
                 let count = self.input.count(1, name)?;
                 if count > 0 {

@@ -32,6 +32,8 @@ fn known_extensions() -> String {
 
 /// The type of a file by its first bytes, with the matching extension; `None` if unknown.
 pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
+    // Text may begin with a byte order mark and blanks; words of the first 512 bytes are compared without
+    // case.
     let head = &head[..head.len().min(512)];
     let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     let text = text.trim_ascii_start();
@@ -53,6 +55,7 @@ pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
     } else if has("<VTKFile") {
         let polygons = has("PolyData");
         Some(("a VTK XML file", if polygons { "vtp" } else { "vtu" }))
+    // Many binary STL files begin with "solid" too: a text file also has facets.
     } else if starts("solid") && (has("facet") || has("endsolid")) {
         Some(("a text STL file", "stl"))
     } else if head.starts_with(b" BDV") {
@@ -142,6 +145,7 @@ pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
         "vtu" | "vtp" => vtk::read_xml(path)?.soup(path),
         "vtk" => vtk::read_legacy(path)?.soup(path),
         "dlfl" | "crystal" => {
+            // Polygons and elements become the faces of a soup; elements only those on their outside.
             let (mesh, warnings) = polymesh(path)?;
             Ok(Soup::from_polymesh(&mesh, warnings))
         }
@@ -154,6 +158,7 @@ pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
             let found = sniff(Source::open(path)?.peek(512)?);
             let known_extensions = format!("one of {}", readable_extensions().join(", "));
             let error = ReadError::data(path, Place::File, extension_of(path), known_extensions);
+            // The name does not fit: the content gives a hint.
             Err(match found {
                 Some((what, extension)) => {
                     error.with_hint(format!("its content is {what}: name it *.{extension}"))
@@ -247,6 +252,7 @@ pub fn write_mesh<'a>(
             known_extensions()
         )));
     };
+    // What the format cannot hold is refused before the file exists.
     let quads_fit = matches!(format, MeshFormat::Ply | MeshFormat::Obj);
     if matches!(mesh.faces, Faces::Quads(_)) && !quads_fit {
         return Err(format_error("quads; expected .ply or .obj for them".into()));
@@ -262,6 +268,7 @@ pub fn write_mesh<'a>(
             "{n} triangles; STL holds at most 4294967295: use .ply"
         )));
     }
+    // The expected size is for the message on a full disk.
     let mut file = match format {
         MeshFormat::ThreeMf => AtomicFile::create_seekable(path)?,
         MeshFormat::Stl => AtomicFile::create(path)?.expecting(stl::size(mesh)),

@@ -95,6 +95,7 @@ impl MeshStream {
                 "quadrilaterals; expected .ply or .obj for them",
             ));
         }
+        // STL has triangles only and needs no spool.
         let backend = if format == MeshFormat::Stl {
             Backend::Stl(StlStream::create(path, unit)?)
         } else {

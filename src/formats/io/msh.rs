@@ -144,6 +144,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut open = file.header()?;
     let (mut nodes, mut elements) = (false, false);
     loop {
+        // The header of version 1 is the first section itself.
         let section = match open.take() {
             Some(section) => section,
             None => match file.tokens.line()? {
@@ -155,6 +156,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         elements |= matches!(section.as_str(), "$Elements" | "$ELM");
         file.section(&section)?;
     }
+    // Both sections are written by every version; a truncated file lacks the second.
     if !(nodes && elements) {
         let missing = if nodes { "$Elements" } else { "$Nodes" };
         return Err(file
@@ -189,6 +191,7 @@ impl File<'_> {
             self.skip(&first)?;
             self.tokens.needed_line(expected)?.clone_into(&mut first);
         }
+        // Version 1 has no format section.
         if first == "$NOD" {
             self.version = Version::One;
             return Ok(Some(first));
@@ -221,6 +224,7 @@ impl File<'_> {
         match kind {
             "0" => {}
             "1" => {
+                // The binary number 1 shows the byte order.
                 let one: [u8; 4] = self.tokens.source.array("the number 1 in binary")?;
                 self.binary = match (i32::from_le_bytes(one), i32::from_be_bytes(one)) {
                     (1, _) => Encoding::Little,
@@ -320,6 +324,7 @@ impl File<'_> {
         Ok(())
     }
 
+    /// Reads the names of physical groups.
     fn physical_names(&mut self) -> Result<(), ReadError> {
         let expected = "the number of physical names";
         let line = self.tokens.needed_line(expected)?;
@@ -335,6 +340,7 @@ impl File<'_> {
             let (dimension, number, name) = (next(), next(), next().trim());
             let name = name.strip_prefix('"').and_then(|n| n.strip_suffix('"'));
             match (dimension.parse(), number.parse(), name) {
+                // Volumes and surfaces become groups; names of points and curves are skipped.
                 (Ok(d @ 2..=3), Ok(number), Some(name)) => {
                     self.names.insert(group_of(d, number), name.to_owned());
                 }
@@ -358,6 +364,7 @@ impl File<'_> {
         self.tokens.encoding = Encoding::Text;
     }
 
+    /// The meaning of an element type by its code; `element` is the number for messages.
     fn element_type(&self, code: u64, element: u64) -> Result<Type, ReadError> {
         let code = u32::try_from(code).unwrap_or(u32::MAX);
         if let Some(kind) = Kind::from_gmsh(code) {
@@ -375,6 +382,8 @@ impl File<'_> {
             .chain(&UNSUPPORTED_HIGH_ORDER_TYPES)
             .find(|r| r.0 == code)
         {
+            // Points, lines and planar elements beyond second order are skipped with their nodes; such solids
+            // are an error.
             Some((_, 0..=2, nodes, _)) => Ok(Type::Skipped(*nodes as usize)),
             Some((.., name)) => Err(ReadError::data(
                 path,

@@ -133,6 +133,7 @@ impl<'a> Deck<'a> {
         self.file(&directory.join(PathBuf::from(card.field(0))), depth + 1)
     }
 
+    /// Processes a card by its name.
     fn card(&mut self, card: &Card) -> Result<(), ReadError> {
         let name = card.name.as_str();
         match name {
@@ -148,6 +149,8 @@ impl<'a> Deck<'a> {
                 *self.skipped.entry(name.to_owned()).or_default() += 1;
                 self.collector.skipped += 1;
             }
+            // Cards that make elements in other ways, and names near to those that are read, would silently
+            // change the shape.
             _ if REFUSED_CARDS.contains(&name) || name.starts_with('=') || is_unknown(name) => {
                 let e = card.bad(format!("the card {}", quote(name)), "cards that are known");
                 return Err(e.with_hint(
@@ -196,10 +199,12 @@ impl<'a> Deck<'a> {
         })
     }
 
+    /// Resolves systems and missing nodes once all cards are read, and builds the elements.
     fn finish(mut self) -> Result<ElementFile, ReadError> {
         if let Some(first_error) = self.first_error.take() {
             return Err(first_error);
         }
+        // Cards come in any order: a system may refer to grid points and to other systems that follow it.
         let mut systems = std::mem::take(&mut self.systems);
         systems.resolve(self.path, self.default_system, |number| {
             let place = *self.places.get(&number)? as usize;

@@ -38,6 +38,7 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
             "a .npy file",
         ));
     }
+    // Version 1 has a length of two bytes, later versions of four.
     let length = if magic[6] >= 2 {
         u32::from_le_bytes(source.array("the length of the header")?) as usize
     } else {
@@ -51,6 +52,8 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
     }
     let mut header = vec![0; length];
     source.exact(&mut header, "the header")?;
+    // The header is a dictionary of Python with three keys; blanks are removed, so that keys are found as
+    // text.
     let header = String::from_utf8_lossy(&header).replace(' ', "");
     let after = |key: &str| header.split_once(key).map_or("", |p| p.1);
     let kind = after("'descr':'").split('\'').next().unwrap_or("");
@@ -64,6 +67,7 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
             return Err(source.bad_byte(found, expected));
         }
     };
+    // A shape (n,) has an empty word after its comma.
     let text = after("'shape':(").split(')').next().unwrap_or("");
     let words: Vec<&str> = text.split(',').filter(|w| !w.is_empty()).collect();
     let shape: Option<Vec<usize>> = words.iter().map(|w| w.parse().ok()).collect();
@@ -78,6 +82,7 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
     let count = source.count(total, size as u64, "numbers")?;
     let mut read = Vec::with_capacity(count);
     let mut buffer = vec![0; size * (1 << 16)];
+    // In blocks: beside the numbers only a small buffer of bytes is in memory.
     while read.len() < count {
         let bytes = size * (count - read.len()).min(1 << 16);
         source.exact(&mut buffer[..bytes], "the array's numbers")?;
@@ -87,6 +92,7 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
         let found = format!("{} bytes after the array", source.remaining());
         return Err(source.bad_byte(found, "the end of the file"));
     }
+    // In Fortran order the first axis is the fastest.
     let fortran = after("'fortran_order':").starts_with("True");
     let values = if fortran {
         to_c_order(&read, &shape)

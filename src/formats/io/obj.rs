@@ -101,6 +101,8 @@ pub(super) fn read_annotated(mut source: Source) -> Result<(Soup, Annotations), 
         match word {
             b"v" | b"V" => vertex(&source, rest, &mut soup, &mut annotations)?,
             b"f" | b"fo" | b"F" => {
+                // Names hold until the next statement: they are recorded only at the first face after a
+                // change.
                 if std::mem::take(&mut has_changed) {
                     annotations
                         .names
@@ -115,6 +117,7 @@ pub(super) fn read_annotated(mut source: Source) -> Result<(Soup, Annotations), 
                 set_name(&mut name, rest);
                 annotations.libraries.push(name);
             }
+            // Colours "c r g b" are a convention of older programs.
             b"c" => {
                 let Some(color) = color(&statement[statement.len() - rest_length(statement)..])
                 else {
@@ -125,6 +128,7 @@ pub(super) fn read_annotated(mut source: Source) -> Result<(Soup, Annotations), 
                 current.color = color;
             }
             b"l" | b"p" => soup.skipped += 1,
+            // Druse writes the unit into a comment.
             [b'#', ..] | [b'/', b'/', ..] => {
                 let stated = rest.find_map(|w| std::str::from_utf8(w).ok()?.strip_prefix("unit="));
                 soup.unit = soup.unit.or(stated.and_then(|u| u.parse().ok()));
@@ -225,6 +229,7 @@ fn vertex<'a>(
     Ok(())
 }
 
+/// Reads a face: vertex numbers, each with texture and normal numbers after slashes, which are ignored.
 fn face<'a>(
     source: &Source,
     words: impl Iterator<Item = &'a [u8]>,
@@ -234,6 +239,7 @@ fn face<'a>(
     let mut invalid = None;
     let corners = words.take_while(|w| w[0] != b'#').map_while(|word| {
         let number = word.split(|&b| b == b'/').next().unwrap_or_default();
+        // Numbers count from 1, negative ones backward from the last vertex so far.
         let index = match integer(number) {
             Some(n) if n > 0 => n - 1,
             Some(n) if n < 0 => count + n,

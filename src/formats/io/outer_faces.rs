@@ -51,8 +51,10 @@ pub(super) fn soup(path: &Path, file: &ElementFile) -> Result<Soup, ReadError> {
         }
         ElementFile::Solids(file) => &file.scaffold,
     };
+    // Curved faces are divided into triangles until these are this close to them.
     let error = MAX_RELATIVE_DEVIATION * solids.bounds().half_diagonal();
     let mut soup = Soup::default();
+    // Components may be closed surfaces inside one another; each is numbered after the others.
     for component in 0..solids.components().len() {
         let part = solids
             .boundary(component, error.max(f64::MIN_POSITIVE))

@@ -39,6 +39,7 @@ impl Pc2 {
         }
         let mut head = [0; HEAD_BYTES as usize];
         file.read_exact(&mut head).map_err(failed)?;
+        // Offsets of the head: 12 version, 16 points, 20 start, 24 step, 28 samples.
         let word = |n: usize| [head[n], head[n + 1], head[n + 2], head[n + 3]];
         let count = |n: usize| i32::from_le_bytes(word(n));
         let number = |n: usize| f64::from(f32::from_le_bytes(word(n)));
@@ -56,6 +57,7 @@ impl Pc2 {
             let found = format!("a time step of {step} frames between samples");
             return Err(invalid(found, "a positive number of frames"));
         }
+        // 12 bytes per point and sample; further bytes are allowed.
         if length < HEAD_BYTES + 12 * points as u64 * samples as u64 {
             let found = format!("{length} bytes for {samples} samples of {points} points");
             return Err(invalid(found, "all of its samples").with_hint("export the cache again"));

@@ -64,6 +64,7 @@ impl PointCache {
     pub fn sample_at(&self, frame: f64) -> Result<usize, ReadError> {
         let distance = |n: &usize| (self.frame(*n) - frame).abs();
         let nearest = match &self.samples {
+            // Samples of a PC2 are equally spaced; those of USD are at any frames.
             Samples::Pc2(cache) => {
                 let place = (frame - cache.start) / cache.step;
                 place.round().clamp(0.0, (cache.samples - 1) as f64) as usize

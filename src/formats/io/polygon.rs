@@ -48,6 +48,7 @@ pub(super) fn triangulate(polygon: &[u32], vertices: &[Vec3], out: &mut Vec<[u32
 fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Option<Vec<[u32; 3]>> {
     let at = |i: usize| vertices[polygon[i] as usize];
     let front = normal.try_normalize(0.0)?;
+    // Axes of the plane, from the coordinate axis that is farthest from the normal: the product is not small.
     let longest = |x: &f64, y: &f64| x.total_cmp(y);
     let least = front.iter().map(|c| c.abs()).enumerate();
     let axis = least.min_by(|x, y| longest(&x.1, &y.1))?.0;
@@ -59,6 +60,8 @@ fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Opt
     });
     let mut corners: Vec<usize> = Vec::new();
     earcut::Earcut::new().earcut(projected, &[], &mut corners);
+    // Signed area of the triangles. It equals that of the polygon only if the triangles cover it without
+    // overlap.
     let area: f64 = corners
         .chunks_exact(3)
         .map(|t| {
@@ -71,6 +74,7 @@ fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Opt
     {
         return None;
     }
+    // The projection may reverse the orientation; the triangles get that of the polygon.
     let oriented = |t: &[usize]| {
         if area < 0.0 {
             [t[0], t[2], t[1]]

@@ -102,6 +102,8 @@ impl Draft {
             face.iter().copied().zip(next).collect::<Vec<_>>()
         };
         let known: HashSet<(u32, u32)> = self.faces.iter().flat_map(edges).collect();
+        // An edge without its opposite borders a hole; the hole runs against it. A vertex with two such edges
+        // has no unique successor.
         let mut next: BTreeMap<u32, u32> = BTreeMap::new();
         for (a, b) in self.faces.iter().flat_map(edges) {
             if !known.contains(&(b, a)) && next.insert(b, a).is_some() {
@@ -110,6 +112,7 @@ impl Draft {
         }
         let group = self.groups.iter().max().map_or(1, |g| g.saturating_add(1));
         let mut holes = 0;
+        // Each loop of border edges is a face.
         while let Some((first, mut at)) = next.pop_first() {
             let mut hole = vec![first];
             while at != first {
@@ -146,6 +149,8 @@ impl Draft {
         }
         self.warnings
             .push(format!("{unused} vertices belong to no face; left out"));
+        // New numbers of the vertices that stay. An index beyond the vertices stays invalid, and the check
+        // reports it.
         let mut number = vec![0; used.len()];
         let mut kept = Vec::with_capacity(used.len() - unused);
         for (v, point) in self.vertices.iter().enumerate() {
@@ -227,6 +232,7 @@ pub(super) fn replace_by_colors(
     if options.color_tolerance == 0.0 {
         return;
     }
+    // Tolerance in steps of a channel, from 0 to 255.
     let tolerance = 255.0 * options.color_tolerance + 1e-9;
     let parts = |word: &str| {
         let digits = word.strip_prefix('#').filter(|d| d.len() == 6)?;
@@ -239,6 +245,7 @@ pub(super) fn replace_by_colors(
         let Some(color) = parts(name) else {
             continue;
         };
+        // The first colour within the tolerance represents this one; equal words are compared only once.
         let word = known.entry(name.clone()).or_insert_with(|| {
             let near =
                 |k: &&[u8; 3]| (0..3).all(|i| f64::from(k[i].abs_diff(color[i])) <= tolerance);
@@ -254,6 +261,7 @@ pub(super) fn replace_by_colors(
 
 /// An error of the mesh, with its place in the file and the file's numbers.
 fn mesh_error(path: &Path, error: &PolyError, base: u32, lines: &[u64]) -> ReadError {
+    // Numbers in messages are those of the file, which counts from `base`.
     let number = |n: usize| n as u64 + u64::from(base);
     let at = |face: usize| match lines.get(face) {
         Some(&line) => Place::ItemOnLine("face", number(face), line),

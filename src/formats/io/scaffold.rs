@@ -22,6 +22,7 @@ pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
         Some("mesh" | "meshb") => medit::read(path),
         Some("unv") => unv::read(path),
         Some("usda") => usda::read(path),
+        // Surfaces: their polygons become planar elements.
         Some("off" | "obj" | "ply" | "stl" | "3mf" | "dlfl" | "crystal") => {
             mesh_file::read_soup(path)?.elements(path)
         }

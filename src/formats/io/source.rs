@@ -203,6 +203,7 @@ impl Source {
             self.skip_byte_order_mark()?;
         }
         let mut seen = 0;
+        // The line may extend over several fills of the buffer; `seen` bytes of it have no line end.
         let ended = loop {
             let rest = &self.buffer[self.start + seen..self.end];
             let at = rest.iter().position(|&b| b == b'\n' || b == b'\r');
@@ -219,10 +220,12 @@ impl Source {
                 break false;
             }
         };
+        // The last line may lack its end.
         if !ended && seen == 0 {
             return Ok(false);
         }
         self.line += 1;
+        // The length of the line end: 1 or 2 bytes.
         let end = if ended {
             self.line_end(seen, first)?
         } else {
@@ -279,6 +282,7 @@ impl Source {
     /// # Errors
     /// When the joined lines are longer than a mebibyte, and as [`Source::advance`].
     pub fn advance_joined(&mut self) -> Result<bool, ReadError> {
+        // The line without the backslash at its end; comments are not continued.
         fn continued(line: &[u8]) -> Option<&[u8]> {
             let line = line.trim_ascii_end();
             line.strip_suffix(b"\\")
@@ -291,6 +295,7 @@ impl Source {
             return Ok(true);
         }
         let mut joined: Vec<u8> = Vec::new();
+        // A blank takes the place of each line end.
         while let Some(line) = continued(self.current()) {
             joined.extend_from_slice(line);
             joined.push(b' ');

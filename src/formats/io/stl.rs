@@ -41,12 +41,14 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
     }
 }
 
+/// Reads the binary form: 80 bytes of header, the count, then 50 bytes per triangle.
 fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
     let header: [u8; 80] = source.array("the 80 bytes of an STL header")?;
     let claimed = u64::from(u32::from_le_bytes(source.array("the number of triangles")?));
     let mut warnings = Vec::new();
     let left = source.remaining();
     let actual = left / TRIANGLE_BYTES;
+    // Of a pipe the size is unknown. Otherwise a size of whole triangles is more reliable than the count.
     let full = source.size() != u64::MAX && actual > 0 && left.is_multiple_of(TRIANGLE_BYTES);
     let is_count_wrong = full && claimed != actual;
     let count = if is_count_wrong {
@@ -67,6 +69,8 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
         let batch = (count - n).min(BATCH_TRIANGLES);
         let bytes = source.bytes(batch * TRIANGLE_BYTES as usize, "a triangle of 50 bytes")?;
         let mut bad = None;
+        // Bytes 0 to 11 are the normal, which the corners define; 12 to 47 the corners, 48 and 49 an
+        // attribute.
         for record in bytes.as_chunks::<{ TRIANGLE_BYTES as usize }>().0 {
             let (numbers, _) = record[12..].as_chunks::<4>();
             let number = |i: usize| f64::from(f32::from_le_bytes(numbers[i]));
@@ -88,6 +92,8 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
             ));
         }
     }
+    // Fewer triangles than counted may be a truncated file; a closed surface is complete. The largest count
+    // is a placeholder of programs that write without knowing it.
     if is_count_wrong && claimed > actual && claimed != u64::from(u32::MAX) && !builder.is_closed()
     {
         let found = format!("a claim of {claimed} triangles where the file has {actual}");

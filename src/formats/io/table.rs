@@ -124,6 +124,7 @@ fn rows(
             expected,
         ))
     };
+    // With two columns of a name the choice would be arbitrary.
     let is_duplicate = |name: &&&str| header_names.iter().filter(|n| *n == **name).count() > 1;
     if let Some(name) = names.iter().find(is_duplicate) {
         return bad_header(format!("the column {name} once"));
@@ -135,6 +136,7 @@ fn rows(
     let Some(columns) = columns else {
         return bad_header(format!("a header with {}", names.join(",")));
     };
+    // Further columns are ignored; a missing one is an error of its line.
     lines
         .map(|(n, line)| {
             let words = words(line);

@@ -32,6 +32,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         if line.is_empty() {
             continue;
         }
+        // Each dataset ends with the same line as it begins with; `dataset` reads up to it.
         if line != DELIMITER {
             let e = file
                 .source
@@ -205,6 +206,7 @@ impl File<'_> {
         Ok(())
     }
 
+    /// Adds an element; `code` is its type in the file, `property` its physical property.
     fn element(
         &mut self,
         number: u64,
@@ -232,6 +234,7 @@ impl File<'_> {
             let found = "a second element of this number";
             return Err(ReadError::data(path, place, found, "every number once"));
         }
+        // From corners and mid nodes in turn to the order of VTK.
         let mut ordered = [0; 27];
         for (i, to) in ordered.iter_mut().take(nodes.len()).enumerate() {
             *to = nodes[order.get(i).map_or(i, |&o| usize::from(o))];

@@ -50,6 +50,7 @@ pub(super) fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let layer = Layer::open(path)?;
     let geometry = Geometry::of(&layer, None)?;
     let note = unit_note(&layer);
+    // Solids come before surfaces: surfaces beside tets are usually their skin.
     if geometry.solids.is_empty() {
         let mut file = geometry.soup(&layer)?.elements(path)?;
         if let ElementFile::Surface(surface) = &mut file {
@@ -61,6 +62,7 @@ pub(super) fn read(path: &Path) -> Result<ElementFile, ReadError> {
     collector.notes.extend(note);
     collector.notes.extend(geometry.hidden_text());
     collector.skipped = geometry.surfaces.iter().map(|p| p.counts.len()).sum();
+    // Points and elements of several prims are numbered in their order.
     let (mut points, mut elements) = (0u64, 0u32);
     for part in &geometry.solids {
         for (n, p) in part.points.iter().enumerate() {
@@ -68,6 +70,7 @@ pub(super) fn read(path: &Path) -> Result<ElementFile, ReadError> {
         }
         for tet in part.corners.chunks_exact(4) {
             let mut nodes = [tet[0], tet[1], tet[2], tet[3]].map(|n| points + u64::from(n));
+            // A left-handed tet, or a map that reflects, reverses the orientation.
             if part.is_flipped {
                 nodes.swap(0, 1);
             }
@@ -268,6 +271,7 @@ impl Geometry {
         let mut soup = Soup::default();
         soup.warnings.extend(self.hidden_text());
         soup.fields = common_fields(&self.surfaces);
+        // Faces follow each other in one list of corners; `counts` divides it.
         for part in self.surfaces {
             let (first, first_face) = (soup.vertices.len() as u32, soup.faces.len() as u32);
             let mut rest = &part.corners[..];
@@ -296,6 +300,7 @@ impl Geometry {
 type Fault = (u64, String, String);
 
 impl Part {
+    /// A mesh prim under a map, at a time code if there is one.
     /// A mesh prim under a map.
     fn of(prim: &Prim, map: &Matrix4<f64>, time: Option<f64>) -> Result<Self, Fault> {
         let line_of = |name: &str| prim.properties.get(name).map_or(prim.line, |p| p.line);
@@ -313,6 +318,7 @@ impl Part {
             .chunks_exact(3)
             .map(|c| place::image(map, Vec3::from_column_slice(c)))
             .collect();
+        // The points are in world coordinates now: a map may bring them out of range.
         if let Some(n) = points
             .iter()
             .position(|p| !p.iter().all(|c| is_in_range(*c)))
@@ -327,6 +333,7 @@ impl Part {
                 "finite coordinates below 1e18".into(),
             ));
         }
+        // Tets have four corners each; polygons have a list of counts.
         let name = if is_solid {
             "tetVertexIndices"
         } else {
@@ -363,6 +370,7 @@ impl Part {
             let expected = format!("{} corners", counts.iter().sum::<usize>());
             return Err((line_of(name), found, expected));
         }
+        // Left-handed faces and reflections each reverse the orientation; both together do not.
         let is_left_handed = prim.word("orientation", None).as_deref() == Some("leftHanded");
         let mut part = Self {
             name: prim.name.clone(),

@@ -136,6 +136,8 @@ impl Assembly {
         }
     }
 
+    /// The instances with their models, then the items outside parts; each gets the place of its first
+    /// element.
     fn models(
         &self,
         path: &Path,
@@ -158,6 +160,7 @@ impl Assembly {
                     "a part of the deck",
                 ));
             };
+            // A part that several instances repeat is copied: a small deck may become very large.
             if !used.insert(instance.part.as_str()) {
                 copies += model.nodes.len() + model.kinds.len();
             }
@@ -174,6 +177,7 @@ impl Assembly {
             let expected = format!("at most {MAX_COPIED_ITEMS}");
             return Err(ReadError::data(path, Place::File, found, expected));
         }
+        // A part without an instance does not exist in the assembly.
         for (key, part) in &self.parts {
             if !used.contains(key.as_str()) && !part.model.is_empty() {
                 collector.warnings.push(format!(
@@ -183,6 +187,7 @@ impl Assembly {
                 ));
             }
         }
+        // Nodes and elements outside parts: of a deck without parts, and of the assembly.
         for model in [&self.root, &self.model] {
             if !model.is_empty() || model.element_sets.iter().next().is_some() {
                 models.push(PlacedModel {
@@ -377,6 +382,8 @@ impl Missing {
 
 /// The shift of the element numbers of each model.
 fn number_shifts(models: &[PlacedModel], collector: &mut Collector) -> Vec<u64> {
+    // Without overlap all numbers stay. Otherwise a step with more digits than the largest number keeps the
+    // digits of the deck.
     let range = |p: &PlacedModel| {
         let numbers = &p.model.element_places;
         Some((*numbers.first_key_value()?.0, *numbers.last_key_value()?.0))
@@ -415,6 +422,7 @@ fn add_to_collector(
     collector: &mut Collector,
 ) -> Result<(), ReadError> {
     let model = placed.model;
+    // Points of several models are numbered in their order, since the numbers of the models overlap.
     let moves = placed.motion != Motion::default();
     for (at, &number) in model.nodes.iter().zip(&model.node_numbers) {
         let at = if moves { placed.motion.apply(*at) } else { *at };
@@ -427,6 +435,7 @@ fn add_to_collector(
         let number = model.element_numbers[place];
         let order = node_order(kind);
         let mut nodes = [0; 27];
+        // C3D27 lists its nodes in another order than VTK.
         for (to, i) in nodes.iter_mut().zip(0..element_nodes.len()) {
             let node = element_nodes[order.map_or(i, |o| o[i] as usize)];
             *to = if is_single {

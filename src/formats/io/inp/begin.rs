@@ -18,6 +18,7 @@ impl Deck<'_> {
     pub(super) fn begin(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         let owned = |key: &str| k.get(key).map(str::to_owned);
         let has_system = self.system.is_some();
+        // Keywords that generate are rules over data lines; each of the others begins a section, or none.
         if let Some(rule) = Rule::of(k, has_system, source)? {
             return Ok(Section::Rule(rule));
         }
@@ -52,12 +53,15 @@ impl Deck<'_> {
                     Some(name) => name,
                     None => k.needed("ELSET", "the name of the set", source)?,
                 };
+                // A set in the assembly belongs to it, or to the instance that is named. Elsewhere it belongs
+                // to the part.
                 let assembly = match (&self.scope, k.get("INSTANCE")) {
                     (Scope::Assembly, None) => Some(None),
                     (_, None) => None,
                     (_, Some(instance)) => Some(Some(self.instance(instance, source)?)),
                 };
                 let generate = k.has("GENERATE");
+                // The set exists even if it has no data lines.
                 let name = name.to_owned();
                 match assembly {
                     Some(instance) => self.assembly.set(&name, instance),
@@ -83,6 +87,7 @@ impl Deck<'_> {
             "PART" | "ENDPART" | "ASSEMBLY" | "ENDASSEMBLY" | "INSTANCE" | "ENDINSTANCE" => {
                 self.begin_scope(k, source)
             }
+            // `keyword` reads the file that it names.
             "INCLUDE" => Ok(Section::Ignored),
             name => self.begin_other(name, source),
         }

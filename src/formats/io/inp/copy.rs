@@ -8,7 +8,8 @@ use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};
 use druse_geometry::frame::Vec3;
 
-/// Copies an element with shifted numbers; without shift it is the element itself. Returns its number.
+/// Copies an element, with `shift` added to its number and `of_nodes` to those of its nodes. Returns the number of
+/// the copy.
 pub(super) fn copy_element(
     model: &mut Model,
     number: u64,
@@ -16,10 +17,12 @@ pub(super) fn copy_element(
     source: &Source,
 ) -> Result<u64, ReadError> {
     let own = shifted_number(number, shift, source)?;
+    // Without any shift the element is its own copy.
     if let Some(&place) = model.element_places.get(&number) {
         if shift == 0 && of_nodes == 0 {
             return Ok(own);
         }
+        // The nodes of the copy have to exist.
         let kind = model.kinds[place as usize];
         let mut nodes = [0; 27];
         let count = kind.node_count();
@@ -28,6 +31,7 @@ pub(super) fn copy_element(
             node(model, *to, source)?;
         }
         model.add_element(own, kind, &nodes[..count], source)?;
+    // The copy of a skipped element is skipped under its own number.
     } else if let Some(kind) = model.skipped.get(&number).cloned() {
         model.skip_element(own, &kind, source)?;
     } else {
@@ -56,6 +60,7 @@ pub(super) fn elcopy(
         k.whole("ELEMENTSHIFT", 0, source)?,
         k.whole("SHIFTNODES", 0, source)?,
     ];
+    // Without a shift each copy would be its original.
     if shifts[0] == 0 {
         return Err(source.bad("no ELEMENT SHIFT=", "what is added to numbers of elements"));
     }
@@ -90,6 +95,7 @@ enum CopyMode {
 }
 
 impl Ncopy {
+    /// The copy that a keyword requests; `has_system` states that a `*SYSTEM` is in force.
     pub fn of(k: &Keyword, has_system: bool, source: &Source) -> Result<Self, ReadError> {
         let known = [
             "OLDSET",
@@ -101,6 +107,7 @@ impl Ncopy {
             "POLE",
         ];
         k.only(&known, source)?;
+        // The mode is one of five words, in two places.
         let mode = match k.get("REFLECT").map(str::to_ascii_uppercase).as_deref() {
             None if k.has("POLE") => CopyMode::Pole,
             None if k.has("SHIFT") => CopyMode::Shift,

@@ -64,6 +64,7 @@ impl Rule {
         Ok(Some(match k.name.as_str() {
             "NGEN" => {
                 k.only(&["NSET", "LINE", "SYSTEM"], source)?;
+                // The curve between the two nodes; P and C need a third point.
                 let line = match k.get("LINE").map(str::to_ascii_uppercase).as_deref() {
                     None => CurveKind::Straight,
                     Some("P") => CurveKind::Parabola,
@@ -162,6 +163,7 @@ pub(super) fn node(model: &Model, number: u64, source: &Source) -> Result<Vec3, 
 }
 
 impl Ngen {
+    /// One data line: nodes between two given ones, equally spaced along the curve.
     fn line(
         &self,
         words: &[&str],
@@ -174,6 +176,7 @@ impl Ngen {
         let (first, last) = (end(0)?, end(1)?);
         let span = last.abs_diff(first);
         let step = field(words, 2, 1, source)?.unsigned_abs();
+        // The numbers go in equal steps from the first node to the last, up or down.
         if step == 0 || span % step != 0 {
             let found = format!("nodes {first} to {last} in steps of {step}");
             return Err(source.bad(found, "a step that divides the difference"));
@@ -350,6 +353,7 @@ fn elgen(
 ) -> Result<(), ReadError> {
     let expected = "a master element, then counts and increments";
     let master = whole(words.first().unwrap_or(&""), expected, source)?;
+    // Counts and increments that are missing are 1.
     let mut directions = [[1; 3]; 3];
     for (i, direction) in directions.iter_mut().enumerate() {
         for (k, number) in direction.iter_mut().enumerate() {
@@ -361,6 +365,7 @@ fn elgen(
             return Err(source.bad(found, "1 or more elements, increments that are not 0"));
         }
     }
+    // The product is checked before any copy is made.
     let total = directions
         .iter()
         .fold(1u64, |n, w| n.saturating_mul(w[0] as u64));

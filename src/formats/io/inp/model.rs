@@ -20,7 +20,7 @@ pub(super) struct Set {
 }
 
 impl Set {
-    /// Reads a data line.
+    /// Reads a data line: numbers and names of sets, or with `generate` a range of numbers.
     pub fn data(&mut self, line: &str, generate: bool, source: &Source) -> Result<(), ReadError> {
         let words = fields(line).into_iter().filter(|w| !w.is_empty());
         if !generate {
@@ -32,6 +32,7 @@ impl Set {
             }
             return Ok(());
         }
+        // First, last, step. The last is the first and the step is 1 where they are missing.
         let mut range = [0, 0, 1];
         let mut given = 0;
         for (n, word) in range.iter_mut().zip(words) {
@@ -166,6 +167,7 @@ impl Model {
         nodes: &[u64],
         source: &Source,
     ) -> Result<(), ReadError> {
+        // The same element again is harmless; another one of this number is an error.
         if let Some(&known) = self.element_places.get(&number) {
             let mut corners = [self.nodes_of(known), nodes].map(<[u64]>::to_vec);
             for c in &mut corners {

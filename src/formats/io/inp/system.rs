@@ -112,6 +112,7 @@ impl Motion {
     ///
     /// With two points the z axis is unchanged, so both must have the same z coordinate.
     pub fn system(numbers: &[f64]) -> Result<Self, &'static str> {
+        // Coordinates that are missing are 0.
         let point = |i: usize| {
             let own = numbers.get(3 * i..)?;
             let at = |k: usize| own.get(k).copied().unwrap_or(0.0);
@@ -122,11 +123,13 @@ impl Motion {
             return Ok(Self::translation(origin));
         };
         let x = x_point - origin;
+        // The y axis is normal to x in the plane of all three points, or horizontal with two.
         let side = match point(2) {
             Some(c) => c - origin,
             None if x.z.abs() <= 1e-9 * x.norm() => Vec3::z().cross(&x),
             None => return Err("two points of different height, which do not define the y axis"),
         };
+        // Right-handed axes: z = x cross side, y = z cross x.
         let axes = x.try_normalize(1e-300).and_then(|x| {
             let z = x.cross(&side.try_normalize(1e-300)?).try_normalize(1e-9)?;
             Some(Mat3::from_columns(&[x, z.cross(&x), z]))

@@ -23,6 +23,7 @@ impl Input {
     /// Opens a file and reads its version.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let mut source = Source::open(path)?;
+        // A binary file begins with the number 1, whose bytes show their order.
         let encoding = match source.peek(4)?.get(..4) {
             Some([0, 0, 0, 1]) => Encoding::Big,
             Some([1, 0, 0, 0]) => Encoding::Little,

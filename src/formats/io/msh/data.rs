@@ -44,6 +44,7 @@ const MAX_SPARSITY: usize = 64;
 /// Greatest number of components of a value: a tensor has nine.
 const MAX_COMPONENTS: i64 = 64;
 
+/// Reads a section of data at nodes or elements.
 pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
     let head = head(file)?;
     let each = head.components as u64;
@@ -54,6 +55,7 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
     let at = match section {
         "$NodeData" => FieldAt::Points,
         "$ElementData" => FieldAt::Cells,
+        // `$ElementNodeData` has several values per element. They are read to find the end of the section.
         _ => {
             for _ in 0..count {
                 file.tokens.number("an element number")?;
@@ -71,6 +73,7 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
         }
     };
     let place = file.data.begin(&head, at);
+    // A value is found by the number of its node or element: sections list them in any order.
     for _ in 0..count {
         let number = file.tokens.number("a number of a node or element")?;
         let field = &mut file.data.fields[place];
@@ -88,6 +91,7 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
 fn head(file: &mut File) -> Result<Head, ReadError> {
     let mut tags: [Vec<String>; 3] = Default::default();
     let kinds = ["string tags", "real tags", "integer tags"];
+    // Three lists of tags, each after its length: name; time; time step, components, number of values.
     for (tag_list, what) in tags.iter_mut().zip(kinds) {
         let what = format!("the number of {what}");
         let line = file.tokens.needed_line(&what)?;
@@ -107,6 +111,7 @@ fn head(file: &mut File) -> Result<Head, ReadError> {
     };
     let parse = |t: &String| t.parse::<i64>().map_err(|_| bad(t, "a whole number"));
     let numbers: Vec<i64> = integers.iter().map(parse).collect::<Result<_, _>>()?;
+    // More tags may follow (the partition).
     let counts = match numbers[..] {
         [_, components @ 1..=MAX_COMPONENTS, count, ..] => {
             u64::try_from(count).ok().map(|n| (components, n))

@@ -144,6 +144,7 @@ fn check_complete(file: &File, left: u64, claimed: u64, what: &str) -> Result<()
     Err(file.tokens.bad(found, format!("{claimed} {what}")))
 }
 
+/// Reads the nodes, block by block of entities.
 pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
     let (blocks, claimed) = block_counts(file, "nodes", 4)?;
@@ -154,6 +155,8 @@ pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
         let parametric = file.tokens.int("0 or 1 for parametric nodes")?;
         let count = block_count(file, &mut left, "nodes")?;
         let parameters = if parametric == 0 { 0 } else { dimension };
+        // Version 4.1 lists all numbers of a block before its coordinates; version 4.0 has each number before
+        // its point.
         let listed = file.version == Version::Four1;
         numbers.clear();
         for _ in 0..if listed { count } else { 0 } {
@@ -168,6 +171,7 @@ pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
             for c in &mut at {
                 *c = file.tokens.double("a coordinate")?;
             }
+            // Parameters on a curve or surface follow the point and are not needed.
             for _ in 0..parameters {
                 file.tokens.double("a parameter")?;
             }

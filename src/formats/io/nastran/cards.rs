@@ -56,6 +56,7 @@ impl Cards {
             return Ok(Some(line));
         }
         while let Some(line) = self.source.line()? {
+            // "$" begins a comment. A tab goes to the next multiple of eight columns, the width of a field.
             let line = line.split('$').next().unwrap_or("").trim_end();
             if line.trim().is_empty() {
                 continue;
@@ -85,6 +86,7 @@ impl Cards {
         };
         card.clear(self.source.path(), self.source.line_number());
         let upper = first.trim_start().to_ascii_uppercase();
+        // `BEGIN BULK` and `INCLUDE` are statements: their words are no fields.
         if upper.split([' ', ',']).next() == Some("BEGIN") {
             let words: Vec<&str> = upper
                 .split([' ', ',', '='])
@@ -100,6 +102,8 @@ impl Cards {
             card.push(&name);
             return Ok(true);
         }
+        // A continuation belongs to the card before it. Errors are kept with the card: a card that is skipped
+        // may be malformed.
         let parts = split(&first);
         if is_continuation(parts.head) {
             card.error = Some((card.line, "a continuation of no card".into()));
@@ -110,12 +114,14 @@ impl Cards {
         }
         card.take(&parts);
         let mut tail = parts.tail.to_owned();
+        // The first line that is no continuation begins the next card.
         while let Some(line) = self.line()? {
             let parts = split(&line);
             if !is_continuation(parts.head) {
                 self.next_line = Some(line);
                 break;
             }
+            // The marks of the tenth and the first field join two lines; an empty one joins the next.
             let mark = |m: &str| m.trim_start_matches(['+', '*']).trim().to_ascii_uppercase();
             let (previous, current) = (mark(&tail), mark(parts.head));
             if !previous.is_empty()
@@ -182,6 +188,7 @@ fn split(line: &str) -> LineParts<'_> {
     }
 }
 
+/// The fields of a line with commas: a name, 8 fields (4 where they are wide), a mark.
 fn split_free(line: &str) -> LineParts<'_> {
     let mut words = line.split(',').map(str::trim);
     let head = words.next().unwrap_or("");
@@ -192,7 +199,9 @@ fn split_free(line: &str) -> LineParts<'_> {
     }
     let mut tail = "";
     let mut error = None;
+    // A mark begins with "+" or "*"; "+1.5" is a number.
     let mark = |w: &str| w.starts_with(['+', '*']) && real(w).is_none();
+    // A full line has its mark in the tenth field. A short line may end with one.
     if fields.len() > max_fields {
         tail = fields[max_fields];
         if fields.len() > max_fields + 1 {

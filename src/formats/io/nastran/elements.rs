@@ -129,6 +129,7 @@ impl Deck<'_> {
 
     /// Adds mid nodes in the middle of the edges that have none in the deck.
     pub(super) fn add_mid_nodes(&mut self) -> Result<(), ReadError> {
+        // Sorted by number, so that the result does not depend on the order of a hash table.
         let mut edges: Vec<(u64, [u64; 2])> = self
             .missing_mid_nodes
             .iter()
@@ -144,6 +145,8 @@ impl Deck<'_> {
                     return Err(ReadError::data(self.path, Place::File, found, expected));
                 };
                 let grid = &self.grids[place as usize].1;
+                // Coordinates of nodes in different systems have to be in the basic one before their mean is
+                // taken.
                 sum += self.to_basic(grid, node)?;
             }
             self.collector.point(number, (sum / 2.0).into());

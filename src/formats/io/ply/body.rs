@@ -154,7 +154,10 @@ impl Rows<'_> {
         Ok(())
     }
 
+    /// The next number of type `kind`.
     fn number(&mut self, kind: Scalar) -> Result<f64, ReadError> {
+        // Text ignores the declared type. The line is parsed as a whole; a word that is no number is marked
+        // in it.
         if self.format == Encoding::Text {
             if self.at == self.line.len() {
                 self.fill()?;

@@ -57,10 +57,12 @@ pub(super) struct Header {
     pub unit: Option<LengthUnit>,
 }
 
+/// Reads the header.
 pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
     let mut format = None;
     let mut layers: Vec<Layer> = Vec::new();
     let mut unit = None;
+    // The first line decides whether this is a PLY file at all.
     if source.line()?.map(str::trim) != Some("ply") {
         return Err(source
             .bad("something else", "\"ply\" as the first line")
@@ -88,6 +90,7 @@ pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
                     }
                 });
             }
+            // Druse writes the unit into a comment.
             ["comment" | "obj_info", ..] => {
                 let stated = words.iter().find_map(|w| w.strip_prefix("unit="));
                 unit = unit.or(stated.and_then(|u| u.parse().ok()));
@@ -103,6 +106,7 @@ pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
                 });
             }
             ["property", ..] => {
+                // A property belongs to the element declared last.
                 let Some(layer) = layers.last_mut() else {
                     return Err(source.bad("a property", "\"element\" before it"));
                 };
@@ -124,6 +128,7 @@ pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
     let Some(format) = format else {
         return Err(source.bad("a header without \"format\"", "one of ascii and binary"));
     };
+    // Which list holds the corners is known only after all properties are.
     layers.iter_mut().for_each(Layer::find_list);
     Ok(Header {
         format,

@@ -47,6 +47,7 @@ pub(in crate::io) fn write(
 ) -> io::Result<()> {
     out.write_all(head(rows, unit).as_bytes())?;
     let mut batch = Vec::with_capacity(2 * BATCH_BYTES);
+    // Rows are collected up to a size: one call of the writer per row would be slow.
     let mut flush = |batch: &mut Vec<u8>, min_bytes: usize| match batch.len() {
         bytes if bytes < min_bytes => Ok(()),
         _ => out.write_all(batch).map(|()| batch.clear()),
@@ -63,6 +64,7 @@ pub(in crate::io) fn write(
         flush(&mut batch, BATCH_BYTES)
     })?;
     rows.each_face(&mut |corners| {
+        // A triangle is 13 bytes: the count 3 and three numbers.
         if let [a, b, c] = *corners {
             let mut row = [3; 13];
             row[1..].copy_from_slice([a, b, c].map(u32::to_le_bytes).as_flattened());

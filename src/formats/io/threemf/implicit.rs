@@ -174,6 +174,8 @@ impl Graph {
     /// The value of an expression in reference units.
     fn expression(&mut self, expression: &Expression) -> Output {
         match expression.node() {
+            // Series of all dimensions are sums of waves with frequencies in space: planar ones do not vary
+            // along z, icosahedral ones are restricted to internal coordinates 0.
             Node::Series(s) => {
                 let waves = s
                     .exponentials()

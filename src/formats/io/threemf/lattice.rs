@@ -88,6 +88,7 @@ impl Lattice {
         vertices: &[Vec3],
         at: &Placement,
     ) -> Result<PlacedLattice, (String, String)> {
+        // Round beams stay round only under similarities.
         let uniform_scale = uniform_scale(at).ok_or_else(|| {
             let found = "a beam lattice under a transform that shears or stretches it";
             let expected = "a rotation, reflection, uniform scaling and translation";
@@ -106,6 +107,7 @@ impl Lattice {
                 vertex("beam", n, beam.ends[0])?,
                 vertex("beam", n, beam.ends[1])?,
             ];
+            // The lattice states the least length; a beam between equal points has no direction.
             if (b - a).norm() < self.min_length || a == b {
                 out.short += 1;
                 continue;
@@ -126,10 +128,12 @@ impl Lattice {
         if self.ball_mode == BallMode::None {
             return Ok(out);
         }
+        // Balls of mode "all" are at all ends with the radius of the lattice; listed ones replace them.
         let mut radii: BTreeMap<u32, f64> = BTreeMap::new();
         if let (BallMode::All, Some(radius)) = (self.ball_mode, self.ball_radius) {
             radii.extend(ends.iter().map(|&v| (v, radius)));
         }
+        // A ball without radius has that of the lattice.
         for (n, (v, own)) in self.balls.iter().enumerate() {
             vertex("ball", n, *v)?;
             let radius = own.or(self.ball_radius).ok_or_else(|| {

@@ -46,6 +46,7 @@ fn package<W: Write + Seek>(
     (unit, extensions, bytes): (LengthUnit, &str, u64),
     mesh: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
+    // The large form of a zip entry is chosen before the text is written.
     let mut xml = begin(out, bytes >= u64::from(u32::MAX))?;
     write!(
         xml,
@@ -112,6 +113,7 @@ pub(in crate::io) fn write_beams(
     (factor, unit): (f64, LengthUnit),
 ) -> io::Result<()> {
     let bytes = 64 * lattice.nodes.len() as u64 + 128 * lattice.beams.len() as u64;
+    // The radius of the lattice is the default of its beams; each beam states its own.
     let radius = lattice.beams.first().map_or(1.0, |b| b.radii[0] * factor);
     package(out, (unit, BEAM_EXTENSION_ATTRIBUTES, bytes), |xml| {
         writeln!(xml, "<vertices>")?;

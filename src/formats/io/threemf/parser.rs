@@ -82,6 +82,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(self.read(true)?.unit)
     }
 
+    /// Reads the events of the model; with `is_head` only up to the root element.
     fn read(mut self, is_head: bool) -> Result<Model, ReadError> {
         let mut buffer = Vec::new();
         loop {
@@ -93,6 +94,8 @@ impl<'a, R: BufRead> Parser<'a, R> {
                         let found = format!("elements nested more than {MAX_DEPTH} deep");
                         return Err(self.bad(found, "a model of 3MF"));
                     }
+                    // The content of an unknown element is skipped as a whole: only the depth is counted
+                    // there.
                     if self.skipped_depth > 0 || !self.start(&e)? {
                         self.skipped_depth += 1;
                     } else if is_head {
@@ -101,6 +104,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
                         self.open_elements.push(e.local_name().as_ref().to_vec());
                     }
                 }
+                // An empty element has no end event.
                 Ok(Event::Empty(e)) => {
                     if self.skipped_depth == 0
                         && self.start(&e)?
@@ -411,12 +415,15 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(())
     }
 
+    /// Begins an element of the core specification; returns whether its content is read.
     fn start_core(&mut self, e: &BytesStart, local: &[u8]) -> Result<bool, ReadError> {
         match local {
             b"object" => {
                 self.close_object()?;
+                // Only objects of type "model" are printed; that is also the default.
                 let kind = self.attribute(e, "type")?;
                 let kind = kind.map(|k| k.trim().to_owned()).filter(|k| k != "model");
+                // Coarse meshes stand in for slices or for another resolution; the note states which.
                 let resolution = self.attribute_in(e, Space::Slices, "meshresolution")?;
                 let low_resolution = resolution.filter(|r| r.trim() == "lowres");
                 let low_resolution =

@@ -43,6 +43,7 @@ pub(super) fn non_solid_volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>
         match event {
             Event::Start(e) | Event::Empty(e) => match e.local_name().as_ref() {
                 b"object" => object = attribute(&e, "id").and_then(|v| v.parse().ok()),
+                // Numbers of the first and the last triangle of a volume.
                 b"volume" => {
                     let end = |name| attribute(&e, name).and_then(|v| v.parse().ok());
                     volume = end("firstid")
@@ -55,6 +56,8 @@ pub(super) fn non_solid_volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>
                 b"metadata" => {
                     let key = attribute(&e, "key").unwrap_or_default();
                     let text = attribute(&e, "value").unwrap_or_default();
+                    // Current versions have a type, older ones a mark of modifiers. A model part is solid and
+                    // needs no entry.
                     if let Some(volume) = &mut volume {
                         match key.as_str() {
                             "volume_type" if text != "ModelPart" => volume.kind = text,

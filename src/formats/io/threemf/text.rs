@@ -65,9 +65,11 @@ struct Utf16Reader<R> {
 }
 
 impl<R: Read> Utf16Reader<R> {
+    /// Decodes the next part of UTF-16 text into UTF-8; an empty text is the end.
     fn refill(&mut self) -> io::Result<()> {
         self.text.clear();
         self.at = 0;
+        // A chunk may decode to nothing yet: the bytes are kept and more are read.
         while self.text.is_empty() {
             let held = self.pending_bytes.len();
             let mut bytes = std::mem::take(&mut self.pending_bytes);
@@ -85,6 +87,7 @@ impl<R: Read> Utf16Reader<R> {
                     u16::from_le_bytes(pair)
                 }
             };
+            // An odd byte and the first half of a surrogate pair wait for the next chunk, except at the end.
             let mut whole = bytes.len() / 2 * 2;
             let is_high = |u: u16| (0xd800..0xdc00).contains(&u);
             if read > 0 && whole > 0 && is_high(unit(&bytes[whole - 2..])) {
@@ -96,6 +99,7 @@ impl<R: Read> Utf16Reader<R> {
                 let mut utf8 = [0; 4];
                 self.text.extend(c.encode_utf8(&mut utf8).bytes());
             }
+            // A last odd byte is half a unit.
             if read == 0 {
                 if whole < bytes.len() {
                     self.text.extend("\u{fffd}".bytes());

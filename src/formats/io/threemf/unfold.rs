@@ -59,6 +59,7 @@ pub(super) fn unfold(mut archive: Archive) -> Result<SolidFile, ReadError> {
         short_beams: 0,
         path: Vec::new(),
     };
+    // A model without build items is not valid; all of its objects are taken.
     if model.items.is_empty() {
         build.every_object(&root, &model)?;
     }
@@ -93,6 +94,7 @@ fn remove_non_solid_volumes(
                 let expected = format!("triangles from 0 to {}", is_part.len() as i64 - 1);
                 return Err(ReadError::data(&archive.path, Place::File, found, expected));
             }
+            // A negative volume is subtracted by the slicer: to leave it out would change the solid.
             if volume.kind == "NegativeVolume" {
                 let found =
                     format!("a negative volume in object {id} (triangles {first} to {last})");
@@ -101,6 +103,7 @@ fn remove_non_solid_volumes(
                     "apply it in the slicer, or export both parts and subtract one in a recipe",
                 ));
             }
+            // Modifiers and supports are settings within a region, not solid.
             is_part[first..=last].fill(false);
             let count = last - first + 1;
             notes.insert(format!(
@@ -158,11 +161,13 @@ impl Build {
         reference: &Reference,
         outer: &Placement,
     ) -> Result<(), ReadError> {
+        // The placement of the reference comes first, then that of what holds it.
         let at = compose(&reference.at, outer);
         let Some(part) = &reference.part else {
             return self.place(name, model, reference.object, &at);
         };
         let part = self.archive.resolve_reference(part)?;
+        // A part of the archive is parsed once, however many references it has.
         let other = if let Some(known) = self.models.get(&part) {
             Rc::clone(known)
         } else {
@@ -171,6 +176,7 @@ impl Build {
             self.models.insert(part.clone(), Rc::clone(&read));
             read
         };
+        // A part may have its own unit; its lengths are converted to those of the model that refers to it.
         let mut scaled = at;
         if other.states_unit && other.unit != model.unit {
             let factor = other.unit.to(model.unit);
@@ -200,11 +206,13 @@ impl Build {
             let found = format!("a reference to object {id}");
             return Err(self.bad(found, format!("an object of {}", display_name(name))));
         };
+        // Supports and other types are not printed as parts of the model.
         if let Some(kind) = &object.kind {
             let reason = format!("object of type {}", display_name(kind));
             self.left_out.entry(reason).or_default().push(id);
             return Ok(());
         }
+        // An object that contains itself would unfold without end.
         let step = (name.to_owned(), id);
         if self.path.contains(&step) {
             let found = format!(
@@ -213,6 +221,8 @@ impl Build {
             );
             return Err(self.bad(found, "components without a cycle"));
         }
+        // A short file may refer to itself many times: copies are limited in proportion to its size, and in
+        // depth.
         self.visits += 1;
         let total = self.vertices.len()
             + object.vertices.len()
@@ -228,6 +238,7 @@ impl Build {
             let found = format!("components that unfold without end at object {id}");
             return Err(self.bad(found, "at most 16 levels and 64 copies of each triangle"));
         }
+        // A shape of another extension only: without it the object would be empty.
         if object.is_empty() {
             let slices = object.has_slices.then(|| "slices".to_owned());
             if let Some(shape) = object.foreign.clone().or(slices) {
@@ -302,6 +313,7 @@ impl Build {
             .placed(&object.vertices, at)
             .map_err(|(found, expected)| self.bad(format!("object {id}: {found}"), expected))?;
         self.short_beams += placed_beams.short;
+        // A clipping mesh is an object of the same model, under the same placement.
         let clip = match lattice.clip {
             ClipMode::None => None,
             mode => {
@@ -342,6 +354,7 @@ impl Build {
         Ok(())
     }
 
+    /// The mesh and beams of all items, with a note on all that is left out.
     fn finish(mut self) -> Result<SolidFile, ReadError> {
         for (reason, numbers) in &self.left_out {
             let (n, s) = (numbers.len(), if numbers.len() == 1 { "" } else { "s" });
@@ -362,6 +375,7 @@ impl Build {
             );
             self.notes.insert(note);
         }
+        // If nothing remains, the reasons are an error, no longer notes.
         let is_empty = self.triangles.is_empty() && self.beams.is_empty();
         if is_empty && !self.left_out.is_empty() {
             let reasons: Vec<String> = self

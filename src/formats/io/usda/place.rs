@@ -43,6 +43,8 @@ pub(super) fn local(prim: &Prim, time: Option<f64>) -> Result<(Matrix4<f64>, boo
         .properties
         .get("xformOpOrder")
         .and_then(|p| value_at(p, time));
+    // Operations apply from the last to the first, as products of matrices do. A reset ignores those of the
+    // parents.
     for word in order.iter().flat_map(Value::words) {
         if word == "!resetXformStack!" {
             (map, is_reset) = (Matrix4::identity(), true);
@@ -53,6 +55,7 @@ pub(super) fn local(prim: &Prim, time: Option<f64>) -> Result<(Matrix4<f64>, boo
         let value = value.ok_or_else(|| format!("no value of {name}"))?;
         let operation = operation(name, value.numbers())
             .ok_or_else(|| format!("{name} with {} numbers", value.numbers().len()))?;
+        // `!invert!` before a name applies the inverse operation.
         map *= if name.len() == word.len() {
             operation
         } else {

@@ -111,6 +111,7 @@ struct Text<'a> {
 }
 
 impl Text<'_> {
+    /// Reads the layer: its metadata and its prims.
     fn layer(mut self) -> Result<Layer, ReadError> {
         if !self.bytes.starts_with(b"#usda ") {
             let is_binary = self.bytes.starts_with(b"PXR-USDC") || self.bytes.starts_with(b"PK");
@@ -140,6 +141,7 @@ impl Text<'_> {
             let word = self.word()?;
             match word.as_str() {
                 "def" => layer.prims.push(self.prim(0)?),
+                // Overrides and classes define nothing by themselves: they are parsed and dropped.
                 "over" | "class" => drop(self.prim(0)?),
                 "reorder" => self.assignment()?,
                 _ => return Err(self.bad(quote(&word), "def, over or class")),
@@ -215,6 +217,7 @@ impl Text<'_> {
     fn string(&mut self) -> Result<String, ReadError> {
         let rest = &self.bytes[self.at..];
         let mark = rest[0];
+        // Three quotes begin a string that may contain line ends and single quotes.
         let width = if rest.len() > 2 && rest[1] == mark && rest[2] == mark {
             3
         } else {
@@ -233,6 +236,7 @@ impl Text<'_> {
                     text.extend(rest.get(n + 1));
                     n += 2;
                 }
+                // A quote inside a triple string ends it only together with two others.
                 Some(b)
                     if *b == mark
                         && rest[n..].iter().take(width).filter(|b| **b == mark).count()
@@ -274,6 +278,8 @@ impl Text<'_> {
             return Err(self.bad("lists in lists", "fewer than a hundred levels"));
         }
         match self.peek()? {
+            // Lists and tuples are flattened: their numbers follow each other. Commas are optional at the
+            // end.
             Some(open @ (b'(' | b'[')) => {
                 self.at += 1;
                 let close = if open == b'(' { b')' } else { b']' };
@@ -284,6 +290,7 @@ impl Text<'_> {
             }
             Some(b'{') => self.skip_braces()?,
             Some(b'"' | b'\'') => words.push(self.string()?),
+            // A path of an asset, perhaps with a prim path and parameters.
             Some(b'@') => {
                 let end: &[u8] = if self.bytes[self.at..].starts_with(b"@@@") {
                     b"@@@"
@@ -385,12 +392,14 @@ impl Text<'_> {
             .with_hint("usdcat --flatten IN -o OUT.usda writes one")
     }
 
+    /// A prim after its specifier; `depth` is the number of prims around it.
     /// A prim after its specifier.
     fn prim(&mut self, depth: usize) -> Result<Prim, ReadError> {
         if depth > MAX_DEPTH {
             return Err(self.bad("prims in prims", "fewer than a hundred levels"));
         }
         let mut prim = Prim::default();
+        // The type is optional.
         if !matches!(self.peek()?, Some(b'"' | b'\'')) {
             prim.kind = self.word()?;
         }
@@ -405,6 +414,7 @@ impl Text<'_> {
         self.expect(b'{')?;
         while !self.take(b'}')? {
             let word = self.word()?;
+            // Variants are alternatives that composition chooses between.
             match word.as_str() {
                 "def" => {
                     let child = self.prim(depth + 1)?;

@@ -25,6 +25,7 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     if is_polygons {
         return file.polygons(path, version, collector);
     }
+    // The three sections come in any order, with metadata between.
     let (mut points, mut cells, mut types) = (None, None, None);
     while !(points.is_some() && cells.is_some() && types.is_some()) {
         let expected = "POINTS, CELLS and CELL_TYPES";
@@ -44,6 +45,7 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
             _ => return Err(file.bad(&line, expected)),
         }
     }
+    // Every cell needs a type.
     let ((ends, nodes), types) = (cells.unwrap_or_default(), types.unwrap_or_default());
     if types.len() != ends.len() {
         return Err(file.tokens.source.bad(
@@ -134,6 +136,7 @@ impl File {
         version: (u32, u32),
         mut collector: Collector,
     ) -> Result<VtkFile, ReadError> {
+        // Four kinds of cells, each with its nodes; data at cells follow this order, not that in the file.
         let mut sections: [Section; 4] = std::array::from_fn(|_| Section::default());
         let expected = "POINTS, VERTICES, LINES, POLYGONS, TRIANGLE_STRIPS or data";
         let at = loop {
@@ -153,6 +156,7 @@ impl File {
                 }
                 ("METADATA", []) => self.metadata()?,
                 ("FIELD", [_, arrays]) => self.field(arrays, &mut Vec::new())?,
+                // The first line of data ends the geometry; `data` continues from it.
                 ("POINT_DATA", [_]) => break Some(FieldAt::Points),
                 ("CELL_DATA", [_]) => break Some(FieldAt::Cells),
                 _ => return Err(self.bad(&line, expected)),
@@ -244,6 +248,7 @@ impl File {
         let total = self.count(total, 4, "numbers of cells")?;
         let numbers = self.whole(Scalar::I32, total)?;
         let (mut ends, mut nodes) = (Vec::with_capacity(cells), Vec::new());
+        // The length before each cell makes the list self-describing.
         let mut rest = numbers.as_slice();
         for cell in 0..cells {
             let own = rest
@@ -283,6 +288,7 @@ impl File {
                 _ => Err(self.bad(&line, section)),
             }
         };
+        // Version 5 writes one offset more than cells, beginning with 0: the others are the ends.
         let mut ends = read("OFFSETS", offsets)?;
         let nodes = read("CONNECTIVITY", total)?;
         if !ends.is_empty() {
@@ -301,6 +307,7 @@ impl File {
         while let Some(line) = self.tokens.line()? {
             let line = line.to_owned();
             let (keyword, words) = keyword(&line);
+            // Kinds of data differ in the place of the type and in the number of components.
             let known = match (keyword.as_str(), &words[..]) {
                 ("POINT_DATA", [_]) => {
                     at = Some(FieldAt::Points);
@@ -325,6 +332,8 @@ impl File {
                 ("FIELD", [_, arrays]) => {
                     let mut fields = Vec::new();
                     self.field(arrays, &mut fields)?;
+                    // A field before the first location belongs to the dataset; a field of another length is
+                    // no data of points or cells.
                     if let Some(at) = at {
                         for (name, components, values) in fields {
                             if values.len() == components.saturating_mul(value_count(collector, at))
@@ -341,6 +350,7 @@ impl File {
             let Some(at) = at else {
                 return Err(self.bad(&line, "POINT_DATA or CELL_DATA before it"));
             };
+            // Scalars are followed by a line with their colour table.
             if keyword == "SCALARS" {
                 let table = self.tokens.needed_line("LOOKUP_TABLE")?.to_owned();
                 if !table.to_ascii_uppercase().starts_with("LOOKUP_TABLE") {
@@ -374,6 +384,7 @@ impl File {
         for _ in 0..self.count(arrays, 1, "arrays")? {
             let expected = "name, components, tuples and type of an array";
             let mut line = self.tokens.needed_line(expected)?.to_owned();
+            // A block of metadata may stand before the next array.
             if line.eq_ignore_ascii_case("METADATA") {
                 self.metadata()?;
                 self.tokens.needed_line(expected)?.clone_into(&mut line);

@@ -44,6 +44,7 @@ impl Polygons {
         first_point: u64,
         first_cell: u64,
     ) -> Result<u64, ReadError> {
+        // Cells are numbered through all four kinds, as data at cells are.
         let mut cell = first_cell;
         let mut own: Vec<u32> = Vec::new();
         for (section, (name, _)) in sections.iter().zip(SECTIONS) {
@@ -64,6 +65,7 @@ impl Polygons {
                     })?;
                 start += nodes.len();
                 cell += 1;
+                // Points and lines count as cells and have no faces.
                 if matches!(name, "Verts" | "Lines") {
                     self.skipped += 1;
                     continue;
@@ -76,6 +78,7 @@ impl Polygons {
                     };
                     own.push(point);
                 }
+                // A strip of n points is n - 2 triangles, each with the data of the strip.
                 let faces = if name == "Strips" {
                     Soup::push_strip(&mut self.faces, &own)
                 } else {
@@ -99,6 +102,7 @@ impl Polygons {
     ) -> Result<Soup, ReadError> {
         let mut kept = Vec::new();
         for mut field in fields {
+            // A value per cell becomes one per face.
             if field.at == FieldAt::Cells {
                 let n = field.components;
                 if field.values.len() as u64 != cells.saturating_mul(n as u64) {

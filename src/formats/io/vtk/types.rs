@@ -104,6 +104,7 @@ pub(super) fn lagrange_degree(cell_type: u8, nodes: usize) -> Option<usize> {
 
 /// The meaning of a cell of this type and number of nodes; `has_old_numbering` marks files of old versions.
 pub(super) fn cell(cell_type: u8, nodes: usize, has_old_numbering: bool) -> Cell {
+    // A Lagrange cell states its order only by the number of its nodes.
     if is_lagrange(cell_type) {
         let mut of_type = LAGRANGE_CELLS.iter().filter(|l| l.0 == cell_type);
         return match of_type.find(|l| l.1 == nodes) {
@@ -114,6 +115,7 @@ pub(super) fn cell(cell_type: u8, nodes: usize, has_old_numbering: bool) -> Cell
             None => Cell::WrongOrder(format!("{} of {nodes} nodes", name(cell_type))),
         };
     }
+    // Pixels (8) and voxels (11) number their corners along the axes.
     match (cell_type, Kind::from_vtk(cell_type)) {
         (8, _) => Cell::Element(Kind::Quad4, 4, &PIXEL_ORDER),
         (11, _) => Cell::Element(Kind::Hex8, 8, &VOXEL_ORDER),

@@ -27,10 +27,12 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     }
     let mut bytes = vec![0; source.size() as usize];
     source.exact(&mut bytes, "an XML file")?;
+    // The XML parser expects UTF-8.
     if let [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [b'<', 0, ..] | [0, b'<', ..] = bytes[..] {
         let error = ReadError::data(path, Place::Byte(0), "UTF-16 text", "UTF-8 text");
         return Err(error.with_hint("save the file again as UTF-8"));
     }
+    // Appended data are binary and no XML: they are cut off before the text is parsed.
     let (text, appended) = Appended::split(&bytes);
     let mut document = Document {
         path,
@@ -250,6 +252,7 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
+    /// The description of an array from the attributes of its tag, which stands at `byte`.
     fn array(&self, tag: &BytesStart, byte: u64) -> Result<Array<'a>, ReadError> {
         let name = attribute(tag, "Name").unwrap_or_default();
         let kind = attribute(tag, "type").unwrap_or_default();
@@ -291,6 +294,7 @@ impl<'a> Document<'a> {
         })
     }
 
+    /// Decodes an array into its place in the piece, by its `parent` element and its name.
     fn fill(&self, piece: &mut Piece, parent: &str, array: &Array) -> Result<(), ReadError> {
         if parent == "Points" {
             if array.components != 3 {
@@ -316,6 +320,7 @@ impl<'a> Document<'a> {
         }
         let section = SECTIONS.iter().position(|s| s.0 == parent);
         let known = ["connectivity", "offsets", "types"];
+        // Other arrays of cells do not affect the shape.
         if !known.contains(&array.name.as_str()) {
             return Ok(());
         }
@@ -335,6 +340,7 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
+    /// The numbers of an array: `parse` reads a word of text, `value` the bytes of a number.
     fn decode<T>(
         &self,
         array: &Array,
@@ -371,6 +377,7 @@ impl<'a> Document<'a> {
             },
         };
         let bytes = bytes.map_err(|found| {
+            // The limit on unpacked sizes protects from small files that unpack to very large ones.
             let expected = if found.contains("unpacks to") {
                 Allowance::EXPECTED_SIZE
             } else {
@@ -389,6 +396,7 @@ impl<'a> Document<'a> {
             .collect())
     }
 
+    /// Adds a piece to the points, cells and fields of the file.
     fn finish_piece(&mut self, mut piece: Piece) -> Result<(), ReadError> {
         let missing = |what: &str| {
             ReadError::data(
@@ -404,6 +412,7 @@ impl<'a> Document<'a> {
             let expected = format!("3 for each of {} points", piece.points);
             return Err(ReadError::data(self.path, Place::File, found, expected));
         }
+        // Pieces number their points from 0; those of the file follow each other.
         let first_point = self.points;
         for p in coordinates.chunks_exact(3) {
             self.collector.point(self.points, [p[0], p[1], p[2]]);
@@ -436,6 +445,7 @@ impl<'a> Document<'a> {
                 points: &coordinates,
                 has_old_numbering: self.has_old_numbering,
             };
+            // A field that the piece names gives the degrees of Lagrange cells.
             if let Some((.., degrees)) = piece.fields.iter().find(|(name, at, components, _)| {
                 (piece.degrees.as_ref(), *at, *components) == (Some(name), FieldAt::Cells, 3)
             }) {

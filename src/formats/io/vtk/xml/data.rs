@@ -70,6 +70,7 @@ impl Format {
         header: Option<&str>,
         compressor: Option<&str>,
     ) -> Result<Self, (String, &'static str)> {
+        // Files of old versions leave out attributes that have these defaults.
         let big_endian = match byte_order {
             None | Some("LittleEndian") => false,
             Some("BigEndian") => true,
