@@ -87,6 +87,8 @@ impl Cell {
             let element = Element::from_name(&element)
                 .ok_or_else(|| Fault::Argument(format!("no element is named {element:?}")))?;
             let voxels = Voxels::new(&shape, samples, binary)?;
+            // Hexes and quads repeat: their samples are a period. Other elements are fitted to the field
+            // between the samples.
             if matches!(element, Element::Hex | Element::Quad) {
                 let options = FitOptions {
                     band_limit: band_limit.unwrap_or(f64::INFINITY),
@@ -164,6 +166,7 @@ impl Cell {
         let found = session::work(py, None, |_| {
             let mut found = vec![0.0; points.len()];
             let table = if exact { None } else { Some(self.table()?) };
+            // Chunks are evaluated in parallel into their own part of the result.
             let chunks = found.par_chunks_mut(CHUNK_POINTS);
             chunks
                 .zip(points.par_chunks(CHUNK_POINTS))

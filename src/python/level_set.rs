@@ -167,6 +167,7 @@ impl LevelSet {
                 }
             };
             let mut file = VdbWriter::new(&path, session)?.compression(compression);
+            // Half floats need their own type of grid in the file.
             if half {
                 file.level_set_as_half(grid, level_set)?;
             } else {

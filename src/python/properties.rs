@@ -144,6 +144,7 @@ pub(crate) fn homogenize(
         with_gradient,
     } = grid;
     session::work_owned(py, progress, move |session: Session<'_>| {
+        // Everything is checked before the long computation, in the words of the arguments.
         let settings = settings(materials, with_gradient, requested)?;
         if let Some(fault) = pipeline::resolution_fault(resolution, &settings, with_gradient) {
             return Err(Fault::Argument(format!("resolution: {fault}")));

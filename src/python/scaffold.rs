@@ -52,6 +52,7 @@ fn connectivity(offsets: &[i64], nodes: &[i64], types: &[u8]) -> Result<Connecti
         ));
     }
     let mut made = Connectivity::default();
+    // Element n has the nodes from offset n to offset n + 1.
     for (n, (ends, &vtk)) in offsets.windows(2).zip(types).enumerate() {
         let Some(kind) = Kind::from_vtk(vtk) else {
             return fail(format!(

@@ -261,6 +261,7 @@ impl VoidGraph {
         measure: Measure,
         progress: &dyn Progress,
     ) -> Result<Cavities, Cancelled> {
+        // Edges by falling level: as if the void were filled from its deepest points while the level falls.
         let order = |e: &Edge| (std::cmp::Reverse(e.level.to_bits()), e.ends);
         self.edges.sort_unstable_by_key(order);
         let mut growth = Growth::new(self.basins);
@@ -271,6 +272,7 @@ impl VoidGraph {
             growth.join(edge);
         }
         growth.close();
+        // Voxels of a basin count for the cavity that owns it; number 0 is the outside.
         let mut voxels = vec![0u64; growth.throats.len() + 1];
         for (basin, &owner) in growth.basins.iter().zip(&growth.owner) {
             if let Some(sum) = voxels.get_mut(owner as usize) {

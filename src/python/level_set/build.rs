@@ -118,6 +118,7 @@ pub(crate) fn from_dense(
     let values = values
         .map_err(|_| Fault::Argument("values: expected a contiguous array".into()).raise(py))?;
     session::work(py, None, |session| {
+        // The place of the first bad value, for the message.
         if let Some(n) = values.iter().position(|v| !v.is_finite()) {
             let [_, ny, nz] = shape;
             let text = format!(
@@ -181,6 +182,8 @@ pub(crate) fn from_function(
             extent,
         };
         let builder = LevelSetBuilder::new(transform, half_width)?;
+        // An exception of the function cannot pass through the evaluation: the field keeps it, and it is
+        // raised here.
         let evaluated = field
             .is_sound()
             .then(|| band.evaluate(session.threads, session.progress, &builder));

@@ -1,9 +1,9 @@
 //! Steepest ascent in one block: the local maximum that each voxel leads to, and where their basins meet.
 //!
 //! Voxels have a total order: falling distance, then ascending number. A voxel leads to a neighbour that is as far as
-//! any, if it is before the voxel in this order. A leaf whose voxels are all as far as is measured leads as one; equally
-//! far voxels in a leaf beside one lead towards it, so that few of them are maxima.
-//! Only maxima and meetings of basins are sorted.
+//! any, if it is before the voxel in this order. Voxels beyond the measured distance are all equally far. A leaf of them
+//! only (a wide leaf) counts as one node; such voxels in a leaf beside it lead towards it. This keeps the number of
+//! maxima small. Only maxima and meetings of basins are sorted.
 #![allow(clippy::inline_always)]
 
 use super::distances::{BlockDistances, Slot, order, place, slot_at};
@@ -196,6 +196,7 @@ pub(super) struct Ascent {
 }
 
 impl Ascent {
+    /// Finds for each voxel of the void the neighbour that it leads to; those that lead nowhere are maxima.
     pub fn of(space: &BlockDistances) -> Self {
         let mut leads_of: Vec<Leads> = Vec::with_capacity(space.leaves.len());
         let mut maxima = Vec::new();
@@ -203,6 +204,7 @@ impl Ascent {
             let first = (slot * VOXELS) as u32;
             match *kind {
                 Slot::Solid => {}
+                // A wide leaf is one node: its first voxel stands for it.
                 Slot::Wide => {
                     if wide_lead(space, slot).is_none() {
                         maxima.push(first);
@@ -213,6 +215,7 @@ impl Ascent {
                     let mut leads = [ITSELF; VOXELS];
                     run_vectorized(
                         #[inline(always)]
+                        // Voxels of the solid have a negative distance and lead nowhere either.
                         || leads_of_leaf(space, slot, own, &mut leads),
                     );
                     let is_maximum = |v: &usize| leads[*v] == ITSELF && own[*v] >= 0.0;
@@ -273,6 +276,7 @@ impl Labels {
 
     /// Gives all voxels the labels of those that they lead to.
     fn spread(&mut self, space: &BlockDistances, leads: &[Leads]) {
+        // Wide leaves lead to wide leaves of lower numbers, which have their labels already.
         for (slot, kind) in space.slots.iter().enumerate() {
             if *kind == Slot::Wide
                 && let Some(lead) = wide_lead(space, slot)
@@ -287,6 +291,8 @@ impl Labels {
                 if space.leaves[leaf as usize][voxel] < 0.0 {
                     continue;
                 }
+                // Follows the ascent up to a voxel with a label, which then is the label of all voxels on the
+                // way.
                 let (mut at, mut n, mut own) = (slot, voxel, leaf);
                 let label = loop {
                     let label = self.mixed[own as usize][n];
@@ -431,6 +437,8 @@ impl Labels {
         if a == b || a == UNLABELLED || b == UNLABELLED {
             return;
         }
+        // The meeting belongs to the voxel that comes later: while the level falls, both basins are there
+        // from then on.
         let orders = pair.map(|(slot, voxel)| {
             let number = (slot * VOXELS + voxel) as u32;
             order(space.distance(number), number)
@@ -449,6 +457,7 @@ impl Labels {
                 basins: [b, a],
             }
         };
+        // Of several meetings of the same two basins only the first one joins them.
         let is_same = |m: &Meeting| m.basins == [a, b] || m.basins == [b, a];
         match found.iter_mut().find(|m| is_same(m)) {
             Some(known) if known.place() < meeting.place() => {}

@@ -94,6 +94,7 @@ impl BlockBasins {
             depth: space.distance(n),
             place: place(n),
         });
+        // Labels give each voxel its maximum; meetings of two labels join basins in falling level.
         let mut basins: Vec<Basin> = basins.collect();
         labels.add_voxels(space, |basin, count| basins[basin as usize].voxels += count);
         let mut meetings = labels.meetings(space);
@@ -230,6 +231,7 @@ impl BlockGrowth<'_> {
 
     /// Numbers the basins that remain.
     fn finish(self) -> BlockBasins {
+        // Follows the aliases of basins that are not deeper than noise to the basin that takes their voxels.
         let resolve = |mut n: u32| {
             while self.alias[n as usize] != n {
                 n = self.alias[n as usize];
@@ -237,6 +239,7 @@ impl BlockGrowth<'_> {
             n as usize
         };
         let roots: Vec<usize> = (0..self.basins.len() as u32).map(resolve).collect();
+        // Basins that remain are numbered in order; the voxels of the others are added to them.
         let mut number = vec![UNLABELLED; roots.len()];
         let mut basins: Vec<Basin> = Vec::new();
         for (n, basin) in self.basins.iter().enumerate() {
@@ -256,6 +259,7 @@ impl BlockGrowth<'_> {
             ends: e.ends.map(label),
             ..*e
         });
+        // An edge between basins that became one is inside it.
         let edges = edges.filter(|e| e.ends[0] != e.ends[1]).collect();
         let basin =
             |slot: usize, voxel: usize| label(self.labels.at(self.space.slots[slot], slot, voxel));
@@ -284,6 +288,7 @@ fn face(
                 (basin(slot, voxel), distance)
             }
         };
+        // A wide leaf has one basin at one distance, and needs no list of voxels.
         match space.slots[slot] {
             Slot::Solid => Patch::Solid,
             Slot::Wide => {
@@ -304,6 +309,7 @@ fn face(
         Patch::Uniform(basin, distance) => Some((basin, distance)),
         _ => None,
     };
+    // A face of equal leaves is stored as one: most faces are deep in the void or in the solid.
     match uniform(&patches[0]) {
         _ if patches.iter().all(|p| matches!(p, Patch::Solid)) => Face::Solid,
         Some((basin, distance))

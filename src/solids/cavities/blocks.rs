@@ -109,10 +109,12 @@ impl VoidGraph {
         (other_first, other): (u32, &Face),
         (axis, origin): (usize, Coord),
     ) {
+        // Both sides are the outside, which needs no edge to itself.
         if first == OUTSIDE && other_first == OUTSIDE {
             return;
         }
         let mut pairs = Pairs::default();
+        // Leaf by leaf, unless the whole face is equal on both sides.
         match (own, other) {
             (Face::Solid, _) | (_, Face::Solid) => {}
             (Face::Uniform(a, d), Face::Uniform(b, e)) => pairs.meet([*a, *b], d.min(*e), 0),
@@ -125,6 +127,8 @@ impl VoidGraph {
         let pairs = pairs.list;
         self.edges
             .extend(pairs.into_iter().map(|([a, b], (level, n))| {
+                // Voxel n of the face, in the two axes other than `axis`; the plane of the face is coordinate
+                // 0 along `axis`.
                 let mut voxel = [(n / BLOCK_EDGE) as i32, (n % BLOCK_EDGE) as i32, 0];
                 voxel[axis..].rotate_right(1);
                 Edge {

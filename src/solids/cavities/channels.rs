@@ -146,6 +146,8 @@ impl<'a, S: LeafSource> Search<'a, S> {
     /// The channels that connect the rooms with the outside.
     pub fn connected(&mut self, task: Task<'_>) -> Result<Vec<Link>, S::Error> {
         let mut channels = Vec::new();
+        // In each round every cluster of rooms gets its cheapest link to another cluster or to the outside
+        // (Boruvka), until all are connected.
         loop {
             let mut clusters: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
             for n in 1..self.rooms.len() {
@@ -154,6 +156,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
                     clusters.entry(root).or_default().push(n as u32);
                 }
             }
+            // Clusters in order of their roots, so that the result does not depend on the threads.
             let mut links = Vec::new();
             for (root, members) in clusters {
                 if task.progress.cancelled() {
@@ -167,6 +170,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
                 return Ok(channels);
             }
             links.sort_by(|(_, a), (_, b)| a.order(b));
+            // Two clusters may choose each other: the second link would close a loop.
             for (root, link) in links {
                 if self.sets.find(root) != self.sets.find(link.to as usize) {
                     self.sets.union(root, link.to as usize);
@@ -389,6 +393,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
         best: &mut Option<Link>,
     ) -> Result<(), S::Error> {
         let mut bits = self.map.surface(leaf)?;
+        // Voxels of the cluster itself are no targets.
         for (number, own) in self.labels.get(&leaf).into_iter().flatten() {
             if *number == OTHER || self.sets.find(*number as usize) == root {
                 bits = std::array::from_fn(|x| bits[x] & !own[x]);
@@ -400,10 +405,12 @@ impl<'a, S: LeafSource> Search<'a, S> {
         let targets = voxels_of(leaf, &bits);
         let to = Region::cube(leaf, LEAF);
         for (from, list) in sources {
+            // A lower bound over the region saves the comparison of all pairs.
             let least = self.least_cost(*from, to);
             if best.as_ref().is_some_and(|b| least > b.cost) {
                 continue;
             }
+            // The exact cost of each pair; equal costs are ordered by the ends.
             for &p in list {
                 for &q in &targets {
                     let link = Link {

@@ -143,6 +143,7 @@ fn along_x(samples: &Samples) -> LeafRows {
     let (halo, side) = (samples.halo, samples.side);
     let mut found = LeafRows::new([SLOTS, side, side]);
     let mut squares = vec![[0.0; 8]; 8 * side];
+    // A line of leaves along x at a time; without surface on it there are no points.
     for y in samples.within_reach() {
         for z in samples.within_reach() {
             let line: Vec<Sample> = (0..side).map(|x| samples.at([x, y, z])).collect();
@@ -150,11 +151,13 @@ fn along_x(samples: &Samples) -> LeafRows {
             if !marked.contains(&true) {
                 continue;
             }
+            // Only leaves within reach of the surface and not inside the solid need distances.
             let near = samples.near(&marked);
             let is_wanted = |x: usize| near[x] && !line[halo + x].is_inside();
             let wanted: Vec<bool> = (0..SLOTS).map(is_wanted).collect();
             let mut needed = vec![false; side];
             needed[halo..halo + SLOTS].copy_from_slice(&wanted);
+            // Each leaf has eight lines of eight neighbouring z; `own` is the line's y.
             for own in 0..8 {
                 from_crossings(&line, |step| 8 * step + own, &needed, &mut squares);
                 for x in (0..SLOTS).filter(|&x| wanted[x]) {
@@ -178,6 +181,7 @@ fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
     let mut rows = vec![[0.0; 8]; 8 * side];
     for x in 0..SLOTS {
         for z in samples.within_reach() {
+            // Rows along x that the first pass found, for all y of this line.
             let before: Vec<Option<&Rows>> = (0..side).map(|y| along_x.get([x, y, z])).collect();
             let has_rows: Vec<bool> = before.iter().map(Option::is_some).collect();
             if !has_rows.contains(&true) {
@@ -189,6 +193,7 @@ fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
             let wanted: Vec<bool> = (0..SLOTS).map(is_wanted).collect();
             let mut needed = vec![false; side];
             needed[halo..halo + SLOTS].copy_from_slice(&wanted);
+            // Rows at x = own of the leaves.
             for own in 0..8 {
                 for (part, leaf) in rows.chunks_exact_mut(8).zip(&before) {
                     if let Some(leaf) = leaf {
@@ -198,6 +203,8 @@ fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
                 from_crossings(&line, |step| 8 * own + step, &needed, &mut squares);
                 for y in (0..SLOTS).filter(|&y| wanted[y]) {
                     let out = found.rows_mut([x, y, z]);
+                    // The least of the squares from points on the line along y itself and of those along x in
+                    // rows beside, plus the squared step along y.
                     for step in 0..8 {
                         if line[halo + y].solid_row(8 * own + step) == ALL_SOLID {
                             continue;

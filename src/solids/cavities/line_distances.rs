@@ -74,6 +74,8 @@ pub(super) fn from_crossings(
     squares: &mut [Row],
 ) {
     let has_values = |n: usize| leaves.get(n).is_some_and(|l| l.is_stored());
+    // Forward: the last crossing before each voxel. Crossings lie between two voxels, those of neighbouring
+    // leaves included.
     let mut position = [f32::NEG_INFINITY; 8];
     for (n, leaf) in leaves.iter().enumerate() {
         let is_stored = leaf.is_stored();
@@ -81,6 +83,7 @@ pub(super) fn from_crossings(
             let x = (8 * n - 1) as f32;
             cross(&mut position, (&leaves[n - 1], row(7)), (leaf, row(0)), x);
         }
+        // Without values in the leaf nothing crosses within it: the position stays.
         if !is_stored && !needed[n] {
             continue;
         }
@@ -97,6 +100,7 @@ pub(super) fn from_crossings(
             squares[8 * n + step] = position.map(|p| (x - p) * (x - p));
         }
     }
+    // Backward: the next crossing behind each voxel, and the nearer of both.
     position = [f32::INFINITY; 8];
     for (n, leaf) in leaves.iter().enumerate().rev() {
         let is_stored = leaf.is_stored();

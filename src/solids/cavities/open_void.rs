@@ -58,19 +58,24 @@ pub(super) fn needs<S: LeafSource>(
     task: Task<'_>,
 ) -> Result<Vec<Need>, S::Error> {
     let slopes = all_slopes(source, task)?;
+    // A leaf is open only if the slopes of all leaves within reach agree: this many leaves around it, rounded
+    // up.
     let ring = ((measure.reach + 1 + LEAF - 1) / LEAF) as usize;
     let mut spaces: Vec<Space> = task.threads.install(|| {
         let cells = grid.cells.par_iter();
         cells.map(|c| space(source, c, &slopes, ring)).collect()
     });
+    // The slopes are no longer needed, and large.
     drop(slopes);
     grow(grid, &mut spaces, task)?;
+    // Void that may hold cavities is that which the outside did not grow into.
     let may_have_cavities = |space: &Space| match space {
         Space::Solid => false,
         Space::Void { is_open } => !is_open,
         Space::Leaves(leaves) => !leaves.void.without(&leaves.open).is_empty(),
     };
     let found: Vec<bool> = spaces.iter().map(may_have_cavities).collect();
+    // Cells beside those with basins give their faces, over which the basins meet the outside.
     let need = |n: usize| {
         let mut beside = (0..6).filter_map(|d| grid.beside(n, d / 2, d % 2 == 1));
         if found[n] {
@@ -140,6 +145,7 @@ fn space<S: LeafSource>(
     ring: usize,
 ) -> Space {
     let is_solid = || source.is_block_inside(cell.origin);
+    // Far from the surface a cell is solid or void as a whole.
     if !cell.is_near {
         return if is_solid() {
             Space::Solid
@@ -147,6 +153,7 @@ fn space<S: LeafSource>(
             Space::Void { is_open: false }
         };
     }
+    // The slopes of the cell and its 26 neighbours: a leaf at the face depends on leaves beyond.
     let around: [Option<&Slopes>; 27] = std::array::from_fn(|n| {
         let by = |n: usize| (n as i32 - 1) * BLOCK;
         let [x, y, z] = [n / 9, n / 3 % 3, n % 3].map(by);
@@ -160,6 +167,7 @@ fn space<S: LeafSource>(
     if void.is_empty() {
         return Space::Solid;
     }
+    // The outside passes a leaf in a direction in which the solid recedes everywhere around it.
     let passing = std::array::from_fn(|direction| {
         let rising = around.map(|slopes| Some(&slopes?.rising[direction]));
         void.without(&LeafSet::near(&rising, ring))
@@ -187,6 +195,8 @@ fn grow(grid: &Grid, spaces: &mut [Space], task: Task<'_>) -> Result<(), Cancell
     let mut waiting: Vec<usize> = vec![0];
     let mut is_waiting = vec![false; spaces.len()];
     let mut visits = 0usize;
+    // Cells wait until a neighbour has opened more leaves. The order does not matter: the open set only
+    // grows.
     while let Some(n) = waiting.pop() {
         is_waiting[n] = false;
         visits += 1;
@@ -206,6 +216,7 @@ fn grow(grid: &Grid, spaces: &mut [Space], task: Task<'_>) -> Result<(), Cancell
             }
             Space::Leaves(leaves) => {
                 let before = leaves.open;
+                // Within a cell until no leaf opens along any of the six directions.
                 loop {
                     let last = leaves.open;
                     for direction in 0..6 {

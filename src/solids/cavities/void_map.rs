@@ -149,6 +149,7 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
         outside: &VoxelSet,
     ) -> Result<(BTreeMap<Coord, Bits>, bool), S::Error> {
         let bounds = self.measure.bounds;
+        // Leaves near an end of the bounds come first: the outside is beyond it.
         let depth = |leaf: Coord| {
             let to_end = |a: usize| {
                 let [low, high] = [bounds.min[a], bounds.max[a]].map(i64::from);
@@ -163,6 +164,7 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
         voxel_mask::insert(&mut bit, offset(start));
         seeds.insert(first, bit);
         let mut queue = BinaryHeap::from([Reverse((depth(first), first))]);
+        // A leaf may be entered several times, each time through other voxels.
         while let Some(Reverse((_, leaf))) = queue.pop() {
             let Some(seed) = seeds.remove(&leaf) else {
                 continue;
@@ -182,6 +184,7 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
             if known.is_some_and(|o| voxel_mask::intersects(o, &new)) {
                 return Ok((found, true));
             }
+            // Over each face the new voxels enter the next leaf.
             for (axis, last) in faces() {
                 let shared = voxel_mask::face(&new, axis, last);
                 if voxel_mask::is_empty(&shared) {

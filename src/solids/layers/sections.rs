@@ -104,6 +104,7 @@ pub(super) fn sections<S: LeafSource>(
 ) -> Result<(), S::Error> {
     task.progress
         .stage("layers", Some(frame.layer_count as u64));
+    // A group of layers is sampled at once: it needs each leaf only once.
     let group = ((GROUP_HEIGHT / frame.layer_height) as usize).clamp(1, MAX_GROUP);
     let tiles = frame.sizes.map(|n| n.div_ceil(TILE));
     for start in (0..frame.layer_count).step_by(group) {
@@ -120,6 +121,8 @@ pub(super) fn sections<S: LeafSource>(
             });
             found.collect::<Result<Vec<_>, S::Error>>()
         })?;
+        // The tiles of a layer are put side by side: bits of whole rows, and pixels at the outline with their
+        // numbers in the layer.
         for layer in 0..count {
             let mut raster = Raster::new(frame.sizes[0], frame.sizes[1]);
             let mut rim = Vec::new();
