@@ -117,7 +117,7 @@ pub fn fit_samples(
         method: Method::Fft,
         ..options.clone()
     };
-    fit_period(name, element, (samples, n), &options, progress)
+    fit_period(name, element, samples, n, &options, progress)
 }
 
 /// Fits a cell to samples over a whole period by least squares. Waves are orthogonal over the period, so
@@ -140,14 +140,15 @@ pub fn fit_samples_least_squares(
         method: Method::Lsq,
         ..options.clone()
     };
-    fit_period(name, element, (samples, n), &options, progress)
+    fit_period(name, element, samples, n, &options, progress)
 }
 
 /// The fit of `n` samples per axis over a period, by the method of the options.
 fn fit_period(
     name: &str,
     element: Element,
-    (samples, n): (&[f64], usize),
+    samples: &[f64],
+    n: usize,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {

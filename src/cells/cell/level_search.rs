@@ -193,7 +193,7 @@ impl Samples {
             let weight_of = |corner| self.cube_weight(number, parts, corner);
             let layers: Vec<f64> = (0..parts)
                 .into_par_iter()
-                .map(|i| layer_correction(i, t, (parts, values, flag), &value, &weight_of))
+                .map(|i| layer_correction(i, t, parts, values, flag, &value, &weight_of))
                 .collect();
             total += layers.iter().sum::<f64>() * flag.share / (parts as f64).powi(3);
         }

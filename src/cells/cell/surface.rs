@@ -302,18 +302,20 @@ impl Surface {
         }
         // Under inversion the term sX sY sZ of the diamond changes sign.
         let group = (self == Self::Diamond).then_some("Td");
-        of_terms(self.name(), (element, group), self.terms())
+        of_terms(self.name(), element, group, self.terms())
     }
 }
 
-/// A cell on the cubic lattice from one coefficient of each orbit, under a group or that of the element.
+/// A cell on the cubic lattice from one coefficient of each orbit, under the group of a name, or with `None` under that
+/// of the element.
 ///
 /// # Errors
 /// [`CellError`] for an unknown group.
 #[doc(hidden)]
 pub fn of_terms(
     name: &str,
-    (element, group): (Element, Option<&str>),
+    element: Element,
+    group: Option<&str>,
     terms: Terms,
 ) -> Result<Cell, CellError> {
     let (group, lattice) = symmetry(element, group, Some("cubic"))?;

@@ -133,7 +133,8 @@ impl Table {
                 SplineSeries::new(
                     s,
                     g,
-                    (element, any_numbering),
+                    element,
+                    any_numbering,
                     SurfaceValues {
                         half: half_thickness,
                     },

@@ -1,5 +1,6 @@
 //! Exact evaluation of a real trigonometric sum from tables of phasors, one table per lattice axis.
 
+use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 
 /// Powers exp(2 pi i k u) of one coordinate, k = -bound..=bound, from one sine and one cosine.
@@ -29,9 +30,9 @@ impl Phasors {
     }
 
     #[inline]
-    pub fn get(&self, k: i32) -> (f64, f64) {
+    pub fn get(&self, k: i32) -> Complex64 {
         let n = (k + self.bound) as usize;
-        (self.re[n], self.im[n])
+        Complex64::new(self.re[n], self.im[n])
     }
 }
 
@@ -57,11 +58,6 @@ pub(super) struct TrigSum {
     bounds: [i32; AXES],
     /// The first axis along which the function varies, at most the last but one.
     first_axis: usize,
-}
-
-/// The product of two complex numbers (re, im).
-fn product(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
-    (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
 }
 
 /// The dot product with four partial sums, which the compiler can vectorise.
@@ -135,11 +131,11 @@ impl TrigSum {
     }
 
     /// The product of the phasors along the leading axes, which all terms of a run share.
-    fn leading(&self, run: &Run, tables: &[Phasors]) -> (f64, f64) {
+    fn leading(&self, run: &Run, tables: &[Phasors]) -> Complex64 {
         let indices = &run.leading[self.first_axis..];
         let mut factor = tables[0].get(indices[0]);
         for (table, k) in tables[1..].iter().zip(&indices[1..]) {
-            factor = product(factor, table.get(*k));
+            factor *= table.get(*k);
         }
         factor
     }
@@ -154,8 +150,8 @@ impl TrigSum {
             let zr = from..from + r.len;
             let (cr, ci) = (&self.re[c.clone()], &self.im[c]);
             let (pr, pi) = (&z.re[zr.clone()], &z.im[zr]);
-            let s = (dot(cr, pr) - dot(ci, pi), dot(cr, pi) + dot(ci, pr));
-            sum += product(self.leading(r, &leading), s).0;
+            let s = Complex64::new(dot(cr, pr) - dot(ci, pi), dot(cr, pi) + dot(ci, pr));
+            sum += (self.leading(r, &leading) * s).re;
         }
         sum
     }
@@ -179,15 +175,15 @@ impl TrigSum {
             let (cr, ci) = (&self.re[c.clone()], &self.im[c]);
             let (pr, pi) = (&z.re[zr.clone()], &z.im[zr.clone()]);
             let (qr, qi) = (&kr[zr.clone()], &ki[zr]);
-            let s = (dot(cr, pr) - dot(ci, pi), dot(cr, pi) + dot(ci, pr));
-            let t = (dot(cr, qr) - dot(ci, qi), dot(cr, qi) + dot(ci, qr));
+            let s = Complex64::new(dot(cr, pr) - dot(ci, pi), dot(cr, pi) + dot(ci, pr));
+            let t = Complex64::new(dot(cr, qr) - dot(ci, qi), dot(cr, qi) + dot(ci, qr));
             let w = self.leading(r, &leading);
-            let (real, imaginary) = product(w, s);
-            sum += real;
+            let part = w * s;
+            sum += part.re;
             for a in self.first_axis..LEADING_AXES {
-                grad[a] -= TAU * f64::from(r.leading[a]) * imaginary;
+                grad[a] -= TAU * f64::from(r.leading[a]) * part.im;
             }
-            grad[LEADING_AXES] -= TAU * product(w, t).1;
+            grad[LEADING_AXES] -= TAU * (w * t).im;
         }
         (sum, grad)
     }

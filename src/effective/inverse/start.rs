@@ -183,7 +183,7 @@ pub fn known_sheets(element: Element, sampled: &SampledBasis) -> Vec<Start> {
         return Vec::new();
     }
     let made = OPEN_PLATES.iter().filter_map(|(name, terms)| {
-        let cell = of_terms(name, (element, None), terms).ok()?;
+        let cell = of_terms(name, element, None, terms).ok()?;
         of_cell(element, sampled, &cell).ok()
     });
     made.collect()

@@ -61,11 +61,13 @@ fn part_count(cell: &Cell, domain: &Domain, target: usize, least: usize) -> usiz
     target.min((libm::cbrt(6.0 * most) as usize).max(least))
 }
 
-/// Measures the accuracy of a cell, except for the quantities that the sampling gives.
+/// Measures the accuracy of a cell, except for the quantities that the sampling gives. `domain` holds the flags that
+/// are sampled, `parts_per_edge` the divisions of each edge of a flag in the fit.
 pub(super) fn measure(
     cell: &Cell,
     target: &Target,
-    (domain, parts): (&Domain, usize),
+    domain: &Domain,
+    parts_per_edge: usize,
     options: &FitOptions,
     info: &SourceInfo,
     progress: &dyn Progress,
@@ -94,7 +96,7 @@ pub(super) fn measure(
     // The points differ from those of the fit.
     let [interior, faces, edges] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let points_on = |weights: [f64; 3]| {
-        let (mut all, _) = quadrature_points(element, domain, parts + 3, weights);
+        let (mut all, _) = quadrature_points(element, domain, parts_per_edge + 3, weights);
         all.retain(|(_, w)| *w > 0.0);
         all
     };

@@ -62,7 +62,8 @@ pub(super) fn needed_samples<const D: usize>(lattice: &Lattice<D>, band_limit: f
 /// samples cannot represent it.
 pub(super) fn basis<const D: usize>(
     element: Element,
-    (group, lattice): (PointGroup<D>, Lattice<D>),
+    group: PointGroup<D>,
+    lattice: Lattice<D>,
     options: &FitOptions,
     info: &SourceInfo,
 ) -> Result<(Basis<D>, Option<String>), FitError> {

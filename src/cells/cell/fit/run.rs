@@ -78,7 +78,7 @@ impl Job<'_> {
             options.check_ball()?;
         }
         let (basis, truncation) =
-            frequency_set::basis(self.element, (group, lattice), options, self.info)?;
+            frequency_set::basis(self.element, group, lattice, options, self.info)?;
         let over_period = self.info.period.is_some();
         let constraint = options
             .face_normal
@@ -143,13 +143,19 @@ impl Job<'_> {
             basis.len()
         };
         let parts_per_edge = parts_per_edge(self.element, &domain, unknowns, options.samples);
-        let sampling = (&domain, parts_per_edge);
         let own = FitOptions {
             band_limit: basis.radius(),
             ..options.clone()
         };
-        let mut report =
-            accuracy::measure(&cell, &target, sampling, &own, self.info, self.progress)?;
+        let mut report = accuracy::measure(
+            &cell,
+            &target,
+            &domain,
+            parts_per_edge,
+            &own,
+            self.info,
+            self.progress,
+        )?;
         if over_period {
             report.regularisation = options.regularisation.unwrap_or(0.0);
         }

@@ -8,6 +8,7 @@ use druse_geometry::frame::CellPoint;
 use druse_geometry::progress::{Cancelled, Progress};
 use nalgebra::{Cholesky, DMatrix, DMatrixViewMut, DVector, Dyn};
 use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
 use std::f64::consts::SQRT_2;
 
 /// A target value at a point.
@@ -62,22 +63,21 @@ impl<const D: usize> DesignMatrix<D> {
     /// The values of all basis functions at a point with lattice coordinates `u`.
     fn row(&self, u: [f64; D], row: &mut [f64]) {
         let tables: [Phasors; D] = std::array::from_fn(|a| Phasors::new(u[a], self.bounds[a]));
-        let product = |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
         row.fill(0.0);
         let mut at: Option<Frequency<D>> = None;
-        let mut leading = (1.0, 0.0);
+        let mut leading = Complex64::new(1.0, 0.0);
         for &(k, column, pair) in &self.waves {
             if at.is_none_or(|old| old[..D - 1] != k[..D - 1]) {
                 leading = tables[0].get(k[0]);
                 for a in 1..D - 1 {
-                    leading = product(leading, tables[a].get(k[a]));
+                    leading *= tables[a].get(k[a]);
                 }
                 at = Some(k);
             }
-            let wave = product(leading, tables[D - 1].get(k[D - 1]));
-            row[column] += wave.0;
+            let wave = leading * tables[D - 1].get(k[D - 1]);
+            row[column] += wave.re;
             if pair {
-                row[column + 1] += wave.1;
+                row[column + 1] += wave.im;
             }
         }
         for (value, factor) in row.iter_mut().zip(&self.factors) {

@@ -23,7 +23,9 @@ type Point = [f64; 3];
 pub(super) fn layer_correction(
     i: usize,
     t: f64,
-    (parts, values, flag): (usize, &[f64], &Flag),
+    parts: usize,
+    values: &[f64],
+    flag: &Flag,
     function: &(impl Fn(CellPoint<3>) -> f64 + Sync),
     weight_of: &impl Fn([usize; 3]) -> f64,
 ) -> f64 {

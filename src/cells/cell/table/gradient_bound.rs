@@ -89,13 +89,15 @@ struct BoundedCell {
     cell: [usize; 3],
 }
 
-/// Bounds of the gradient's length over the spline cells that meet the element. Arguments are the padded
-/// coefficients with their largest magnitude, and whether the function has the full symmetry of the element, so
-/// that one sector suffices.
+/// Bounds of the gradient's length over the spline cells that meet the element. `coefficients` are padded, `largest` is
+/// their largest magnitude. With `whole_group` the function has the full symmetry of the element, so that one sector
+/// suffices.
 pub(super) fn gradient_bounds_over(
-    (coefficients, largest): (&[f32], f32),
+    coefficients: &[f32],
+    largest: f32,
     grid: &Grid,
-    (element, whole_group): (Element, bool),
+    element: Element,
+    whole_group: bool,
     surface: SurfaceValues,
 ) -> GradientBounds {
     let levels = DISTANCE_SHARES.map(|share| share * largest.max(f32::MIN_POSITIVE));

@@ -37,18 +37,25 @@ pub(super) struct SplineSeries {
 
 impl SplineSeries {
     /// The spline of a series on `grid`, which must be fine enough for its waves, with bounds of the gradient over
-    /// `element`. `whole_group` states that the cell is
-    /// independent of the numbering of the nodes. The surface is where the function has the values `surface`.
+    /// `element`. With `whole_group` the cell is independent of the numbering of the nodes. The surface is where the
+    /// function has the values `surface`.
     pub fn new(
         spectrum: Spectrum,
         grid: Grid,
-        (element, whole_group): (Element, bool),
+        element: Element,
+        whole_group: bool,
         surface: SurfaceValues,
     ) -> Self {
         let coefficients = spectrum.coefficients(&grid);
         let ranges = WindowRanges::new(&coefficients, &grid);
-        let all = (&*coefficients, ranges.largest());
-        let gradient_bounds = gradient_bounds_over(all, &grid, (element, whole_group), surface);
+        let gradient_bounds = gradient_bounds_over(
+            &coefficients,
+            ranges.largest(),
+            &grid,
+            element,
+            whole_group,
+            surface,
+        );
         // The rounding of a position moves the point by `position_error`, over which the value changes by the
         // slope and the gradient by the curvature, at most twice the slope per sample distance.
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);

@@ -246,15 +246,15 @@ impl Products {
         bounds: [f32; 2],
         precision: f32,
     ) -> [[[u8; 8]; 8]; 2] {
-        let limits = (bounds, self.remainder_bound(half, precision));
+        let remainder = self.remainder_bound(half, precision);
         match self.along_z.len() {
-            1 => self.classify_boxes_of::<L, 1>(l, at, half, limits),
-            2 => self.classify_boxes_of::<L, 2>(l, at, half, limits),
-            3 => self.classify_boxes_of::<L, 3>(l, at, half, limits),
-            4 => self.classify_boxes_of::<L, 4>(l, at, half, limits),
-            5 => self.classify_boxes_of::<L, 5>(l, at, half, limits),
-            6 => self.classify_boxes_of::<L, 6>(l, at, half, limits),
-            _ => self.classify_boxes_of::<L, MAX_Z_FUNCTIONS>(l, at, half, limits),
+            1 => self.classify_boxes_of::<L, 1>(l, at, half, bounds, remainder),
+            2 => self.classify_boxes_of::<L, 2>(l, at, half, bounds, remainder),
+            3 => self.classify_boxes_of::<L, 3>(l, at, half, bounds, remainder),
+            4 => self.classify_boxes_of::<L, 4>(l, at, half, bounds, remainder),
+            5 => self.classify_boxes_of::<L, 5>(l, at, half, bounds, remainder),
+            6 => self.classify_boxes_of::<L, 6>(l, at, half, bounds, remainder),
+            _ => self.classify_boxes_of::<L, MAX_Z_FUNCTIONS>(l, at, half, bounds, remainder),
         }
     }
 
@@ -278,13 +278,15 @@ impl Products {
         reach
     }
 
+    /// The same for N functions along z, with the largest remainder of all boxes.
     #[inline(always)]
     fn classify_boxes_of<L: Lanes, const N: usize>(
         &self,
         l: L,
         [x, y, z]: [&Along<[f32; 8]>; 3],
         half: &[[f32; 8]; 3],
-        (bounds, remainder_bound): ([f32; 2], f32),
+        bounds: [f32; 2],
+        remainder_bound: f32,
     ) -> [[[u8; 8]; 8]; 2] {
         let zero = l.splat(0.0);
         let (mut along_z, mut derivative_z) = ([zero; N], [zero; N]);
