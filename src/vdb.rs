@@ -121,7 +121,6 @@ pub use remove_components::{ComponentSelection, REMOVAL_REACH, RemovedComponents
 pub(crate) use render_parts::{SolidParts, render_parts};
 pub use shape_ops::{Mask, WallSide};
 pub(crate) use solid_cubes::{SolidCubes, largest_face_component};
-pub(crate) use stream::MAX_BYTES_AT_ONCE;
 pub use stream::{StoredFog, StoredGrid};
 pub use volume::Volume;
 pub use write::{Compression, VdbWriter, WrittenFile};

@@ -33,10 +33,13 @@ pub fn plan(
 ) -> Result<Estimate, RunError> {
     let threads = threads(options)?;
     let inputs = Inputs::load(recipe, &threads, options, progress)?;
+    let mut estimate = Estimate::default();
     if needs_no_voxels(recipe) {
-        return estimate::of_macro_decks(&inputs);
+        estimate.add_macro_decks(&inputs)?;
+        return Ok(estimate);
     }
-    let mut estimate = estimate::estimate(&inputs, &threads, progress)?;
+    let counts = estimate::counts(&inputs, &threads, progress)?;
+    estimate = estimate::predict(&inputs, &threads, &counts);
     match bricks::plan_if_needed(&inputs, &threads, options, progress) {
         Ok(Some(plan)) => {
             estimate.bricks = plan.bricks.len() as u64;
