@@ -34,6 +34,7 @@ mod fit;
 mod frames;
 mod grade;
 mod homogenize;
+mod html;
 mod implicit;
 mod info;
 mod job;

@@ -11,7 +11,6 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 mod chart;
-mod html;
 mod page;
 mod printing;
 

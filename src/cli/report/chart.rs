@@ -1,6 +1,6 @@
 //! Histograms and curves as inline SVG.
 
-use super::html::{escaped, number};
+use crate::cli::html::{escaped, number};
 use serde_json::{Value, json};
 use std::fmt::Write;
 

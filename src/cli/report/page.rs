@@ -1,8 +1,8 @@
 //! The page of a report: its sections, from the verdict to the recipe.
 
 use super::chart::{Limit, histogram};
-use super::html::{base64, escaped, hash, number, place, table, text};
 use super::printing;
+use crate::cli::html::{base64, escaped, hash, number, place, table, text};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;

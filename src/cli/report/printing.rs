@@ -1,7 +1,7 @@
 //! Sections of the page on channels and layers.
 
 use super::chart::curves;
-use super::html::{number, place, table};
+use crate::cli::html::{number, place, table};
 use serde_json::Value;
 use std::fmt::Write;
 

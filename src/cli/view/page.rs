@@ -2,6 +2,7 @@
 
 use super::scene::Scene;
 use crate::cli::failure::Failure;
+use crate::cli::html::{base64, escaped};
 use crate::io::atomic::write_bytes;
 use flate2::Compression;
 use serde_json::{Value, json};
@@ -50,7 +51,7 @@ pub(super) fn write(path: &Path, title: &str, scene: &Scene) -> Result<u64, Fail
     data.push_str(&SCRIPTS.concat());
     data.push_str(INLINE);
     data.push_str("</script>");
-    let page = fill(&[("title", &escape(title)), ("head", &head), ("data", &data)]);
+    let page = fill(&[("title", &escaped(title)), ("head", &head), ("data", &data)]);
     Ok(write_bytes(path, page.as_bytes())?)
 }
 
@@ -59,7 +60,7 @@ pub(super) fn live(title: &str) -> String {
     let head = "<link rel=\"stylesheet\" href=\"page.css\">";
     let data = "<script src=\"page.js\" defer></script>";
     fill(&[
-        ("title", &escape(title)),
+        ("title", &escaped(title)),
         ("head", head),
         ("live", LIVE_CONTROLS),
         ("keys", LIVE_KEYS),
@@ -112,51 +113,4 @@ fn fill(parts: &[(&str, &str)]) -> String {
         page.push_str(rest);
     }
     page
-}
-
-/// Text for HTML.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-}
-
-/// Bytes in base64 (RFC 4648).
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for three in bytes.chunks(3) {
-        let all = three
-            .iter()
-            .enumerate()
-            .fold(0u32, |n, (k, &b)| n | u32::from(b) << (16 - 8 * k));
-        for k in 0..4 {
-            let digit = DIGITS[(all >> (18 - 6 * k) & 63) as usize];
-            text.push(if k > three.len() {
-                '='
-            } else {
-                char::from(digit)
-            });
-        }
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::base64;
-
-    #[test]
-    fn base64_is_that_of_rfc_4648() {
-        for (bytes, text) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foob", "Zm9vYg=="),
-        ] {
-            assert_eq!(base64(bytes.as_bytes()), text);
-        }
-    }
 }

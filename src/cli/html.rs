@@ -70,7 +70,7 @@ pub(super) fn hash(value: &Value) -> String {
 /// A number of the report in four digits without trailing zeros, a count in full, or a dash.
 pub(super) fn number(value: &Value) -> String {
     if let Some(count) = value.as_u64() {
-        return crate::cli::numbers::grouped(count);
+        return super::numbers::grouped(count);
     }
     let Some(number) = value.as_f64() else {
         return "–".into();
