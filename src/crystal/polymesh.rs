@@ -52,6 +52,8 @@ pub use extrude::{Extruded, Extrusion};
 pub use history::{History, Model};
 pub use kind::{Dihedral, Kind, Operator, from_name as extrusion_named, names as extrusion_names};
 pub use measure::Summary;
+#[doc(hidden)]
+pub use picture::DepthBuffer;
 pub use picture::group_color;
 pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
 #[doc(hidden)]

@@ -31,13 +31,15 @@ pub fn group_color(group: u32) -> [f64; 3] {
     })
 }
 
-/// The face that each sample shows.
-struct Samples {
+/// The face that each sample of a picture shows.
+pub struct DepthBuffer {
+    /// Samples along each edge of a pixel.
+    edge: usize,
     columns: usize,
     rows: usize,
     face: Vec<u32>,
-    /// Inverse depth; 0 where no face is visible.
-    inverse_depth: Vec<f32>,
+    /// Greater is nearer; 0 where no face is visible.
+    nearness: Vec<f32>,
 }
 
 impl PolyMesh {
@@ -84,7 +86,7 @@ impl PolyMesh {
             let from = at - f64::midpoint(frame[k].0, frame[k].1);
             fine[k] as f64 / 2.0 + scale * if k == 0 { from } else { -from }
         };
-        let mut samples = Samples::new(fine);
+        let mut samples = DepthBuffer::new([width, height], SAMPLES_PER_PIXEL_EDGE);
         for (corners, &face) in cut.mesh.triangles().iter().zip(&cut.faces) {
             let at = |v: u32| {
                 let [x, y, inverse_depth] = seen[v as usize];
@@ -100,24 +102,34 @@ impl PolyMesh {
             let shade = 0.38 + 0.62 * self.normal(f).dot(&light).max(0.0);
             group_color(self.groups()[f]).map(|c| 255.0 * c * shade)
         });
+        let colors: Vec<[f64; 3]> = colors.collect();
         let mean = self.area().sqrt() * scale / (self.face_count() as f64).sqrt();
         let ink = ((mean - 6.0) / 40.0).clamp(0.0, 0.75);
-        Ok(samples.pixels(&colors.collect::<Vec<_>>(), ink))
+        let pixels = samples.pixels(|n, face| {
+            let color = face.map_or([255.0; 3], |f| colors[f]);
+            let kept = if samples.is_edge(n) { 1.0 - ink } else { 1.0 };
+            color.map(|c| c * kept)
+        });
+        let bytes = pixels.map(|[r, g, b]| [r, g, b, 255.0].map(|c| c.round() as u8));
+        Ok(bytes.flatten().collect())
     }
 }
 
-impl Samples {
-    fn new([columns, rows]: [usize; 2]) -> Self {
+impl DepthBuffer {
+    /// An empty picture of so many pixels, with `edge` samples along each edge of a pixel.
+    pub fn new([width, height]: [usize; 2], edge: usize) -> Self {
+        let [columns, rows] = [width * edge, height * edge];
         Self {
+            edge,
             columns,
             rows,
             face: vec![NO_FACE; columns * rows],
-            inverse_depth: vec![0.0; columns * rows],
+            nearness: vec![0.0; columns * rows],
         }
     }
 
-    /// Draws a triangle of points (column, row, inverse depth); the nearer face wins.
-    fn fill(&mut self, [a, b, c]: [[f64; 3]; 3], face: u32) {
+    /// Draws a triangle of points (column and row of samples, nearness above 0); the nearer face wins.
+    pub fn fill(&mut self, [a, b, c]: [[f64; 3]; 3], face: u32) {
         // Twice the signed area of the triangle p, q, (x, y).
         let turn = |p: [f64; 3], q: [f64; 3], x: f64, y: f64| {
             (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
@@ -142,10 +154,10 @@ impl Samples {
                 if share.iter().any(|&s| s < 0.0) {
                     continue;
                 }
-                let inverse_depth = (share[0] * a[2] + share[1] * b[2] + share[2] * c[2]) as f32;
+                let nearness = (share[0] * a[2] + share[1] * b[2] + share[2] * c[2]) as f32;
                 let n = row * self.columns + column;
-                if inverse_depth > self.inverse_depth[n] {
-                    (self.inverse_depth[n], self.face[n]) = (inverse_depth, face);
+                if nearness > self.nearness[n] {
+                    (self.nearness[n], self.face[n]) = (nearness, face);
                 }
             }
         }
@@ -158,28 +170,24 @@ impl Samples {
         (right % self.columns != 0 && differs(right)) || differs(below)
     }
 
-    /// Pixels as means of their samples, with edges darkened by the share `ink`.
-    fn pixels(&self, colors: &[[f64; 3]], ink: f64) -> Vec<u8> {
-        let (width, height) = (
-            self.columns / SAMPLES_PER_PIXEL_EDGE,
-            self.rows / SAMPLES_PER_PIXEL_EDGE,
-        );
-        let mut pixels = Vec::with_capacity(4 * width * height);
-        for (row, column) in (0..height).flat_map(|r| (0..width).map(move |c| (r, c))) {
+    /// Pixels, rows from the top, as means of the colours of their samples, by number and face.
+    pub fn pixels(
+        &self,
+        color: impl Fn(usize, Option<usize>) -> [f64; 3],
+    ) -> impl Iterator<Item = [f64; 3]> {
+        let [width, height] = [self.columns / self.edge, self.rows / self.edge];
+        let places = (0..height).flat_map(move |r| (0..width).map(move |c| (r, c)));
+        places.map(move |(row, column)| {
             let mut sum = [0.0; 3];
-            for k in 0..SAMPLES_PER_PIXEL_EDGE * SAMPLES_PER_PIXEL_EDGE {
-                let n = (row * SAMPLES_PER_PIXEL_EDGE + k / SAMPLES_PER_PIXEL_EDGE) * self.columns
-                    + column * SAMPLES_PER_PIXEL_EDGE
-                    + k % SAMPLES_PER_PIXEL_EDGE;
-                let color = colors.get(self.face[n] as usize).unwrap_or(&[255.0; 3]);
-                let kept = if self.is_edge(n) { 1.0 - ink } else { 1.0 };
-                (0..3).for_each(|c| sum[c] += color[c] * kept);
+            for k in 0..self.edge * self.edge {
+                let n = (row * self.edge + k / self.edge) * self.columns
+                    + column * self.edge
+                    + k % self.edge;
+                let face = Some(self.face[n]).filter(|&f| f != NO_FACE);
+                let color = color(n, face.map(|f| f as usize));
+                (0..3).for_each(|c| sum[c] += color[c]);
             }
-            pixels.extend(sum.map(|c| {
-                (c / (SAMPLES_PER_PIXEL_EDGE * SAMPLES_PER_PIXEL_EDGE) as f64).round() as u8
-            }));
-            pixels.push(255);
-        }
-        pixels
+            sum.map(|c| c / (self.edge * self.edge) as f64)
+        })
     }
 }

@@ -6,6 +6,7 @@
 use super::canvas::{Canvas, GRID_COLOUR, Shade, TEXT_COLOUR};
 use crate::frame::{Mat3, Vec3};
 use crate::homogenize::{Voigt, directional_modulus};
+use crate::polymesh::DepthBuffer;
 use crate::vdb::{Image, linear_colour};
 use embedded_graphics::pixelcolor::Rgb888;
 
@@ -20,15 +21,6 @@ const SAMPLES_PER_EDGE: usize = 3;
 const STEPS: usize = 160;
 /// Greatest radius of the surface as a share of the edge of the square.
 const RADIUS_SHARE: f64 = 0.42;
-
-/// A sample of the depth buffer.
-#[derive(Clone, Copy)]
-struct Sample {
-    /// Coordinate towards the viewer: the larger is nearer.
-    depth: f64,
-    /// Linear, not gamma-encoded.
-    colour: [f32; 3],
-}
 
 /// The picture of a compliance, with lines of text beside it.
 pub fn modulus_picture(compliance: &Voigt, title: &str, lines: &[String]) -> Image {
@@ -52,40 +44,33 @@ pub fn modulus_picture(compliance: &Voigt, title: &str, lines: &[String]) -> Ima
     let share = |value: f64| ((value - min_modulus) / span) as f32;
 
     let view = view();
-    let size = SQUARE * SAMPLES_PER_EDGE;
-    let background = Sample {
-        depth: f64::NEG_INFINITY,
-        colour: [1.0; 3],
-    };
-    let mut samples = vec![background; size * size];
-    let at = |i: usize, j: usize| {
-        let value = values[i][j];
-        (view * direction(i, j) * (value / max_modulus), share(value))
-    };
+    let at = |i: usize, j: usize| view * direction(i, j) * (values[i][j] / max_modulus);
+    let mut samples = DepthBuffer::new([SQUARE, SQUARE], SAMPLES_PER_EDGE);
+    let mut colours = Vec::new();
     for i in 0..STEPS {
         for j in 0..2 * STEPS {
-            let quad = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            for corners in [[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]] {
-                triangle(&mut samples, size, corners);
+            let quad = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
+            for n in [1, 2] {
+                let corners = [quad[0], quad[n], quad[n + 1]];
+                let points = corners.map(|(i, j)| at(i, j));
+                let mean = corners
+                    .map(|(i, j)| share(values[i][j]))
+                    .iter()
+                    .sum::<f32>()
+                    / 3.0;
+                // Flat triangles at the poles have no normal, and cover no sample.
+                let face = colours.len() as u32;
+                colours.push(linear_colour(mean).map(|c| f64::from(c) * brightness(points)));
+                samples.fill(points.map(on_samples), face);
             }
         }
     }
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
     let (left, top) = (MARGIN, HEIGHT - SQUARE - MARGIN);
-    for y in 0..SQUARE {
-        for x in 0..SQUARE {
-            let mut sum = [0f32; 3];
-            for n in 0..SAMPLES_PER_EDGE * SAMPLES_PER_EDGE {
-                let (u, v) = (
-                    x * SAMPLES_PER_EDGE + n % SAMPLES_PER_EDGE,
-                    y * SAMPLES_PER_EDGE + n / SAMPLES_PER_EDGE,
-                );
-                for (s, c) in sum.iter_mut().zip(samples[v * size + u].colour) {
-                    *s += c / (SAMPLES_PER_EDGE * SAMPLES_PER_EDGE) as f32;
-                }
-            }
-            canvas.pixel(left + x, top + y, Shade(encoded(sum)));
-        }
+    let pixels = samples.pixels(|_, face| face.map_or([1.0; 3], |f| colours[f]));
+    for (n, colour) in pixels.enumerate() {
+        let at = [left + n % SQUARE, top + n / SQUARE];
+        canvas.pixel(at[0], at[1], Shade(encoded(colour.map(|c| c as f32))));
     }
     axes(&mut canvas, [left, top], &view, |n: Vec3| {
         modulus(n) / max_modulus
@@ -110,61 +95,21 @@ fn on_square(p: Vec3, size: usize) -> [f64; 2] {
     [half + p.x * scale, half - p.y * scale]
 }
 
-/// Draws a triangle into the samples of a square picture of `size` samples along each side. Each
-/// corner has its position in view coordinates, z towards the viewer, and its place on the colour
-/// map from 0 to 1.
-fn triangle(samples: &mut [Sample], size: usize, corners: [(Vec3, f32); 3]) {
-    let p = corners.map(|c| on_square(c.0, size));
-    let cross = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
-        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    };
-    // Twice the signed area; a triangle seen from its edge covers nothing.
-    let area = cross(p[0], p[1], p[2]);
-    if area == 0.0 {
-        return;
-    }
-    let normal = (corners[1].0 - corners[0].0).cross(&(corners[2].0 - corners[0].0));
-    let Some(normal) = normal.try_normalize(0.0) else {
-        return;
-    };
-    // Both sides of a triangle are lit as the one towards the viewer.
+/// The place of a point among the samples, and its nearness to the viewer, above 0.
+fn on_samples(p: Vec3) -> [f64; 3] {
+    let [x, y] = on_square(p, SQUARE * SAMPLES_PER_EDGE);
+    [x, y, 2.0 + p.z]
+}
+
+/// The share of the light that a triangle sends to the viewer.
+fn brightness([a, b, c]: [Vec3; 3]) -> f64 {
+    let normal = (b - a)
+        .cross(&(c - a))
+        .try_normalize(0.0)
+        .unwrap_or_default();
     let normal = if normal.z < 0.0 { -normal } else { normal };
     let light = Vec3::new(-0.5, 0.65, 0.6).normalize();
-    let brightness = (0.42 + 0.58 * normal.dot(&light).max(0.0)) as f32;
-    let range = |axis: usize| {
-        let low = p
-            .iter()
-            .fold(f64::MAX, |m, q| m.min(q[axis]))
-            .floor()
-            .max(0.0);
-        let high = p.iter().fold(0.0, |m: f64, q| m.max(q[axis])).ceil();
-        low as usize..(high as usize + 1).min(size)
-    };
-    // All samples in the box of the triangle.
-    for y in range(1) {
-        for x in range(0) {
-            let q = [x as f64 + 0.5, y as f64 + 0.5];
-            // Barycentric coordinates; one below 0 lies outside.
-            let w = [
-                cross(q, p[1], p[2]) / area,
-                cross(p[0], q, p[2]) / area,
-                cross(p[0], p[1], q) / area,
-            ];
-            if w.iter().any(|w| *w < -1e-9) {
-                continue;
-            }
-            let depth: f64 = (0..3).map(|i| w[i] * corners[i].0.z).sum();
-            let sample = &mut samples[y * size + x];
-            // The triangle nearest to the viewer wins.
-            if depth > sample.depth {
-                let share: f32 = (0..3).map(|i| w[i] as f32 * corners[i].1).sum();
-                *sample = Sample {
-                    depth,
-                    colour: linear_colour(share).map(|c| c * brightness),
-                };
-            }
-        }
-    }
+    0.42 + 0.58 * normal.dot(&light).max(0.0)
 }
 
 /// A linear colour as gamma-encoded bytes.
