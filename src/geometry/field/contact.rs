@@ -62,6 +62,7 @@ pub fn leaf_contacts(
     if near == [0; 8] {
         return Vec::new();
     }
+    // A layer beside the leaf is evaluated at most once, and only for samples that need it.
     let mut layers: [Option<[f32; 64]>; 6] = [None; 6];
     let mut found = Vec::new();
     for (x, word) in near.into_iter().enumerate() {
@@ -77,6 +78,7 @@ pub fn leaf_contacts(
                 neighbours[axis] = [values[n - stride], values[n + stride]];
             }
             let is_inner = index.iter().all(|c| (1..7).contains(c));
+            // Opposite signs across an axis: an ordinary surface, no contact.
             let is_surface = neighbours
                 .iter()
                 .any(|[a, b]| a.min(*b) < -MIN_SLOPE * step && a.max(*b) > MIN_SLOPE * step);

@@ -11,6 +11,7 @@ pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
     if total == 0.0 {
         return flat(if height > 0.0 { 1.0 } else { 0.0 });
     }
+    // A slope of 0 along an axis would divide by 0: all slopes are at least a small share of their sum.
     let n = slope.map(|s| s.abs() + MIN_SLOPE * total);
     let half = n.iter().sum::<f64>() / 2.0;
     if height.abs() >= half {
@@ -20,6 +21,7 @@ pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
     let side = if height > 0.0 { -1.0 } else { 1.0 };
     let from_corner = side * height + half;
     let volume = 6.0 * n[0] * n[1] * n[2];
+    // Inclusion and exclusion over the corners c: share = sum of (-1)^|c| max(0, from_corner - n.c)^3 / (6 n_x n_y n_z).
     let (mut share, mut by_height, mut by_n) = (0.0, 0.0, [0.0; 3]);
     for corner in 0..8 {
         let at = [corner & 1, corner >> 1 & 1, corner >> 2].map(f64::from);
@@ -39,9 +41,11 @@ pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
             by_n[a] += slope * (0.5 - at[a]);
         }
     }
+    // The denominator depends on n as well.
     for a in 0..3 {
         by_n[a] -= share / n[a];
     }
+    // Each n contains a share of all slopes.
     let common: f64 = MIN_SLOPE * by_n.iter().sum::<f64>();
     let by_slope = std::array::from_fn(|a| {
         side * (by_n[a] + common) * if slope[a] < 0.0 { -1.0 } else { 1.0 }

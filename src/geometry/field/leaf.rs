@@ -72,6 +72,7 @@ impl SimdKernel for ClassifyValues<'_> {
     // The compiler does not propagate target features into closures, so this function has none.
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> LeafBits {
+        // A row is eight samples along z: its bits are one byte of the slab's word.
         let (zero, background) = (l.splat(0.0), l.splat(self.background));
         let minus = l.splat(-self.background);
         let infinity = l.splat(f32::INFINITY);

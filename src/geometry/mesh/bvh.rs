@@ -187,6 +187,7 @@ impl Bvh {
             return;
         }
         let q = to_f32(self.local.point(p));
+        // The distance as the boxes' single precision has it, rounded up.
         let limit = |best: f64| {
             let d = self.local.length(best) as f32;
             d * d * (1.0 + DISTANCE_SLACK)
@@ -251,6 +252,7 @@ impl Bvh {
         while top > 0 {
             top -= 1;
             let node = &self.nodes[stack[top] as usize];
+            // A box meets the ray if it contains q across the axis and reaches ahead of it along the axis.
             let mut hit = [false; 4];
             for l in 0..4 {
                 let overlaps = node.lo[u][l] <= q[u]

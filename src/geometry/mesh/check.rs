@@ -164,6 +164,7 @@ impl MeshReport {
             }
             f.push('\n');
         }
+        // Shells are measured only where the mesh was searched for intersections.
         for (name, count) in self.shells.iter().flat_map(ShellReport::counts) {
             if count > 0 {
                 let _ = writeln!(f, "{count} {name}");
@@ -235,6 +236,7 @@ pub fn check_with(
         self_intersections: None,
         shells: None,
     };
+    // Edges, vertices, triangles, then intersections.
     classify_edges(&edges, &merged, &mut report);
     find_pinched_vertices(&merged, &edges, &mut report.pinched_vertices);
     for (t, corners) in merged.iter_corners().enumerate() {
@@ -308,6 +310,7 @@ fn find_pinched_vertices(mesh: &TriMesh, edges: &HalfEdges, finding: &mut Findin
             .unwrap_or(0);
         3 * t as usize + place
     };
+    // Corners of triangles that share an edge at the vertex are one fan.
     let mut fans = UnionFind::new(3 * triangles.len());
     for edge in edges.edges() {
         let first = edge[0];

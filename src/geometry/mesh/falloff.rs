@@ -46,9 +46,11 @@ impl Falloff {
             return 0.0;
         }
         let q = [q.x as f32, q.y as f32, q.z as f32];
+        // Lengths in the tree's frame; `unit` turns the power of a distance back to world units.
         let local_radius = local.length(radius);
         let unit = local.length(1.0).powi(power);
         let mut sum = 0.0;
+        // A group counts with its whole weight at its nearest distance, once that is large enough for its width.
         let mut pending = vec![0];
         while let Some(n) = pending.pop() {
             let squared = nodes[n].distances(q);

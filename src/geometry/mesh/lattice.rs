@@ -146,6 +146,7 @@ impl SimdKernel for LatticeDistances<'_> {
         let mut slots: Vec<u32> = Vec::with_capacity(MAX_ROW_TRIANGLES[0]);
         let mut hint = PACK_SIZE as u32 * self.packs[0];
         let mut pending = vec![(self.lattice.counts.map(|c| [0, c]), 0)];
+        // Ranges are halved until few triangles remain for a block; blocks where many do are measured point by point.
         while let Some((range, level)) = pending.pop() {
             let mut level = level;
             if level < FILTER_SAMPLES.len() && sample_count(&range) <= FILTER_SAMPLES[level] {

@@ -31,6 +31,7 @@ impl TriMesh {
     /// As [`TriMesh::vertex_normals`], weighted by area: for meshes whose triangles differ much in size, where
     /// the normals of the smallest are unreliable.
     pub fn vertex_normals_by_area(&self) -> Vec<Vec3> {
+        // The least and greatest vertex of a block of triangles, by which parts skip blocks.
         let span = |triangles: &[[u32; 3]]| {
             let all = triangles.as_flattened().iter();
             let ends = (u32::MAX, 0);

@@ -47,6 +47,7 @@ impl OpenWinding {
         if boundary.is_empty() {
             return None;
         }
+        // Patches would outnumber the triangles of a surface that is torn everywhere.
         let sides: f64 = boundary.iter().map(|s| f64::from(s.multiplicity)).sum();
         if sides > MAX_PATCHES_PER_TRIANGLE * all.corners.len() as f64 {
             return Some(Self::Direct(Winding::new(all)));
@@ -54,6 +55,7 @@ impl OpenWinding {
         let repeated = boundary
             .iter()
             .flat_map(|s| std::iter::repeat_n(*s, s.multiplicity as usize));
+        // Each loop of boundary edges is closed by triangles on its chords.
         let mut patches = Vec::new();
         for edges in boundary_loops(repeated.collect()) {
             // Chords of the loop, as ranges of its edges.

@@ -145,6 +145,7 @@ impl Samples {
     /// Samples just behind and in front of the triangles, spread evenly over the area.
     fn beside_triangles(solid: &MeshSolid) -> Self {
         let mesh = solid.mesh();
+        // Twice the areas of the triangles before each one, for sampling by area.
         let mut area_before = Vec::with_capacity(mesh.triangles().len());
         let mut area = 0.0;
         for [a, b, c] in mesh.iter_corners() {

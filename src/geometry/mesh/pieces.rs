@@ -141,6 +141,7 @@ impl PieceTree {
         if met < MIN_BOXES_MET * half_area(&bounds) {
             return None;
         }
+        // Pieces of about equal length, as many as MEAN_PIECES for each cut triangle on average.
         let count = (MEAN_PIECES * cut.len() as f64).min(MAX_PIECES);
         let piece_length = cut.iter().map(|t| t.side.length).sum::<f64>() / count;
         let pieces = |t: &LongTriangle| {
@@ -153,6 +154,7 @@ impl PieceTree {
         for t in &cut {
             is_cut[t.number as usize] = true;
         }
+        // The other triangles keep one box.
         let whole = (0u32..).zip(corners).filter(|t| !is_cut[t.0 as usize]);
         all.extend(whole.map(|(number, t)| (Aabb::of(*t), number)));
         let bvh = Bvh::new(all.len(), |i| all[i].0);

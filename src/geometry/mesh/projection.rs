@@ -454,6 +454,7 @@ impl ZeroSet<'_> {
 
     /// Up to three tangent planes of the field around `x` with different normals, nearest first.
     fn tangent_planes(&self, x: Vec3, radius: f64, reach: f64) -> Vec<Tangent> {
+        // The field at the faces and corners of a cube around x: each value gives a tangent plane.
         let mut all = Vec::with_capacity(14);
         for n in (0..27).filter(|&n| n != 13) {
             let direction = Vec3::new(
@@ -478,6 +479,7 @@ impl ZeroSet<'_> {
             }
         }
         all.sort_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()));
+        // The nearest planes, each of a new direction.
         let mut planes: Vec<Tangent> = Vec::with_capacity(3);
         for t in all {
             if planes.len() < 3

@@ -84,6 +84,8 @@ struct Oriented {
 }
 
 impl Oriented {
+    /// Orients a mesh: triangles given twice are removed, then triangles are flipped to agree with their neighbours,
+    /// then shells that point inward. Boundaries, shells and their nesting are those of the result.
     fn of(mut mesh: TriMesh) -> Self {
         let mut merged = mesh.merged();
         let mut count = merged.vertices().len();
@@ -100,6 +102,7 @@ impl Oriented {
                 sides = HalfEdges::of(merged.triangles(), count);
             }
         }
+        // Neighbours first: a shell needs one orientation before its sign means anything.
         let mut flipped_faces = 0;
         if let Some(is_flipped) = inconsistent_triangles(&merged, &sides) {
             flipped_faces = is_flipped.iter().filter(|t| **t).count();
@@ -296,6 +299,7 @@ impl MeshSolid {
         Self::repaired_by(mesh, caps, true)
     }
 
+    /// Repairs a mesh, as [`MeshSolid::repaired_with_caps`]; with `is_thorough` a shell may bury parts of itself.
     fn repaired_by(
         mesh: TriMesh,
         caps: impl Fn(&TriMesh) -> Vec<bool>,
@@ -326,6 +330,7 @@ impl MeshSolid {
             );
             add(RepairKind::Flipped, message);
         }
+        // What shells bury in each other is no surface.
         let open = oriented.open();
         let united = oriented.united(open.as_ref(), is_thorough);
         if let Some(united) = &united {
@@ -350,6 +355,7 @@ impl MeshSolid {
             united,
         };
         let solid = Self::of_parts(parts, &is_cap);
+        // If most of it is inside out after all, everything is repeated with the flipped mesh.
         let openness = Openness::of(&solid, &merged, &sides);
         if openness.inside_out {
             let flipped = solid.mesh().flipped();

@@ -93,6 +93,7 @@ impl SimdKernel for Distances<'_> {
             if let Some((q, distance)) = previous {
                 reach = length(difference(p, q)) + distance;
             }
+            // The plane's distance and the bounding ball reject most facets for all eight points.
             for facet in self.facets {
                 let plane_distance = height(facet, p).abs() - slack;
                 let limit = reach * margin;
@@ -184,6 +185,8 @@ fn squared_distance<L: Lanes>(
         splat_vector(zero, corners[1]),
         splat_vector(zero, corners[2]),
     ];
+    // As in [`closest_point`] (Ericson, section 5.1.5): products of sides and displacements; va, vb, vc are the
+    // barycentrics times the area.
     let (ab, ac) = (difference(b, a), difference(c, a));
     let (ap, bp, cp) = (difference(p, a), difference(p, b), difference(p, c));
     let (d1, d2) = (dot(ab, ap), dot(ac, ap));
@@ -195,6 +198,7 @@ fn squared_distance<L: Lanes>(
     let va = d3 * d6 - d5 * d4;
     let total = va + vb + vc;
     let (from_b, from_c) = (d4 - d3, d5 - d6);
+    // The closest points in each of the seven regions: face, sides, corners.
     let in_face = ClosestPoint {
         corner: a,
         side: ab,
@@ -228,6 +232,7 @@ fn squared_distance<L: Lanes>(
     };
     let at_b = ClosestPoint { corner: b, ..at_a };
     let at_c = ClosestPoint { corner: c, ..at_a };
+    // Later selections overrule earlier ones, so that corners come last.
     let closest = on_bc.select_unless_positive(va.max(zero - from_b).max(zero - from_c), in_face);
     let closest = on_ac.select_unless_positive(vb.max(zero - d2).max(d6), closest);
     let closest = on_ab.select_unless_positive(vc.max(zero - d1).max(d3), closest);

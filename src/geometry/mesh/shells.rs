@@ -49,6 +49,7 @@ fn is_degenerate(t: [u32; 3]) -> bool {
 }
 
 impl Shells {
+    /// Groups triangles into shells: those connected through edges, where an edge of more than two is shared by pairs.
     pub(crate) fn of(mesh: &TriMesh, sides: &HalfEdges) -> Self {
         let triangles = mesh.triangles();
         let mut sets = UnionFind::new(triangles.len());
@@ -101,6 +102,7 @@ impl Shells {
             shell.corner = a;
             shell.triangles += 1;
         }
+        // A shell is closed if at each edge as many of its half edges run forward as backward.
         let mut net: Vec<(u32, i32)> = Vec::new();
         for edge in sides.edges() {
             net.clear();
@@ -155,6 +157,7 @@ pub(crate) fn inconsistent_triangles(mesh: &TriMesh, sides: &HalfEdges) -> Optio
     // Whether the orientation of each triangle differs from that of the first of its component.
     let mut parity: Vec<Option<bool>> = vec![None; triangles.len()];
     let mut is_flipped = vec![false; triangles.len()];
+    // Each component is visited from its first triangle. One with an open edge, or that is not orientable, stays.
     for first in 0..triangles.len() {
         if parity[first].is_some() {
             continue;
@@ -175,6 +178,7 @@ pub(crate) fn inconsistent_triangles(mesh: &TriMesh, sides: &HalfEdges) -> Optio
                 is_orientable &= parity[n] == Some(expected);
             }
         }
+        // The fewer triangles are flipped.
         if is_orientable {
             let unlike_count = component
                 .iter()
@@ -303,6 +307,7 @@ fn cavity_probes(
             triangles.entry(shell).or_default().push(slot);
         }
     }
+    // Evenly spread over the slots of a shell, about CAVITY_PROBES of them.
     let probes = triangles.into_iter().map(|(shell, slots)| {
         let step = slots.len().div_ceil(CAVITY_PROBES).max(1);
         // Inward normals lead into the cavity.

@@ -317,6 +317,7 @@ impl MeshSolid {
                 pending.extend(start[2].clone().map(|z| ([x, y, z], 4)));
             }
         }
+        // A block that fails is divided once; parts that fail keep label 0.
         while let Some((from, size)) = pending.pop() {
             let to = [0, 1, 2].map(|a| (from[a] + size).min(lattice.counts[a]));
             let number = |[x, y, z]: [usize; 3]| (x * ny + y) * nz + z;
@@ -405,6 +406,7 @@ impl Field for MeshSolid {
         })
     }
 
+    /// Bounds a leaf by its parts, each with the layer around it; stops at the first that may be within `max_distance`.
     fn leaf_bound(&self, parts: &LeafParts<Aabb>, max_distance: f64) -> Interval {
         let outside_band = |inside| {
             if inside {
@@ -413,6 +415,7 @@ impl Field for MeshSolid {
                 Interval::new(max_distance, f64::INFINITY)
             }
         };
+        // No surface within reach of a part: only its sign is unknown.
         let mut hull: Option<Interval> = None;
         for region in &parts.wide {
             let (centre, radius) = (region.centre().0, region.half_diagonal());

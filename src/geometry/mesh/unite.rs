@@ -62,6 +62,7 @@ pub(crate) fn unite(
     open: Option<(&OpenWinding, &BoundaryEdges)>,
     is_thorough: bool,
 ) -> Option<United> {
+    // Shells apart bury nothing.
     if !is_thorough && !nesting.meets.contains(&true) {
         return None;
     }
@@ -85,6 +86,7 @@ pub(crate) fn unite(
         tolerance,
         touches,
     };
+    // Each triangle by itself, then the uncut ones by region.
     let classes: Vec<Classification> = (0..mesh.triangles().len())
         .into_par_iter()
         .with_min_len(64)
@@ -103,6 +105,7 @@ pub(crate) fn unite(
         shells: 0,
     };
     let mut is_involved = vec![false; shells.count];
+    // A cut triangle gives its parts to the surface; as a whole it counts as buried.
     for ((t, class), is_surface) in (0u32..).zip(&classes).zip(is_surface) {
         let corners = mesh.corners(t as usize);
         match class {
@@ -188,6 +191,7 @@ impl Classifier<'_> {
         self.is_thorough || self.nesting.meets[shell as usize]
     }
 
+    /// Classifies triangle `t`: it is cut along the segments in which others intersect it, and each part is tested.
     fn classify(&self, t: usize) -> Classification {
         let shell = self.shells.of[t];
         let corners = self.mesh.corners(t);
@@ -214,11 +218,13 @@ impl Classifier<'_> {
             }
             true
         });
+        // In the plane of the triangle.
         let triangle: Vec<[f64; 2]> = corners.iter().map(|&c| plane.project(c)).collect();
         segments.retain_mut(|s| clip_segment(&triangle, s, self.tolerance));
         if segments.is_empty() {
             return Classification::Uncut;
         }
+        // Each convex part is inside or outside on both of its sides as a whole: its centre decides.
         let parts = split_polygon(triangle, segments, self.tolerance);
         let classified: Vec<(Vec<[f64; 2]>, bool)> = parts
             .into_iter()
@@ -315,6 +321,7 @@ impl Classifier<'_> {
             };
             return (0..classes.len()).into_par_iter().map(is_surface).collect();
         }
+        // Regions: uncut triangles connected through edges of two. Nothing crosses them, so all are alike.
         let mut sets = UnionFind::new(classes.len());
         for edge in sides.edges() {
             if let [s, t] = edge
@@ -479,6 +486,7 @@ fn split_polygon(
             convex_parts.push(polygon);
             continue;
         };
+        // Both sides of the line go on with the segments that reach into them.
         for sign in [1.0, -1.0] {
             let part = clip_half_plane(&polygon, &heights, sign);
             let inside: Vec<[[f64; 2]; 2]> = segments

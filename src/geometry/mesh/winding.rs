@@ -267,6 +267,7 @@ fn leaf(triangles: impl Iterator<Item = [Vec3; 3]> + Clone) -> Moment {
             (part, centre)
         })
         .collect();
+    // The area-weighted centre first: moments are about it.
     for (part, centre) in &parts {
         m.area += part.area;
         m.first += centre * part.area;
@@ -305,6 +306,7 @@ fn group(lanes: &[Moment; 4]) -> Moment {
     m
 }
 
+/// Single-precision expansions of four groups.
 fn pack(lanes: &[Moment; 4]) -> Expansions {
     let mut e = Expansions {
         centre: [[0.0; 4]; 3],

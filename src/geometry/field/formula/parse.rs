@@ -300,6 +300,7 @@ impl Parser<'_> {
         if let Some((_, value)) = constants.find(|c| c.0 == word) {
             return self.push(Step::Number(*value));
         }
+        // The message lists what the name may be.
         self.at = start;
         let constants = CONSTANTS.iter().chain(self.constants).map(|c| c.0);
         let constants = constants.collect::<Vec<_>>().join(", ");
@@ -324,6 +325,7 @@ impl Parser<'_> {
                 break;
             }
         }
+        // The number of arguments is checked after all are read, so that the message can give both numbers.
         self.close()?;
         let expected = match function {
             Function::Unary(_) => "1 argument",

@@ -152,6 +152,7 @@ fn split_in_four(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
 /// Partitions a range in two by the least surface-area cost over bins; returns the first part's length.
 fn split(primitives: &mut [Primitive], depth: usize) -> usize {
     let n = primitives.len();
+    // Bins divide the range of the centres, not of the boxes: no bin at an end is empty.
     let mut centres = Extent::EMPTY_BOX;
     for p in primitives.iter() {
         let c = [0, 1, 2].map(|a| p.double_centre(a));
@@ -166,12 +167,14 @@ fn split(primitives: &mut [Primitive], depth: usize) -> usize {
     let mut best = (f32::INFINITY, 0, 0);
     if depth < MAX_COST_SPLIT_DEPTH && n > MAX_MEDIAN_SPLIT_PRIMITIVES {
         for axis in (0..3).filter(|&a| width[a] > 0.0) {
+            // Boxes and counts by bin.
             let mut bins = [(Extent::EMPTY_BOX, 0usize); BIN_COUNT];
             for p in primitives.iter() {
                 let b = &mut bins[bin(p, axis)];
                 b.0.grow(p.lo, p.hi);
                 b.1 += 1;
             }
+            // The costs of all bins from i on, then from the left: area times number on both sides of each boundary.
             let mut after = [0f32; BIN_COUNT];
             let mut e = (Extent::EMPTY_BOX, 0);
             for i in (1..BIN_COUNT).rev() {
