@@ -238,6 +238,7 @@ impl Scaffold {
     /// [`Scaffold::validate`] reports them.
     pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
         check(&nodes, &elements, Dimension::Solid)?;
+        // The map of each element, its bounds and its stretch.
         let geometry: Vec<Geometry> = (0..elements.len())
             .into_par_iter()
             .map(|e| {
@@ -383,7 +384,7 @@ enum Dimension {
     Solid,
 }
 
-/// Checks that nodes are finite and elements refer to them, and that all elements have a dimension.
+/// Checks that nodes are finite and elements refer to them, and that all elements have `dimension`.
 fn check(
     nodes: &[Vec3],
     elements: &Connectivity,

@@ -32,6 +32,7 @@ impl Basis {
         basis
     }
 
+    /// Sets the 10 basis functions of a quadratic tet at parameters r, and their slopes by r.
     fn quadratic_simplex(&mut self, r: Vec3) {
         // Barycentric pairs in lattice order: the basis is l_a^2 or 2 l_a l_b.
         const PAIRS: [[usize; 2]; 10] = [
@@ -50,6 +51,7 @@ impl Basis {
         for (i, [a, b]) in PAIRS.into_iter().enumerate() {
             let m = if a == b { 1.0 } else { 2.0 };
             self.values[i] = m * l[a] * l[b];
+            // The product rule; a barycentric changes by 1 along its own parameter, the first by -1 along each.
             for axis in 0..3 {
                 let slope = |v: usize| match v {
                     0 => -1.0,
@@ -78,10 +80,12 @@ impl Basis {
         }
     }
 
+    /// Sets the basis functions of a prism of degree n at parameters r: those of the triangle times those of a line.
     fn prism(&mut self, n: usize, r: Vec3) {
         // Barycentric pairs of the triangle in lattice order.
         const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [1, 1], [0, 2], [1, 2], [2, 2]];
         let l = [1.0 - r.x - r.y, r.x, r.y];
+        // The slopes of the triangle's barycentrics by r_x and r_y.
         let slopes = [[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]];
         let mut triangle = [(0.0, [0.0; 2]); 6];
         if n == 1 {
@@ -97,6 +101,7 @@ impl Basis {
         }
         let count = (n + 1) * (n + 2) / 2;
         let (z, dz) = line(n, r.z);
+        // Layer by layer along the prism's axis.
         for k in 0..=n {
             for (i, (value, slope)) in triangle[..count].iter().enumerate() {
                 let at = k * count + i;

@@ -334,7 +334,8 @@ impl Part {
         }
     }
 
-    /// Both halves, in the order of [`Net::split`].
+    /// Both halves of a part cut across `way`, an axis of the cube or an edge of the simplex, in the order of
+    /// [`Net::split`].
     pub fn split(&self, way: usize) -> [Self; 2] {
         let mut halves = [*self; 2];
         match self {

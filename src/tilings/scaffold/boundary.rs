@@ -83,6 +83,7 @@ struct Surface {
 }
 
 impl Surface {
+    /// The face with its corners counter-clockwise seen from outside, and its second derivatives.
     fn new(scaffold: &Scaffold, face: FaceRef) -> Self {
         let e = scaffold.element(face.element as usize);
         let kind = e.kind();
@@ -90,6 +91,7 @@ impl Surface {
         let reference = kind.reference_nodes();
         let mut corners = local.corners.to_vec();
         let mut mids = local.mids.to_vec();
+        // A mirrored element shows its faces the other way round.
         if e.volume() < 0.0 {
             corners.reverse();
             // The side from corner i to i + 1 keeps its mid node.
@@ -176,13 +178,15 @@ fn triangle_bend(c: &[Vec3], m: &[Vec3]) -> [Vec3; 3] {
     ]
 }
 
-/// Bounds of the lengths of the second derivatives ss, tt, st over a quad, each in x.
+/// Bounds of the lengths of the second derivatives ss, tt, st over a quad, each in x. `c` are its corners, `m` its mid
+/// nodes if it is quadratic; without `centre` its middle follows from them.
 fn quad_bend(c: &[Vec3], m: &[Vec3], centre: Option<Vec3>) -> [Vec3; 3] {
     let length = |l: f64| Vec3::new(l, 0.0, 0.0);
     if m.is_empty() {
         let twist = (c[0] - c[1] + c[2] - c[3]).norm();
         return [length(0.0), length(0.0), length(twist)];
     }
+    // A quadratic's Bernstein coefficients by row and column; second derivatives are means of their second differences.
     let centre =
         centre.unwrap_or_else(|| m.iter().sum::<Vec3>() / 2.0 - c.iter().sum::<Vec3>() / 4.0);
     let bernstein = |[a, b, c]: [Vec3; 3]| [a, b * 2.0 - (a + c) / 2.0, c];
@@ -235,10 +239,12 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
+    /// Adds the triangles of an outer face, fine enough for its curvature.
     fn add(&mut self, s: &Surface) {
         let n = s.count();
         let corners: Vec<u32> = (0..n).map(|i| self.corner(s, i)).collect();
         let side = |i: usize| Some(i as u8);
+        // A triangle is bisected as it is.
         if n == 3 {
             self.refine(
                 s,
@@ -260,6 +266,7 @@ impl Builder<'_> {
             self.emit(s, [c(0), c(2), c(3)]);
             return;
         }
+        // A curved quad begins as four triangles around its middle.
         let middle = self.inner(s, [0.5, 0.5]);
         for i in 0..4 {
             let j = (i + 1) % 4;
@@ -281,6 +288,7 @@ impl Builder<'_> {
 
     /// Bisects the worst edge until all are within the tolerance.
     fn refine(&mut self, s: &Surface, whole: Piece) {
+        // An edge on a side has the side's error from both faces, so that both cut it alike.
         let mut open = vec![whole];
         while let Some(p) = open.pop() {
             let errors = [0, 1, 2].map(|i| self.edge_error(s, &p, i));

@@ -123,8 +123,8 @@ pub(super) fn confine(shape: Element, found: CellBox<3>) -> Option<CellBox<3>> {
     Some(b)
 }
 
-/// Adds the preimage of `world` within one part to `found`. `net` and `part` describe the part,
-/// `None` the whole cell; `domain` is its box.
+/// Adds the preimage of `world` within one part to `found`. `net` and `part` describe the part, `None` the whole cell;
+/// `domain` is a box around it, `bend_bounds` bound the second derivatives there, `room` is memory for further splits.
 fn of_part(
     c: &Curved,
     part: Option<(&Net<Vec3>, Part)>,
@@ -139,6 +139,7 @@ fn of_part(
     };
     // The box found so far covers this part.
     let covered = (0..3).all(|a| found.min[a] <= inner.min[a] && inner.max[a] <= found.max[a]);
+    // Settled, covered, or no more room for splits: the box found is taken as it is.
     let (true, Some((halves, room))) = (!(settled || covered), room.split_first_mut()) else {
         found.min = found.min.inf(&inner.min);
         found.max = found.max.sup(&inner.max);
@@ -151,6 +152,7 @@ fn of_part(
         whole = Part::whole(c.net.family);
         (&c.net, whole)
     };
+    // Otherwise both halves of the part are contracted on their own, where their control points meet the box.
     let way = part.longest_way();
     net.split_into(way, halves);
     for (net, part) in halves.iter().zip(part.split(way)) {
@@ -203,6 +205,8 @@ fn contract(
     let half = world.size() / 2.0;
     let target = world.centre().0;
     let mut inner = *domain;
+    // An interval Newton step: F(xi) = F(m) + J (xi - m) + rest within the box m +- radius, so that F(xi) in the world
+    // box implies xi in m + J^-1 (target - F(m)) +- |J^-1| (half + |rest|).
     for _ in 0..6 {
         let middle = (inner.min + inner.max) / 2.0;
         let radius = (inner.max - inner.min) / 2.0;

@@ -66,6 +66,7 @@ impl Scaffold {
             let pairs = pairs.into_iter();
             pairs.map(|p| p.map(|e| self.number(e as usize))).collect()
         };
+        // Nodes of no element.
         let mut used = vec![false; self.nodes().len()];
         for e in self.elements() {
             for &n in e.nodes() {
@@ -88,7 +89,8 @@ impl Scaffold {
             unused_nodes: used.iter().filter(|u| !**u).count(),
             ..Defects::default()
         };
-        // The tolerance in the cell frame, at the greatest stretch of all elements.
+        // Only outer corner nodes are tested: others have their own elements all around them. The margin is the
+        // tolerance in the cell frame at the greatest stretch of all elements.
         let margin = NODE_TOLERANCE * self.stretch().1;
         let outer: Vec<u32> = self.outer_corner_nodes();
         let misplaced: Vec<Option<(MisplacedNode, Misplacement)>> = outer

@@ -185,11 +185,13 @@ struct PartNodes {
 }
 
 impl PartNodes {
+    /// The nodes of a part of an element of kind `whole`, in whole numbers, so that equal nodes get equal names.
     fn new(whole: Kind, part: &Part, pattern: Pattern) -> Self {
         // The part's own lattice, of denominator 2^3 at most after three interpolations.
         let degree = part.kind.degree() as i64;
         let fine = degree.pow(3);
         let denominator = pattern.denominator() * fine;
+        // Each node is a mean of the part's corners with the part's own shape functions.
         let nodes = part
             .kind
             .lattice()
@@ -347,6 +349,7 @@ fn corner_hexes(kind: Kind) -> Vec<Part> {
         if along(ends[0]).cross(&along(ends[1])).dot(&along(ends[2])) < 0.0 {
             ends.swap(0, 1);
         }
+        // The hex has the corner, three middles of edges and of faces around it, and the element's centre.
         let edge = |i: usize| mean(&[v, ends[i]]);
         let face = |i: usize, j: usize| {
             let has = |f: &&&[u8]| [v, ends[i], ends[j]].iter().all(|n| f.contains(n));

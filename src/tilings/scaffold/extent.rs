@@ -51,6 +51,7 @@ pub(super) fn curved_box<'a>(
     straight: Aabb,
 ) -> Aabb {
     let corners = |net: &'a Net<Vec3>| net.corners().into_iter().map(|c| c.0);
+    // The corners alone; then each side is moved out to the curved elements that reach beyond.
     let mut sharp = straight.union(Aabb::of(nets.clone().flat_map(corners)));
     let tolerance = RELATIVE_TOLERANCE * sharp.size().max();
     for axis in 0..3 {
@@ -88,6 +89,7 @@ pub(super) fn planar_controls(kind: Kind, nodes: &[Vec3]) -> Net<Vec3> {
 /// The maximum of polynomials and of `known`, at most `tolerance` too high.
 fn greatest(nets: impl Iterator<Item = Net<f64>>, known: f64, tolerance: f64) -> f64 {
     let mut reached = known;
+    // Quadratic simplices are solved in closed form; all others are open parts.
     let mut open = BinaryHeap::new();
     for net in nets {
         if net.family == Family::Simplex && net.degree == 2 {

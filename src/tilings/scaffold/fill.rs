@@ -132,6 +132,8 @@ struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
+    /// Builds the tets of the nodes that lie inside, and adds nodes until their outer faces follow the surface. `least`
+    /// is that of [`Self::least`].
     fn of(solid: &'a MeshSolid, creases: &Creases, nodes: Nodes, least: f64) -> Self {
         let mut mesh = Delaunay::new(&solid.bounds());
         // The node of each point of the mesh: equal places are one point.
@@ -165,6 +167,7 @@ impl<'a> Body<'a> {
                 .filter(|t| t.1)
                 .map(|t| t.0)
                 .collect();
+            // The edges of outer faces: a crease must be a chain of them.
             let faces = outer_faces(&body.tets);
             body.outer_edges = faces
                 .iter()
@@ -208,6 +211,7 @@ impl<'a> Body<'a> {
 
     /// Adds nodes where the body leaves the surface; returns their numbers.
     fn added(&mut self, creases: &Creases, faces: &[([u32; 3], u32)]) -> Vec<u32> {
+        // Creases that are no edges of the body are halved first.
         let mut new = Vec::new();
         for part in 0..self.nodes.parts.len() {
             let Part {
@@ -251,6 +255,7 @@ impl<'a> Body<'a> {
                 [centre, edge(0, 1), edge(1, 2), edge(2, 0)]
             })
             .collect();
+        // A node keeps others away: neighbouring faces find nearly the same place.
         let largest = places.iter().flatten().flatten().map(|p| p.1);
         let mut bins = Bins::new(largest.fold(0.0, f64::max));
         for (place, spacing) in places.into_iter().flatten().flatten() {

@@ -368,6 +368,7 @@ impl Kind {
         for (node, p) in nodes.iter().zip(row.lattice) {
             values[place(p)] = *node;
         }
+        // Hex20: the centres of the faces and of the cell are filled in.
         if self == Self::Hex20 {
             for (f, p) in row.faces.iter().zip(&HEX27_LATTICE[20..26]) {
                 let corners = f.corners.iter().map(|&n| (n, -0.25));
@@ -385,6 +386,7 @@ impl Kind {
                 terms.iter().fold(zero, |s, (v, w)| add(s, v, *w))
             });
         }
+        // The middle of the quad.
         if self == Self::Quad8 {
             let middle = nodes
                 .iter()
@@ -392,6 +394,7 @@ impl Kind {
                 .fold(zero, |s, (n, v)| add(s, v, if n < 4 { -0.25 } else { 0.5 }));
             values[place(&[1, 1, 0])] = middle;
         }
+        // The centres of the three quads.
         if self == Self::Wedge15 {
             for (f, p) in row.faces[2..].iter().zip(&WEDGE18_LATTICE[15..]) {
                 let corners = f.corners.iter().map(|&n| (n, -0.25));

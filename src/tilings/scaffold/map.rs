@@ -62,6 +62,7 @@ pub(super) struct Curved {
 pub(super) const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
 
 impl Geometry {
+    /// The map of an element of this kind with these nodes, world units.
     pub fn new(kind: Kind, nodes: &[Vec3]) -> Self {
         let net = kind.controls(nodes);
         let bounds = Aabb::of(net.coefficients.iter().copied());
@@ -282,6 +283,7 @@ pub(super) fn newton(
         if length > 1.0 {
             step /= length;
         }
+        // A step that does not reduce the residual, or leaves the range of the inverse, is halved.
         let mut share = 1.0;
         loop {
             let next = CellPoint(xi.0 + step * share);

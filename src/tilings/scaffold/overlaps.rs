@@ -69,6 +69,7 @@ impl Scaffold {
             let along = self.runs_along(f, g);
             along.is_some_and(|along| a * b == if along { 1 } else { -1 })
         };
+        // Neighbours over a face are compared, and all pairs at faces of more than two.
         let mut pairs: Vec<[u32; 2]> = (0..self.len())
             .into_par_iter()
             .flat_map_iter(|e| self.faces_of(e))

@@ -223,6 +223,7 @@ impl Twisted {
             return Some(inner);
         }
         let half = world.size() / 2.0;
+        // xi = A^-1 (x - b - c q): the box shrinks as the range of q does.
         for _ in 0..NARROWING_STEPS {
             let radius = (inner.max - inner.min) / 2.0;
             let middle = (inner.max + inner.min) / 2.0;

@@ -145,6 +145,7 @@ impl Scaffold {
             nodes: Vec::new(),
             elements: Connectivity::default(),
         };
+        // The core of each floor, then blocks on its four sides.
         for z in 0..floors {
             for y in 0..n {
                 for x in 0..n {

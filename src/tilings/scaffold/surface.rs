@@ -224,6 +224,7 @@ impl Surface {
                 )
             })
             .collect();
+        // Each node gets the element's normal there, weighted by the angle that the element has at the node.
         for e in 0..self.len() {
             let kind = self.elements.kind(e);
             let nodes = self.elements.nodes(e);

@@ -53,6 +53,7 @@ pub(super) fn face_key(elements: &Connectivity, f: FaceRef) -> [u32; 4] {
 }
 
 impl Topology {
+    /// Compares the faces of all elements by their corner nodes.
     pub fn new(elements: &Connectivity) -> Self {
         let mut starts = Vec::with_capacity(elements.len());
         let mut faces = Vec::new();
@@ -96,6 +97,7 @@ impl Topology {
                 }
             }
         }
+        // Components are numbered by their first element.
         topology.non_manifold.sort_unstable();
         let (component_of, count) = sets.labels(0..elements.len());
         topology.components = vec![Vec::new(); count];

@@ -32,6 +32,7 @@ impl Scaffold {
         let mut orders: Vec<(Kind, *const Mat3, Option<Vec<u8>>)> = Vec::new();
         let mut elements = Connectivity::default();
         let mut nodes = Vec::new();
+        // Each element's nodes in the order of its turned cell.
         for e in 0..self.len() {
             let (kind, own) = (self.elements.kind(e), self.elements.nodes(e));
             let Some(turn) = turn(e) else {

@@ -70,12 +70,14 @@ impl Creases {
     /// The creases of a solid's surface.
     pub(super) fn of(solid: &MeshSolid) -> Self {
         let (edges, places) = crease_edges(solid);
+        // The crease edges at each vertex.
         let mut ways: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for &[a, b] in &edges {
             ways.entry(a).or_default().push(b);
             ways.entry(b).or_default().push(a);
         }
         let at = |n: u32| places[n as usize];
+        // A corner has another number of edges than two, or a sharp turn.
         let is_corner = |n: u32| {
             let [a, b] = ways[&n][..] else { return true };
             let (u, v) = (at(n) - at(a), at(b) - at(n));
@@ -87,6 +89,7 @@ impl Creases {
         // First from every corner, then the rest: closed lines without corners.
         let starts = corners.iter().copied().chain(ways.keys().copied());
         for start in starts {
+            // Follow the edges to the next corner, or around to the start; each edge is used once.
             for &first in &ways[&start] {
                 let mut points = vec![start];
                 let (mut here, mut next) = (start, first);
@@ -169,6 +172,7 @@ fn crease_edges(solid: &MeshSolid) -> (Vec<[u32; 2]>, Vec<Vec3>) {
         .collect();
     let mesh = TriMesh::new_unchecked(corners, triangles).merged();
     let mut normals: Vec<Vec3> = mesh.iter_corners().map(normal).collect();
+    // Each edge of each triangle; sorted, the triangles at an edge are beside each other.
     let mut sides: Vec<([u32; 2], u32)> = Vec::new();
     for (t, &[a, b, c]) in (0u32..).zip(mesh.triangles()) {
         let own = [[a, b], [b, c], [c, a]].map(|[p, q]| [p.min(q), p.max(q)]);

@@ -35,7 +35,8 @@ pub(super) struct StraightBody<'a> {
     pub crease_edges: &'a BTreeSet<[u32; 2]>,
 }
 
-/// A scaffold of these tets: of first order, or of second where wanted or where the surface is curved.
+/// A scaffold of these tets: of first order, or of second where wanted or where the surface is curved. `order` is that
+/// of [`super::FillOptions`].
 pub(super) fn curved(
     solid: &MeshSolid,
     creases: &Creases,
@@ -49,6 +50,8 @@ pub(super) fn curved(
     } = body;
     let at = |n: u32| nodes[n as usize].place;
     let mut moved: BTreeMap<[u32; 2], Vec3> = BTreeMap::new();
+    // The middles of outer edges move onto the crease or the surface, unless they are hardly off, or so far that the
+    // surface there belongs to something else.
     if order != Some(1) {
         let edges: BTreeSet<[u32; 2]> = outer_faces(tets)
             .iter()
@@ -89,6 +92,7 @@ pub(super) fn curved(
             straight: Vec::new(),
         });
     }
+    // Inner nodes make room first; then middles that still fold a tet go back.
     relieve(solid, nodes, tets, &moved);
     let at = |n: u32| nodes[n as usize].place;
     all = nodes.iter().map(|n| n.place).collect();
@@ -109,6 +113,7 @@ pub(super) fn curved(
             straight.push((at(edge[0]) + at(edge[1])) / 2.0);
         }
     }
+    // Middles are numbered as their edges come.
     let mut number: std::collections::HashMap<[u32; 2], u32> = std::collections::HashMap::new();
     for tet in tets {
         let own = middles(*tet, &at, &moved);
@@ -139,6 +144,7 @@ fn relieve(
         let at = |n: u32| nodes[n as usize].place;
         is_folded(tet.map(at), &middles(tet, &at, moved))
     };
+    // Inner nodes of folded tets, with all tets around them.
     let bad = tets.par_iter().filter(|t| folded(**t, nodes));
     let inner: BTreeSet<u32> = bad
         .flat_map_iter(|t| t.iter().copied())

@@ -76,7 +76,8 @@ impl Delaunay {
             })
     }
 
-    /// Adds a point; returns whether it is new.
+    /// Adds a point by Bowyer and Watson's method: the tets whose spheres hold it make room for tets from it to the
+    /// faces around. Returns whether it is new.
     pub(super) fn insert(&mut self, p: Vec3) -> bool {
         let start = self.locate(p);
         if self.tets[start as usize]

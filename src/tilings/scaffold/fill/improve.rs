@@ -155,6 +155,7 @@ impl<'a> TetMesh<'a> {
                 .filter(|&t| self.is_bad(t))
                 .collect();
             let mut changes = 0;
+            // An exchange may have improved a tet that comes later.
             for &t in &bad {
                 if self.is_bad(t) && self.exchange(t) {
                     changes += 1;
@@ -267,6 +268,7 @@ impl<'a> TetMesh<'a> {
             .iter()
             .map(|&t| opposite_edge(self.tets[t as usize], a, b))
             .collect();
+        // The links form one chain around the edge, open at the surface.
         let is_open_start = |n: u32| links.iter().all(|l| l[1] != n);
         let open = links.iter().map(|l| l[0]).find(|&n| is_open_start(n));
         let mut ring = vec![open.unwrap_or(links[0][0])];
@@ -285,6 +287,7 @@ impl<'a> TetMesh<'a> {
         if open.is_some() && !self.may_flip([a, b], [ring[0], ring[ring.len() - 1]]) {
             return false;
         }
+        // Taken only if the worst tet becomes better.
         let before = old
             .iter()
             .map(|&t| self.quality(self.tets[t as usize]))
@@ -296,7 +299,8 @@ impl<'a> TetMesh<'a> {
         true
     }
 
-    /// The tets over the triangulation of a ring whose worst quality is best, if it exceeds a limit.
+    /// The tets over the triangulation of a ring, joined to `a` and `b`, whose worst quality is best, if it exceeds
+    /// `limit`.
     fn triangulated(&self, ring: &[u32], [a, b]: [u32; 2], limit: f64) -> Option<Vec<[u32; 4]>> {
         let n = ring.len();
         let pair = |i: usize, k: usize, j: usize| {
@@ -305,6 +309,8 @@ impl<'a> TetMesh<'a> {
         };
         // best[i][j]: the best worst quality of the polygon i..=j, and the corner of the triangle at its edge.
         let mut best = vec![vec![(f64::INFINITY, 0usize); n]; n];
+        // Polygons by their number of sides: the triangle at the edge from i to j divides one into two smaller ones
+        // (Klincsek).
         for width in 2..n {
             for i in 0..n - width {
                 let j = i + width;
@@ -321,6 +327,7 @@ impl<'a> TetMesh<'a> {
         if best[0][n - 1].0 <= limit.max(0.0) {
             return None;
         }
+        // The triangles of the best division, from the whole ring down.
         let mut tets = Vec::new();
         let mut pending = vec![(0, n - 1)];
         while let Some((i, j)) = pending.pop() {
@@ -391,6 +398,7 @@ impl<'a> TetMesh<'a> {
         }
         let old = self.around[from as usize].clone();
         let corners: Vec<[u32; 4]> = old.iter().map(|&t| self.tets[t as usize]).collect();
+        // The tets without `to` keep their place with `to` for `from`; those with both vanish.
         let new: Vec<[u32; 4]> = corners
             .iter()
             .filter(|t| !t.contains(&to))

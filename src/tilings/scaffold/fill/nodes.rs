@@ -188,6 +188,7 @@ impl Nodes {
         node
     }
 
+    /// Adds the nodes on corners and along creases, about a `cell` apart or nearer where a crease turns.
     fn add_creases(&mut self, creases: &Creases, cell: f64) {
         let mut corner_at = HashMap::new();
         for &place in &creases.corners {
@@ -210,6 +211,7 @@ impl Nodes {
                 );
                 u.angle(&v)
             };
+            // Sums along the line: nodes are spread evenly over them.
             let mut sums = vec![0.0];
             for i in 1..line.points.len() {
                 let length = line.lengths[i] - line.lengths[i - 1];
@@ -226,6 +228,7 @@ impl Nodes {
                 line.lengths[i - 1] + (line.lengths[i] - line.lengths[i - 1]) * share
             };
             let end = |p: Vec3| corner_at.get(&[p.x, p.y, p.z].map(f64::to_bits)).copied();
+            // A closed line without corner begins at any of its points.
             let first = match end(line.points[0]) {
                 Some(corner) => corner,
                 None => self.push(line.points[0], Site::Crease(number)),
@@ -310,6 +313,7 @@ impl Nodes {
                 })
             })
             .collect();
+        // In order of the layers; the sort is stable, so that the result does not depend on threads.
         candidates.par_sort_by(|a, b| a.layer.total_cmp(&b.layer));
         let mut normals: HashMap<u32, Vec3> = HashMap::new();
         for place in candidates {

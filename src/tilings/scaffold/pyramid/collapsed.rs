@@ -282,10 +282,11 @@ impl Collapsed {
     /// A box around the points of the closed cell that map into `world`; `None` if there are none.
     ///
     /// Parts of the collapsed cube are contracted around the preimage and split, until they are small beside
-    /// the box in the cell frame, where all of them meet in the apex.
+    /// the box in the cell frame, where all of them meet in the apex. `longest` is the greatest stretch of the map.
     pub fn cell_box(&self, world: &Aabb, longest: f64) -> Option<CellBox<3>> {
         let mut found: CellBox<3> = CellBox::of([]);
         let fine = (0.5 * world.size().max() / longest).max(1e-9);
+        // Parts smaller in the cell frame than half the world box divided by the stretch need no further split.
         let cube = (Vec3::zeros(), Vec3::repeat(1.0));
         let mut open = vec![(self.net.clone(), cube, cube, 0)];
         while let Some((net, part, domain, depth)) = open.pop() {
@@ -339,11 +340,13 @@ impl Collapsed {
         let size = part.1 - part.0;
         let mut bounds = bend(self.kind, net);
         for (b, [j, k]) in bounds.iter_mut().zip(PAIRS) {
+            // Second derivatives by r of the whole cube: those of the part over its size.
             *b /= size[j] * size[k];
         }
         let (mut min, mut max) = domain;
         let mut own = frustum(domain);
         for _ in 0..4 {
+            // An interval Newton step in r and at once in xi, as in `cell_box.rs`.
             let (middle, radius) = ((min + max) / 2.0, (max - min) / 2.0);
             let (a, b, h) = (middle.x - 0.5, middle.y - 0.5, 1.0 - middle.z);
             let (x, j) = self.at(a, b, h);
