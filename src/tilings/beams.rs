@@ -405,6 +405,7 @@ impl Field for Beams {
                         ..*lattice
                     };
                     self.block(&part, &mut scratch);
+                    // Rows of the block to rows of the lattice.
                     for (row, values) in scratch
                         .values
                         .chunks(ROW_LEN)
@@ -421,6 +422,8 @@ impl Field for Beams {
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
+        // A band narrower than a voxel's diagonal leaves signs of neighbours open: samples must be evaluated one by
+        // one.
         let (by, background) = (f64::from(leaves.by), f64::from(leaves.background));
         if !is_settled(background, leaves.step) {
             return None;
@@ -451,6 +454,7 @@ impl Field for Beams {
         // The cube has 4^3 leaves, 32 samples along an axis. Each leaf is divided into eight parts of 4^3
         // samples, 5^3 with the layer around the leaf. These are the positions of the parts' centres along an axis.
         const CENTRES: [f64; 8] = [1.0, 6.0, 9.0, 14.0, 17.0, 22.0, 25.0, 30.0];
+        // The middle of the cube, the reach of a part from its centre, and the distance of the farthest centre.
         let half = 15.5;
         let centre = first.0.add_scalar(half * step);
         let reach = (2.0 * 3f64.sqrt() + ROUNDING_MARGIN) * step;
@@ -470,6 +474,7 @@ impl Field for Beams {
         rows::lower_to_distances(&scratch.near, &at, &at, &at, &mut scratch.values);
         let (mut not_inside, mut not_outside) = (0u64, 0u64);
         let limits = [(band[0] - reach) as f32, outer as f32];
+        // Two parts along each axis belong to one leaf: it is on a side if all eight are.
         for (n, &v) in scratch.values.iter().enumerate() {
             let bit = 1 << (16 * (n >> 7) + 4 * (n >> 4 & 3) + (n >> 1 & 3));
             not_inside |= if v <= limits[0] { 0 } else { bit };

@@ -138,6 +138,7 @@ impl Field for Cut<'_> {
         }
         let mut scratch = Scratch::new();
         let (mut kept, mut evaluated) = (0, 0);
+        // The beams alone first; the solid is bounded only where they leave something.
         for (n, &origin) in leaves.origins.iter().enumerate() {
             let values = &mut leaves.values[kept];
             let lattice = SampleLattice {
@@ -162,6 +163,7 @@ impl Field for Cut<'_> {
             } else if is_uncut && matches!(found, LeafContent::Inside) {
                 without_band(true)
             } else {
+                // Values exist: those of the beams, raised to the distance of the solid where that cuts.
                 evaluated += 512;
                 if matches!(found, LeafContent::Inside) {
                     values.fill(-leaves.background);

@@ -254,6 +254,7 @@ struct Builder {
 }
 
 impl Builder {
+    /// The number of the node at a point: a known one, or a new one. Points are rounded to a grid of [`NODE_SPACING`].
     fn node(&mut self, p: Vec3) -> Result<u32, NetworkError> {
         let next = u32::try_from(self.network.nodes.len()).map_err(|_| NetworkError::TooMany)?;
         let scaled = p / self.node_spacing;
@@ -267,6 +268,7 @@ impl Builder {
             let near = part.abs() > 0.5 - NODE_TOLERANCE;
             if near { part.signum() as i64 } else { 0 }
         });
+        // The up to seven keys beside the point's own, on the sides that are within rounding.
         if offset.iter().any(|&b| b != 0) {
             for n in 1..8 {
                 let step = |a: usize| {
@@ -359,6 +361,7 @@ fn map_parts(
 ) -> MappedParts {
     let mut all = MappedParts::default();
     let shape = element.shape();
+    // A cell that does not fill this shape adds nothing.
     for (cell, shapes) in cells.iter().enumerate() {
         let Some((_, parts)) = shapes.iter().find(|s| s.0 == shape) else {
             continue;

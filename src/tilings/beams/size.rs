@@ -179,6 +179,7 @@ impl Network {
                 };
             }
         };
+        // Radii come as the samples do: of all struts, then of all facets.
         let (of_struts, of_facets) = radii.split_at_mut(self.struts.len() * (along + 1));
         for (s, radii) in self
             .struts
@@ -263,6 +264,7 @@ impl Samples {
         if off.fold(0.0, f64::max) <= tolerance {
             return push(whole);
         }
+        // The corners of each part are samples: their weights times `count` are whole.
         let points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|[u, v]| Vec3::new(u, v, 0.0));
         for part in subdivided(points, count) {
             push(part.map(|p| {

@@ -100,8 +100,10 @@ fn share_a_face(a: usize, b: usize) -> bool {
     })
 }
 
+/// The loops of a cell whose inside corners are these bits: each is the border of a part of the surface in the cell.
 fn derive(bits: usize) -> Case {
     let inside = |corner: usize| bits >> corner & 1 == 1;
+    // For each crossed edge the next one of its loop, across a face of the cell.
     let mut next = [None; CELL_EDGES];
     for ring in faces() {
         for i in 0..4 {
@@ -119,6 +121,7 @@ fn derive(bits: usize) -> Case {
         }
     }
     let mut case = Case::default();
+    // The edges are followed until they close; each is taken once.
     for start in 0..CELL_EDGES {
         let mut found = Loop::default();
         let mut at = start;

@@ -30,6 +30,7 @@ pub(super) fn triangles(
     let parts: Vec<_> = leaves.chunks(BATCH).zip(split(&mut all, &counts)).collect();
     parts.into_par_iter().try_for_each(|(part, out)| {
         let mut slots = out.iter_mut();
+        // A buffer for all leaves of the batch.
         let mut numbers = VertexNumbers([0; 3 * AXIS_EDGES]);
         for &n in part {
             if progress.cancelled() {
@@ -159,6 +160,7 @@ fn triangulate_loop(
         ring[i + len] = ring[i];
     }
     let mut apex = 0;
+    // Of the vertices without a diagonal in a face of the cell, the one with the least sum of squared diagonals.
     if len > 3 {
         let at = |i: usize| vertices[ring[i] as usize];
         let mut least = f64::INFINITY;

@@ -117,6 +117,7 @@ impl<'a> CrossedEdges<'a> {
             let origin = pair[1].origin;
             return Err(MesherError::Unsorted { origin });
         }
+        // The region's leaves first: their vertices have the lowest numbers.
         let is_owned = |leaf: &LeafValues| region.meets(leaf.origin, LEAF);
         let numbers = || 0..leaves.len() as u32;
         let mut order: Vec<u32> = numbers()
@@ -165,6 +166,7 @@ impl<'a> CrossedEdges<'a> {
             }
             edges
         });
+        // With the list complete, the numbers of vertices follow in the order of leaves.
         crossed.edges = edges.collect();
         if stopped.into_inner() {
             return Err(Cancelled.into());

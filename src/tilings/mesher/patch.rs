@@ -89,6 +89,7 @@ impl Patch {
                 number[v as usize] = keep;
             }
         }
+        // The rest is numbered anew, in order; own vertices still come first.
         let (mut vertices, mut owned) = (Vec::new(), 0);
         for (n, own) in number.iter_mut().enumerate().filter(|n| n.1.is_some()) {
             *own = Some(vertices.len() as u32);
@@ -157,6 +158,7 @@ impl Welder {
             .ok()
             .filter(|_| u32::try_from(self.vertices).is_ok())
             .ok_or(MeshError::TooMany(self.vertices as usize))?;
+        // Vertices of other regions are found by their identity on the seam.
         let number_of = |seam_vertex: &SeamVertex| {
             let voxel = seam_vertex.voxel;
             self.seams

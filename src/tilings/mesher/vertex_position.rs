@@ -59,6 +59,7 @@ pub(super) fn vertices(
     // All threads write the zeros, since the first touch of the memory takes as long as the work.
     let zeros = (0..crossed.vertices).into_par_iter().with_min_len(1 << 12);
     let mut all: Vec<Vec3> = zeros.map(|_| Vec3::zeros()).collect();
+    // The number of vertices of each batch gives its place in the list.
     let count = |part: &[u32]| -> usize {
         let counts = part.iter().map(|&n| crossed.edges[n as usize].count());
         counts.sum::<u32>() as usize
@@ -98,6 +99,7 @@ struct Crossing {
 fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Crossing)) {
     let leaf = &crossed.leaves[n];
     for axis in 0..3 {
+        // Along the axis the other end is one stride away, or in the leaf above.
         let (stride, shift) = ([64, 8, 1][axis], [6, 3, 0][axis]);
         let next = crossed.neighbours[n].upper(
             [
@@ -130,6 +132,8 @@ fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Cro
 }
 
 impl Mesher<'_> {
+    /// The vertex of a crossed edge, world units: the zero of the values, or of the exact field, at least `margin` (a
+    /// share of the edge) from its ends.
     fn place(&self, crossed: &CrossedEdges, crossing: &Crossing, margin: f64) -> Vec3 {
         // What counts as zero is zero: it is outside.
         let zero = -ZERO_MAGNITUDE * self.voxel_size;
@@ -138,6 +142,7 @@ impl Mesher<'_> {
             if v < zero { v } else { v.max(0.0) }
         };
         let [a, b] = crossing.ends.map(value);
+        // Linear interpolation between the ends.
         let mut share = a / (a - b);
         if let Some(field) = self.exact_field {
             share = self.exact_zero(field, crossing, share);
@@ -145,6 +150,7 @@ impl Mesher<'_> {
         if share.is_nan() {
             share = 0.5;
         }
+        // Near an end, other edges at that voxel may have a vertex in the same place.
         let end = usize::from(share > 0.5);
         if [share, 1.0 - share][end] < margin {
             let mut voxel = crossing.voxel;

@@ -324,6 +324,7 @@ impl<'a, C: CellField> Blend<'a, C> {
 
 impl<C: CellField> Filling for Blend<'_, C> {
     fn check(&self, scaffold: &Scaffold) -> Result<(), TilingError> {
+        // Each element needs a cell of its shape from each member.
         for number in 0..scaffold.len() {
             let shape = scaffold.element(number).shape();
             if shape == Element::Pyramid
@@ -391,9 +392,11 @@ impl<C: CellField> Filling for Blend<'_, C> {
         self.for_each_value(element, points, |n, slope| out[n] = single(slope));
     }
 
+    /// Contains F = sum `W_c` `Phi_c` / `gamma_c` - T(W) - B over a box of an element's reference frame.
     fn bound(&self, element: usize, region: &CellBox<3>) -> Interval {
         let shape = self.scaffold.element(element).shape();
         let count = self.members.len();
+        // Ranges of weights and of normalised values.
         let mut w = [Interval::new(0.0, 0.0); 8];
         let mut phi = [Interval::new(0.0, 0.0); 8];
         for m in 0..count {
@@ -421,6 +424,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
         };
         let mut range = Interval::new(mean(false), mean(true));
         let mut number = 0;
+        // T of a pair is the sum of its two weights times a level, each within its range.
         for i in 0..if self.pairs.is_empty() { 0 } else { count } {
             for j in i + 1..count {
                 let pair = &self.pairs[number];

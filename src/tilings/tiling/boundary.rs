@@ -114,6 +114,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let boundary_reach = self.boundary_reach();
         let inside =
             wider.hi < 0.0 || (wider.lo <= 0.0 && self.component_contains(component, centre, near));
+        // Few triangles are measured directly; else the tree is searched. A continued field needs the distance itself.
         let closest = match boundary_triangles {
             _ if !self.is_cut() && !inside => Some(boundary.closest(centre)),
             Some(slots) if slots.len() <= MAX_LINEAR_SEARCH => {

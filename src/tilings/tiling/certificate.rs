@@ -154,6 +154,7 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
             .collect();
         let mut creases: Vec<f64> = faces.iter().flat_map(|f| f.creases.clone()).collect();
         let (jump_max, jump_p99) = percentiles(&mut jumps);
+        // The largest values and their 99th percentiles.
         let (crease_max, crease_p99) = percentiles(&mut creases);
         FaceStatistics {
             kind,
@@ -190,6 +191,7 @@ fn percentiles(values: &mut [f64]) -> (f64, f64) {
     (greatest, values[rank])
 }
 
+/// Measures one shared face; `f` and `g` are its two sides. `None` if their corners do not correspond.
 fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) -> Option<Face> {
     let (own_vertices, neighbour_vertices) = joined_vertices(scaffold, f, g)?;
     let elements = [f, g].map(|f| f.element as usize);
@@ -226,6 +228,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
         }
         Some((sides, x.0, gap))
     };
+    // A grid of points off the symmetry lines, where cells often agree by symmetry alone.
     let at = |i: usize| (i as f64 + 0.37) / EDGE_POINTS as f64;
     let mut row: Vec<([f64; 2], f64)> = Vec::new();
     for j in 0..EDGE_POINTS {
@@ -252,6 +255,8 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
                 at: x,
                 gap,
             });
+            // Where the value changes sign between this point and the one before along either direction, the crease is
+            // measured.
             let before = [last, row.get(i).copied()];
             for (other, v) in before.into_iter().flatten() {
                 if (v < 0.0) != (value < 0.0) {

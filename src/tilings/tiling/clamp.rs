@@ -52,6 +52,7 @@ fn onto_triangle(xi: Vec3) -> Vec3 {
     Vec3::new(best.x, best.y, xi.z)
 }
 
+/// The point of the reference pyramid nearest to xi.
 fn onto_pyramid(xi: Vec3) -> Vec3 {
     if Element::Pyramid.face_distance(CellPoint(xi)) <= 0.0 {
         return xi;

@@ -42,6 +42,8 @@ fn rational<const N: usize>(l: [f64; N], slopes: [Vec3; N]) -> ([f64; N], [Vec3;
 }
 
 impl CornerFunctions {
+    /// The corners' functions and their gradients at a point xi of the element. Their sum is 1; in the cell they are
+    /// not negative.
     pub fn at(shape: Element, CellPoint(xi): CellPoint<3>, interpolation: Interpolation) -> Self {
         let mut c = Self {
             count: 0,
@@ -68,6 +70,7 @@ impl CornerFunctions {
                 c.count = 4;
             }
             Element::Wedge | Element::Tri => {
+                // Barycentrics of the triangle, then linear along the prism's axis.
                 let (x, y) = (xi.x + 0.5, xi.y + TRIANGLE_HEIGHT / 3.0);
                 let l2 = y / TRIANGLE_HEIGHT;
                 let l1 = x - l2 / 2.0;

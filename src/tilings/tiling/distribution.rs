@@ -101,6 +101,7 @@ impl<'a> Distribution<'a> {
         let e = self.scaffold.element(element);
         let middle = CellPoint((region.min + region.max) / 2.0);
         let half = (region.max - region.min) / 2.0;
+        // Control lattices are bounded in the world, over a ball around the box's image.
         if let Some(lattice) = &self.lattice {
             let reach = e.stretch().1 * half.norm();
             let x = e.map(middle).0;
@@ -112,6 +113,7 @@ impl<'a> Distribution<'a> {
         }
         let shape = e.shape();
         let at = |v: usize| self.values[e.nodes()[v] as usize * self.count + quantity];
+        // Corner values bound all interpolations; linear ones are sharper by value and slope at the middle.
         let mut whole = Interval::new(f64::INFINITY, f64::NEG_INFINITY);
         for v in 0..e.kind().corner_count() {
             whole = whole.hull(Interval::new(at(v), at(v)));

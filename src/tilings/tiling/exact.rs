@@ -44,6 +44,7 @@ impl Domain {
                 faces: vec![number],
             }
         });
+        // Two faces meet in an edge if their planes' line has two vertices of the element on it.
         let pairs = (0..faces.len()).flat_map(|i| (i + 1..faces.len()).map(move |j| (i, j)));
         let lines = pairs.filter_map(|(i, j)| {
             let (a, b) = (faces[i], faces[j]);

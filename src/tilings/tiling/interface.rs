@@ -140,6 +140,7 @@ impl FaceJoins {
                 let along = if corners == 3 { a * (1.0 - b) } else { a };
                 [along, b]
             });
+            // The same point of the face, seen from both elements.
             for uv in grid.chain(FACE_POINTS) {
                 let w = corner_weights(corners, uv);
                 let a = value(

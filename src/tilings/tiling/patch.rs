@@ -105,6 +105,7 @@ impl Patch {
                 f64::INFINITY
             }
         };
+        // Slopes by world units are at most those by reference units over the least stretch.
         let controls = element.control_points();
         let planes = BoundingPlanes::new(shape, &matrix, &controls, element.bounds());
         Self {
@@ -370,6 +371,7 @@ impl Patch {
         starts: StepStarts,
         first_steps: &mut [FirstStep],
     ) {
+        // Affine and polynomial maps take the steps four at a time; the others follow here, point by point.
         let map = self.curved_map(scaffold);
         if self.is_affine() || map.is_some() {
             return newton_distance::take_first_step(limits, map, starts, first_steps);

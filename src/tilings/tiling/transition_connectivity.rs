@@ -76,7 +76,8 @@ pub(super) struct Connectivity {
     pub percolates: bool,
 }
 
-/// The connectivity of a solid in an element.
+/// The connectivity of a solid in an element, on a grid of voxels over its box. `operators` are the cell's symmetries;
+/// `planar` leaves out the faces across z.
 pub(super) fn connectivity(
     shape: Element,
     operators: &[Mat3],
@@ -92,6 +93,7 @@ pub(super) fn connectivity(
         hull.min + size.component_mul(&at)
     };
     let total = VOXELS.pow(3);
+    // A voxel within a voxel of a face touches it.
     let near = size.amax() * 1.01;
     let mut faces = shape.faces();
     faces.retain(|f| !planar || f.normal.z.abs() < 0.5);
@@ -113,6 +115,7 @@ pub(super) fn connectivity(
             touches[i] = touched_faces(p);
         }
     }
+    // Solid voxels are connected over faces.
     let mut sets = UnionFind::new(total);
     for i in (0..total).filter(|&i| is_solid[i]) {
         let at = indices(i);
@@ -127,6 +130,7 @@ pub(super) fn connectivity(
     for i in (0..total).filter(|&i| is_solid[i]) {
         faces_of_component[sets.find(i)] |= touches[i];
     }
+    // A component percolates if the faces that it touches do not all share a vertex: else it may be a piece around it.
     let vertices = shape.vertices();
     let share_a_vertex = |mask: u8| {
         vertices.iter().any(|v| {
@@ -137,6 +141,7 @@ pub(super) fn connectivity(
     let percolates = faces_of_component
         .iter()
         .any(|&mask| mask != 0 && !share_a_vertex(mask));
+    // Images under the symmetries are one class.
     for i in (0..total).filter(|&i| is_solid[i]) {
         for m in operators {
             let image = (m * centre(i) - hull.min).component_div(&size);
