@@ -205,7 +205,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
         creases: Vec::new(),
     };
     let plane = maps[1].shape().faces()[g.face as usize];
-    // Values and world gradients of both sides at a point of the face, its position and its gap.
+    // The point at parameters uv of the face, from both sides.
     let both = |uv: [f64; 2]| {
         let w = corner_weights(corners, uv);
         let x = maps[0].map(weighted_point(maps[0].shape(), &own_vertices, w));
@@ -226,20 +226,24 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             let inverse = maps[i].jacobian(xi).try_inverse()?;
             sides[i] = (value, inverse.tr_mul(&slope));
         }
-        Some((sides, x.0, gap))
+        Some(FacePoint {
+            sides,
+            at: x.0,
+            gap,
+        })
     };
     // A grid of points off the symmetry lines, where cells often agree by symmetry alone.
-    let at = |i: usize| (i as f64 + 0.37) / EDGE_POINTS as f64;
+    let step = |i: usize| (i as f64 + 0.37) / EDGE_POINTS as f64;
     let mut row: Vec<([f64; 2], f64)> = Vec::new();
     for j in 0..EDGE_POINTS {
         let mut last: Option<([f64; 2], f64)> = None;
         for i in 0..EDGE_POINTS {
-            let mut uv = [at(i), at(j)];
+            let mut uv = [step(i), step(j)];
             if corners == 3 {
                 // The triangle's rows shrink towards its last corner.
                 uv[0] *= 1.0 - uv[1];
             }
-            let Some((sides, x, gap)) = both(uv) else {
+            let Some(FacePoint { sides, at, gap }) = both(uv) else {
                 // A point outside one of the elements is a gap in the mesh.
                 found.jumps.push(Jump {
                     size: f64::INFINITY,
@@ -252,7 +256,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             found.range = (found.range.0.min(value), found.range.1.max(value));
             found.jumps.push(Jump {
                 size: (value - sides[1].0).abs(),
-                at: x,
+                at,
                 gap,
             });
             // Where the value changes sign between this point and the one before along either direction, the crease is
@@ -274,11 +278,19 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
     Some(found)
 }
 
-type Sides = ([(f64, Vec3); 2], Vec3, f64);
+/// A point of a face, evaluated in both of its elements.
+struct FacePoint {
+    /// Values and world gradients.
+    sides: [(f64, Vec3); 2],
+    /// World coordinates.
+    at: Vec3,
+    /// Distance of the point from the other element's face, world units.
+    gap: f64,
+}
 
 /// The angle between both sides' normals where the value vanishes between two points of a face, degrees.
 fn crease(
-    both: &dyn Fn([f64; 2]) -> Option<Sides>,
+    both: &dyn Fn([f64; 2]) -> Option<FacePoint>,
     mut a: [f64; 2],
     mut fa: f64,
     mut b: [f64; 2],
@@ -288,7 +300,7 @@ fn crease(
     for _ in 0..8 {
         let t = (fa / (fa - fb)).clamp(0.05, 0.95);
         let c = [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t];
-        let (sides, ..) = both(c)?;
+        let FacePoint { sides, .. } = both(c)?;
         gradients = Some(sides.map(|s| s.1));
         if (sides[0].0 < 0.0) == (fa < 0.0) {
             (a, fa) = (c, sides[0].0);
