@@ -215,7 +215,7 @@ fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Fai
     };
     let mut table = columns.join(",") + "\n";
     let mut rows = Vec::new();
-    for [x, y, z] in super::points::read(points, planar)? {
+    for [x, y, z] in super::points::read(points, cell.element().dimension())? {
         let (phi, g) = cell
             .expression()
             .value_and_gradient(CellPoint(Vec3::new(x, y, z)));

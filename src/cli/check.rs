@@ -4,6 +4,7 @@ use super::context::Session;
 use super::failure::Failure;
 use super::kind::FileKind;
 use super::output::Answer;
+use super::require::MeasuredPart;
 use super::solid_text::solid_screen;
 use crate::io::read_solid;
 use crate::progress::Threads;
@@ -57,7 +58,7 @@ fn mesh(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         let _ = writeln!(text, "note: {warning}");
     }
     let requirements = match &require {
-        Some(r) => p.require.judge_mesh(r, path, (&solid, &report))?,
+        Some(r) => p.require.judge_mesh(r, path, &solid, &report)?,
         None => Vec::new(),
     };
     Ok(super::require::add(text, facts, passed, &requirements))
@@ -94,7 +95,8 @@ fn refused(error: &FileError, grid: &GridInfo, text: &mut String) -> Value {
 /// name of the file's unit.
 fn level_set(
     adopted: &Adopted,
-    (grid, unit): (&GridInfo, &str),
+    grid: &GridInfo,
+    unit: &str,
     text: &mut String,
     session: vdb::Session<'_>,
 ) -> Result<Value, Failure> {
@@ -168,21 +170,23 @@ fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answ
         }
         let facts = match super::vdb::unchecked(path, &grid.name, session)? {
             Ok(adopted) => {
-                let mut facts = level_set(&adopted, (grid, &unit), &mut text, session)?;
+                let mut facts = level_set(&adopted, grid, &unit, &mut text, session)?;
+                let part = MeasuredPart {
+                    path,
+                    solid: &adopted.solid,
+                    unit: &unit,
+                };
                 if p.cavities {
-                    let part = (path.as_path(), &adopted.solid, unit.as_str());
                     let (lines, list) = super::require::list_cavities(part, threads, shown)?;
                     text.push_str(&lines);
                     facts["cavities"] = list;
                 }
-                let part = (path.as_path(), &adopted.solid, unit.as_str());
                 if let Some((lines, found)) = p.layers.list(part, threads, shown)? {
                     text.push_str(&lines);
                     facts["layers"] = found;
                 }
                 // Requirements are those of one part: the first level set.
                 if let Some(require) = require.as_ref().filter(|_| requirements.is_empty()) {
-                    let part = (path.as_path(), &adopted.solid, unit.as_str());
                     requirements = super::require::of_level_set(require, part, threads, shown)?;
                 }
                 facts

@@ -95,7 +95,8 @@ impl From<InverseError> for Failure {
 pub(super) fn answer(
     flags: &DesignFlags,
     section: &CellSection,
-    (output, threads): (&Path, &Threads),
+    output: &Path,
+    threads: &Threads,
     session: &Session,
 ) -> Result<Answer, Failure> {
     // The flags become keys of a cell's section, so that its rules check them.

@@ -37,7 +37,7 @@ pub(super) struct Parameters {
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let recipe = Recipe::read(&p.recipe, &p.set)?;
     p.output.as_ref().map_or(Ok(()), require_writable)?;
-    let points = super::points::read(&p.points, false)?;
+    let points = super::points::read(&p.points, 3)?;
     let options = RunOptions {
         threads: p.threads,
         isolated: Some(super::vdb::reader()?),

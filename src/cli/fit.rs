@@ -43,7 +43,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let threads = super::context::threads(p.threads)?;
     let name = stem(&p.output);
     let Some(input) = &p.input else {
-        return super::design::answer(&p.design, &p.cell, (&p.output, &threads), session);
+        return super::design::answer(&p.design, &p.cell, &p.output, &threads, session);
     };
     if let Some(flag) = p.design.given().first() {
         return Err(Failure::usage(format!(
@@ -51,7 +51,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         )));
     }
     require_writable(&p.output)?;
-    let (cell, warnings) = threads.install(|| make(&name, (input, &p.cell), &threads, session))?;
+    let (cell, warnings) = threads.install(|| make(&name, input, &p.cell, &threads, session))?;
     let bytes = write_cell(&p.output, &cell)?;
     for warning in warnings {
         session.warn_of(warning.code, warning.message)?;
@@ -72,7 +72,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
 /// Makes the cell of an input and flags.
 pub(super) fn make(
     name: &str,
-    (input, flags): (&Path, &CellSection),
+    input: &Path,
+    flags: &CellSection,
     threads: &Threads,
     session: &Session,
 ) -> Result<(Cell, Vec<Warning>), Failure> {

@@ -127,7 +127,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         unit: p.unit,
     };
     let run = super::vdb::run_options(p.threads, session)?;
-    let report = pipeline::grade(&recipe, (&run, &options), &p.output, session)?;
+    let report = pipeline::grade(&recipe, &run, &options, &p.output, session)?;
     session.finish();
     let mut text = describe(&report, recipe.unit());
     let shown = p.output.display().to_string();

@@ -177,7 +177,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
     threads.install(|| match (&p.sweep, &p.pareto) {
         (Some(sweep), _) => sweep::answer(p, &source, sweep, &settings, session),
-        (_, Some(picture)) => pareto::answer(p, &source, (picture, &settings), session),
+        (_, Some(picture)) => pareto::answer(p, &source, picture, &settings, session),
         _ => one(p, &source, &settings, session),
     })
 }
@@ -298,7 +298,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
         }
     }
     flags.section = None;
-    let (cell, warnings) = super::fit::make(&name, (&p.cell, &flags), threads, session)?;
+    let (cell, warnings) = super::fit::make(&name, &p.cell, &flags, threads, session)?;
     pipeline::cell_period(cell, packing, warnings).map_err(|e| super::fit::of_input(e, &p.cell))
 }
 

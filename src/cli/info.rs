@@ -34,12 +34,12 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         }
         Mesh => mesh(path, session)?,
         Scaffold => {
-            let described = super::scaffold::describe(path)?;
+            let (text, facts) = super::scaffold::describe(path)?;
             // A mesh of surface elements is a scaffold or a solid: both views are shown.
-            if described.1["kind"] == "surface" {
-                surface(path, described, session)?
+            if facts["kind"] == "surface" {
+                surface(path, text, facts, session)?
             } else {
-                described
+                (text, facts)
             }
         }
         Vdb => {
@@ -111,7 +111,8 @@ fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
 /// Adds the description of a surface as a triangle mesh to that of its elements.
 fn surface(
     path: &Path,
-    (mut text, mut facts): (String, Value),
+    mut text: String,
+    mut facts: Value,
     session: &Session,
 ) -> Result<(String, Value), Failure> {
     let (more, measured) = mesh(path, session)?;

@@ -70,7 +70,7 @@ pub(super) fn of(queue: Queue, path: &Path, items: &Items, threads: usize) -> (P
         ),
         Queue::Openjd => (
             "openjd.json",
-            openjd(&name, &stem, (last, threads), out.as_deref()),
+            openjd(&name, &stem, last, threads, out.as_deref()),
         ),
     };
     (path.with_file_name(format!("{stem}.{suffix}")), text)
@@ -103,7 +103,7 @@ seq 0 @LAST | parallel --joblog @LOG --resume-failed --retries 3 --env PLAN --en
 /// A job template of Open Job Description: a task for each brick, then the merge. `name` is the
 /// plan's file, `stem` the name of the job and `last` the number of the last brick; 0 `threads`
 /// means all.
-fn openjd(name: &str, stem: &str, (last, threads): (usize, usize), out: Option<&str>) -> String {
+fn openjd(name: &str, stem: &str, last: usize, threads: usize, out: Option<&str>) -> String {
     let step = |arguments: &[&str]| {
         let mut words: Vec<String> = arguments.iter().map(|&a| a.to_owned()).collect();
         if threads > 0 {

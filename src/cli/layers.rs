@@ -1,16 +1,15 @@
 //! `--layer LENGTH` of `druse check`: the layers of a part.
 
 use super::failure::Failure;
-use super::require::{length_unit, shown_unit};
+use super::require::{MeasuredPart, length_unit, shown_unit};
 use crate::frame::LengthUnit;
 use crate::io::atomic::{require_writable, write_bytes};
 use crate::pipeline::{BuildReport, SweepCurve, level_set_layers, sweep_picture};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{BuildSection, Finite, Size};
-use crate::vdb::LevelSet;
 use clap::Args;
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Args)]
 #[group(skip)] // the name of the struct is that of others in one command
@@ -77,15 +76,15 @@ impl Parameters {
     /// Measures the layers of a level set; the result as text and as an object.
     pub(super) fn list(
         &self,
-        (path, solid, unit): (&Path, &LevelSet, &str),
+        part: MeasuredPart,
         threads: &Threads,
         progress: &dyn Progress,
     ) -> Result<Option<(String, Value)>, Failure> {
         let Some(section) = self.section()? else {
             return Ok(None);
         };
-        let unit = length_unit(path, unit)?;
-        let found = level_set_layers((&section, unit), (solid, unit), threads, progress)?;
+        let unit = length_unit(part.path, part.unit)?;
+        let found = level_set_layers(&section, unit, part.solid, unit, threads, progress)?;
         let facts = json!(found);
         let shown = shown_unit(unit);
         let found = found.scaled(unit.to(shown));

@@ -6,10 +6,10 @@ use crate::io::{Place, ReadError};
 use std::io::Read;
 use std::path::Path;
 
-/// Reads points, of planar cells with z = 0; every coordinate is finite.
-pub(super) fn read(path: &Path, planar: bool) -> Result<Vec<[f64; 3]>, Failure> {
+/// Reads points of 2 or 3 coordinates; z is 0 in two dimensions. Every coordinate is finite.
+pub(super) fn read(path: &Path, dimension: usize) -> Result<Vec<[f64; 3]>, Failure> {
     if path.extension().is_some_and(|e| e == "npy") {
-        return finite(path, npy(path, planar)?);
+        return finite(path, npy(path, dimension)?);
     }
     let mut bytes = Vec::new();
     let standard_input = path == Path::new("-");
@@ -20,8 +20,8 @@ pub(super) fn read(path: &Path, planar: bool) -> Result<Vec<[f64; 3]>, Failure> 
     };
     read.map_err(|e| ReadError::io(path, e))?;
     match path.extension().and_then(|e| e.to_str()) {
-        Some("csv") => Ok(csv(path, bytes, planar)?),
-        _ if standard_input => Ok(csv(path, bytes, planar)?),
+        Some("csv") => Ok(csv(path, bytes, dimension)?),
+        _ if standard_input => Ok(csv(path, bytes, dimension)?),
         _ => {
             let message = "found another extension; expected points as .csv or .npy";
             Err(Failure::data(path, message))
@@ -41,9 +41,9 @@ fn finite(path: &Path, points: Vec<[f64; 3]>) -> Result<Vec<[f64; 3]>, Failure> 
     }
 }
 
-fn csv(path: &Path, bytes: Vec<u8>, planar: bool) -> Result<Vec<[f64; 3]>, ReadError> {
+fn csv(path: &Path, bytes: Vec<u8>, dimension: usize) -> Result<Vec<[f64; 3]>, ReadError> {
     let text = crate::io::table_text(path, bytes)?;
-    let names: &[&str] = if planar {
+    let names: &[&str] = if dimension == 2 {
         &["x", "y"]
     } else {
         &["x", "y", "z"]
@@ -53,16 +53,15 @@ fn csv(path: &Path, bytes: Vec<u8>, planar: bool) -> Result<Vec<[f64; 3]>, ReadE
     Ok(rows.into_iter().map(point).collect())
 }
 
-fn npy(path: &Path, planar: bool) -> Result<Vec<[f64; 3]>, ReadError> {
+fn npy(path: &Path, dimension: usize) -> Result<Vec<[f64; 3]>, ReadError> {
     let array = crate::io::read_npy(path)?;
-    let width = if planar { 2 } else { 3 };
-    if array.shape.len() != 2 || array.shape[1] != width {
+    if array.shape.len() != 2 || array.shape[1] != dimension {
         let found = format!("shape {:?}", array.shape);
-        let expected = format!("shape [n, {width}]");
+        let expected = format!("shape [n, {dimension}]");
         return Err(ReadError::data(path, Place::File, found, expected));
     }
-    let rows = array.values.chunks_exact(width);
+    let rows = array.values.chunks_exact(dimension);
     Ok(rows
-        .map(|r| [r[0], r[1], if planar { 0.0 } else { r[2] }])
+        .map(|r| [r[0], r[1], r.get(2).copied().unwrap_or(0.0)])
         .collect())
 }

@@ -83,7 +83,7 @@ fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let mut pictures = Vec::new();
     let mut ranges = Vec::new();
     for path in &p.files {
-        let (image, range) = picture(p, path, size, (session, tools))?;
+        let (image, range) = picture(p, path, size, session, tools)?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         pictures.push((name.into_owned(), image));
         ranges.extend(range);
@@ -113,7 +113,8 @@ fn picture(
     p: &Parameters,
     path: &Path,
     [width, height]: [usize; 2],
-    (session, tools): (&Session, vdb::Session),
+    session: &Session,
+    tools: vdb::Session,
 ) -> Result<(Image, Option<[f32; 2]>), Failure> {
     let solid = match super::cell_text::surface(path, None)? {
         Some(cell) => cell_picture(path, &cell, tools)?,

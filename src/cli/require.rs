@@ -53,7 +53,8 @@ impl Parameters {
         &self,
         require: &RequireFile,
         path: &Path,
-        (solid, report): (&SolidFile, &MeshReport),
+        solid: &SolidFile,
+        report: &MeshReport,
     ) -> Result<Vec<Requirement>, Failure> {
         let Some(unit) = self.unit.or(solid.file.unit) else {
             return Err(Failure::data(
@@ -93,23 +94,38 @@ impl Parameters {
             )
             .hint("druse check without --require lists the places; druse voxelize repairs it"));
         }
+        let (components, cavities) = count_bodies(&solid.file.mesh);
         Ok(judge_mesh(
             require,
-            (report.volume, report.bounds, unit),
-            count_bodies(&solid.file.mesh),
+            report.volume,
+            report.bounds,
+            unit,
+            components,
+            cavities,
         ))
     }
+}
+
+/// A level set of a file that is measured.
+#[derive(Clone, Copy)]
+pub(super) struct MeasuredPart<'a> {
+    pub path: &'a Path,
+    pub solid: &'a LevelSet,
+    /// Name of the unit of its lengths, as the file states it.
+    pub unit: &'a str,
 }
 
 /// Checks a level set against requirements; the file states its unit.
 pub(super) fn of_level_set(
     require: &RequireFile,
-    (path, solid, unit): (&Path, &LevelSet, &str),
+    part: MeasuredPart,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<Vec<Requirement>, Failure> {
-    let unit = length_unit(path, unit)?;
-    Ok(judge_level_set(require, (solid, unit), threads, progress)?)
+    let unit = length_unit(part.path, part.unit)?;
+    Ok(judge_level_set(
+        require, part.solid, unit, threads, progress,
+    )?)
 }
 
 /// The unit of a file's lengths.
@@ -124,12 +140,12 @@ pub(super) fn length_unit(path: &Path, unit: &str) -> Result<LengthUnit, Failure
 
 /// Lists the cavities of a level set as text and as an object.
 pub(super) fn list_cavities(
-    (path, solid, unit): (&Path, &LevelSet, &str),
+    part: MeasuredPart,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<(String, Value), Failure> {
-    let unit = length_unit(path, unit)?;
-    let found = level_set_cavities((solid, unit), threads, progress)?;
+    let unit = length_unit(part.path, part.unit)?;
+    let found = level_set_cavities(part.solid, unit, threads, progress)?;
     let facts = json!(found);
     let shown = shown_unit(unit);
     Ok((found.scaled(unit.to(shown)).text(shown), facts))

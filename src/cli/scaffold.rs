@@ -290,7 +290,7 @@ fn spans(ranges: &[[f64; 2]]) -> String {
 }
 
 /// Reports skipped elements, unused nodes and notes of a reader.
-fn left_out((skipped, unused_nodes): (usize, usize), notes: &[String], text: &mut String) {
+fn left_out(skipped: usize, unused_nodes: usize, notes: &[String], text: &mut String) {
     let plural = |n: usize| if n == 1 { "" } else { "s" };
     if skipped > 0 {
         let s = plural(skipped);
@@ -323,7 +323,7 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     // Each of these also appends its lines.
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
-    left_out((file.skipped, file.unused_nodes), &file.notes, &mut text);
+    left_out(file.skipped, file.unused_nodes, &file.notes, &mut text);
     let kinds: serde_json::Map<String, Value> = kinds
         .iter()
         .map(|(k, n)| (k.name().to_owned(), json!(n)))
@@ -355,7 +355,7 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let mut text = screen(path, &report);
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
-    left_out((file.skipped, file.unused_nodes), &file.notes, &mut text);
+    left_out(file.skipped, file.unused_nodes, &file.notes, &mut text);
     let mut warnings = file.warnings.clone();
     warnings.extend(report.warnings());
     let places = |list: &[crate::scaffold::BadElement]| {

@@ -177,7 +177,7 @@ impl<'a> BrickRun<'a> {
         self.progress.stage("bricks", Some(bricks.len() as u64));
         for brick in bricks {
             // A file as the start needs no sampling: its leaves in the brick are copied.
-            let result = self.make_file((0, &self.first), brick, |writer| match &source {
+            let result = self.make_file(0, &self.first, brick, |writer| match &source {
                 FirstPassSource::Field(shape) => self.sample(brick, shape, writer),
                 FirstPassSource::File(solid) => {
                     crop(solid, Coord([0; 3]), self.first.region(brick), writer)?;
@@ -196,7 +196,8 @@ impl<'a> BrickRun<'a> {
     /// Writes the leaf file of a brick atomically; does nothing if a valid file exists.
     fn make_file<T>(
         &self,
-        (pass, bricks): (usize, &Bricks),
+        pass: usize,
+        bricks: &Bricks,
         brick: usize,
         fill: impl FnOnce(&LeafFileWriter<AtomicFile>) -> Result<T, RunError>,
     ) -> Result<Option<T>, RunError> {
@@ -248,7 +249,7 @@ fn operate_on(
     let mut ignored_report = SolidReport::default();
     let ops = inputs.recipe.sections().op.iter().enumerate();
     for (n, op) in ops.take(pass.ops.end).skip(pass.ops.start) {
-        level_set_ops::apply(context, inputs, (n, op), solid, &mut ignored_report)?;
+        level_set_ops::apply(context, inputs, n, op, solid, &mut ignored_report)?;
     }
     Ok(())
 }
@@ -416,7 +417,7 @@ pub(super) fn run(
     let outcome = disk_check.and_then(|()| {
         let text = serde_json::to_string(&brick_run.plan).unwrap_or_default();
         crate::io::atomic::write_bytes(brick_run.directory.join(PLAN_FILE), text.as_bytes())?;
-        make_all(&brick_run, (targets, options.brief), timer)
+        make_all(&brick_run, targets, options.brief, timer)
     });
     // Complete bricks are kept for the next run.
     if outcome.is_ok() || brick_run.complete_bricks() == 0 {
@@ -427,12 +428,13 @@ pub(super) fn run(
 
 fn make_all(
     brick_run: &BrickRun,
-    (targets, is_brief): (&Targets, bool),
+    targets: &Targets,
+    is_brief: bool,
     timer: &mut StageTimer,
 ) -> Result<StageResults, RunError> {
     let (stats, skipped) = brick_run.make_first_pass(0..brick_run.first.len())?;
     timer.end_stage("bricks")?;
-    let mut results = merge_and_write(brick_run, None, (targets, is_brief), timer)?;
+    let mut results = merge_and_write(brick_run, None, targets, is_brief, timer)?;
     results.band.active_voxels_sampled = stats.active_voxels;
     results.band.leaves_touched = stats.leaves_evaluated;
     results.band.leaves_kept = stats.leaves_kept;

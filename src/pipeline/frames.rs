@@ -153,7 +153,7 @@ pub fn write_sequence_scenes(
         let levels = usize::from(output.lod.unwrap_or(0));
         let mut names: Vec<String> = words.iter().map(ToString::to_string).collect();
         names.extend((1..=levels).map(output::coarser_copy_name));
-        let text = sequence_scene(&scene, (unit, recipe.clock().fps), &frames, &names);
+        let text = sequence_scene(&scene, unit, recipe.clock().fps, &frames, &names);
         write_bytes(&scene, text.as_bytes())?;
         scenes.push(scene);
     }

@@ -110,7 +110,8 @@ pub struct GradeReport {
 /// that the bounds exclude, or a file that cannot be written.
 pub fn grade(
     recipe: &Recipe,
-    (run, options): (&RunOptions, &GradeOptions),
+    run: &RunOptions,
+    options: &GradeOptions,
     output: &Path,
     progress: &dyn Progress,
 ) -> Result<GradeReport, RunError> {

@@ -14,7 +14,7 @@ use super::measure::thickness::{SolidGeometry, Thickness};
 use super::ops::level_set_ops;
 use super::outputs::macro_deck::needs_no_voxels;
 use super::outputs::output_targets::output_targets;
-use super::outputs::run_report::finish_report;
+use super::outputs::run_report::{Judging, finish_report};
 use super::outputs::{macro_deck, output};
 use super::{bricks, estimate};
 use crate::band::{BandStats, Region};
@@ -95,7 +95,7 @@ pub fn run_keeping_solid(
     if needs_no_voxels(recipe) {
         let context = StageContext::new(recipe, &threads, progress);
         let results = macro_deck::write_all(context, &inputs, &outputs, &mut timer)?;
-        let report = finish_report(inputs, results, (&threads, true), &outputs, timer)?;
+        let report = finish_report(inputs, results, &threads, Judging::Nothing, &outputs, timer)?;
         return Ok((report, None));
     }
 
@@ -103,7 +103,14 @@ pub fn run_keeping_solid(
     timer.end_stage("estimate")?;
     if let Some(plan) = needs_bricks {
         let results = bricks::run(&inputs, plan, options, &threads, &outputs, &mut timer)?;
-        let report = finish_report(inputs, results, (&threads, options.brief), &outputs, timer)?;
+        let report = finish_report(
+            inputs,
+            results,
+            &threads,
+            Judging::of(options),
+            &outputs,
+            timer,
+        )?;
         return Ok((report, None));
     }
 
@@ -119,7 +126,7 @@ pub fn run_keeping_solid(
 
     let mut measured = SolidReport::default();
     for (n, op) in sections.op.iter().enumerate().skip(first) {
-        level_set_ops::apply(&mut context, &inputs, (n, op), &mut solid, &mut measured)?;
+        level_set_ops::apply(&mut context, &inputs, n, op, &mut solid, &mut measured)?;
         timer.end_stage(&format!("op.{n}.{}", op.name()))?;
     }
 
@@ -171,6 +178,13 @@ pub fn run_keeping_solid(
         bricks: None,
         outputs: written,
     };
-    let report = finish_report(inputs, results, (&threads, options.brief), &outputs, timer)?;
+    let report = finish_report(
+        inputs,
+        results,
+        &threads,
+        Judging::of(options),
+        &outputs,
+        timer,
+    )?;
     Ok((report, Some(solid)))
 }

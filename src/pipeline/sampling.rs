@@ -113,8 +113,7 @@ impl<'a> Probe<'a> {
         self.threads.install(|| match tiling.content() {
             Content::Beams(beams) => {
                 let shape = beams.shape(tiling, options, Offsets::default());
-                let solid = (&*shape.field, options.half_width);
-                probe_beams(tiling, beams, solid, &points)
+                probe_beams(tiling, beams, &*shape.field, options.half_width, &points)
             }
             Content::Sheets(sheets) => {
                 // A tolerance of 0: values are exact at each point, not interpolated between nodes.
@@ -179,7 +178,8 @@ impl<'a> Probe<'a> {
 fn probe_beams(
     tiling: &CellTiling,
     round: &RoundBeams,
-    (solid, half_width): (&WorldField, f64),
+    solid: &WorldField,
+    half_width: f64,
     points: &[Vec3],
 ) -> Result<Vec<FieldSample>, RunError> {
     let scaffold = &tiling.loaded.scaffold;

@@ -82,7 +82,8 @@ pub fn slice<E: From<RunError>>(
         apply(
             &mut context,
             &inputs,
-            (n, op),
+            n,
+            op,
             &mut solid,
             &mut ignored_report,
         )?;

@@ -103,7 +103,8 @@ pub fn scaffold_of(
 pub fn cell_block(
     cell: &Cell,
     count: usize,
-    (voxel_size, half_width): (f64, f64),
+    voxel_size: f64,
+    half_width: f64,
     session: Session,
 ) -> Result<Option<LevelSet>, RunError> {
     // The solid elements that hold the cell; planar cells are extruded.

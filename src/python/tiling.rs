@@ -158,8 +158,8 @@ impl Tiling {
                     "volume_fraction" => GradedQuantity::VolumeFraction,
                     _ => GradedQuantity::Thickness,
                 };
-                let first = (&cells[0][0].cell, &*members[0][0]);
-                level_shifts(&scaffold, first, quantity, values)
+                let (cell, table) = (&cells[0][0].cell, &*members[0][0]);
+                level_shifts(&scaffold, cell, table, quantity, values)
             });
             let tiling = Self {
                 members,

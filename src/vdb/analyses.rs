@@ -1,6 +1,7 @@
 //! Cavities, drains and layers of a level set, in memory and on disk.
 
 use super::error::{FileError, VdbError};
+use super::ffi::TileChoice;
 use super::index::LeafIndex;
 use super::leaf_source::MemorySource;
 use super::on_disk::stored_voids;
@@ -20,7 +21,7 @@ impl LevelSet {
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn cavities(&self, reach: i32, session: Session<'_>) -> Result<Cavities, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         let measure = Measure::new(self.voxel_size(), self.background() as f32, reach);
         find_cavities(&MemorySource::new(&index), measure, session.task())
     }
@@ -32,7 +33,8 @@ impl LevelSet {
 /// As there, and a changed leaf file.
 pub fn stored_cavities(
     store: &LeafStore,
-    (voxel_size, reach): (f64, i32),
+    voxel_size: f64,
+    reach: i32,
     session: Session<'_>,
 ) -> Result<Cavities, FileError> {
     let measure = Measure::new(voxel_size, store.background(), reach);
@@ -55,7 +57,7 @@ impl LevelSet {
             self.voids(session)?
         };
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         let closed = closed.iter().map(|c| c.place).collect();
         drain_plan(
             &MemorySource::new(&index),
@@ -77,7 +79,7 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<Option<Coord>, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         let scale = (self.voxel_size(), self.background() as f32);
         let source = MemorySource::new(&index);
         blocked_start(&source, scale, (request, starts), session.task())
@@ -111,7 +113,8 @@ pub fn stored_drain_channels(
 pub fn stored_blocked_start(
     store: &LeafStore,
     voxel_size: f64,
-    (request, starts): (&DrainRequest, &[Coord]),
+    request: &DrainRequest,
+    starts: &[Coord],
     session: Session<'_>,
 ) -> Result<Option<Coord>, FileError> {
     let scale = (voxel_size, store.background());
@@ -134,7 +137,7 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<BuildLayers, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         let scale = (self.voxel_size(), self.background() as f32);
         build_layers(&MemorySource::new(&index), scale, request, session.task())
     }

@@ -2,6 +2,7 @@
 
 use super::components::{Components, Side};
 use super::error::VdbError;
+use super::ffi::TileChoice;
 use super::index::{FACES, Holder, LeafIndex};
 use super::{LevelSet, Session};
 use crate::progress::Cancelled;
@@ -127,7 +128,7 @@ impl LevelSet {
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn check(&self, session: Session<'_>) -> Result<LevelSetCheck, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, true)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::All)?;
         let (h, background) = (self.voxel_size() as f32, self.background() as f32);
         let progress = session.progress;
         // Groups of a fixed size, added in order, so that the sums do not depend on the number of threads.

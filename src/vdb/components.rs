@@ -7,6 +7,7 @@
 //! voxel is rounding and does not count.
 
 use super::error::VdbError;
+use super::ffi::TileChoice;
 use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::LeafView;
 use super::{LevelSet, Session};
@@ -40,6 +41,16 @@ pub(super) enum Side {
     Solid,
     /// All others, including tiles and the unbounded outside.
     Void,
+}
+
+impl Side {
+    /// The tiles that can belong to it: the void has them all.
+    pub fn tiles(self) -> TileChoice {
+        match self {
+            Self::Solid => TileChoice::Solid,
+            Self::Void => TileChoice::All,
+        }
+    }
 }
 
 /// Least depth of a component, voxels.
@@ -216,7 +227,7 @@ impl Components {
         voxel_size: f64,
         session: Session<'_>,
     ) -> Result<Self, Cancelled> {
-        Self::below(index, side, (voxel_size, 0.0), session)
+        Self::below(index, side, voxel_size, 0.0, session)
     }
 
     /// The bodies of the solid as the mesher sees them, to be counted.
@@ -225,8 +236,8 @@ impl Components {
         voxel_size: f64,
         session: Session<'_>,
     ) -> Result<Self, Cancelled> {
-        let scale = (voxel_size, inside_below(voxel_size));
-        Self::below(index, Side::Solid, scale, session)
+        let threshold = inside_below(voxel_size);
+        Self::below(index, Side::Solid, voxel_size, threshold, session)
     }
 
     /// The components of one side. Inside are values below `threshold`; both it and `voxel_size` are
@@ -235,7 +246,8 @@ impl Components {
     fn below(
         index: &LeafIndex<'_>,
         side: Side,
-        (voxel_size, threshold): (f64, f32),
+        voxel_size: f64,
+        threshold: f32,
         session: Session<'_>,
     ) -> Result<Self, Cancelled> {
         let progress = session.progress;
@@ -410,7 +422,7 @@ impl LevelSet {
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn components(&self, session: Session<'_>) -> Result<Vec<Component>, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         Ok(Components::bodies(&index, self.voxel_size(), session)?
             .ranking
             .counted())
@@ -422,7 +434,7 @@ impl LevelSet {
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn voids(&self, session: Session<'_>) -> Result<Vec<Component>, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, true)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::All)?;
         Ok(
             Components::find(&index, Side::Void, self.voxel_size(), session)?
                 .ranking

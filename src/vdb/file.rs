@@ -140,7 +140,7 @@ fn lookup(metadata: &[(String, String)], key: &str) -> Option<String> {
 /// [`FileError::Io`] for a missing file, [`FileError::Damaged`] for an incomplete one.
 pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
-    let mut file = open(path, false)?;
+    let mut file = open(path, Loading::AtOnce)?;
     let names = file.names().map_err(damaged)?;
     let mut hash = Some(ContentHash::default());
     let mut grids = Vec::with_capacity(names.len());
@@ -206,12 +206,21 @@ pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<Lev
     Ok(found.solid(path, &GridReading::default(), session)?.solid)
 }
 
+/// When the values of a grid are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Loading {
+    /// With the grid.
+    AtOnce,
+    /// Where they are used; the file must stay.
+    Delayed,
+}
+
 /// Reads one grid of any type. Without a name: `surface`, else the only level set, else the only grid
-/// of floats. With `delayed`, values are read from the file when they are used.
+/// of floats.
 pub(super) fn pick(
     path: &Path,
     name: Option<&str>,
-    delayed: bool,
+    loading: Loading,
 ) -> Result<(String, UniquePtr<ffi::Grid>), FileError> {
     if path
         .extension()
@@ -220,7 +229,7 @@ pub(super) fn pick(
         return pick_nano(path, name);
     }
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
-    let mut file = open(path, delayed)?;
+    let mut file = open(path, loading)?;
     let names = file.names().map_err(damaged)?;
     let no_grid = |present| FileError::NoGrid {
         path: path.to_owned(),
@@ -290,14 +299,15 @@ impl ViewGrid {
 }
 
 /// As [`pick`], for views: instead of a level set `surface` of more voxels than are wished, the finest copy that the
-/// file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With `delayed`, the
+/// file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With delayed loading, the
 /// level set itself is read only without copies.
 pub(super) fn pick_for_view(
     path: &Path,
     name: Option<&str>,
-    (reading, delayed): (CoarseReading, bool),
+    reading: CoarseReading,
+    loading: Loading,
 ) -> Result<ViewGrid, FileError> {
-    let own = || pick(path, name, delayed).map(|(name, grid)| ViewGrid::new(name, grid, 1));
+    let own = || pick(path, name, loading).map(|(name, grid)| ViewGrid::new(name, grid, 1));
     let is_nano = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"));
@@ -305,7 +315,7 @@ pub(super) fn pick_for_view(
         return own();
     }
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
-    let mut file = open(path, delayed)?;
+    let mut file = open(path, loading)?;
     let names = file.names().map_err(damaged)?;
     let index_of = |level: u32| {
         let name = format!("surface_lod_{level}");
@@ -332,7 +342,7 @@ pub(super) fn pick_for_view(
         return own();
     }
     // The level set itself, if it is small enough.
-    if !delayed {
+    if loading == Loading::AtOnce {
         let found = own()?;
         if ffi::grid_active_voxels(&found.grid).map_err(damaged)? <= reading.max_voxels {
             return Ok(found);
@@ -372,7 +382,7 @@ fn pick_nano(path: &Path, name: Option<&str>) -> Result<(String, UniquePtr<ffi::
 }
 
 /// Opens a file after a check of its first bytes: OpenVDB's messages about them are cryptic.
-fn open(path: &Path, delayed: bool) -> Result<UniquePtr<ffi::FileIn>, FileError> {
+fn open(path: &Path, loading: Loading) -> Result<UniquePtr<ffi::FileIn>, FileError> {
     let io = |e| FileError::io(path, e);
     let mut head = Vec::new();
     let file = File::open(path).map_err(io)?;
@@ -397,8 +407,8 @@ fn open(path: &Path, delayed: bool) -> Result<UniquePtr<ffi::FileIn>, FileError>
     if version > 224 {
         return Err(damaged(format!("it is of format {version}")));
     }
-    let opened =
-        ffi::initialize().and_then(|()| ffi::file_open(path.as_os_str().as_bytes(), delayed));
+    let opened = ffi::initialize()
+        .and_then(|()| ffi::file_open(path.as_os_str().as_bytes(), loading == Loading::Delayed));
     opened.map_err(|e| FileError::damaged(path, &e))
 }
 

@@ -158,7 +158,7 @@ impl Volume {
         // So far the solid is in index space.
         if let (Some(map), Cubes::Edge(edge)) = (map, cubes) {
             let half_width = how.half_width;
-            let made = on_cubes(&solid, &map, (edge, half_width), session);
+            let made = on_cubes(&solid, &map, edge, half_width, session);
             solid = made.map_err(failed)?;
         }
         Ok(Adopted { solid, notes })

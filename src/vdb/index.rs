@@ -65,17 +65,12 @@ pub(super) struct LeafIndex<'a> {
 }
 
 impl<'a> LeafIndex<'a> {
-    /// Indexes the leaves and tiles; without `all_tiles` only tiles that are inside or active.
+    /// Indexes the leaves, and the tiles of a choice.
     pub fn new(
         level_set: &LevelSet,
         leaves: &'a Leaves<'_>,
-        all_tiles: bool,
+        choice: TileChoice,
     ) -> Result<Self, VdbError> {
-        let choice = if all_tiles {
-            TileChoice::All
-        } else {
-            TileChoice::Solid
-        };
         let tiles =
             tiles_of(&level_set.grid, choice).map_err(|e| VdbError::plain("listing tiles", &e))?;
         let leaves: Vec<_> = leaves.iter().collect();

@@ -7,6 +7,7 @@
 
 use super::components::Components;
 use super::error::VdbError;
+use super::ffi::TileChoice;
 use super::index::{FACES, Holder, LeafIndex};
 use super::{LevelSet, Session};
 use crate::frame::Aabb;
@@ -39,7 +40,7 @@ impl LevelSet {
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn measures(&self, session: Session<'_>) -> Result<Measures, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         let h = self.voxel_size();
         let middle = middle(&index);
         let numbers: Vec<usize> = (0..index.leaves.len()).collect();

@@ -214,7 +214,8 @@ impl LevelSet {
     pub(crate) fn region_quads(
         &self,
         mesh: &QuadMesh,
-        (region, last): (Region, i32),
+        region: Region,
+        last: i32,
         adaptivity: f64,
     ) -> RegionQuads {
         let index = |v: Vec3| (v - self.origin) / self.transform.voxel_size();

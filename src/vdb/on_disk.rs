@@ -35,18 +35,28 @@ struct StoredComponents {
     blocks: BTreeMap<Coord, (usize, Labels)>,
 }
 
+/// Whether the labels of leaves stay in memory.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum BlockLabels {
+    /// For removals, which select voxels by them.
+    Kept,
+    /// For counts.
+    Dropped,
+}
+
 impl StoredComponents {
     fn find(
         store: &LeafStore,
         side: Side,
         voxel_size: f64,
-        keep_labels: bool,
+        labels: BlockLabels,
         session: Session<'_>,
     ) -> Result<Self, FileError> {
         let progress = session.progress;
         // Removals, which keep the labels, and voids, whose places drains begin at, need the sign alone; bodies are those
         // of the mesh.
-        let threshold = if keep_labels || side == Side::Void {
+        let is_kept = labels == BlockLabels::Kept;
+        let threshold = if is_kept || side == Side::Void {
             0.0
         } else {
             inside_below(voxel_size)
@@ -71,7 +81,7 @@ impl StoredComponents {
                         return Err(StoreError::from(Cancelled));
                     }
                     progress.advance(1);
-                    Ok(label(store, origin, (side, threshold))?)
+                    Ok(label(store, origin, side, threshold)?)
                 });
                 found.collect::<Result<Vec<_>, StoreError>>()
             })?;
@@ -79,7 +89,7 @@ impl StoredComponents {
             for (&origin, block) in slab.iter().zip(labelled) {
                 let first = sets.extend(block.stats.len());
                 stats.extend(block.stats);
-                if keep_labels {
+                if is_kept {
                     blocks.insert(origin, (first, block.labels));
                 }
                 let own = (first, block.faces);
@@ -130,7 +140,13 @@ pub fn stored_components(
     voxel_size: f64,
     session: Session<'_>,
 ) -> Result<Vec<Component>, FileError> {
-    let found = StoredComponents::find(store, Side::Solid, voxel_size, false, session)?;
+    let found = StoredComponents::find(
+        store,
+        Side::Solid,
+        voxel_size,
+        BlockLabels::Dropped,
+        session,
+    )?;
     Ok(found.ranking.counted())
 }
 
@@ -143,7 +159,8 @@ pub fn stored_voids(
     voxel_size: f64,
     session: Session<'_>,
 ) -> Result<Vec<Component>, FileError> {
-    let found = StoredComponents::find(store, Side::Void, voxel_size, false, session)?;
+    let found =
+        StoredComponents::find(store, Side::Void, voxel_size, BlockLabels::Dropped, session)?;
     Ok(found.ranking.counted())
 }
 
@@ -165,7 +182,7 @@ impl StoredRemoval {
         session: Session<'_>,
     ) -> Result<Self, FileError> {
         let side = selection.side();
-        let found = StoredComponents::find(store, side, voxel_size, true, session)?;
+        let found = StoredComponents::find(store, side, voxel_size, BlockLabels::Kept, session)?;
         let (is_removed, removed) = selection.apply(&found.ranking);
         let mut selected = SelectedParts::new(side);
         for &block in found.blocks.keys() {

@@ -173,7 +173,7 @@ impl LevelSet {
         }
         check_iterations(iterations)?;
         if is_native(kind, session) {
-            return self.smooth(operation, (kind, width, iterations), session);
+            return self.smooth(operation, kind, width, iterations, session);
         }
         let options = smoothing(width, iterations, session);
         self.change(operation, session, |grid, host| {

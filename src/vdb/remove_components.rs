@@ -85,7 +85,7 @@ impl LevelSet {
     ) -> Result<RemovedComponents, VdbError> {
         let side = selection.side();
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
+        let index = LeafIndex::new(self, &leaves, side.tiles())?;
         let found = Components::find(&index, side, self.voxel_size(), session)?;
         let (is_removed, removed) = selection.apply(&found.ranking);
         if !is_removed.contains(&true) {
@@ -118,7 +118,7 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
+        let index = LeafIndex::new(self, &leaves, side.tiles())?;
         let voxels = index.leaves.iter().map(selected).enumerate();
         let edit = Removal::new(self, &index, side, voxels).edit();
         drop(leaves);

@@ -19,6 +19,15 @@ use rayon::prelude::*;
 /// numbers means all samples.
 pub(super) type Trace<'t, E> = dyn FnMut(&View, Vec3, &[u32]) -> Result<Vec<f32>, E> + 't;
 
+/// For which samples of a view rays are traced.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Tracing {
+    /// For those that the picture needs, in several calls.
+    AsNeeded,
+    /// For all in one call, where each call reads the whole solid.
+    AllSamples,
+}
+
 impl Picture {
     pub(super) fn check(&self) -> Result<(), VdbError> {
         let pixels = self.width.saturating_mul(self.height);
@@ -45,14 +54,13 @@ impl Picture {
         Ok(())
     }
 
-    /// Makes the picture of the contents of a box. With `at_once`, `trace` is called for all samples of a view,
-    /// whichever are needed.
+    /// Makes the picture of the contents of a box. `trace` is called as `tracing` requests.
     pub(super) fn compose<E: From<VdbError> + Send>(
         &self,
         bounds: Aabb,
         grid: Option<&Volume>,
         session: Session<'_>,
-        at_once: bool,
+        tracing: Tracing,
         trace: &mut Trace<'_, E>,
     ) -> Result<(Image, [f32; 2]), E> {
         let (width, height) = (self.width, self.height);
@@ -68,6 +76,7 @@ impl Picture {
         // A coarse view finds the part of the frame that is filled.
         let (low, high) = covered(&trace(&view, key, &[])?, coarse[0]);
         let view = view.cropped(low, high, columns, rows);
+        let at_once = tracing == Tracing::AllSamples;
         let all = if at_once {
             trace(&view, key, &[])?
         } else {
@@ -143,16 +152,21 @@ impl LevelSet {
     ) -> Result<(Image, [f32; 2]), VdbError> {
         picture.check()?;
         let bounds = self.bounds()?;
-        picture.compose(bounds, grid, session, false, &mut |view, key, numbers| {
-            self.trace(view, (key, picture.cut), numbers, session)
-        })
+        picture.compose(
+            bounds,
+            grid,
+            session,
+            Tracing::AsNeeded,
+            &mut |view, key, numbers| self.trace(view, key, picture.cut, numbers, session),
+        )
     }
 
     /// [`RAY_VALUES`] values for each sample with a number, or for all samples of a view if `numbers` is empty.
     pub(super) fn trace(
         &self,
         view: &View,
-        (light, cut): (Vec3, Option<(usize, f64)>),
+        light: Vec3,
+        cut: Option<(usize, f64)>,
         numbers: &[u32],
         session: Session<'_>,
     ) -> Result<Vec<f32>, VdbError> {

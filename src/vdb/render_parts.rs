@@ -8,7 +8,7 @@
 use super::camera::{View, corners};
 use super::error::VdbError;
 use super::picture::{Image, Picture, RAY_VALUES};
-use super::render::covered;
+use super::render::{Tracing, covered};
 use super::{LevelSet, Session, ffi};
 use crate::frame::{Aabb, Vec3};
 
@@ -86,7 +86,9 @@ pub fn render_parts<E: From<VdbError> + Send>(
         Ok(scene.values)
     };
     // All samples at once, so that the parts are visited as rarely as possible.
-    Ok(picture.compose(bounds, None, session, true, &mut trace)?.0)
+    Ok(picture
+        .compose(bounds, None, session, Tracing::AllSamples, &mut trace)?
+        .0)
 }
 
 /// A view and the nearest hits over the parts so far.
@@ -126,7 +128,7 @@ impl Scene<'_> {
 
     /// Traces samples in a part and keeps its nearer hits.
     fn trace(&mut self, part: &LevelSet, samples: &[u32]) -> Result<(), VdbError> {
-        let found = part.trace(self.view, (self.light, self.cut), samples, self.session)?;
+        let found = part.trace(self.view, self.light, self.cut, samples, self.session)?;
         for (&n, sample) in samples.iter().zip(found.chunks_exact(RAY_VALUES)) {
             let nearest = &mut self.values[RAY_VALUES * n as usize..][..RAY_VALUES];
             if sample[0] < nearest[0] {

@@ -17,7 +17,8 @@ use crate::mesh::MeshSolid;
 pub(super) fn on_cubes(
     in_index_space: &LevelSet,
     map: &IndexMap,
-    (edge, half_width): (f64, f64),
+    edge: f64,
+    half_width: f64,
     session: Session<'_>,
 ) -> Result<LevelSet, VdbError> {
     let transform = Transform::new(edge).ok_or(VdbError::Parameter {

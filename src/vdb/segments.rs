@@ -3,6 +3,7 @@
 use super::builder::LevelSetBuilder;
 use super::components::{Components, Side};
 use super::error::VdbError;
+use super::ffi::TileChoice;
 use super::index::LeafIndex;
 use super::remove_components::{REMOVAL_REACH, Removal, band_leaves};
 use super::{LevelSet, Session};
@@ -59,7 +60,7 @@ impl LevelSet {
     /// [`VdbError::Cancelled`], or errors of OpenVDB (memory).
     pub fn segments(&self, session: Session<'_>) -> Result<Vec<Self>, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         let found = Components::find(&index, Side::Solid, self.voxel_size(), session)?;
         let cubes = LeafCubes::new(&index, neighbourhood_edge(self.half_width()));
         let own = found.leaves_by_component();
@@ -68,7 +69,7 @@ impl LevelSet {
                 if session.progress.cancelled() {
                     return Err(VdbError::Cancelled(Cancelled));
                 }
-                self.segment(&index, &found, &cubes, (component, own), session)
+                self.segment(&index, &found, &cubes, component, own, session)
             })
             .collect()
     }
@@ -80,7 +81,8 @@ impl LevelSet {
         index: &LeafIndex<'_>,
         found: &Components,
         cubes: &LeafCubes,
-        (component, own): (usize, &[usize]),
+        component: usize,
+        own: &[usize],
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let origins = || own.iter().map(|&n| index.leaves[n].origin);

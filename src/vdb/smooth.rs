@@ -74,7 +74,9 @@ impl LevelSet {
     pub(super) fn smooth(
         &mut self,
         operation: &'static str,
-        (kind, width, iterations): (Filter, u32, u32),
+        kind: Filter,
+        width: u32,
+        iterations: u32,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         let background = self.background() as f32;

@@ -4,6 +4,7 @@
 //! named by its low corner, a voxel.
 
 use super::error::{MAX_CUBES, VdbError};
+use super::ffi::TileChoice;
 use super::index::LeafIndex;
 use super::{LevelSet, Session};
 use crate::band::Region;
@@ -59,7 +60,7 @@ impl SolidCubes {
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         let leaves = solid.leaves()?;
-        let index = LeafIndex::new(solid, &leaves, false)?;
+        let index = LeafIndex::new(solid, &leaves, TileChoice::Solid)?;
         let h = solid.voxel_size() as f32;
         let edge = self.edge;
         let contains =
@@ -70,7 +71,7 @@ impl SolidCubes {
                 if session.progress.cancelled() {
                     return Err(Cancelled);
                 }
-                Ok(leaf_cubes(&index, leaf, (h, edge), contains))
+                Ok(leaf_cubes(&index, leaf, h, edge, contains))
             });
             leaves.collect::<Result<_, _>>()
         })?;
@@ -162,7 +163,8 @@ const CELL_CORNERS: [[i32; 3]; 8] = [
 fn leaf_cubes(
     index: &LeafIndex<'_>,
     leaf: usize,
-    (h, edge): (f32, i32),
+    h: f32,
+    edge: i32,
     contains: impl Fn(Coord) -> bool,
 ) -> Vec<CubeParts> {
     let view = &index.leaves[leaf];

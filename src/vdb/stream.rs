@@ -111,7 +111,7 @@ impl VdbWriter<'_> {
             let facts = self.file.grid(index).and_then(ffi::grid_facts);
             let facts = facts.map_err(refused)?;
             hash.begin_grid(&GridHead::new(name, &facts, grid.leaves()));
-            grid.hash(&mut hash, (facts.half, factor), progress)?;
+            grid.hash(&mut hash, facts.half, factor, progress)?;
         }
         // Each block is passed twice: for the topology and for the values.
         let blocks: usize = grids.iter().map(|g| g.shape().blocks().count()).sum();
@@ -165,7 +165,8 @@ impl StoredGrid<'_> {
     fn hash(
         &self,
         hash: &mut ContentHash,
-        (half, factor): (bool, f32),
+        half: bool,
+        factor: f32,
         progress: &dyn Progress,
     ) -> Result<(), StoreError> {
         match self {

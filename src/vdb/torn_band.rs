@@ -2,6 +2,7 @@
 
 use super::LevelSet;
 use super::error::VdbError;
+use super::ffi::TileChoice;
 use super::index::{FACES, Holder, LeafIndex};
 use super::leaves::TileView;
 use crate::band::{LEAF, Region};
@@ -40,7 +41,7 @@ impl LevelSet {
     /// leaves around.
     pub(crate) fn band_gaps_within(&self, region: Region) -> Result<BandGaps, VdbError> {
         let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, false)?;
+        let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         let place = |voxel: Coord| self.transform.world(voxel).0 + self.origin;
         let negative: Vec<Bits> = index
             .leaves

@@ -1,13 +1,13 @@
 //! Grids of floats of any class: fog volumes, masks, grids of other programs.
 
 use super::error::{FileError, VdbError};
-use super::file::{CoarseReading, GridInfo};
+use super::file::{CoarseReading, GridInfo, Loading};
 use super::index_map::IndexMap;
 use super::leaves::{Leaves, samples_of, values_of};
 use super::refusal::Located;
 use super::resample::on_cubes;
 use super::value_survey::Survey;
-use super::write::{Compression, VdbWriter};
+use super::write::{Compression, FloatBits, VdbWriter};
 use super::{LevelSet, Session, ffi};
 use crate::frame::{Coord, Transform, Vec3, WorldPoint};
 use crate::mesh::TriMesh;
@@ -269,8 +269,13 @@ impl Volume {
             half_width: 1.0,
         };
         let identity = IndexMap::axis_aligned([1.0; 3], [0.0; 3]);
-        let voxels = (transform.voxel_size(), half_width);
-        let mut solid = on_cubes(&values, &identity, voxels, session)?;
+        let mut solid = on_cubes(
+            &values,
+            &identity,
+            transform.voxel_size(),
+            half_width,
+            session,
+        )?;
         if origin != Vec3::zeros() {
             solid.set_origin(origin)?;
         }
@@ -287,7 +292,8 @@ impl Volume {
         mut self,
         path: &Path,
         max_voxels: u64,
-        (mut step, is_averaged): (u32, bool),
+        mut step: u32,
+        is_averaged: bool,
     ) -> Result<Self, FileError> {
         let with_step = |mut volume: Self, step: u32| {
             if step > 1 {
@@ -390,16 +396,21 @@ impl Volume {
         reading: Option<CoarseReading>,
     ) -> Result<Self, FileError> {
         let Some(reading) = reading else {
-            let (name, grid) = super::file::pick(path, name, false)?;
+            let (name, grid) = super::file::pick(path, name, Loading::AtOnce)?;
             return Self::wrap(path, &name, grid);
         };
         let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
-        let is_delayed = bytes > MAX_LOADED_BYTES;
-        let found = super::file::pick_for_view(path, name, (reading, is_delayed))?;
+        let loading = if bytes > MAX_LOADED_BYTES {
+            Loading::Delayed
+        } else {
+            Loading::AtOnce
+        };
+        let found = super::file::pick_for_view(path, name, reading, loading)?;
         Self::wrap(path, &found.name, found.grid)?.coarse(
             path,
             reading.max_voxels,
-            (found.step, found.is_averaged),
+            found.step,
+            found.is_averaged,
         )
     }
 
@@ -421,7 +432,7 @@ impl Volume {
         let threads = Threads::new(1).map_err(|e| FileError::io(path, std::io::Error::other(e)))?;
         let session = Session::new(&threads, &Silent);
         let mut file = VdbWriter::new(path, session)?.compression(Compression::None);
-        file.add(&self.name, &self.grid, 1.0, false)?;
+        file.add(&self.name, &self.grid, 1.0, FloatBits::Single)?;
         for (key, value) in &self.info.metadata {
             if key == COARSE_STEP_KEY || key == "druse.unit" {
                 file.tag(key, value)?;
@@ -435,7 +446,7 @@ impl Volume {
     /// # Errors
     /// As [`Volume::read`].
     pub(super) fn read_coarse_copy(copy: &Path, path: &Path) -> Result<Self, FileError> {
-        let (name, grid) = super::file::pick(copy, None, false)?;
+        let (name, grid) = super::file::pick(copy, None, Loading::AtOnce)?;
         Self::wrap(path, &name, grid)?.surveyed(path)
     }
 }

@@ -37,6 +37,15 @@ impl Compression {
     }
 }
 
+/// How values are stored.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum FloatBits {
+    /// 32 bits.
+    Single,
+    /// 16 bits.
+    Half,
+}
+
 /// A written file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WrittenFile {
@@ -118,7 +127,7 @@ impl<'a> VdbWriter<'a> {
     /// # Errors
     /// [`FileError::Name`] for an empty name or one used twice, or errors of OpenVDB (memory).
     pub fn level_set(&mut self, name: &str, level_set: &'a LevelSet) -> Result<(), FileError> {
-        self.add(name, &level_set.grid, self.scale, false)
+        self.add(name, &level_set.grid, self.scale, FloatBits::Single)
     }
 
     /// Adds a level set stored as half floats: a fifth smaller, with distances rounded to 11 bits (up to 1.5
@@ -131,7 +140,7 @@ impl<'a> VdbWriter<'a> {
         name: &str,
         level_set: &'a LevelSet,
     ) -> Result<(), FileError> {
-        self.add(name, &level_set.grid, self.scale, true)
+        self.add(name, &level_set.grid, self.scale, FloatBits::Half)
     }
 
     /// Adds a fog volume, optionally as half floats; its usual name is `density`. Scaling applies to the voxels,
@@ -140,7 +149,12 @@ impl<'a> VdbWriter<'a> {
     /// # Errors
     /// As [`VdbWriter::level_set`].
     pub fn fog(&mut self, name: &str, fog: &'a Fog, half: bool) -> Result<(), FileError> {
-        self.add(name, &fog.grid, self.scale, half)
+        let bits = if half {
+            FloatBits::Half
+        } else {
+            FloatBits::Single
+        };
+        self.add(name, &fog.grid, self.scale, bits)
     }
 
     /// Adds an attribute; scaling applies to the voxels, not to the values.
@@ -148,17 +162,16 @@ impl<'a> VdbWriter<'a> {
     /// # Errors
     /// As [`VdbWriter::level_set`].
     pub fn attribute(&mut self, name: &str, attribute: &'a Attribute) -> Result<(), FileError> {
-        self.add(name, &attribute.grid, self.scale, false)
+        self.add(name, &attribute.grid, self.scale, FloatBits::Single)
     }
 
-    /// Adds any grid of OpenVDB under a name. `scale` multiplies lengths, `half` stores values with
-    /// 16 bits.
+    /// Adds any grid of OpenVDB under a name. `scale` multiplies lengths.
     pub(super) fn add(
         &mut self,
         name: &str,
         grid: &ffi::Grid,
         scale: f64,
-        half: bool,
+        bits: FloatBits,
     ) -> Result<(), FileError> {
         let refuse = |problem| FileError::Name {
             path: self.path.clone(),
@@ -179,6 +192,7 @@ impl<'a> VdbWriter<'a> {
             return Err(refuse("is used twice"));
         }
         let host = self.session.host();
+        let half = bits == FloatBits::Half;
         ffi::file_add(self.file.pin_mut(), grid, name, scale, half, &host)
             .map_err(|e| failed(&self.path, &e))?;
         self.names.push(name.to_owned());

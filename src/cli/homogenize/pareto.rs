@@ -67,7 +67,8 @@ fn surfaces(element: Element, fraction: f64) -> Vec<Cell> {
 pub(super) fn answer(
     p: &Parameters,
     source: &CellPeriod,
-    (picture, settings): (&Path, &Settings),
+    picture: &Path,
+    settings: &Settings,
     session: &Session,
 ) -> Result<Answer, Failure> {
     let refused = |name: &str| {

@@ -75,7 +75,7 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
             let nodes = element.kind().faces()[face.face as usize].corners;
             let side: Vec<Vec3> = nodes.iter().map(|&n| corners[n as usize].0).collect();
             let parts = if element.is_affine() { 1 } else { parts };
-            add_face(&mut body, &element, &side, (parts, sign), |xi| {
+            add_face(&mut body, &element, &side, parts, sign, |xi| {
                 for (field, out) in point_fields.iter().zip(&mut at_points) {
                     out.push(at_point(field, &element, xi));
                 }
@@ -175,7 +175,8 @@ fn add_face(
     body: &mut Body,
     element: &ElementMap,
     side: &[Vec3],
-    (parts, sign): (usize, f64),
+    parts: usize,
+    sign: f64,
     mut visit: impl FnMut(CellPoint<3>),
 ) {
     let first = body.positions.len() as u32;

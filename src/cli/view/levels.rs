@@ -235,7 +235,7 @@ fn publish(
     let unit = report.unit.as_str();
     let mut scene = work
         .threads
-        .install(|| load::solid_scene(work.p, solid, (unit, has_thickness), tools, progress))?;
+        .install(|| load::solid_scene(work.p, solid, unit, has_thickness, tools, progress))?;
     let size = report.band.voxel_size;
     scene
         .facts

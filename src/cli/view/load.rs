@@ -68,7 +68,8 @@ pub(super) fn check(path: &Path) -> Result<(), Failure> {
 pub(super) fn solid_scene(
     p: &Parameters,
     solid: &LevelSet,
-    (unit, has_thickness): (&str, bool),
+    unit: &str,
+    has_thickness: bool,
     tools: vdb::Session,
     progress: &dyn Progress,
 ) -> Result<Scene, Failure> {
@@ -78,7 +79,7 @@ pub(super) fn solid_scene(
         has_thickness,
         ..options(p)
     };
-    let (body, components) = body("surface", &mesh, (how, unit), &mut none, progress)?;
+    let (body, components) = body("surface", &mesh, how, unit, &mut none, progress)?;
     let mut notes = Vec::new();
     simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
     let mut facts = Vec::new();
@@ -208,7 +209,7 @@ fn level_set(
             .collect::<Result<Vec<Field>, Failure>>()
     };
     let found = mesh.triangles().len();
-    let (body, components) = body(&own, &mesh, (options(p), unit), &mut sampled, progress)?;
+    let (body, components) = body(&own, &mesh, options(p), unit, &mut sampled, progress)?;
     simplified(found, body.triangles.len(), &mut notes);
     let mut facts = vec![
         ["grid".into(), own.clone()],
@@ -320,18 +321,19 @@ fn mesh_scene(
         let level_set = pipeline::solid_picture(&p.file, &solid, [voxel, BAND_HALF_WIDTH], tools)?;
         level_set.to_mesh(tools)?
     };
-    surface_scene(p, &mesh, (unit, notes), progress)
+    surface_scene(p, &mesh, unit, notes, progress)
 }
 
 /// The scene of a mesh of triangles with the unit of its file; `notes` are those of its reader.
 fn surface_scene(
     p: &Parameters,
     mesh: &TriMesh,
-    (unit, mut notes): (String, Vec<String>),
+    unit: String,
+    mut notes: Vec<String>,
     progress: &dyn Progress,
 ) -> Result<Scene, Failure> {
     let mut none = |_: &[Vec3]| Ok::<Vec<Field>, Failure>(Vec::new());
-    let (body, components) = body("surface", mesh, (options(p), &unit), &mut none, progress)?;
+    let (body, components) = body("surface", mesh, options(p), &unit, &mut none, progress)?;
     simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
     let mut facts = vec![[
         "triangles in the file".into(),
@@ -364,7 +366,7 @@ fn scaffold(p: &Parameters, progress: &dyn Progress) -> Result<Scene, Failure> {
             let unit = file
                 .unit
                 .map_or_else(String::new, |u| u.symbol().to_owned());
-            return surface_scene(p, &file.mesh, (unit, file.warnings), progress);
+            return surface_scene(p, &file.mesh, unit, file.warnings, progress);
         }
     };
     progress.stage("faces", None);
@@ -428,8 +430,8 @@ fn cell_scene(
     };
     let [fine, coarse] = ELEMENT_VOXELS.map(|n| 1.0 / n);
     let one = pipeline::one_element(cell, fine, BAND_HALF_WIDTH, tools).map_err(failed)?;
-    let block = (coarse, BAND_HALF_WIDTH);
-    let block = pipeline::cell_block(cell, BLOCK_ELEMENTS, block, tools).map_err(failed)?;
+    let block = pipeline::cell_block(cell, BLOCK_ELEMENTS, coarse, BAND_HALF_WIDTH, tools)
+        .map_err(failed)?;
     let solids = [("one element", Some(one)), ("block of 3 x 3 x 3", block)];
     // Both share the triangles of the page.
     let share = SurfaceOptions {
@@ -441,7 +443,7 @@ fn cell_scene(
         let Some(solid) = solid else { continue };
         let mesh = solid.to_mesh(tools)?;
         let mut none = |_: &[Vec3]| Ok::<Vec<Field>, Failure>(Vec::new());
-        let (body, _) = body(name, &mesh, (share, ""), &mut none, progress)?;
+        let (body, _) = body(name, &mesh, share, "", &mut none, progress)?;
         simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
         bodies.push(body);
     }

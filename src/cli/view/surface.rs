@@ -30,7 +30,8 @@ pub(super) type Sampler<'a> = dyn FnMut(&[Vec3]) -> Result<Vec<Field>, Failure> 
 pub(super) fn body(
     name: &str,
     mesh: &TriMesh,
-    (options, unit): (SurfaceOptions, &str),
+    options: SurfaceOptions,
+    unit: &str,
     sampled: &mut Sampler<'_>,
     progress: &dyn Progress,
 ) -> Result<(Body, Vec<MeshComponent>), Failure> {

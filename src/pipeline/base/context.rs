@@ -3,10 +3,19 @@
 use super::error::RunError;
 use super::shape::Shape;
 use crate::band::{Band, BandStats, Region};
-use crate::frame::Transform;
+use crate::frame::{Transform, Vec3};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Recipe, Scale};
 use crate::vdb::{LevelSet, LevelSetBuilder, Session};
+
+/// The voxel lattice of a surface.
+#[derive(Clone, Copy)]
+pub(crate) struct VoxelLattice {
+    /// World position of voxel (0, 0, 0).
+    pub origin: Vec3,
+    /// Edge of a voxel, world units.
+    pub voxel_size: f64,
+}
 
 /// The context that all stages of a run share.
 #[derive(Clone, Copy)]

@@ -136,23 +136,31 @@ impl BrickRun<'_> {
         let halo = self.passes[number].halo;
         let is_near = |&n: &usize| removal.meets(bricks.region(n).grown(halo));
         let chosen: Vec<usize> = (0..bricks.len()).filter(is_near).collect();
-        let source = (bricks, &solid.store);
-        self.write_pass(number, &chosen, source, |context, _, part, first| {
-            let failed = RunError::level_set("removing components");
-            removal
-                .apply(part, first, context.session())
-                .map_err(failed)
-        })?;
+        self.write_pass(
+            number,
+            &chosen,
+            bricks,
+            &solid.store,
+            |context, _, part, first| {
+                let failed = RunError::level_set("removing components");
+                removal
+                    .apply(part, first, context.session())
+                    .map_err(failed)
+            },
+        )?;
         Ok(chosen)
     }
 
     /// Applies operations to all bricks. Returns all of them.
     fn operate(&self, number: usize, solid: &StoredSolid) -> Result<Vec<usize>, RunError> {
         let all: Vec<usize> = (0..solid.bricks.len()).collect();
-        let source = (&solid.bricks, &solid.store);
-        self.write_pass(number, &all, source, |context, pass, part, _| {
-            operate_on(context, self.inputs, pass, part)
-        })?;
+        self.write_pass(
+            number,
+            &all,
+            &solid.bricks,
+            &solid.store,
+            |context, pass, part, _| operate_on(context, self.inputs, pass, part),
+        )?;
         Ok(all)
     }
 
@@ -161,13 +169,14 @@ impl BrickRun<'_> {
         &self,
         number: usize,
         chosen: &[usize],
-        (bricks, store): (&Bricks, &LeafStore),
+        bricks: &Bricks,
+        store: &LeafStore,
         change: impl Fn(&mut StageContext, &Pass, &mut LevelSet, Coord) -> Result<(), RunError>,
     ) -> Result<(), RunError> {
         let pass = &self.passes[number];
         self.progress.stage("bricks", Some(chosen.len() as u64));
         for &brick in chosen {
-            self.make_file((number, bricks), brick, |writer| {
+            self.make_file(number, bricks, brick, |writer| {
                 let region = bricks.region(brick);
                 let grown = region.grown(pass.halo);
                 let quiet = CancelOnly(self.progress);

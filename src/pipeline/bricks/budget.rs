@@ -52,7 +52,8 @@ pub(crate) fn memory_bytes(
     inputs: &Inputs,
     threads: &Threads,
     counts: &Counts,
-    (edge, held): (u32, u64),
+    edge: u32,
+    held: u64,
 ) -> u64 {
     let passes = passes(inputs);
     let outputs = &inputs.recipe.sections().output;
@@ -117,7 +118,7 @@ pub(crate) fn edge_that_fits(
         held,
     }: &Budget,
 ) -> Result<u32, RunError> {
-    let cost = |edge: u32| memory_bytes(inputs, threads, counts, (edge, held));
+    let cost = |edge: u32| memory_bytes(inputs, threads, counts, edge, held);
     // The cost grows with the edge, but not by a formula that could be solved for it; the few edges are
     // tried.
     let largest_fitting = |max_edge: u32| (1..=max_edge).rev().find(|&edge| cost(edge) <= budget);
@@ -153,17 +154,22 @@ pub(crate) fn brick_bytes(inputs: &Inputs, leaf_bytes: u64) -> u64 {
     (leaf_bytes as f64 * (whole + copies)) as u64
 }
 
+/// Bytes that a merge still writes to a directory.
+#[derive(Clone, Copy)]
+pub(crate) struct DiskNeed<'a> {
+    pub directory: &'a Path,
+    pub bytes: u64,
+}
+
 /// Checks that the disks of bricks and outputs, which may be the same, have space for a merge.
-pub(crate) fn check_disks(
-    (bricks, remaining): (&Path, u64),
-    (outputs, output_bytes): (&Path, u64),
-) -> Result<(), RunError> {
-    let file_system = |directory: &Path| rustix::fs::statvfs(directory).map(|fs| fs.f_fsid);
+pub(crate) fn check_disks(bricks: DiskNeed, outputs: DiskNeed) -> Result<(), RunError> {
+    let file_system = |need: DiskNeed| rustix::fs::statvfs(need.directory).map(|fs| fs.f_fsid);
     if file_system(bricks) == file_system(outputs) {
-        return check_disk(outputs, remaining.saturating_add(output_bytes));
+        let bytes = bricks.bytes.saturating_add(outputs.bytes);
+        return check_disk(outputs.directory, bytes);
     }
-    check_disk(bricks, remaining)?;
-    check_disk(outputs, output_bytes)
+    check_disk(bricks.directory, bricks.bytes)?;
+    check_disk(outputs.directory, outputs.bytes)
 }
 
 /// Checks that a disk has `needed` bytes of space.

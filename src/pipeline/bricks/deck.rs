@@ -37,5 +37,5 @@ pub(super) fn deck(
             .map_err(RunError::level_set("fe"))?;
         brick_run.progress.advance(1);
     }
-    deck::write_cubes(context, (recipe, Vec3::zeros()), &cubes, output, path)
+    deck::write_cubes(context, recipe, Vec3::zeros(), &cubes, output, path)
 }

@@ -8,6 +8,7 @@ use super::halo::{before_resampling, total_reach};
 use super::solid::{Bricks, StoredSolid};
 use crate::band::{LeafStore, Region};
 use crate::frame::{Aabb, Coord, Vec3};
+use crate::pipeline::base::context::VoxelLattice;
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::base::report::SolidReport;
 use crate::pipeline::ops::drains;
@@ -24,6 +25,14 @@ pub(super) struct Drained {
     starts: Vec<Coord>,
 }
 
+/// The voxels of bricks: voxel (0, 0, 0) is at the world's origin.
+fn brick_lattice(voxel_size: f64) -> VoxelLattice {
+    VoxelLattice {
+        origin: Vec3::zeros(),
+        voxel_size,
+    }
+}
+
 impl Drained {
     /// Refuses a drained solid in which a ball of the channels' radius is still caught.
     ///
@@ -35,10 +44,14 @@ impl Drained {
         voxel_size: f64,
         session: Session<'_>,
     ) -> Result<(), RunError> {
-        let wanted = (&self.request, &self.starts[..]);
-        let blocked = stored_blocked_start(store, voxel_size, wanted, session)?;
-        let frame = (Vec3::zeros(), voxel_size);
-        drains::check_open(&self.stage, &self.request, blocked, frame)
+        let blocked =
+            stored_blocked_start(store, voxel_size, &self.request, &self.starts, session)?;
+        drains::check_open(
+            &self.stage,
+            &self.request,
+            blocked,
+            brick_lattice(voxel_size),
+        )
     }
 }
 
@@ -70,9 +83,9 @@ impl BrickRun<'_> {
         if channels.is_empty() {
             return Ok(None);
         }
-        // Bricks have the frame of voxel (0, 0, 0). The radius is in voxels.
-        let frame = (Vec3::zeros(), voxel_size);
-        let (channel_shape, reports) = drains::drilled(&channels, request.radius, frame);
+        // The radius is in voxels.
+        let lattice = brick_lattice(voxel_size);
+        let (channel_shape, reports) = drains::drilled(&channels, request.radius, lattice);
         report.drains.extend(reports);
         // Bricks around a channel that this pass changes, and those into which later passes move its surface.
         let pass_reach = request.radius.ceil() as i32 + pass.halo;
@@ -87,18 +100,23 @@ impl BrickRun<'_> {
         });
         let bricks = solid.bricks.including(regions);
         let all_bricks: Vec<usize> = (0..bricks.len()).collect();
-        let source = (&bricks, &solid.store);
-        self.write_pass(pass_number, &all_bricks, source, |context, _, part, _| {
-            let Some(region) = context.region else {
-                return Ok(());
-            };
-            let transform = context.transform()?;
-            let corners = [region.min, region.max].map(|c| transform.world(c).0);
-            if !channel_shape.extent.meets(Aabb::of(corners)) {
-                return Ok(());
-            }
-            drains::subtract(*context, &stage, &channel_shape, part)
-        })?;
+        self.write_pass(
+            pass_number,
+            &all_bricks,
+            &bricks,
+            &solid.store,
+            |context, _, part, _| {
+                let Some(region) = context.region else {
+                    return Ok(());
+                };
+                let transform = context.transform()?;
+                let corners = [region.min, region.max].map(|c| transform.world(c).0);
+                if !channel_shape.extent.meets(Aabb::of(corners)) {
+                    return Ok(());
+                }
+                drains::subtract(*context, &stage, &channel_shape, part)
+            },
+        )?;
         Ok(Some(Drained {
             bricks,
             stage: stage.clone(),

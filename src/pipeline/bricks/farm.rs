@@ -1,6 +1,6 @@
 //! Runs shared by several machines: a plan in a file, single bricks, and a merge.
 
-use super::budget::{Budget, brick_bytes, check_disks, held_bytes};
+use super::budget::{Budget, DiskNeed, brick_bytes, check_disks, held_bytes};
 use super::directory::{Lock, clear, is_derived, make_directory, nearest_existing, size_of};
 use super::{BrickPlan, BrickRun, check_disk, choose_layout, make_plan, merge_and_write};
 use crate::io::leads_out;
@@ -11,7 +11,7 @@ use crate::pipeline::content::inputs::Inputs;
 use crate::pipeline::estimate;
 use crate::pipeline::inputs::run_options::{RunOptions, threads};
 use crate::pipeline::outputs::output_targets::output_targets;
-use crate::pipeline::outputs::run_report::finish_report;
+use crate::pipeline::outputs::run_report::{Judging, finish_report};
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use std::ops::Range;
@@ -122,19 +122,30 @@ pub fn merge_bricks(
     let files = estimate::disk(&inputs, brick_run.plan.leaf_bytes);
     let output_directory = outputs.files.first().and_then(|(_, path)| path.parent());
     let output_directory = nearest_existing(output_directory.unwrap_or(Path::new(".")));
-    check_disks((&brick_run.directory, remaining), (output_directory, files))?;
-    let results = merge_and_write(
-        &brick_run,
-        Some(path),
-        (&outputs, options.brief),
-        &mut timer,
-    );
+    check_disks(
+        DiskNeed {
+            directory: &brick_run.directory,
+            bytes: remaining,
+        },
+        DiskNeed {
+            directory: output_directory,
+            bytes: files,
+        },
+    )?;
+    let results = merge_and_write(&brick_run, Some(path), &outputs, options.brief, &mut timer);
     let mut results = results.map_err(|e| brick_run.as_stopped(e))?;
     if let Some(bricks) = &mut results.bricks {
         bricks.found_whole = bricks.count;
     }
     let directory = brick_run.directory.clone();
-    let report = finish_report(inputs, results, (&threads, options.brief), &outputs, timer)?;
+    let report = finish_report(
+        inputs,
+        results,
+        &threads,
+        Judging::of(options),
+        &outputs,
+        timer,
+    )?;
     // The bricks belong to the user; files derived from them are removed.
     clear(&directory, is_derived);
     Ok(report)

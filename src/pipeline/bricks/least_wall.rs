@@ -40,7 +40,7 @@ pub(super) fn sampled_walls(
     let vertex_stride = (points / TARGET_SAMPLES).ceil().max(1.0) as usize;
     let mut sampled = WallSamples::default();
     for cube in chosen {
-        sampled.add(cube_walls(brick_run, solid, cube, (vertex_stride, phase))?);
+        sampled.add(cube_walls(brick_run, solid, cube, vertex_stride, phase)?);
         brick_run.progress.advance(1);
     }
     Ok(sampled)
@@ -60,7 +60,8 @@ fn cube_walls(
     brick_run: &BrickRun,
     stored: &StoredSolid,
     cube: Region,
-    (vertex_stride, phase): (usize, Phase),
+    vertex_stride: usize,
+    phase: Phase,
 ) -> Result<WallSamples, RunError> {
     let quiet = CancelOnly(brick_run.progress);
     let context = stored.bricks.context(brick_run, &quiet);

@@ -3,7 +3,7 @@
 
 use super::BrickRun;
 use super::assemble::part;
-use super::meshes::Meshes;
+use super::meshes::{Meshes, VertexSource};
 use super::solid::StoredSolid;
 use crate::frame::{Aabb, Coord, Vec3};
 use crate::io::atomic::write_bytes;
@@ -57,7 +57,7 @@ pub(super) fn measure(
         found.frame = found.frame.union(bounds.map_err(&failed)?);
         let session = context.session();
         let patch = own.patch(region, far, None, session).map_err(&failed)?;
-        files.add(context, &patch, false)?;
+        files.add(context, &patch, VertexSource::LevelSet)?;
         let mesh = TriMesh::new(patch.vertices, patch.faces).map_err(|e| failed(e.into()))?;
         // All parts refer to one point, because a part alone is not closed. The point lies in the solid,
         // so that no digits are lost.
@@ -70,9 +70,9 @@ pub(super) fn measure(
         drop(mesh);
         if let Some(field) = files.exact() {
             let patch = own.patch(region, far, Some(field), session);
-            files.add(context, &patch.map_err(&failed)?, true)?;
+            files.add(context, &patch.map_err(&failed)?, VertexSource::ExactField)?;
         }
-        files.add_other_faces(context, (solid, &own), (region, far))?;
+        files.add_other_faces(context, solid, &own, region, far)?;
         brick_run.progress.advance(1);
     }
     Ok(found)
@@ -82,7 +82,8 @@ pub(super) fn measure(
 pub(super) fn picture(
     brick_run: &BrickRun,
     solid: &StoredSolid,
-    (output, path): (&Output, &Path),
+    output: &Output,
+    path: &Path,
     frame: Aabb,
 ) -> Result<(), RunError> {
     let StoredSolid { bricks, store } = solid;

@@ -28,7 +28,8 @@ use std::path::Path;
 pub(super) fn merge_and_write(
     brick_run: &BrickRun,
     plan: Option<&Path>,
-    (targets, is_brief): (&Targets, bool),
+    targets: &Targets,
+    is_brief: bool,
     timer: &mut StageTimer,
 ) -> Result<StageResults, RunError> {
     let mut report = SolidReport::default();
@@ -43,7 +44,7 @@ pub(super) fn merge_and_write(
     if let Some(require) = require.filter(|r| r.escape_radius.is_some()) {
         let h = context.scale.voxel_size;
         let reach = cavities::reach(require, context.scale);
-        let found = stored_cavities(&solid.store, (h, reach), context.session())?;
+        let found = stored_cavities(&solid.store, h, reach, context.session())?;
         let found = CavitiesReport::new(&found, Vec3::zeros(), h);
         report.closed_cavities = require.closed_cavities.map(|_| found.closed);
         report.cavities = Some(found);
@@ -99,7 +100,7 @@ pub(super) fn merge_and_write(
     // The report lists the files in the order of the recipe.
     for (output, path) in &targets.files {
         if output.picture.is_some() {
-            picture(brick_run, &solid, (output, path), found.frame)?;
+            picture(brick_run, &solid, output, path, found.frame)?;
             outputs.push(output::file_entry(path, None)?);
             timer.end_stage("picture")?;
             continue;

@@ -71,6 +71,15 @@ struct BeamOutput {
     factor: f64,
 }
 
+/// Where the vertices of a patch lie.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum VertexSource {
+    /// At the zeros of the interpolated level set.
+    LevelSet,
+    /// At the zeros of the exact field.
+    ExactField,
+}
+
 /// All mesh files of a run.
 pub(super) struct Meshes<'a> {
     outputs: Vec<MeshOutput<'a>>,
@@ -104,7 +113,8 @@ impl MeshOutput<'_> {
         &mut self,
         context: StageContext,
         patch: &Patch<N>,
-        (numbered, projection_error): (&[[u32; N]], f64),
+        numbered: &[[u32; N]],
+        projection_error: f64,
     ) -> Result<(), RunError>
     where
         for<'f> Faces<'f>: From<&'f [[u32; N]]>,
@@ -146,7 +156,9 @@ impl MeshOutput<'_> {
         context: StageContext,
         solid: &LevelSet,
         exact: Option<&Shape>,
-        (region, far, last): (Region, f64, i32),
+        region: Region,
+        far: f64,
+        last: i32,
     ) -> Result<(), RunError> {
         let FaceSource::OpenVdb {
             adaptivity,
@@ -162,7 +174,7 @@ impl MeshOutput<'_> {
         let mesh = solid.part_to_quads(*adaptivity, far, context.session());
         let mut mesh = mesh.map_err(&failed)?;
         // The part has a halo around the region; only the region's own quads are written.
-        let share = solid.region_quads(&mesh, (region, last), *adaptivity);
+        let share = solid.region_quads(&mesh, region, last, *adaptivity);
         let mut projection_error = 0.0;
         if let (Some(projection), Some(exact)) = (*projection, exact) {
             // The projection moves all vertices, because those of the halo limit how far the region's
@@ -184,10 +196,10 @@ impl MeshOutput<'_> {
                 patch = context.threads.install(decimated);
             }
             let numbered = weld(welder, &patch)?;
-            self.add(context, &patch, (&numbered, projection_error))
+            self.add(context, &patch, &numbered, projection_error)
         } else {
             let numbered = weld(welder, &patch)?;
-            self.add(context, &patch, (&numbered, projection_error))
+            self.add(context, &patch, &numbered, projection_error)
         }
     }
 }
@@ -245,7 +257,7 @@ impl<'a> Meshes<'a> {
             let words = output.grids.as_deref().unwrap_or_default();
             let attributes = Attributes::new(context, brick_run.inputs, words, thickness, factor)?;
             let is_exact = output.project || output.sharp;
-            let is_double = needs_double(path, (far, centre), (context.scale, factor))?;
+            let is_double = needs_double(path, far, centre, context.scale, factor)?;
             // Counts of a projection start at 0. Files without a projection report none.
             let moved_count = is_exact.then_some(0);
             outputs.push(MeshOutput {
@@ -286,14 +298,14 @@ impl<'a> Meshes<'a> {
         exact.map(|shape| &*shape.field)
     }
 
-    /// Adds a patch to the files with all triangles whose vertices are of its kind: of the level set, or
-    /// projected.
+    /// Adds a patch to the files with all triangles whose vertices have the same source.
     pub fn add(
         &mut self,
         context: StageContext,
         patch: &Patch,
-        is_exact: bool,
+        source: VertexSource,
     ) -> Result<(), RunError> {
+        let is_exact = source == VertexSource::ExactField;
         let accepts =
             |output: &&mut MeshOutput| output.is_exact == is_exact && output.face_source.is_all();
         let mut outputs = self.outputs.iter_mut().filter(accepts).peekable();
@@ -303,7 +315,7 @@ impl<'a> Meshes<'a> {
         let numbered = weld(&mut self.welders[usize::from(is_exact)], patch)?;
         let exact = self.exact.as_ref().filter(|_| is_exact);
         let projection_error = projection_error(context, patch, exact);
-        outputs.try_for_each(|output| output.add(context, patch, (&numbered, projection_error)))
+        outputs.try_for_each(|output| output.add(context, patch, &numbered, projection_error))
     }
 
     /// Halo of a region on which its faces depend, voxels.
@@ -315,15 +327,18 @@ impl<'a> Meshes<'a> {
         halos.fold(LEAF, i32::max)
     }
 
-    /// Adds a region of a solid to the files with other faces than all triangles.
+    /// Adds a region of a solid to the files with other faces than all triangles. `solid` is the part around the
+    /// region of the solid `stored`; `far` is the greatest magnitude of its coordinates, world units.
     pub fn add_other_faces(
         &mut self,
         context: StageContext,
-        (stored, solid): (&StoredSolid, &LevelSet),
-        place: (Region, f64),
+        stored: &StoredSolid,
+        solid: &LevelSet,
+        region: Region,
+        far: f64,
     ) -> Result<(), RunError> {
-        self.add_decimated(context, solid, place)?;
-        self.add_quads(context, (stored, solid), place)
+        self.add_decimated(context, solid, region, far)?;
+        self.add_quads(context, stored, solid, region, far)
     }
 
     /// Decimates block by block, so that nothing depends on the bricks. Blocks keep their shared border.
@@ -331,7 +346,8 @@ impl<'a> Meshes<'a> {
         &mut self,
         context: StageContext,
         solid: &LevelSet,
-        (region, far): (Region, f64),
+        region: Region,
+        far: f64,
     ) -> Result<(), RunError> {
         for output in &mut self.outputs {
             let FaceSource::Decimated(decimation, welder) = &mut output.face_source else {
@@ -350,7 +366,8 @@ impl<'a> Meshes<'a> {
                 output.add(
                     context,
                     patch,
-                    (numbered, projection_error(context, patch, exact)),
+                    numbered,
+                    projection_error(context, patch, exact),
                 )?;
             }
         }
@@ -362,8 +379,10 @@ impl<'a> Meshes<'a> {
     fn add_quads(
         &mut self,
         context: StageContext,
-        (stored, solid): (&StoredSolid, &LevelSet),
-        (region, far): (Region, f64),
+        stored: &StoredSolid,
+        solid: &LevelSet,
+        region: Region,
+        far: f64,
     ) -> Result<(), RunError> {
         let last = region.max[0];
         for output in &mut self.outputs {
@@ -380,7 +399,7 @@ impl<'a> Meshes<'a> {
             // brick has them.
             let projection_halo = match (projection, decimation) {
                 (None, None) => {
-                    output.add_quad_region(context, solid, None, (region, far, last))?;
+                    output.add_quad_region(context, solid, None, region, far, last)?;
                     continue;
                 }
                 (Some(_), _) => UNTANGLING_HALO,
@@ -394,7 +413,7 @@ impl<'a> Meshes<'a> {
                 let own = Region::cube(block, BLOCK);
                 let part = part(context, &stored.store, own.grown(halo), Coord([0; 3]))?;
                 let exact = self.exact.as_ref().filter(|_| output.is_exact);
-                output.add_quad_region(context, &part, exact, (own, far, last))?;
+                output.add_quad_region(context, &part, exact, own, far, last)?;
             }
         }
         Ok(())

@@ -205,7 +205,7 @@ pub(in super::super) fn make_plan(
         bricks: bricks.origins().map(|b| b.0).collect(),
         out: None,
         leaf_bytes: leaf_bytes(counts) as u64,
-        memory_bytes: memory_bytes(inputs, threads, counts, (layout.edge, layout.held)),
+        memory_bytes: memory_bytes(inputs, threads, counts, layout.edge, layout.held),
     })
 }
 
@@ -236,7 +236,7 @@ pub(super) fn operand_regions(
     let ops = inputs.recipe.sections().op.iter().enumerate();
     let of_pass = |n: usize| passes.iter().any(|p| p.ops.contains(&n));
     for (n, op) in ops.filter(|(n, _)| of_pass(*n)) {
-        let Some(other) = operation_shape(inputs, (n, op), context.scale, || Ok(bounds))? else {
+        let Some(other) = operation_shape(inputs, n, op, context.scale, || Ok(bounds))? else {
             continue;
         };
         if other.extent.is_empty() {

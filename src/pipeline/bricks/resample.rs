@@ -70,7 +70,7 @@ impl BrickRun<'_> {
         let portion_edge = step.portion_edge(self.plan.edge);
         self.progress.stage("bricks", Some(bricks.len() as u64));
         for brick in 0..bricks.len() {
-            self.make_file((number, bricks), brick, |writer| {
+            self.make_file(number, bricks, brick, |writer| {
                 let region = bricks.region(brick);
                 // Finer voxels read few old leaves per brick. Coarser ones read many: these are made in
                 // smaller cubes, one at a time.
@@ -78,7 +78,7 @@ impl BrickRun<'_> {
                     return self.resample_region(step, solid, region, writer);
                 }
                 for block in region.cubes(BLOCK) {
-                    let leaves = self.resample_block(step, solid, (block, portion_edge))?;
+                    let leaves = self.resample_block(step, solid, block, portion_edge)?;
                     let leaves = leaves
                         .iter()
                         .map(|(at, (mask, values))| (*at, *mask, values));
@@ -96,7 +96,8 @@ impl BrickRun<'_> {
         &self,
         step: &Resampling,
         solid: &StoredSolid,
-        (block, portion_edge): (Coord, i32),
+        block: Coord,
+        portion_edge: i32,
     ) -> Result<BTreeMap<Coord, Leaf>, RunError> {
         let mut leaves = BTreeMap::new();
         for corner in Region::cube(block, BLOCK).cubes(portion_edge) {
@@ -129,7 +130,7 @@ impl BrickRun<'_> {
             return Ok(());
         }
         if step.is_doubling() {
-            return self.double_region(step, solid, (region, around), sink);
+            return self.double_region(step, solid, region, around, sink);
         }
         // The part keeps its global position, because lookups are in world coordinates.
         let part = part(context, &solid.store, around, Coord([0; 3]))?;
@@ -157,7 +158,8 @@ impl BrickRun<'_> {
         &self,
         step: &Resampling,
         solid: &StoredSolid,
-        (region, around): (Region, Region),
+        region: Region,
+        around: Region,
         sink: &dyn LeafSink,
     ) -> Result<(), RunError> {
         let store = &solid.store;

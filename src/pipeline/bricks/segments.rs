@@ -19,9 +19,13 @@ impl BrickRun<'_> {
         let StoredSolid { bricks, store } = solid;
         let quiet = CancelOnly(self.progress);
         let context = bricks.context(self, &quiet);
-        let voxels = (context.scale.voxel_size, context.half_width);
         let progress_session = bricks.context(self, self.progress).session();
-        let found = StoredSegments::find(store, voxels, progress_session)?;
+        let found = StoredSegments::find(
+            store,
+            context.scale.voxel_size,
+            context.half_width,
+            progress_session,
+        )?;
         // Components are numbered as passes after those of the recipe, so that their files have names
         // and hashes of their own.
         let first = self.passes.len() + usize::from(coarser_copies(self.inputs.recipe));
@@ -43,7 +47,7 @@ impl BrickRun<'_> {
                 if self.progress.cancelled() {
                     return Err(Cancelled.into());
                 }
-                self.make_file((first + component, &component_bricks), brick, |writer| {
+                self.make_file(first + component, &component_bricks, brick, |writer| {
                     let region = component_bricks.region(brick);
                     // The band of a removed neighbour reaches into this brick; the halo shows which
                     // component each voxel belongs to.

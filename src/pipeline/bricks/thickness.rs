@@ -6,11 +6,10 @@ use super::solid::StoredSolid;
 use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
+use crate::pipeline::base::context::VoxelLattice;
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::measure::least_wall::{SurfacePoint, surface_points};
-use crate::pipeline::measure::thickness::{
-    RegionalSurface, SolidGeometry, Thickness, VoxelLattice,
-};
+use crate::pipeline::measure::thickness::{RegionalSurface, SolidGeometry, Thickness};
 use crate::progress::CancelOnly;
 
 /// The surface of a solid in bricks, meshed on demand: a brick at once, larger regions block by block.

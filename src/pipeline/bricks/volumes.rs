@@ -156,7 +156,7 @@ impl<'a> Volumes<'a> {
         let mut file = output::vdb_file(context, brick_run.inputs, output, path)?;
         let mut grids = Vec::new();
         for ((name, solid), shape) in surfaces.iter().zip(&shapes) {
-            output::add_surface(&mut file, output, (name, shape))?;
+            output::add_surface(&mut file, output, name, shape)?;
             grids.push(StoredGrid::Surface(&solid.store));
         }
         let has_fog = words.contains(&GridWord::Density);

@@ -37,7 +37,7 @@ pub(crate) fn density(
     let make = || Ok::<_, Infallible>(new_density(scaffold, cell));
     let Ok(found) = cache
         .densities
-        .get_or_make((place, density_key(scaffold, cell)), make);
+        .get_or_make(place, density_key(scaffold, cell), make);
     found
 }
 

@@ -67,7 +67,8 @@ pub enum GradedQuantity {
 /// [`RunError::Tiling`] unless there is one value for each node, [`RunError::Cell`] if no level gives a value.
 pub fn level_shifts(
     scaffold: &Scaffold,
-    (cell, table): (&Cell, &Table),
+    cell: &Cell,
+    table: &Table,
     quantity: GradedQuantity,
     mut values: Vec<f64>,
 ) -> Result<Vec<f64>, RunError> {
@@ -91,7 +92,7 @@ pub fn level_shifts(
     // Only corners carry a grading. Values at nodes within edges must not widen the range of the table.
     let is_corner = crate::pipeline::inputs::spatial_value::corner_nodes(scaffold);
     let used = values.iter().zip(&is_corner).filter(|v| *v.1);
-    let range = used.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (v, _)| {
+    let (low, high) = used.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (v, _)| {
         (a.min(*v), b.max(*v))
     });
     let density = fractions::density(scaffold, cell, None);
@@ -102,7 +103,7 @@ pub fn level_shifts(
         slope: CellField::gradient_rms(table),
     };
     // A few levels are found over the range, and interpolated for each node.
-    let grades = grade_shifts(graded, key, range)?;
+    let grades = grade_shifts(graded, key, low, high)?;
     let shift = |(v, is_corner): (f64, bool)| {
         if is_corner {
             interpolated_shift(&grades, v)
@@ -117,7 +118,8 @@ pub fn level_shifts(
 pub(crate) fn grade_shifts(
     graded: GradedCell<'_>,
     key: &str,
-    (low, high): (f64, f64),
+    low: f64,
+    high: f64,
 ) -> Result<Vec<Grade>, RunError> {
     let cell = graded.cell;
     let fault = |e: crate::cell::CellError| RunError::Cell {

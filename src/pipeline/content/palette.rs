@@ -128,7 +128,8 @@ fn section_in_use(files: &InputFiles, name: &str, kind: ContentKind) -> CellSect
 pub(crate) fn cells_by_shape(
     files: &mut InputFiles,
     shapes: &[Element],
-    (name, kind): (&str, ContentKind),
+    name: &str,
+    kind: ContentKind,
     session: Session,
 ) -> Result<Vec<Cell>, RunError> {
     let key = format!("cell.{name}");
@@ -165,7 +166,9 @@ pub(crate) fn palette_cell(
     files: &mut InputFiles,
     scaffold: &Scaffold,
     cells: Vec<Cell>,
-    (name, accuracy, kind): (&str, TableAccuracy, ContentKind),
+    name: &str,
+    accuracy: TableAccuracy,
+    kind: ContentKind,
     session: Session,
 ) -> Result<PaletteCell, RunError> {
     let key = format!("cell.{name}");

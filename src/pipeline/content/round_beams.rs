@@ -185,7 +185,7 @@ fn shape_parts(
                 plate.1 = radius;
             }
         }
-        let parts = symmetrised(recipe, &key, section, (shape, parts))?;
+        let parts = symmetrised(recipe, &key, section, shape, parts)?;
         Ok((shape, parts.clipped_to(shape)))
     };
     filled.into_iter().map(of_shape).collect()
@@ -198,7 +198,8 @@ fn symmetrised(
     recipe: &Recipe,
     key: &str,
     section: &CellSection,
-    (shape, parts): (Element, ReferenceParts),
+    shape: Element,
+    parts: ReferenceParts,
 ) -> Result<ReferenceParts, RunError> {
     let graph = section.graph.as_ref().or(section.plates.as_ref());
     let is_file = graph.is_some_and(|g| g.path.extension().is_some());
@@ -247,7 +248,7 @@ impl RoundBeams {
         let failed = |e: NetworkError| RunError::Tiling(e.to_string());
         let chord = CHORDAL_ERROR * recipe.scale().voxel_size;
         let network = Network::new(scaffold, &cells, chord).map_err(failed)?;
-        let (beams, plates) = sized_parts(files, tiling, section, (spatial, &network))?;
+        let (beams, plates) = sized_parts(files, tiling, section, spatial, &network)?;
         let counts = network.counts();
         // For many struts the network takes hundreds of megabytes.
         drop(network);
@@ -358,7 +359,8 @@ fn sized_parts(
     files: &mut InputFiles,
     tiling: &CellTiling,
     section: &TilingSection,
-    (spatial, network): (&SpatialContext, &Network),
+    spatial: &SpatialContext,
+    network: &Network,
 ) -> Result<(Vec<Beam>, Vec<Plate>), RunError> {
     let recipe = files.recipe;
     let scaffold = &tiling.loaded.scaffold;

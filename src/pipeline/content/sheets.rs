@@ -61,9 +61,10 @@ pub(crate) struct SheetOptions<'a> {
 }
 
 impl SheetThickness {
-    /// The thickness at points. Where `counts` is set it is positive.
+    /// The thickness `values` at `points`. Where `counts` is set it is positive.
     pub fn new(
-        (points, values): (Vec<Vec3>, Vec<f64>),
+        points: Vec<Vec3>,
+        values: Vec<f64>,
         counts: &[bool],
         outer: Vec<MeshSolid>,
         is_inverted: bool,

@@ -119,7 +119,7 @@ impl CellTiling {
         if kind != ContentKind::Beams {
             for name in section.cells() {
                 let shapes = loaded.scaffold.shapes();
-                cells.push(cells_by_shape(files, &shapes, (name, kind), session)?);
+                cells.push(cells_by_shape(files, &shapes, name, kind, session)?);
             }
         }
         let turned = turn_elements(files, &mut loaded, section, &cells, envelope)?;
@@ -129,10 +129,15 @@ impl CellTiling {
         for name in section.cells() {
             palette.push(match cells.next() {
                 None => PaletteCell::named(name),
-                Some(cells) => {
-                    let how = (name, accuracy, kind);
-                    palette_cell(files, &loaded.scaffold, cells, how, session)?
-                }
+                Some(cells) => palette_cell(
+                    files,
+                    &loaded.scaffold,
+                    cells,
+                    name,
+                    accuracy,
+                    kind,
+                    session,
+                )?,
             });
         }
         let interpolation = match section.interpolation {
@@ -307,17 +312,17 @@ impl CellTiling {
                 (0..values.len()).filter(|&n| (is_smooth || self.counts[n]) && weight(n) > 0.0);
             let used: Vec<usize> = used.collect();
             let own = used.iter().map(|&n| values[n]);
-            let range = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            let (low, high) = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
                 (a.min(v), b.max(v))
             });
             if used.is_empty() {
                 continue;
             }
-            let grades = grade_shifts(entry.graded(), key, range)?;
+            let grades = grade_shifts(entry.graded(), key, low, high)?;
             for &n in &used {
                 grading[n] += weight(n) * interpolated_shift(&grades, values[n]);
             }
-            self.warn_of_missed_thickness(files, entry, &grades, (&used, &values))?;
+            self.warn_of_missed_thickness(files, entry, &grades, &used, &values)?;
         }
         self.grading = grading;
         Ok(())
@@ -331,7 +336,8 @@ impl CellTiling {
         files: &mut InputFiles,
         entry: &PaletteCell,
         grades: &[Grade],
-        (used, values): (&[usize], &[f64]),
+        used: &[usize],
+        values: &[f64],
     ) -> Result<(), RunError> {
         // A grade has a nearest value only where no level gives the target.
         let missed =

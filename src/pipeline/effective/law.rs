@@ -120,7 +120,7 @@ impl Law {
         session.progress.stage("homogenise", Some(all.len() as u64));
         // The cell is sampled once; each parameter only moves the level.
         for &parameter in all {
-            let level = cell.level(&source, &samples, (parameter, mean), &key)?;
+            let level = cell.level(&source, &samples, parameter, mean, &key)?;
             samples = samples.with_level(level);
             let shares = samples.shares();
             let fraction = crate::homogenize::mean(&shares);
@@ -257,7 +257,8 @@ impl LawCell<'_> {
         &self,
         source: &CellPeriod,
         samples: &Samples,
-        (parameter, mean): (f64, f64),
+        parameter: f64,
+        mean: f64,
         key: &str,
     ) -> Result<f64, RunError> {
         let failed = |e| period_fault(key, e);

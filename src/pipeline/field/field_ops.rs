@@ -38,12 +38,12 @@ pub(crate) fn shape_with<'a>(
         let other = match op {
             Op::Trim(trim) => box_shape(trim_box(trim, scale), format!("the box of {key}")),
             _ => match op.operand() {
-                Some(operand) => self::operand(inputs, operand, &key, (scale, offsets))?,
+                Some(operand) => self::operand(inputs, operand, &key, scale, offsets)?,
                 None => continue,
             },
         };
         solid = Some(match solid {
-            Some(solid) => combine(op, solid, other, (reach, offsets))?,
+            Some(solid) => combine(op, solid, other, reach, offsets)?,
             None => Chained::from(other),
         });
     }
@@ -84,9 +84,7 @@ pub(crate) fn extent_bound(
     for (n, op) in sections.op[..count].iter().enumerate() {
         let other = match (op, op.operand()) {
             (Op::Trim(trim), _) => trim_box(trim, scale),
-            (_, Some(other)) => {
-                operand(inputs, other, &format!("op.{n}"), (scale, offsets))?.extent
-            }
+            (_, Some(other)) => operand(inputs, other, &format!("op.{n}"), scale, offsets)?.extent,
             _ => continue,
         };
         bounds = Some(match (bounds, op) {
@@ -132,7 +130,8 @@ fn combine<'a>(
     op: &Op,
     a: Chained<'a>,
     b: Shape<'a>,
-    (reach, offsets): (f64, Offsets),
+    reach: f64,
+    offsets: Offsets,
 ) -> Result<Chained<'a>, RunError> {
     // Maxima and minima can be chained and culled together. Under offsets the distance to the edge of
     // the cut matters, and a combination that knows it takes their place.
@@ -173,7 +172,8 @@ fn combine<'a>(
 /// none. `extent_bound` gives a box of all that matters, which bounds an unbounded operand.
 pub(crate) fn operation_shape<'a>(
     inputs: &'a Inputs,
-    (n, op): (usize, &Op),
+    n: usize,
+    op: &Op,
     scale: Scale,
     extent_bound: impl FnOnce() -> Result<Aabb, RunError>,
 ) -> Result<Option<Shape<'a>>, RunError> {
@@ -185,7 +185,7 @@ pub(crate) fn operation_shape<'a>(
     let Some(other) = op.operand() else {
         return Ok(None);
     };
-    let shape = operand(inputs, other, &key, (scale, Offsets::default()))?;
+    let shape = operand(inputs, other, &key, scale, Offsets::default())?;
     if shape.extent.size().iter().all(|s| s.is_finite()) {
         return Ok(Some(shape));
     }
@@ -207,7 +207,8 @@ pub(crate) fn operand<'a>(
     inputs: &'a Inputs,
     operand: &Operand,
     key: &str,
-    (scale, offsets): (Scale, Offsets),
+    scale: Scale,
+    offsets: Offsets,
 ) -> Result<Shape<'a>, RunError> {
     let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
     Ok(match operand {
@@ -221,7 +222,7 @@ pub(crate) fn operand<'a>(
                 let bounds = mesh.map_or(Aabb::EMPTY, MeshSolid::bounds);
                 return Ok(Shape {
                     extent: bounds.union(lattice.bounds()),
-                    field: lattice.field(mesh, (offsets.reach() + band, offsets)),
+                    field: lattice.field(mesh, offsets.reach() + band, offsets),
                     name: format!("the {word} of {key}"),
                 });
             }

@@ -101,7 +101,7 @@ pub fn cell_properties(
     drop(samples);
     let mut start = options.with_gradient.then(InitialSolutions::default);
     let fine = properties_from(grid, &shares, settings, start.as_mut(), progress)?;
-    let gradient = start.map(|start| gradient(source, options, level, (&shares, start), progress));
+    let gradient = start.map(|start| gradient(source, options, level, &shares, start, progress));
     let gradient = gradient.transpose()?;
     drop(shares);
     // The finer grid holds the cell; on one half as fine that has too few voxels there is no error estimate.
@@ -151,7 +151,8 @@ fn gradient(
     source: &CellPeriod,
     options: &PropertyOptions,
     level: f64,
-    (shares, start): (&[f64], InitialSolutions),
+    shares: &[f64],
+    start: InitialSolutions,
     progress: &dyn Progress,
 ) -> Result<Vec<Derivatives>, HomogenizeError> {
     progress.stage("gradient", None);

@@ -37,7 +37,8 @@ impl CellCache {
         &self,
         reader: &SourceReader,
         name: &str,
-        (section, element): (&CellSection, Element),
+        section: &CellSection,
+        element: Element,
         record: &mut SourceRecord,
     ) -> Result<Cell, SourceFault> {
         let Some(key) = key(reader, name, section, element) else {
@@ -71,7 +72,8 @@ impl CellCache {
         &self,
         reader: &SourceReader,
         name: &str,
-        (section, cell): (&CellSection, Cell),
+        section: &CellSection,
+        cell: Cell,
     ) -> Result<Cell, CellFault> {
         let Some(key) = key(reader, name, section, cell.element()) else {
             return with_level(cell, section);

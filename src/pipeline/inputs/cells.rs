@@ -64,7 +64,7 @@ pub(crate) fn make(
             )?);
         }
         let resolve = |path: &Path| recipe.resolve(path);
-        return super::targets::make(name, section, element, (matched, &resolve), session)
+        return super::targets::make(name, section, element, matched, &resolve, session)
             .map_err(|e| e.of(key));
     }
     let reader = SourceReader {
@@ -75,7 +75,7 @@ pub(crate) fn make(
     let cell = match files.cache {
         Some(cache) => cache
             .cells
-            .cell(&reader, name, (section, element), &mut record),
+            .cell(&reader, name, section, element, &mut record),
         None => reader.cell(name, section, element, &mut record),
     };
     let cell = cell.map_err(|e| e.of(key))?;
@@ -91,7 +91,7 @@ pub(crate) fn make(
         files.warn(code, format!("{source_key}: {message}"))?;
     }
     let levelled = match files.cache {
-        Some(cache) => cache.cells.with_level(&reader, name, (section, cell)),
+        Some(cache) => cache.cells.with_level(&reader, name, section, cell),
         None => with_level(cell, section),
     };
     levelled.map_err(fail)

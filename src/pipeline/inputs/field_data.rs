@@ -30,13 +30,20 @@ enum Source {
     List(ValueList),
 }
 
+/// The items of a file that values belong to, for errors.
+struct FileItems {
+    /// `node`, `element` or `line`.
+    kind: &'static str,
+    /// Number of each item in the file.
+    numbers: Vec<u64>,
+}
+
 /// Values of nodes, elements or lines, in a list.
 struct ValueList {
     values: Vec<f64>,
     scatter: ScatteredPoints,
     /// What the values belong to, in words; and its numbers in the file.
-    item: &'static str,
-    item_numbers: Vec<u64>,
+    items: FileItems,
     /// The mesh that interpolates between the values, if there is one, and whether they belong to points
     /// or cells.
     mesh: Option<(Box<Scaffold>, FieldAt)>,
@@ -180,22 +187,24 @@ impl ValueList {
         }
         let places: Vec<Vec3> = rows.iter().map(|r| map(Vec3::from(r.at))).collect();
         let values = rows.iter().map(|r| r.value).collect();
-        let lines = rows.iter().map(|r| r.line).collect();
-        Ok(Self::new(&places, values, field.outside, ("line", lines)))
+        let lines = FileItems {
+            kind: "line",
+            numbers: rows.iter().map(|r| r.line).collect(),
+        };
+        Ok(Self::new(&places, values, field.outside, lines))
     }
 
     fn new(
         places: &[Vec3],
         mut values: Vec<f64>,
         outside: Option<Outside>,
-        (item, item_numbers): (&'static str, Vec<u64>),
+        items: FileItems,
     ) -> Self {
         replace_missing(places, &mut values, outside);
         Self {
             values,
             scatter: ScatteredPoints::new(places),
-            item,
-            item_numbers,
+            items,
             mesh: None,
         }
     }
@@ -247,20 +256,20 @@ impl ValueList {
                 (places, (0..s.len()).map(|e| s.number(e)).collect(), None)
             }
         };
-        let item_numbers = match at {
+        let (kind, numbers) = match at {
             FieldAt::Points => ("node", node_numbers),
             FieldAt::Cells => ("element", element_numbers),
         };
         Ok(Self {
             mesh,
-            ..Self::new(&places, values, field.outside, item_numbers)
+            ..Self::new(&places, values, field.outside, FileItems { kind, numbers })
         })
     }
 
     /// The place in the file of a value of the list.
     fn place_in_file(&self, n: usize) -> Place {
-        let number = self.item_numbers.get(n).copied().unwrap_or_default();
-        match self.item {
+        let number = self.items.numbers.get(n).copied().unwrap_or_default();
+        match self.items.kind {
             "line" => Place::Line(number),
             item => Place::Item(item, number),
         }

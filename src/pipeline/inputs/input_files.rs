@@ -37,6 +37,13 @@ pub(crate) struct InputFiles<'a> {
     strict: bool,
 }
 
+/// What becomes of the beams of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum FileBeams {
+    Read,
+    Ignored,
+}
+
 impl<'a> InputFiles<'a> {
     pub fn new(recipe: &'a Recipe, options: &'a RunOptions) -> Self {
         Self {
@@ -54,7 +61,7 @@ impl<'a> InputFiles<'a> {
     /// The solid that a surface of the recipe bounds.
     pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<Arc<MeshSolid>, RunError> {
         match surface {
-            SurfaceRef::Mesh(file) => Ok(self.file_solid(key, file, false)?.0),
+            SurfaceRef::Mesh(file) => Ok(self.file_solid(key, file, FileBeams::Ignored)?.0),
             SurfaceRef::Crystal(frame) => Ok(Arc::new(self.crystal_solid(key, frame)?)),
         }
     }
@@ -66,30 +73,30 @@ impl<'a> InputFiles<'a> {
         surface: SurfaceRef,
     ) -> Result<SolidAndBeams, RunError> {
         match surface {
-            SurfaceRef::Mesh(file) => self.file_solid(key, file, true),
+            SurfaceRef::Mesh(file) => self.file_solid(key, file, FileBeams::Read),
             SurfaceRef::Crystal(_) => Ok((self.solid(key, surface)?, None)),
         }
     }
 
-    /// The solid of the file of an operation, kept from an earlier run or read, and its beams if
-    /// `has_beams`. `key` names the operation, as in `op.2`.
+    /// The solid of the file of an operation, kept from an earlier run or read, and its beams if they are
+    /// wanted. `key` names the operation, as in `op.2`.
     fn file_solid(
         &mut self,
         key: &str,
         file: &FileFrame,
-        has_beams: bool,
+        beams: FileBeams,
     ) -> Result<SolidAndBeams, RunError> {
         let path = self.recipe.resolve(&file.path);
         // All that decides the solid: the file with its size and time, its frame, and the recipe's unit.
         let whole = file_key(&path).map(|f| {
             let unit = self.recipe.unit();
-            (key.to_owned(), format!("{file:?} {has_beams} {unit:?} {f}"))
+            (key.to_owned(), format!("{file:?} {beams:?} {unit:?} {f}"))
         });
         self.kept(
             |cache| &cache.solids,
             whole,
             |files| {
-                let read = if has_beams {
+                let read = if beams == FileBeams::Read {
                     crate::io::read_solid(&path)?
                 } else {
                     SolidFile {
@@ -111,14 +118,14 @@ impl<'a> InputFiles<'a> {
         key: Option<(String, String)>,
         make: impl FnOnce(&mut Self) -> Result<T, RunError>,
     ) -> Result<T, RunError> {
-        let (Some(cache), Some(key)) = (self.cache, key) else {
+        let (Some(cache), Some((place, key))) = (self.cache, key) else {
             return make(self);
         };
         // `make` also records inputs, warnings and paths. They are kept with the value, and recorded
         // again in each run.
         let before = (self.inputs.len(), self.warnings.len(), self.paths.len());
         let mut is_new = false;
-        let found = kept(cache).get_or_make(key, || {
+        let found = kept(cache).get_or_make(place, key, || {
             is_new = true;
             Ok::<_, RunError>(ReadInput {
                 value: make(self)?,

@@ -128,7 +128,8 @@ impl LatticeSolid {
     pub fn field<'a>(
         &'a self,
         mesh: Option<&'a MeshSolid>,
-        (reach, offsets): (f64, Offsets),
+        reach: f64,
+        offsets: Offsets,
     ) -> Box<WorldField<'a>> {
         let united = |a: Option<Box<WorldField<'a>>>, b: Box<WorldField<'a>>| {
             Some(match a {
@@ -206,7 +207,7 @@ pub fn solid_picture(
     let context = StageContext::of_solid(session, scale, half_width);
     let reach = half_width * voxel_size;
     let shape = Shape {
-        field: lattice.field(mesh.as_ref(), (reach, Offsets::default())),
+        field: lattice.field(mesh.as_ref(), reach, Offsets::default()),
         extent: solid.bounds(),
         name: "the file".into(),
     };

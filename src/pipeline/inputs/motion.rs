@@ -93,7 +93,8 @@ impl FileNodes<'_> {
         files: &mut InputFiles,
         section: &ScaffoldSection,
         pose: &Pose,
-        (file, path): (&FileFrame, &Path),
+        file: &FileFrame,
+        path: &Path,
     ) -> Result<Vec<Vec3>, RunError> {
         let recipe = files.recipe;
         let map = frame_map(file, file.unit.map(|u| u.0), recipe.unit());
@@ -248,14 +249,23 @@ fn requested(recipe: &Recipe) -> [bool; 2] {
     })
 }
 
-/// The motion of the nodes that the outputs need. `load` makes the scaffold in another pose.
+/// A scaffold with the number of each node in its file.
+#[derive(Clone, Copy)]
+pub(crate) struct NumberedScaffold<'a> {
+    pub scaffold: &'a Scaffold,
+    pub node_numbers: &'a [u64],
+}
+
+/// The motion of the nodes that the outputs need. `load` makes the scaffold and the numbers of its nodes in another
+/// pose.
 pub(crate) fn node_motion(
     files: &mut InputFiles,
     section: &ScaffoldSection,
-    (scaffold, numbers): (&Scaffold, &[u64]),
+    here: NumberedScaffold,
     load: impl Fn(&mut InputFiles, &Pose) -> Result<(Scaffold, Vec<u64>), RunError>,
 ) -> Result<NodeMotion, RunError> {
     let recipe = files.recipe;
+    let scaffold = here.scaffold;
     let [needs_velocity, needs_rest] = requested(recipe);
     let mut motion = NodeMotion::default();
     // The defects of the other frames are those of this one, which are reported once.
@@ -265,7 +275,11 @@ pub(crate) fn node_motion(
             return Ok(scaffold.nodes().to_vec());
         };
         let (other, other_numbers) = load(files, &pose)?;
-        check_connectivity(recipe, (scaffold, numbers), (&other, &other_numbers), &pose)?;
+        let there = NumberedScaffold {
+            scaffold: &other,
+            node_numbers: &other_numbers,
+        };
+        check_connectivity(recipe, here, there, &pose)?;
         Ok::<_, RunError>(other.nodes().to_vec())
     };
     if needs_velocity {
@@ -401,46 +415,53 @@ pub(crate) fn nearest_text(frames: &[i32], frame: i32) -> String {
     }
 }
 
-/// Refuses a scaffold whose elements are not those of the run's frame. A scaffold comes with its file's number of each
-/// node.
+/// Refuses a scaffold `there` in a pose whose elements are not those of the run's frame, `here`.
 fn check_connectivity(
     recipe: &Recipe,
-    (here, here_numbers): (&Scaffold, &[u64]),
-    (there, there_numbers): (&Scaffold, &[u64]),
+    here: NumberedScaffold,
+    there: NumberedScaffold,
     pose: &Pose,
 ) -> Result<(), RunError> {
-    let (a, b) = (here.connectivity(), there.connectivity());
+    let (a, b) = (here.scaffold.connectivity(), there.scaffold.connectivity());
     let is_equal =
         |e: usize| e < a.len() && e < b.len() && a.kind(e) == b.kind(e) && a.nodes(e) == b.nodes(e);
     // Readers number nodes as elements use them, so that the numbers of the files count too.
-    let mut pairs = here_numbers.iter().zip(there_numbers);
+    let mut pairs = here.node_numbers.iter().zip(there.node_numbers);
     let renumbered = pairs.position(|(a, b)| a != b);
     let uses = |n: usize| (0..a.len()).find(|&e| a.nodes(e).contains(&(n as u32)));
     let differing = (0..a.len().max(b.len())).find(|&e| !is_equal(e));
     let differing = differing.or_else(|| renumbered.and_then(uses));
     let is_same = differing.is_none() && renumbered.is_none();
-    if is_same && here.nodes().len() == there.nodes().len() {
+    if is_same && here.scaffold.nodes().len() == there.scaffold.nodes().len() {
         return Ok(());
     }
-    let owner = |e: usize| if e < here.len() { here } else { there };
+    let owner = |e: usize| {
+        let is_here = e < here.scaffold.len();
+        if is_here {
+            here.scaffold
+        } else {
+            there.scaffold
+        }
+    };
     let number = differing.map(|e| owner(e).number(e));
-    let text = |s: &Scaffold| match differing {
-        None => format!("{} nodes", s.nodes().len()),
-        Some(e) if e >= s.len() => "no element".into(),
+    let text = |NumberedScaffold {
+                    scaffold,
+                    node_numbers,
+                }: NumberedScaffold| match differing {
+        None => format!("{} nodes", scaffold.nodes().len()),
+        Some(e) if e >= scaffold.len() => "no element".into(),
         Some(e) => {
-            let numbers = if std::ptr::eq(s, here) {
-                here_numbers
-            } else {
-                there_numbers
+            let name = |n: &u32| {
+                let number = node_numbers.get(*n as usize);
+                number.copied().unwrap_or(u64::from(*n))
             };
-            let name = |n: &u32| numbers.get(*n as usize).copied().unwrap_or(u64::from(*n));
-            let nodes = s
+            let nodes = scaffold
                 .connectivity()
                 .nodes(e)
                 .iter()
                 .map(|n| name(n).to_string());
             let nodes = nodes.collect::<Vec<_>>().join(" ");
-            format!("{} [{nodes}]", s.connectivity().kind(e).name())
+            format!("{} [{nodes}]", scaffold.connectivity().kind(e).name())
         }
     };
     Err(RunError::Scaffold {

@@ -16,7 +16,8 @@ impl SourceReader<'_> {
         &self,
         name: &str,
         section: &CellSection,
-        (element, options): (Element, &FitOptions),
+        element: Element,
+        options: &FitOptions,
         record: &mut SourceRecord,
     ) -> Result<Option<Cell>, SourceFault> {
         let Some(file) = samples_file(section, element, options) else {

@@ -60,7 +60,8 @@ impl<T: Clone> Kept<T> {
     /// The kept value of a place, if it was made with the same key, else the one that `make` makes.
     pub fn get_or_make<E>(
         &self,
-        (place, key): (String, String),
+        place: String,
+        key: String,
         make: impl FnOnce() -> Result<T, E>,
     ) -> Result<T, E> {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,7 +1,7 @@
 //! Scaffolds of a recipe, from a file or a parametric shape.
 
 use super::input_files::InputFiles;
-use super::motion::{FileNodes, NodeMotion, Pose, deformed, node_motion};
+use super::motion::{FileNodes, NodeMotion, NumberedScaffold, Pose, deformed, node_motion};
 use super::run_cache::file_key;
 use crate::frame::Vec3;
 use crate::io::{ElementFile, Group};
@@ -122,9 +122,12 @@ pub(crate) fn load(
             })
         },
     )?;
-    let own = (&*checked.scaffold, &checked.node_numbers[..]);
+    let here = NumberedScaffold {
+        scaffold: &checked.scaffold,
+        node_numbers: &checked.node_numbers,
+    };
     // The velocity needs the scaffold at other frames, read and divided in the same way.
-    let motion = node_motion(files, section, own, |files, pose| {
+    let motion = node_motion(files, section, here, |files, pose| {
         let other = divided_scaffold(files, section, pose)?;
         Ok((other.scaffold, other.node_numbers))
     })?;
@@ -281,7 +284,7 @@ fn source_scaffold(
                 unused: read.unused_nodes,
                 fields: &read.fields,
             };
-            let nodes = nodes.posed(files, section, pose, (file, &path))?;
+            let nodes = nodes.posed(files, section, pose, file, &path)?;
             let scaffold = with_nodes(&read.scaffold, nodes).map_err(fail)?;
             SourceScaffold {
                 scaffold,
@@ -299,7 +302,7 @@ fn source_scaffold(
                 unused: read.unused_nodes,
                 fields: &read.fields,
             };
-            let nodes = nodes.posed(files, section, pose, (file, &path))?;
+            let nodes = nodes.posed(files, section, pose, file, &path)?;
             let surface = read.surface.with_nodes(nodes).map_err(fail)?;
             let scaffold = match (&section.shell, &section.plate) {
                 (Some(shell), _) => {

@@ -246,8 +246,7 @@ impl SourceReader<'_> {
         if let Some(group) = &options.group {
             options.group = Some(self.group(group)?);
         }
-        let cell_from_samples =
-            self.cell_from_samples(name, section, (element, &options), record)?;
+        let cell_from_samples = self.cell_from_samples(name, section, element, &options, record)?;
         let cell = if let Some(cell) = cell_from_samples {
             cell
         } else {

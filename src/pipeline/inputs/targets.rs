@@ -126,7 +126,8 @@ pub(crate) fn make(
     name: &str,
     section: &CellSection,
     element: Element,
-    (matched, resolve): (Vec<Cell>, Resolve),
+    matched: Vec<Cell>,
+    resolve: Resolve,
     session: Session,
 ) -> Result<Cell, SourceFault> {
     let design = design(name, section, element, matched, resolve)?;

@@ -30,11 +30,12 @@ pub(crate) fn cavities_of(
 /// # Errors
 /// [`RunError`]: cancellation.
 pub fn level_set_cavities(
-    (solid, unit): (&LevelSet, LengthUnit),
+    solid: &LevelSet,
+    unit: LengthUnit,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<CavitiesReport, RunError> {
-    let context = file_context((solid, unit), threads, progress);
+    let context = file_context(solid, unit, threads, progress);
     cavities_of(context, solid, crate::vdb::DEFAULT_CAVITY_REACH)
 }
 
@@ -43,18 +44,21 @@ pub fn level_set_cavities(
 /// # Errors
 /// [`RunError`]: an invalid section, or cancellation.
 pub fn level_set_layers(
-    (section, own): (&BuildSection, LengthUnit),
-    (solid, unit): (&LevelSet, LengthUnit),
+    section: &BuildSection,
+    own: LengthUnit,
+    solid: &LevelSet,
+    unit: LengthUnit,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<BuildReport, RunError> {
-    let context = file_context((solid, unit), threads, progress);
+    let context = file_context(solid, unit, threads, progress);
     build::measure(&section.in_unit(own, unit), context, solid)
 }
 
 /// The context of a file's level set.
 pub(crate) fn file_context<'a>(
-    (solid, unit): (&LevelSet, LengthUnit),
+    solid: &LevelSet,
+    unit: LengthUnit,
     threads: &'a Threads,
     progress: &'a dyn Progress,
 ) -> StageContext<'a> {

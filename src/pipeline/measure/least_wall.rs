@@ -222,16 +222,15 @@ pub(crate) fn ball_at(
         along * along >= MIN_CONTACT_SINE * MIN_CONTACT_SINE * d.norm_squared()
             && q.value.dot(&inward) <= MAX_NORMAL_COSINE
     };
-    let touching = (p, inward);
     // A contact on the ray along the normal bounds the search. Where there is none, the radius doubles
     // until a contact is found.
-    let radius = if let Some(bound) = bins.ball_along(touching, max_radius, is_opposite) {
-        let smallest = bins.smallest_ball(touching, bound, is_opposite);
+    let radius = if let Some(bound) = bins.ball_along(p, inward, max_radius, is_opposite) {
+        let smallest = bins.smallest_ball(p, inward, bound, is_opposite);
         smallest.unwrap_or(bound)
     } else {
         let mut limit = first.min(max_radius);
         loop {
-            match bins.smallest_ball(touching, limit, is_opposite) {
+            match bins.smallest_ball(p, inward, limit, is_opposite) {
                 Some(radius) => break radius,
                 None if limit >= max_radius => return TouchingBall::Wider,
                 None => limit = (2.0 * limit).min(max_radius),

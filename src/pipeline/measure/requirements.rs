@@ -6,10 +6,10 @@
 use super::cavities;
 use super::file_measures::{cavities_of, file_context, level_set_layers};
 use super::least_wall::{MAX_BRICK_WALL, Phase};
-use super::thickness::{SolidGeometry, VoxelLattice, sampled_walls};
+use super::thickness::{SolidGeometry, sampled_walls};
 use crate::frame::{Aabb, LengthUnit};
 use crate::mesh::TriMesh;
-use crate::pipeline::base::context::StageContext;
+use crate::pipeline::base::context::{StageContext, VoxelLattice};
 use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::layer_facts::BuildReport;
 use crate::pipeline::base::report::{Report, SolidReport};
@@ -26,7 +26,9 @@ const SIZE_TOLERANCE: f64 = 1e-6;
 pub(crate) fn measure(
     require: &RequireSection,
     context: StageContext,
-    (solid, mesh, geometry): (&LevelSet, &TriMesh, SolidGeometry),
+    solid: &LevelSet,
+    mesh: &TriMesh,
+    geometry: SolidGeometry,
     report: &mut SolidReport,
 ) -> Result<(), RunError> {
     if require.escape_radius.is_some() {
@@ -95,14 +97,15 @@ pub(crate) fn judge(require: &RequireSection, report: &Report, scale: Scale) -> 
 /// cancellation.
 pub fn judge_level_set(
     file: &RequireFile,
-    (solid, unit): (&LevelSet, LengthUnit),
+    solid: &LevelSet,
+    unit: LengthUnit,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<Vec<Requirement>, RunError> {
     let session = Session::new(threads, progress);
     let failed = RunError::level_set("measure");
     let voxel_size = solid.voxel_size();
-    let context = file_context((solid, unit), threads, progress);
+    let context = file_context(solid, unit, threads, progress);
     let mesh = solid.to_mesh(session).map_err(&failed)?;
     if mesh.is_empty() {
         return Err(RunError::Empty("reading".into()));
@@ -128,24 +131,15 @@ pub fn judge_level_set(
         report.least_wall = wall.map(|w| w.thickness);
         report.least_wall_place = wall.map(|w| w.centre.into());
     }
-    measure(
-        &file.section,
-        context,
-        (solid, &mesh, geometry),
-        &mut report,
-    )?;
+    measure(&file.section, context, solid, &mesh, geometry, &mut report)?;
     // Layers take a second pass over the voxels, so only requirements on the build lead to it.
     if let Some(section) = file
         .build
         .as_ref()
         .filter(|_| !file.section.of_builds().is_empty())
     {
-        let part = (solid, unit);
         report.build = Some(level_set_layers(
-            (section, file.unit),
-            part,
-            threads,
-            progress,
+            section, file.unit, solid, unit, threads, progress,
         )?);
     }
     Ok(judge_file(file, report, unit, voxel_size))
@@ -155,8 +149,11 @@ pub fn judge_level_set(
 /// those that the shells of the mesh bound.
 pub fn judge_mesh(
     file: &RequireFile,
-    (volume, bounds, unit): (f64, Aabb, LengthUnit),
-    (components, cavities): (u64, u64),
+    volume: f64,
+    bounds: Aabb,
+    unit: LengthUnit,
+    components: u64,
+    cavities: u64,
 ) -> Vec<Requirement> {
     let report = SolidReport {
         volume,
@@ -203,6 +200,13 @@ fn judge_file(
 }
 
 /// Collects verdicts.
+/// What a number of parts may be.
+#[derive(Clone, Copy)]
+enum CountLimit {
+    Exactly(u64),
+    AtMost(u64),
+}
+
 struct Judge {
     scale: Scale,
     /// Greatest diameter of walls and gaps that was measured, if it is limited.
@@ -216,7 +220,7 @@ impl Judge {
         if let Some(least) = r.least_wall {
             // No wall up to the limit in bricks: it is thicker than that.
             let found = solid.least_wall.or(self.wall_limit);
-            self.at_least("least_wall", least, (found, solid.least_wall_place));
+            self.at_least("least_wall", least, found, solid.least_wall_place);
             self.advise("make walls thicker there: thickness, or dilate");
         }
         if let Some(least) = r.least_gap {
@@ -225,16 +229,24 @@ impl Judge {
             if found.is_none() {
                 self.no_gap(least);
             } else {
-                self.at_least("least_gap", least, (found, solid.least_gap_place));
+                self.at_least("least_gap", least, found, solid.least_gap_place);
             }
             self.advise("widen gaps there: larger cells, less thickness, or close them with close");
         }
         if let Some(count) = r.components {
-            self.count("components", ("exactly", count), Some(solid.components));
+            self.count(
+                "components",
+                CountLimit::Exactly(count),
+                Some(solid.components),
+            );
             self.advise("keep_largest = true keeps one component");
         }
         if let Some(most) = r.closed_cavities {
-            self.count("closed_cavities", ("at most", most), solid.closed_cavities);
+            self.count(
+                "closed_cavities",
+                CountLimit::AtMost(most),
+                solid.closed_cavities,
+            );
             self.advise("fill_voids = true fills them; open cells drain them");
         }
         if let Some(least) = r.escape_radius {
@@ -273,7 +285,8 @@ impl Judge {
         &mut self,
         name: &'static str,
         least: Size,
-        (value, place): (Option<f64>, Option<[f64; 3]>),
+        value: Option<f64>,
+        place: Option<[f64; 3]>,
     ) {
         let limit = least.resolve(self.scale);
         // A missing value does not meet it: there is nothing to judge.
@@ -351,7 +364,7 @@ impl Judge {
             ("cups", r.cups, build.cups, &build.cup_list),
         ] {
             let Some(most) = most else { continue };
-            self.count(name, ("at most", most), Some(found));
+            self.count(name, CountLimit::AtMost(most), Some(found));
             // The lowest of them is named.
             if let Some(last) = self.list.last_mut().filter(|r| !r.met) {
                 last.place = list.first().map(|s| s.place);
@@ -377,14 +390,17 @@ impl Judge {
         }
     }
 
-    fn count(&mut self, name: &'static str, (how, limit): (&str, u64), found: Option<u64>) {
-        let met = found.is_some_and(|n| match how {
-            "exactly" => n == limit,
-            _ => n <= limit,
+    fn count(&mut self, name: &'static str, limit: CountLimit, found: Option<u64>) {
+        let met = found.is_some_and(|n| match limit {
+            CountLimit::Exactly(limit) => n == limit,
+            CountLimit::AtMost(limit) => n <= limit,
         });
         self.list.push(Requirement {
             name,
-            required: format!("{how} {limit}"),
+            required: match limit {
+                CountLimit::Exactly(limit) => format!("exactly {limit}"),
+                CountLimit::AtMost(limit) => format!("at most {limit}"),
+            },
             found: found.map_or("not counted".into(), |n| n.to_string()),
             value: found.map(|n| n as f64),
             met,

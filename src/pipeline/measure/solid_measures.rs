@@ -92,7 +92,7 @@ pub(crate) fn measure(
     report.add_walls(walls, inputs.target_thickness(), &cut, context.threads);
     timer.end_stage("walls")?;
     if let Some(require) = &inputs.recipe.sections().require {
-        requirements::measure(require, context, (solid, &mesh, geometry), report)?;
+        requirements::measure(require, context, solid, &mesh, geometry, report)?;
         timer.end_stage("requirements")?;
     }
     if let Some(section) = &inputs.recipe.sections().build {

@@ -114,7 +114,8 @@ impl<T: Copy + Send + Sync> Bins<T> {
     /// finite length. The order of the sites does not matter.
     pub fn smallest_ball(
         &self,
-        (p, inward): (Vec3, Vec3),
+        p: Vec3,
+        inward: Vec3,
         max_radius: f64,
         accepts: impl Fn(&Site<T>) -> bool,
     ) -> Option<f64> {
@@ -123,7 +124,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
         self.visit(around, |cube, sites| {
             // Sites outside the ball have larger ones, since balls that touch at one point are nested.
             if self.square_distance(cube, p + inward * radius) <= radius * radius {
-                shrink(&mut radius, (p, inward), sites, &accepts);
+                shrink(&mut radius, p, inward, sites, &accepts);
             }
             false
         });
@@ -134,7 +135,8 @@ impl<T: Copy + Send + Sync> Bins<T> {
     /// bound that takes little time.
     pub fn ball_along(
         &self,
-        (p, inward): (Vec3, Vec3),
+        p: Vec3,
+        inward: Vec3,
         max_radius: f64,
         accepts: impl Fn(&Site<T>) -> bool,
     ) -> Option<f64> {
@@ -145,7 +147,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
             let cube = self.cube(p + inward * (n as f64 * self.edge / 2.0)) as usize;
             if cube != last {
                 let own = self.first[cube] as usize..self.first[cube + 1] as usize;
-                shrink(&mut radius, (p, inward), &self.sites[own], &accepts);
+                shrink(&mut radius, p, inward, &self.sites[own], &accepts);
             }
             if radius < max_radius {
                 return Some(radius);
@@ -203,7 +205,8 @@ impl<T: Copy + Send + Sync> Bins<T> {
 /// Shrinks the ball that touches at `p`, until none of the sites that `accepts` admits is inside.
 fn shrink<T>(
     radius: &mut f64,
-    (p, inward): (Vec3, Vec3),
+    p: Vec3,
+    inward: Vec3,
     sites: &[Site<T>],
     accepts: &impl Fn(&Site<T>) -> bool,
 ) {
@@ -251,9 +254,9 @@ mod tests {
                 let scanned = radii
                     .filter(|r| (0.0..reach).contains(r))
                     .min_by(f64::total_cmp);
-                let smallest = bins.smallest_ball((p, inward), reach, accepts);
+                let smallest = bins.smallest_ball(p, inward, reach, accepts);
                 assert_eq!(smallest, scanned);
-                let bound = bins.ball_along((p, inward), reach, accepts);
+                let bound = bins.ball_along(p, inward, reach, accepts);
                 let is_bound = |r| smallest.is_some_and(|s| (s..reach).contains(&r));
                 assert!(bound.is_none_or(is_bound), "{bound:?} {smallest:?}");
                 let is_near = |s: &Site<usize>| (s.position - p).norm_squared() < reach * reach;
@@ -269,7 +272,7 @@ mod tests {
         let z = Vec3::z();
         assert!(
             empty
-                .smallest_ball((Vec3::zeros(), z), 5.0, |_| true)
+                .smallest_ball(Vec3::zeros(), z, 5.0, |_| true)
                 .is_none()
         );
         assert!(!empty.any_within(Vec3::zeros(), 5.0));

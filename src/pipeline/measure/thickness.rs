@@ -18,7 +18,7 @@ use super::spatial_bins::{Bins, Site};
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
-use crate::pipeline::base::context::StageContext;
+use crate::pipeline::base::context::{StageContext, VoxelLattice};
 use crate::pipeline::base::error::RunError;
 use crate::progress::Cancelled;
 use crate::vdb::LevelSet;
@@ -55,14 +55,6 @@ pub(crate) trait RegionalSurface {
     /// # Errors
     /// An error of reading or meshing.
     fn around(&self, region: Region, halo: i32, level: u32) -> Result<Vec<SurfacePoint>, RunError>;
-}
-
-/// The voxel lattice of a surface.
-#[derive(Clone, Copy)]
-pub(crate) struct VoxelLattice {
-    /// World position of voxel (0, 0, 0).
-    pub origin: Vec3,
-    pub voxel_size: f64,
 }
 
 impl VoxelLattice {
@@ -184,7 +176,7 @@ impl Thickness {
         surface: &impl RegionalSurface,
         solid: SolidGeometry,
     ) -> Result<Self, RunError> {
-        let walls = walls(context, ("thickness", TARGET_POINTS), surface, solid)?.into_iter();
+        let walls = walls(context, "thickness", TARGET_POINTS, surface, solid)?.into_iter();
         let points =
             walls.map(|(p, wall)| GeomWithData::new(<[f64; 3]>::from(p), wall.thickness as f32));
         Ok(Self(RTree::bulk_load(points.collect())))
@@ -208,7 +200,7 @@ pub(crate) fn sampled_walls(
     phase: Phase,
 ) -> Result<WallSamples, RunError> {
     let surface = MeshSurface::new(context, mesh, solid, phase);
-    let walls = walls(context, (phase.stage(), TARGET_SAMPLES), &surface, solid)?;
+    let walls = walls(context, phase.stage(), TARGET_SAMPLES, &surface, solid)?;
     let walls = walls.into_iter().map(|(_, wall)| wall);
     Ok(WallSamples::of(walls.collect()))
 }
@@ -216,7 +208,8 @@ pub(crate) fn sampled_walls(
 /// Inscribed balls at about `target_count` points of a surface, or at all points if it has fewer.
 fn walls(
     context: StageContext,
-    (stage, target_count): (&str, f64),
+    stage: &str,
+    target_count: f64,
     surface: &impl RegionalSurface,
     solid: SolidGeometry,
 ) -> Result<Vec<(Vec3, Wall)>, RunError> {
@@ -233,7 +226,7 @@ fn walls(
     let mut wider: Vec<SurfacePoint> = Vec::new();
     let mut measure = |points, sample_points: &[SurfacePoint], edge: f64, radii: [f64; 2]| {
         let mut wider = Vec::new();
-        let balls = balls(context, (points, edge), sample_points, radii)?;
+        let balls = balls(context, points, edge, sample_points, radii)?;
         for (point, ball) in sample_points.iter().zip(balls) {
             match ball {
                 TouchingBall::Inscribed(wall) => found.push((point.position, wall)),
@@ -289,7 +282,8 @@ fn walls(
 /// cubes of the given edge.
 fn balls(
     context: StageContext,
-    (points, edge): (Vec<SurfacePoint>, f64),
+    points: Vec<SurfacePoint>,
+    edge: f64,
     sample_points: &[SurfacePoint],
     radii: [f64; 2],
 ) -> Result<Vec<TouchingBall>, RunError> {

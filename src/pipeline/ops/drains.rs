@@ -2,7 +2,7 @@
 
 use crate::field::{Capsule, Union, WorldField};
 use crate::frame::{Aabb, Coord, Vec3};
-use crate::pipeline::base::context::StageContext;
+use crate::pipeline::base::context::{StageContext, VoxelLattice};
 use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::report::SolidReport;
 use crate::pipeline::base::shape::Shape;
@@ -52,16 +52,17 @@ pub(crate) fn check_count(
 }
 
 /// Refuses a drained solid in which a ball of the channels' radius is still caught; `blocked` is a voxel from which it
-/// does not get outside, `origin` the world position of voxel (0, 0, 0).
+/// does not get outside, in the solid's lattice.
 pub(crate) fn check_open(
     stage: &str,
     request: &DrainRequest,
     blocked: Option<Coord>,
-    (origin, voxel_size): (Vec3, f64),
+    lattice: VoxelLattice,
 ) -> Result<(), RunError> {
     let Some(voxel) = blocked else {
         return Ok(());
     };
+    let VoxelLattice { origin, voxel_size } = lattice;
     let place = Vec3::from(voxel.0.map(f64::from)) * voxel_size + origin;
     Err(RunError::Refused {
         stage: stage.into(),
@@ -75,12 +76,13 @@ pub(crate) fn check_open(
 }
 
 /// The channels as one solid in the frame of voxel (0, 0, 0), and their reports. Channels and
-/// `radius` are in voxels; `origin` is the world position of voxel (0, 0, 0).
+/// `radius` are in voxels of the lattice.
 pub(crate) fn drilled<'a>(
     channels: &[Channel],
     radius: f64,
-    (origin, voxel_size): (Vec3, f64),
+    lattice: VoxelLattice,
 ) -> (Shape<'a>, Vec<DrainReport>) {
+    let VoxelLattice { origin, voxel_size } = lattice;
     let radius = radius * voxel_size;
     let mut fields: Vec<Box<WorldField>> = Vec::new();
     let (mut extent, mut reports) = (Aabb::EMPTY, Vec::new());
@@ -121,12 +123,15 @@ pub(crate) fn apply(
     if plan.channels.is_empty() {
         return Ok(());
     }
-    let frame = (solid.origin(), solid.voxel_size());
-    let (shape, reports) = drilled(&plan.channels, request.radius, frame);
+    let lattice = VoxelLattice {
+        origin: solid.origin(),
+        voxel_size: solid.voxel_size(),
+    };
+    let (shape, reports) = drilled(&plan.channels, request.radius, lattice);
     report.drains.extend(reports);
     subtract(context, stage, &shape, solid)?;
     let blocked = solid.blocked_start(&request, &plan.starts, context.session());
-    check_open(stage, &request, blocked.map_err(&failed)?, frame)
+    check_open(stage, &request, blocked.map_err(&failed)?, lattice)
 }
 
 /// Subtracts the channels from a solid or a part of one.

@@ -15,7 +15,8 @@ use crate::vdb::{ComponentSelection, LevelSet, Session, VdbError, WallSide};
 pub(crate) fn apply(
     context: &mut StageContext,
     inputs: &Inputs,
-    (n, op): (usize, &Op),
+    n: usize,
+    op: &Op,
     solid: &mut LevelSet,
     report: &mut SolidReport,
 ) -> Result<(), RunError> {
@@ -26,11 +27,11 @@ pub(crate) fn apply(
     context.progress.stage(op.name(), None);
     match op {
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) | Op::Blend(_) => {
-            apply_with_operand(*context, inputs, (n, op), solid, session)?;
+            apply_with_operand(*context, inputs, n, op, solid, session)?;
         }
         // A part of a solid may lie wholly inside, so that its extent is unknown.
         Op::Trim(_) if context.region.is_some() => {
-            apply_with_operand(*context, inputs, (n, op), solid, session)?;
+            apply_with_operand(*context, inputs, n, op, solid, session)?;
         }
         Op::Resample(r) => resample(context, r, solid, &failed)?,
         Op::Drain(drain) => super::drains::apply(*context, &stage, drain, solid, report)?,
@@ -127,7 +128,8 @@ fn apply_unary(
 fn apply_with_operand(
     context: StageContext,
     inputs: &Inputs,
-    (n, op): (usize, &Op),
+    n: usize,
+    op: &Op,
     solid: &mut LevelSet,
     session: Session<'_>,
 ) -> Result<(), RunError> {
@@ -143,7 +145,7 @@ fn apply_with_operand(
         }
         None => Ok(solid.bounds().map_err(&failed)?.dilated(margin)),
     };
-    let Some(shape) = operation_shape(inputs, (n, op), context.scale, extent_bound)? else {
+    let Some(shape) = operation_shape(inputs, n, op, context.scale, extent_bound)? else {
         return Ok(());
     };
     if shape.extent.is_empty() {

@@ -85,13 +85,13 @@ impl<'a> Attributes<'a> {
                         let t = self.thickness.map_or(0.0, |t| t.at(p));
                         out.push(t * self.factor);
                     }
-                    (GridWord::Vel, Some((f, place))) => {
+                    (GridWord::Vel, Some((f, (e, xi)))) => {
                         let velocity = &f.tiling.loaded.motion.velocity;
-                        out.extend(f.interpolated(velocity, *place, self.factor));
+                        out.extend(f.interpolated(velocity, *e, *xi, self.factor));
                     }
-                    (GridWord::Rest, Some((f, place))) => {
+                    (GridWord::Rest, Some((f, (e, xi)))) => {
                         let rest = &f.tiling.loaded.motion.rest;
-                        out.extend(f.interpolated(rest, *place, self.factor));
+                        out.extend(f.interpolated(rest, *e, *xi, self.factor));
                     }
                     (GridWord::CellId, Some(_)) => out.push(index_of_greatest(weights.as_deref())),
                     (GridWord::ElementId, Some((f, (e, _)))) => {
@@ -210,7 +210,8 @@ impl TilingAttributes<'_> {
     fn interpolated(
         &self,
         nodes: &[Vec3],
-        (element, xi): (usize, CellPoint<3>),
+        element: usize,
+        xi: CellPoint<3>,
         factor: f32,
     ) -> [f32; 3] {
         let element = self.tiling.loaded.scaffold.element(element);

@@ -43,14 +43,15 @@ pub(crate) fn write(
     let mut all = cubes(context, inputs.recipe, output)?;
     all.add(solid, None, context.session())
         .map_err(RunError::level_set("fe"))?;
-    write_cubes(context, (inputs.recipe, solid.origin()), &all, output, path)
+    write_cubes(context, inputs.recipe, solid.origin(), &all, output, path)
 }
 
 /// Writes the deck of cubes. `recipe` names the part, `origin` is the position of voxel (0, 0, 0) in
 /// the recipe's unit. Only the largest set of cubes that are joined by faces is written.
 pub(crate) fn write_cubes(
     context: StageContext,
-    (recipe, origin): (&Recipe, Vec3),
+    recipe: &Recipe,
+    origin: Vec3,
     cubes: &SolidCubes,
     output: &Output,
     path: &Path,

@@ -113,10 +113,10 @@ fn make(
                 name: format!("{}_{}_{}", law.cell, elements.cells[c].shape.name(), n + 1),
                 stiffness: law.stiffness(*parameter),
                 density: density.map(|d| d * fraction),
-                note: note(&elements, law, (c, *parameter)),
+                note: note(&elements, law, c, *parameter),
             });
         }
-        facts.laws.push(law_facts(&elements, law, (c, own.len())));
+        facts.laws.push(law_facts(&elements, law, c, own.len()));
     }
     // The volume of solid follows from the parameter of each element, not from that of its class.
     for (e, volume) in elements.volumes.iter().enumerate() {
@@ -127,7 +127,7 @@ fn make(
     facts.mass = density.map(|d| d * facts.solid_volume);
     let (stretch, stretched) = elements.stretched();
     facts.stretch = stretch;
-    facts.notes = notes(inputs, &elements, &laws, (stretch, stretched));
+    facts.notes = notes(inputs, &elements, &laws, stretch, stretched);
     let rotations = elements.rotations();
     let loaded = &elements.tiling.loaded;
     let deck = ElementDeck {
@@ -186,7 +186,7 @@ fn quantity_word(quantity: Option<GradedQuantity>) -> &'static str {
 }
 
 /// The comment on a material.
-fn note(elements: &EffectiveElements, law: &Law, (cell, parameter): (usize, f64)) -> String {
+fn note(elements: &EffectiveElements, law: &Law, cell: usize, parameter: f64) -> String {
     let quantity = match elements.cells[cell].quantity {
         Some(GradedQuantity::Thickness) => {
             format!(", thickness {} element sizes", figures(parameter))
@@ -202,11 +202,7 @@ fn note(elements: &EffectiveElements, law: &Law, (cell, parameter): (usize, f64)
     )
 }
 
-fn law_facts(
-    elements: &EffectiveElements,
-    law: &Law,
-    (c, materials): (usize, usize),
-) -> MacroLawFacts {
+fn law_facts(elements: &EffectiveElements, law: &Law, c: usize, materials: usize) -> MacroLawFacts {
     let cell = &elements.cells[c];
     MacroLawFacts {
         cell: law.cell.clone(),
@@ -227,7 +223,8 @@ fn notes(
     inputs: &Inputs,
     elements: &EffectiveElements,
     laws: &[Law],
-    (stretch, stretched): (f64, usize),
+    stretch: f64,
+    stretched: usize,
 ) -> Vec<String> {
     let mut all: Vec<String> = laws.iter().flat_map(|l| l.notes.clone()).collect();
     let count = elements.cell_of.len();

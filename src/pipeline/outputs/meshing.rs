@@ -38,7 +38,8 @@ pub(crate) fn write(
     context: StageContext,
     done: FinishedSolid,
     output: &Output,
-    (path, unit): (&Path, LengthUnit),
+    path: &Path,
+    unit: LengthUnit,
 ) -> Result<Option<MeshFacts>, RunError> {
     let Some(base_mesh) = done.mesh else {
         return Ok(None);
@@ -113,7 +114,7 @@ pub(crate) fn write(
         .max_coordinate()
         .map_err(RunError::level_set("mesh"))?;
     let centre = base_mesh.vertex_bounds().centre().0.into();
-    let is_double = needs_double(path, (far, centre), (context.scale, factor))?;
+    let is_double = needs_double(path, far, centre, context.scale, factor)?;
     if let Surface::Triangles(mesh) = &surface
         && output.decimate.is_none()
         && !by_openvdb

@@ -61,7 +61,7 @@ pub(crate) fn write(
             files
         }
         OutputKind::Mesh => {
-            let facts = super::meshing::write(context, done, output, (path, unit))?;
+            let facts = super::meshing::write(context, done, output, path, unit)?;
             vec![OutputFile {
                 mesh: facts,
                 ..file_entry(path, Some(unit))?
@@ -156,7 +156,8 @@ pub(crate) fn vdb_file<'a>(
 pub(crate) fn add_surface<'a>(
     file: &mut VdbWriter<'a>,
     output: &Output,
-    (name, solid): (&str, &'a LevelSet),
+    name: &str,
+    solid: &'a LevelSet,
 ) -> Result<(), RunError> {
     if output.half {
         file.level_set_as_half(name, solid)?;
@@ -210,7 +211,7 @@ fn volumes(
     let is_divided = output.segments.is_some();
     let mut written = Vec::new();
     for (path, grids) in files {
-        let hash = volume(context, done, output, (&path, unit), &grids, is_divided)?;
+        let hash = volume(context, done, output, &path, unit, &grids, is_divided)?;
         // A scene names all grids of its file.
         let names = grids.iter().map(|(name, _)| name.clone());
         let words = words(done.inputs.recipe, output);
@@ -300,7 +301,8 @@ fn volume(
     context: StageContext,
     done: FinishedSolid,
     output: &Output,
-    (path, unit): (&Path, LengthUnit),
+    path: &Path,
+    unit: LengthUnit,
     level_sets: &[(String, LevelSet)],
     is_divided: bool,
 ) -> Result<String, RunError> {
@@ -320,10 +322,10 @@ fn volume(
     let staged = StagedPath::create(path)?;
     let mut file = vdb_file(context, done.inputs, output, path)?;
     if words.contains(&GridWord::Surface) {
-        add_surface(&mut file, output, ("surface", done.solid))?;
+        add_surface(&mut file, output, "surface", done.solid)?;
     }
     for (name, solid) in level_sets {
-        add_surface(&mut file, output, (name, solid))?;
+        add_surface(&mut file, output, name, solid)?;
     }
     if let Some(fog_grid) = &fog_grid {
         file.fog("density", fog_grid, output.half)?;

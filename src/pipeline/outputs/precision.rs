@@ -17,8 +17,10 @@ const MAX_SPACING: f64 = 0.1;
 /// the part and the formats that have it.
 pub(crate) fn needs_double(
     path: &Path,
-    (far, centre): (f64, [f64; 3]),
-    (scale, factor): (Scale, f64),
+    far: f64,
+    centre: [f64; 3],
+    scale: Scale,
+    factor: f64,
 ) -> Result<bool, RunError> {
     let reach = (far * factor) as f32;
     // Neighbouring numbers of single precision are this far apart at the greatest coordinate.

@@ -8,16 +8,37 @@ use crate::pipeline::base::report::{BandReport, ContinuityReport, Report, StageR
 use crate::pipeline::base::stage_timer::StageTimer;
 use crate::pipeline::base::warning::Warning;
 use crate::pipeline::content::inputs::Inputs;
+use crate::pipeline::inputs::run_options::RunOptions;
 use crate::pipeline::measure::requirements;
 use crate::progress::Threads;
 use crate::recipe::Recipe;
 
-/// Checks the finished solid, judges the requirements and writes the report. A brief run judges no
-/// requirements.
+/// What a run judges at its end.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Judging {
+    /// The requirements of the recipe.
+    Requirements,
+    /// Nothing: a brief run, or one without a solid.
+    Nothing,
+}
+
+impl Judging {
+    /// What a run with these options judges.
+    pub fn of(options: &RunOptions) -> Self {
+        if options.brief {
+            Self::Nothing
+        } else {
+            Self::Requirements
+        }
+    }
+}
+
+/// Checks the finished solid, judges the requirements and writes the report.
 pub(crate) fn finish_report(
     mut inputs: Inputs,
     results: StageResults,
-    (threads, is_brief): (&Threads, bool),
+    threads: &Threads,
+    judging: Judging,
     outputs: &Targets,
     mut timer: StageTimer,
 ) -> Result<Report, RunError> {
@@ -59,7 +80,7 @@ pub(crate) fn finish_report(
         ..inputs.report()
     };
     let require = inputs.recipe.sections().require.as_ref();
-    if let Some(require) = require.filter(|_| !is_brief) {
+    if let Some(require) = require.filter(|_| judging == Judging::Requirements) {
         report.solid.mass = requirements::mass(require, &report.solid, scale.unit);
         report.requirements = requirements::judge(require, &report, scale);
     }

@@ -30,7 +30,8 @@ pub(crate) struct SceneFrame {
 /// is that of the lengths, `fps` the frames per second, and `grids` are the names of the grids.
 pub(crate) fn sequence_scene(
     scene: &Path,
-    (unit, fps): (LengthUnit, f64),
+    unit: LengthUnit,
+    fps: f64,
     frames: &[SceneFrame],
     grids: &[String],
 ) -> String {

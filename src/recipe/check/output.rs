@@ -98,7 +98,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
                 format!("{word} belongs to an output with {}", owners.join(" or ")),
             ));
         }
-        grids(sections, output, (kind, &extension), &key, source)?;
+        grids(sections, output, kind, &extension, &key, source)?;
         if kind == OutputKind::Deck {
             of_deck(sections, output, &key, source)?;
         }
@@ -114,7 +114,8 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
 fn grids(
     sections: &Sections,
     output: &Output,
-    (kind, extension): (OutputKind, &str),
+    kind: OutputKind,
+    extension: &str,
     key: &str,
     source: &Source,
 ) -> Checked {

@@ -91,7 +91,8 @@ enum Slot {
 pub(super) fn label(
     store: &LeafStore,
     origin: Coord,
-    (side, threshold): (Side, f32),
+    side: Side,
+    threshold: f32,
 ) -> Result<LabelledBlock, LeafFileError> {
     let batch = store.read(origin, Region::EVERYWHERE)?;
     let inside = store.inside_slots(origin);
@@ -135,8 +136,10 @@ pub(super) fn label(
             if n >> shift & 15 != 15 {
                 let neighbour = n + (1 << shift);
                 join_slots(
-                    (n, slots[n]),
-                    (neighbour, slots[neighbour]),
+                    n,
+                    slots[n],
+                    neighbour,
+                    slots[neighbour],
                     axis,
                     &parts,
                     &mut sets,
@@ -174,8 +177,10 @@ pub(super) fn label(
 /// Joins the parts of two neighbouring slots over their common face; slot `m` follows slot `n` on
 /// the axis. Members of the sets are all parts, then one member for each full slot.
 fn join_slots(
-    (n, one): (usize, Slot),
-    (m, other): (usize, Slot),
+    n: usize,
+    one: Slot,
+    m: usize,
+    other: Slot,
     axis: usize,
     parts: &[Part],
     sets: &mut UnionFind,

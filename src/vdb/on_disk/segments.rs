@@ -4,8 +4,8 @@ use super::super::components::Side;
 use super::super::remove_components::band_leaves;
 use super::super::segments::neighbourhood_edge;
 use super::super::{LevelSet, Session};
-use super::StoredComponents;
 use super::removal::{SelectedParts, leaf_at};
+use super::{BlockLabels, StoredComponents};
 use crate::band::{BLOCK, LEAF, LeafStore, Region};
 use crate::frame::Coord;
 use crate::vdb::error::{FileError, VdbError};
@@ -37,10 +37,12 @@ impl StoredSegments {
     /// A changed leaf file, or cancellation.
     pub fn find(
         store: &LeafStore,
-        (voxel_size, half_width): (f64, f64),
+        voxel_size: f64,
+        half_width: f64,
         session: Session<'_>,
     ) -> Result<Self, FileError> {
-        let found = StoredComponents::find(store, Side::Solid, voxel_size, true, session)?;
+        let found =
+            StoredComponents::find(store, Side::Solid, voxel_size, BlockLabels::Kept, session)?;
         let mut by_component = vec![Vec::new(); found.ranking.count];
         for (&block, (first, labels)) in &found.blocks {
             labels.for_each_leaf(|slot, labels| {

@@ -261,7 +261,8 @@ fn graded(
     let recipe = Recipe::parse(text, &[])?;
     grade(
         &recipe,
-        (&RunOptions::default(), &options),
+        &RunOptions::default(),
+        &options,
         &results.with_file_name("field.vtu"),
         &Silent,
     )

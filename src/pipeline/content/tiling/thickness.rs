@@ -83,8 +83,8 @@ impl CellTiling {
         }
         let is_inverted = cell(&self.palette[0].name).invert == Some(true);
         let outer = outer_faces(&self.loaded.scaffold, recipe.scale().voxel_size);
-        let by_place = (self.points.clone(), values);
-        let sheets = SheetThickness::new(by_place, &self.counts, outer, is_inverted);
+        let points = self.points.clone();
+        let sheets = SheetThickness::new(points, values, &self.counts, outer, is_inverted);
         Ok(sheets)
     }
 }
