@@ -2,6 +2,11 @@
 //!
 //! Values are interpolated quadratically along each axis. The bound of a region is the range of the voxels
 //! around it, widened by the overshoot of a parabola through three of them.
+//!
+//! The value at x is s phi(R^T (x - t) / s), for a placement with the scale s, the rotation R and the translation t. It is
+//! a distance within the band, with an error of third order in the voxel; beyond the band it is a lower bound with the
+//! right sign. Edges are rounded over a voxel. The laws `a_sampled_level_set_is_a_field_with_a_bound` and
+//! `resampling_keeps_the_solid` measure both.
 
 use super::builder::LevelSetBuilder;
 use super::error::VdbError;
@@ -115,6 +120,7 @@ impl SampledLevelSet {
         let target = half_width / (placement.scale * h) + 2.0;
         let extra = (target - level_set.half_width()).ceil().clamp(0.0, 4096.0);
         level_set.widen_within(extra as u32, region, session)?;
+        // Ranges of leaves and of blocks: bounds of small and of large regions.
         let mut leaves = Ranges::new();
         let mut blocks = Ranges::new();
         level_set.for_each_leaf(|leaf| {
@@ -216,6 +222,7 @@ impl Field for SampledLevelSet {
 
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
         let step = self.level_set.voxel_size() * self.placement.scale / 2.0;
+        // Central differences over one voxel.
         let gradient = Vec3::from_fn(|a, _| {
             let d = Vec3::ith(a, step);
             (self.sample(p.0 + d) - self.sample(p.0 - d)) / (2.0 * step)
@@ -235,6 +242,7 @@ impl Field for SampledLevelSet {
         let origin = self.level_set.origin();
         let low = Coord([0, 1, 2].map(|a| index(((inside.min[a] - origin[a]) / h).floor()) - 2));
         let high = Coord([0, 1, 2].map(|a| index(((inside.max[a] - origin[a]) / h).ceil()) + 2));
+        // Leaves give the tighter range; a large region has too many of them.
         let range = self
             .range(low, high, 8, &self.leaves)
             .or_else(|| self.range(low, high, 128, &self.blocks));

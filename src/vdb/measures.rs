@@ -2,6 +2,12 @@
 //!
 //! Volume and area are OpenVDB's sums: a Dirac delta of 1.5 voxels, central differences and the divergence
 //! theorem. Coordinates are relative to the middle of the leaves, so that a distant part loses no digits.
+//!
+//! With phi and x in voxels, g the central differences of phi, and delta the smoothed Dirac delta,
+//! area = h^2 sum delta(phi) |g| and volume = h^3 / 3 sum delta(phi) g . x, over the active voxels with
+//! |phi| <= 1.5. Both are of second order in h; edges sharper than a voxel are rounded by the delta. Rows of eight voxels
+//! along z are summed side by side. The laws `volume_and_area_of_a_sphere_converge` and
+//! `measures_of_one_pass_are_those_of_each` measure them.
 // Inlined so that the code is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
@@ -180,6 +186,7 @@ impl RowSums {
         let (per_voxel, per_two) = (1.0 / h, 0.5 / h);
         let [x, y, z] = row.first;
         for n in 0..8 {
+            // g_a = (phi(x + e_a) - phi(x - e_a)) / 2, in voxels per voxel.
             let mut gradient = [0.0; 3];
             for a in 0..3 {
                 let [before, after] = &row.around[a];
@@ -187,8 +194,10 @@ impl RowSums {
             }
             let [i, j, k] = gradient;
             let delta = delta(f64::from(row.values[n]) * per_voxel);
+            // g . x; z grows along the row.
             let along = i * x + j * y + k * (z + n as f64);
             let (area, volume) = (delta * (i * i + j * j + k * k).sqrt(), delta * along);
+            // Voxels beyond the delta add 0, which costs less than a branch.
             self.area[n] += if row.near[n] { area } else { 0.0 };
             self.volume[n] += if row.near[n] { volume } else { 0.0 };
         }
@@ -202,6 +211,7 @@ fn delta(v: f64) -> f64 {
     const TERMS: [f64; 7] = [15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0];
     // cos(pi s) = sin(pi (1/2 - s)).
     let t = std::f64::consts::PI * (0.5 - v.abs() * (1.0 / f64::from(DELTA_HALF_WIDTH)));
+    // sin t = t (1 - t^2 / (2 3) (1 - t^2 / (4 5) (1 - ...))), from the innermost term.
     let square = t * t;
     let mut series = 1.0;
     for n in TERMS {

@@ -4,6 +4,12 @@
 //! steepest descent leads to it. Near a remaining surface their distances to it are found by fast marching from
 //! the remaining voxels; all others become background. Any removal also removes, uncounted, components that
 //! are only rounding.
+//!
+//! Marching solves |grad psi| = 1 upwind on the voxels, psi the distance from the remaining surface: with
+//! `a_1 <= a_2 <= a_3` the least known neighbours on the axes, psi is the greater root of
+//! `sum_i (psi - a_i)^2 = h^2` over the a below
+//! it. It is of first order; only voxels that belonged to a removed part of the band are solved. The laws
+//! `dropped_pieces_leave_no_trace` and `segments_are_what_is_left_when_all_other_pieces_are_removed` measure it.
 
 use super::components::{Component, Components, Ranking, Side};
 use super::error::VdbError;
@@ -292,6 +298,7 @@ impl<'a> Removal<'a> {
             bits.is_some_and(|bits| voxel_mask::contains(bits, offset(voxel)))
         };
         for (psi, voxel) in other_side {
+            // The neighbour with the greatest slope (psi - psi_n) / |step| of 26.
             let mut steepest = (0.0, None);
             for n in (0..27).filter(|&n| n != 13) {
                 let step = [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1];
@@ -342,6 +349,7 @@ impl<'a> Removal<'a> {
                 heap.push(Reverse((psi.to_bits(), voxel)));
             }
         };
+        // Start: reset voxels beside ones that keep their value.
         for &leaf in &self.leaves_in_reach {
             let Some(bits) = reset.get(&leaf) else {
                 continue;
@@ -351,6 +359,7 @@ impl<'a> Removal<'a> {
                 push(view.voxel(n), solve(view.voxel(n), &known), &mut heap);
             }
         }
+        // The nearest voxel is final: no farther one can lower it. Older entries of it in the heap are skipped.
         while let Some(Reverse((psi, voxel))) = heap.pop() {
             if known.contains_key(&voxel) {
                 continue;
@@ -370,6 +379,7 @@ impl<'a> Removal<'a> {
 /// Solves |grad psi| = 1 upwind, from the least neighbour on each axis (`INFINITY`: none).
 fn upwind(mut axes: [f32; 3], h: f32) -> f32 {
     axes.sort_by(f32::total_cmp);
+    // One axis: psi = a_1 + h. Further axes count if they are below the root so far.
     let mut psi = axes[0] + h;
     for n in 2..=3 {
         if psi <= axes[n - 1] || axes[n - 1].is_infinite() {
@@ -377,6 +387,7 @@ fn upwind(mut axes: [f32; 3], h: f32) -> f32 {
         }
         let sum: f32 = axes[..n].iter().sum();
         let squares: f32 = axes[..n].iter().map(|a| a * a).sum();
+        // n psi^2 - 2 psi sum a + sum a^2 - h^2 = 0.
         let count = n as f32;
         let root = (sum * sum - count * (squares - h * h)).max(0.0).sqrt();
         psi = (sum + root) / count;
