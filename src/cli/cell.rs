@@ -85,6 +85,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
 }
 
+/// The operators and orbits of a named group, or of one in a file, on the named lattice.
 fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
     let path = Path::new(name);
     if !GROUP_NAMES.contains(&name) && path.is_file() {
@@ -104,6 +105,7 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
     };
     let lattice = lattice.unwrap_or(own);
     let failed = |e: SymmetryError| Failure::usage(e.to_string());
+    // The name of the lattice gives the dimension: 2, 6 for icosahedral groups, or 3.
     if let Ok(plane) = Lattice::<2>::named(lattice) {
         let group = PointGroup::named(name, &plane).map_err(failed)?;
         return Ok(list_group(group, plane, radius));

@@ -34,6 +34,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Values of a recipe's tiled field at points, as a table or in a file.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let recipe = Recipe::read(&p.recipe, &p.set)?;
     p.output.as_ref().map_or(Ok(()), require_writable)?;
@@ -61,6 +62,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         "csv" => {
             write_bytes(path, csv(&cells, &points, &found).as_bytes())?;
         }
+        // One array per quantity, for programs that read NumPy's files.
         "npz" => npz(path, &cells, &points, &found)?,
         _ => {
             let message = "found another extension; expected .csv or .npz";

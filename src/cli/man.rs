@@ -16,6 +16,7 @@ pub(super) struct Parameters {
     out: Option<PathBuf>,
 }
 
+/// Writes the manual pages of all commands.
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     let Some(directory) = &p.out else {
         let page = String::from_utf8_lossy(&page(grammar())).into_owned();

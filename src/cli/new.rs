@@ -26,6 +26,7 @@ pub(super) struct Parameters {
 
 const STARTER: &str = include_str!("new.toml");
 
+/// Writes a recipe to start from: of a part, if one is named, else an example.
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     let mut path = p.name.clone();
     if path.extension().is_none_or(|e| e != "toml") {

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 /// Word in the name of the folder that holds the outputs of a repeated run until they are compared.
 const FOLDER_NAME: &str = "druse-repeat";
 
+/// Repeats the run that wrote a file and compares the content hashes.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let path = &p.recipe;
     if !p.set.is_empty() || p.dry_run || p.frames.is_some() {
@@ -28,6 +29,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
+    // The outputs have the names of the recipe: in the file's own folder they would replace it.
     let is_own = |out: &PathBuf| out.canonicalize().ok() == own_folder.canonicalize().ok();
     if p.out.as_ref().is_some_and(is_own) {
         return Err(Failure::usage(format!(
@@ -46,6 +48,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             reason: e.to_string(),
         })
     };
+    // Without a folder the outputs are only compared, and removed again.
     let temporary = match &p.out {
         Some(_) => None,
         None => Some(PartialFolder::create(own_folder, FOLDER_NAME).map_err(failed)?),

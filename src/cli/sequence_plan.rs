@@ -170,6 +170,7 @@ struct Opened {
 }
 
 impl Opened {
+    /// Opens the plan of a sequence and checks that its files lie beside it.
     fn new(path: &Path, options: RunOptions) -> Result<Self, Failure> {
         let plan = read(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();

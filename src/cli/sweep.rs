@@ -55,6 +55,7 @@ struct Combination {
     hash: String,
 }
 
+/// Runs all combinations of values that the table does not hold yet.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let axes: Vec<Axis> = p
         .keys
@@ -82,6 +83,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let mut failed = 0;
     for (n, c) in combinations.iter().enumerate() {
         let label = label(&axes, &c.values);
+        // Rows are known by the hash of their recipe, so that an interrupted sweep goes on.
         if table.holds(&c.hash) {
             continue;
         }
@@ -112,6 +114,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
                 failed += 1;
             }
         }
+        // After each run, so that an interruption loses one at most.
         table.write(&p.output, combinations.iter().map(|c| c.hash.as_str()))?;
     }
     session.finish();

@@ -121,6 +121,8 @@ pub fn grade(
     threads.install(|| graded(&inputs, options, output, session))
 }
 
+/// Makes the new grading from the results of the recipe's deck, writes it with the measure and both
+/// fractions, and reports how it differs.
 fn graded(
     inputs: &Inputs,
     options: &GradeOptions,
@@ -144,6 +146,7 @@ fn graded(
     let quantity = quantity(&elements)?;
     let is_thickness = quantity == GradedQuantity::Thickness;
     let present = elements.parameters.clone();
+    // The fraction of each element before: by the law of its cell, as graded, or that of the cell.
     let (laws, fraction) = if is_thickness {
         let laws = laws(inputs, &elements, session)?;
         let own = elements.cell_of.iter().zip(&present);
@@ -155,6 +158,7 @@ fn graded(
         // Cells at their own level have one volume fraction each.
         (Vec::new(), own_fractions(inputs, &elements, session)?)
     };
+    // Results are those of the homogenised element; the solid in it carries 1 / fraction of them.
     let measure: Vec<f64> = read
         .values
         .iter()
@@ -204,6 +208,7 @@ fn graded(
     )?;
     let solid = |f: &[f64]| -> f64 { f.iter().zip(&elements.volumes).map(|(f, v)| f * v).sum() };
     let whole = solid(&fraction);
+    // The mean over the solid: sum m f v / sum f v.
     let weighted = measure.iter().zip(&fraction).zip(&elements.volumes);
     let mean = weighted.map(|((m, f), v)| m * f * v).sum::<f64>() / whole;
     let range = |all: &[f64]| {

@@ -61,6 +61,8 @@ struct Plane {
     name: String,
 }
 
+/// The planes of a plot: one of a planar cell; two horizontal and one vertical of others, in
+/// reference coordinates.
 fn planes(element: Element) -> Vec<Plane> {
     let bounds = element.cell_box();
     let (min, max) = (bounds.min, bounds.max);
@@ -362,6 +364,7 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     );
 }
 
+/// Writes the numbers of a cell beside the chart.
 fn facts(canvas: &mut Canvas, cell: &Cell) {
     // The column to the right of the chart.
     let (left, mut top) = (

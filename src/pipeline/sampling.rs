@@ -235,6 +235,7 @@ fn probe_sheets(
     Ok(points.par_iter().map(sample_at).collect())
 }
 
+/// Fitted cells at points: phi is the value of the field, `distance` that of the solid. World units.
 fn probe_cells<C: CellField>(
     tiling: &CellTiling,
     cells: &ElementContent<'_, C>,
@@ -250,6 +251,7 @@ fn probe_cells<C: CellField>(
         None => FieldSample::outside(distance, count),
         Some((e, xi)) => {
             let (phi, slope) = cells.value_and_gradient(e as usize, xi);
+            // grad phi in the world = J^-T times that in the reference frame.
             let inverse = scaffold.element(e as usize).jacobian(xi).try_inverse();
             let gradient = inverse.map_or(Vec3::repeat(f64::NAN), |i| i.tr_mul(&slope));
             FieldSample {

@@ -196,6 +196,9 @@ fn quantile(bins: &[u64], share: f64) -> f64 {
     bin.map_or(0.0, |b| (b + 1) as f64 / 1000.0)
 }
 
+/// Counts the defects of a leaf: values that are not finite, too large or off the background, and
+/// errors of the slope in `bins` of a thousandth. `h` is the voxel size and `background` the half
+/// width of the band, world units.
 fn count_leaf(
     index: &LeafIndex<'_>,
     leaf: usize,
@@ -239,6 +242,7 @@ fn count_leaf(
         } else {
             counts.off += u64::from(excess.abs() > 1e-3);
         }
+        // The slope |grad phi| = 1 is measured where all six neighbours have distances.
         let mut all_active = active;
         let mut slope = [0.0; 3];
         for f in 0..6 {

@@ -45,6 +45,8 @@ enum BlockLabels {
 }
 
 impl StoredComponents {
+    /// Finds the components of a side. Blocks are labelled slab by slab along x, and joined to the
+    /// blocks before them and to empty cubes; two slabs are in memory at once.
     fn find(
         store: &LeafStore,
         side: Side,
@@ -62,6 +64,7 @@ impl StoredComponents {
             inside_below(voxel_size)
         };
         progress.stage("components", Some(store.blocks().count() as u64));
+        // Members of the sets: the outside, empty cubes, then the labels of all blocks.
         let mut sets = UnionFind::new(1);
         // Member 0 is the unbounded outside.
         let unbounded = (side == Side::Void).then_some(0);

@@ -68,6 +68,8 @@ impl Survey {
         Ok(found)
     }
 
+    /// Adds the values of a leaf. `bbox` is the box of active voxels, at whose faces values are
+    /// surveyed as well.
     fn add_leaf(&mut self, leaf: &LeafView<'_>, bbox: [[i32; 3]; 2]) {
         const EXPONENT: u32 = 0x7f80_0000;
         // A loop without an early exit is vectorised.
@@ -79,6 +81,7 @@ impl Survey {
             }
         }
         let last = leaf.voxel(511);
+        // Leaves within the box take the fast way: counts of bits and a range.
         let meets_face = (0..3).any(|a| {
             let within = leaf.origin[a]..=last[a];
             within.contains(&bbox[0][a]) || within.contains(&bbox[1][a])

@@ -127,9 +127,12 @@ impl Body {
         })
     }
 
+    /// Appends the body as bytes: positions and values as shares of their range in 16 bits, normals
+    /// in 8 bits, and numbers as differences, which compress well.
     fn encode(&self, out: &mut Vec<u8>) {
         let bounds = Aabb::of(self.positions.iter().copied());
         let size = bounds.size();
+        // One axis after the other: neighbouring numbers are alike then.
         for axis in 0..3 {
             let (low, size) = (bounds.min[axis], size[axis]);
             let shares = self.positions.iter().map(|p| {
@@ -157,6 +160,7 @@ impl Body {
         for field in &self.fields {
             let [low, high] = field.range().map(f64::from);
             let shares = field.values.iter().map(|&v| {
+                // The greatest number stands for a missing value.
                 if !v.is_finite() {
                     return u16::MAX;
                 }

@@ -76,6 +76,8 @@ impl<'a> Inputs<'a> {
         Ok(inputs)
     }
 
+    /// Reads the solids of all operations, and the beams of their files. A file that several
+    /// operations name in the same frame is read once.
     fn load_solids(&mut self) -> Result<(), RunError> {
         let mut seen: Vec<(SurfaceRef, SolidAndBeams)> = Vec::new();
         for (n, op) in self.recipe.sections().op.iter().enumerate() {

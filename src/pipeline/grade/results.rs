@@ -159,6 +159,8 @@ fn of_frd(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<F
     })
 }
 
+/// A field of a mesh file, at the nodes or elements of the deck. Other programs renumber them, so
+/// they are found by place. `factor` is the file's unit of length per unit of the scaffold.
 fn of_mesh(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<Field, RunError> {
     let ElementFile::Solids(file) = read_elements(path)? else {
         let found = "surface elements only";
@@ -200,6 +202,7 @@ fn of_mesh(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<
             (all, own, "element")
         }
     };
+    // A finer mesh of the same part holds nodes at the same places, too.
     if theirs.len() != scaffold.len() {
         let found = format!("{} elements", theirs.len());
         let expected = format!("{}, those of the scaffold's deck", scaffold.len());
@@ -208,6 +211,7 @@ fn of_mesh(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<
     let size = scaffold.bounds().half_diagonal() * factor;
     let tree = ScatteredPoints::new(&places);
     let mut values = vec![f64::NAN; field.components * own_places.len()];
+    // The nearest item of the file, which must be at the place itself.
     for (n, place) in own_places.iter().enumerate() {
         let Some(p) = place.map(|p| p * factor) else {
             continue;

@@ -198,6 +198,8 @@ fn failed(path: Option<&Path>, error: &ScaffoldError) -> RunError {
     }
 }
 
+/// The scaffold of a section in a pose: a parametric shape, a filled mesh, the shell of a crystal,
+/// or a file. Lengths are in the recipe's unit.
 fn source_scaffold(
     files: &mut InputFiles,
     section: &ScaffoldSection,
@@ -270,6 +272,7 @@ fn source_scaffold(
     let notes = read.notes().to_vec();
     let source = match read {
         ElementFile::Solids(read) => {
+            // A thickness belongs to a surface.
             if section.shell.is_some() || section.plate.is_some() {
                 return Err(RunError::Scaffold {
                     file: Some(path),
@@ -302,6 +305,7 @@ fn source_scaffold(
                 unused: read.unused_nodes,
                 fields: &read.fields,
             };
+            // The surface moves before it gets its thickness, which stays the same.
             let nodes = nodes.posed(files, section, pose, file, &path)?;
             let surface = read.surface.with_nodes(nodes).map_err(fail)?;
             let scaffold = match (&section.shell, &section.plate) {
@@ -346,6 +350,7 @@ fn source_scaffold(
         }
     };
     let key = pose.key();
+    // A file is recorded once, also if the velocity reads it again.
     if files.inputs.iter().all(|i| i.key != key) {
         files.record(&key, &path, source.scaffold.bounds())?;
     }

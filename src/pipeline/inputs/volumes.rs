@@ -22,6 +22,7 @@ pub(crate) struct Volumes {
 }
 
 impl Volumes {
+    /// Reads the grids of all operations: masks, and solids in the recipe's frame and unit.
     pub fn load(
         files: &mut InputFiles,
         threads: &Threads,
@@ -68,9 +69,11 @@ impl Volumes {
                 files.warn(Warning::GRID, message)?;
             }
             let mut solid = adopted.solid;
+            // A level set of another program may have a narrow band on one side; an isosurface is new.
             if options.value.is_none() {
                 solid.rebuild_narrow_side(session).map_err(&failed)?;
             }
+            // A first solid on the recipe's own voxels is taken as it is, without a resampling.
             let starts = n == 0
                 && recipe.sections().scaffold.is_none()
                 && matches!(op, Op::Union(_))
@@ -83,6 +86,7 @@ impl Volumes {
             }
             let scale = recipe.scale();
             compare_voxels(files, grid, &solid, &stage, own.scale)?;
+            // Much finer voxels are doubled first: a band that wide would not fit into memory.
             let solid = solid.coarsened_to(scale.voxel_size / own.scale, session);
             let solid = solid.map_err(&failed)?;
             let reach = recipe.sections().band.half_width.0 * scale.voxel_size;

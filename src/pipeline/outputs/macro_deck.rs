@@ -81,6 +81,8 @@ pub(crate) fn write(
     })
 }
 
+/// Writes the deck of the scaffold's elements and returns its facts. Lengths are converted to the
+/// output's unit.
 fn make(
     context: StageContext,
     inputs: &Inputs,

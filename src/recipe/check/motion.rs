@@ -17,6 +17,7 @@ pub(super) fn moves(sections: &Sections, source: &Source) -> bool {
         || source.template("scaffold.file").is_some()
 }
 
+/// Rules of `[scaffold.motion]`: which sources of motion go together, and with which scaffold.
 pub(super) fn motion(sections: &Sections, source: &Source) -> Checked {
     let Some(scaffold) = &sections.scaffold else {
         return Ok(());

@@ -12,6 +12,7 @@ use crate::recipe::source::Source;
 /// Voxels along the period of a homogenised cell.
 const DECK_RESOLUTIONS: std::ops::RangeInclusive<u32> = 8..=256;
 
+/// Rules of all `[[output]]` sections.
 pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
     let mut seen = Vec::new();
     for (n, output) in sections.output.iter().enumerate() {

@@ -95,6 +95,8 @@ fn outer_mesh(scaffold: &Scaffold, error: f64) -> Result<MeshSolid, ScaffoldErro
     Ok(MeshSolid::new(whole))
 }
 
+/// Warnings on tets that fill a mesh: edges that are lost or straight, thin tets, and the distance
+/// by which the tets leave the mesh. `cell` is the requested edge of a tet.
 fn warnings(solid: &MeshSolid, filled: &Filled, cell: f64) -> Result<Vec<String>, ScaffoldError> {
     let mut warnings = Vec::new();
     let mut places = |places: &[Vec3], what: &str| {
@@ -127,6 +129,7 @@ fn warnings(solid: &MeshSolid, filled: &Filled, cell: f64) -> Result<Vec<String>
     }
     let outer = outer_mesh(&filled.scaffold, CHORDAL_ERROR * cell)?;
     let surface: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
+    // The mesh is compared at its corners.
     let off = surface
         .par_iter()
         .flat_map_iter(|c| c.iter())
