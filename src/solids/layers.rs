@@ -83,7 +83,8 @@ pub struct BuildLayers {
 /// Cancellation, and errors of the source.
 pub fn build_layers<S: LeafSource>(
     source: &S,
-    (voxel_size, background): (f64, f32),
+    voxel_size: f64,
+    background: f32,
     request: &BuildRequest,
     task: Task<'_>,
 ) -> Result<BuildLayers, S::Error> {

@@ -197,6 +197,15 @@ impl Plan {
     }
 }
 
+/// An edge of the grid of samples.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct LatticeEdge {
+    /// Number of its first sample.
+    sample: usize,
+    /// 0 along u, 1 along v.
+    along: usize,
+}
+
 impl Layer {
     fn value(&self, i: usize, j: usize) -> f64 {
         f64::from(self.values[i * self.counts[1] + j])
@@ -231,8 +240,8 @@ impl Layer {
     /// The outlines, ordered by the square of their first point.
     pub fn outlines(&self) -> Vec<Outline> {
         let [nu, nv] = self.counts;
-        // The next edge of each edge. An edge is its first sample, with 0 along u or 1 along v.
-        let mut next: HashMap<(usize, usize), (usize, usize)> = HashMap::new();
+        // The next edge of each edge.
+        let mut next: HashMap<LatticeEdge, LatticeEdge> = HashMap::new();
         let mut starts = Vec::new();
         for i in 0..nu.saturating_sub(1) {
             for j in 0..nv.saturating_sub(1) {
@@ -258,18 +267,21 @@ impl Layer {
     }
 
     /// The segments of outline in a square, with the solid on their left.
-    fn segments(&self, i: usize, j: usize) -> Vec<((usize, usize), (usize, usize))> {
+    fn segments(&self, i: usize, j: usize) -> Vec<(LatticeEdge, LatticeEdge)> {
         let nv = self.counts[1];
-        let at = |i: usize, j: usize| i * nv + j;
+        let edge = |i: usize, j: usize, along: usize| LatticeEdge {
+            sample: i * nv + j,
+            along,
+        };
         let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
         let values = corners.map(|(i, j)| self.value(i, j));
         let inside = values.map(|v| v < 0.0);
         // Edge k runs from corner k to corner k + 1, counter-clockwise.
         let edges = [
-            (at(i, j), 0),
-            (at(i + 1, j), 1),
-            (at(i, j + 1), 0),
-            (at(i, j), 1),
+            edge(i, j, 0),
+            edge(i + 1, j, 1),
+            edge(i, j + 1, 0),
+            edge(i, j, 1),
         ];
         // A segment begins at an edge from inside to outside, in counter-clockwise order, and ends at an
         // edge from outside to inside. The solid is therefore on its left.
@@ -294,7 +306,7 @@ impl Layer {
     }
 
     /// The zero of the field along an edge.
-    fn crossing(&self, (sample, along): (usize, usize)) -> [f64; 2] {
+    fn crossing(&self, LatticeEdge { sample, along }: LatticeEdge) -> [f64; 2] {
         let (i, j) = (sample / self.counts[1], sample % self.counts[1]);
         let a = self.value(i, j);
         let b = if along == 0 {

@@ -58,11 +58,13 @@ impl LevelSet {
         };
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
-        let closed = closed.iter().map(|c| c.place).collect();
+        let closed: Vec<Coord> = closed.iter().map(|c| c.place).collect();
         drain_plan(
             &MemorySource::new(&index),
-            (self.voxel_size(), self.background() as f32),
-            (request, closed),
+            self.voxel_size(),
+            self.background() as f32,
+            request,
+            &closed,
             session.task(),
         )
     }
@@ -80,9 +82,14 @@ impl LevelSet {
     ) -> Result<Option<Coord>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
-        let scale = (self.voxel_size(), self.background() as f32);
-        let source = MemorySource::new(&index);
-        blocked_start(&source, scale, (request, starts), session.task())
+        blocked_start(
+            &MemorySource::new(&index),
+            self.voxel_size(),
+            self.background() as f32,
+            request,
+            starts,
+            session.task(),
+        )
     }
 }
 
@@ -101,9 +108,16 @@ pub fn stored_drain_channels(
     } else {
         stored_voids(store, voxel_size, session)?
     };
-    let closed = closed.iter().map(|c| c.place).collect();
-    let scale = (voxel_size, store.background());
-    Ok(drain_plan(store, scale, (request, closed), session.task())?)
+    let closed: Vec<Coord> = closed.iter().map(|c| c.place).collect();
+    let task = session.task();
+    Ok(drain_plan(
+        store,
+        voxel_size,
+        store.background(),
+        request,
+        &closed,
+        task,
+    )?)
 }
 
 /// The first blocked voxel of a solid on disk, as [`LevelSet::blocked_start`] returns it.
@@ -117,11 +131,12 @@ pub fn stored_blocked_start(
     starts: &[Coord],
     session: Session<'_>,
 ) -> Result<Option<Coord>, FileError> {
-    let scale = (voxel_size, store.background());
     Ok(blocked_start(
         store,
-        scale,
-        (request, starts),
+        voxel_size,
+        store.background(),
+        request,
+        starts,
         session.task(),
     )?)
 }
@@ -138,8 +153,13 @@ impl LevelSet {
     ) -> Result<BuildLayers, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
-        let scale = (self.voxel_size(), self.background() as f32);
-        build_layers(&MemorySource::new(&index), scale, request, session.task())
+        build_layers(
+            &MemorySource::new(&index),
+            self.voxel_size(),
+            self.background() as f32,
+            request,
+            session.task(),
+        )
     }
 }
 
@@ -153,6 +173,6 @@ pub fn stored_build_layers(
     request: &BuildRequest,
     session: Session<'_>,
 ) -> Result<BuildLayers, FileError> {
-    let scale = (voxel_size, store.background());
-    Ok(build_layers(store, scale, request, session.task())?)
+    let (background, task) = (store.background(), session.task());
+    Ok(build_layers(store, voxel_size, background, request, task)?)
 }

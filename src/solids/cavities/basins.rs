@@ -132,7 +132,7 @@ impl BlockBasins {
         Self {
             basins: vec![basin],
             edges: Vec::new(),
-            faces: std::array::from_fn(|f| face(space, (f / 2, f % 2 == 1), |_, _| 0)),
+            faces: std::array::from_fn(|f| face(space, f / 2, f % 2 == 1, |_, _| 0)),
         }
     }
 
@@ -263,7 +263,7 @@ impl BlockGrowth<'_> {
         let edges = edges.filter(|e| e.ends[0] != e.ends[1]).collect();
         let basin =
             |slot: usize, voxel: usize| label(self.labels.at(self.space.slots[slot], slot, voxel));
-        let faces = std::array::from_fn(|f| face(self.space, (f / 2, f % 2 == 1), basin));
+        let faces = std::array::from_fn(|f| face(self.space, f / 2, f % 2 == 1, basin));
         BlockBasins {
             basins,
             edges,
@@ -272,10 +272,12 @@ impl BlockGrowth<'_> {
     }
 }
 
-/// A face of a block at the end of an axis, with the basin of each voxel of the void by leaf and number in it.
+/// A face of a block at the first or the last end of an axis; `basin` gives the basin of a voxel of the void, by leaf and
+/// number in it.
 fn face(
     space: &BlockDistances,
-    (axis, is_last): (usize, bool),
+    axis: usize,
+    is_last: bool,
     basin: impl Fn(usize, usize) -> u32,
 ) -> Face {
     let (leaves, voxels) = leaves_at_face(axis, is_last);

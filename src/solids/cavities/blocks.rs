@@ -67,7 +67,7 @@ impl VoidGraph {
                     if progress.cancelled() {
                         return Err(Cancelled.into());
                     }
-                    let found = basins_of(source, *cell, measure);
+                    let found = basins_of(source, cell.0, cell.1, measure);
                     progress.advance(u64::from(measured(cell)));
                     found
                 });
@@ -83,7 +83,12 @@ impl VoidGraph {
                     before[axis] = before[axis].wrapping_sub(1);
                     let own = block.face(axis, false);
                     if let Some((other_first, other)) = open.remove(&(before, axis)) {
-                        graph.join_faces((first, &own), (other_first, &other), (axis, cell.origin));
+                        let own = NumberedFace { first, face: &own };
+                        let other = NumberedFace {
+                            first: other_first,
+                            face: &other,
+                        };
+                        graph.join_faces(own, other, axis, cell.origin);
                     }
                     match block.face(axis, true) {
                         Face::Solid => {}
@@ -102,25 +107,22 @@ impl VoidGraph {
         Ok(graph)
     }
 
-    /// Joins the basins on both sides of a face between two cells: each pair at its highest level.
-    fn join_faces(
-        &mut self,
-        (first, own): (u32, &Face),
-        (other_first, other): (u32, &Face),
-        (axis, origin): (usize, Coord),
-    ) {
+    /// Joins the basins on both sides of a face between two cells, each pair at its highest level. The face is normal to
+    /// `axis`, at the lower end of the cell with this `origin`.
+    fn join_faces(&mut self, own: NumberedFace, other: NumberedFace, axis: usize, origin: Coord) {
         // Both sides are the outside, which needs no edge to itself.
-        if first == OUTSIDE && other_first == OUTSIDE {
+        if own.first == OUTSIDE && other.first == OUTSIDE {
             return;
         }
         let mut pairs = Pairs::default();
         // Leaf by leaf, unless the whole face is equal on both sides.
-        match (own, other) {
+        match (own.face, other.face) {
             (Face::Solid, _) | (_, Face::Solid) => {}
             (Face::Uniform(a, d), Face::Uniform(b, e)) => pairs.meet([*a, *b], d.min(*e), 0),
             _ => {
                 for n in 0..SLOTS * SLOTS {
-                    pairs.meet_parts(&FacePart::of(own, n), &FacePart::of(other, n), n);
+                    let parts = [own, other].map(|side| FacePart::of(side.face, n));
+                    pairs.meet_parts(&parts[0], &parts[1], n);
                 }
             }
         }
@@ -132,12 +134,20 @@ impl VoidGraph {
                 let mut voxel = [(n / BLOCK_EDGE) as i32, (n % BLOCK_EDGE) as i32, 0];
                 voxel[axis..].rotate_right(1);
                 Edge {
-                    ends: [b + other_first, a + first],
+                    ends: [b + other.first, a + own.first],
                     level,
                     place: origin.offset(voxel[0], voxel[1], voxel[2]),
                 }
             }));
     }
+}
+
+/// A face of a cell.
+#[derive(Clone, Copy)]
+struct NumberedFace<'a> {
+    /// Number in the graph of the first basin of the cell.
+    first: u32,
+    face: &'a Face,
 }
 
 /// The part of a face at a leaf.
@@ -218,9 +228,11 @@ impl Pairs {
     }
 }
 
+/// The basins of a cell, as far as they are needed.
 fn basins_of<S: LeafSource>(
     source: &S,
-    (cell, need): (&Cell, Need),
+    cell: &Cell,
+    need: Need,
     measure: Measure,
 ) -> Result<BlockBasins, S::Error> {
     let wide = || BlockBasins::wide(cell.origin, cell.voxels, measure.reach as f32);

@@ -51,15 +51,17 @@ fn unbounded(voxel_size: f64, background: f32, request: &DrainRequest) -> Measur
     Measure::new(voxel_size, background, request.radius.ceil() as i32 + 1)
 }
 
-/// The channels that drain the cavities of a solid with voxels of a size and a band of a half width, world units;
-/// `closed` are voxels in the closed cavities, if only these count.
+/// The channels that drain the cavities of a solid. `voxel_size` and the half width `background` of the band are in world
+/// units; `closed` are voxels in the closed cavities, if only these count.
 ///
 /// # Errors
 /// Cancellation, and errors of the source.
 pub fn drain_plan<S: LeafSource>(
     source: &S,
-    (voxel_size, background): (f64, f32),
-    (request, closed): (&DrainRequest, Vec<Coord>),
+    voxel_size: f64,
+    background: f32,
+    request: &DrainRequest,
+    closed: &[Coord],
     task: Task<'_>,
 ) -> Result<DrainPlan, S::Error> {
     let measure = unbounded(voxel_size, background, request);
@@ -85,7 +87,7 @@ pub fn drain_plan<S: LeafSource>(
             .collect()
     } else {
         task.progress.stage("drain", None);
-        closed_cavities(source, measure, &closed, &mut search)?
+        closed_cavities(source, measure, closed, &mut search)?
     };
     let mut links = search.connected(task)?;
     let narrow: Vec<Narrow> = narrow_cavities(source, measure, narrow)?;
@@ -122,14 +124,17 @@ fn closed_cavities<S: LeafSource>(
     Ok(narrow)
 }
 
-/// The first start from which a ball of the channels' radius, less the loss by sampling, does not get outside.
+/// The first of `starts` from which a ball of the channels' radius, less the loss by sampling, does not get outside.
+/// `voxel_size` and the half width `background` of the band are in world units.
 ///
 /// # Errors
 /// Cancellation, and errors of the source.
 pub fn blocked_start<S: LeafSource>(
     source: &S,
-    (voxel_size, background): (f64, f32),
-    (request, starts): (&DrainRequest, &[Coord]),
+    voxel_size: f64,
+    background: f32,
+    request: &DrainRequest,
+    starts: &[Coord],
     task: Task<'_>,
 ) -> Result<Option<Coord>, S::Error> {
     let measure = unbounded(voxel_size, background, request);

@@ -45,15 +45,21 @@ impl LeafRows {
     }
 }
 
-/// Moves positions to where the surface crosses the lines from row `i` of one leaf to row `j` of another, `x` steps
-/// from the start.
+/// A row of a leaf.
+#[derive(Clone, Copy)]
+struct LeafRow<'a> {
+    leaf: &'a Sample<'a>,
+    row: usize,
+}
+
+/// Moves positions to where the surface crosses the lines from one row to the next, `x` steps from the start.
 #[inline(always)]
-fn cross(position: &mut Row, (from, i): (&Sample, usize), (to, j): (&Sample, usize), x: f32) {
+fn cross(position: &mut Row, from: LeafRow, to: LeafRow, x: f32) {
     // Most rows are alike.
-    if from.solid_row(i) == to.solid_row(j) {
+    if from.leaf.solid_row(from.row) == to.leaf.solid_row(to.row) {
         return;
     }
-    let (a, b) = (from.row(i), to.row(j));
+    let (a, b) = (from.leaf.row(from.row), to.leaf.row(to.row));
     for n in 0..8 {
         let (va, vb) = (a[n].abs(), b[n].abs());
         let crosses = (a[n] < 0.0) != (b[n] < 0.0);
@@ -73,6 +79,10 @@ pub(super) fn from_crossings(
     needed: &[bool],
     squares: &mut [Row],
 ) {
+    let at = |n: usize, step: usize| LeafRow {
+        leaf: &leaves[n],
+        row: row(step),
+    };
     let has_values = |n: usize| leaves.get(n).is_some_and(|l| l.is_stored());
     // Forward: the last crossing before each voxel. Crossings lie between two voxels, those of neighbouring
     // leaves included.
@@ -81,7 +91,7 @@ pub(super) fn from_crossings(
         let is_stored = leaf.is_stored();
         if n > 0 && (is_stored || has_values(n - 1)) {
             let x = (8 * n - 1) as f32;
-            cross(&mut position, (&leaves[n - 1], row(7)), (leaf, row(0)), x);
+            cross(&mut position, at(n - 1, 7), at(n, 0), x);
         }
         // Without values in the leaf nothing crosses within it: the position stays.
         if !is_stored && !needed[n] {
@@ -90,12 +100,7 @@ pub(super) fn from_crossings(
         for step in 0..8 {
             let x = (8 * n + step) as f32;
             if is_stored && step > 0 {
-                cross(
-                    &mut position,
-                    (leaf, row(step - 1)),
-                    (leaf, row(step)),
-                    x - 1.0,
-                );
+                cross(&mut position, at(n, step - 1), at(n, step), x - 1.0);
             }
             squares[8 * n + step] = position.map(|p| (x - p) * (x - p));
         }
@@ -106,7 +111,7 @@ pub(super) fn from_crossings(
         let is_stored = leaf.is_stored();
         if n + 1 < leaves.len() && (is_stored || has_values(n + 1)) {
             let x = (8 * n + 7) as f32;
-            cross(&mut position, (leaf, row(7)), (&leaves[n + 1], row(0)), x);
+            cross(&mut position, at(n, 7), at(n + 1, 0), x);
         }
         if !is_stored && !needed[n] {
             continue;
@@ -114,7 +119,7 @@ pub(super) fn from_crossings(
         for step in (0..8).rev() {
             let x = (8 * n + step) as f32;
             if is_stored && step < 7 {
-                cross(&mut position, (leaf, row(step)), (leaf, row(step + 1)), x);
+                cross(&mut position, at(n, step), at(n, step + 1), x);
             }
             let square = &mut squares[8 * n + step];
             for (square, p) in square.iter_mut().zip(position) {

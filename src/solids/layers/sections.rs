@@ -117,7 +117,7 @@ pub(super) fn sections<S: LeafSource>(
                     return Err(Cancelled.into());
                 }
                 let at = [n / tiles[1], n % tiles[1]];
-                tile(source, frame, (first, count), at, background)
+                tile(source, frame, first, count, at, background)
             });
             found.collect::<Result<Vec<_>, S::Error>>()
         })?;
@@ -158,11 +158,12 @@ struct Tile {
 /// Pixels along the edge of a tile with one more at each end: the outline is also between a pixel and its neighbours.
 const GROWN: usize = TILE + 2;
 
-/// The pixels of a tile; `None` without any.
+/// The pixels of the tile [row, column] `at` in the `count` layers from layer `first` on; `None` without any.
 fn tile<S: LeafSource>(
     source: &S,
     frame: &Frame,
-    (first, count): (i64, usize),
+    first: i64,
+    count: usize,
     at: [usize; 2],
     background: f32,
 ) -> Result<Option<Tile>, S::Error> {
