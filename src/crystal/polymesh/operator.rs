@@ -137,7 +137,10 @@ impl Rule {
                 // Corner k is the intersection of the long edges before and after pair k.
                 let long = |k: usize| {
                     let i = (start + 2 * k + 1) % n;
-                    (at(i), base.edge(i))
+                    Line {
+                        point: at(i),
+                        direction: base.edge(i),
+                    }
                 };
                 (0..n / 2)
                     .map(|k| crossing(long((k + n / 2 - 1) % (n / 2)), long(k), k))
@@ -148,7 +151,10 @@ impl Rule {
                 let tangent = |i: usize| {
                     let i = i % n;
                     let along = |j: usize| base.edge(j).normalize();
-                    (at(i), along((i + n - 1) % n) + along(i))
+                    Line {
+                        point: at(i),
+                        direction: along((i + n - 1) % n) + along(i),
+                    }
                 };
                 (0..n)
                     .map(|i| crossing(tangent(i), tangent(i + 1), i))
@@ -164,7 +170,10 @@ impl Rule {
                 let shift = base.mean_edge * self.shift_or_angle / (2.0 * self.share);
                 let moved = |k: usize| {
                     let i = (start + 2 * k) % n;
-                    (at(i) + shift * base.outward[i], base.edge(i))
+                    Line {
+                        point: at(i) + shift * base.outward[i],
+                        direction: base.edge(i),
+                    }
                 };
                 (0..n / 2)
                     .map(|k| crossing(moved((k + n / 2 - 1) % (n / 2)), moved(k), k))
@@ -345,9 +354,18 @@ fn rotated(v: Vec3, axis: Vec3, angle: f64) -> Vec3 {
     along + angle.cos() * across + angle.sin() * axis.cross(&across)
 }
 
-/// The point nearest to two lines, each given by a point and a direction.
-fn crossing(a: (Vec3, Vec3), b: (Vec3, Vec3), corner: usize) -> Result<Vec3, String> {
-    let (u, v) = (a.1.normalize(), b.1.normalize());
+/// A line in space.
+#[derive(Clone, Copy)]
+struct Line {
+    point: Vec3,
+    /// Of any length but 0.
+    direction: Vec3,
+}
+
+/// The point nearest to two lines; `corner` is the number of the corner for messages.
+fn crossing(a: Line, b: Line, corner: usize) -> Result<Vec3, String> {
+    // The feet a + s u and b + t v of the common normal u x v; their middle where the lines do not meet.
+    let (u, v) = (a.direction.normalize(), b.direction.normalize());
     let cross = u.cross(&v);
     let square = cross.norm_squared();
     if square < 1e-16 || !square.is_finite() {
@@ -355,10 +373,10 @@ fn crossing(a: (Vec3, Vec3), b: (Vec3, Vec3), corner: usize) -> Result<Vec3, Str
             "the edges at corner {corner} of the derived polygon are parallel; expected edges that meet"
         ));
     }
-    let w = b.0 - a.0;
+    let w = b.point - a.point;
     let s = w.cross(&v).dot(&cross) / square;
     let t = w.cross(&u).dot(&cross) / square;
-    Ok(((a.0 + s * u) + (b.0 + t * v)) / 2.0)
+    Ok(((a.point + s * u) + (b.point + t * v)) / 2.0)
 }
 
 /// The shrinking s and rotation theta of regular faces that make all edges of a snub solid equal; `p` is pi

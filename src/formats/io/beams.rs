@@ -21,7 +21,7 @@ pub fn write_beams(
     unit: LengthUnit,
 ) -> Result<u64, WriteError> {
     let mut file = AtomicFile::create_seekable(path)?;
-    let written = threemf::write_beams(&mut file, lattice, (factor, unit));
+    let written = threemf::write_beams(&mut file, lattice, factor, unit);
     written.map_err(|e| file.failed(e))?;
     file.commit()
 }

@@ -165,7 +165,7 @@ fn remove_abandoned(folder: &Path) {
             _ => continue,
         };
         let Ok(file) = opened else { continue };
-        if !is_of_this_machine((host, start), &file) || lock(&file) != Lock::Held {
+        if !is_of_this_machine(host, start, &file) || lock(&file) != Lock::Held {
             continue;
         }
         // Removed while the lock is held, so that a writer that has just created it sees that it is gone.
@@ -192,8 +192,8 @@ fn machine_of(name: &str) -> Option<(&str, &str)> {
 }
 
 /// Whether a free lock proves that the process of a partial file is gone: it ran on this host since its start, or
-/// before it and has written nothing since.
-fn is_of_this_machine((host, start): (&str, &str), file: &File) -> bool {
+/// before it and has written nothing since. `host` and `start` are the words in the file's name.
+fn is_of_this_machine(host: &str, start: &str, file: &File) -> bool {
     let machine = &*MACHINE;
     if host != machine.host {
         return false;

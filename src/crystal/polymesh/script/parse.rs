@@ -17,11 +17,18 @@ pub(super) fn script(text: &str) -> Result<Script, ScriptError> {
     Ok(Script { items })
 }
 
+/// A place in a script; lines and columns count from 1.
+#[derive(Clone, Copy)]
+struct Position {
+    line: usize,
+    column: usize,
+}
+
 /// An error at a place.
-fn fault((line, column): (usize, usize), message: impl Into<String>) -> ScriptError {
+fn fault(place: Position, message: impl Into<String>) -> ScriptError {
     ScriptError {
-        line,
-        column,
+        line: place.line,
+        column: place.column,
         message: message.into(),
         hint: None,
     }
@@ -35,9 +42,11 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn place(&self) -> (usize, usize) {
-        let column = self.text[self.line_start..self.at].chars().count() + 1;
-        (self.line, column)
+    fn place(&self) -> Position {
+        Position {
+            line: self.line,
+            column: self.text[self.line_start..self.at].chars().count() + 1,
+        }
     }
 
     fn peek(&self) -> Option<char> {
@@ -61,11 +70,7 @@ impl Reader<'_> {
     }
 
     /// Items up to the end, or to the "}" of a block opened at `opened`.
-    fn items(
-        &mut self,
-        depth: usize,
-        opened: Option<(usize, usize)>,
-    ) -> Result<Vec<Item>, ScriptError> {
+    fn items(&mut self, depth: usize, opened: Option<Position>) -> Result<Vec<Item>, ScriptError> {
         let mut items = Vec::new();
         loop {
             // A "}" ends the block that was opened, and is an error outside blocks; the end of the text is
@@ -117,7 +122,7 @@ impl Reader<'_> {
                 Ok(Item::Parameter {
                     name: name.to_owned(),
                     value: parsed(value, rest.line, column)?,
-                    line: place.0,
+                    line: place.line,
                     column,
                 })
             }
@@ -163,8 +168,8 @@ impl Reader<'_> {
                     verb: verb.to_owned(),
                     words,
                     text: self.text[start..self.at].trim_end().to_owned(),
-                    line: place.0,
-                    column: place.1,
+                    line: place.line,
+                    column: place.column,
                 }))
             }
         }
@@ -208,7 +213,7 @@ impl Reader<'_> {
 
     /// The next word: up to a blank outside brackets and quotes.
     fn word(&mut self) -> Result<Word, ScriptError> {
-        let (line, column) = self.place();
+        let place = self.place();
         let start = self.at;
         let mut open: Vec<char> = Vec::new();
         // Blanks inside brackets belong to the word: a list or a condition is one word.
@@ -224,7 +229,7 @@ impl Reader<'_> {
                         self.bump();
                     }
                     if self.peek() != Some('"') {
-                        return Err(fault((line, column), "a quotation mark is not closed"));
+                        return Err(fault(place, "a quotation mark is not closed"));
                     }
                 }
                 '(' => open.push(')'),
@@ -242,21 +247,18 @@ impl Reader<'_> {
         }
         if let Some(c) = open.pop() {
             return Err(fault(
-                (line, column),
+                place,
                 format!("a bracket is not closed; expected {c:?}"),
             ));
         }
         if self.at == start {
             let found = self.peek().map_or("the end".into(), |c| format!("{c:?}"));
-            return Err(fault(
-                (line, column),
-                format!("found {found}; expected a step"),
-            ));
+            return Err(fault(place, format!("found {found}; expected a step")));
         }
         Ok(Word {
             text: self.text[start..self.at].to_owned(),
-            line,
-            column,
+            line: place.line,
+            column: place.column,
         })
     }
 
@@ -265,21 +267,25 @@ impl Reader<'_> {
         while self.peek().is_some_and(|c| c == ' ' || c == '\t') {
             self.bump();
         }
-        let (line, column) = self.place();
+        let place = self.place();
         let start = self.at;
         while self.peek().is_some_and(|c| c != '#' && !ends.contains(&c)) {
             self.bump();
         }
         let text = self.text[start..self.at].trim_end().to_owned();
         if text.is_empty() {
-            return Err(fault((line, column), "found nothing; expected a value"));
+            return Err(fault(place, "found nothing; expected a value"));
         }
-        Ok(Word { text, line, column })
+        Ok(Word {
+            text,
+            line: place.line,
+            column: place.column,
+        })
     }
 }
 
 /// The error for a word that begins no step; `name` includes the words after it.
-fn unknown(place: (usize, usize), word: &str, name: &str) -> ScriptError {
+fn unknown(place: Position, word: &str, name: &str) -> ScriptError {
     let mut known: Vec<&str> = VERBS[1..].iter().map(|v| v.0).collect();
     known.extend(["param", "repeat"]);
     let solid = seed::nearest_solid(name).or_else(|| seed::nearest_solid(word));

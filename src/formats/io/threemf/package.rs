@@ -43,7 +43,9 @@ pub(super) fn begin<W: Write + Seek>(
 /// bound of the text's size (plain zip entries are limited to 4 GiB).
 fn package<W: Write + Seek>(
     out: W,
-    (unit, extensions, bytes): (LengthUnit, &str, u64),
+    unit: LengthUnit,
+    extensions: &str,
+    bytes: u64,
     mesh: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
     // The large form of a zip entry is chosen before the text is written.
@@ -91,7 +93,7 @@ pub(in crate::io) fn write(
     // At most about 64 bytes per vertex and twice as many per triangle.
     let [vertices, triangles] = rows.counts();
     let bytes = 64 * (vertices + 2 * triangles);
-    package(out, (unit, "", bytes), |xml| {
+    package(out, unit, "", bytes, |xml| {
         writeln!(xml, "<vertices>")?;
         let is_double = rows.is_double();
         rows.each_vertex(&mut |v, _| vertex(xml, v, is_double))?;
@@ -106,16 +108,17 @@ pub(in crate::io) fn write(
     })
 }
 
-/// Writes beams with round ends (beam lattice extension, version 1).
+/// Writes beams with round ends (beam lattice extension, version 1); lengths times `factor` are in `unit`.
 pub(in crate::io) fn write_beams(
     out: &mut (impl Write + Seek),
     lattice: &BeamLattice,
-    (factor, unit): (f64, LengthUnit),
+    factor: f64,
+    unit: LengthUnit,
 ) -> io::Result<()> {
     let bytes = 64 * lattice.nodes.len() as u64 + 128 * lattice.beams.len() as u64;
     // The radius of the lattice is the default of its beams; each beam states its own.
     let radius = lattice.beams.first().map_or(1.0, |b| b.radii[0] * factor);
-    package(out, (unit, BEAM_EXTENSION_ATTRIBUTES, bytes), |xml| {
+    package(out, unit, BEAM_EXTENSION_ATTRIBUTES, bytes, |xml| {
         writeln!(xml, "<vertices>")?;
         for node in &lattice.nodes {
             vertex(xml, node * factor, false)?;

@@ -251,7 +251,7 @@ impl Build {
             self.notes.insert(note);
         }
         self.mesh(id, object, at)?;
-        self.lattice(name, model, (id, object), at)?;
+        self.lattice(name, model, id, object, at)?;
         self.path.push(step);
         for component in &object.components {
             self.reference(name, model, component, at)?;
@@ -303,7 +303,8 @@ impl Build {
         &mut self,
         name: &str,
         model: &Model,
-        (id, object): (u32, &Object),
+        id: u32,
+        object: &Object,
         at: &Placement,
     ) -> Result<(), ReadError> {
         let Some(lattice) = &object.lattice else {

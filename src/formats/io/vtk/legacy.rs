@@ -1,6 +1,7 @@
 //! Legacy `.vtk` files, versions 2 to 5.1. Keywords are read in any case.
 
 use super::poly::{Polygons, Section};
+use super::types::Version;
 use super::{Cells, VtkFile};
 use crate::io::collector::Collector;
 use crate::io::element_file::FieldAt;
@@ -58,7 +59,7 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
         ends: &ends,
         nodes: &nodes,
         points: &points.unwrap_or_default(),
-        has_old_numbering: version < (5, 1),
+        has_old_numbering: version < Version::new(5, 1),
     };
     cells.collect(path, 0, 0, &mut collector)?;
     file.data(None, &mut collector)?;
@@ -97,14 +98,14 @@ impl File {
     }
 
     /// Reads the first four lines; returns the version and whether polygons follow.
-    fn header(&mut self) -> Result<((u32, u32), bool), ReadError> {
+    fn header(&mut self) -> Result<(Version, bool), ReadError> {
         let expected = "# vtk DataFile Version, the first line of a legacy VTK file";
         let first = self.tokens.needed_line(expected)?;
         let begin = "# vtk DataFile Version";
         let version = first
             .split_at_checked(begin.len())
             .filter(|(word, _)| word.eq_ignore_ascii_case(begin))
-            .and_then(|(_, version)| super::types::version(version));
+            .and_then(|(_, version)| Version::parse(version));
         let Some(version) = version else {
             let first = first.to_owned();
             return Err(self.bad(&first, expected));
@@ -133,7 +134,7 @@ impl File {
     fn polygons(
         mut self,
         path: &Path,
-        version: (u32, u32),
+        version: Version,
         mut collector: Collector,
     ) -> Result<VtkFile, ReadError> {
         // Four kinds of cells, each with its nodes; data at cells follow this order, not that in the file.
@@ -177,11 +178,11 @@ impl File {
     /// Reads cells: the end of each cell's node list, and the nodes.
     fn cells(
         &mut self,
-        version: (u32, u32),
+        version: Version,
         a: &str,
         b: &str,
     ) -> Result<(Vec<i64>, Vec<i64>), ReadError> {
-        if version >= (5, 0) {
+        if version >= Version::new(5, 0) {
             self.cells_by_offset(a, b)
         } else {
             self.cells_by_length(a, b)

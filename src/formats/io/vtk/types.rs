@@ -140,10 +140,23 @@ pub(super) fn name(cell_type: u8) -> String {
     }
 }
 
-/// Major and minor version from the text of one, such as 5.1.
-pub(super) fn version(text: &str) -> Option<(u32, u32)> {
-    let mut parts = text.trim().split('.');
-    let major = parts.next()?.parse().ok()?;
-    let minor = parts.next().and_then(|m| m.parse().ok());
-    Some((major, minor.unwrap_or(0)))
+/// The version of a file.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Version {
+    major: u32,
+    minor: u32,
+}
+
+impl Version {
+    pub const fn new(major: u32, minor: u32) -> Self {
+        Self { major, minor }
+    }
+
+    /// The version in a text such as 5.1.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut parts = text.trim().split('.');
+        let major = parts.next()?.parse().ok()?;
+        let minor = parts.next().and_then(|m| m.parse().ok());
+        Some(Self::new(major, minor.unwrap_or(0)))
+    }
 }

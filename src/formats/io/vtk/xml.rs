@@ -3,6 +3,7 @@
 mod data;
 
 use super::poly::{Polygons, SECTIONS, Section};
+use super::types::Version;
 use super::{Cells, VtkFile};
 use crate::io::collector::Collector;
 use crate::io::element_file::FieldAt;
@@ -183,8 +184,8 @@ impl<'a> Document<'a> {
                     }
                 }
                 let version = attribute(tag, "version");
-                let version = version.and_then(|v| super::types::version(&v));
-                self.has_old_numbering = version.is_none_or(|v| v < (2, 1));
+                let version = version.and_then(|v| Version::parse(&v));
+                self.has_old_numbering = version.is_none_or(|v| v < Version::new(2, 1));
                 self.format = Format::of(
                     attribute(tag, "byte_order").as_deref(),
                     attribute(tag, "header_type").as_deref(),
