@@ -33,11 +33,14 @@ pub(crate) struct CallableField<'a> {
 }
 
 impl<'a> CallableField<'a> {
-    /// Samples the function around a box. `None` if a call fails.
+    /// Samples the function around the box `extent`, with the band of `half_width` voxels. If a call fails, the field is
+    /// not sound and keeps the exception.
     pub(crate) fn new(
         function: Py<PyAny>,
         lipschitz: f64,
-        (extent, voxel_size, half_width): (Aabb, f64, f64),
+        extent: Aabb,
+        voxel_size: f64,
+        half_width: f64,
         progress: &'a dyn Progress,
     ) -> Self {
         let around = extent.dilated((half_width + 2.0) * voxel_size);

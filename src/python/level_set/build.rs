@@ -8,6 +8,20 @@ use super::{
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
 
+/// The grid of a level set: in Python a tuple of these fields in this order.
+#[derive(Clone, Copy, FromPyObject)]
+pub(crate) struct GridFrame {
+    /// Edge of a voxel, world units.
+    #[pyo3(item(0))]
+    voxel_size: f64,
+    /// Half width of the band, voxels.
+    #[pyo3(item(1))]
+    half_width: f64,
+    /// Centre of voxel (0, 0, 0), world units.
+    #[pyo3(item(2))]
+    origin: [f64; 3],
+}
+
 /// Words of a leaf's mask: bit `8 y + z` of word x.
 fn mask(active: &[bool; 512]) -> [u64; 8] {
     let mut mask = [0; 8];
@@ -30,11 +44,12 @@ pub(super) fn transform(voxel_size: f64) -> Result<Transform, Fault> {
 
 /// A level set of leaves, which are sorted into blocks.
 fn build(
-    (transform, half_width, origin): (Transform, f64, [f64; 3]),
+    transform: Transform,
+    frame: GridFrame,
     leaves: BTreeMap<Coord, ([u64; 8], [f32; 512])>,
     session: Session<'_>,
 ) -> Result<LevelSet, Fault> {
-    let builder = LevelSetBuilder::new(transform, half_width)?;
+    let builder = LevelSetBuilder::new(transform, frame.half_width)?;
     let mut blocks: BTreeMap<Coord, LeafBatch> = BTreeMap::new();
     for (at, (mask, values)) in leaves {
         blocks
@@ -46,8 +61,8 @@ fn build(
         builder.block(*at, block)?;
     }
     let mut made = builder.finish(session)?;
-    if origin != [0.0; 3] {
-        made.set_origin(Vec3::from(origin))?;
+    if frame.origin != [0.0; 3] {
+        made.set_origin(Vec3::from(frame.origin))?;
     }
     Ok(LevelSet::of(made))
 }
@@ -59,7 +74,7 @@ pub(crate) fn from_leaves(
     origins: PyReadonlyArray2<'_, i32>,
     values: PyReadonlyArray2<'_, f32>,
     active: PyReadonlyArray2<'_, bool>,
-    frame: (f64, f64, [f64; 3]),
+    frame: GridFrame,
 ) -> PyResult<LevelSet> {
     let read = || {
         Ok::<_, Fault>((
@@ -78,8 +93,8 @@ pub(crate) fn from_leaves(
                 active.len()
             )));
         }
-        let transform = transform(frame.0)?;
-        let background = (frame.1 * frame.0) as f32;
+        let transform = transform(frame.voxel_size)?;
+        let background = (frame.half_width * frame.voxel_size) as f32;
         let mut leaves = BTreeMap::new();
         for (n, origin) in origins.iter().enumerate() {
             let at = Coord(*origin);
@@ -102,7 +117,7 @@ pub(crate) fn from_leaves(
                 return Err(Fault::Argument(text));
             }
         }
-        build((transform, frame.1, frame.2), leaves, session)
+        build(transform, frame, leaves, session)
     })
 }
 
@@ -111,7 +126,7 @@ pub(crate) fn from_leaves(
 pub(crate) fn from_dense(
     py: Python<'_>,
     values: PyReadonlyArray3<'_, f32>,
-    frame: (f64, f64, [f64; 3]),
+    frame: GridFrame,
 ) -> PyResult<LevelSet> {
     let shape: [usize; 3] = [values.shape()[0], values.shape()[1], values.shape()[2]];
     let values = values.as_slice();
@@ -130,12 +145,8 @@ pub(crate) fn from_dense(
             );
             return Err(Fault::Argument(text));
         }
-        let transform = transform(frame.0)?;
-        build(
-            (transform, frame.1, frame.2),
-            dense(values, shape, frame),
-            session,
-        )
+        let transform = transform(frame.voxel_size)?;
+        build(transform, frame, dense(values, shape, frame), session)
     })
 }
 
@@ -172,7 +183,9 @@ pub(crate) fn from_function(
         let field = CallableField::new(
             function,
             lipschitz,
-            (extent, voxel_size, half_width),
+            extent,
+            voxel_size,
+            half_width,
             session.progress,
         );
         let band = Band {
@@ -200,9 +213,9 @@ pub(crate) fn from_function(
 fn dense(
     values: &[f32],
     [nx, ny, nz]: [usize; 3],
-    (voxel_size, half_width, _): (f64, f64, [f64; 3]),
+    frame: GridFrame,
 ) -> BTreeMap<Coord, ([u64; 8], [f32; 512])> {
-    let background = (half_width * voxel_size) as f32;
+    let background = (frame.half_width * frame.voxel_size) as f32;
     let mut leaves = BTreeMap::new();
     let steps = |n: usize| (0..n).step_by(8);
     for (x, y) in steps(nx).flat_map(|x| steps(ny).map(move |y| (x, y))) {
