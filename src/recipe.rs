@@ -34,6 +34,7 @@ mod drain;
 mod error;
 mod file;
 mod fit;
+mod forms;
 mod frames;
 mod grid_word;
 mod hybrid;

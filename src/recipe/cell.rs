@@ -4,6 +4,7 @@ use super::crystal::CrystalRef;
 use super::error::RecipeError;
 use super::file::{FileRef, Similarity};
 use super::fit::{Filter, FitMethod, Solver, Symmetrise};
+use super::forms::{Forms, forms};
 use super::hybrid::{Ingredient, Surroundings};
 use super::quantity::{Finite, Fraction, Length, Positive, Size};
 use super::source::Source;
@@ -11,9 +12,7 @@ use super::target::TargetWord;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{Deserializer, MapAccess, Visitor};
-use std::borrow::Cow;
-use std::fmt;
+use serde::de::{Error, MapAccess};
 use std::str::FromStr;
 
 /// One unit cell of the palette. Exactly one of `mesh`, `points`, `voxels`, `surface`, `formula`, `graph`,
@@ -320,31 +319,6 @@ impl PlaceTable {
     }
 }
 
-impl<'de> Deserialize<'de> for Place {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Form;
-        impl<'de> Visitor<'de> for Form {
-            type Value = Place;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("\"reference\", \"fit\", { scale, rotate, translate } or { vertices }")
-            }
-            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Place, E> {
-                match v {
-                    "reference" => Ok(Place::Reference),
-                    "fit" => Ok(Place::Fit),
-                    _ => Err(E::unknown_variant(v, &["reference", "fit"])),
-                }
-            }
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Place, A::Error> {
-                PlaceTable::deserialize(MapAccessDeserializer::new(map))?
-                    .place()
-                    .map_err(serde::de::Error::custom)
-            }
-        }
-        d.deserialize_any(Form)
-    }
-}
-
 impl FromStr for Place {
     type Err = String;
     fn from_str(s: &str) -> Result<Self, String> {
@@ -359,15 +333,29 @@ impl FromStr for Place {
     }
 }
 
-impl JsonSchema for Place {
-    fn schema_name() -> Cow<'static, str> {
-        "Place".into()
-    }
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+impl Forms for Place {
+    const EXPECTED: &'static str =
+        "\"reference\", \"fit\", { scale, rotate, translate } or { vertices }";
+
+    fn schema(generator: &mut SchemaGenerator) -> Schema {
         let table = generator.subschema_for::<PlaceTable>();
         json_schema!({ "anyOf": [{ "enum": ["reference", "fit"] }, table] })
     }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        match v {
+            "reference" => Ok(Self::Reference),
+            "fit" => Ok(Self::Fit),
+            _ => Err(E::unknown_variant(v, &["reference", "fit"])),
+        }
+    }
+    fn table<'de, A: MapAccess<'de>>(map: A) -> Result<Self, A::Error> {
+        PlaceTable::deserialize(MapAccessDeserializer::new(map))?
+            .place()
+            .map_err(Error::custom)
+    }
 }
+
+forms!(Place, "Place");
 
 impl CellSection {
     /// Reads a section from the text of its keys (TOML), without a table's name. Paths start from the working

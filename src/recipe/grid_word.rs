@@ -1,8 +1,8 @@
 //! Names of the grids that an output may hold.
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::de::{Deserialize, Deserializer, Error as _};
-use std::borrow::Cow;
+use super::forms::{Forms, forms};
+use schemars::{Schema, SchemaGenerator, json_schema};
+use serde::de::Error;
 use std::fmt;
 use std::str::FromStr;
 
@@ -108,21 +108,19 @@ impl FromStr for GridWord {
     }
 }
 
-impl<'de> Deserialize<'de> for GridWord {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        String::deserialize(d)?.parse().map_err(D::Error::custom)
-    }
-}
+impl Forms for GridWord {
+    const EXPECTED: &'static str = "the name of a grid";
 
-impl JsonSchema for GridWord {
-    fn schema_name() -> Cow<'static, str> {
-        "GridWord".into()
-    }
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+    fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
             "description": "A grid of an output.",
             "type": "string",
             "pattern": "^(surface|density|cell_id|element_id|thickness|uvw|fold|vel|rest|weight_.+)$"
         })
     }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        v.parse().map_err(E::custom)
+    }
 }
+
+forms!(GridWord, "GridWord");

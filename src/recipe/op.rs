@@ -2,12 +2,12 @@
 
 use super::brief::{Brief, Short};
 use super::drain::Drain;
+use super::forms::{Forms, forms};
 use super::operand::{Mask, Operand, Side};
 use super::quantity::{Finite, HalfWidth, Length, Positive, Size, Width};
-use schemars::JsonSchema;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
-use serde::de::{Deserializer, Visitor};
-use std::fmt;
+use serde::de::Error;
 
 /// One operation. Those before the first that needs neighbours act on the exact field.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -247,39 +247,24 @@ impl Short for Resample {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpTo(pub f64);
 
-impl<'de> Deserialize<'de> for UpTo {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Form;
-        impl Visitor<'_> for Form {
-            type Value = UpTo;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("true, false or a positive volume")
-            }
-            fn visit_bool<E: serde::de::Error>(self, all: bool) -> Result<UpTo, E> {
-                Ok(UpTo(if all { f64::INFINITY } else { 0.0 }))
-            }
-            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<UpTo, E> {
-                Positive::try_from(v).map(|p| UpTo(p.0)).map_err(E::custom)
-            }
-            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<UpTo, E> {
-                self.visit_f64(v as f64)
-            }
-        }
-        d.deserialize_any(Form)
-    }
-}
+impl Forms for UpTo {
+    const EXPECTED: &'static str = "true, false or a positive volume";
 
-impl JsonSchema for UpTo {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "UpTo".into()
-    }
-    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
-        schemars::json_schema!({ "anyOf": [
+    fn schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [
             { "type": "boolean" },
             { "type": "number", "exclusiveMinimum": 0 },
         ] })
     }
+    fn flag<E: Error>(all: bool) -> Result<Self, E> {
+        Ok(Self(if all { f64::INFINITY } else { 0.0 }))
+    }
+    fn number<E: Error>(v: f64) -> Result<Self, E> {
+        Positive::try_from(v).map(|p| Self(p.0)).map_err(E::custom)
+    }
 }
+
+forms!(UpTo, "UpTo");
 
 /// A smoothing kernel.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]

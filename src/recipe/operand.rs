@@ -2,13 +2,12 @@
 
 use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::{FileRef, Similarity};
+use super::forms::{Forms, forms};
 use super::quantity::{Finite, Length, QuantityError, Size, Unit};
 use super::{Brief, Short};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
-use serde::de::{Deserializer, Visitor};
-use std::borrow::Cow;
-use std::fmt;
+use serde::de::Error;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -129,43 +128,28 @@ impl FromStr for Onto {
     }
 }
 
-impl<'de> Deserialize<'de> for Onto {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Any;
-        impl Visitor<'_> for Any {
-            type Value = Onto;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("true, false or the edge of a voxel such as 0.2 or \"0.2mm\"")
-            }
-            fn visit_bool<E: serde::de::Error>(self, is_wanted: bool) -> Result<Onto, E> {
-                Ok(Onto::Recipe(is_wanted))
-            }
-            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Onto, E> {
-                Size::try_from(v).map(Onto::Edge).map_err(E::custom)
-            }
-            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Onto, E> {
-                self.visit_f64(v as f64)
-            }
-            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Onto, E> {
-                v.parse().map(Onto::Edge).map_err(E::custom)
-            }
-        }
-        d.deserialize_any(Any)
-    }
-}
+impl Forms for Onto {
+    const EXPECTED: &'static str = "true, false or the edge of a voxel such as 0.2 or \"0.2mm\"";
 
-impl JsonSchema for Onto {
-    fn schema_name() -> Cow<'static, str> {
-        "Onto".into()
-    }
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+    fn schema(generator: &mut SchemaGenerator) -> Schema {
         let size = generator.subschema_for::<Size>();
         json_schema!({
             "description": "The voxels that a grid is brought onto: true for those of the recipe, or the edge of cubes.",
             "anyOf": [{ "type": "boolean" }, size]
         })
     }
+    fn flag<E: Error>(is_wanted: bool) -> Result<Self, E> {
+        Ok(Self::Recipe(is_wanted))
+    }
+    fn number<E: Error>(v: f64) -> Result<Self, E> {
+        Size::try_from(v).map(Self::Edge).map_err(E::custom)
+    }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        v.parse().map(Self::Edge).map_err(E::custom)
+    }
 }
+
+forms!(Onto, "Onto");
 
 impl Short for Grid {
     type First = PathBuf;

@@ -2,15 +2,14 @@
 
 use super::brief::{Brief, Short};
 use super::deck::DeckKind;
+use super::forms::{Forms, forms};
 use super::grid_word::GridWord;
 use super::quantity::{Fraction, Portion, Positive, Size, Unit};
 use crate::frame::LengthUnit;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::Deserialize;
 use serde::de::value::SeqAccessDeserializer;
-use serde::de::{Error as _, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer};
-use std::borrow::Cow;
-use std::fmt;
+use serde::de::{Error, SeqAccess};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -271,37 +270,25 @@ impl FromStr for PictureSize {
     }
 }
 
-impl<'de> Deserialize<'de> for PictureSize {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Form;
-        impl<'de> Visitor<'de> for Form {
-            type Value = PictureSize;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("[width, height] or \"WIDTHxHEIGHT\" in pixels")
-            }
-            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<PictureSize, E> {
-                v.parse().map_err(E::custom)
-            }
-            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<PictureSize, A::Error> {
-                let [w, h] = <[i64; 2]>::deserialize(SeqAccessDeserializer::new(seq))?;
-                self.visit_str(&format!("{w}x{h}"))
-            }
-        }
-        d.deserialize_any(Form)
-    }
-}
+impl Forms for PictureSize {
+    const EXPECTED: &'static str = "[width, height] or \"WIDTHxHEIGHT\" in pixels";
 
-impl JsonSchema for PictureSize {
-    fn schema_name() -> Cow<'static, str> {
-        "PictureSize".into()
-    }
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+    fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({ "anyOf": [
             { "type": "array", "items": { "type": "integer" }, "minItems": 2, "maxItems": 2 },
             { "type": "string", "pattern": "^[0-9]+x[0-9]+$" },
         ] })
     }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        v.parse().map_err(E::custom)
+    }
+    fn list<'de, A: SeqAccess<'de>>(seq: A) -> Result<Self, A::Error> {
+        let [w, h] = <[i64; 2]>::deserialize(SeqAccessDeserializer::new(seq))?;
+        Self::text(&format!("{w}x{h}"))
+    }
 }
+
+forms!(PictureSize, "PictureSize");
 
 /// A plane at a coordinate, written "x=0": what lies beyond it is left out of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -325,17 +312,15 @@ impl FromStr for Cut {
     }
 }
 
-impl<'de> Deserialize<'de> for Cut {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        String::deserialize(d)?.parse().map_err(D::Error::custom)
+impl Forms for Cut {
+    const EXPECTED: &'static str = "an axis and a number, as in \"x=0\"";
+
+    fn schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "pattern": "^[xyz]=.*$" })
+    }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        v.parse().map_err(E::custom)
     }
 }
 
-impl JsonSchema for Cut {
-    fn schema_name() -> Cow<'static, str> {
-        "Cut".into()
-    }
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "type": "string", "pattern": "^[xyz]=.*$" })
-    }
-}
+forms!(Cut, "Cut");

@@ -4,10 +4,10 @@
 //! are positive; a bare kernel width counts voxels. TOML and the command line share one parser
 //! and its errors.
 
+use super::forms::{Forms, forms};
 use crate::frame::LengthUnit;
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::de::{Deserialize, Deserializer, Error as _, Visitor};
-use std::borrow::Cow;
+use schemars::{Schema, SchemaGenerator, json_schema};
+use serde::de::Error;
 use std::fmt;
 use std::str::FromStr;
 
@@ -182,50 +182,23 @@ impl TryFrom<Length> for Width {
     }
 }
 
-/// Reads a number or a string with [`FromStr`].
-struct Text<T>(std::marker::PhantomData<T>, &'static str);
-
-impl<T> Visitor<'_> for Text<T>
-where
-    T: FromStr<Err = QuantityError> + TryFrom<f64, Error = QuantityError>,
-{
-    type Value = T;
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(self.1)
-    }
-    fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<T, E> {
-        T::try_from(v).map_err(E::custom)
-    }
-    fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<T, E> {
-        self.visit_f64(v as f64)
-    }
-    fn visit_u64<E: serde::de::Error>(self, v: u64) -> Result<T, E> {
-        self.visit_f64(v as f64)
-    }
-    fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<T, E> {
-        v.parse().map_err(E::custom)
-    }
-}
-
 /// The common half of a quantity: text, TOML and schema, given its checked construction.
 macro_rules! quantity {
     ($name:ident, $expecting:literal, $schema:tt) => {
-        impl<'de> Deserialize<'de> for $name {
-            fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-                d.deserialize_any(Text(std::marker::PhantomData, $expecting))
-            }
-        }
-        impl JsonSchema for $name {
-            fn inline_schema() -> bool {
-                false
-            }
-            fn schema_name() -> Cow<'static, str> {
-                stringify!($name).into()
-            }
-            fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        impl Forms for $name {
+            const EXPECTED: &'static str = $expecting;
+
+            fn schema(_: &mut SchemaGenerator) -> Schema {
                 json_schema!($schema)
             }
+            fn number<E: Error>(v: f64) -> Result<Self, E> {
+                Self::try_from(v).map_err(E::custom)
+            }
+            fn text<E: Error>(v: &str) -> Result<Self, E> {
+                v.parse().map_err(E::custom)
+            }
         }
+        forms!($name, stringify!($name));
     };
 }
 
@@ -261,39 +234,24 @@ length_quantity!(Width, "a positive width in voxels, or a length such as \"0.2mm
     "type": ["number", "string"], "exclusiveMinimum": 0
 });
 
-impl<'de> Deserialize<'de> for Length {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Any;
-        impl Visitor<'_> for Any {
-            type Value = Length;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("a length such as 0.2, \"0.2mm\" or \"3vx\"")
-            }
-            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Length, E> {
-                Length::Bare(v).finite().map_err(E::custom)
-            }
-            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Length, E> {
-                self.visit_f64(v as f64)
-            }
-            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Length, E> {
-                v.parse().map_err(E::custom)
-            }
-        }
-        d.deserialize_any(Any)
-    }
-}
+impl Forms for Length {
+    const EXPECTED: &'static str = "a length such as 0.2, \"0.2mm\" or \"3vx\"";
 
-impl JsonSchema for Length {
-    fn schema_name() -> Cow<'static, str> {
-        "Length".into()
-    }
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+    fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
             "description": "A length: a number in the recipe's unit, or a string such as \"-0.2mm\" or \"3vx\" (voxels).",
             "type": ["number", "string"]
         })
     }
+    fn number<E: Error>(v: f64) -> Result<Self, E> {
+        Self::Bare(v).finite().map_err(E::custom)
+    }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        v.parse().map_err(E::custom)
+    }
 }
+
+forms!(Length, "Length");
 
 /// A number within a range, as a type.
 macro_rules! number {
@@ -360,13 +318,6 @@ impl Default for Tolerance {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Unit(pub LengthUnit);
 
-impl<'de> Deserialize<'de> for Unit {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        let name = String::deserialize(d)?;
-        name.parse().map(Self).map_err(D::Error::custom)
-    }
-}
-
 impl FromStr for Unit {
     type Err = crate::frame::UnknownUnit;
     fn from_str(s: &str) -> Result<Self, Self::Err> {
@@ -374,14 +325,18 @@ impl FromStr for Unit {
     }
 }
 
-impl JsonSchema for Unit {
-    fn schema_name() -> Cow<'static, str> {
-        "Unit".into()
-    }
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+impl Forms for Unit {
+    const EXPECTED: &'static str = "a unit of length";
+
+    fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
             "description": "A unit of length.",
             "type": "string", "enum": ["um", "mm", "cm", "m", "in", "ft"]
         })
     }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        v.parse().map(Self).map_err(E::custom)
+    }
 }
+
+forms!(Unit, "Unit");

@@ -1,14 +1,13 @@
 //! `target` of `[cell.NAME]`: a cell by the properties that it shall have.
 
 use super::cell::{CellSection, Solid};
+use super::forms::{Forms, forms};
 use super::quantity::{Finite, Positive};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{Deserializer, MapAccess, Visitor};
-use std::borrow::Cow;
+use serde::de::{Error, MapAccess};
 use std::collections::BTreeMap;
-use std::fmt;
 use std::str::FromStr;
 
 /// A property that is made as large as it can be.
@@ -65,32 +64,6 @@ pub struct TargetTable {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TargetWord(pub TargetTable);
 
-impl<'de> Deserialize<'de> for TargetWord {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Form;
-        impl<'de> Visitor<'de> for Form {
-            type Value = TargetWord;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str(
-                    "a property (bulk, shear, young, conductivity, permeability) or a table with maximise, \
-                     zener, poisson or stiffness",
-                )
-            }
-            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<TargetWord, E> {
-                let word = serde::de::value::StrDeserializer::new(v);
-                Ok(TargetWord(TargetTable {
-                    maximise: Some(TargetProperty::deserialize(word)?),
-                    ..TargetTable::default()
-                }))
-            }
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<TargetWord, A::Error> {
-                TargetTable::deserialize(MapAccessDeserializer::new(map)).map(TargetWord)
-            }
-        }
-        d.deserialize_any(Form)
-    }
-}
-
 impl FromStr for TargetWord {
     type Err = String;
     fn from_str(s: &str) -> Result<Self, String> {
@@ -102,16 +75,28 @@ impl FromStr for TargetWord {
     }
 }
 
-impl JsonSchema for TargetWord {
-    fn schema_name() -> Cow<'static, str> {
-        "Target".into()
-    }
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+impl Forms for TargetWord {
+    const EXPECTED: &'static str = "a property (bulk, shear, young, conductivity, permeability) or a table with maximise, \
+                     zener, poisson or stiffness";
+
+    fn schema(generator: &mut SchemaGenerator) -> Schema {
         let table = generator.subschema_for::<TargetTable>();
         let word = generator.subschema_for::<TargetProperty>();
         json_schema!({ "anyOf": [word, table] })
     }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        let word = serde::de::value::StrDeserializer::new(v);
+        Ok(Self(TargetTable {
+            maximise: Some(TargetProperty::deserialize(word)?),
+            ..TargetTable::default()
+        }))
+    }
+    fn table<'de, A: MapAccess<'de>>(map: A) -> Result<Self, A::Error> {
+        TargetTable::deserialize(MapAccessDeserializer::new(map)).map(Self)
+    }
 }
+
+forms!(TargetWord, "Target");
 
 impl CellSection {
     /// Names of keys that belong to a target, where they are given.

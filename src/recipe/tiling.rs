@@ -1,13 +1,12 @@
 //! `[tiling]`: the cells that fill the scaffold, and their weights, levels and thickness.
 
 use super::file::FileRef;
+use super::forms::{Forms, forms};
 use super::quantity::{Finite, Tolerance};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
-use std::borrow::Cow;
-use std::fmt;
+use serde::de::{Deserializer, Error, MapAccess, SeqAccess};
 
 /// `[tiling]`: which cells fill the scaffold. Exactly one of `cell`, `transition` and `assign`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -218,72 +217,38 @@ fn ascending<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<[f64; 2]>, D::Error>
     Ok(map)
 }
 
-impl<'de> Deserialize<'de> for Orient {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Any;
-        impl<'de> Visitor<'de> for Any {
-            type Value = Orient;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("\"auto\" or { toward, up, mismatch }")
-            }
-            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Orient, E> {
-                match v {
-                    "auto" => Ok(Orient::default()),
-                    _ => Err(E::unknown_variant(v, &["auto"])),
-                }
-            }
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Orient, A::Error> {
-                let section = OrientSection::deserialize(MapAccessDeserializer::new(map))?;
-                if section.up.is_some() && section.toward.is_none() {
-                    return Err(serde::de::Error::missing_field("toward"));
-                }
-                Ok(Orient(Box::new(section)))
-            }
-        }
-        d.deserialize_any(Any)
-    }
-}
+impl Forms for Orient {
+    const EXPECTED: &'static str = "\"auto\" or { toward, up, mismatch }";
 
-impl JsonSchema for Orient {
-    fn schema_name() -> Cow<'static, str> {
-        "Orient".into()
-    }
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+    fn schema(generator: &mut SchemaGenerator) -> Schema {
         let section = generator.subschema_for::<OrientSection>();
         json_schema!({
             "description": "How elements are turned so that cells continue over all faces.",
             "anyOf": [{ "enum": ["auto"] }, section]
         })
     }
-}
-
-impl<'de> Deserialize<'de> for Direction {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Any;
-        impl<'de> Visitor<'de> for Any {
-            type Value = Direction;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(
-                    "three numbers or formulas such as [\"-y\", \"x\", 0], or { file, field }",
-                )
-            }
-            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Direction, A::Error> {
-                let components = Deserialize::deserialize(SeqAccessDeserializer::new(seq));
-                components.map(Direction::Components)
-            }
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Direction, A::Error> {
-                FieldRef::deserialize(MapAccessDeserializer::new(map)).map(Direction::Field)
-            }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        match v {
+            "auto" => Ok(Self::default()),
+            _ => Err(E::unknown_variant(v, &["auto"])),
         }
-        d.deserialize_any(Any)
+    }
+    fn table<'de, A: MapAccess<'de>>(map: A) -> Result<Self, A::Error> {
+        let section = OrientSection::deserialize(MapAccessDeserializer::new(map))?;
+        if section.up.is_some() && section.toward.is_none() {
+            return Err(Error::missing_field("toward"));
+        }
+        Ok(Self(Box::new(section)))
     }
 }
 
-impl JsonSchema for Direction {
-    fn schema_name() -> Cow<'static, str> {
-        "Direction".into()
-    }
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+forms!(Orient, "Orient");
+
+impl Forms for Direction {
+    const EXPECTED: &'static str =
+        "three numbers or formulas such as [\"-y\", \"x\", 0], or { file, field }";
+
+    fn schema(generator: &mut SchemaGenerator) -> Schema {
         let field = generator.subschema_for::<FieldRef>();
         let number = generator.subschema_for::<Varying>();
         json_schema!({
@@ -293,7 +258,16 @@ impl JsonSchema for Direction {
             "anyOf": [{ "type": "array", "items": number, "minItems": 3, "maxItems": 3 }, field]
         })
     }
+    fn list<'de, A: SeqAccess<'de>>(seq: A) -> Result<Self, A::Error> {
+        let components = Deserialize::deserialize(SeqAccessDeserializer::new(seq));
+        components.map(Self::Components)
+    }
+    fn table<'de, A: MapAccess<'de>>(map: A) -> Result<Self, A::Error> {
+        FieldRef::deserialize(MapAccessDeserializer::new(map)).map(Self::Field)
+    }
 }
+
+forms!(Direction, "Direction");
 
 /// The value of a field outside its mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -306,80 +280,34 @@ pub enum Outside {
     Value(Finite),
 }
 
-impl<'de> Deserialize<'de> for Outside {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Any;
-        impl Visitor<'_> for Any {
-            type Value = Outside;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("\"nearest\", \"error\" or a number")
-            }
-            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Outside, E> {
-                let number = Finite::deserialize(serde::de::value::F64Deserializer::new(v))?;
-                Ok(Outside::Value(number))
-            }
-            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Outside, E> {
-                self.visit_f64(v as f64)
-            }
-            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Outside, E> {
-                match v {
-                    "nearest" => Ok(Outside::Nearest),
-                    "error" => Ok(Outside::Error),
-                    _ => Err(E::unknown_variant(v, &["nearest", "error", "a number"])),
-                }
-            }
-        }
-        d.deserialize_any(Any)
-    }
-}
+impl Forms for Outside {
+    const EXPECTED: &'static str = "\"nearest\", \"error\" or a number";
 
-impl JsonSchema for Outside {
-    fn schema_name() -> Cow<'static, str> {
-        "Outside".into()
-    }
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+    fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
             "description": "The value of a field outside its mesh.",
             "anyOf": [{ "enum": ["nearest", "error"] }, { "type": "number" }]
         })
     }
-}
-
-impl<'de> Deserialize<'de> for Varying {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct Any;
-        impl<'de> Visitor<'de> for Any {
-            type Value = Varying;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a number, a formula such as \"1 - bx\", or { file, field }")
-            }
-            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Varying, E> {
-                if v.is_finite() {
-                    Ok(Varying::Number(v))
-                } else {
-                    Err(E::custom("expected a finite number"))
-                }
-            }
-            // TOML writes whole numbers without a point.
-            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Varying, E> {
-                self.visit_f64(v as f64)
-            }
-            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Varying, E> {
-                Ok(Varying::Formula(v.to_owned()))
-            }
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Varying, A::Error> {
-                FieldRef::deserialize(MapAccessDeserializer::new(map)).map(Varying::Field)
-            }
+    fn number<E: Error>(v: f64) -> Result<Self, E> {
+        let number = Finite::deserialize(serde::de::value::F64Deserializer::new(v))?;
+        Ok(Self::Value(number))
+    }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        match v {
+            "nearest" => Ok(Self::Nearest),
+            "error" => Ok(Self::Error),
+            _ => Err(E::unknown_variant(v, &["nearest", "error", "a number"])),
         }
-        d.deserialize_any(Any)
     }
 }
 
-impl JsonSchema for Varying {
-    fn schema_name() -> Cow<'static, str> {
-        "Varying".into()
-    }
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+forms!(Outside, "Outside");
+
+impl Forms for Varying {
+    const EXPECTED: &'static str = "a number, a formula such as \"1 - bx\", or { file, field }";
+
+    fn schema(generator: &mut SchemaGenerator) -> Schema {
         let field = generator.subschema_for::<FieldRef>();
         json_schema!({
             "description": "A number, a formula, or a field of a file. Formulas have x, y, z (position), bx, by, bz (0 to 1 \
@@ -388,4 +316,19 @@ impl JsonSchema for Varying {
             "anyOf": [{ "type": "number" }, { "type": "string" }, field]
         })
     }
+    fn number<E: Error>(v: f64) -> Result<Self, E> {
+        if v.is_finite() {
+            Ok(Self::Number(v))
+        } else {
+            Err(E::custom("expected a finite number"))
+        }
+    }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        Ok(Self::Formula(v.to_owned()))
+    }
+    fn table<'de, A: MapAccess<'de>>(map: A) -> Result<Self, A::Error> {
+        FieldRef::deserialize(MapAccessDeserializer::new(map)).map(Self::Field)
+    }
 }
+
+forms!(Varying, "Varying");

@@ -1,0 +1,88 @@
+//! Values that are written in one of several forms: a flag, a number, a text, a list or a table.
+
+use schemars::{Schema, SchemaGenerator};
+use serde::de::{Error, MapAccess, SeqAccess, Unexpected, Visitor};
+use std::fmt;
+use std::marker::PhantomData;
+
+/// A type with several written forms. Those that it lacks are refused.
+pub(super) trait Forms: Sized {
+    /// The forms, for errors.
+    const EXPECTED: &'static str;
+
+    /// All forms as a schema.
+    fn schema(generator: &mut SchemaGenerator) -> Schema;
+
+    fn flag<E: Error>(v: bool) -> Result<Self, E> {
+        Err(refused(Unexpected::Bool(v), Self::EXPECTED))
+    }
+    fn number<E: Error>(v: f64) -> Result<Self, E> {
+        let found = format!("the number {v}");
+        Err(refused(Unexpected::Other(&found), Self::EXPECTED))
+    }
+    fn text<E: Error>(v: &str) -> Result<Self, E> {
+        Err(refused(Unexpected::Str(v), Self::EXPECTED))
+    }
+    fn list<'de, A: SeqAccess<'de>>(_: A) -> Result<Self, A::Error> {
+        Err(refused(Unexpected::Seq, Self::EXPECTED))
+    }
+    fn table<'de, A: MapAccess<'de>>(_: A) -> Result<Self, A::Error> {
+        Err(refused(Unexpected::Map, Self::EXPECTED))
+    }
+}
+
+fn refused<E: Error>(found: Unexpected<'_>, expected: &str) -> E {
+    E::invalid_type(found, &expected)
+}
+
+/// Reads a value in whichever form it has.
+pub(super) struct FormVisitor<T>(pub PhantomData<T>);
+
+impl<'de, T: Forms> Visitor<'de> for FormVisitor<T> {
+    type Value = T;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(T::EXPECTED)
+    }
+    fn visit_bool<E: Error>(self, v: bool) -> Result<T, E> {
+        T::flag(v)
+    }
+    fn visit_f64<E: Error>(self, v: f64) -> Result<T, E> {
+        T::number(v)
+    }
+    fn visit_i64<E: Error>(self, v: i64) -> Result<T, E> {
+        T::number(v as f64)
+    }
+    fn visit_u64<E: Error>(self, v: u64) -> Result<T, E> {
+        T::number(v as f64)
+    }
+    fn visit_str<E: Error>(self, v: &str) -> Result<T, E> {
+        T::text(v)
+    }
+    fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<T, A::Error> {
+        T::list(seq)
+    }
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<T, A::Error> {
+        T::table(map)
+    }
+}
+
+/// Lets types be read and described by their forms, under a name in the schema.
+macro_rules! forms {
+    ($type:ty, $name:expr) => {
+        impl<'de> serde::Deserialize<'de> for $type {
+            fn deserialize<D: serde::Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+                d.deserialize_any(super::forms::FormVisitor(std::marker::PhantomData))
+            }
+        }
+        impl schemars::JsonSchema for $type {
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                $name.into()
+            }
+            fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                <Self as super::forms::Forms>::schema(generator)
+            }
+        }
+    };
+}
+pub(super) use forms;
