@@ -47,9 +47,9 @@ pub fn contact_value(neighbours: [[f32; 2]; 3], step: f32) -> Option<f32> {
     found
 }
 
-/// The contacts of a leaf of 8^3 samples, as ascending offsets (z fastest) with new values. `layer` gives
-/// the 8^2 samples next to the leaf along an axis, below (0) or above (1) it, the last axis fastest. It is
-/// called only where a contact is possible.
+/// The contacts of a leaf of 8^3 samples, as ascending offsets (z fastest) with new values. `layer` gives the 8^2
+/// samples next to the leaf along an axis, below (0) or above (1) it, the last axis fastest. It is called only where a
+/// contact is possible. `step` is the distance of the samples, world units.
 pub fn leaf_contacts(
     values: &[f32; 512],
     step: f32,

@@ -363,6 +363,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Makes at most `remaining` collapses that do not touch each other, the cheapest first. Returns their number.
+    /// None may cost more than `max_squared_error` for each unit of area.
     fn pass(&mut self, remaining: usize, max_squared_error: f64) -> usize {
         let vertices = 0..self.vertices.len() as u32;
         let mut candidates: Vec<Collapse> = vertices

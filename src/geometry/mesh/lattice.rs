@@ -289,7 +289,7 @@ impl LatticeDistances<'_> {
         remaining
     }
 
-    /// Measures a block's samples against few triangles, eight samples at a time.
+    /// Measures a block's samples against few triangles, eight samples at a time. `slots` are those of the triangles.
     #[inline(always)]
     fn measure_in_rows(&mut self, range: &Range, slots: &[u32]) {
         let samples = sample_count(range);

@@ -193,7 +193,8 @@ impl QuadMesh {
             .collect()
     }
 
-    /// The moved vertices of triangles that intersect others, in single precision.
+    /// The moved vertices of triangles that intersect others, in single precision. `points` are all vertices after the
+    /// move, `swapped` marks the quads that are split along the second diagonal.
     fn intersecting_vertices(
         &self,
         points: &[Vec3],
@@ -452,7 +453,8 @@ impl ZeroSet<'_> {
         Some(x)
     }
 
-    /// Up to three tangent planes of the field around `x` with different normals, nearest first.
+    /// Up to three tangent planes of the field around `x` with different normals, nearest first. The field is sampled
+    /// at `radius` from `x`; planes farther than `reach` are left out. Both are world units.
     fn tangent_planes(&self, x: Vec3, radius: f64, reach: f64) -> Vec<Tangent> {
         // The field at the faces and corners of a cube around x: each value gives a tangent plane.
         let mut all = Vec::with_capacity(14);

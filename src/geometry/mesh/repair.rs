@@ -300,6 +300,7 @@ impl MeshSolid {
     }
 
     /// Repairs a mesh, as [`MeshSolid::repaired_with_caps`]; with `is_thorough` a shell may bury parts of itself.
+    /// `caps` marks the triangles that count for the winding number only.
     fn repaired_by(
         mesh: TriMesh,
         caps: impl Fn(&TriMesh) -> Vec<bool>,

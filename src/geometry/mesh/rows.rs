@@ -170,7 +170,8 @@ impl<T: Number> ClosestPoint<T> {
     }
 }
 
-/// Squared distances from one triangle: the cases of [`closest_point`] in reverse order.
+/// Squared distances from one triangle: the cases of [`closest_point`] in reverse order. `coordinates` are the points
+/// `p` again, for the scalar code.
 #[inline(always)]
 fn squared_distance<L: Lanes>(
     lanes: L,

@@ -292,7 +292,8 @@ impl Nesting {
     }
 }
 
-/// Points just behind some triangles of each shell that is oriented inward and may lie in another.
+/// Points just behind some triangles of each shell that is oriented inward and may lie in another. `of` is the shell
+/// of each triangle, `within` the shells around each shell.
 fn cavity_probes(
     shells: &[ShellMeasures],
     of: &[u32],

@@ -138,7 +138,8 @@ pub(crate) fn unite(
 }
 
 /// Whether the box of a triangle of each shell touches that of a triangle of another one. A shell that lies in another
-/// touches it seldom; its own triangles may be close together, and are no contact.
+/// touches it seldom; its own triangles may be close together, and are no contact. Boxes touch within `tolerance`,
+/// world units.
 fn touching_shells(
     mesh: &TriMesh,
     shells: &Shells,
@@ -461,7 +462,8 @@ fn clip_segment(polygon: &[[f64; 2]], segment: &mut [[f64; 2]; 2], tolerance: f6
     (b[0] - a[0]).hypot(b[1] - a[1]) > tolerance
 }
 
-/// Splits a convex polygon into convex parts that no segment crosses.
+/// Splits a convex polygon into convex parts that no segment crosses. Crossings shallower than `tolerance`, world
+/// units, do not split.
 fn split_polygon(
     polygon: Vec<[f64; 2]>,
     segments: Vec<[[f64; 2]; 2]>,

@@ -145,7 +145,8 @@ fn case(corners: &Corners, x: usize, bit: usize) -> usize {
     case as usize
 }
 
-/// Triangulates a loop as a fan from the vertex with the shortest diagonals.
+/// Triangulates a loop as a fan from the vertex with the shortest diagonals. `number` is the vertex of an edge of the
+/// cell; `visit` gets the triangles.
 fn triangulate_loop(
     l: &Loop,
     number: impl Fn(u8) -> u32,

@@ -243,8 +243,8 @@ impl<'a> CrossedEdges<'a> {
         }
     }
 
-    /// The edges of a leaf that carry a vertex; and, if there is one, a cell that changes sign and has voxels
-    /// without a leaf.
+    /// The edges of a leaf that carry a vertex; and, if there is one, a cell that changes sign and has voxels without
+    /// a leaf. `n` is the leaf's number.
     fn edges_of(&self, n: usize) -> (Edges, Option<Coord>) {
         let origin = self.leaves[n].origin;
         // 1 on axes along which the leaf lies directly above the region.
@@ -278,8 +278,8 @@ impl<'a> CrossedEdges<'a> {
         (edges, None)
     }
 
-    /// A cell of the leaf, or directly below it, that changes sign and has voxels without a leaf: slice and
-    /// bit.
+    /// A cell of the leaf, or directly below it, that changes sign and has voxels without a leaf: slice and bit. `n`
+    /// is the leaf's number.
     fn open_cell(&self, n: usize, corners: &Corners) -> Option<(usize, u32)> {
         let neighbours = &self.neighbours[n];
         let found = |x: usize, bits: u64| (bits != 0).then(|| (x, bits.trailing_zeros()));

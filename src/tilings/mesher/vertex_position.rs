@@ -49,7 +49,8 @@ pub fn move_off_voxels(
     true
 }
 
-/// All vertices in the order of their numbers, world units.
+/// All vertices in the order of their numbers, world units. `margin` is their least distance from the ends of edges,
+/// as a share of the edge.
 pub(super) fn vertices(
     crossed: &CrossedEdges,
     mesher: &Mesher,
@@ -95,7 +96,7 @@ struct Crossing {
     ends: [f32; 2],
 }
 
-/// Calls `visit` with the crossed edges of a leaf in the order of their vertices.
+/// Calls `visit` with the crossed edges of a leaf in the order of their vertices. `n` is the leaf's number.
 fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Crossing)) {
     let leaf = &crossed.leaves[n];
     for axis in 0..3 {
@@ -173,8 +174,8 @@ impl Mesher<'_> {
         Vec3::from(at) * self.voxel_size + self.origin
     }
 
-    /// The zero of a field along an edge whose ends differ in sign, as a share of the edge. Illinois method:
-    /// false position that halves the value of a retained end.
+    /// The zero of a field along an edge whose ends differ in sign, as a share of the edge. Illinois method: false
+    /// position that halves the value of a retained end. `start` is the first guess.
     fn exact_zero(&self, field: &WorldField, crossing: &Crossing, start: f64) -> f64 {
         let tolerance = 1e-9;
         let [a, b] = crossing.ends.map(f64::from);

@@ -119,7 +119,7 @@ fn greatest(nets: impl Iterator<Item = Net<f64>>, known: f64, tolerance: f64) ->
 }
 
 /// The maximum of the quadratic form sum `c_ab l_a l_b` over the barycentrics l of a simplex. On the face of some of
-/// its vertices it is stationary where C l = mu 1 and sum l = 1.
+/// its vertices it is stationary where C l = mu 1 and sum l = 1. `net` is quadratic.
 fn greatest_on_simplex(net: &Net<f64>) -> f64 {
     // Vertex 0 has the exponents (0, 0, 0) of the other three.
     let exponents = |v: usize| [1, 2, 3].map(|axis| usize::from(axis == v));

@@ -209,7 +209,8 @@ impl<'a> Body<'a> {
         self.solid.contains(centre)
     }
 
-    /// Adds nodes where the body leaves the surface; returns their numbers.
+    /// Adds nodes where the body leaves the surface; returns their numbers. `faces` are the outer faces, each with its
+    /// tet.
     fn added(&mut self, creases: &Creases, faces: &[([u32; 3], u32)]) -> Vec<u32> {
         // Creases that are no edges of the body are halved first.
         let mut new = Vec::new();

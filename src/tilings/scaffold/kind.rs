@@ -349,9 +349,9 @@ impl Kind {
         Net::interpolating(self.family(), self.degree(), values)
     }
 
-    /// Nodal values in lattice order; a serendipity element's missing points are filled in as its
-    /// shape functions have them: half the mid nodes less a quarter of the corners on a face, a
-    /// quarter of either in the centre.
+    /// Nodal values in lattice order; a serendipity element's missing points are filled in as its shape functions have
+    /// them: half the mid nodes less a quarter of the corners on a face, a quarter of either in the centre. `add` adds
+    /// a value times a weight.
     pub(super) fn on_lattice<T: Copy>(
         self,
         nodes: &[T],

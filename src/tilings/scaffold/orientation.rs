@@ -127,8 +127,8 @@ impl ElementMap<'_> {
 /// Maximum number of parts examined; an unproved sign is then called degenerate.
 const MAX_PARTS: usize = 4096;
 
-/// The sign of a polynomial; `place` gives the value and the point of the cell frame to name for one found
-/// at parametric coordinates.
+/// The sign of a polynomial; `place` gives the value and the point of the cell frame to name for one found at
+/// parametric coordinates. Values below `tiny` in magnitude count as 0.
 fn sign_of(
     net: Net<f64>,
     tiny: f64,

@@ -172,7 +172,7 @@ impl<'a, C: CellField> Blend<'a, C> {
         &self.members
     }
 
-    /// T(W) and its derivatives.
+    /// T(W) and its derivatives. `w` are the weights of the members.
     fn level(&self, w: &[f64]) -> (f64, [f64; 8]) {
         let mut total = (0.0, [0.0; 8]);
         let count = self.members.len();

@@ -348,7 +348,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         range
     }
 
-    /// Bound of d(F) from a bound of F: the scale is at least 1 / L.
+    /// Bound of d(F) from a bound of F: the scale is at least 1 / L. `f` bounds F over a region of a component.
     pub(super) fn distance_range(
         &self,
         component: usize,

@@ -22,8 +22,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Rule Q: d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md. `f` and `g` are value and gradient in the
-    /// owner, by its reference coordinates.
+    /// Rule Q: d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md. `f` and `g` are value and gradient in
+    /// the owner, by its reference coordinates. `local` holds the elements near `x`, `at` is its owner.
     fn fast(&self, local: &LocalSearch, at: Owner, x: Vec3, f: f64, g: Vec3) -> f64 {
         let w = self.options.half_width;
         let delta = self.delta();

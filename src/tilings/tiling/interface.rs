@@ -128,7 +128,7 @@ impl FaceJoins {
     }
 
     /// The greatest jump of a filling's values at any join, relative to the range of its values there; 0 where no
-    /// faces are shared.
+    /// faces are shared. `value` is the filling at a point of an element of a shape.
     pub fn relative_jump(&self, value: &dyn Fn(Element, CellPoint<3>) -> f64) -> f64 {
         let (mut jump, mut low, mut high) = (0f64, f64::INFINITY, f64::NEG_INFINITY);
         let at = |i: usize| (i as f64 + 0.37) / EDGE_POINTS as f64;

@@ -149,7 +149,8 @@ fn split_in_four(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
     parts
 }
 
-/// Partitions a range in two by the least surface-area cost over bins; returns the first part's length.
+/// Partitions a range in two by the least surface-area cost over bins; returns the first part's length. `depth` counts
+/// the halvings above: deep ranges are split at the median.
 fn split(primitives: &mut [Primitive], depth: usize) -> usize {
     let n = primitives.len();
     // Bins divide the range of the centres, not of the boxes: no bin at an end is empty.

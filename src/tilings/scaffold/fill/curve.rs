@@ -133,7 +133,8 @@ pub(super) fn curved(
     })
 }
 
-/// Moves inner nodes of tets that fold away from the surface, where that unfolds them.
+/// Moves inner nodes of tets that fold away from the surface, where that unfolds them. `moved` holds the middles of
+/// outer edges that lie off them.
 fn relieve(
     solid: &MeshSolid,
     nodes: &mut [Node],

@@ -254,7 +254,8 @@ impl<'a> TetMesh<'a> {
         })
     }
 
-    /// Replaces the tets around an edge by the best triangulation of their ring, joined to both ends.
+    /// Replaces the tets around an edge by the best triangulation of their ring, joined to both ends. Returns whether
+    /// that made the worst of them better.
     fn remove_edge(&mut self, a: u32, b: u32) -> bool {
         if self.crease_edges.contains(&ordered(a, b)) {
             return false;
@@ -388,7 +389,8 @@ impl<'a> TetMesh<'a> {
         true
     }
 
-    /// Moves a node inside or on a plane face onto a neighbour, which removes the tets between.
+    /// Moves a node inside or on a plane face onto a neighbour, which removes the tets between. Returns whether it
+    /// did: the worst tet around must become better.
     fn merge(&mut self, from: u32, to: u32) -> bool {
         let (source, target) = (self.nodes[from as usize], self.nodes[to as usize]);
         match source.site {

@@ -107,8 +107,8 @@ fn factors<T: Coefficient>(values: &[T]) -> [T; MAX_TERMS] {
     ]
 }
 
-/// Values at the lattice points that hold no node, filled in from those that do: the base's centre of
-/// 13 nodes, the triangles' points of half height, that of the axis, and the side drawn together.
+/// Values at the lattice points that hold no node, filled in from those that do: the base's centre of 13 nodes, the
+/// triangles' points of half height, that of the axis, and the side drawn together. `sum` is a weighted sum of values.
 pub(in crate::scaffold) fn complete<T: Copy>(
     kind: Kind,
     values: &mut [T],
