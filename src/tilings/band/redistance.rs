@@ -103,7 +103,11 @@ impl SurfacePoints {
             .into_par_iter()
             .with_min_len(32)
             .map_init(Stencils::default, |stencils, n| {
-                points_of(&leaf, (n, &index), stencils, (voxel_size, background))
+                let lengths = BandLengths {
+                    voxel_size,
+                    background,
+                };
+                points_of(&leaf, n, &index, stencils, lengths)
             })
             .collect();
         Self::joined(found, voxel_size, background)
@@ -114,13 +118,17 @@ impl SurfacePoints {
         count: usize,
         leaf: impl Fn(usize) -> LeafRef<'a>,
         is_requested: impl Fn(Coord) -> bool,
-        (voxel_size, background): (f64, f32),
+        voxel_size: f64,
+        background: f32,
     ) -> Vec<LeafPoints> {
         let index = indexed(count, &leaf);
-        let lengths = (voxel_size as f32, background);
+        let lengths = BandLengths {
+            voxel_size: voxel_size as f32,
+            background,
+        };
         let mut stencils = Stencils::default();
         let requested = (0..count).filter(|&n| is_requested(leaf(n).origin));
-        let found = requested.map(|n| points_of(&leaf, (n, &index), &mut stencils, lengths));
+        let found = requested.map(|n| points_of(&leaf, n, &index, &mut stencils, lengths));
         found.filter(|f| !f.points.is_empty()).collect()
     }
 
@@ -298,18 +306,27 @@ fn indexed<'a>(count: usize, leaf: &impl Fn(usize) -> LeafRef<'a>) -> LeafIndex 
     all
 }
 
-/// The points of one leaf, from its values and those of the leaves around it.
+/// Lengths of a band, world units.
+#[derive(Clone, Copy)]
+struct BandLengths {
+    voxel_size: f32,
+    /// Magnitude of the values beyond the band.
+    background: f32,
+}
+
+/// The points of leaf `n`, from its values and those of the leaves around it; `all` finds leaves by their origins.
 fn points_of<'a>(
     leaf: &impl Fn(usize) -> LeafRef<'a>,
-    (n, all): (usize, &LeafIndex),
+    n: usize,
+    all: &LeafIndex,
     stencils: &mut Stencils,
-    lengths: (f32, f32),
+    lengths: BandLengths,
 ) -> LeafPoints {
     let own = leaf(n);
     let (mut points, mut wedges, mut corners) = (Vec::new(), Vec::new(), Vec::new());
     let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
     if own.mask != [0; 8] && surface_points::has_crossings(&own, values) {
-        stencils.gather(&own, values, lengths.0, lengths.1);
+        stencils.gather(&own, values, lengths.voxel_size, lengths.background);
         points = stencils.points();
         corners = wedge::find(&mut points, &mut wedges, &own, values, lengths);
     }

@@ -149,7 +149,7 @@ impl SimdKernel for Block<'_> {
             l.sub(y, l.load(ay)),
             l.sub(z, l.load(az)),
         ];
-        let d = distances(l, (&normal, &hessian), away, square, l.load(&sign));
+        let d = distances(l, &normal, &hessian, away, square, l.load(&sign));
         // Lanes at sharp edges take the closed form of their planes, at least |x - q| less the shortfall.
         let d = if is_sharp {
             let (mut sizes, mut squares) = ([0.0; 8], [0.0; 8]);
@@ -189,11 +189,13 @@ impl SimdKernel for Block<'_> {
     }
 }
 
-/// The signed distances, voxels, of samples from their displacements to their nearest points and their signs.
+/// The signed distances, voxels, of samples from their displacements to their nearest points, the squares of these and
+/// the samples' signs. `normal` and `hessian` are those of the points, by component.
 #[inline(always)]
 fn distances<L: Lanes>(
     l: L,
-    (normal, hessian): (&[[f32; 8]; 3], &[[f32; 8]; 6]),
+    normal: &[[f32; 8]; 3],
+    hessian: &[[f32; 8]; 6],
     [x, y, z]: [L::F; 3],
     square: L::F,
     sign: L::F,

@@ -222,7 +222,8 @@ impl<'a> ClosestPointField<'a> {
             found.len(),
             |n| found[n],
             |leaf| own.meets(leaf, LEAF),
-            (h, (BAND_HALF_WIDTH * h) as f32),
+            h,
+            (BAND_HALF_WIDTH * h) as f32,
         ))
     }
 

@@ -114,7 +114,7 @@ impl<'a> Search<'a> {
             let cube = Cube::new(corner, 4, self.lengths.spacing);
             part.narrow(own, cube, max_distance);
             if !part.numbers.is_empty() {
-                self.part(part, (points, wedges), corner, &mut leaf);
+                self.part(part, points, wedges, corner, &mut leaf);
             }
         }
         LISTS.set(Some(lists));
@@ -128,11 +128,12 @@ impl<'a> Search<'a> {
         self.lengths.max_distance(inside, all)
     }
 
-    /// Computes the values of 4^3 samples.
+    /// Computes the values of 4^3 samples from their least one, `corner`. `list` holds the candidates among `points`.
     fn part(
         &self,
         list: &PointList,
-        (points, wedges): (&[Point], &[Wedge]),
+        points: &[Point],
+        wedges: &[Wedge],
         corner: [usize; 3],
         leaf: &mut MovedLeaf,
     ) {

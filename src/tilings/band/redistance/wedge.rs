@@ -7,6 +7,7 @@
 //! A corner with three planes becomes a point too.
 
 use super::super::smooth::LeafRef;
+use super::BandLengths;
 use super::block::MAX_SHORTFALL;
 use super::corner::Corner;
 use super::surface_points::Point;
@@ -209,13 +210,13 @@ pub(super) fn find<'a>(
     wedges: &mut Vec<Wedge>,
     leaf: &LeafRef<'a>,
     values: impl Fn(Coord) -> Option<&'a [f32]>,
-    (voxel_size, background): (f32, f32),
+    lengths: BandLengths,
 ) -> Vec<Corner> {
     let mut corners = Vec::new();
     if !points.iter().any(is_bent) {
         return corners;
     }
-    let all = gather(leaf, values, 1.0 / voxel_size, background);
+    let all = gather(leaf, values, 1.0 / lengths.voxel_size, lengths.background);
     // Voxels whose feet may lie in a window.
     let mut ends = [[EDGE, 0]; 3];
     for point in points.iter().filter(|p| is_bent(p)) {
