@@ -60,6 +60,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         out: p.out.clone(),
         ..super::vdb::run_options(p.threads, session)?
     };
+    // A sequence has a plan of frames, which may have bricks.
     if let Some(frames) = &p.frames {
         return sequence(p, frames, &options, session);
     }

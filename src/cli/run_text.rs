@@ -42,6 +42,7 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     for warning in &report.warnings {
         session.warn(warning);
     }
+    // Work that was done already shows that a run went on.
     if let Some(bricks) = report.bricks {
         let found = match bricks.found_whole {
             0 => String::new(),

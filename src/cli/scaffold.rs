@@ -182,6 +182,7 @@ fn certificate(
         text.push_str("no faces are shared\n");
     }
     let passed = found.value_jump_max <= tolerance;
+    // The worst faces with their elements and places.
     for seam in found.worst.iter().filter(|s| s.value_jump > tolerance) {
         let _ = writeln!(
             text,
@@ -432,6 +433,7 @@ fn screen(path: &Path, r: &ScaffoldReport) -> String {
         if r.components == 1 { "" } else { "s" },
         r.outer_faces
     );
+    // The first of each is enough to find them.
     let first = |name: &str, list: &[crate::scaffold::BadElement], text: &mut String| {
         if let Some(bad) = list.first() {
             let _ = writeln!(

@@ -80,10 +80,13 @@ impl<'a> EffectiveElements<'a> {
             frames,
             blended: 0,
         };
+        // A law for each cell of the palette in each shape of element.
         let mut known: HashMap<(usize, Element), usize> = HashMap::new();
         let mut fixed: Vec<Option<f64>> = Vec::new();
         for e in scaffold.elements() {
             let own = weights.list(e.index(), e.shape().centroid());
+            // A blend has no law of its own: the cell with the greatest weight at the centre stands for
+            // it; of equal ones the first.
             let greatest =
                 (0..own.len()).max_by(|&a, &b| own[a].total_cmp(&own[b]).then(b.cmp(&a)));
             let cell = greatest.unwrap_or(0);
@@ -116,6 +119,7 @@ impl<'a> EffectiveElements<'a> {
             let scale = size_of(&e);
             let value = graded.as_ref().map(|g| g[e.index()]).or(fixed[index]);
             let value = value.unwrap_or(0.0);
+            // Laws are in reference lengths: t / size of the element.
             let parameter = match found.cells[index].quantity {
                 Some(GradedQuantity::Thickness) => value / scale,
                 _ => value,

@@ -92,6 +92,7 @@ pub fn run_keeping_solid(
     inputs.expect(&options.expected_inputs)?;
     let outputs = output_targets(&inputs, options.out.as_deref(), options)?;
     timer.end_stage("inputs")?;
+    // Decks of the scaffold's elements alone: the solid is never sampled.
     if needs_no_voxels(recipe) {
         let context = StageContext::new(recipe, &threads, progress);
         let results = macro_deck::write_all(context, &inputs, &outputs, &mut timer)?;
@@ -101,6 +102,7 @@ pub fn run_keeping_solid(
 
     let needs_bricks = bricks::plan_if_needed(&inputs, &threads, options, progress)?;
     timer.end_stage("estimate")?;
+    // Too large for the memory: the same stages brick by brick.
     if let Some(plan) = needs_bricks {
         let results = bricks::run(&inputs, plan, options, &threads, &outputs, &mut timer)?;
         let report = finish_report(
@@ -116,6 +118,8 @@ pub fn run_keeping_solid(
 
     let mut context = StageContext::new(recipe, &threads, progress);
     let first = inputs.field_operation_count();
+    // The tiling and all field operations are one field, sampled once; a file's level set needs no
+    // sampling.
     let (mut solid, stats) = if let Some(start) = inputs.volumes.take_start() {
         (start, BandStats::default())
     } else {
@@ -130,6 +134,7 @@ pub fn run_keeping_solid(
         timer.end_stage(&format!("op.{n}.{}", op.name()))?;
     }
 
+    // Before anything is written: no program could read a torn surface.
     refuse_torn(context, &inputs, &solid, Region::EVERYWHERE)?;
     timer.end_stage("check")?;
     let mesh = measure(

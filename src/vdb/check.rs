@@ -154,6 +154,7 @@ impl LevelSet {
             bins.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         }
         let gaps = self.band_gaps()?;
+        // Components as the mesher counts them, voids by the sign alone.
         let solid = Components::bodies(&index, self.voxel_size(), session)?
             .ranking
             .counted();

@@ -341,7 +341,9 @@ fn is_on_side(value: f32, side: Side) -> bool {
     (value < 0.0) == (side == Side::Solid)
 }
 
-/// Joins the parts of leaves with those of the next leaves, and with tiles on all sides.
+/// Joins the parts of leaves with those of the next leaves, and with tiles on all sides. `parts`
+/// holds for each leaf the member of its first part and the parts; `first_tile` is the member of the
+/// first tile.
 fn join_leaves(
     index: &LeafIndex<'_>,
     parts: &[(usize, Vec<Part>)],
@@ -360,6 +362,7 @@ fn join_leaves(
             match index.holder(beside) {
                 Holder::Leaf(other) if last => {
                     let (other_first, others) = &parts[other];
+                    // Two parts touch if voxels of both face each other.
                     for (n, mine) in here.enumerate() {
                         for (m, part) in others.iter().enumerate() {
                             if voxel_mask::intersects(
@@ -372,6 +375,7 @@ fn join_leaves(
                     }
                 }
                 Holder::Leaf(_) => {} // joined from the other leaf
+                // The other side: nothing to join.
                 Holder::Tile(tile) if !is_on_side(index.tiles[tile].value, side) => {}
                 Holder::Background if side == Side::Solid => {}
                 Holder::Tile(_) | Holder::Background => {

@@ -241,6 +241,7 @@ pub(super) fn pick(
         return Ok((names[index].clone(), grid));
     }
     let (mut surfaces, mut volumes, mut present) = (Vec::new(), Vec::new(), Vec::new());
+    // Without a grid of that name all are read, to find the only one, or to name them in the error.
     for (index, name) in names.iter().enumerate() {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
         let facts = ffi::grid_facts(&grid).map_err(damaged)?;

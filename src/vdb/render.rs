@@ -82,6 +82,7 @@ impl Picture {
         } else {
             Vec::new()
         };
+        // Hits of samples by number: from the ones traced at once, or traced now.
         let mut trace_samples = |numbers: &[u32]| {
             let values = if at_once {
                 let selected = numbers
@@ -103,6 +104,7 @@ impl Picture {
             });
             Ok::<Vec<_>, E>(session.threads.install(|| hits.collect()))
         };
+        // First one sample per pixel, then more where these show an edge.
         let mut samples = Samples::first(width, height, &mut trace_samples)?;
         samples.divide(&mut trace_samples)?;
         session.threads.install(|| {

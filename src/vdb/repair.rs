@@ -47,7 +47,8 @@ impl Volume {
             .flatten()
     }
 
-    /// The repairs that make the grid a level set, or why it cannot be one.
+    /// The repairs that make the grid a level set, or why it cannot be one. Every refusal names a
+    /// remedy; `notes` are those found so far.
     pub(super) fn level_set_repair(
         &self,
         how: &GridReading,
@@ -60,6 +61,8 @@ impl Volume {
             notes,
             ..Repair::default()
         };
+        // The decisions follow from the survey of all values, in the order: empty, sign, active tiles,
+        // scale, background.
         let largest = f64::from(survey.max_magnitude());
         let background = self.info.background.unwrap_or(0.0);
         if survey.active == 0 {
@@ -93,6 +96,7 @@ impl Volume {
             }
             (false, false) => {}
         }
+        // Inside are the negative values, or the positive ones where signs are exchanged.
         let inside = if repair.factor < 0.0 {
             survey.active - survey.negative
         } else {
@@ -106,6 +110,7 @@ impl Volume {
                     + " (a wall of that thickness on each side of its zero set)",
             ));
         }
+        // Active tiles within the band hold distances of cubes of voxels, which no leaf can replace.
         if let Some(least) = survey.min_active_tile {
             if f64::from(least) < 0.999 * background.abs().min(largest) {
                 return Err(Refusal::new(

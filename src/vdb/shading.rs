@@ -61,6 +61,7 @@ pub(super) fn ambient_openness(
     let numbers = (0..width * height).into_par_iter().with_min_len(1 << 12);
     let mut openness: Vec<f32> = numbers.map(smoothed).collect();
     let divided: Vec<usize> = samples.divided().collect();
+    // Extra samples on the surface of the first one share its openness; only others are evaluated.
     let others = divided.par_iter().with_min_len(1 << 8).flat_map_iter(|&n| {
         let first = (samples.hits()[n].as_ref(), openness[n]);
         samples.of_pixel(n).skip(1).map(move |other| {

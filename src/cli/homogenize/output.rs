@@ -67,6 +67,7 @@ impl PeriodResults<'_> {
                 }
             }
         }
+        // Planar cells have stiffnesses of two states.
         for (name, matrix) in [
             ("plane_strain", &fine.plane_strain),
             ("plane_stress", &fine.plane_stress),

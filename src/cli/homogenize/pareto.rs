@@ -88,6 +88,7 @@ pub(super) fn answer(
         check(&cell)?;
         cells.push(cell);
     }
+    // Named surfaces at the same volume fraction are the measure for all cells.
     cells.extend(surfaces(own.element(), own.volume_fraction()));
     let mut entries: Vec<Entry> = Vec::new();
     session.stage("cells", Some(cells.len() as u64));

@@ -51,6 +51,7 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
         PLOT_LEFT - 6.0,
         PLOT_TOP + 4.0,
     );
+    // Bars wholly below the limit have another colour.
     for (bin, &count) in edges.windows(2).zip(&counts) {
         let height = count / highest * PLOT_HEIGHT;
         let is_below = limit.is_some_and(|l| bin[1] <= l.value);
@@ -134,6 +135,7 @@ pub(super) fn curves(list: &[(&str, Vec<[f64; 2]>)], label: &str) -> Option<Stri
         PLOT_TOP + 4.0,
         number(&json!(highest)),
     );
+    // Names stand below each other at the right, in the colours of their curves.
     for (n, (name, points)) in list.iter().enumerate() {
         let mut path = String::new();
         for p in points {

@@ -82,9 +82,12 @@ pub(super) fn show(
     };
     let mut size = first.map_or(own_size, |size| size.max(own_size));
     let mut last: Option<Step> = None;
+    // Each step has about so many active voxels; the last is on the recipe's own voxels if these are
+    // few.
     for number in 1..=LEVEL_VOXELS.len() {
         let is_own = size <= own_size;
         let is_last = is_own || number == LEVEL_VOXELS.len();
+        // Coarse voxels leave out operations that need fine ones.
         let (used, used_edit) = if is_own {
             (&own, edit)
         } else {
@@ -131,6 +134,8 @@ pub(super) fn show(
         if is_last {
             break;
         }
+        // Voxels of the next step: their number grows with edge^-g, so edge = edge (count / wanted)^(1 /
+        // g).
         let ratio = (count / LEVEL_VOXELS[number]).powf(1.0 / VOXEL_GROWTH);
         let finer = (size * ratio).max(own_size);
         if finer * MIN_REFINEMENT > size {
@@ -141,6 +146,7 @@ pub(super) fn show(
     progress.stage("estimate", None);
     let estimate = plan(&recipe, &options, progress)?;
     work.state().estimate = Some(serde_json::to_value(estimate).unwrap_or_default());
+    // Wall thickness takes long, so it comes last and for the finest step alone.
     match last.filter(|_| !work.p.no_thickness) {
         Some(step) => publish(work, &step, true, progress),
         None => Ok(()),

@@ -25,8 +25,8 @@ pub(super) struct SurfaceOptions {
 /// Makes further fields at points of a surface.
 pub(super) type Sampler<'a> = dyn FnMut(&[Vec3]) -> Result<Vec<Field>, Failure> + 'a;
 
-/// The body of a mesh, in at most `max_triangles` triangles, and its components. `values` are further fields:
-/// their names, and functions of points.
+/// The body of a mesh, in at most `options.max_triangles` triangles, and its components. `unit` is
+/// that of lengths; `sampled` gives further fields at points.
 pub(super) fn body(
     name: &str,
     mesh: &TriMesh,
@@ -44,6 +44,7 @@ pub(super) fn body(
     body.is_closed = is_closed;
     body.parts = sources.iter().map(|&v| component_of[v as usize]).collect();
     body.part_count = components.len();
+    // The shell of a cavity has its normals inwards, so its volume is negative.
     let cavities = components.iter().filter(|c| is_closed && c.volume < 0.0);
     body.cavity_count = cavities.count();
     let listed = components.iter().take(MAX_LISTED_COMPONENTS);

@@ -153,6 +153,7 @@ impl<'a> Volumes<'a> {
             let own = brick_run.attribute_store(word, self.solid)?;
             attributes.extend(shape.map(|shape| (word, shape, own)));
         }
+        // The writer takes empty grids for their names and types, and streams the values from disk.
         let mut file = output::vdb_file(context, brick_run.inputs, output, path)?;
         let mut grids = Vec::new();
         for ((name, solid), shape) in surfaces.iter().zip(&shapes) {
@@ -179,6 +180,7 @@ impl<'a> Volumes<'a> {
             content_hash: Some(written.content_hash),
             ..output::file_entry(path, Some(unit))?
         }];
+        // The scene names all grids of the file, the level sets last.
         if output.usda {
             let scene = path.with_extension("usda");
             let factor = recipe.unit().to(unit);

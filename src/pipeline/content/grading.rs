@@ -114,7 +114,8 @@ pub fn level_shifts(
     Ok(values.into_iter().zip(is_corner).map(shift).collect())
 }
 
-/// Shifts of the normalised field that give a cell the quantity, tabulated over its range.
+/// Shifts of the normalised field that give a cell the quantity, tabulated from `low` to `high`.
+/// `key` is the graded key of the recipe. A single entry where both are equal.
 pub(crate) fn grade_shifts(
     graded: GradedCell<'_>,
     key: &str,
@@ -134,6 +135,7 @@ pub(crate) fn grade_shifts(
     let targets: Vec<f64> = (0..steps)
         .map(|i| low + (high - low) * (i as f64 / (steps - 1).max(1) as f64))
         .collect();
+    // All thicknesses at once: what is measured for one serves the others.
     let of_thickness = match key {
         "tiling.thickness" => cell
             .nearest_levels_for_thicknesses(&targets)
@@ -162,6 +164,8 @@ pub(crate) fn grade_shifts(
             .map_err(fault)?;
         // A point off the mid-surface of a sheet, where the field has a kink.
         let p = CellPoint(Vec3::new(0.13, 0.07, -0.05));
+        // Level and shift differ by the cell's own level and sign; the difference of two fields is the
+        // shift, in units of the field.
         let shift = Field::value(cell, p) - Field::value(&shifted_cell, p);
         found.push(Grade {
             target: at,

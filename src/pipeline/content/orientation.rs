@@ -48,6 +48,7 @@ pub(super) fn turn_elements(
             let scaffold = &loaded.scaffold;
             let centre = |e: crate::scaffold::ElementMap| e.map(e.shape().centroid()).0;
             let points: Vec<Vec3> = scaffold.elements().map(centre).collect();
+            // Directions are taken at the centres of the elements.
             let mut vectors = |key: &str, direction: &Direction| {
                 let spatial = SpatialContext {
                     bounds: scaffold.bounds(),
@@ -67,6 +68,7 @@ pub(super) fn turn_elements(
             })
         }
     };
+    // The symmetry of the cells decides which turns look alike.
     let members: Vec<Member<Cell>> = cells
         .iter()
         .map(|cells| Member {

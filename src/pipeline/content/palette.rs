@@ -184,11 +184,13 @@ pub(crate) fn palette_cell(
         entry.cells.push(cell);
         entry.densities.push(density);
     }
+    // Cells of one name in several shapes must agree on the faces that the shapes share.
     let needs_matching = cells_need_matching(scaffold, &entry)?;
     if needs_matching {
         let options = fit_options(section);
         entry.cells = fit_matched(&entry.cells, &options, session.progress)
             .map_err(|e| SourceFault::from(e).of(&key))?;
+        // One shift for all shapes keeps their agreement; a shift for each would break it.
         if let Some(target) = section.volume_fraction {
             let shifted =
                 fractions::with_common_shift(scaffold, &entry.cells, &entry.densities, target.0);
@@ -244,6 +246,7 @@ pub(crate) fn palette_cell(
         }
         entry.tables.push(table);
     }
+    // Tables of several shapes get as accurate as the faces need.
     refine_tables(scaffold, &mut entry);
     Ok(entry)
 }

@@ -153,6 +153,7 @@ fn shape_parts(
     let section = &recipe.sections().cell[name];
     let own = section.own_element();
     let shapes = scaffold.shapes();
+    // A cell of one shape leaves the elements of other shapes empty.
     let filled: Vec<Element> = shapes
         .iter()
         .copied()
@@ -177,6 +178,7 @@ fn shape_parts(
             struts: parts.struts().to_vec(),
             plates: parts.plates().to_vec(),
         };
+        // A plate's second number is half its thickness.
         if let Some(radius) = own_radius {
             for strut in &mut parts.struts {
                 strut.1 = radius;

@@ -100,7 +100,8 @@ impl SheetThickness {
         self.is_inverted
     }
 
-    /// The sheets as a field of signed distances, and the kernel of the mid-surface.
+    /// The sheets as a field of signed distances, and the kernel of the mid-surface. `cells` gives
+    /// the content of the elements, once for each use.
     pub fn field<'a, C: CellField + 'a>(
         &'a self,
         tiling: &'a CellTiling,
@@ -109,6 +110,8 @@ impl SheetThickness {
     ) -> Result<(Box<WorldField<'a>>, Kernel), RunError> {
         let h = options.tiling.voxel_size;
         let [least, greatest] = self.range;
+        // Distances to the mid-surface must hold up to half the thickness and the half width of the
+        // band.
         let reach = (greatest / 2.0 + options.tiling.half_width) * REACH_SLACK;
         let mid = TilingOptions {
             boundary: Boundary::Extend,
@@ -116,6 +119,7 @@ impl SheetThickness {
             ..options.tiling
         };
         let scaffold = &tiling.loaded.scaffold;
+        // The far field bounds distances; the near one finds the points of the mid-surface.
         let far_options = TilingOptions {
             half_width: reach,
             ..mid
@@ -157,6 +161,7 @@ impl SheetThickness {
                 cache: std::array::from_fn(|_| Mutex::default()),
             }))
         };
+        // phi = d - t / 2, with d the distance to the mid-surface and t the local thickness.
         let sheet = Box::new(Sheet {
             distance,
             thickness,

@@ -122,6 +122,7 @@ impl CellTiling {
                 cells.push(cells_by_shape(files, &shapes, name, kind, session)?);
             }
         }
+        // Elements are turned before anything is stored by their corners.
         let turned = turn_elements(files, &mut loaded, section, &cells, envelope)?;
         let mut palette = Vec::new();
         let accuracy = TableAccuracy::new(files.recipe, section, &loaded.scaffold);
@@ -145,6 +146,7 @@ impl CellTiling {
             recipe::Interpolation::Smoothstep => Interpolation::Smoothstep,
             recipe::Interpolation::Smooth => Interpolation::Smooth,
         };
+        // Without anything that varies no values at points are needed.
         let varies = !section.transition.is_empty()
             || !section.assign.is_empty()
             || section.is_graded()
@@ -154,6 +156,7 @@ impl CellTiling {
         } else {
             Vec::new()
         };
+        // Points beside the scaffold and nodes within edges have values that no element uses.
         let counts = match interpolation {
             Interpolation::Smooth => points
                 .par_iter()
@@ -190,6 +193,7 @@ impl CellTiling {
         } else if !section.assign.is_empty() {
             tiling.weights = tiling.assigned_weights(section, &spatial)?;
         }
+        // The content needs weights, points and palette, which are complete now.
         match kind {
             ContentKind::Beams => {
                 let spatial = spatial("tiling.thickness");

@@ -179,7 +179,8 @@ impl Grading<'_> {
         sums.into_iter().map(mean).collect()
     }
 
-    /// The new grading.
+    /// The new grading: for a target of the measure (`limit`), or for the target that gives the
+    /// requested mass.
     pub fn update(&self, update: &Update) -> Result<NewGrading, RunError> {
         let refuse = |message: String| Err(RunError::Tiling(message));
         let [low, high] = update.bounds;
@@ -191,6 +192,7 @@ impl Grading<'_> {
         let volume: f64 = self.elements.volumes.iter().sum();
         let size = libm::cbrt(volume / self.elements.volumes.len() as f64);
         let radius = update.filter.unwrap_or(FILTER_ELEMENTS * size);
+        // The filter keeps the grading from alternating between neighbours.
         let measure = if radius > 0.0 {
             self.filtered(radius)
         } else {
@@ -218,6 +220,7 @@ impl Grading<'_> {
         }
         let mut found = self.at(update, &measure, greatest);
         for _ in 0..MAX_STEPS {
+            // Bisection of the logarithm, because targets span many decades.
             let middle = (ends[0] * ends[1]).sqrt();
             found = self.at(update, &measure, middle);
             let mass = self.solid(&found.fraction);

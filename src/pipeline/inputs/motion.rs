@@ -320,6 +320,7 @@ fn neighbours(
             let cache = PointCache::open(&recipe.resolve(&points.path))?;
             (0..cache.samples()).map(|n| cache.frame(n)).collect()
         }
+        // Formulas have values at any frame: central differences over a short step.
         (None, None) => vec![now - FORMULA_STEP, now, now + FORMULA_STEP],
     };
     let pose_at = |frame: f64| match &series {
@@ -329,6 +330,7 @@ fn neighbours(
             ..Pose::default()
         },
     };
+    // The nearest frames on both sides that exist, or the frame itself at an end.
     let before = frames.iter().rev().find(|f| **f < now - FRAME_TOLERANCE);
     let after = frames.iter().find(|f| **f > now + FRAME_TOLERANCE);
     let seconds = (after.unwrap_or(&now) - before.unwrap_or(&now)) / fps;

@@ -246,16 +246,19 @@ impl SourceReader<'_> {
         if let Some(group) = &options.group {
             options.group = Some(self.group(group)?);
         }
+        // A sampled period, or a source of geometry that is fitted.
         let cell_from_samples = self.cell_from_samples(name, section, element, &options, record)?;
         let cell = if let Some(cell) = cell_from_samples {
             cell
         } else {
             let source = self.source(section, element, record)?;
+            // Frequencies beyond what the samples hold would fit noise.
             if section.band_limit.is_none() && section.tolerance.is_none() {
                 options.band_limit = options.band_limit.min(source.max_band_limit());
             }
             let fitted = fit_source(name, element, &source, &options, self.session.progress);
             let cell = match fitted {
+                // A source beside its centre of symmetry has none of the group's; another origin helps.
                 Err(e @ FitError::NoSymmetricPart { .. }) if element != Element::Ball => {
                     let advice = origin_advice(&source, element)?;
                     return Err(CellFault::Rule(format!("{e}: {advice}")).into());

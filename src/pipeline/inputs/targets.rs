@@ -85,6 +85,7 @@ pub fn design(
     design.face_normal = section.face_normal.unwrap_or(false);
     design.min_feature = section.min_feature.map(|d| d.0);
     design.matched = matched;
+    // Keys that are left out keep the defaults of the design.
     if let Some(band) = section.band_limit {
         design.band_limit = band.0;
     }

@@ -52,6 +52,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
         let max_cubes = MAX_CUBES.max(sites.len()) as f64;
         let mut edge = edge;
         let along = |edge: f64| bounds.size().map(|s| (s / edge).floor() + 1.0);
+        // Points far apart would need too many empty cubes.
         while along(edge).product() > max_cubes {
             edge *= 2.0;
         }
@@ -71,6 +72,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
             .with_min_len(POINTS_PER_TASK)
             .map(cube)
             .collect();
+        // Points in the order of leaves are sorted already, which saves the copy.
         let is_sorted = cubes
             .par_windows(2)
             .with_min_len(POINTS_PER_TASK)
@@ -86,6 +88,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
         };
         let mut first = vec![0; counts.product() + 1];
         let mut next = 0;
+        // `first[c]` is the number of the first point in cube c; empty cubes take that of the next.
         for (n, &cube) in cubes.iter().enumerate() {
             while next <= cube as usize {
                 first[next] = n as u32;

@@ -43,6 +43,7 @@ pub(crate) fn apply(
         }
         _ => match op.mask() {
             Some(mask) => {
+                // Offsets take the mask as a factor on the distance; other changes are mixed in by it.
                 let mask = inputs.volumes.mask(&key, mask);
                 let distance = |m: &crate::recipe::Move| m.distance.resolve(context.scale);
                 match op {
@@ -59,6 +60,7 @@ pub(crate) fn apply(
         .map_err(&failed)?,
     }
     let left = solid.active_voxels().map_err(&failed)?;
+    // A part of a solid may be empty, the whole may not.
     if left == 0 && context.region.is_none() {
         return Err(RunError::Empty(stage.clone()));
     }

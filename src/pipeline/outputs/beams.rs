@@ -50,6 +50,7 @@ pub(crate) fn beams(inputs: &Inputs) -> Result<BeamLattice, RunError> {
     let mut lattice = BeamLattice::default();
     let mut seen = BTreeSet::new();
     for element in scaffold.elements() {
+        // The place in the world, and the cube root of |det J| as the local factor on lengths.
         let at = |p: Vec3| {
             let (place, jacobian) = element.map_and_jacobian(CellPoint(p));
             (place.0, jacobian.determinant().abs().cbrt())
@@ -72,6 +73,7 @@ pub(crate) fn beams(inputs: &Inputs) -> Result<BeamLattice, RunError> {
                 })
             };
             let ends = [node(a), node(b)];
+            // Struts on shared faces and edges are found from several elements.
             if ends[0] != ends[1] && seen.insert([ends[0].min(ends[1]), ends[0].max(ends[1])]) {
                 lattice.beams.push(Beam {
                     ends,

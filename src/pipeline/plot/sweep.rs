@@ -36,6 +36,7 @@ pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Imag
     let points = || curves.iter().flat_map(|c| &c.points);
     let (mut low, mut high) =
         points().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[0]), h.max(p[0])));
+    // A single abscissa, or no point: an axis of length 1 around it.
     if low >= high {
         (low, high) = (low.min(high) - 0.5, low.max(high) + 0.5);
     }
@@ -53,6 +54,7 @@ pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Imag
         TOP_MARGIN + ((1.0 - (v / max_ordinate).clamp(0.0, 1.0)) * height as f64).round() as usize
     };
     canvas.title(LEFT_MARGIN, 14, title, TEXT_COLOUR);
+    // Six lines of the grid along each axis, with their numbers.
     for n in 0..=5 {
         let share = f64::from(n) / 5.0;
         let (across, up) = (low + (high - low) * share, max_ordinate * share);
@@ -119,6 +121,7 @@ pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Imag
                 colour,
             );
         }
+        // The legend to the right: a line in the colour of the curve and its name.
         let line_top = TOP_MARGIN + 12 + 24 * n;
         let left = LEFT_MARGIN + width + 16;
         canvas.thick_line([left, line_top + 6], [left + 24, line_top + 6], colour);

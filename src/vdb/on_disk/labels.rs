@@ -87,7 +87,8 @@ enum Slot {
     Empty,
 }
 
-/// Labels the components of one block of a store.
+/// Labels the components of one block of a store on a side; inside are values below `threshold`,
+/// world units.
 pub(super) fn label(
     store: &LeafStore,
     origin: Coord,
@@ -97,6 +98,7 @@ pub(super) fn label(
     let batch = store.read(origin, Region::EVERYWHERE)?;
     let inside = store.inside_slots(origin);
     let is_inside = |n: usize| inside.is_some_and(|i| i[n >> 6] >> (n & 63) & 1 == 1);
+    // Slots without a leaf are full or empty as a whole.
     let mut slots: Vec<Slot> = (0..SLOTS)
         .map(|n| {
             if is_inside(n) == (side == Side::Solid) {
@@ -116,6 +118,7 @@ pub(super) fn label(
             values: &batch.values[n],
         };
         let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - origin[a]) / LEAF) as usize);
+        // Four bits for each of x, y and z.
         let slot = x << 8 | y << 4 | z;
         let first = parts.len() as u32;
         let own = Part::all_of(&view, side, threshold);
@@ -131,6 +134,7 @@ pub(super) fn label(
     let count = parts.len();
     let mut sets = UnionFind::new(count + SLOTS);
     for n in 0..SLOTS {
+        // Each pair of neighbouring slots once.
         for axis in 0..3 {
             let shift = [8, 4, 0][axis];
             if n >> shift & 15 != 15 {
@@ -153,6 +157,7 @@ pub(super) fn label(
     for (n, part) in stats.into_iter().enumerate() {
         totals[label[n] as usize].add(part);
     }
+    // Full slots add their cubes; parts have been added.
     for (n, _) in slots
         .iter()
         .enumerate()

@@ -221,6 +221,8 @@ impl<'a> StoredFog<'a> {
             .map(|u| u.origin)
             .chain(whole.iter().copied());
         let slabs: BTreeSet<i32> = begins.map(|c| c[0]).collect();
+        // Slabs of 128 voxels along x, and rows of 8 in them: the tiles of one row are sorted together,
+        // so that only these are in memory.
         for slab in slabs
             .into_iter()
             .flat_map(|x| (0..32).map(move |n| x + 128 * n))

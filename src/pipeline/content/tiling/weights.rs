@@ -26,6 +26,7 @@ impl CellTiling {
             let values = self.values(files, &spatial(&key), &share.weight)?;
             let cell_index = self.palette.iter().position(|e| e.name == share.cell);
             for (at, w) in values.into_iter().enumerate() {
+                // The most negative weight is named; a wrong sign in a formula shows there.
                 if w < 0.0 && self.counts[at] && negative.is_none_or(|(_, least)| w < least) {
                     negative = Some((at, w));
                     hint = sign_hint(&share.weight);
@@ -72,6 +73,7 @@ impl CellTiling {
             .map(|e| e.map(e.shape().centroid()).0)
             .collect();
         let mut cell_of: Vec<Option<usize>> = vec![None; scaffold.len()];
+        // Later entries replace earlier ones where both apply.
         for (n, a) in section.assign.iter().enumerate() {
             let key = format!("tiling.assign.{n}");
             let cell_index = self.palette.iter().position(|e| e.name == a.cell);
@@ -105,6 +107,7 @@ impl CellTiling {
                     scaffold.number(e.index())
                 )));
             };
+            // w_c at a node = volume of its elements with the cell c / volume of all of them.
             let volume = e.volume().abs();
             for &n in e.nodes() {
                 weights[cell][n as usize] += volume;
@@ -120,6 +123,7 @@ impl CellTiling {
         let by_cell: Vec<Vec<f64>> = weights.into_iter().map(|w| self.at_points(w)).collect();
         let mut weights = vec![0.0; count * self.points.len()];
         for (cell, own) in by_cell.into_iter().enumerate() {
+            // Stored point by point, the cells side by side.
             for (at, w) in own.into_iter().enumerate() {
                 weights[at * count + cell] = w;
             }
