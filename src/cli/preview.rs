@@ -189,7 +189,7 @@ fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<Level
                 } else {
                     // The voxels follow from the size of the part: the picture shows no finer ones.
                     let voxel = solid.bounds().size().max() / PREVIEW_RESOLUTION;
-                    pipeline::solid_picture(path, &solid, [voxel, BAND_HALF_WIDTH], tools)?
+                    pipeline::solid_picture(path, &solid, voxel, BAND_HALF_WIDTH, tools)?
                 }
             }
             Scaffold => {

@@ -318,7 +318,7 @@ fn mesh_scene(
     } else {
         let voxel = solid.bounds().size().max() / BEAM_VOXELS;
         notes.push(format!("beams meshed on voxels of {}", figures(voxel)));
-        let level_set = pipeline::solid_picture(&p.file, &solid, [voxel, BAND_HALF_WIDTH], tools)?;
+        let level_set = pipeline::solid_picture(&p.file, &solid, voxel, BAND_HALF_WIDTH, tools)?;
         level_set.to_mesh(tools)?
     };
     surface_scene(p, &mesh, unit, notes, progress)

@@ -183,7 +183,8 @@ impl ClippedBeams {
 pub fn solid_picture(
     path: &Path,
     solid: &SolidFile,
-    [voxel_size, half_width]: [f64; 2],
+    voxel_size: f64,
+    half_width: f64,
     session: Session,
 ) -> Result<LevelSet, RunError> {
     let repaired = |mesh: TriMesh| {

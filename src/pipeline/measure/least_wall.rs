@@ -160,7 +160,11 @@ pub(crate) fn balls(
                 return Err(Cancelled);
             }
             progress.advance(1);
-            Ok(ball_at(points[s as usize], &bins, [first, max_radius]))
+            let radii = SearchRadii {
+                first,
+                max: max_radius,
+            };
+            Ok(ball_at(points[s as usize], &bins, radii))
         })
         .collect()
 }
@@ -200,15 +204,23 @@ impl TouchingBall {
     }
 }
 
-/// The ball inside that touches the surface at a point and again opposite to it. The search starts
-/// with balls of radius up to `first` and ends with those up to `max_radius`, world units.
+/// Radii of the search for a ball, world units.
+#[derive(Clone, Copy)]
+pub(crate) struct SearchRadii {
+    /// The radius up to which balls are searched first.
+    pub first: f64,
+    /// The greatest radius of a ball.
+    pub max: f64,
+}
+
+/// The ball inside that touches the surface at a point and again opposite to it.
 pub(crate) fn ball_at(
     SurfacePoint {
         position: p,
         value: inward,
     }: SurfacePoint,
     bins: &Bins<Vec3>,
-    [first, max_radius]: [f64; 2],
+    radii: SearchRadii,
 ) -> TouchingBall {
     // A vertex without a normal has no inside.
     if inward == Vec3::zeros() {
@@ -224,16 +236,16 @@ pub(crate) fn ball_at(
     };
     // A contact on the ray along the normal bounds the search. Where there is none, the radius doubles
     // until a contact is found.
-    let radius = if let Some(bound) = bins.ball_along(p, inward, max_radius, is_opposite) {
+    let radius = if let Some(bound) = bins.ball_along(p, inward, radii.max, is_opposite) {
         let smallest = bins.smallest_ball(p, inward, bound, is_opposite);
         smallest.unwrap_or(bound)
     } else {
-        let mut limit = first.min(max_radius);
+        let mut limit = radii.first.min(radii.max);
         loop {
             match bins.smallest_ball(p, inward, limit, is_opposite) {
                 Some(radius) => break radius,
-                None if limit >= max_radius => return TouchingBall::Wider,
-                None => limit = (2.0 * limit).min(max_radius),
+                None if limit >= radii.max => return TouchingBall::Wider,
+                None => limit = (2.0 * limit).min(radii.max),
             }
         }
     };

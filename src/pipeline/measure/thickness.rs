@@ -12,7 +12,7 @@
 //! near points are broken by coordinates, and every normal is complete.
 
 use super::least_wall::{
-    BIN_EDGE_FACTOR, Phase, SurfacePoint, TouchingBall, Wall, WallSamples, ball_at,
+    BIN_EDGE_FACTOR, Phase, SearchRadii, SurfacePoint, TouchingBall, Wall, WallSamples, ball_at,
 };
 use super::spatial_bins::{Bins, Site};
 use crate::band::Region;
@@ -224,7 +224,7 @@ fn walls(
     let h = lattice.voxel_size;
     let mut found = Vec::new();
     let mut wider: Vec<SurfacePoint> = Vec::new();
-    let mut measure = |points, sample_points: &[SurfacePoint], edge: f64, radii: [f64; 2]| {
+    let mut measure = |points, sample_points: &[SurfacePoint], edge: f64, radii: SearchRadii| {
         let mut wider = Vec::new();
         let balls = balls(context, points, edge, sample_points, radii)?;
         for (point, ball) in sample_points.iter().zip(balls) {
@@ -239,6 +239,7 @@ fn walls(
     let regions = surface.regions();
     context.progress.stage(stage, Some(regions.len() as u64));
     for region in regions {
+        // Points of the region and of the halo that the first balls reach.
         let points = surface.around(region, FIRST_LEVEL_HALO, 0)?;
         let is_sample = |p: &&SurfacePoint| {
             let voxel = lattice.voxel(p.position);
@@ -248,7 +249,10 @@ fn walls(
         let sample_points: Vec<SurfacePoint> = context
             .threads
             .install(|| sample_points().copied().collect());
-        let radii = [h, h * f64::from(FIRST_LEVEL_RADIUS)];
+        let radii = SearchRadii {
+            first: h,
+            max: h * f64::from(FIRST_LEVEL_RADIUS),
+        };
         wider.extend(measure(points, &sample_points, BIN_EDGE_FACTOR * h, radii)?);
         context.progress.advance(1);
     }
@@ -259,6 +263,7 @@ fn walls(
         && f64::from(FIRST_LEVEL_RADIUS << level) < 2.0 * extent
     {
         level += 1;
+        // Points whose balls are wider, by the larger regions of this level.
         let mut regions: BTreeMap<Coord, (Region, Vec<SurfacePoint>)> = BTreeMap::new();
         for point in std::mem::take(&mut wider) {
             let region = surface.region_of(lattice.voxel(point.position), level);
@@ -266,26 +271,30 @@ fn walls(
             group.or_insert_with(|| (region, Vec::new())).1.push(point);
         }
         context.progress.stage(stage, Some(regions.len() as u64));
+        // All balls up to half this radius were searched on the level before.
         let radius = h * f64::from(FIRST_LEVEL_RADIUS << level);
+        let radii = SearchRadii {
+            first: radius,
+            max: radius,
+        };
         for (region, sample_points) in regions.into_values() {
             let points = surface.around(region, FIRST_LEVEL_HALO << level, level)?;
             // The distance between points doubles with each level.
             let edge = BIN_EDGE_FACTOR * h * f64::from(1 << level);
-            wider.extend(measure(points, &sample_points, edge, [radius; 2])?);
+            wider.extend(measure(points, &sample_points, edge, radii)?);
             context.progress.advance(1);
         }
     }
     Ok(found)
 }
 
-/// The balls at points of a surface, with start and greatest radius `radii`, searched among `points` in
-/// cubes of the given edge.
+/// The balls at some points of a surface, searched among `points` in cubes of the given edge, world units.
 fn balls(
     context: StageContext,
     points: Vec<SurfacePoint>,
     edge: f64,
     sample_points: &[SurfacePoint],
-    radii: [f64; 2],
+    radii: SearchRadii,
 ) -> Result<Vec<TouchingBall>, RunError> {
     if sample_points.is_empty() {
         return Ok(Vec::new());

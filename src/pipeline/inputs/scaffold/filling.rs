@@ -37,7 +37,7 @@ impl TetFilling {
         let (found, expected) = (filled.scaffold.components().len(), component_count(solid));
         if found > expected {
             let tets = filled.scaffold.len();
-            return Err(torn(solid, options, tets, [found, expected]));
+            return Err(torn(solid, options, tets, found, expected));
         }
         let warnings = warnings(solid, &filled, options.cell).map_err(|e| e.to_string())?;
         Ok(Self {
@@ -58,7 +58,8 @@ fn torn(
     solid: &MeshSolid,
     options: FillOptions,
     tets: usize,
-    [found, expected]: [usize; 2],
+    found: usize,
+    expected: usize,
 ) -> String {
     // The number of tets grows with the cube of the refinement.
     let mut tried = SMALLER
