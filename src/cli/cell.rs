@@ -99,11 +99,11 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
     };
     let first = || all().find(|e| groups(*e).contains(&name));
     let whole = all().find(|e| default_group(*e) == name);
-    let own = match name {
+    let default_lattice = match name {
         "C1" => "cubic",
         _ => whole.or_else(first).map_or("cubic", |e| lattices(e)[0]),
     };
-    let lattice = lattice.unwrap_or(own);
+    let lattice = lattice.unwrap_or(default_lattice);
     let failed = |e: SymmetryError| Failure::usage(e.to_string());
     // The name of the lattice gives the dimension: 2, 6 for icosahedral groups, or 3.
     if let Ok(plane) = Lattice::<2>::named(lattice) {

@@ -206,11 +206,11 @@ impl Failure {
         let mut block = format!("{}: {message}\n", paint("1;31", "error"));
         if let Some(file) = self.file.as_deref().map(terminal::line) {
             // A column makes sense only behind a line.
-            let place = [self.line, self.column]
+            let line_and_column = [self.line, self.column]
                 .iter()
                 .map_while(|n| n.map(|n| format!(":{n}")))
                 .collect::<String>();
-            let _ = writeln!(block, "  {} {file}{place}", paint("1;34", "-->"));
+            let _ = writeln!(block, "  {} {file}{line_and_column}", paint("1;34", "-->"));
         }
         if let Some(excerpt) = &self.excerpt {
             let (shown, marker) = excerpt::cut(excerpt, self.column);

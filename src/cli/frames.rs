@@ -19,8 +19,8 @@ pub(super) fn parse(text: &str) -> Result<FrameList, String> {
 
 /// The overrides of a recipe at a frame.
 pub(super) fn overrides(set: &[String], frame: i32) -> Vec<String> {
-    let own = set.iter().cloned();
-    own.chain([format!("frame={frame}")]).collect()
+    let overrides = set.iter().cloned();
+    overrides.chain([format!("frame={frame}")]).collect()
 }
 
 /// A path of the command line at a frame.

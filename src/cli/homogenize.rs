@@ -243,8 +243,8 @@ fn settings(p: &Parameters) -> Result<Settings, Failure> {
 }
 
 fn check_extension(path: &Path, known: &[&str]) -> Result<(), Failure> {
-    let own = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-    if known.iter().any(|k| own.eq_ignore_ascii_case(k)) {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    if known.iter().any(|k| extension.eq_ignore_ascii_case(k)) {
         return Ok(());
     }
     let known: Vec<String> = known.iter().map(|k| format!(".{k}")).collect();

@@ -53,12 +53,12 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     super::frames::check_paths(frames, &p.files, [&p.output])?;
     super::frames::each(frames, session, |frame| {
         let at = |path: &PathBuf| super::frames::path_at(path, frame);
-        let own = Parameters {
+        let frame_parameters = Parameters {
             files: p.files.iter().map(at).collect::<Result<_, _>>()?,
             output: at(&p.output)?,
             ..p.clone()
         };
-        one_picture(&own, session)
+        one_picture(&frame_parameters, session)
     })
 }
 

@@ -81,7 +81,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         let is_recipe = file
             .extension()
             .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        let own = Parameters {
+        let frame_parameters = Parameters {
             file,
             output: super::frames::path_at(&p.output, frame)?,
             set: if is_recipe {
@@ -91,7 +91,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             },
             ..p.clone()
         };
-        one_stack(&own, session)
+        one_stack(&frame_parameters, session)
     })
 }
 

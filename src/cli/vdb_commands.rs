@@ -85,8 +85,8 @@ impl Draft {
         let name = choice.grid.as_deref();
         let volume = super::vdb::reader()?.fetch(path, name)?;
         // As a flag, as the file's tag, or metres.
-        let own = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
-        let unit = choice.unit.or_else(own).unwrap_or(LengthUnit::Metre);
+        let tagged = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
+        let unit = choice.unit.or_else(tagged).unwrap_or(LengthUnit::Metre);
         let (edge, width) = volume.voxels();
         // A band of another width is rebuilt with the usual 3 voxels.
         let width = if (1.5..=64.0).contains(&width) {

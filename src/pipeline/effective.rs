@@ -84,18 +84,21 @@ impl<'a> EffectiveElements<'a> {
         let mut known: HashMap<(usize, Element), usize> = HashMap::new();
         let mut fixed: Vec<Option<f64>> = Vec::new();
         for e in scaffold.elements() {
-            let own = weights.list(e.index(), e.shape().centroid());
+            let element_weights = weights.list(e.index(), e.shape().centroid());
             // A blend has no law of its own: the cell with the greatest weight at the centre stands for
             // it; of equal ones the first.
-            let greatest =
-                (0..own.len()).max_by(|&a, &b| own[a].total_cmp(&own[b]).then(b.cmp(&a)));
+            let greatest = (0..element_weights.len()).max_by(|&a, &b| {
+                element_weights[a]
+                    .total_cmp(&element_weights[b])
+                    .then(b.cmp(&a))
+            });
             let cell = greatest.unwrap_or(0);
-            found.blended += usize::from(own[cell] < MIN_CELL_WEIGHT);
+            found.blended += usize::from(element_weights[cell] < MIN_CELL_WEIGHT);
             let index = *known.entry((cell, e.shape())).or_insert_with(|| {
                 let name = &tiling.palette[cell].name;
-                let own = &recipe.sections().cell[name];
+                let cell_section = &recipe.sections().cell[name];
                 // A thickness of the cell itself in units of length.
-                let thickness = own
+                let thickness = cell_section
                     .physical_thickness()
                     .filter(|_| is_round && section.is_none_or(|t| t.thickness.is_none()))
                     .map(|t| t.resolve(recipe.scale()));
@@ -144,8 +147,8 @@ impl<'a> EffectiveElements<'a> {
 
     /// Frames and volumes of the elements of a cell.
     fn frames_of(&self, cell: usize) -> impl Iterator<Item = (&ElementFrame, f64)> {
-        let own = (0..self.cell_of.len()).filter(move |&e| self.cell_of[e] == cell);
-        own.map(|e| (&self.frames[e], self.volumes[e]))
+        let members = (0..self.cell_of.len()).filter(move |&e| self.cell_of[e] == cell);
+        members.map(|e| (&self.frames[e], self.volumes[e]))
     }
 
     /// Rotations from the laws' axes to the world's.
@@ -164,9 +167,9 @@ impl<'a> EffectiveElements<'a> {
 
     /// Least and greatest parameter of the elements of a cell.
     pub fn range(&self, cell: usize) -> [f64; 2] {
-        let own = self.cell_of.iter().zip(&self.parameters);
-        let own = own.filter(|(c, _)| **c == cell).map(|(_, p)| *p);
-        own.fold([f64::INFINITY, f64::NEG_INFINITY], |r, p| {
+        let pairs = self.cell_of.iter().zip(&self.parameters);
+        let parameters = pairs.filter(|(c, _)| **c == cell).map(|(_, p)| *p);
+        parameters.fold([f64::INFINITY, f64::NEG_INFINITY], |r, p| {
             [r[0].min(p), r[1].max(p)]
         })
     }

@@ -149,8 +149,8 @@ fn graded(
     // The fraction of each element before: by the law of its cell, as graded, or that of the cell.
     let (laws, fraction) = if is_thickness {
         let laws = laws(inputs, &elements, session)?;
-        let own = elements.cell_of.iter().zip(&present);
-        let fraction = own.map(|(&c, &p)| laws[c].fraction(p)).collect();
+        let pairs = elements.cell_of.iter().zip(&present);
+        let fraction = pairs.map(|(&c, &p)| laws[c].fraction(p)).collect();
         (laws, fraction)
     } else if elements.cells.iter().all(|c| c.quantity.is_some()) {
         (Vec::new(), present.clone())
@@ -288,8 +288,8 @@ fn own_fractions(
     session: Session,
 ) -> Result<Vec<f64>, RunError> {
     let laws = elements.laws(inputs, settings()?, session)?;
-    let own = elements.cell_of.iter().zip(&elements.parameters);
-    Ok(own.map(|(&c, &p)| laws[c].fraction(p)).collect())
+    let pairs = elements.cell_of.iter().zip(&elements.parameters);
+    Ok(pairs.map(|(&c, &p)| laws[c].fraction(p)).collect())
 }
 
 /// The centre of each element.

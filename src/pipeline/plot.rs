@@ -167,8 +167,8 @@ fn interpolated(values: &[f64], x: usize, y: usize) -> f64 {
         (x % STRIDE) as f64 / STRIDE as f64,
         (y % STRIDE) as f64 / STRIDE as f64,
     );
-    let at = |i: usize, j: usize| values[j.min(count - 1) * count + i.min(count - 1)];
-    let row = |j| at(i, j) * (1.0 - u) + at(i + 1, j) * u;
+    let sample = |i: usize, j: usize| values[j.min(count - 1) * count + i.min(count - 1)];
+    let row = |j| sample(i, j) * (1.0 - u) + sample(i + 1, j) * u;
     row(j) * (1.0 - v) + row(j + 1) * v
 }
 
@@ -333,15 +333,20 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     // Not every decade gets a line where there are many.
     let step = (decades.clone().count() / MAX_DECADES).max(1);
     for decade in decades.step_by(step) {
-        let at = y(f64::from(decade));
-        canvas.line([left, at], [left + width, at], GRID_COLOUR);
-        canvas.text(left - 50, at - 5, &format!("1e{decade}"), TEXT_COLOUR);
+        let level = y(f64::from(decade));
+        canvas.line([left, level], [left + width, level], GRID_COLOUR);
+        canvas.text(left - 50, level - 5, &format!("1e{decade}"), TEXT_COLOUR);
     }
     for count in [1usize, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] {
         if (count as f64) <= max_count {
-            let at = x(count as f64);
-            canvas.line([at, top], [at, top + height], GRID_COLOUR);
-            canvas.text(at - 6, top + height + 8, &count.to_string(), TEXT_COLOUR);
+            let column = x(count as f64);
+            canvas.line([column, top], [column, top + height], GRID_COLOUR);
+            canvas.text(
+                column - 6,
+                top + height + 8,
+                &count.to_string(),
+                TEXT_COLOUR,
+            );
         }
     }
     canvas.frame([left, top], [left + width, top + height], TEXT_COLOUR);

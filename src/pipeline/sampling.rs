@@ -153,8 +153,8 @@ impl<'a> Probe<'a> {
             // One field per cell: its weight at the centre of each element.
             let mut weights = vec![Vec::with_capacity(scaffold.len()); names.len()];
             for e in scaffold.elements() {
-                let own = cell_weights.list(e.index(), e.shape().centroid());
-                for (all, w) in weights.iter_mut().zip(own) {
+                let element_weights = cell_weights.list(e.index(), e.shape().centroid());
+                for (all, w) in weights.iter_mut().zip(element_weights) {
                     all.push(w);
                 }
             }
@@ -268,13 +268,13 @@ fn probe_cells<C: CellField>(
     Ok(match cells {
         ElementContent::Cell(cell) => {
             let tiled = TiledSolid::new(scaffold, *cell, options).map_err(failed)?;
-            let at = |&p: &Vec3| sample_at(p, tiled.value(WorldPoint(p)), cells);
-            points.par_iter().map(at).collect()
+            let sample = |&p: &Vec3| sample_at(p, tiled.value(WorldPoint(p)), cells);
+            points.par_iter().map(sample).collect()
         }
         ElementContent::Blend(blend) => {
             let tiled = TiledSolid::new(scaffold, &**blend, options).map_err(failed)?;
-            let at = |&p: &Vec3| sample_at(p, tiled.value(WorldPoint(p)), cells);
-            points.par_iter().map(at).collect()
+            let sample = |&p: &Vec3| sample_at(p, tiled.value(WorldPoint(p)), cells);
+            points.par_iter().map(sample).collect()
         }
     })
 }

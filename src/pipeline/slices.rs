@@ -89,9 +89,9 @@ pub fn slice<E: From<RunError>>(
         )?;
     }
     let failed = RunError::level_set("slice");
-    let reach = solid.background();
+    let half_width = solid.background();
     let bounds = solid.crossing_bounds().map_err(&failed)?;
-    let field = SampledLevelSet::new(solid, reach, Placement::IDENTITY, context.session())
+    let field = SampledLevelSet::new(solid, half_width, Placement::IDENTITY, context.session())
         .map_err(&failed)?;
     cut(
         context,

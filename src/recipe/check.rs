@@ -119,7 +119,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
 /// Rules of keys that describe struts or plates, or hold a formula.
 fn parts(sections: &Sections, cell: &CellSection, key: &str, source: &Source) -> Checked {
     // Files of struts may hold plates as well.
-    let own = |f: &Option<FileRef>| {
+    let is_strut_file = |f: &Option<FileRef>| {
         f.as_ref().is_some_and(|f| {
             let extension = f.path.extension().and_then(|e| e.to_str()).unwrap_or("");
             matches!(
@@ -128,7 +128,7 @@ fn parts(sections: &Sections, cell: &CellSection, key: &str, source: &Source) ->
             )
         })
     };
-    let mixed = own(&cell.graph) || own(&cell.plates);
+    let mixed = is_strut_file(&cell.graph) || is_strut_file(&cell.plates);
     if cell.radius.is_some() && cell.graph.is_none() && !mixed {
         return Err(source.fault(
             &format!("{key}.radius"),
@@ -421,8 +421,7 @@ fn operation(op: &Op, key: &str, source: &Source) -> Checked {
     }
     if let Op::Gaussian(k) | Op::Mean(k) | Op::Median(k) = op {
         let Width(width) = k.width;
-        // A kernel is as wide as the halo of voxels around each block. A width in units of length is
-        // resolved later.
+        // A width in units of length becomes a number of voxels later.
         if width.number() > 64.0 && !matches!(width, Length::In(..)) {
             return Err(source.fault(
                 &format!("{key}.{}", op.name()),

@@ -214,7 +214,7 @@ fn count_leaf(
         let (axis, ahead) = (f / 2, f % 2 == 1);
         let step = [64, 8, 1][axis];
         let index_on_axis = n / step % 8;
-        let at = match (ahead, index_on_axis) {
+        let opposite = match (ahead, index_on_axis) {
             (true, 7) => n - 7 * step,
             (false, 0) => n + 7 * step,
             (true, _) => return (view.values[n + step], view.is_active(n + step)),
@@ -223,7 +223,7 @@ fn count_leaf(
         match neighbours[f] {
             Holder::Leaf(other) => {
                 let other = &index.leaves[other];
-                (other.values[at], other.is_active(at))
+                (other.values[opposite], other.is_active(opposite))
             }
             Holder::Tile(tile) => (index.tiles[tile].value, index.tiles[tile].active),
             Holder::Background => (background, false),

@@ -32,14 +32,14 @@ impl LevelSet {
         let origins: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();
         let (step, background) = (self.voxel_size() as f32, self.background() as f32);
         let merge_leaf = |n: usize, batch: &mut LeafBatch| {
-            let own = leaf_of(&leaves, n);
-            let Some(values) = own.values.first_chunk() else {
+            let this_leaf = leaf_of(&leaves, n);
+            let Some(values) = this_leaf.values.first_chunk() else {
                 return;
             };
             // Absent leaves are tiles: the background, with the sign of the voxel one step inside this leaf. The
             // outermost voxel may be on the contact, where its sign means nothing.
             let layer = |axis: usize, side: usize| {
-                let mut origin = own.origin;
+                let mut origin = this_leaf.origin;
                 origin.0[axis] += if side == 0 { -LEAF } else { LEAF };
                 let other = origins.binary_search(&origin).ok();
                 let other = other.map(|n| leaf_of(&leaves, n).values);
@@ -54,8 +54,8 @@ impl LevelSet {
                     match (other, side) {
                         (Some(other), 0) => other[at(7)],
                         (Some(other), _) => other[at(0)],
-                        (None, 0) => background.copysign(own.values[at(1)]),
-                        (None, _) => background.copysign(own.values[at(6)]),
+                        (None, 0) => background.copysign(this_leaf.values[at(1)]),
+                        (None, _) => background.copysign(this_leaf.values[at(6)]),
                     }
                 })
             };
@@ -63,14 +63,14 @@ impl LevelSet {
             if contacts.is_empty() {
                 return;
             }
-            let (mut values, mut mask) = (*values, own.mask);
+            let (mut values, mut mask) = (*values, this_leaf.mask);
             for (n, value) in contacts {
                 values[n] = value;
                 if value.abs() < background {
                     mask[n >> 6] |= 1 << (n & 63);
                 }
             }
-            batch.push(own.origin, mask, &values);
+            batch.push(this_leaf.origin, mask, &values);
         };
         let all: Vec<usize> = (0..leaves.len()).collect();
         leaf_batches(&all, session, merge_leaf)

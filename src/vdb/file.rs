@@ -308,12 +308,12 @@ pub(super) fn pick_for_view(
     reading: CoarseReading,
     loading: Loading,
 ) -> Result<ViewGrid, FileError> {
-    let own = || pick(path, name, loading).map(|(name, grid)| ViewGrid::new(name, grid, 1));
+    let level_set = || pick(path, name, loading).map(|(name, grid)| ViewGrid::new(name, grid, 1));
     let is_nano = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"));
     if is_nano || name.is_some_and(|n| n != "surface") {
-        return own();
+        return level_set();
     }
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
     let mut file = open(path, loading)?;
@@ -340,11 +340,11 @@ pub(super) fn pick_for_view(
                 });
             }
         }
-        return own();
+        return level_set();
     }
     // The level set itself, if it is small enough.
     if loading == Loading::AtOnce {
-        let found = own()?;
+        let found = level_set()?;
         if ffi::grid_active_voxels(&found.grid).map_err(damaged)? <= reading.max_voxels {
             return Ok(found);
         }
@@ -359,7 +359,7 @@ pub(super) fn pick_for_view(
         }
         best = Some(ViewGrid::new(names[index].clone(), grid, 1 << level));
     }
-    best.map_or_else(own, Ok)
+    best.map_or_else(level_set, Ok)
 }
 
 /// As [`pick`], from a .nvdb file.

@@ -135,20 +135,20 @@ fn around(
     faces: &[Holder; FACES.len()],
     number: usize,
 ) -> [[[f32; 8]; 2]; 3] {
-    let own = Holder::Leaf(leaf);
-    let mut rows = [[index.row(own, number); 2]; 3];
+    let this_leaf = Holder::Leaf(leaf);
+    let mut rows = [[index.row(this_leaf, number); 2]; 3];
     // At the first and last row the neighbour's opposite row follows.
     for (axis, step) in [8, 1].into_iter().enumerate() {
-        let place = number / step % 8;
+        let coordinate = number / step % 8;
         let [before, after] = [faces[2 * axis], faces[2 * axis + 1]];
         rows[axis] = [
-            match place {
+            match coordinate {
                 0 => index.row(before, number + 7 * step),
-                _ => index.row(own, number - step),
+                _ => index.row(this_leaf, number - step),
             },
-            match place {
+            match coordinate {
                 7 => index.row(after, number - 7 * step),
-                _ => index.row(own, number + step),
+                _ => index.row(this_leaf, number + step),
             },
         ];
     }

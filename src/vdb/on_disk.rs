@@ -95,13 +95,13 @@ impl StoredComponents {
                 if is_kept {
                     blocks.insert(origin, (first, block.labels));
                 }
-                let own = (first, block.faces);
+                let block_faces = (first, block.faces);
                 for axis in 0..3 {
                     for last in [false, true] {
                         let neighbour = step(origin, axis, last, BLOCK);
                         if store.inside_slots(neighbour).is_none() {
                             if let EmptyCube::Member(other) = empty.at(neighbour) {
-                                for item in own.1.of(axis, last) {
+                                for item in block_faces.1.of(axis, last) {
                                     sets.union(first + item.label as usize, other);
                                 }
                             }
@@ -109,14 +109,14 @@ impl StoredComponents {
                             // Blocks before this one are labelled already.
                             let slab = if axis == 0 { &previous } else { &current };
                             if let Some((other_first, other)) = slab.get(&neighbour) {
-                                own.1.join(axis, other, |mine, theirs| {
+                                block_faces.1.join(axis, other, |mine, theirs| {
                                     sets.union(first + mine, other_first + theirs);
                                 });
                             }
                         }
                     }
                 }
-                current.insert(origin, own);
+                current.insert(origin, block_faces);
             }
             previous = current;
         }

@@ -71,8 +71,8 @@ impl LevelSet {
         outwards: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        let own = self.half_width;
-        let is_narrow = !SurfacePoints::suffices(own);
+        let own_half_width = self.half_width;
+        let is_narrow = !SurfacePoints::suffices(own_half_width);
         // A narrow band does not determine surface points: it is widened first and cut off last.
         if is_narrow {
             let half_width = SurfacePoints::MIN_HALF_WIDTH;
@@ -102,7 +102,7 @@ impl LevelSet {
             }
         }
         if is_narrow {
-            self.narrow(operation, own, session)?;
+            self.narrow(operation, own_half_width, session)?;
         }
         Ok(())
     }
@@ -181,7 +181,7 @@ impl LevelSet {
             within,
         } = how;
         let leaves = self.leaves()?;
-        let own: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();
+        let old_origins: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();
         let leaf = |n: usize| leaf_of(&leaves, n);
         let surface = SurfacePoints::new(leaves.len(), leaf, self.voxel_size(), known);
         // A band too narrow for second differences does not determine the curvature of the surface.
@@ -196,17 +196,21 @@ impl LevelSet {
         // Leaves that the moved band can meet, and the old ones, which it may leave.
         let mut all = surface.leaves_within(outwards);
         all.retain(|&origin| within.meets(origin, LEAF));
-        let number_of = |origin: &Coord| own.binary_search(origin);
+        let number_of = |origin: &Coord| old_origins.binary_search(origin);
         let absent = all.iter().filter(|o| number_of(o).is_err());
         let new: Vec<Coord> = absent.copied().collect();
         // A new leaf lies in a tile or in the background, whose sign it takes.
         let signs = self.values(&new)?;
-        all.extend(own.iter().filter(|&&origin| within.meets(origin, LEAF)));
+        all.extend(
+            old_origins
+                .iter()
+                .filter(|&&origin| within.meets(origin, LEAF)),
+        );
         all.par_sort_unstable();
         all.dedup();
         let rebuild_leaf = |origin: Coord, batch: &mut LeafBatch| {
-            let own = number_of(&origin).ok();
-            let inside = own.map_or_else(
+            let old_leaf = number_of(&origin).ok();
+            let inside = old_leaf.map_or_else(
                 || {
                     let sign = new.binary_search(&origin).map_or(0.0, |n| signs[n]);
                     [if sign < 0.0 { u64::MAX } else { 0 }; 8]
@@ -214,12 +218,12 @@ impl LevelSet {
                 |n| leaf(n).inside(),
             );
             let mut moved = surface.moved(origin, &inside, outwards);
-            if let Some(n) = own.filter(|_| keeps_known) {
+            if let Some(n) = old_leaf.filter(|_| keeps_known) {
                 moved.keep(&leaf(n), known);
             }
             // A new leaf without a band that keeps its sign would change nothing.
             let is_same = moved.mask == [0; 8] && (moved.values[0] < 0.0) == (inside[0] & 1 == 1);
-            if own.is_some() || !is_same {
+            if old_leaf.is_some() || !is_same {
                 batch.push(origin, moved.mask, &moved.values);
             }
         };

@@ -141,8 +141,8 @@ impl Scene<'_> {
     /// Removes the light from those of some samples that are in the shadow of a part.
     fn shade(&mut self, part: &LevelSet, samples: &[u32]) -> Result<(), VdbError> {
         let camera = self.view.camera(self.light, self.cut);
-        let own = |n: &u32| &self.values[RAY_VALUES * *n as usize..][..RAY_VALUES];
-        let mut hits: Vec<f32> = samples.iter().flat_map(own).copied().collect();
+        let sample = |n: &u32| &self.values[RAY_VALUES * *n as usize..][..RAY_VALUES];
+        let mut hits: Vec<f32> = samples.iter().flat_map(sample).copied().collect();
         ffi::grid_shade(
             &part.grid,
             &camera,

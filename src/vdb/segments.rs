@@ -63,13 +63,13 @@ impl LevelSet {
         let index = LeafIndex::new(self, &leaves, TileChoice::Solid)?;
         let found = Components::find(&index, Side::Solid, self.voxel_size(), session)?;
         let cubes = LeafCubes::new(&index, neighbourhood_edge(self.half_width()));
-        let own = found.leaves_by_component();
-        (own.iter().enumerate())
-            .map(|(component, own)| {
+        let by_component = found.leaves_by_component();
+        (by_component.iter().enumerate())
+            .map(|(component, own_leaves)| {
                 if session.progress.cancelled() {
                     return Err(VdbError::Cancelled(Cancelled));
                 }
-                self.segment(&index, &found, &cubes, component, own, session)
+                self.segment(&index, &found, &cubes, component, own_leaves, session)
             })
             .collect()
     }

@@ -134,8 +134,11 @@ impl SolidCubes {
     /// The cubes whose share of solid is at least `threshold` (0 to 1), in ascending order of coordinates.
     pub fn at_least(&self, threshold: f64) -> Vec<Coord> {
         let whole = (self.edge as f64).powi(3) * PARTS_PER_CELL as f64;
-        let least = (threshold - SHARE_TOLERANCE).max(0.0) * whole;
-        let solid = self.cubes.iter().filter(|c| c.1 > 0 && c.1 as f64 >= least);
+        let min_parts = (threshold - SHARE_TOLERANCE).max(0.0) * whole;
+        let solid = self
+            .cubes
+            .iter()
+            .filter(|c| c.1 > 0 && c.1 as f64 >= min_parts);
         solid.map(|c| c.0).collect()
     }
 }

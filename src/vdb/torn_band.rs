@@ -111,7 +111,7 @@ fn of_leaf(
     place: impl Fn(Coord) -> Vec3,
 ) -> BandGaps {
     let leaf = &index.leaves[n];
-    let own = &negative[n];
+    let inside = &negative[n];
     let mut found = BandGaps::default();
     let mut add = |word: usize, crossings: u64, both_active: u64| {
         let gaps = crossings & !both_active;
@@ -123,7 +123,7 @@ fn of_leaf(
             ));
         }
     };
-    for (x, (&signs, &mask)) in own.iter().zip(&leaf.mask).enumerate() {
+    for (x, (&signs, &mask)) in inside.iter().zip(&leaf.mask).enumerate() {
         // Along y and z within the word; its bits are 8 y + z.
         add(x, (signs ^ signs >> 8) & (u64::MAX >> 8), mask & mask >> 8);
         add(
@@ -132,7 +132,7 @@ fn of_leaf(
             mask & mask >> 1,
         );
         if x < 7 {
-            add(x, signs ^ own[x + 1], mask & leaf.mask[x + 1]);
+            add(x, signs ^ inside[x + 1], mask & leaf.mask[x + 1]);
         }
     }
     let all = |is_set: bool| [if is_set { u64::MAX } else { 0 }; 8];
@@ -159,7 +159,7 @@ fn of_leaf(
         for word in words {
             // A leaf ahead faces with its first layer; a tile is uniform.
             let other = if axis == 0 { 7 - word } else { word };
-            let crossings = (own[word] >> shift ^ signs[other]) & layer;
+            let crossings = (inside[word] >> shift ^ signs[other]) & layer;
             let both_active = leaf.mask[word] >> shift & mask[other] & layer;
             add(word, crossings << shift, both_active << shift);
         }

@@ -159,8 +159,8 @@ impl Slopes {
         }
         slopes.sort_unstable_by(f32::total_cmp);
         let last = (slopes.len() - 1) as f64;
-        let at = |share: f64| f64::from(slopes[(share * last) as usize]);
-        Ok(Some(Self([at(0.1), at(0.5), at(0.9)])))
+        let quantile = |share: f64| f64::from(slopes[(share * last) as usize]);
+        Ok(Some(Self([quantile(0.1), quantile(0.5), quantile(0.9)])))
     }
 
     /// The median slope.

@@ -239,18 +239,18 @@ impl PeriodResults<'_> {
             let _ = writeln!(text, "permeability of the void (edge^2):");
             matrix(&mut text, k);
         }
-        let mut parts = Vec::new();
+        let mut error_texts = Vec::new();
         let names = ["stiffness", "conductivity", "permeability"];
         for (name, error) in names.into_iter().zip(self.computed.errors()) {
-            parts.extend(error.map(|e| format!("{name} {:.2} %", 100.0 * e)));
+            error_texts.extend(error.map(|e| format!("{name} {:.2} %", 100.0 * e)));
         }
         // The error is the difference of the two grids.
-        if let (Some(coarse), false) = (&self.computed.coarse, parts.is_empty()) {
+        if let (Some(coarse), false) = (&self.computed.coarse, error_texts.is_empty()) {
             let _ = writeln!(
                 text,
                 "error, as the difference to {} voxels: {}",
                 coarse.voxels[0],
-                parts.join(", ")
+                error_texts.join(", ")
             );
         }
         let _ = write!(

@@ -80,16 +80,16 @@ pub(super) fn answer(
         Element::Hex | Element::Tet => Ok(()),
         _ => Err(refused(cell.name())),
     };
-    let own = source.period.cell().ok_or_else(|| refused(&source.name))?;
-    check(own)?;
-    let mut cells = vec![own.clone()];
+    let first_cell = source.period.cell().ok_or_else(|| refused(&source.name))?;
+    check(first_cell)?;
+    let mut cells = vec![first_cell.clone()];
     for path in &p.beside {
         let cell = crate::cli::cell_text::read(path)?;
         check(&cell)?;
         cells.push(cell);
     }
     // Named surfaces at the same volume fraction are the measure for all cells.
-    cells.extend(surfaces(own.element(), own.volume_fraction()));
+    cells.extend(surfaces(first_cell.element(), first_cell.volume_fraction()));
     let mut entries: Vec<Entry> = Vec::new();
     session.stage("cells", Some(cells.len() as u64));
     for cell in &cells {
@@ -141,7 +141,7 @@ pub(super) fn answer(
     }
     let title = format!(
         "bulk modulus over its bound, volume fraction {:.3}",
-        own.volume_fraction()
+        first_cell.volume_fraction()
     );
     let image = sweep_picture(
         &title,

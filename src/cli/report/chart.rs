@@ -153,13 +153,13 @@ pub(super) fn curves(list: &[(&str, Vec<[f64; 2]>)], label: &str) -> Option<Stri
     }
     for n in 0..=LABELS {
         let share = n as f64 / LABELS as f64;
-        let at = low * (1.0 - share) + high * share;
+        let abscissa = low * (1.0 - share) + high * share;
         let _ = write!(
             svg,
             "<text class=\"tick\" x=\"{:.2}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
-            x(at),
+            x(abscissa),
             bottom + 17.0,
-            number(&json!(at)),
+            number(&json!(abscissa)),
         );
     }
     let _ = write!(

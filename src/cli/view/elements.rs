@@ -48,10 +48,10 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
     };
     let is_outer = count(1, true) > max_triangles;
     // Curved faces in as many parts as the limit allows.
-    let parts = [CURVED_PARTS, 2]
+    let allowed = [CURVED_PARTS, 2]
         .into_iter()
         .find(|&n| count(n, !is_outer) <= max_triangles);
-    let parts = parts.unwrap_or(1);
+    let divisions = allowed.unwrap_or(1);
     let point_fields: Vec<&DataField> = fields.iter().filter(|f| f.at == FieldAt::Points).collect();
     let mut body = Body {
         name: "elements".into(),
@@ -74,8 +74,8 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
             }
             let nodes = element.kind().faces()[face.face as usize].corners;
             let side: Vec<Vec3> = nodes.iter().map(|&n| corners[n as usize].0).collect();
-            let parts = if element.is_affine() { 1 } else { parts };
-            add_face(&mut body, &element, &side, parts, sign, |xi| {
+            let face_divisions = if element.is_affine() { 1 } else { divisions };
+            add_face(&mut body, &element, &side, face_divisions, sign, |xi| {
                 for (field, out) in point_fields.iter().zip(&mut at_points) {
                     out.push(at_point(field, &element, xi));
                 }
@@ -210,7 +210,7 @@ fn add_face(
             count += 1;
         }
     }
-    let at = |i: usize, j: usize| first + rows[j] + i as u32;
+    let vertex = |i: usize, j: usize| first + rows[j] + i as u32;
     let mut put = |t: [u32; 3]| {
         body.triangles
             .push(if sign < 0.0 { [t[0], t[2], t[1]] } else { t });
@@ -218,21 +218,22 @@ fn add_face(
     for j in 0..n {
         let last = if is_quad { n } else { n - j };
         for i in 0..last {
-            put([at(i, j), at(i + 1, j), at(i, j + 1)]);
+            put([vertex(i, j), vertex(i + 1, j), vertex(i, j + 1)]);
             if is_quad || i + 1 < last {
-                put([at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]);
+                put([vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)]);
             }
         }
     }
     // The outline: two sides from the first corner, and the others.
     for k in 0..n {
-        body.lines.push([at(k, 0), at(k + 1, 0)]);
-        body.lines.push([at(0, k), at(0, k + 1)]);
+        body.lines.push([vertex(k, 0), vertex(k + 1, 0)]);
+        body.lines.push([vertex(0, k), vertex(0, k + 1)]);
         if is_quad {
-            body.lines.push([at(k, n), at(k + 1, n)]);
-            body.lines.push([at(n, k), at(n, k + 1)]);
+            body.lines.push([vertex(k, n), vertex(k + 1, n)]);
+            body.lines.push([vertex(n, k), vertex(n, k + 1)]);
         } else {
-            body.lines.push([at(n - k, k), at(n - k - 1, k + 1)]);
+            body.lines
+                .push([vertex(n - k, k), vertex(n - k - 1, k + 1)]);
         }
     }
 }

@@ -66,8 +66,8 @@ pub(super) fn show(
     edit: &Edit,
     progress: &TaskProgress,
 ) -> Result<(), Failure> {
-    let own = text.with(edit);
-    let recipe = Recipe::embedded(text.path(), &own)?;
+    let own_text = text.with(edit);
+    let recipe = Recipe::embedded(text.path(), &own_text)?;
     let (coarse_edit, left_out) = text.without(&FINE_OPERATIONS, edit);
     let coarse_text = text.with(&coarse_edit);
     let own_size = recipe.scale().voxel_size;
@@ -89,7 +89,7 @@ pub(super) fn show(
         let is_last = is_own || number == LEVEL_VOXELS.len();
         // Coarse voxels leave out operations that need fine ones.
         let (used, used_edit) = if is_own {
-            (&own, edit)
+            (&own_text, edit)
         } else {
             (&coarse_text, &coarse_edit)
         };
@@ -125,8 +125,8 @@ pub(super) fn show(
         if number == 1 {
             // The next change begins with voxels that are right for this part and this machine.
             let seconds = start.elapsed().as_secs_f64() - input_seconds(&step.report);
-            let share = FIRST_STEP_SECONDS / seconds.max(1e-3) * count / LEVEL_VOXELS[0];
-            let wanted = LEVEL_VOXELS[0] * share.clamp(MIN_FIRST_SHARE, 1.0);
+            let speed_ratio = FIRST_STEP_SECONDS / seconds.max(1e-3) * count / LEVEL_VOXELS[0];
+            let wanted = LEVEL_VOXELS[0] * speed_ratio.clamp(MIN_FIRST_SHARE, 1.0);
             let ratio = (count / wanted).powf(1.0 / VOXEL_GROWTH);
             work.state().coarse_size = Some(size * ratio);
         }

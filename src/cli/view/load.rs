@@ -434,7 +434,7 @@ fn cell_scene(
         .map_err(failed)?;
     let solids = [("one element", Some(one)), ("block of 3 x 3 x 3", block)];
     // Both share the triangles of the page.
-    let share = SurfaceOptions {
+    let body_options = SurfaceOptions {
         max_triangles: p.triangles / solids.len(),
         ..options(p)
     };
@@ -443,7 +443,7 @@ fn cell_scene(
         let Some(solid) = solid else { continue };
         let mesh = solid.to_mesh(tools)?;
         let mut none = |_: &[Vec3]| Ok::<Vec<Field>, Failure>(Vec::new());
-        let (body, _) = body(name, &mesh, share, "", &mut none, progress)?;
+        let (body, _) = body(name, &mesh, body_options, "", &mut none, progress)?;
         simplified(mesh.triangles().len(), body.triangles.len(), &mut notes);
         bodies.push(body);
     }

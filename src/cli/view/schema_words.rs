@@ -67,12 +67,12 @@ impl SchemaWords {
             return found;
         }
         if let Some((first, rest)) = parts.split_first() {
-            let own = &node["properties"][*first];
+            let property = &node["properties"][*first];
             // A number is an index of an array; a word is a property, or the name of any entry.
             let children = if first.parse::<usize>().is_ok() {
                 [&node["items"], &node["prefixItems"][0]]
-            } else if own.is_object() {
-                [own, &Value::Null]
+            } else if property.is_object() {
+                [property, &Value::Null]
             } else {
                 [&node["additionalProperties"], &Value::Null]
             };

@@ -235,9 +235,9 @@ pub(super) fn missing_bricks(
         let words: Vec<String> = numbers.map(|f| f.0.to_string()).collect();
         (!words.is_empty()).then(|| words.join(", "))
     };
-    let mut parts = Vec::new();
-    parts.extend(list(true).map(|l| format!("missing: {l}")));
-    parts.extend(list(false).map(|l| format!("damaged or of another plan: {l}")));
+    let mut fault_lists = Vec::new();
+    fault_lists.extend(list(true).map(|l| format!("missing: {l}")));
+    fault_lists.extend(list(false).map(|l| format!("damaged or of another plan: {l}")));
     // At most 20 bricks are named, so that the command stays readable.
     let advice = match plan {
         Some(plan) => {
@@ -249,7 +249,7 @@ pub(super) fn missing_bricks(
     };
     RunError::Bricks {
         directory: brick_run.directory.clone(),
-        faults: parts.join("; "),
+        faults: fault_lists.join("; "),
         advice,
     }
 }

@@ -31,9 +31,9 @@ pub(super) fn deck(
     let mut cubes = deck::cubes(context, recipe, output)?;
     for brick in 0..bricks.len() {
         let region = bricks.region(brick);
-        let own = part(context, store, region.grown(HALO), Coord([0; 3]))?;
+        let with_halo = part(context, store, region.grown(HALO), Coord([0; 3]))?;
         cubes
-            .add(&own, Some(region), context.session())
+            .add(&with_halo, Some(region), context.session())
             .map_err(RunError::level_set("fe"))?;
         brick_run.progress.advance(1);
     }

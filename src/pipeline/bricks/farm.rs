@@ -84,8 +84,11 @@ pub fn make_bricks(
     make_directory(&brick_run.directory)?;
     let requested: usize = bricks.iter().map(ExactSizeIterator::len).sum();
     // The plan predicts the bytes of all bricks; these take their share.
-    let share = brick_run.plan.leaf_bytes / brick_run.plan.bricks.len().max(1) as u64;
-    check_disk(&brick_run.directory, share.saturating_mul(requested as u64))?;
+    let bytes_per_brick = brick_run.plan.leaf_bytes / brick_run.plan.bricks.len().max(1) as u64;
+    check_disk(
+        &brick_run.directory,
+        bytes_per_brick.saturating_mul(requested as u64),
+    )?;
     let mut skipped = 0;
     for range in bricks {
         skipped += brick_run
@@ -216,10 +219,13 @@ pub(crate) fn check_overridden_outputs(
     };
     let set: Vec<String> = set.iter().filter(is_other).cloned().collect();
     let plain = Recipe::read(file, &set);
-    let own = plain.iter().flat_map(|r| &r.sections().output);
-    let own: Vec<&Path> = own.flat_map(|o| o.named()).map(|(_, name)| name).collect();
+    let trusted = plain.iter().flat_map(|r| &r.sections().output);
+    let trusted_names: Vec<&Path> = trusted
+        .flat_map(|o| o.named())
+        .map(|(_, name)| name)
+        .collect();
     let names = recipe.sections().output.iter().flat_map(|o| o.named());
-    for (_, name) in names.filter(|(_, name)| !own.contains(name)) {
+    for (_, name) in names.filter(|(_, name)| !trusted_names.contains(name)) {
         if let Some(reason) = leads_out(recipe.source().directory(), name) {
             let name = name.display();
             let message = format!(

@@ -49,8 +49,8 @@ pub(super) fn sampled_walls(
 /// The eight cubes of a block.
 fn cubes_of(block: Coord) -> impl Iterator<Item = Region> {
     (0..8).map(move |n| {
-        let at = |shift: u32| (n >> shift & 1) * CUBE_EDGE;
-        Region::cube(block.offset(at(2), at(1), at(0)), CUBE_EDGE)
+        let offset = |shift: u32| (n >> shift & 1) * CUBE_EDGE;
+        Region::cube(block.offset(offset(2), offset(1), offset(0)), CUBE_EDGE)
     })
 }
 
@@ -85,9 +85,11 @@ fn cube_walls(
         cube.meets(Coord(voxel.into()), 1)
     };
     // Each vertex is counted in one cube: the one with its voxel.
-    let own = mesh.vertices().iter().enumerate();
-    let own = own.filter(|(_, p)| is_within(p)).map(|(n, _)| n as u32);
-    let samples: Vec<u32> = own.step_by(vertex_stride).collect();
+    let vertices = mesh.vertices().iter().enumerate();
+    let in_cube = vertices
+        .filter(|(_, p)| is_within(p))
+        .map(|(n, _)| n as u32);
+    let samples: Vec<u32> = in_cube.step_by(vertex_stride).collect();
     if samples.is_empty() {
         return Ok(WallSamples::default());
     }

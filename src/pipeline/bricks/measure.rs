@@ -51,12 +51,14 @@ pub(super) fn measure(
     // Patches are welded in descending order.
     for brick in (0..count).rev() {
         let region = bricks.region(brick);
-        let own = part(context, store, region.grown(halo), Coord([0; 3]))?;
-        refuse_torn(context, brick_run.inputs, &own, region)?;
-        let bounds = own.parallel_bounds(context.threads);
+        let with_halo = part(context, store, region.grown(halo), Coord([0; 3]))?;
+        refuse_torn(context, brick_run.inputs, &with_halo, region)?;
+        let bounds = with_halo.parallel_bounds(context.threads);
         found.frame = found.frame.union(bounds.map_err(&failed)?);
         let session = context.session();
-        let patch = own.patch(region, far, None, session).map_err(&failed)?;
+        let patch = with_halo
+            .patch(region, far, None, session)
+            .map_err(&failed)?;
         files.add(context, &patch, VertexSource::LevelSet)?;
         let mesh = TriMesh::new(patch.vertices, patch.faces).map_err(|e| failed(e.into()))?;
         // All parts refer to one point, because a part alone is not closed. The point lies in the solid,
@@ -69,10 +71,10 @@ pub(super) fn measure(
         found.bounds = found.bounds.union(own_measures.bounds);
         drop(mesh);
         if let Some(field) = files.exact() {
-            let patch = own.patch(region, far, Some(field), session);
+            let patch = with_halo.patch(region, far, Some(field), session);
             files.add(context, &patch.map_err(&failed)?, VertexSource::ExactField)?;
         }
-        files.add_other_faces(context, solid, &own, region, far)?;
+        files.add_other_faces(context, solid, &with_halo, region, far)?;
         brick_run.progress.advance(1);
     }
     Ok(found)

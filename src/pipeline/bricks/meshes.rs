@@ -97,11 +97,11 @@ fn weld<const N: usize>(welder: &mut Welder, patch: &Patch<N>) -> Result<Vec<[u3
 
 /// Greatest distance of a patch's own vertices from the exact field; 0 without one.
 fn projection_error(context: StageContext, patch: &Patch, exact: Option<&Shape>) -> f64 {
-    let own = &patch.vertices[..patch.owned];
+    let owned = &patch.vertices[..patch.owned];
     let measure = |exact: &Shape| {
         context
             .threads
-            .install(|| max_magnitude(own, &*exact.field))
+            .install(|| max_magnitude(owned, &*exact.field))
     };
     exact.map_or(0.0, measure)
 }
@@ -119,7 +119,7 @@ impl MeshOutput<'_> {
     where
         for<'f> Faces<'f>: From<&'f [[u32; N]]>,
     {
-        let own = &patch.vertices[..patch.owned];
+        let owned = &patch.vertices[..patch.owned];
         // Vertices near a voxel may become equal in single precision. They are moved off it, by the same
         // amount in every brick. Meshes with own faces are exempt, because their vertices lie elsewhere.
         let mut distinct = Vec::new();
@@ -141,7 +141,7 @@ impl MeshOutput<'_> {
             owned: patch.owned,
             faces: patch.faces.as_slice().into(),
             numbered: numbered.into(),
-            numbers: &self.attributes.rows_at(context, own),
+            numbers: &self.attributes.rows_at(context, owned),
             factor: self.factor,
         })?;
         self.facts.faces += patch.faces.len() as u64;
@@ -174,20 +174,21 @@ impl MeshOutput<'_> {
         let mesh = solid.part_to_quads(*adaptivity, far, context.session());
         let mut mesh = mesh.map_err(&failed)?;
         // The part has a halo around the region; only the region's own quads are written.
-        let share = solid.region_quads(&mesh, region, last, *adaptivity);
+        let own_quads = solid.region_quads(&mesh, region, last, *adaptivity);
         let mut projection_error = 0.0;
         if let (Some(projection), Some(exact)) = (*projection, exact) {
             // The projection moves all vertices, because those of the halo limit how far the region's
             // own ones may go. Only the latter are counted.
             let project = || mesh.project_each(&*exact.field, projection, context.progress);
             let outcomes = context.threads.install(project)?;
-            let found = ProjectionSummary::of(share.owned().iter().map(|&v| outcomes[v as usize]));
+            let found =
+                ProjectionSummary::of(own_quads.owned().iter().map(|&v| outcomes[v as usize]));
             projection_error = found.error;
             let add = |sum: Option<u64>, more: usize| sum.map(|n| n + more as u64);
             self.facts.creased = add(self.facts.creased, found.creased);
             self.facts.kept = add(self.facts.kept, found.kept);
         }
-        let patch = share.patch(&mesh);
+        let patch = own_quads.patch(&mesh);
         // A patch is decimated alone and keeps its border, so that it fits its neighbours.
         if *as_triangles {
             let mut patch = patch.into_triangles();
@@ -410,10 +411,15 @@ impl<'a> Meshes<'a> {
             let blocks: Vec<Coord> = stored.store.blocks_in(region).collect();
             // Descending, as the welder of the seams expects.
             for block in blocks.into_iter().rev() {
-                let own = Region::cube(block, BLOCK);
-                let part = part(context, &stored.store, own.grown(halo), Coord([0; 3]))?;
+                let block_region = Region::cube(block, BLOCK);
+                let part = part(
+                    context,
+                    &stored.store,
+                    block_region.grown(halo),
+                    Coord([0; 3]),
+                )?;
                 let exact = self.exact.as_ref().filter(|_| output.is_exact);
-                output.add_quad_region(context, &part, exact, own, far, last)?;
+                output.add_quad_region(context, &part, exact, block_region, far, last)?;
             }
         }
         Ok(())

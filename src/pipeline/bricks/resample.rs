@@ -166,9 +166,9 @@ impl BrickRun<'_> {
         let blocks: Vec<Coord> = store.blocks_in(around).collect();
         let read = |block: &Coord| store.read(*block, around);
         let read = || blocks.par_iter().map(read).collect::<Result<Vec<_>, _>>();
-        let parts = self.threads.install(read);
-        let parts = parts.map_err(|e| FileError::from(StoreError::from(e)))?;
-        let mut leaves: Vec<LeafRef<'_>> = parts.iter().flat_map(LeafBatch::leaves).collect();
+        let read_batches = self.threads.install(read);
+        let batches = read_batches.map_err(|e| FileError::from(StoreError::from(e)))?;
+        let mut leaves: Vec<LeafRef<'_>> = batches.iter().flat_map(LeafBatch::leaves).collect();
         // The band searches its leaves by their origins.
         leaves.sort_unstable_by_key(|leaf| leaf.origin);
         let finer = FinerBand {

@@ -93,12 +93,12 @@ impl<'a> Volumes<'a> {
             None => {
                 let words = output::words(self.brick_run.inputs.recipe, output);
                 let has_surface = words.contains(&GridWord::Surface);
-                let own = has_surface.then(|| (GridWord::Surface.to_string(), self.solid));
+                let whole = has_surface.then(|| (GridWord::Surface.to_string(), self.solid));
                 // The solid, and behind it its coarser copies.
                 let levels = usize::from(output.lod.unwrap_or(0));
                 let copies = (1..).zip(&self.coarser[..levels]);
                 let copies = copies.map(|(n, copy)| (output::coarser_copy_name(n), copy));
-                let surfaces: Vec<_> = own.into_iter().chain(copies).collect();
+                let surfaces: Vec<_> = whole.into_iter().chain(copies).collect();
                 self.write_one(output, path, &words, &surfaces)
             }
             // All components in one file, each a grid with its number.
@@ -150,8 +150,8 @@ impl<'a> Volumes<'a> {
         for word in words.iter().filter(|w| w.is_attribute()) {
             let shape = empty.attributes(&[word.components()], |_| Vec::new(), context.session());
             let shape = shape.map_err(&failed)?.into_iter().next();
-            let own = brick_run.attribute_store(word, self.solid)?;
-            attributes.extend(shape.map(|shape| (word, shape, own)));
+            let values = brick_run.attribute_store(word, self.solid)?;
+            attributes.extend(shape.map(|shape| (word, shape, values)));
         }
         // The writer takes empty grids for their names and types, and streams the values from disk.
         let mut file = output::vdb_file(context, brick_run.inputs, output, path)?;

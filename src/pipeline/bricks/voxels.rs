@@ -67,19 +67,19 @@ impl Resampling {
 
     /// Edge of the cubes by which such a brick is computed, voxels.
     pub fn portion_edge(&self, edge: u32) -> i32 {
-        let own = f64::from(edge) * f64::from(BLOCK);
-        if f64::from(BLOCK) * self.factor() <= own {
+        let brick_span = f64::from(edge) * f64::from(BLOCK);
+        if f64::from(BLOCK) * self.factor() <= brick_span {
             return self.edge(edge) as i32 * BLOCK;
         }
-        let fits = |p: &&i32| f64::from(**p) * self.factor() <= own;
+        let fits = |p: &&i32| f64::from(**p) * self.factor() <= brick_span;
         *PORTION_EDGES.iter().find(fits).unwrap_or(&PORTION_EDGES[3])
     }
 
     /// Edge of the region that is resampled at once, old voxels.
     pub fn span(&self, edge: u32) -> f64 {
         let rows = self.placement.rotation.abs().row_sum_tr();
-        let own = f64::from(self.portion_edge(edge) + 2 * LEAF);
-        own * self.factor() * rows.max() + 2.0 * f64::from(self.halo())
+        let portion_span = f64::from(self.portion_edge(edge) + 2 * LEAF);
+        portion_span * self.factor() * rows.max() + 2.0 * f64::from(self.halo())
     }
 
     /// The region of new voxels that the band of the solid in a region of old ones can reach.

@@ -182,8 +182,8 @@ pub(crate) fn volume_mean(scaffold: &Scaffold, values: &[f64]) -> f64 {
     let (mut sum, mut volume) = (0.0, 0.0);
     for e in scaffold.elements() {
         let corners = &e.nodes()[..e.kind().corner_count()];
-        let own: f64 = corners.iter().map(|&n| values[n as usize]).sum();
-        sum += e.volume().abs() * own / corners.len() as f64;
+        let corner_sum: f64 = corners.iter().map(|&n| values[n as usize]).sum();
+        sum += e.volume().abs() * corner_sum / corners.len() as f64;
         volume += e.volume().abs();
     }
     sum / volume

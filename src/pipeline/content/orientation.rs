@@ -116,16 +116,16 @@ fn unit_vectors(
             for varying in components.iter() {
                 all.push(spatial.values(files, varying, points)?);
             }
-            let at = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
-            (0..points.len()).map(at).collect()
+            let vector = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
+            (0..points.len()).map(vector).collect()
         }
         Direction::Field(field) if is_principal(direction) => {
             principal_directions(files, spatial, field, points)?
         }
         Direction::Field(field) => {
             let all = components(files, spatial, field, &["x", "y", "z"], points)?;
-            let at = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
-            (0..points.len()).map(at).collect::<Vec<Vec3>>()
+            let vector = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
+            (0..points.len()).map(vector).collect::<Vec<Vec3>>()
         }
     };
     let unit = |(v, p): (&Vec3, &Vec3)| {

@@ -257,8 +257,8 @@ pub(crate) fn palette_cell(
 fn refine_tables(scaffold: &Scaffold, entry: &mut PaletteCell) {
     let elements: Vec<Element> = entry.cells.iter().map(Cell::element).collect();
     let cell_index = |shape: Element| {
-        let own = |&e: &Element| e == shape || crate::tiling::fills(e, shape);
-        elements.iter().position(own)
+        let fills_shape = |&e: &Element| e == shape || crate::tiling::fills(e, shape);
+        elements.iter().position(fills_shape)
     };
     let ways = FaceJoins::of(scaffold);
     let jump_of = |tables: &[Table]| {

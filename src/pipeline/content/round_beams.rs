@@ -151,19 +151,19 @@ fn shape_parts(
     check(recipe, name, tiling)?;
     let key = format!("cell.{name}");
     let section = &recipe.sections().cell[name];
-    let own = section.own_element();
+    let own_element = section.own_element();
     let shapes = scaffold.shapes();
     // A cell of one shape leaves the elements of other shapes empty.
     let filled: Vec<Element> = shapes
         .iter()
         .copied()
-        .filter(|s| own.is_none_or(|o| o == *s))
+        .filter(|s| own_element.is_none_or(|o| o == *s))
         .collect();
-    if let (true, Some(own)) = (filled.is_empty(), own) {
+    if let (true, Some(own_element)) = (filled.is_empty(), own_element) {
         let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
         return Err(RunError::Tiling(format!(
             "{key} is for a {}; the scaffold has elements of shape {}",
-            own.name(),
+            own_element.name(),
             names.join(", ")
         )));
     }
@@ -298,9 +298,9 @@ impl RoundBeams {
     ) -> Shape<'a> {
         let scaffold = &tiling.loaded.scaffold;
         let bounds = self.beams.bounds();
-        let own: Box<WorldField> = Box::new(Borrowed(&self.beams));
+        let field: Box<WorldField> = Box::new(Borrowed(&self.beams));
         let mut shape = Shape {
-            field: own,
+            field,
             extent: bounds,
             name: "the scaffold".into(),
         };
@@ -316,8 +316,8 @@ impl RoundBeams {
             shape.field = if offsets.count == 0 {
                 Box::new(Cut::new(&self.beams, outer))
             } else {
-                let own = Box::new(Borrowed(outer));
-                intersection(shape.field, own, options.half_width, offsets)
+                let outer_field = Box::new(Borrowed(outer));
+                intersection(shape.field, outer_field, options.half_width, offsets)
             };
         }
         if let Some(envelope) = &tiling.loaded.envelope {

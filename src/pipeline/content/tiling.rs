@@ -315,8 +315,8 @@ impl CellTiling {
             let used =
                 (0..values.len()).filter(|&n| (is_smooth || self.counts[n]) && weight(n) > 0.0);
             let used: Vec<usize> = used.collect();
-            let own = used.iter().map(|&n| values[n]);
-            let (low, high) = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            let used_values = used.iter().map(|&n| values[n]);
+            let (low, high) = used_values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
                 (a.min(v), b.max(v))
             });
             if used.is_empty() {
@@ -480,8 +480,8 @@ impl CellTiling {
     ) -> Result<ElementContent<'a, C>, RunError> {
         let is_single_cell =
             self.palette.len() == 1 && self.grading.is_empty() && self.turned.mixture.is_empty();
-        let own = cells(&self.palette[0]);
-        if let (true, [cell]) = (is_single_cell, &own[..]) {
+        let first_cells = cells(&self.palette[0]);
+        if let (true, [cell]) = (is_single_cell, &first_cells[..]) {
             return Ok(ElementContent::Cell(cell));
         }
         Ok(ElementContent::Blend(Box::new(self.blend(cells)?)))

@@ -110,8 +110,8 @@ pub(in super::super) fn mean_aspect<'a>(
 ) -> [f64; 3] {
     let (mut sum, mut weight) = (Vec3::zeros(), 0.0);
     for (frame, volume) in all {
-        let own = Vec3::from_fn(|a, _| frame.stretch[(a, a)].ln());
-        sum += own * volume;
+        let log_stretch = Vec3::from_fn(|a, _| frame.stretch[(a, a)].ln());
+        sum += log_stretch * volume;
         weight += volume;
     }
     let mean = sum / weight;

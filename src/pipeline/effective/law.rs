@@ -111,11 +111,11 @@ impl Law {
         };
         // The solutions at one parameter are the start of the iterations at the next, which is near.
         let mut start = InitialSolutions::default();
-        let own = [0.0];
+        let own_level = [0.0];
         let all = if cell.quantity.is_some() {
             parameters
         } else {
-            &own[..]
+            &own_level[..]
         };
         session.progress.stage("homogenise", Some(all.len() as u64));
         // The cell is sampled once; each parameter only moves the level.

@@ -120,13 +120,13 @@ fn of_frd(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<F
     }
     let size = scaffold.bounds().half_diagonal() * factor;
     for &(number, at) in &file.nodes {
-        let own = (number as usize)
+        let node = (number as usize)
             .checked_sub(1)
             .filter(|&n| n < used.len() && used[n]);
-        let place = own.map(|n| scaffold.nodes()[n] * factor);
-        if place.is_none_or(|p| (p - at).norm() > PLACE_TOLERANCE * size.max(p.norm())) {
+        let position = node.map(|n| scaffold.nodes()[n] * factor);
+        if position.is_none_or(|p| (p - at).norm() > PLACE_TOLERANCE * size.max(p.norm())) {
             let found = format!("a node at ({}, {}, {})", at.x, at.y, at.z);
-            let expected = place.map_or_else(
+            let expected = position.map_or_else(
                 || "a node of the scaffold's deck".to_owned(),
                 |p| {
                     format!(
@@ -166,9 +166,9 @@ fn of_mesh(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<
         let found = "surface elements only";
         return Err(ReadError::data(path, Place::File, found, "the scaffold's elements").into());
     };
-    let own = |f: &&DataField| f.name.eq_ignore_ascii_case(name);
+    let has_name = |f: &&DataField| f.name.eq_ignore_ascii_case(name);
     // Values at elements need no mean.
-    let fields = || file.fields.iter().filter(own);
+    let fields = || file.fields.iter().filter(has_name);
     let found = fields()
         .find(|f| f.at == FieldAt::Cells)
         .or_else(|| fields().next());
@@ -185,9 +185,9 @@ fn of_mesh(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<
     let (places, own_places, what): (Vec<Vec3>, Vec<Option<Vec3>>, _) = match field.at {
         FieldAt::Points => {
             let used = used(scaffold);
-            let own = scaffold.nodes().iter().zip(used);
-            let own = own.map(|(p, used)| used.then_some(*p)).collect();
-            (theirs.nodes().to_vec(), own, "node")
+            let places_in_use = scaffold.nodes().iter().zip(used);
+            let node_places = places_in_use.map(|(p, used)| used.then_some(*p)).collect();
+            (theirs.nodes().to_vec(), node_places, "node")
         }
         FieldAt::Cells => {
             let centre = |s: &Scaffold, e: usize| {
@@ -196,10 +196,10 @@ fn of_mesh(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<
                 p
             };
             let all = (0..theirs.len()).map(|e| centre(theirs, e)).collect();
-            let own = (0..scaffold.len())
+            let centres = (0..scaffold.len())
                 .map(|e| Some(centre(scaffold, e)))
                 .collect();
-            (all, own, "element")
+            (all, centres, "element")
         }
     };
     // A finer mesh of the same part holds nodes at the same places, too.

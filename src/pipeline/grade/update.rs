@@ -73,14 +73,14 @@ impl Grading<'_> {
 
     /// The present values in recipe units.
     pub fn values(&self, parameters: &[f64], fraction: &[f64]) -> Vec<f64> {
-        let own = (0..fraction.len()).map(|e| {
+        let values = (0..fraction.len()).map(|e| {
             if self.is_thickness {
                 parameters[e] * self.elements.scales[e]
             } else {
                 fraction[e]
             }
         });
-        own.collect()
+        values.collect()
     }
 
     /// Values that keep the volume fraction of every element within bounds, as far as its cell reaches them.
@@ -136,7 +136,7 @@ impl Grading<'_> {
         });
         let mut at_bounds = 0;
         let [low, high] = update.bounds;
-        let own: Vec<f64> = (0..measure.len())
+        let by_element: Vec<f64> = (0..measure.len())
             .map(|e| {
                 let growth = (measure[e] / target).powf(exponent);
                 let growth = growth.clamp(1.0 / update.step, update.step);
@@ -146,7 +146,7 @@ impl Grading<'_> {
             })
             .collect();
         // The tiling takes values at nodes. Their means in the elements show what the part really has.
-        let nodes = self.at_nodes(&own);
+        let nodes = self.at_nodes(&by_element);
         let mean = |e: usize| {
             let element = self.scaffold.element(e);
             let corners = &element.nodes()[..element.kind().corner_count()];
@@ -205,17 +205,17 @@ impl Grading<'_> {
         let greatest = measure.iter().fold(0.0f64, |m, v| m.max(*v));
         // The mass falls as the target rises.
         let mut ends = [greatest * 1e-9, greatest * 1e9];
-        let reach = ends.map(|t| self.solid(&self.at(update, &measure, t).fraction));
-        if !(reach[1] * (1.0 - MASS_TOLERANCE)..=reach[0] * (1.0 + MASS_TOLERANCE))
+        let masses = ends.map(|t| self.solid(&self.at(update, &measure, t).fraction));
+        if !(masses[1] * (1.0 - MASS_TOLERANCE)..=masses[0] * (1.0 + MASS_TOLERANCE))
             .contains(&wanted)
         {
-            let share = |m: f64| m / self.solid(self.fraction);
+            let relative = |m: f64| m / self.solid(self.fraction);
             return refuse(format!(
                 "found a mass of {:.4} times the present one; bounds and step allow {:.4} to {:.4}: expected a mass \
                  between, or wider --bounds or a larger --step",
-                share(wanted),
-                share(reach[1]),
-                share(reach[0])
+                relative(wanted),
+                relative(masses[1]),
+                relative(masses[0])
             ));
         }
         let mut found = self.at(update, &measure, greatest);

@@ -120,7 +120,7 @@ fn key(
     if section.crystal.is_some() {
         return None;
     }
-    let own = CellSection {
+    let unlevelled = CellSection {
         level: None,
         volume_fraction: None,
         thickness: None,
@@ -128,21 +128,21 @@ fn key(
         invert: None,
         ..section.clone()
     };
-    let mut key = format!("{name} {element:?} {own:?}");
+    let mut key = format!("{name} {element:?} {unlevelled:?}");
     let files = [
-        &own.mesh,
-        &own.points,
-        &own.voxels,
-        &own.graph,
-        &own.plates,
-        &own.file,
+        &unlevelled.mesh,
+        &unlevelled.points,
+        &unlevelled.voxels,
+        &unlevelled.graph,
+        &unlevelled.plates,
+        &unlevelled.file,
     ];
     let mut paths: Vec<PathBuf> = files
         .into_iter()
         .flatten()
         .map(|f| reader.resolve(&f.path))
         .collect();
-    paths.extend(own.group.iter().map(|g| reader.resolve(g.as_ref())));
+    paths.extend(unlevelled.group.iter().map(|g| reader.resolve(g.as_ref())));
     for path in paths {
         // Names of graphs and groups are no files.
         if path.exists() {

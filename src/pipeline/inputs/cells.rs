@@ -41,8 +41,14 @@ pub(crate) fn make(
         // The recipe's check guarantees that every part exists and that no part contains itself.
         let mut parts = Vec::new();
         for part in hybrid.parts() {
-            let own = &recipe.sections().cell[part];
-            parts.push(make(files, &format!("cell.{part}"), own, element, session)?);
+            let part_section = &recipe.sections().cell[part];
+            parts.push(make(
+                files,
+                &format!("cell.{part}"),
+                part_section,
+                element,
+                session,
+            )?);
         }
         let options = super::fit_options::fit_options(section);
         let cell = hybrid
@@ -54,11 +60,11 @@ pub(crate) fn make(
         // Its level is found with its coefficients.
         let mut matched = Vec::new();
         for other in section.matched.iter().flatten() {
-            let own = &recipe.sections().cell[other];
+            let other_section = &recipe.sections().cell[other];
             matched.push(make(
                 files,
                 &format!("cell.{other}"),
-                own,
+                other_section,
                 element,
                 session,
             )?);

@@ -108,12 +108,16 @@ impl Crystal {
         // Parameters change the mesh, so they are hashed with the script.
         let parameters = script.set.iter().map(|(k, v)| format!("\n# {k} = {v}"));
         let notes = notes.iter().map(|n| format!("line {}: {}", n.line, n.text));
-        let own = script.file.as_ref();
+        let script_file = script.file.as_ref();
         Ok(Self {
             mesh,
-            origin: own.map_or(key, |f| f.display().to_string()),
+            origin: script_file.map_or(key, |f| f.display().to_string()),
             hash: hash_text(&(script.text.clone() + &parameters.collect::<String>())),
-            files: own.cloned().into_iter().chain(files.loaded()).collect(),
+            files: script_file
+                .cloned()
+                .into_iter()
+                .chain(files.loaded())
+                .collect(),
             notes: notes.collect(),
         })
     }

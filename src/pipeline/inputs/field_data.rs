@@ -246,8 +246,9 @@ impl ValueList {
                 let s = &file.surface;
                 let nodes: Vec<Vec3> = s.nodes().iter().map(|&v| map(v)).collect();
                 let centre = |e: usize| {
-                    let own = s.connectivity().nodes(e);
-                    own.iter().map(|&n| nodes[n as usize]).sum::<Vec3>() / own.len() as f64
+                    let face_nodes = s.connectivity().nodes(e);
+                    face_nodes.iter().map(|&n| nodes[n as usize]).sum::<Vec3>()
+                        / face_nodes.len() as f64
                 };
                 let places = match at {
                     FieldAt::Cells => (0..s.len()).map(centre).collect(),

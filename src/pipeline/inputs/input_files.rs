@@ -200,11 +200,11 @@ impl<'a> InputFiles<'a> {
     ) -> Result<(MeshSolid, Option<LatticeSolid>), RunError> {
         let path = self.recipe.resolve(&file.path);
         // The recipe's word on the unit counts before that of the file.
-        let own = file.unit.map(|u| u.0).or(read.unit);
+        let unit = file.unit.map(|u| u.0).or(read.unit);
         let recipe = self.recipe.unit();
-        let mesh = mapped_mesh(&read.mesh, file, own, recipe);
-        let factor = own.map_or(1.0, |u| u.to(recipe)) * file.transform.scale.0;
-        let map = frame_map(file, own, recipe);
+        let mesh = mapped_mesh(&read.mesh, file, unit, recipe);
+        let factor = unit.map_or(1.0, |u| u.to(recipe)) * file.transform.scale.0;
+        let map = frame_map(file, unit, recipe);
         let clip = |mesh| self.repaired(key, mesh, &path);
         let lattice = LatticeSolid::new(&beams, map, factor, clip)?;
         let bounds = match &lattice {

@@ -79,16 +79,16 @@ impl LatticeSolid {
                 rods: Rods::new(&rods),
                 clip,
             };
-            let own = part.bounds();
-            if !own.is_empty() {
-                bounds = bounds.union(own);
+            let part_bounds = part.bounds();
+            if !part_bounds.is_empty() {
+                bounds = bounds.union(part_bounds);
                 made.push(part);
             }
         };
         for part in parts {
-            let mut own = (Vec::new(), Vec::new());
+            let mut clipped = (Vec::new(), Vec::new());
             let lists = if part.clip.is_some() {
-                &mut own
+                &mut clipped
             } else {
                 &mut unclipped
             };
@@ -107,7 +107,7 @@ impl LatticeSolid {
             }));
             if let Some(clip) = &part.clip {
                 let mesh = solid(clip.mesh.mapped(&map))?;
-                add_part(own, Some((mesh, clip.keeps_inside)));
+                add_part(clipped, Some((mesh, clip.keeps_inside)));
             }
         }
         add_part(unclipped, None);
@@ -139,14 +139,16 @@ impl LatticeSolid {
         };
         let mut all = mesh.map(|m| Box::new(Borrowed(m)) as Box<WorldField<'a>>);
         for part in &self.parts {
-            let mut own: Option<Box<WorldField<'a>>> = None;
+            let mut part_field: Option<Box<WorldField<'a>>> = None;
             if let Some(beams) = &part.beams {
-                own = united(own, Box::new(Borrowed(beams)));
+                part_field = united(part_field, Box::new(Borrowed(beams)));
             }
             if let Some(rods) = &part.rods {
-                own = united(own, Box::new(Borrowed(rods)));
+                part_field = united(part_field, Box::new(Borrowed(rods)));
             }
-            let Some(mut own) = own else { continue };
+            let Some(mut part_field) = part_field else {
+                continue;
+            };
             // A clip keeps the inside of its mesh or the outside.
             if let Some((mesh, keeps_inside)) = &part.clip {
                 let mesh: Box<WorldField<'a>> = Box::new(Borrowed(mesh));
@@ -155,9 +157,9 @@ impl LatticeSolid {
                 } else {
                     Box::new(Complement(mesh))
                 };
-                own = intersection(own, kept, reach, offsets);
+                part_field = intersection(part_field, kept, reach, offsets);
             }
-            all = united(all, own);
+            all = united(all, part_field);
         }
         all.unwrap_or_else(|| Box::new(crate::field::Union(Vec::new())))
     }

@@ -224,7 +224,7 @@ pub(crate) fn deformed(
     }
     let bounds = Aabb::of(nodes.iter().copied());
     let size = bounds.size();
-    let place = |p: &Vec3| {
+    let moved_node = |p: &Vec3| {
         // The second triple of variables is the place within the box of the scaffold, from 0 to 1.
         let b = (p - bounds.min).zip_map(&size, |d, s| if s > 0.0 { d / s } else { 0.0 });
         let variables = [p.x, p.y, p.z, b.x, b.y, b.z];
@@ -237,7 +237,7 @@ pub(crate) fn deformed(
             q.x, q.y, q.z, p.x, p.y, p.z
         )))
     };
-    nodes.iter().map(place).collect()
+    nodes.iter().map(moved_node).collect()
 }
 
 /// Which of `vel` and `rest` the outputs of a recipe hold.

@@ -210,13 +210,13 @@ fn source_scaffold(
         s.map(SourceScaffold::generated)
             .map_err(|e| failed(None, &e))
     };
-    let at = |o: &[crate::recipe::Length; 3]| Vec3::from(o.map(|o| o.resolve(scale)));
+    let resolved = |o: &[crate::recipe::Length; 3]| Vec3::from(o.map(|o| o.resolve(scale)));
     if let Some(block) = &section.block {
         return made(box_scaffold(block, scale));
     }
     if let Some(c) = &section.cylinder {
         let [radius, height, cell] = [c.radius, c.height, c.cell_size].map(|s| s.resolve(scale));
-        let shift = at(&c.origin);
+        let shift = resolved(&c.origin);
         let scaffold = match c.inner_radius {
             Some(inner) => Scaffold::tube(inner.resolve(scale), radius, height, cell),
             None => Scaffold::cylinder(radius, height, cell),
@@ -225,7 +225,7 @@ fn source_scaffold(
     }
     if let Some(c) = &section.sphere {
         let [radius, cell] = [c.radius, c.cell_size].map(|s| s.resolve(scale));
-        let shift = at(&c.centre);
+        let shift = resolved(&c.centre);
         return made(Scaffold::ball(radius, cell).and_then(|s| moved(&s, |v| v + shift)));
     }
     if let Some(fill) = &section.fill {

@@ -362,8 +362,8 @@ fn placed(mesh: &TriMesh, file: &FileFrame) -> TriMesh {
 }
 
 pub(crate) fn has_extension(path: &Path, known: &[&str]) -> bool {
-    let own = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-    known.iter().any(|k| own.eq_ignore_ascii_case(k))
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    known.iter().any(|k| extension.eq_ignore_ascii_case(k))
 }
 
 /// The hint for a cell that no scaffold can take; empty for other cells.

@@ -57,11 +57,11 @@ impl Volumes {
                 None => fetch(files.reader, &path, name)?,
             };
             let unit = unit_of(&volume, grid.unit.map(|u| u.0));
-            let own = placement(&grid.transform, unit.to(recipe.unit()));
+            let frame = placement(&grid.transform, unit.to(recipe.unit()));
             let failed = RunError::level_set(&stage);
             // The grid's own key or a following `resample` may request other voxels.
             let is_resampled = matches!(recipe.sections().op.get(n + 1), Some(Op::Resample(_)));
-            let options = reading(recipe, grid, own.scale, is_resampled);
+            let options = reading(recipe, grid, frame.scale, is_resampled);
             let adopted = volume.solid(&path, &options, session)?;
             for note in adopted.notes {
                 let name = name.map_or_else(String::new, |n| format!(", grid {n:?}"));
@@ -77,7 +77,7 @@ impl Volumes {
             let starts = n == 0
                 && recipe.sections().scaffold.is_none()
                 && matches!(op, Op::Union(_))
-                && own == Placement::IDENTITY
+                && frame == Placement::IDENTITY
                 && has_voxels(&solid, recipe);
             if starts {
                 files.record(&stage, &path, solid.bounds().map_err(&failed)?)?;
@@ -85,12 +85,12 @@ impl Volumes {
                 continue;
             }
             let scale = recipe.scale();
-            compare_voxels(files, grid, &solid, &stage, own.scale)?;
+            compare_voxels(files, grid, &solid, &stage, frame.scale)?;
             // Much finer voxels are doubled first: a band that wide would not fit into memory.
-            let solid = solid.coarsened_to(scale.voxel_size / own.scale, session);
+            let solid = solid.coarsened_to(scale.voxel_size / frame.scale, session);
             let solid = solid.map_err(&failed)?;
             let reach = recipe.sections().band.half_width.0 * scale.voxel_size;
-            let field = SampledLevelSet::new(solid, reach, own, session).map_err(&failed)?;
+            let field = SampledLevelSet::new(solid, reach, frame, session).map_err(&failed)?;
             files.record(&stage, &path, field.bounds())?;
             found.solids.insert(key, field);
         }
@@ -137,18 +137,18 @@ pub(crate) fn fetch(
 
 /// The unit of a file's lengths: as requested, from the file's tag, or metres.
 pub(crate) fn unit_of(volume: &Volume, requested: Option<LengthUnit>) -> LengthUnit {
-    let own = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
-    requested.or_else(own).unwrap_or(LengthUnit::Metre)
+    let tagged = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
+    requested.or_else(tagged).unwrap_or(LengthUnit::Metre)
 }
 
 /// How the grid of an operation is read; `scale` converts lengths of the file to the recipe's unit.
 fn reading(recipe: &Recipe, grid: &Grid, scale: f64, is_resampled: bool) -> GridReading {
-    let own = recipe.scale();
+    let recipe_scale = recipe.scale();
     let edge = match grid.resample {
-        Some(Onto::Edge(size)) => Some(size.resolve(own)),
-        Some(Onto::Recipe(true)) => Some(own.voxel_size),
+        Some(Onto::Edge(size)) => Some(size.resolve(recipe_scale)),
+        Some(Onto::Recipe(true)) => Some(recipe_scale.voxel_size),
         Some(Onto::Recipe(false)) => None,
-        None => is_resampled.then_some(own.voxel_size),
+        None => is_resampled.then_some(recipe_scale.voxel_size),
     };
     GridReading {
         value: grid.value.map(|v| v.0),
@@ -186,12 +186,12 @@ fn compare_voxels(
     factor: f64,
 ) -> Result<(), RunError> {
     let scale: Scale = files.recipe.scale();
-    let own = solid.voxel_size() * factor;
-    if (own - scale.voxel_size).abs() <= 1e-6 * scale.voxel_size {
+    let voxel_size = solid.voxel_size() * factor;
+    if (voxel_size - scale.voxel_size).abs() <= 1e-6 * scale.voxel_size {
         return Ok(());
     }
     let (found, expected) = (
-        crate::pipeline::base::error::short_number(own),
+        crate::pipeline::base::error::short_number(voxel_size),
         crate::pipeline::base::error::short_number(scale.voxel_size),
     );
     let unit = scale.unit;

@@ -103,8 +103,8 @@ impl<T: Copy + Send + Sync> Bins<T> {
 
     /// The indices of the cube that contains a point, or of the nearest cube.
     fn along(&self, position: Vec3) -> [usize; 3] {
-        let at = ((position - self.low) / self.edge).add_scalar(ROUNDING_TOLERANCE);
-        [0, 1, 2].map(|a| (at[a].max(0.0) as usize).min(self.counts[a] - 1))
+        let index = ((position - self.low) / self.edge).add_scalar(ROUNDING_TOLERANCE);
+        [0, 1, 2].map(|a| (index[a].max(0.0) as usize).min(self.counts[a] - 1))
     }
 
     fn cube(&self, position: Vec3) -> u32 {
@@ -149,8 +149,8 @@ impl<T: Copy + Send + Sync> Bins<T> {
         for n in 0..=steps {
             let cube = self.cube(p + inward * (n as f64 * self.edge / 2.0)) as usize;
             if cube != last {
-                let own = self.first[cube] as usize..self.first[cube + 1] as usize;
-                shrink(&mut radius, p, inward, &self.sites[own], &accepts);
+                let in_cube = self.first[cube] as usize..self.first[cube + 1] as usize;
+                shrink(&mut radius, p, inward, &self.sites[in_cube], &accepts);
             }
             if radius < max_radius {
                 return Some(radius);
@@ -184,8 +184,8 @@ impl<T: Copy + Send + Sync> Bins<T> {
             for y in low[1]..=high[1] {
                 let row = (x * self.counts[1] + y) * self.counts[2];
                 for z in low[2]..=high[2] {
-                    let own = self.first[row + z] as usize..self.first[row + z + 1] as usize;
-                    if !own.is_empty() && stop([x, y, z], &self.sites[own]) {
+                    let in_cube = self.first[row + z] as usize..self.first[row + z + 1] as usize;
+                    if !in_cube.is_empty() && stop([x, y, z], &self.sites[in_cube]) {
                         return true;
                     }
                 }

@@ -166,12 +166,12 @@ impl<'a> Attributes<'a> {
             .iter()
             .map(|word| {
                 let count = word.components();
-                let own = start..start + count;
+                let columns = start..start + count;
                 start += count;
                 let rows = all.chunks_exact(self.values_per_point());
                 VertexAttribute {
                     names: names(word),
-                    values: rows.flat_map(|row| row[own.clone()].to_vec()).collect(),
+                    values: rows.flat_map(|row| row[columns.clone()].to_vec()).collect(),
                 }
             })
             .collect()

@@ -51,13 +51,13 @@ pub(crate) fn beams(inputs: &Inputs) -> Result<BeamLattice, RunError> {
     let mut seen = BTreeSet::new();
     for element in scaffold.elements() {
         // The place in the world, and the cube root of |det J| as the local factor on lengths.
-        let at = |p: Vec3| {
+        let placed = |p: Vec3| {
             let (place, jacobian) = element.map_and_jacobian(CellPoint(p));
             (place.0, jacobian.determinant().abs().cbrt())
         };
         for (ends, radius) in struts.struts() {
-            let [(a, ra), (b, rb)] = ends.map(at);
-            let (middle, _) = at((ends[0] + ends[1]) / 2.0);
+            let [(a, ra), (b, rb)] = ends.map(placed);
+            let (middle, _) = placed((ends[0] + ends[1]) / 2.0);
             if ((a + b) / 2.0 - middle).norm() > MAX_BEND * (b - a).norm() {
                 let number = scaffold.number(element.index());
                 let message = format!(

@@ -105,8 +105,8 @@ fn make(
     let mut facts = MacroDeckFacts::default();
     // Elements of one cell with similar parameters share a material class.
     for (c, law) in laws.iter().enumerate() {
-        let own = material_classes(&elements, c);
-        for (n, (parameter, members)) in own.iter().enumerate() {
+        let cell_classes = material_classes(&elements, c);
+        for (n, (parameter, members)) in cell_classes.iter().enumerate() {
             for &e in members {
                 class_of[e] = classes.len() as u32;
             }
@@ -118,7 +118,9 @@ fn make(
                 note: note(&elements, law, c, *parameter),
             });
         }
-        facts.laws.push(law_facts(&elements, law, c, own.len()));
+        facts
+            .laws
+            .push(law_facts(&elements, law, c, cell_classes.len()));
     }
     // The volume of solid follows from the parameter of each element, not from that of its class.
     for (e, volume) in elements.volumes.iter().enumerate() {
@@ -163,8 +165,8 @@ fn material_classes(elements: &EffectiveElements, cell: usize) -> Vec<(f64, Vec<
     let mut bins: Vec<Vec<usize>> = vec![Vec::new(); count];
     for (e, p) in elements.parameters.iter().enumerate() {
         if elements.cell_of[e] == cell {
-            let place = (p - low) / (high - low).max(f64::MIN_POSITIVE) * count as f64;
-            bins[(place as usize).min(count - 1)].push(e);
+            let class_position = (p - low) / (high - low).max(f64::MIN_POSITIVE) * count as f64;
+            bins[(class_position as usize).min(count - 1)].push(e);
         }
     }
     bins.retain(|b| !b.is_empty());

@@ -74,9 +74,9 @@ pub(crate) fn output_targets<'a>(
         }
     }
     if targets.reports.is_empty() {
-        let own = out.map(|out| out.join(REPORT_NAME));
+        let default_report = out.map(|out| out.join(REPORT_NAME));
         let report = options.report.clone();
-        targets.reports.extend(report.or(own));
+        targets.reports.extend(report.or(default_report));
     }
     let files = targets.files.iter().map(|(_, path)| path);
     for path in files.chain(&targets.reports) {

@@ -22,9 +22,9 @@ pub(crate) fn needs_double(
     scale: Scale,
     factor: f64,
 ) -> Result<bool, RunError> {
-    let reach = (far * factor) as f32;
+    let farthest = (far * factor) as f32;
     // Neighbouring numbers of single precision are this far apart at the greatest coordinate.
-    let spacing = f64::from(reach.next_up() - reach) / factor;
+    let spacing = f64::from(farthest.next_up() - farthest) / factor;
     if spacing <= MAX_SPACING * scale.voxel_size {
         return Ok(false);
     }

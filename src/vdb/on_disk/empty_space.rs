@@ -136,24 +136,24 @@ fn label_slots(
     let bit = |words: &[u64], n: usize| words[n >> 6] >> (n & 63) & 1 == 1;
     let is_on_side =
         |n: usize| !bit(&node.children, n) && bit(&node.inside, n) == (side == Side::Solid);
-    let mut own = UnionFind::new(SLOTS);
+    let mut slot_sets = UnionFind::new(SLOTS);
     for n in (0..SLOTS).filter(|&n| is_on_side(n)) {
         // The next slot along x, y and z; bits of a slot's number are x, y, z with five bits each.
         for shift in [10, 5, 0] {
             let neighbour = n + (1 << shift);
             if n >> shift & (SLOTS_PER_EDGE - 1) != SLOTS_PER_EDGE - 1 && is_on_side(neighbour) {
-                own.union(n, neighbour);
+                slot_sets.union(n, neighbour);
             }
         }
     }
-    let (number, count) = own.labels((0..SLOTS).filter(|&n| is_on_side(n)));
+    let (number, count) = slot_sets.labels((0..SLOTS).filter(|&n| is_on_side(n)));
     let first = sets.extend(count);
     stats.resize(first + count, ComponentStats::default());
     // Each slot adds its cube of 128 voxels to the statistics of its part.
     for n in (0..SLOTS).filter(|&n| is_on_side(n)) {
-        let at = |shift: usize| (n >> shift & (SLOTS_PER_EDGE - 1)) as i32 * BLOCK;
-        let least = node.origin.offset(at(10), at(5), at(0));
-        stats[first + number[n] as usize].add(ComponentStats::of_cube(least, BLOCK, value));
+        let offset = |shift: usize| (n >> shift & (SLOTS_PER_EDGE - 1)) as i32 * BLOCK;
+        let low_corner = node.origin.offset(offset(10), offset(5), offset(0));
+        stats[first + number[n] as usize].add(ComponentStats::of_cube(low_corner, BLOCK, value));
     }
     let member = |n: &u32| {
         if *n == NO_MEMBER {

@@ -121,9 +121,13 @@ pub(super) fn label(
         // Four bits for each of x, y and z.
         let slot = x << 8 | y << 4 | z;
         let first = parts.len() as u32;
-        let own = Part::all_of(&view, side, threshold);
-        stats.extend(own.iter().map(|part| ComponentStats::of_part(part, &view)));
-        parts.extend(own);
+        let leaf_parts = Part::all_of(&view, side, threshold);
+        stats.extend(
+            leaf_parts
+                .iter()
+                .map(|part| ComponentStats::of_part(part, &view)),
+        );
+        parts.extend(leaf_parts);
         slots[slot] = Slot::Parts(first, parts.len() as u32);
         if parts.len() as u32 > first {
             labels.leaves.push((slot as u16, first));
@@ -163,10 +167,10 @@ pub(super) fn label(
         .enumerate()
         .filter(|(_, s)| matches!(s, Slot::Full))
     {
-        let at = |shift: usize| (n >> shift & 15) as i32 * LEAF;
-        let least = origin.offset(at(8), at(4), at(0));
+        let offset = |shift: usize| (n >> shift & 15) as i32 * LEAF;
+        let low_corner = origin.offset(offset(8), offset(4), offset(0));
         totals[label[count + n] as usize].add(ComponentStats::of_cube(
-            least,
+            low_corner,
             LEAF,
             store.background(),
         ));

@@ -78,6 +78,6 @@ impl SelectedParts {
 
 /// Origin of the leaf in a slot of a block.
 pub(super) fn leaf_at(block: Coord, slot: u16) -> Coord {
-    let at = |shift: u16| i32::from(slot >> shift & 15) * LEAF;
-    block.offset(at(8), at(4), at(0))
+    let offset = |shift: u16| i32::from(slot >> shift & 15) * LEAF;
+    block.offset(offset(8), offset(4), offset(0))
 }

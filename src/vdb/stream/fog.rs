@@ -76,10 +76,10 @@ impl<'a> StoredFog<'a> {
                 .is_some_and(|s| s.iter().any(|&w| w != 0))
         };
         // A voxel beyond the band has the negative background, which is the least value of all.
-        let least = if blocks.iter().any(has_deep_voxels) {
+        let least_value = if blocks.iter().any(has_deep_voxels) {
             -store.background()
         } else {
-            let least = |block: &Coord| {
+            let least_of_block = |block: &Coord| {
                 if progress.cancelled() {
                     return Err(StoreError::from(Cancelled));
                 }
@@ -87,13 +87,18 @@ impl<'a> StoredFog<'a> {
                 let values = leaves.values.as_flattened().iter();
                 Ok(values.fold(f32::INFINITY, |a, &v| a.min(v)))
             };
-            let all = || blocks.par_iter().map(least).collect::<Result<Vec<_>, _>>();
+            let all = || {
+                blocks
+                    .par_iter()
+                    .map(least_of_block)
+                    .collect::<Result<Vec<_>, _>>()
+            };
             let all = session.threads.install(all)?;
             all.into_iter().fold(f32::INFINITY, f32::min)
         };
         let mut fog = Self {
             store,
-            weight: 1.0 / least,
+            weight: 1.0 / least_value,
             blocks: BTreeSet::new(),
             counts: FogCounts::default(),
         };
@@ -240,7 +245,7 @@ impl<'a> StoredFog<'a> {
                         .iter()
                         .filter(|u| (u.origin[0]..u.origin[0] + 4096).contains(&slab))
                     {
-                        let own = slots(&u.inside).map(|n| {
+                        let upper_tiles = slots(&u.inside).map(|n| {
                             (
                                 u.origin.offset(
                                     slot_offset(n, 10),
@@ -250,7 +255,7 @@ impl<'a> StoredFog<'a> {
                                 128,
                             )
                         });
-                        tiles.extend(own.filter(|t| t.0[0] == slab));
+                        tiles.extend(upper_tiles.filter(|t| t.0[0] == slab));
                     }
                 }
                 for &block in &blocks {

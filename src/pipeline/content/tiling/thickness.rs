@@ -54,7 +54,7 @@ impl CellTiling {
             let mut values = self.at_points(node_scales(&self.loaded.scaffold, shape));
             let count = self.palette.len();
             for (at, value) in values.iter_mut().enumerate() {
-                let own = self.palette.iter().enumerate().map(|(c, entry)| {
+                let weighted = self.palette.iter().enumerate().map(|(c, entry)| {
                     let weights = self.weights.get(at * count..(at + 1) * count);
                     let share = weights.map_or(1.0, |w| w[c] / w.iter().sum::<f64>());
                     let thickness = match cell(&entry.name).thickness {
@@ -64,7 +64,7 @@ impl CellTiling {
                     };
                     share * thickness
                 });
-                *value = own.sum::<f64>();
+                *value = weighted.sum::<f64>();
             }
             values
         };

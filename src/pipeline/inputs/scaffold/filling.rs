@@ -87,11 +87,13 @@ fn torn(
 fn outer_mesh(scaffold: &Scaffold, error: f64) -> Result<MeshSolid, ScaffoldError> {
     let mut whole = TriMesh::default();
     for n in 0..scaffold.components().len() {
-        let own = scaffold.boundary(n, error).mesh;
-        whole.append(&own).map_err(|_| ScaffoldError::TooMany {
-            found: whole.vertices().len(),
-            what: "vertices of outer faces",
-        })?;
+        let boundary = scaffold.boundary(n, error).mesh;
+        whole
+            .append(&boundary)
+            .map_err(|_| ScaffoldError::TooMany {
+                found: whole.vertices().len(),
+                what: "vertices of outer faces",
+            })?;
     }
     Ok(MeshSolid::new(whole))
 }
