@@ -94,7 +94,7 @@ impl Cell {
                     band_limit: band_limit.unwrap_or(f64::INFINITY),
                     ..FitOptions::default()
                 };
-                let (signed, n) = (voxels.signed(true), voxels.counts()[0]);
+                let (signed, n) = (voxels.signed_over_period(), voxels.counts()[0]);
                 let cell = fit_samples(&name, element, &signed, n, &options, session.progress)?;
                 return Ok(Self::of(cell));
             }

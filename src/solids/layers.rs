@@ -174,8 +174,8 @@ impl<'a> Analysis<'a> {
         if self.below.is_none() && raster.is_empty() {
             return;
         }
-        let solid = Components::of(&raster, true);
-        let void = Components::of(&raster, false);
+        let solid = Components::of_solid(&raster);
+        let void = Components::of_void(&raster);
         let islands = self.starts(number, &solid, self.below.as_ref().map(|b| &b.solid));
         // The first layer lies on the plate.
         let islands = if self.below.is_some() {

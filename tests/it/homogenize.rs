@@ -22,7 +22,7 @@ fn stiffness(
     };
     let mut medium = Elasticity::new(grid, shares, solid, void, scheme).unwrap();
     let all = [0, 1, 2, 3, 4, 5];
-    let found = medium.solve(&all, Vec::new(), false, control, &Silent);
+    let found = medium.solve(&all, None, control, &Silent);
     found.unwrap().matrix
 }
 

@@ -82,14 +82,24 @@ pub struct Source {
     warnings: Vec<String>,
 }
 
+/// What the values of a source measure.
+#[derive(Clone, Copy, PartialEq)]
+enum Values {
+    /// Signed distances to its surface.
+    Distances,
+    /// A function that is zero on its surface.
+    Levels,
+}
+
 impl Source {
-    /// A function in source coordinates, mapped to the reference frame by a placement.
+    /// A function in source coordinates, mapped to the reference frame by a placement. `bounds` is the box of the
+    /// solid in source coordinates.
     fn placed(
         kind: SourceKind,
         element: Element,
         value: impl Fn(Vec3) -> f64 + Send + Sync + 'static,
         bounds: Aabb,
-        exact: bool,
+        values: Values,
         placement: &Placement,
     ) -> Result<Self, FitError> {
         let map = placement.affine(element, bounds)?;
@@ -97,7 +107,7 @@ impl Source {
         let shear = !map.is_similarity();
         let identity = *placement == Placement::Reference;
         let mut warnings = Vec::new();
-        if shear && exact {
+        if shear && values == Values::Distances {
             warnings.push(
                 "the placement shears the source: its values are no longer distances".to_owned(),
             );
@@ -120,7 +130,7 @@ impl Source {
         Ok(Self {
             value,
             points: Vec::new(),
-            exact: exact && !shear,
+            exact: values == Values::Distances && !shear,
             resolution: None,
             report: SourceReport {
                 kind,
@@ -148,7 +158,14 @@ impl Source {
             SourceKind::Graph
         };
         let value = skeleton.distances()?;
-        Self::placed(kind, element, value, skeleton.bounds(), true, placement)
+        Self::placed(
+            kind,
+            element,
+            value,
+            skeleton.bounds(),
+            Values::Distances,
+            placement,
+        )
     }
 
     /// A formula in x, y, z, negative inside.
@@ -180,7 +197,7 @@ impl Source {
             element,
             value,
             domain,
-            false,
+            Values::Levels,
             placement,
         )
     }
@@ -200,7 +217,14 @@ impl Source {
         let count = placed.len();
         let turned = cloud.is_turned();
         let value = move |p: Vec3| cloud.signed_distance(p);
-        let mut source = Self::placed(SourceKind::Points, element, value, bounds, true, placement)?;
+        let mut source = Self::placed(
+            SourceKind::Points,
+            element,
+            value,
+            bounds,
+            Values::Distances,
+            placement,
+        )?;
         source.points = placed;
         source
             .points
@@ -227,7 +251,12 @@ impl Source {
         let periodic = matches!(element, Element::Hex | Element::Quad);
         let (value, exact) = voxels.function(periodic);
         let unit = Aabb::of([Vec3::repeat(-0.5), Vec3::repeat(0.5)]);
-        let mut source = Self::placed(SourceKind::Voxels, element, value, unit, exact, placement)?;
+        let values = if exact {
+            Values::Distances
+        } else {
+            Values::Levels
+        };
+        let mut source = Self::placed(SourceKind::Voxels, element, value, unit, values, placement)?;
         source.report.points = voxels.counts().iter().product();
         let factor = placement.affine(element, unit)?.factor();
         source.resolution = Some((voxels.counts()[0] as f64 / factor) as usize);

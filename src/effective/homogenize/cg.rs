@@ -99,19 +99,44 @@ pub(super) fn add<T: Copy + Into<f64> + Sync>(y: &mut [f64], factor: f64, x: &[T
         });
 }
 
-/// Solves for the present load, starting from `u`; returns the number of iterations. `is_started` states that
-/// `u` is not zero.
+/// Where the iterations begin.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Begin {
+    /// At zero: the first residual is that of the load.
+    Zero,
+    /// At the solution of a similar system.
+    Given,
+}
+
+impl Begin {
+    /// At `u` if it has `count` values, otherwise at zero, for which `u` is filled.
+    pub fn at(u: &mut Vec<f64>, count: usize) -> Self {
+        if u.len() == count {
+            return Self::Given;
+        }
+        Self::at_zero(u, count)
+    }
+
+    /// At zero, for which `u` is filled with `count` values.
+    pub fn at_zero(u: &mut Vec<f64>, count: usize) -> Self {
+        u.clear();
+        u.resize(count, 0.0);
+        Self::Zero
+    }
+}
+
+/// Solves for the present load, beginning at `u`; returns the number of iterations.
 pub(super) fn solve(
     system: &mut impl System,
     u: &mut [f64],
-    is_started: bool,
+    begin: Begin,
     space: &mut Workspace,
     control: Control,
     progress: &dyn Progress,
 ) -> Result<usize, HomogenizeError> {
     let Workspace { r, q, p } = space;
     let mut goal = None;
-    if is_started {
+    if begin == Begin::Given {
         // The tolerance refers to the residual of a start from zero.
         q.fill(0.0);
         system.residual(q, r);

@@ -1,6 +1,6 @@
 //! Effective conductivity, thermal or electric: three unit gradients on a periodic two-phase medium.
 
-use super::cg::{self, Control, System, Workspace};
+use super::cg::{self, Begin, Control, System, Workspace};
 use super::derivative::{Derivative, Scheme};
 use super::grid::Grid;
 use super::spectral::Spectral;
@@ -82,7 +82,7 @@ impl<'a> Conduction<'a> {
         }
     }
 
-    /// Solves load cases: unit gradients along axes. `start` and `keeps` as for
+    /// Solves load cases: unit gradients along axes. `start` as for
     /// [`Elasticity::solve`](super::Elasticity::solve).
     ///
     /// # Errors
@@ -90,11 +90,11 @@ impl<'a> Conduction<'a> {
     pub fn solve(
         &mut self,
         loads: &[usize],
-        start: Vec<Vec<f64>>,
-        keeps: bool,
+        start: Option<Vec<Vec<f64>>>,
         control: Control,
         progress: &dyn Progress,
     ) -> Result<Conductivity, HomogenizeError> {
+        let keeps = start.is_some();
         let count = self.grid.voxels();
         let mut space = Workspace::new(count);
         let mut found = Conductivity {
@@ -102,18 +102,15 @@ impl<'a> Conduction<'a> {
             iterations: [0; 3],
             potentials: vec![Vec::new(); 3],
         };
-        for (load, own) in start.into_iter().enumerate().take(3) {
+        for (load, own) in start.into_iter().flatten().enumerate().take(3) {
             found.potentials[load] = own;
         }
         for &load in loads {
             self.gradient = [0.0; 3];
             self.gradient[load] = 1.0;
             let mut u = std::mem::take(&mut found.potentials[load]);
-            let warm = u.len() == count;
-            if !warm {
-                u = vec![0.0; count];
-            }
-            found.iterations[load] = cg::solve(self, &mut u, warm, &mut space, control, progress)?;
+            let begin = Begin::at(&mut u, count);
+            found.iterations[load] = cg::solve(self, &mut u, begin, &mut space, control, progress)?;
             let mean = self.mean_flux(&u);
             // Under the unit gradient of `load` the mean flux is column `load` of the conductivity.
             for (row, s) in found.matrix.iter_mut().zip(mean) {
@@ -143,14 +140,10 @@ impl<'a> Conduction<'a> {
         progress: &dyn Progress,
     ) -> Result<[f64; 3], HomogenizeError> {
         let count = self.grid.voxels();
-        let is_started = u.len() == count;
-        if !is_started {
-            u.clear();
-            u.resize(count, 0.0);
-        }
+        let begin = Begin::at(u, count);
         self.gradient = gradient;
         let mut space = Workspace::new(count);
-        cg::solve(self, u, is_started, &mut space, control, progress)?;
+        cg::solve(self, u, begin, &mut space, control, progress)?;
         Ok(self.mean_flux(u))
     }
 

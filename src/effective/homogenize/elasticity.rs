@@ -4,7 +4,7 @@
 //! preconditions them: in exact arithmetic the iterates are those of conjugate gradients on the projection to
 //! compatible strains, at half the transforms. Void is a weak solid.
 
-use super::cg::{self, Control, System, Workspace};
+use super::cg::{self, Begin, Control, System, Workspace};
 use super::derivative::{Derivative, Scheme};
 use super::grid::Grid;
 use super::material::Isotropic;
@@ -129,64 +129,56 @@ impl<'a> Elasticity<'a> {
     }
 
     /// Solves load cases: unit strains by their Voigt numbers. `start` holds displacements to begin with, all
-    /// six or none; with `keeps` the displacements are given back. Columns of other load cases stay zero.
+    /// six or none, and the displacements are given back; with `None` the load cases begin with zero and their
+    /// displacements are dropped. Columns of other load cases stay zero.
     ///
     /// # Errors
     /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
     pub fn solve(
         &mut self,
         loads: &[usize],
-        start: Vec<Vec<f64>>,
-        keeps: bool,
+        start: Option<Vec<Vec<f64>>>,
         control: Control,
         progress: &dyn Progress,
     ) -> Result<Stiffness, HomogenizeError> {
+        let keeps = start.is_some();
         let count = 3 * self.grid.voxels();
         let mut space = Workspace::new(count);
         let mut found = Stiffness {
             matrix: [[0.0; 6]; 6],
             iterations: [0; 6],
-            displacements: start,
+            displacements: match start {
+                None => Vec::new(),
+                Some(all) if all.len() == 6 => all,
+                Some(_) => vec![Vec::new(); 6],
+            },
         };
-        let is_started = found.displacements.len() == 6;
-        if !is_started {
-            found.displacements.clear();
-        }
-        if keeps && !is_started {
-            found.displacements = vec![Vec::new(); 6];
-        }
         let mut own = Vec::new();
         for &load in loads {
             self.strain = [0.0; 6];
             self.strain[load] = 1.0;
-            // Without kept or given displacements all load cases share one buffer.
-            let u = if found.displacements.is_empty() {
-                &mut own
+            // Displacements that are not kept share one buffer.
+            let (mut u, begin);
+            if keeps {
+                u = std::mem::take(&mut found.displacements[load]);
+                begin = Begin::at(&mut u, count);
             } else {
-                &mut found.displacements[load]
-            };
-            let warm = is_started && u.len() == count;
-            if !warm {
-                u.clear();
-                u.resize(count, 0.0);
+                u = std::mem::take(&mut own);
+                begin = Begin::at_zero(&mut u, count);
             }
-            let mut taken = std::mem::take(u);
-            let solved = cg::solve(self, &mut taken, warm, &mut space, control, progress)?;
+            let solved = cg::solve(self, &mut u, begin, &mut space, control, progress)?;
             found.iterations[load] = solved;
-            let stress = self.mean_stress(&taken);
+            let stress = self.mean_stress(&u);
             // Under the unit strain of `load` the mean stress is column `load` of the stiffness.
             for (row, s) in found.matrix.iter_mut().zip(stress) {
                 row[load] = s;
             }
-            if found.displacements.is_empty() {
-                own = taken;
+            if keeps {
+                found.displacements[load] = u;
             } else {
-                found.displacements[load] = taken;
+                own = u;
             }
             progress.advance(1);
-        }
-        if !keeps {
-            found.displacements.clear();
         }
         Ok(found)
     }
@@ -204,14 +196,10 @@ impl<'a> Elasticity<'a> {
         progress: &dyn Progress,
     ) -> Result<[f64; 6], HomogenizeError> {
         let count = 3 * self.grid.voxels();
-        let is_started = u.len() == count;
-        if !is_started {
-            u.clear();
-            u.resize(count, 0.0);
-        }
+        let begin = Begin::at(u, count);
         self.strain = strain;
         let mut space = Workspace::new(count);
-        cg::solve(self, u, is_started, &mut space, control, progress)?;
+        cg::solve(self, u, begin, &mut space, control, progress)?;
         Ok(self.mean_stress(u))
     }
 

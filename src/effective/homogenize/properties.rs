@@ -201,11 +201,8 @@ pub fn properties_from(
             &[0, 1, 2, 3, 4, 5]
         };
         progress.stage("stiffness", Some(loads.len() as u64));
-        let (own, keeps) = match &mut start {
-            Some(start) => (std::mem::take(&mut start.displacements), true),
-            None => (Vec::new(), false),
-        };
-        let solved = medium.solve(loads, own, keeps, settings.control, progress)?;
+        let own = start.as_mut().map(|s| std::mem::take(&mut s.displacements));
+        let solved = medium.solve(loads, own, settings.control, progress)?;
         let mut c = solved.matrix;
         if is_cubic {
             c = cubic(&c);
@@ -228,11 +225,8 @@ pub fn properties_from(
         let mut medium = Conduction::new(grid, shares, solid, void, settings.scheme)?;
         let loads: &[usize] = if is_cubic { &[0] } else { &[0, 1, 2] };
         progress.stage("conductivity", Some(loads.len() as u64));
-        let (own, keeps) = match &mut start {
-            Some(start) => (std::mem::take(&mut start.potentials), true),
-            None => (Vec::new(), false),
-        };
-        let solved = medium.solve(loads, own, keeps, settings.control, progress)?;
+        let own = start.as_mut().map(|s| std::mem::take(&mut s.potentials));
+        let solved = medium.solve(loads, own, settings.control, progress)?;
         found.iterations[1] = solved.iterations.into_iter().max().unwrap_or(0);
         found.conductivity = Some(second_order(solved.matrix, is_cubic));
         if let Some(start) = &mut start {
@@ -267,7 +261,7 @@ fn plane_stress(
     let void = solid.scaled(settings.void);
     let mut medium = Elasticity::new(grid, shares, solid, void, settings.scheme)?;
     progress.stage("plane stress", Some(3));
-    let solved = medium.solve(&[0, 1, 5], Vec::new(), false, settings.control, progress)?;
+    let solved = medium.solve(&[0, 1, 5], None, settings.control, progress)?;
     Ok(in_plane(&symmetrised(&solved.matrix)))
 }
 

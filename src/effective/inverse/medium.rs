@@ -115,7 +115,7 @@ impl Medium {
             } else {
                 let start = std::mem::take(&mut self.displacements);
                 let all = [0, 1, 2, 3, 4, 5];
-                let solved = medium.solve(&all, start, true, control, progress)?;
+                let solved = medium.solve(&all, Some(start), control, progress)?;
                 self.displacements = solved.displacements;
                 found.stiffness = symmetrised(&solved.matrix);
             }

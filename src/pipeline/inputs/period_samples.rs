@@ -44,7 +44,7 @@ impl SourceReader<'_> {
         if section.band_limit.is_none() {
             options.band_limit = f64::INFINITY;
         }
-        let samples = voxels.signed(true);
+        let samples = voxels.signed_over_period();
         record.file = Some(("voxels", path, Aabb::of(element.vertices())));
         let progress = self.session.progress;
         let fit = match options.method {

@@ -202,7 +202,17 @@ impl Components {
     /// The component of pixels that are not set which lies around all others: the first pixel is in the margin.
     pub const OUTER: u32 = 0;
 
-    pub fn of(raster: &Raster, is_set: bool) -> Self {
+    /// The components of the pixels that are set: solid.
+    pub fn of_solid(raster: &Raster) -> Self {
+        Self::of(raster, true)
+    }
+
+    /// The components of the pixels that are not set.
+    pub fn of_void(raster: &Raster) -> Self {
+        Self::of(raster, false)
+    }
+
+    fn of(raster: &Raster, is_set: bool) -> Self {
         let mut spans: Vec<[u32; 2]> = Vec::new();
         let mut rows = vec![0];
         for row in 0..raster.rows {
@@ -307,10 +317,10 @@ mod tests {
                 raster.set(row, word, bits);
             }
         }
-        let solid = Components::of(&raster, true);
+        let solid = Components::of_solid(&raster);
         assert_eq!(solid.pixels, [5, 64, 4, 1, 1]);
         assert_eq!(solid.pixels.iter().sum::<u64>(), raster.area() as u64);
-        let void = Components::of(&raster, false);
+        let void = Components::of_void(&raster);
         assert_eq!(void.pixels.len(), 1);
         assert_eq!(void.pixels[0] + raster.area() as u64, (5 * columns) as u64);
     }

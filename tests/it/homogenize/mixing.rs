@@ -18,9 +18,7 @@ fn both_ways(period: &Period, n: usize) -> [[f64; 2]; 2] {
     [&sharp, &shares].map(|shares| {
         let void = solid.scaled(1e-3);
         let mut medium = Elasticity::new(grid, shares, solid, void, Scheme::Rotated).unwrap();
-        let found = medium
-            .solve(&[0, 3], Vec::new(), false, control, &Silent)
-            .unwrap();
+        let found = medium.solve(&[0, 3], None, control, &Silent).unwrap();
         [found.matrix[0][0], found.matrix[3][3]]
     })
 }

@@ -37,7 +37,7 @@ fn conductivity(grid: Grid, shares: &[f64], values: [f64; 2], scheme: Scheme) ->
         ..Control::default()
     };
     let mut medium = Conduction::new(grid, shares, values[0], values[1], scheme).unwrap();
-    let found = medium.solve(&[0, 1, 2], Vec::new(), false, control, &Silent);
+    let found = medium.solve(&[0, 1, 2], None, control, &Silent);
     found.unwrap().matrix
 }
 
@@ -164,9 +164,7 @@ fn a_porous_network_has_the_numbers_of_every_resolution() {
         let grid = Grid::cube(n).unwrap();
         let void = solid.scaled(1e-4);
         let mut medium = Elasticity::new(grid, &shares, solid, void, Scheme::Rotated).unwrap();
-        let found = medium
-            .solve(&[0, 3], Vec::new(), false, control, &Silent)
-            .unwrap();
+        let found = medium.solve(&[0, 3], None, control, &Silent).unwrap();
         let c = found.matrix;
         for (found, word) in [(c[0][0], "C11"), (c[1][0], "C12"), (c[3][3], "C44")] {
             let expected = number(&row[word]);
@@ -251,7 +249,7 @@ fn derivatives_of_the_stiffness_are_those_of_the_oracle() {
     };
     let all = [0, 1, 2, 3, 4, 5];
     let found = medium
-        .solve(&all, Vec::new(), true, control, &Silent)
+        .solve(&all, Some(Vec::new()), control, &Silent)
         .unwrap();
     for (i, j, word) in [(0, 0, "C11"), (0, 1, "C12"), (3, 3, "C44")] {
         assert!(
@@ -286,7 +284,7 @@ fn derivatives_of_the_conductivity_are_those_of_the_oracle() {
         ..Control::default()
     };
     let found = medium
-        .solve(&[0, 1, 2], Vec::new(), true, control, &Silent)
+        .solve(&[0, 1, 2], Some(Vec::new()), control, &Silent)
         .unwrap();
     assert!((found.matrix[0][0] - number(&case["K_11"])).abs() < 1e-9);
     let parts = medium.sensitivity(&found.potentials, &|_| true);

@@ -112,9 +112,14 @@ impl Voxels {
         self.binary
     }
 
-    /// Signed values at the samples, negative in the solid: scalar values themselves, or the distance in
-    /// periods from binary samples to the surface between solid and void.
-    pub fn signed(&self, periodic: bool) -> Vec<f64> {
+    /// Signed values at the samples over a period, negative in the solid: scalar values themselves, or the
+    /// distance in periods from binary samples to the surface between solid and void, which repeats.
+    pub fn signed_over_period(&self) -> Vec<f64> {
+        self.signed(true)
+    }
+
+    /// The same; without `periodic` the surface ends at the last samples.
+    fn signed(&self, periodic: bool) -> Vec<f64> {
         if !self.binary {
             return self.values.clone();
         }

@@ -4,8 +4,15 @@ use super::{File, Type};
 use crate::io::error::ReadError;
 use crate::io::tokens::Encoding;
 
-/// Reads nodes; parametric ones also have an entity and their parameters on it.
-pub(super) fn nodes(file: &mut File, parametric: bool) -> Result<(), ReadError> {
+/// Nodes with or without an entity and their parameters on it.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum NodeForm {
+    Plain,
+    Parametric,
+}
+
+/// Reads nodes.
+pub(super) fn nodes(file: &mut File, form: NodeForm) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of nodes")?;
     file.numbers();
     let count = file.tokens.count(claimed, 4, 28, "nodes")?;
@@ -16,7 +23,7 @@ pub(super) fn nodes(file: &mut File, parametric: bool) -> Result<(), ReadError> 
         for c in &mut at {
             *c = t.double("a coordinate")?;
         }
-        if parametric {
+        if form == NodeForm::Parametric {
             let dimension = t.int("an entity's dimension")?;
             t.int("an entity's number")?;
             // Points and volumes have no parameters.

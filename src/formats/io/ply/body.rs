@@ -72,8 +72,9 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
                         list.clear();
                         for _ in 0..length {
                             match role {
-                                Role::Corners => list.push(rows.index(p.kind, false)?),
-                                Role::Strips => list.push(rows.index(p.kind, true)?),
+                                Role::Corners | Role::Strips => {
+                                    list.push(rows.index(p.kind, role)?);
+                                }
                                 _ => drop(rows.number(p.kind)?),
                             }
                         }
@@ -227,11 +228,11 @@ impl Rows<'_> {
     }
 
     /// The index of a vertex; -1, which starts a new strip, becomes `u32::MAX`.
-    fn index(&mut self, kind: Scalar, strip: bool) -> Result<u32, ReadError> {
+    fn index(&mut self, kind: Scalar, role: Role) -> Result<u32, ReadError> {
         let x = self.number(kind)?;
         if x >= 0.0 && x.fract() == 0.0 && x <= f64::from(u32::MAX) {
             Ok(x as u32)
-        } else if strip && x == -1.0 {
+        } else if role == Role::Strips && x == -1.0 {
             Ok(u32::MAX)
         } else {
             Err(self.bad(format!("the vertex number {x}"), "a whole number from 0"))
