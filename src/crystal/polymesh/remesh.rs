@@ -25,14 +25,23 @@ mod weight;
 
 use table::{Row, TABLE};
 
+/// A range of numbers without its ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OpenRange {
+    /// The lower end.
+    pub above: f64,
+    /// The upper end.
+    pub below: f64,
+}
+
 /// A parameter of a scheme.
 pub struct Parameter {
     /// Its name in scripts.
     pub name: &'static str,
     /// Its default value.
     pub default: f64,
-    /// Its range; both ends are excluded.
-    pub range: (f64, f64),
+    /// Its range.
+    pub range: OpenRange,
     /// Its effect.
     pub meaning: &'static str,
 }
@@ -82,7 +91,7 @@ pub enum RemeshError {
         known: String,
     },
     /// A parameter out of its range.
-    #[error("{scheme}: {name} = {value}; expected more than {} and less than {}", range.0, range.1)]
+    #[error("{scheme}: {name} = {value}; expected more than {} and less than {}", range.above, range.below)]
     Range {
         /// The scheme.
         scheme: String,
@@ -91,7 +100,7 @@ pub enum RemeshError {
         /// Its value.
         value: f64,
         /// Its range.
-        range: (f64, f64),
+        range: OpenRange,
     },
     /// A number of group numbers that is not the number of classes.
     #[error("{scheme} makes {expected} classes of faces; found {found} group numbers")]
@@ -205,7 +214,7 @@ impl Remesh {
             });
         };
         let Parameter { name, range, .. } = parameters[place];
-        if !(value > range.0 && value < range.1) {
+        if !(value > range.above && value < range.below) {
             return Err(RemeshError::Range {
                 scheme: self.name(),
                 name,
