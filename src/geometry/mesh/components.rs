@@ -36,11 +36,11 @@ pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
         volume: 0.0,
         bounds: Aabb::EMPTY,
     };
-    let mut found = vec![none; count];
+    let mut components = vec![none; count];
     // Volumes about a point of the mesh, whose sums lose fewer digits than about a far origin.
     let origin = mesh.vertices().first().copied().unwrap_or_default();
     for (t, corners) in mesh.triangles().iter().zip(mesh.iter_corners()) {
-        let component = &mut found[labels[t[0] as usize] as usize];
+        let component = &mut components[labels[t[0] as usize] as usize];
         let [a, b, c] = corners.map(|p| p - origin);
         component.triangles += 1;
         component.volume += a.dot(&b.cross(&c)) / 6.0;
@@ -48,7 +48,12 @@ pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
     }
     // By volume, largest first; the sort is stable, so that equal ones keep their order.
     let mut order: Vec<usize> = (0..count).collect();
-    order.sort_by(|&a, &b| found[b].volume.abs().total_cmp(&found[a].volume.abs()));
+    order.sort_by(|&a, &b| {
+        components[b]
+            .volume
+            .abs()
+            .total_cmp(&components[a].volume.abs())
+    });
     let mut rank = vec![0; count];
     for (place, &component) in order.iter().enumerate() {
         rank[component] = place as u32;
@@ -56,7 +61,7 @@ pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
     let labels = labels.into_iter();
     let labels = labels.map(|l| rank.get(l as usize).copied().unwrap_or(0));
     let labels = labels.collect();
-    (order.into_iter().map(|c| found[c]).collect(), labels)
+    (order.into_iter().map(|c| components[c]).collect(), labels)
 }
 
 /// Whether every edge of a mesh has as many triangles on one side as on the other, so that a cut can be filled.

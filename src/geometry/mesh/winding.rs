@@ -226,14 +226,14 @@ impl Expansions {
                 one[l] += self.normal[a][l] * r[a][l];
             }
         }
-        for (own, [i, j]) in self.pairs.iter().zip(PAIRS) {
+        for (component, [i, j]) in self.pairs.iter().zip(PAIRS) {
             for l in 0..4 {
-                two[l] += own[l] * r[i][l] * r[j][l];
+                two[l] += component[l] * r[i][l] * r[j][l];
             }
         }
-        for (own, [i, j, k]) in self.triples.iter().zip(TRIPLES) {
+        for (component, [i, j, k]) in self.triples.iter().zip(TRIPLES) {
             for l in 0..4 {
-                three[l] += own[l] * r[i][l] * r[j][l] * r[k][l];
+                three[l] += component[l] * r[i][l] * r[j][l] * r[k][l];
             }
         }
         // N.r / r^3 + two / r^5 + three / r^7.

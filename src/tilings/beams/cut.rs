@@ -146,26 +146,26 @@ impl Field for Cut<'_> {
                 step,
                 counts: [8; 3],
             };
-            let found = self
+            let content = self
                 .beams
                 .leaf(origin.0, step, by, background, values, &mut scratch);
             // The leaf and its neighbouring samples.
             let with_neighbours = lattice.span().dilated(step);
-            let distance = match found {
+            let distance = match content {
                 LeafContent::Outside => Interval::REAL_LINE,
                 _ => self.solid.bound(&with_neighbours),
             };
             let is_outside =
-                matches!(found, LeafContent::Outside) || distance.lo - by >= background;
+                matches!(content, LeafContent::Outside) || distance.lo - by >= background;
             let is_uncut = distance.hi - by <= -background;
             leaves.bits[n] = if is_outside {
                 without_band(false)
-            } else if is_uncut && matches!(found, LeafContent::Inside) {
+            } else if is_uncut && matches!(content, LeafContent::Inside) {
                 without_band(true)
             } else {
                 // Values exist: those of the beams, raised to the distance of the solid where that cuts.
                 evaluated += 512;
-                if matches!(found, LeafContent::Inside) {
+                if matches!(content, LeafContent::Inside) {
                     values.fill(-leaves.background);
                 }
                 if !is_uncut {

@@ -164,8 +164,8 @@ impl Network {
         // The sum of the weights of a part's cells at a point.
         let weight_at = |cells: u8, element: u32, xi: Vec3| {
             let all = weights(element as usize, CellPoint(xi));
-            let own = all.iter().enumerate().filter(|(n, _)| cells >> n & 1 == 1);
-            own.map(|(_, w)| w).sum::<f64>()
+            let part_weights = all.iter().enumerate().filter(|(n, _)| cells >> n & 1 == 1);
+            part_weights.map(|(_, w)| w).sum::<f64>()
         };
         let taper = |radii: &mut [f64], weights: &[f64]| {
             // A weight that is a rounding error counts as 0.

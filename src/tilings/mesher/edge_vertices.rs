@@ -220,14 +220,14 @@ impl<'a> CrossedEdges<'a> {
 
     /// Whether only one edge at a voxel is crossed. The region's leaves are known, and those around it.
     pub fn ends_one_edge(&self, voxel: Coord) -> bool {
-        let own = self.is_inside(voxel);
+        let here = self.is_inside(voxel);
         let steps = (0..3).flat_map(|a| [(a, -1), (a, 1)]);
         let crossed = steps.filter(|&(axis, step)| {
             let mut neighbour = voxel;
             neighbour.0[axis] = neighbour.0[axis].wrapping_add(step);
             // What is in no leaf has the sign of its neighbours.
             let other = self.is_inside(neighbour);
-            other.is_some() && other != own
+            other.is_some() && other != here
         });
         crossed.count() == 1
     }
@@ -235,11 +235,11 @@ impl<'a> CrossedEdges<'a> {
     /// The crossed edges of word `8 axis + x`.
     fn crossed_word(corners: &Corners, word: usize) -> u64 {
         let (axis, x) = (word >> 3, word & 7);
-        let own = corners[x][0];
+        let here = corners[x][0];
         match axis {
-            0 => own ^ corners[x + 1][0],
-            1 => own ^ corners[x][2],
-            _ => own ^ corners[x][1],
+            0 => here ^ corners[x + 1][0],
+            1 => here ^ corners[x][2],
+            _ => here ^ corners[x][1],
         }
     }
 

@@ -91,8 +91,8 @@ impl Patch {
         }
         // The rest is numbered anew, in order; own vertices still come first.
         let (mut vertices, mut owned) = (Vec::new(), 0);
-        for (n, own) in number.iter_mut().enumerate().filter(|n| n.1.is_some()) {
-            *own = Some(vertices.len() as u32);
+        for (n, new_number) in number.iter_mut().enumerate().filter(|n| n.1.is_some()) {
+            *new_number = Some(vertices.len() as u32);
             vertices.push(self.vertices[n]);
             owned += usize::from(n < self.owned);
         }

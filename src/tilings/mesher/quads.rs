@@ -81,9 +81,9 @@ impl RegionQuads {
                 .map(|c| (c as f32).to_bits())
                 .into(),
         };
-        let (own, others) = vertices.split_at(owned);
+        let (owned_vertices, others) = vertices.split_at(owned);
         let is_low = |v: u32| (0..3).any(|a| cells[v as usize][a] - region.min[a] < layer);
-        let low = (0..).zip(own).filter(|(_, v)| is_low(**v));
+        let low = (0..).zip(owned_vertices).filter(|(_, v)| is_low(**v));
         Self {
             lower: low.map(|(n, &v)| (seam_vertex(v), n)).collect(),
             upper: others.iter().map(|&v| seam_vertex(v)).collect(),

@@ -148,7 +148,7 @@ impl Scaffold {
         for e in self.elements() {
             let corners = &e.nodes()[..e.kind().corner_count()];
             for part in &tables[&e.kind()] {
-                let own: Vec<u32> = part
+                let part_nodes: Vec<u32> = part
                     .nodes
                     .iter()
                     .map(|(at, shares)| {
@@ -165,7 +165,7 @@ impl Scaffold {
                         })
                     })
                     .collect();
-                elements.push(part.kind, &own);
+                elements.push(part.kind, &part_nodes);
                 parents.push(e.index() as u32);
                 numbers.push(self.number(e.index()));
             }

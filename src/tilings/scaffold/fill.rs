@@ -199,8 +199,8 @@ impl<'a> Body<'a> {
         }
         let corners = tet.map(|n| self.nodes.place(n));
         let centre = corners.iter().sum::<Vec3>() / 4.0;
-        let own = quality(corners);
-        if own < FLAT_QUALITY && inner == 0 {
+        let tet_quality = quality(corners);
+        if tet_quality < FLAT_QUALITY && inner == 0 {
             let size = (corners[1] - corners[0]).norm();
             if self.solid.closest(centre).distance < 1e-4 * size {
                 return false;

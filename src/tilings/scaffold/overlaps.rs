@@ -128,14 +128,14 @@ impl Scaffold {
             points.extend([(middle + c) / 2.0, (c + next) / 2.0]);
         }
         let mut near = Vec::new();
-        let mut found = Vec::new();
+        let mut overlaps = Vec::new();
         for point in points {
             // Moved towards the element's centre, the point lies inside the element and off the face.
             let x = e.map(CellPoint(point + (centre - point) * PROBE_DEPTH));
             self.candidates(&Aabb::of([x.0]), &mut near);
             for &other in &near {
                 let pair = [f.element, other];
-                if other == f.element || found.contains(&pair) {
+                if other == f.element || overlaps.contains(&pair) {
                     continue;
                 }
                 let o = self.element(other as usize);
@@ -143,10 +143,10 @@ impl Scaffold {
                 let is_within = xi.is_some_and(|xi| o.shape().face_distance(xi) < -OVERLAP_DEPTH);
                 // Elements that share a face are compared by the order of its corners.
                 if is_within && !self.neighbours(f.element as usize).any(|n| n == other) {
-                    found.push(pair);
+                    overlaps.push(pair);
                 }
             }
         }
-        found
+        overlaps
     }
 }

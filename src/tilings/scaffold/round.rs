@@ -52,7 +52,7 @@ struct Builder<F> {
 impl<F: Fn(Name) -> Vec3> Builder<F> {
     /// Adds the element whose lattice points are named by half steps 0 to 2 along its axes.
     fn hex(&mut self, name: impl Fn([i64; 3]) -> Name) {
-        let own: Vec<u32> = Kind::Hex27
+        let element_nodes: Vec<u32> = Kind::Hex27
             .lattice()
             .iter()
             .map(|p| {
@@ -63,7 +63,7 @@ impl<F: Fn(Name) -> Vec3> Builder<F> {
                 })
             })
             .collect();
-        self.elements.push(Kind::Hex27, &own);
+        self.elements.push(Kind::Hex27, &element_nodes);
     }
 }
 

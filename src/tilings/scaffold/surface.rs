@@ -187,12 +187,12 @@ impl Surface {
             let Some((kind, places)) = self.elements.kind(e).thickened() else {
                 continue;
             };
-            let own = self.elements.nodes(e);
+            let element_nodes = self.elements.nodes(e);
             // A copy of a node at a level belongs to all elements around the node.
             let made: Vec<u32> = places
                 .into_iter()
                 .map(|(node, level)| {
-                    let n = own[node as usize];
+                    let n = element_nodes[node as usize];
                     *numbers.entry((n, level)).or_insert_with(|| {
                         let shift = along[n as usize] * (f64::from(level) * thickness / 2.0);
                         nodes.push(self.nodes[n as usize] + shift);
@@ -274,10 +274,10 @@ impl Surface {
         // The elements at each edge, and whether each runs from the lower node to the higher.
         let mut edges: BTreeMap<[u32; 2], Vec<(usize, bool)>> = BTreeMap::new();
         for e in 0..self.len() {
-            let own = self.elements.nodes(e);
+            let element_nodes = self.elements.nodes(e);
             let n = self.elements.kind(e).corner_count();
             for i in 0..n {
-                let (a, b) = (own[i], own[(i + 1) % n]);
+                let (a, b) = (element_nodes[i], element_nodes[(i + 1) % n]);
                 edges
                     .entry([a.min(b), a.max(b)])
                     .or_default()
@@ -285,11 +285,11 @@ impl Surface {
             }
         }
         // Neighbours of one orientation run along their edge in opposite directions.
-        let mut beside: Vec<Vec<(usize, bool)>> = vec![Vec::new(); self.len()];
+        let mut neighbours: Vec<Vec<(usize, bool)>> = vec![Vec::new(); self.len()];
         for pair in edges.values() {
             if let [(a, up), (b, other)] = pair[..] {
-                beside[a].push((b, up == other));
-                beside[b].push((a, up == other));
+                neighbours[a].push((b, up == other));
+                neighbours[b].push((a, up == other));
             }
         }
         // Each component is visited from its first element.
@@ -301,7 +301,7 @@ impl Surface {
             reversed[first] = Some(false);
             let mut open = vec![first];
             while let Some(e) = open.pop() {
-                for &(other, against) in &beside[e] {
+                for &(other, against) in &neighbours[e] {
                     if reversed[other].is_none() {
                         reversed[other] = reversed[e].map(|t| t != against);
                         open.push(other);

@@ -261,14 +261,14 @@ impl<'a, C: CellField> Blend<'a, C> {
         let shape = self.scaffold.element(element).shape();
         out.fill((0.0, Vec3::zeros()));
         let mut moved = [CellPoint(Vec3::zeros()); CHUNK];
-        let mut found = [(0.0, Vec3::zeros()); CHUNK];
+        let mut cell_values = [(0.0, Vec3::zeros()); CHUNK];
         for turn in turns {
             for (moved, &xi) in moved.iter_mut().zip(points) {
                 *moved = turn.point(xi);
             }
-            let found = &mut found[..points.len()];
-            cell.values_and_gradients(&moved[..points.len()], found);
-            for ((sum, &(phi, g)), &xi) in out.iter_mut().zip(&*found).zip(points) {
+            let cell_values = &mut cell_values[..points.len()];
+            cell.values_and_gradients(&moved[..points.len()], cell_values);
+            for ((sum, &(phi, g)), &xi) in out.iter_mut().zip(&*cell_values).zip(points) {
                 let (w, dw) = turn.weight(shape, xi);
                 sum.0 += w * phi;
                 // grad (w Phi(Q xi)) = w Q^T grad Phi + Phi grad w
@@ -281,8 +281,9 @@ impl<'a, C: CellField> Blend<'a, C> {
     fn bound_in(&self, element: usize, cell: &C, region: &CellBox<3>) -> Interval {
         let turns = self.turns(element);
         // A mean of the turns lies in the hull of their values.
-        let own = turns.iter().map(|t| Field::bound(cell, &t.region(region)));
-        own.reduce(Interval::hull)
+        let turn_bounds = turns.iter().map(|t| Field::bound(cell, &t.region(region)));
+        turn_bounds
+            .reduce(Interval::hull)
             .unwrap_or_else(|| Field::bound(cell, region))
     }
 
@@ -304,17 +305,17 @@ impl<'a, C: CellField> Blend<'a, C> {
                 *weights = self.weights.at(element, xi);
             }
             // A member is evaluated for all points of a chunk if any of them needs it.
-            let mut shares = [false; MAX_MEMBERS];
+            let mut is_evaluated = [false; MAX_MEMBERS];
             for (m, member) in self.members.iter().enumerate() {
                 let counts = |w: &Weights| w[m].0 != 0.0 || w[m].1 != Vec3::zeros();
                 let cell = member.of(shape).filter(|_| weights.iter().any(counts));
                 if let Some(cell) = cell {
                     self.values_in(element, cell, points, &mut slopes[m][..points.len()]);
-                    shares[m] = true;
+                    is_evaluated[m] = true;
                 }
             }
             for (n, (&xi, weights)) in points.iter().zip(&*weights).enumerate() {
-                let member_slope = |m: usize| shares[m].then(|| slopes[m][n]);
+                let member_slope = |m: usize| is_evaluated[m].then(|| slopes[m][n]);
                 found(first + n, self.mix(element, xi, weights, member_slope));
             }
             first += points.len();

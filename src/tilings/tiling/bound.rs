@@ -80,8 +80,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut all = [Interval::new(w, w); N];
         let mut buffers = BUFFERS.take().unwrap_or_default();
         for component in 0..self.components.len() {
-            let own = self.bounds_of(component, regions, &mut buffers);
-            for (a, b) in all.iter_mut().zip(own) {
+            let component_bounds = self.bounds_of(component, regions, &mut buffers);
+            for (a, b) in all.iter_mut().zip(component_bounds) {
                 *a = if self.is_cut() || self.components.len() == 1 {
                     Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
                 } else {

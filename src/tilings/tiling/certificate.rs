@@ -105,15 +105,15 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), f| {
             (a.min(f.range.0), b.max(f.range.1))
         });
-    let mut found = Certificate {
+    let mut certificate = Certificate {
         range: [low, high],
         jump_of_element: vec![0.0; scaffold.len()],
         crease_of_element: vec![0.0; scaffold.len()],
         ..Certificate::default()
     };
     if measured.is_empty() {
-        found.range = [0.0; 2];
-        return found;
+        certificate.range = [0.0; 2];
+        return certificate;
     }
     let scale = 1.0 / (high - low).max(f64::MIN_POSITIVE);
     let mut jumps = Vec::new();
@@ -135,8 +135,8 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
         for side in face.sides {
             let e = side.element as usize;
             let jump = worst.map_or(0.0, |w| w.value_jump);
-            found.jump_of_element[e] = found.jump_of_element[e].max(jump);
-            found.crease_of_element[e] = found.crease_of_element[e].max(crease);
+            certificate.jump_of_element[e] = certificate.jump_of_element[e].max(jump);
+            certificate.crease_of_element[e] = certificate.crease_of_element[e].max(crease);
         }
         jumps.extend(worst);
     }
@@ -145,7 +145,7 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
         by_jump.then(a.elements.cmp(&b.elements))
     });
     jumps.truncate(5);
-    found.worst = jumps;
+    certificate.worst = jumps;
     // Statistics over the points of some faces, in the order of the faces: the same at any number of threads.
     let statistics = |kind: &'static str, faces: &[&Face]| {
         let mut jumps: Vec<f64> = faces
@@ -168,17 +168,17 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
         }
     };
     for (kind, corners) in [("triangle", 3), ("quad", 4)] {
-        let own: Vec<&Face> = measured.iter().filter(|f| f.corners == corners).collect();
-        if !own.is_empty() {
-            found.kinds.push(statistics(kind, &own));
+        let of_kind: Vec<&Face> = measured.iter().filter(|f| f.corners == corners).collect();
+        if !of_kind.is_empty() {
+            certificate.kinds.push(statistics(kind, &of_kind));
         }
     }
     let all = statistics("all", &measured.iter().collect::<Vec<_>>());
-    found.value_jump_max = all.value_jump_max;
-    found.value_jump_p99 = all.value_jump_p99;
-    found.crease_degrees_p99 = all.crease_degrees_p99;
-    found.crease_degrees_max = all.crease_degrees_max;
-    found
+    certificate.value_jump_max = all.value_jump_max;
+    certificate.value_jump_p99 = all.value_jump_p99;
+    certificate.crease_degrees_p99 = all.crease_degrees_p99;
+    certificate.crease_degrees_max = all.crease_degrees_max;
+    certificate
 }
 
 /// The greatest value and the 99th percentile; zeros if there are no values.
@@ -197,7 +197,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
     let elements = [f, g].map(|f| f.element as usize);
     let maps = elements.map(|e| scaffold.element(e));
     let corners = own_vertices.len();
-    let mut found = Face {
+    let mut measured = Face {
         sides: [f, g],
         corners,
         range: (f64::INFINITY, f64::NEG_INFINITY),
@@ -245,7 +245,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             }
             let Some(FacePoint { sides, at, gap }) = both(uv) else {
                 // A point outside one of the elements is a gap in the mesh.
-                found.jumps.push(Jump {
+                measured.jumps.push(Jump {
                     size: f64::INFINITY,
                     at: maps[0].bounds().centre().0,
                     gap: f64::INFINITY,
@@ -253,8 +253,8 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
                 continue;
             };
             let value = sides[0].0;
-            found.range = (found.range.0.min(value), found.range.1.max(value));
-            found.jumps.push(Jump {
+            measured.range = (measured.range.0.min(value), measured.range.1.max(value));
+            measured.jumps.push(Jump {
                 size: (value - sides[1].0).abs(),
                 at,
                 gap,
@@ -264,7 +264,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             let before = [last, row.get(i).copied()];
             for (other, v) in before.into_iter().flatten() {
                 if (v < 0.0) != (value < 0.0) {
-                    found.creases.extend(crease(&both, other, v, uv, value));
+                    measured.creases.extend(crease(&both, other, v, uv, value));
                 }
             }
             last = Some((uv, value));
@@ -275,7 +275,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             }
         }
     }
-    Some(found)
+    Some(measured)
 }
 
 /// A point of a face, evaluated in both of its elements.

@@ -107,8 +107,8 @@ impl ControlLattice {
                         bx[i] * by[j] * dz[k],
                     ) * inverse;
                     let point = self.number([px.0 + i, py.0 + j, pz.0 + k]);
-                    let own = &values[point * count..(point + 1) * count];
-                    for (sum, c) in out.iter_mut().zip(own) {
+                    let point_values = &values[point * count..(point + 1) * count];
+                    for (sum, c) in out.iter_mut().zip(point_values) {
                         sum.0 += w * c;
                         sum.1 += slope * *c;
                     }
@@ -137,13 +137,13 @@ impl ControlLattice {
         for i in low[0]..=high[0] {
             for j in low[1]..=high[1] {
                 for k in low[2]..=high[2] {
-                    let own = value([i, j, k]);
-                    range = range.hull(Interval::new(own, own));
+                    let point_value = value([i, j, k]);
+                    range = range.hull(Interval::new(point_value, point_value));
                     for (axis, step) in steepest.iter_mut().enumerate() {
                         let mut next = [i, j, k];
                         next[axis] += 1;
                         if next[axis] <= high[axis] {
-                            *step = step.max((value(next) - own).abs());
+                            *step = step.max((value(next) - point_value).abs());
                         }
                     }
                 }

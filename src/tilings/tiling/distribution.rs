@@ -150,9 +150,9 @@ impl<'a> Distribution<'a> {
         let corners = &e.nodes()[..e.kind().corner_count()];
         let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
         for &n in corners {
-            let own = self.values[n as usize * self.count + quantity];
-            least = least.min(own);
-            greatest = greatest.max(own);
+            let corner_value = self.values[n as usize * self.count + quantity];
+            least = least.min(corner_value);
+            greatest = greatest.max(corner_value);
         }
         (greatest, (greatest - least).max(0.0) * steepest)
     }
@@ -228,11 +228,11 @@ pub(super) fn normalise(
     count: usize,
     weights: &mut [f64],
 ) -> Result<(), TilingError> {
-    for (place, own) in weights.chunks_exact_mut(count.max(1)).enumerate() {
-        for w in own.iter_mut() {
+    for (place, place_weights) in weights.chunks_exact_mut(count.max(1)).enumerate() {
+        for w in place_weights.iter_mut() {
             *w = w.max(0.0);
         }
-        let sum: f64 = own.iter().sum();
+        let sum: f64 = place_weights.iter().sum();
         if !(sum.is_finite() && sum > 0.0) {
             let places = interpolation.places(scaffold);
             return Err(TilingError::Weights {
@@ -240,7 +240,7 @@ pub(super) fn normalise(
                 sum,
             });
         }
-        for w in own.iter_mut() {
+        for w in place_weights.iter_mut() {
             *w /= sum;
         }
     }

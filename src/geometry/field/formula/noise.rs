@@ -17,11 +17,11 @@ fn hash(mut v: u64) -> u64 {
 /// The product of a lattice point's gradient, one of the 12 directions to a cube's edge midpoints, and
 /// `step`.
 fn plane(point: [i64; 3], step: [f64; 3]) -> f64 {
-    let own = point
+    let mixed = point
         .into_iter()
         .fold(0x9e37_79b9_7f4a_7c15, |h, c| hash(h ^ c as u64));
-    let along = (own % 3) as usize;
-    let sign = |bit: u64| if own >> bit & 1 == 1 { 1.0 } else { -1.0 };
+    let along = (mixed % 3) as usize;
+    let sign = |bit: u64| if mixed >> bit & 1 == 1 { 1.0 } else { -1.0 };
     sign(40) * step[(along + 1) % 3] + sign(41) * step[(along + 2) % 3]
 }
 

@@ -71,26 +71,32 @@ impl Creases {
     pub(super) fn of(solid: &MeshSolid) -> Self {
         let (edges, places) = crease_edges(solid);
         // The crease edges at each vertex.
-        let mut ways: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        let mut neighbours: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for &[a, b] in &edges {
-            ways.entry(a).or_default().push(b);
-            ways.entry(b).or_default().push(a);
+            neighbours.entry(a).or_default().push(b);
+            neighbours.entry(b).or_default().push(a);
         }
         let at = |n: u32| places[n as usize];
         // A corner has another number of edges than two, or a sharp turn.
         let is_corner = |n: u32| {
-            let [a, b] = ways[&n][..] else { return true };
+            let [a, b] = neighbours[&n][..] else {
+                return true;
+            };
             let (u, v) = (at(n) - at(a), at(b) - at(n));
             u.dot(&v) <= CREASE_COSINE * u.norm() * v.norm()
         };
-        let corners: Vec<u32> = ways.keys().copied().filter(|&n| is_corner(n)).collect();
+        let corners: Vec<u32> = neighbours
+            .keys()
+            .copied()
+            .filter(|&n| is_corner(n))
+            .collect();
         let mut lines = Vec::new();
         let mut is_used: BTreeMap<[u32; 2], bool> = edges.iter().map(|&e| (e, false)).collect();
         // First from every corner, then the rest: closed lines without corners.
-        let starts = corners.iter().copied().chain(ways.keys().copied());
+        let starts = corners.iter().copied().chain(neighbours.keys().copied());
         for start in starts {
             // Follow the edges to the next corner, or around to the start; each edge is used once.
-            for &first in &ways[&start] {
+            for &first in &neighbours[&start] {
                 let mut points = vec![start];
                 let (mut here, mut next) = (start, first);
                 loop {
@@ -102,8 +108,12 @@ impl Creases {
                     if next == start || corners.binary_search(&next).is_ok() {
                         break;
                     }
-                    let own = &ways[&next];
-                    let after = if own[0] == here { own[1] } else { own[0] };
+                    let around_next = &neighbours[&next];
+                    let after = if around_next[0] == here {
+                        around_next[1]
+                    } else {
+                        around_next[0]
+                    };
                     (here, next) = (next, after);
                 }
                 if points.len() > 1 {
@@ -134,8 +144,8 @@ impl Creases {
     pub(super) fn nearest(&self, p: Vec3, line: Option<u32>) -> Vec3 {
         let mut best = (f64::INFINITY, p);
         self.tree.nearest(p, best.0, |slot| {
-            let ([a, b], own) = self.parts[self.tree.order()[slot] as usize];
-            if line.is_some_and(|l| l != own) {
+            let ([a, b], part_line) = self.parts[self.tree.order()[slot] as usize];
+            if line.is_some_and(|l| l != part_line) {
                 return None;
             }
             let along = b - a;
@@ -175,8 +185,13 @@ fn crease_edges(solid: &MeshSolid) -> (Vec<[u32; 2]>, Vec<Vec3>) {
     // Each edge of each triangle; sorted, the triangles at an edge are beside each other.
     let mut sides: Vec<([u32; 2], u32)> = Vec::new();
     for (t, &[a, b, c]) in (0u32..).zip(mesh.triangles()) {
-        let own = [[a, b], [b, c], [c, a]].map(|[p, q]| [p.min(q), p.max(q)]);
-        sides.extend(own.into_iter().filter(|[p, q]| p < q).map(|e| (e, t)));
+        let triangle_edges = [[a, b], [b, c], [c, a]].map(|[p, q]| [p.min(q), p.max(q)]);
+        sides.extend(
+            triangle_edges
+                .into_iter()
+                .filter(|[p, q]| p < q)
+                .map(|e| (e, t)),
+        );
     }
     sides.sort_unstable();
     // A needle has the normal of the triangle beyond its longest side; needles may lie in rows.

@@ -116,9 +116,9 @@ pub(super) fn curved(
     // Middles are numbered as their edges come.
     let mut number: std::collections::HashMap<[u32; 2], u32> = std::collections::HashMap::new();
     for tet in tets {
-        let own = middles(*tet, &at, &moved);
+        let tet_middles = middles(*tet, &at, &moved);
         let mut corners = tet.to_vec();
-        for ([i, j], place) in EDGES.into_iter().zip(own) {
+        for ([i, j], place) in EDGES.into_iter().zip(tet_middles) {
             let edge = [tet[i].min(tet[j]), tet[i].max(tet[j])];
             corners.push(*number.entry(edge).or_insert_with(|| {
                 all.push(place);
@@ -157,13 +157,13 @@ fn relieve(
             around.entry(*n).or_default().push(*tet);
         }
     }
-    for (n, own) in around {
+    for (n, node_tets) in around {
         let start = nodes[n as usize].place;
         let away = start - solid.closest(start).point;
         // Half a depth more, and so on; the tets on its other side must stay good.
         for share in [0.25, 0.5, 0.75, 1.0, 1.5] {
             nodes[n as usize].place = start + away * share;
-            let is_good = own.iter().all(|t| {
+            let is_good = node_tets.iter().all(|t| {
                 quality(t.map(|n| nodes[n as usize].place)) > MIN_RELIEVED_QUALITY
                     && !folded(*t, nodes)
             });

@@ -122,8 +122,9 @@ impl<'a> TetMesh<'a> {
     /// The tets that have all these nodes.
     fn around_all(&self, nodes: &[u32]) -> Vec<u32> {
         let (first, rest) = (nodes[0], &nodes[1..]);
-        let own = self.around[first as usize].iter().copied();
-        own.filter(|&t| rest.iter().all(|n| self.tets[t as usize].contains(n)))
+        let node_tets = self.around[first as usize].iter().copied();
+        node_tets
+            .filter(|&t| rest.iter().all(|n| self.tets[t as usize].contains(n)))
             .collect()
     }
 
@@ -247,10 +248,10 @@ impl<'a> TetMesh<'a> {
     /// Whether a node has an outer face.
     fn is_on_outer_face(&self, n: u32) -> bool {
         self.around[n as usize].iter().any(|&t| {
-            let mut own = faces(self.tets[t as usize])
+            let mut node_faces = faces(self.tets[t as usize])
                 .into_iter()
                 .filter(|f| f.contains(&n));
-            own.any(|f| self.around_all(&f).len() == 1)
+            node_faces.any(|f| self.around_all(&f).len() == 1)
         })
     }
 
@@ -317,8 +318,8 @@ impl<'a> TetMesh<'a> {
                 let j = i + width;
                 best[i][j].0 = f64::NEG_INFINITY;
                 for k in i + 1..j {
-                    let own = self.least(&pair(i, k, j));
-                    let worst = own.min(best[i][k].0).min(best[k][j].0);
+                    let triangle_quality = self.least(&pair(i, k, j));
+                    let worst = triangle_quality.min(best[i][k].0).min(best[k][j].0);
                     if worst > best[i][j].0 {
                         best[i][j] = (worst, k);
                     }
@@ -410,11 +411,11 @@ impl<'a> TetMesh<'a> {
             return false;
         }
         let volume = |tets: &[[u32; 4]]| -> f64 {
-            let own = tets.iter().map(|t| {
+            let volumes = tets.iter().map(|t| {
                 let [a, b, c, d] = t.map(|n| self.place(n));
                 (b - a).cross(&(c - a)).dot(&(d - a))
             });
-            own.sum()
+            volumes.sum()
         };
         // The same space only if the outer faces at the node are plane, or there are none.
         let (before, after) = (volume(&corners), volume(&new));
@@ -433,11 +434,11 @@ impl<'a> TetMesh<'a> {
         }
         let mut moved = false;
         for _ in 0..4 {
-            let own: Vec<[u32; 4]> = self.around[n as usize]
+            let node_tets: Vec<[u32; 4]> = self.around[n as usize]
                 .iter()
                 .map(|&t| self.tets[t as usize])
                 .collect();
-            let worst = own
+            let worst = node_tets
                 .iter()
                 .map(|&t| (self.quality(t), t))
                 .min_by(|a, b| a.0.total_cmp(&b.0));
@@ -459,7 +460,7 @@ impl<'a> TetMesh<'a> {
             ];
             let found = steps.into_iter().any(|step| {
                 self.nodes[n as usize].place = self.held(start.site, x + step);
-                let is_better = self.least(&own) > before + MIN_GAIN;
+                let is_better = self.least(&node_tets) > before + MIN_GAIN;
                 if !is_better {
                     self.nodes[n as usize].place = x;
                 }

@@ -344,7 +344,7 @@ impl Collapsed {
             *b /= size[j] * size[k];
         }
         let (mut min, mut max) = domain;
-        let mut own = frustum(domain);
+        let mut cell_box = frustum(domain);
         for _ in 0..4 {
             // An interval Newton step in r and at once in xi, as in `cell_box.rs`.
             let (middle, radius) = ((min + max) / 2.0, (max - min) / 2.0);
@@ -384,24 +384,24 @@ impl Collapsed {
                 Vec3::new(a * h, b * h, middle.z / SQRT_2) + inverse * (target - x),
                 linear + excess,
             );
-            own = frustum(next).intersection(CellBox {
+            cell_box = frustum(next).intersection(CellBox {
                 min: centre - reach,
                 max: centre + reach,
             });
-            if (0..3).any(|a| next.0[a] > next.1[a]) || own.is_empty() {
+            if (0..3).any(|a| next.0[a] > next.1[a]) || cell_box.is_empty() {
                 return None;
             }
             let shrunk = (0..3).any(|a| next.1[a] - next.0[a] < 1.5 * radius[a]);
             (min, max) = next;
             let adds = |share: f64| (0..3).all(|a| excess[a] <= share * linear[a] + 1e-9);
             if adds(0.25) {
-                return Some(((min, max), own, true));
+                return Some(((min, max), cell_box, true));
             }
             if !shrunk {
-                return Some(((min, max), own, adds(0.5)));
+                return Some(((min, max), cell_box, adds(0.5)));
             }
         }
-        Some(((min, max), own, false))
+        Some(((min, max), cell_box, false))
     }
 }
 
