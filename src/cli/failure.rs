@@ -1,4 +1,7 @@
 //! Errors as the user sees them: one block on stderr, or one object with `--json`.
+//!
+//! Each kind of error of the library is converted here: its message, a hint that names flags and commands, its
+//! place in a file, and the exit status. Nothing else in the commands writes errors.
 
 use super::context::Session;
 use super::{excerpt, terminal};

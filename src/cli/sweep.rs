@@ -1,4 +1,7 @@
 //! `druse sweep RECIPE KEY=VALUES... -o TABLE.csv`: runs all combinations of values of a recipe's keys.
+//!
+//! Each combination is a recipe of its own and has a row, known by its hash. Rows that are complete are kept,
+//! so that an interrupted sweep goes on; rows with errors are run again.
 
 use super::context::Session;
 use super::failure::Failure;

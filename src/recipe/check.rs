@@ -1,4 +1,9 @@
 //! Rules between the keys and sections of a recipe.
+//!
+//! Rules of a single key are in its type, and are checked when it is read. The rules here compare keys: exactly
+//! one of several, none without another, names that exist. They read no file but the recipe; what depends on
+//! the contents of files is checked by the run. An error has the place of a key, what was found and what is
+//! expected.
 
 use super::error::{RecipeError, nearest};
 use super::op::Op;

@@ -1,4 +1,7 @@
 //! Building of a level set from leaves: blocks are filled on any thread, then attached, then signs are filled.
+//!
+//! Blocks of 128^3 voxels can be filled in any order; they are attached in the order of their origins, so that
+//! the tree is the same at any number of threads.
 
 use super::error::VdbError;
 use super::{LevelSet, Session, ffi};

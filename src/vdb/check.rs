@@ -1,4 +1,8 @@
 //! Check of the guarantees of a level set.
+//!
+//! A level set of this program has finite values, none beyond the background, inactive values at the
+//! background, and a sign that only changes within the band. The slope is measured as well, but not judged:
+//! |grad phi| = 1 fails at edges and mid-surfaces of any solid.
 
 use super::components::{Components, Side};
 use super::error::VdbError;

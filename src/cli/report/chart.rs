@@ -1,4 +1,6 @@
 //! Histograms and curves as inline SVG.
+//!
+//! Charts need no script and no other file. Numbers in them are those of the report.
 
 use crate::cli::html::{escaped, number};
 use serde_json::{Value, json};

@@ -1,4 +1,7 @@
 //! The body of a scaffold: the faces of its elements, with quality, groups and the fields of the file.
+//!
+//! Faces of curved elements are divided into smaller parts as far as the number of triangles allows; if all
+//! faces are too many, only outer ones are shown.
 
 use super::scene::{At, Body, Field, normal_bytes};
 use crate::frame::{CellPoint, Vec3};

@@ -1,4 +1,7 @@
 //! From a file to the scene of its page.
+//!
+//! Each kind of file has a scene: a level set, a mesh, a scaffold, a cell. Scenes hold few enough triangles for
+//! a browser; notes state what they leave out. Level sets are also kept for slices.
 
 use super::elements::Elements;
 use super::sampled::{Grid, Sampled};

@@ -1,4 +1,7 @@
 //! Errors of a run: those of its stages, and rules between its parts.
+//!
+//! An error names its place, what was found and what was expected. Hints on flags and commands are added by the
+//! command line.
 
 use crate::band::BandError;
 use crate::cell::{CellError, FitError, SkeletonError};

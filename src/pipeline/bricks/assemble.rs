@@ -1,4 +1,8 @@
 //! The finished solid on disk: the passes after the first, and parts of the solid in memory.
+//!
+//! After the first pass each brick has a leaf file. A pass rewrites the files of the bricks that it changes,
+//! from parts of the solid that reach one halo beyond the brick; the others keep their files. Only one part is
+//! in memory at a time.
 
 use super::halo::{Pass, PassKind, before_resampling};
 use super::solid::{Bricks, StoredSolid};

@@ -1,4 +1,8 @@
 //! Memory and disk space of a run in bricks.
+//!
+//! The memory is predicted from counts of leaves and voxels: the inputs, tables, one brick with its halo, and
+//! what the outputs hold. Margins are upwards. Disk space counts the leaf files of all passes, attributes and
+//! copies, and the outputs.
 
 use super::super::estimate::{Counts, rates, share_of_copies, solid_bytes};
 use super::halo::{coarser_copies, max_halo, needs_segments, passes, removal_halo, resamplings};

@@ -1,4 +1,8 @@
 //! Runs shared by several machines: a plan in a file, single bricks, and a merge.
+//!
+//! A plan fixes the bricks and everything that decides their values: recipe, inputs by their hashes, voxels,
+//! kind of arithmetic. Each machine checks it against what it finds and makes some bricks; the merge makes all
+//! later passes. Results equal those of a single machine to the bit.
 
 use super::budget::{Budget, DiskNeed, brick_bytes, check_disks, held_bytes};
 use super::directory::{Lock, clear, is_derived, make_directory, nearest_existing, size_of};

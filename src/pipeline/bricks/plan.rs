@@ -1,4 +1,7 @@
 //! The plan of a run in bricks: the bricks and everything that decides their values.
+//!
+//! The plan is written before any brick, and bricks that were made with another plan are not used: their files
+//! carry its hash.
 
 use super::super::estimate::Counts;
 use super::budget::{leaf_bytes, memory_bytes};

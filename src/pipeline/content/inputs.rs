@@ -1,4 +1,8 @@
 //! The inputs of a run, read once: meshes of its operations, its scaffold, its cells, its grids.
+//!
+//! Files are read in the order: solids of operations, standalone cells, the scaffold with its tiling, grids.
+//! All are read before the first stage, so that the stages agree on their contents. Offsets are chosen last,
+//! because they need the field.
 
 use super::fractions;
 use super::tiling::CellTiling;

@@ -1,4 +1,10 @@
 //! The tiling of a recipe's scaffold: its cells, their weights and their grading.
+//!
+//! A tiling is loaded in this order: cells by the shapes of the scaffold's elements, turns of the elements,
+//! tables of the cells, weights at the points of the interpolation, then the content: round beams, sheets of a
+//! given thickness, or fitted cells with a grading. Weights, gradings and thicknesses are values at points,
+//! cells side by side; points that no element uses do not count in ranges and warnings. The tiling gives a
+//! field for sampling; it does not sample.
 
 use super::grading::{
     Grade, grade_shifts, interpolated_shift, nearest_grade, node_scales, volume_mean,

@@ -1,4 +1,9 @@
 //! The update of a grading: a filter, a power of measure over target, bounds, and the target by bisection.
+//!
+//! With the measure m of an element and its target t, the volume fraction grows by (m / t)^p, at most by the
+//! factor `step`, within the bounds. m is first filtered over the neighbours by a cone, which keeps the grading
+//! free of alternating elements. The target is the limit, or the one that gives the requested mass, by
+//! bisection of its logarithm. One update is one step: it does not converge by itself.
 
 use super::{GradeRule, centres};
 use crate::frame::Vec3;

@@ -1,4 +1,8 @@
 //! The input files of a run: their frames, hashes, boxes and warnings.
+//!
+//! Every file that decides the solid is recorded with its hash and box, under the key that names it. A session
+//! of runs keeps what was read under a key of path, size and time; the records of kept inputs are repeated in
+//! each run.
 
 use super::crystals::Crystal;
 use super::lattice::LatticeSolid;

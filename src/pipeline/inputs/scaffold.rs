@@ -1,4 +1,9 @@
 //! Scaffolds of a recipe, from a file or a parametric shape.
+//!
+//! A scaffold is made in this order: source (a file in its pose, a parametric shape, a filled mesh, the shell
+//! of a crystal), then without inverted elements, then divided and repeated as the section requests. It is
+//! validated once: folded and overlapping elements are refused, other defects become warnings. Numbers of
+//! elements and nodes are those of the file, also after a division.
 
 use super::input_files::InputFiles;
 use super::motion::{FileNodes, NodeMotion, NumberedScaffold, Pose, deformed, node_motion};

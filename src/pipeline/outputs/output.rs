@@ -1,4 +1,7 @@
 //! The output files of a run. Each is written completely under its name, or not at all.
+//!
+//! One function for each kind of file; runs in memory and in bricks share the parts that do not depend on where
+//! the solid is: names of grids, tags, entries of the report.
 
 use super::attributes::Attributes;
 use crate::frame::{Aabb, LengthUnit, Transform};

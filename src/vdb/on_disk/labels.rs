@@ -1,4 +1,8 @@
 //! Labelling of one block: its connected components and their voxels on the faces of the block.
+//!
+//! A block has 16^3 slots of 8^3 voxels. A slot without a leaf is full or empty; a leaf is divided into its
+//! connected parts. Parts and full slots are united over common faces, and the labels count from 0 within the
+//! block. Blocks are joined elsewhere by the voxels of each label on their faces.
 
 use super::super::components::{ComponentStats, Part, Side};
 use super::super::leaves::LeafView;
