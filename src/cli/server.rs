@@ -274,8 +274,7 @@ fn converse(mut stream: TcpStream, guard: &Guard, requests: &SyncSender<Waiting>
             return;
         }
     };
-    // The thread of the page makes the answer; `sent` reports that it is on its way, so that the program
-    // may end.
+    // The thread of the page makes the answer; `sent` reports that it is written, so that the program may end.
     let ((answer, answered), (sent, receipt)) = (sync_channel(1), channel());
     let waiting = Waiting {
         request,
