@@ -80,6 +80,7 @@ fn connectivity(offsets: &[i64], nodes: &[i64], types: &[u8]) -> Result<Connecti
 
 #[pymethods]
 impl Scaffold {
+    /// A scaffold from nodes [n, 3], and elements by offsets, node numbers and VTK types.
     #[new]
     fn new(
         py: Python<'_>,

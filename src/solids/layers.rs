@@ -136,6 +136,8 @@ struct Analysis<'a> {
 }
 
 impl<'a> Analysis<'a> {
+    /// The state before the first layer. `step` is the horizontal step that the overhang angle admits per layer,
+    /// `lookback` the layers over which it is at least a pixel.
     fn new(request: &BuildRequest, voxel_size: f64, frame: &'a Frame) -> Self {
         let step = frame.layer_height * request.overhang_angle.to_radians().tan();
         let lookback = (1.0 / step).ceil().max(1.0) as usize;

@@ -159,6 +159,7 @@ impl Plan {
         }
     }
 
+    /// Samples a lattice of pixels, in strips that are skipped where the field has one sign.
     fn fill(&self, field: &WorldField, origin: Vec3, counts: [usize; 3], out: &mut [f32]) {
         const STRIP_WIDTH: usize = 16;
         let slow = (0..3).find(|&a| counts[a] > 1).unwrap_or(0);

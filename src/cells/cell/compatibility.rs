@@ -154,6 +154,7 @@ fn unfitting(element: Element, what: &'static str, found: String, expected: Stri
     }
 }
 
+/// Checks that a group keeps the element.
 fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), CellError> {
     // The ball requires the full group: its series are summed as even in x, y and z.
     let whole = element != Element::Ball || operators.len() == element.symmetry_order();

@@ -172,6 +172,7 @@ impl Expression {
         Self::extreme(parts, radius, Node::Greatest)
     }
 
+    /// A rounded minimum or maximum of the parts; that of one part is the part.
     fn extreme(
         mut parts: Vec<Self>,
         radius: f64,

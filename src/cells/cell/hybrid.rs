@@ -45,6 +45,7 @@ impl Cell {
         Expression::sum(vec![(gamma.recip(), self.solid_expression())])
     }
 
+    /// The element that all cells share.
     fn check_one_element(cells: &[&Self]) -> Result<super::Element, CellError> {
         let Some(first) = cells.first() else {
             return Err(CellError::Expression(

@@ -92,6 +92,7 @@ impl Field for Icosahedral {
 }
 
 impl Products {
+    /// The products of a series of the ball.
     fn new(series: &Series<6>) -> Self {
         // The mirrors make the sum even along each axis: sines cancel, and a wave with frequency f becomes a
         // product of the cosines of |f_x|, |f_y|, |f_z|.
@@ -160,6 +161,7 @@ impl Products {
         sum
     }
 
+    /// Value and gradient at a point.
     fn value_and_gradient(&self, p: Vec3) -> (f64, Vec3) {
         // Cosines and their derivatives.
         let tables = |x: f64| -> (Vec<f64>, Vec<f64>) {

@@ -318,6 +318,7 @@ impl Cell {
         self.level_for_fraction(fraction, Some(density))
     }
 
+    /// The level at which the share `fraction` of the element is solid, or with a density, of its weighted volume.
     fn level_for_fraction(
         &self,
         fraction: f64,

@@ -159,6 +159,7 @@ struct Frame {
 }
 
 impl Frame {
+    /// The grid over the box that the environment needs.
     fn new(element: Element, environment: Environment) -> Result<Self, FitError> {
         if element.dimension() == 2 {
             return Err(FitError::NoExtension {

@@ -69,6 +69,7 @@ impl Solid {
         Some(Fold { sign, half })
     }
 
+    /// Checks the range of a level.
     pub(super) fn check(self, level: f64) -> Result<(), CellError> {
         let positive = !self.is_symmetric() || level > 0.0;
         if is_in_range(level) && positive {

@@ -111,6 +111,8 @@ impl Table {
         Ok(Self::build(cell, expression, leaves))
     }
 
+    /// Builds the table of a cell from the spectra of its series, each on its grid; bounds of the expression follow
+    /// from those of the series.
     fn build(cell: &Cell, expression: Expression, leaves: Vec<(Spectrum, Grid)>) -> Self {
         let any_numbering = cell.fits_any_numbering();
         let element = cell.element();

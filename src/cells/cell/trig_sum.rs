@@ -11,6 +11,7 @@ pub(super) struct Phasors {
 }
 
 impl Phasors {
+    /// The powers at the coordinate `u` up to `bound`.
     pub fn new(u: f64, bound: i32) -> Self {
         let n = bound as usize;
         let (mut re, mut im) = (vec![1.0; 2 * n + 1], vec![0.0; 2 * n + 1]);

@@ -132,6 +132,7 @@ impl<'a> Parser<'a> {
         node
     }
 
+    /// Reads a chain of operators of one level of precedence; higher levels bind more tightly.
     fn operators(&mut self, level: usize) -> Parsed<Node> {
         let Some(signs) = LEVELS.get(level) else {
             return self.power();

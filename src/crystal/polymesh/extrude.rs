@@ -151,6 +151,7 @@ impl Extrusion {
         }
     }
 
+    /// Checks the angle, the tiers and the number of iterations.
     fn validate(&self) -> Result<(), ExtrudeError> {
         if let Dihedral::Degrees(degrees) = self.dihedral
             && !(degrees > 0.0 && degrees < 180.0)
@@ -333,6 +334,7 @@ pub(super) struct Diagnostics {
 }
 
 impl Diagnostics {
+    /// Adds a note for each irregularity of the extrusion of `sources` faces, once each.
     fn report(&self, extrusion: &Extrusion, sources: usize, notes: &mut Vec<String>) {
         let mut note = |text: String| {
             if !notes.contains(&text) {

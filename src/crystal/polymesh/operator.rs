@@ -104,6 +104,8 @@ struct Rule {
 }
 
 impl Rule {
+    /// The constants of an operator for the dihedral angle `delta` in radians and polygons q of `m` corners; the file
+    /// head has the formulas.
     fn new(operator: Operator, kind: Kind, delta: f64, m: usize) -> Result<Self, String> {
         let p = PI / kind.corners() as f64;
         let half = (delta / 2.0).sin();

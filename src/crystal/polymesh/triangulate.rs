@@ -59,6 +59,7 @@ enum Cut {
     About(Vec3),
 }
 
+/// How a face with these corners is triangulated; the file head lists the cases.
 fn cut(points: &[Vec3]) -> Cut {
     let n = points.len();
     let fan = || (1..n - 1).map(|k| [0, k, k + 1]).collect();

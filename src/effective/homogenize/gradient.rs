@@ -60,6 +60,7 @@ struct Basis {
 }
 
 impl Basis {
+    /// The functions of a series; planar series are constant along z.
     fn new<const D: usize>(series: &Series<D>) -> Self {
         let mut orbits = Vec::new();
         let mut parameters = Vec::new();
@@ -184,6 +185,8 @@ fn add(sum: &mut [f64; OUTPUT_COUNT], factor: f64, own: &[f64; OUTPUT_COUNT]) {
     }
 }
 
+/// Derivatives by one parameter, from the sums of all outputs times `scale`. `k` is the index of its coefficient,
+/// `part` its part, `value` its value.
 fn derivatives(
     k: Option<Vec<i32>>,
     part: &'static str,

@@ -392,6 +392,7 @@ impl<const K: usize> Default for Unique<K> {
 }
 
 impl<const K: usize> Unique<K> {
+    /// Adds a part, and its images in neighbouring periods that reach into this one.
     fn add(&mut self, corners: &[Vec3; K], radius: f64) {
         let cube = Aabb::of([Vec3::repeat(-0.5), Vec3::repeat(0.5)]);
         let reach = cube.dilated(radius + GROWTH);

@@ -315,6 +315,7 @@ fn is_cubic(grid: Grid, shares: &[f64]) -> bool {
     })
 }
 
+/// Bulk modulus, shear modulus and conductivity over their upper bounds.
 fn over_bounds(found: &Properties, planar: bool) -> BoundDistances {
     let over = |value: f64, bounds: [f64; 2]| (bounds[1] > 0.0).then(|| value / bounds[1]);
     let mut all = BoundDistances {

@@ -262,6 +262,8 @@ pub(super) struct Frequencies {
 }
 
 impl Frequencies {
+    /// The frequencies of the rotated scheme: `own` is 2 sin(pi k / N) / h along an axis, `others` the means cos(pi k
+    /// / N) over the two other axes.
     fn rotated(grid: Grid) -> Self {
         let (counts, spacing) = (grid.counts(), grid.spacing());
         let angle = |a: usize, k: usize| std::f64::consts::PI * k as f64 / counts[a] as f64;

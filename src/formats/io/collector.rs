@@ -298,6 +298,7 @@ impl<'a> Collector<'a> {
         Ok(all)
     }
 
+    /// An error of the elements in the numbers of the file.
     fn scaffold_error(&self, error: &ScaffoldError, node_places: &[usize]) -> ReadError {
         let bad = |place, found: String, expected: &str| {
             ReadError::data(self.path, place, found, expected)
@@ -331,6 +332,7 @@ enum NodeIndex {
 }
 
 impl NodeIndex {
+    /// Places of nodes by their number. Consecutive numbers need no table.
     fn new(path: &Path, numbers: &[u64]) -> Result<Self, ReadError> {
         let first = numbers.first().copied().unwrap_or(0);
         if numbers

@@ -165,6 +165,7 @@ impl Reader {
         self.format(code)
     }
 
+    /// Reads the block of nodes: number and place of each.
     fn nodes(&mut self) -> Result<Vec<(u64, Vec3)>, ReadError> {
         self.format_of_block()?;
         let mut all = Vec::new();

@@ -171,6 +171,7 @@ impl Deck<'_> {
         Ok(source)
     }
 
+    /// Reads a file line by line; `depth` is the number of files that include it.
     fn file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
         let mut source = self.open(path, depth)?;
         let mut keyword_line = String::new();
@@ -279,6 +280,7 @@ impl Deck<'_> {
         Ok(())
     }
 
+    /// Reads a data line by the section that it stands in.
     fn data(&mut self, line: &str, source: &Source) -> Result<(), ReadError> {
         // The section is restored below; an error ends the reading.
         let section = std::mem::replace(&mut self.section, Section::Ignored);

@@ -102,6 +102,7 @@ impl File<'_> {
         Ok(true)
     }
 
+    /// Reads the vertices.
     fn vertices(&mut self) -> Result<(), ReadError> {
         let Some(dimension) = self.dimension else {
             return Err(self
@@ -124,6 +125,7 @@ impl File<'_> {
         Ok(())
     }
 
+    /// Reads the elements of the section `name`.
     fn elements(&mut self, name: &str, kind: Kind) -> Result<(), ReadError> {
         let mut nodes = [0; 27];
         let own = &mut nodes[..kind.node_count()];

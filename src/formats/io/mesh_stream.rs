@@ -175,6 +175,8 @@ fn spool_error(path: &Path, written: u64, error: io::Error) -> WriteError {
 }
 
 impl Spool {
+    /// A spool in the directory of the output, for faces of at most `corners` corners and vertices with the
+    /// attributes `names`.
     fn create(path: &Path, corners: usize, names: Vec<String>) -> Result<Self, WriteError> {
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
         let directory = parent.unwrap_or(Path::new("."));
@@ -200,6 +202,7 @@ impl Spool {
             + 4 * self.corners as u64 * self.counts[1]
     }
 
+    /// Appends a part to the spool.
     fn add(&mut self, part: MeshPart) -> io::Result<()> {
         let width = self.names.len();
         for (n, v) in part.vertices[..part.owned].iter().enumerate() {

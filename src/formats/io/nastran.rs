@@ -83,6 +83,7 @@ impl<'a> Deck<'a> {
         }
     }
 
+    /// Reads a file card by card; `depth` is the number of files that include it.
     fn file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
         let mut cards = Cards::open(path)?;
         let mut card = Card::default();
@@ -163,6 +164,7 @@ impl<'a> Deck<'a> {
         Ok(())
     }
 
+    /// Adds a grid point; the same point may be listed again.
     fn grid(&mut self, card: &Card) -> Result<(), ReadError> {
         card.check()?;
         let number = card.needed(0, "a grid point's number")?;

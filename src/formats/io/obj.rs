@@ -193,6 +193,7 @@ fn color(text: &[u8]) -> Option<String> {
     Some(color_word(mtl::rounded([r, g, b])))
 }
 
+/// Reads a vertex, perhaps with a colour.
 fn vertex<'a>(
     source: &Source,
     words: impl Iterator<Item = &'a [u8]>,

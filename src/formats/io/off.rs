@@ -105,6 +105,7 @@ fn keyword(word: &[u8]) -> Option<Result<(), &'static str>> {
     }
 }
 
+/// Reads a file: the keyword, the counts, then the content.
 pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
     let mut lines = Lines {
         source,
@@ -159,6 +160,7 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
     content(lines, vertices, faces)
 }
 
+/// Reads vertices and faces of these numbers.
 fn content(mut lines: Lines, vertices: u64, faces: u64) -> Result<Soup, ReadError> {
     let mut soup = Soup::default();
     // Three digits with a separator each; a face needs at least two.

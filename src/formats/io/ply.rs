@@ -23,6 +23,7 @@ pub(super) fn is_cloud(mut source: Source) -> Result<bool, ReadError> {
     Ok(!header.has_faces())
 }
 
+/// Reads a point cloud with normals.
 pub(super) fn read_points(mut source: Source) -> Result<PointFile, ReadError> {
     let header = header(&mut source)?;
     for (axis, name) in ["nx", "ny", "nz"].into_iter().enumerate() {

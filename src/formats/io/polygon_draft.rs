@@ -73,6 +73,7 @@ impl Draft {
             .collect();
     }
 
+    /// Builds the mesh: welds vertices, drops those without a face and closes holes, as the options request.
     pub(super) fn finish(
         mut self,
         path: &Path,

@@ -108,6 +108,7 @@ impl File<'_> {
         Ok(at)
     }
 
+    /// Reads a dataset by its number, up to its end.
     fn dataset(&mut self) -> Result<(), ReadError> {
         let line = self.needed("the number of a dataset")?;
         let code = line.split_whitespace().next().unwrap_or("");
@@ -297,6 +298,7 @@ impl File<'_> {
         Ok(())
     }
 
+    /// Adds the groups, or without any one per physical property, and builds the elements.
     fn finish(mut self) -> Result<ElementFile, ReadError> {
         if self.groups.iter().all(|(_, members)| members.is_empty()) {
             let mut by_property: HashMap<u64, Vec<u32>> = HashMap::new();

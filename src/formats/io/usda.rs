@@ -189,6 +189,7 @@ impl Prim {
 }
 
 impl Geometry {
+    /// Collects the meshes of a layer, at a time code if there is one.
     fn of(layer: &Layer, time: Option<f64>) -> Result<Self, ReadError> {
         let mut all = Self {
             solids: Vec::new(),
@@ -390,6 +391,7 @@ impl Part {
         Ok(part)
     }
 
+    /// Adds a subset as a group, if its members are elements of the type.
     fn add_group(&mut self, subset: &Prim, element_type: &str) -> Result<(), Fault> {
         if subset
             .word("elementType", None)

@@ -32,6 +32,8 @@ pub(super) struct VoidGraph {
 const OUTSIDE: u32 = 0;
 
 impl VoidGraph {
+    /// Builds the graph batch by batch: basins of each cell that needs them, then the meetings over the faces to the
+    /// cells before.
     pub fn new<S: LeafSource>(
         source: &S,
         measure: Measure,

@@ -116,6 +116,7 @@ impl BlockVoid {
     }
 }
 
+/// The distances of the void in a block, up to `reach` voxels.
 fn distances(samples: &Samples, reach: usize) -> BlockDistances {
     let mut found = BlockDistances {
         reach: reach as f32,

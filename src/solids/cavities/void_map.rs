@@ -92,6 +92,7 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
         })
     }
 
+    /// The void of a block from the signs of its voxels.
     fn by_sign(&self, block: Coord) -> Result<BlockVoxels, S::Error> {
         let region = Region::cube(block, BLOCK);
         let mut leaves = vec![ALL; SLOTS.pow(3) as usize];
@@ -110,6 +111,7 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
         })
     }
 
+    /// The void of a block that is at least the clearance away from the solid.
     fn by_distance(&self, block: Coord) -> Result<BlockVoxels, S::Error> {
         let found = match BlockVoid::of(self.source, block, self.measure)? {
             BlockVoid::Solid => return Ok(BlockVoxels::Uniform(false)),

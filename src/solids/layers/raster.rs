@@ -212,6 +212,8 @@ impl Components {
         Self::of(raster, false)
     }
 
+    /// Runs of each row are joined with those that they touch in the row above; areas add the shares of pixels at the
+    /// outline.
     fn of(raster: &Raster, is_set: bool) -> Self {
         let mut spans: Vec<[u32; 2]> = Vec::new();
         let mut rows = vec![0];

@@ -153,6 +153,7 @@ impl Reader<'_> {
         Ok(function)
     }
 
+    /// The series of an entry in dimension `D`; errors have the line of their key.
     fn series_of<const D: usize>(&self, entry: &SeriesEntry) -> Result<Series<D>, CellTextError> {
         let vectors: Option<Vec<[f64; D]>> = entry
             .lattice

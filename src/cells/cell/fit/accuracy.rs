@@ -182,6 +182,7 @@ fn crossings(
         .collect()
 }
 
+/// Points of the surface in a flag: one on each edge of the grid of `parts` parts whose ends have different signs.
 fn flag_crossings(
     flag: &Flag,
     parts: usize,

@@ -64,6 +64,7 @@ impl Job<'_> {
         }
     }
 
+    /// Fits in dimension `D` of the lattice: basis, constraint, samples, coefficients, then the accuracy of the cell.
     fn run_in<const D: usize>(&self, name: &str) -> Result<Cell, FitError>
     where
         Expression: From<Series<D>>,
@@ -226,6 +227,7 @@ impl Job<'_> {
         Ok((quadrature_points, values, quality))
     }
 
+    /// Fits by weighted least squares over the element (section 4.3), dense or on a grid.
     fn least_squares<const D: usize>(
         &self,
         basis: &Basis<D>,
@@ -294,6 +296,7 @@ impl Job<'_> {
         Ok(real)
     }
 
+    /// Fits by the transform of a whole period (section 3), followed by filter, truncation and the constraint.
     fn transform<const D: usize>(
         &self,
         basis: &Basis<D>,

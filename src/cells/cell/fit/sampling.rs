@@ -45,6 +45,7 @@ struct Moments {
 }
 
 impl Images<'_> {
+    /// The values of the source at the images of a point, and their combination.
     fn moments(&self, p: CellPoint<3>) -> Moments {
         let n = self.operators.len() as f64;
         let values: Vec<f64> = self

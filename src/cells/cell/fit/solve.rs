@@ -37,6 +37,7 @@ struct DesignMatrix<const D: usize> {
 }
 
 impl<const D: usize> DesignMatrix<D> {
+    /// The waves of a basis in lexicographic order, with the columns and factors of their functions.
     fn new(basis: &Basis<D>) -> Self {
         let mut waves = Vec::new();
         let mut factors = Vec::with_capacity(basis.len());

@@ -238,6 +238,7 @@ impl Skeleton {
     }
 }
 
+/// Checks the corners and the radius of part `number`.
 fn check_part(
     part: &'static str,
     number: usize,

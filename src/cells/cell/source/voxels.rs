@@ -157,6 +157,7 @@ impl Grid {
         self.values[(i * self.counts[1] + j) * self.counts[2] + k]
     }
 
+    /// The trilinear interpolant at a point of the unit cube.
     fn value(&self, p: Vec3) -> f64 {
         // Per axis: the two samples around the point, and the interpolation weight of the second.
         let around: [(usize, usize, f64); 3] = std::array::from_fn(|a| {

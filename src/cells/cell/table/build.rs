@@ -62,6 +62,7 @@ impl Spectrum {
         }
     }
 
+    /// A function without a period, sampled over the box around the ball; it is even along every axis.
     fn sampled(products: &Arc<Products>) -> Self {
         let index = (products.max_frequency() * window::WINDOW_EDGE).ceil() as i32;
         Self {
@@ -80,6 +81,7 @@ impl Spectrum {
         }
     }
 
+    /// The spectrum of a series on the box of its periods, with the symmetries that its grid keeps.
     fn of<const D: usize>(series: &Series<D>) -> Result<Self, CellError> {
         let lattice = series.lattice();
         let own = lattice.periods().ok_or_else(|| CellError::NoTable {

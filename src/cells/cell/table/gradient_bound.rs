@@ -282,6 +282,8 @@ impl SubBox {
         }
     }
 
+    /// The box with these Bernstein coefficients; `per_unit` boxes lie along a unit of length. Without points near
+    /// the surface its bound is 0.
     fn new(
         coefficients: Box<Cubic>,
         per_unit: [f64; 3],

@@ -23,6 +23,7 @@ pub(super) fn triangulate(old: &Old, _: &[f64]) -> RuleResult {
     stellated(old, |n| n > 3, 0.0)
 }
 
+/// A pyramid of a height, in mean edges of the face, on every face whose number of corners `which` selects.
 fn stellated(old: &Old, which: fn(usize) -> bool, height: f64) -> RuleResult {
     let mut s = MeshBuilder::with_old_vertices(old);
     for f in 0..old.faces() {

@@ -235,6 +235,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         }
     }
 
+    /// The numbers of a list in brackets.
     pub fn list_of(&self, word: &Word) -> Result<Vec<f64>, ScriptError> {
         let inner = word
             .text

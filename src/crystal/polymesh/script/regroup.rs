@@ -34,6 +34,7 @@ pub(super) fn assign(a: &mut Arguments, interpreter: &Interpreter) -> StepResult
     ))
 }
 
+/// The step `merge`: several groups become the first of them.
 pub(super) fn merge(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let mut ids = Vec::new();
@@ -117,6 +118,7 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Step
     ))
 }
 
+/// The step `symmetrize`: groups of faces from the orbits of the mesh's symmetries.
 pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let rotations = a.flag("rotations")?;
     let group = a.positional();

@@ -100,6 +100,7 @@ fn solid(a: &mut Arguments, name: &str) -> StepResult {
         .ok_or_else(|| a.fault("the edge is too long for finite coordinates"))
 }
 
+/// The steps `polygon`, `prism`, `antiprism` and `pyramid` over a regular polygon.
 fn ngon(a: &mut Arguments) -> StepResult {
     let kind = a.statement.verb.as_str();
     let n = a.count("n")?.unwrap_or(match kind {
@@ -190,6 +191,7 @@ fn form(a: &mut Arguments) -> StepResult {
     crystal(form).map_err(|e| fault(a, e))
 }
 
+/// The crystal of a form, with a note on each plane that leaves no face.
 fn crystal(form: Form) -> Result<Outcome, crate::polymesh::form::FormError> {
     let mut outcome = Outcome::mesh(form.mesh()?);
     let groups = outcome.model.mesh.as_ref().map(|m| m.group_counts());
@@ -224,6 +226,7 @@ fn file(word: &Word) -> &Path {
     Path::new(word.text.trim_matches('"'))
 }
 
+/// The step `load`: a mesh from a file.
 fn load(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let word = a.required("a file")?;
     let group_by = match a.value("group_by")? {
@@ -387,6 +390,7 @@ fn remesh(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
         .map_err(|e| a.fault(e.to_string()))
 }
 
+/// The step `subdivide`: the chosen faces become quads or triangles.
 fn subdivide(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let chosen = a.faces()?;
     let into = match a.value("into")?.as_ref().map(|w| w.text.as_str()) {

@@ -111,6 +111,7 @@ impl Collector<'_> {
         Ok(duplicates)
     }
 
+    /// The error for two elements with equal corners and different nodes between them.
     fn conflicting_elements(
         &self,
         pair: [u32; 2],

@@ -207,6 +207,8 @@ impl Assembly {
         Ok(models)
     }
 
+    /// Passes the sets of all models and of the assembly to the collector as groups; the file head has the rule for
+    /// their names.
     fn groups(
         &self,
         path: &Path,

@@ -101,6 +101,7 @@ impl Deck<'_> {
         })
     }
 
+    /// Begins a node set.
     fn begin_nset(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         // Only generating keywords use node sets, and they occur in parts.
         if k.has("INSTANCE") {
@@ -121,6 +122,7 @@ impl Deck<'_> {
         Ok(Section::Nset { name, generate })
     }
 
+    /// Begins or ends a part, an instance or the assembly.
     fn begin_scope(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         self.system = None;
         let mut section = Section::Ignored;

@@ -36,6 +36,7 @@ pub(super) fn fields(line: &str) -> Vec<&str> {
 }
 
 impl Keyword {
+    /// A keyword with its parameters, from a line that begins with "*". Commas in quotes do not separate.
     pub fn parse(line: &str) -> Self {
         let mut quoted = false;
         let mut parts = line.split(|c| {

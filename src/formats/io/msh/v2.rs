@@ -67,6 +67,7 @@ pub(super) fn elements_of_version_1(file: &mut File) -> Result<(), ReadError> {
     Ok(())
 }
 
+/// Reads the elements of version 2.
 pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of elements")?;
     file.numbers();

@@ -26,6 +26,7 @@ pub(super) fn entities(file: &mut File) -> Result<(), ReadError> {
     Ok(())
 }
 
+/// Reads the entities of a partitioned mesh; ghost entities do not affect the shape.
 pub(super) fn partitioned_entities(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
     file.tokens.size("the number of partitions")?;
@@ -199,6 +200,7 @@ pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     Ok(())
 }
 
+/// Reads `count` elements of the type `code`, which belong to `groups`.
 fn block_elements(file: &mut File, code: u64, count: u64, groups: &[i64]) -> Result<(), ReadError> {
     for _ in 0..count {
         let number = item_number(file, "an element number")?;

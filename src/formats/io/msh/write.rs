@@ -30,6 +30,7 @@ pub fn write_msh(path: impl AsRef<Path>, scaffold: &Scaffold) -> Result<u64, Wri
     file.commit()
 }
 
+/// Writes tets of first or second order in version 2.2.
 fn write(file: &mut impl Write, scaffold: &Scaffold) -> std::io::Result<()> {
     writeln!(
         file,

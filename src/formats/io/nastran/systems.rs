@@ -99,6 +99,7 @@ impl Systems {
         }
     }
 
+    /// Adds the definition of a coordinate system; the same one may be listed again.
     fn define(
         &mut self,
         card: &Card,

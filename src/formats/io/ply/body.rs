@@ -23,6 +23,7 @@ pub(super) struct Content {
     pub trailing_bytes: u64,
 }
 
+/// Reads all elements of the file: points, normals and faces; other elements and properties are skipped.
 pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, ReadError> {
     let format = header.format;
     let (mut points, mut normals) = (Vec::new(), Vec::new());

@@ -137,6 +137,7 @@ pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
     })
 }
 
+/// A property from its words after "property", in the element `layer`.
 fn property(words: &[&str], layer: &str) -> Option<Property> {
     let (length, kind, name) = match *words {
         ["list", length, kind, name] => (

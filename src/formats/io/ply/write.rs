@@ -5,6 +5,7 @@ use druse_geometry::frame::LengthUnit;
 use std::io;
 use std::io::Write;
 
+/// The header of a mesh.
 fn head(rows: &dyn Rows, unit: LengthUnit) -> String {
     let [vertices, faces] = rows.counts();
     // Most readers expect `int`; only huge meshes need `uint`.

@@ -189,6 +189,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         })
     }
 
+    /// The value of the first attribute whose name matches.
     fn attribute_where<'e>(
         &self,
         e: &'e BytesStart,
@@ -270,6 +271,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         })
     }
 
+    /// The attribute `transform`: three images of the axes and a shift, as rows.
     fn placement(&self, e: &BytesStart) -> Result<Placement, ReadError> {
         let Some(text) = self.attribute(e, "transform")? else {
             return Ok(IDENTITY_PLACEMENT);
@@ -379,6 +381,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         }
     }
 
+    /// Reads the unit of the model, and refuses extensions that it requires and that are not supported.
     fn start_model(&mut self, e: &BytesStart) -> Result<(), ReadError> {
         if let Some(unit) = self.attribute(e, "unit")? {
             self.model.states_unit = true;

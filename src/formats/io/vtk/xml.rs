@@ -106,6 +106,7 @@ struct Document<'a> {
 }
 
 impl<'a> Document<'a> {
+    /// Reads the document event by event.
     fn parse(&mut self) -> Result<(), ReadError> {
         let mut reader = Reader::from_reader(self.text);
         reader.config_mut().check_end_names = true;
@@ -162,6 +163,7 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
+    /// Begins the element `name` at `byte` inside the `open` ones; a new piece or array goes to `piece` or `array`.
     fn start(
         &mut self,
         name: &str,
@@ -229,6 +231,8 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
+    /// Ends the element `name` inside the `open` ones: an array is decoded into its piece, a piece is added to the
+    /// file.
     fn end(
         &mut self,
         name: &str,

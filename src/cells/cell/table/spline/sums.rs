@@ -214,6 +214,7 @@ impl Spline {
         }
     }
 
+    /// Values, N groups of points at a time.
     #[inline(always)]
     fn values_batched<L: Lanes, const N: usize>(
         &self,
@@ -263,6 +264,7 @@ impl Spline {
         }
     }
 
+    /// Values and gradients, N groups of points at a time.
     #[inline(always)]
     fn samples_batched<L: Lanes, const N: usize>(
         &self,

@@ -44,6 +44,7 @@ impl<R: BufRead> Parser<'_, R> {
         Ok(object.lattice.get_or_insert_default())
     }
 
+    /// Begins an element of the beam lattice extension, `local` its name; returns whether its content is read.
     pub(super) fn start_beams(&mut self, e: &BytesStart, local: &[u8]) -> Result<bool, ReadError> {
         match local {
             b"beamlattice" => {
@@ -127,6 +128,7 @@ impl<R: BufRead> Parser<'_, R> {
         found.ok_or_else(|| self.bad(format!("ballmode={}", quote(&text)), "none, mixed, all"))
     }
 
+    /// The radius of the balls of a lattice, if it states one.
     fn ball_radius(&self, e: &BytesStart) -> Result<Option<f64>, ReadError> {
         let Some(text) = self.attribute_in(e, Space::Beams, "ballradius")? else {
             return Ok(None);

@@ -153,6 +153,7 @@ impl Format {
             .map_err(|_| "a header beyond all sizes".into())
     }
 
+    /// The bytes of an array from its stored form, within the allowance for unpacked sizes.
     fn unpack(self, data: &[u8], allowance: &Allowance) -> Result<Vec<u8>, Damage> {
         let head = self.header.size();
         if data.is_empty() {
