@@ -217,6 +217,7 @@ pub(super) fn symmetry_of(
             let expected = lattices(element).join(" or ");
             return Err(unfitting(element, "lattice", leaf.lattice_text(), expected));
         }
+        // The common operators of all series so far, with the name of the series whose group they are.
         found = Some(match found.take() {
             None => (leaf.group_name().to_owned(), operators),
             Some((name, mut common)) => {

@@ -254,6 +254,7 @@ fn fit_with(
     let Some(tolerance) = options.tolerance else {
         return job(options);
     };
+    // With a tolerance the band grows from a low limit until the measured distance is within it.
     let max_band_limit = options.band_limit;
     let mut trial = FitOptions {
         band_limit: INITIAL_BAND_LIMIT.min(max_band_limit),

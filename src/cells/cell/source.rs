@@ -226,6 +226,7 @@ impl Source {
             placement,
         )?;
         source.points = placed;
+        // Points outside the element do not belong to its cell; the report has their share.
         source
             .points
             .retain(|p| element.face_distance(CellPoint(*p)) <= 0.0);

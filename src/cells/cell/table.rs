@@ -117,6 +117,8 @@ impl Table {
         let any_numbering = cell.fits_any_numbering();
         let element = cell.element();
         let dropped = leaves.iter().map(|(s, _)| s.omitted.count).sum();
+        // Closures are called once per series, in the order of the leaves: an iterator gives each its own
+        // spline.
         let mut remaining = leaves.iter();
         let [error_rms, ..] = expression.error_bound_with(&mut |_| {
             let square = remaining
@@ -124,6 +126,8 @@ impl Table {
                 .map_or(0.0, |(s, g)| s.error_square(g, f64::INFINITY));
             [square.sqrt(), 0.0, 0.0]
         });
+        // A sheet |Phi| - half and channels half - |Phi| are folded after interpolation; other solids have
+        // their level in the series.
         let half_thickness = if cell.solid().is_symmetric() {
             cell.level() as f32
         } else {
@@ -150,6 +154,7 @@ impl Table {
                 .map_or([f64::INFINITY; 3], SplineSeries::errors)
         });
         let mut remaining = leaves.iter();
+        // The bound of the gradient from ranges and slopes of the series over the element.
         let bounding_box = element.cell_box();
         let (_, gradient_sup) = expression.bound_with(&mut |_| {
             remaining
@@ -162,6 +167,8 @@ impl Table {
                 })
         });
         let products = Products::of(cell, &expression);
+        // One series without further nodes is evaluated without the tree, and has bounds near its surface
+        // too.
         let (function, gradient_bounds) =
             if leaves.len() == 1 && leaves[0].is_single_spline() && expression.nodes() == 1 {
                 let leaf = leaves.swap_remove(0);

@@ -82,6 +82,7 @@ impl Products {
         if series.lattice().periods()? != [1.0; 3] {
             return None;
         }
+        // Indices are harmonics here: period 1 along each axis. Waves that are none have no product form.
         let mut sums = BTreeMap::<[usize; 3], f64>::new();
         let mut harmonics = 0;
         for &(k, [re, im]) in series.exponentials() {
@@ -116,6 +117,7 @@ impl Products {
                 *sums.entry(functions).or_default() += sign * part;
             }
         }
+        // Terms that cancel leave rounding; the sign makes the solid negative.
         let solid = cell.solid();
         let sign = if solid == Solid::Above { -1.0 } else { 1.0 };
         let largest = sums.values().fold(0f64, |m, c| m.max(c.abs()));
@@ -134,6 +136,7 @@ impl Products {
                 }
             })
             .collect();
+        // Terms with the same function along z are neighbours: a row along z multiplies by it once.
         terms.sort_by_key(|p| p.functions[2]);
         let along_z = terms
             .chunk_by(|p, q| p.functions[2] == q.functions[2])

@@ -230,6 +230,7 @@ impl Form {
                 known: SYSTEMS.map(|row| row.0).join(", "),
             });
         };
+        // Each lattice system leaves some lengths and angles free; the others follow from its symmetry.
         let (mut lengths, mut angles) = ([1.0; 3], [90.0; 3]);
         if system == "hexagonal" {
             angles[2] = 120.0;
@@ -278,6 +279,7 @@ impl Form {
             value: angles.iter().sum(),
             expected: "three angles that close a cell",
         })?;
+        // Without a symbol the group is that of the lattice, the holohedry.
         let own = HOLOHEDRIES
             .iter()
             .find(|row| row.0 == system)
@@ -420,6 +422,7 @@ fn convex(planes: &[(Vec3, f64, u32)]) -> Result<PolyMesh, FormError> {
     let size = planes.iter().map(|p| p.1).fold(0.0, f64::max);
     let close = 1e-9 * size;
     let mut points: Vec<Vec3> = Vec::new();
+    // Corners are the meetings of three planes that no other plane cuts off.
     for i in 0..planes.len() {
         for j in i + 1..planes.len() {
             for k in j + 1..planes.len() {
@@ -429,6 +432,7 @@ fn convex(planes: &[(Vec3, f64, u32)]) -> Result<PolyMesh, FormError> {
                 if determinant.abs() < 1e-9 {
                     continue;
                 }
+                // p = (d_a n_b x n_c + d_b n_c x n_a + d_c n_a x n_b) / det.
                 let p =
                     (a.1 * across + b.1 * c.0.cross(&a.0) + c.1 * a.0.cross(&b.0)) / determinant;
                 let inside = planes.iter().all(|(n, d, _)| n.dot(&p) <= d + close);
@@ -444,6 +448,7 @@ fn convex(planes: &[(Vec3, f64, u32)]) -> Result<PolyMesh, FormError> {
     let mut number = vec![u32::MAX; points.len()];
     let mut vertices = Vec::new();
     let (mut faces, mut groups) = (Faces::default(), Vec::new());
+    // A face for each plane with three corners or more, in the order of their angles about the normal.
     for &(normal, distance, group) in planes {
         let mut on: Vec<usize> = (0..points.len())
             .filter(|&v| normal.dot(&points[v]) > distance - 10.0 * close)

@@ -48,6 +48,7 @@ impl PolyMesh {
     /// # Errors
     /// As [`PolyMesh::triangulated`].
     pub fn picture(&self, width: usize, height: usize) -> Result<Vec<u8>, MeshError> {
+        // Axes of the viewer: right, up, towards the viewer.
         let back = Vec3::from(VIEW_DIRECTION).normalize();
         let right = Vec3::z().cross(&back).normalize();
         let axes = [right, back.cross(&right), back];
@@ -78,6 +79,7 @@ impl PolyMesh {
             width * SAMPLES_PER_PIXEL_EDGE,
             height * SAMPLES_PER_PIXEL_EDGE,
         ];
+        // The projection fills the picture up to a margin; rows run downwards.
         let fill = 1.0 - 2.0 * MARGIN_SHARE;
         let scale = (0..2)
             .map(|k| fill * fine[k] as f64 / (frame[k].1 - frame[k].0).max(1e-9 * radius))
@@ -103,6 +105,7 @@ impl PolyMesh {
             group_color(self.groups()[f]).map(|c| 255.0 * c * shade)
         });
         let colors: Vec<[f64; 3]> = colors.collect();
+        // The mean edge of a face, in samples: edges fade where faces are small.
         let mean = self.area().sqrt() * scale / (self.face_count() as f64).sqrt();
         let ink = ((mean - 6.0) / 40.0).clamp(0.0, 0.75);
         let pixels = samples.pixels(|n, face| {

@@ -214,6 +214,7 @@ impl Remesh {
             });
         };
         let Parameter { name, range, .. } = parameters[place];
+        // NaN is in no range, which `!(..)` covers.
         if !(value > range.above && value < range.below) {
             return Err(RemeshError::Range {
                 scheme: self.name(),

@@ -344,6 +344,7 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                 line,
                 column,
             } => {
+                // A value given by the caller replaces that of the script.
                 let value = match interpreter.overrides.get(name) {
                     Some(&value) => value,
                     None => argument::number(value, interpreter, *line, *column)?,
@@ -367,6 +368,7 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                         hint: None,
                     });
                 }
+                // A mesh that would grow too large is refused before any round is made.
                 for round in 0..times as usize {
                     // The faults of a step come first: the first round is not counted.
                     let min_corners = if round > 0 { 0 } else { growth::MIN_CORNERS };
@@ -382,6 +384,7 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                     return Ok(false);
                 }
                 interpreter.steps += 1;
+                // Endless or very long scripts end with an error.
                 if interpreter.steps > MAX_STEPS {
                     return Err(statement.fault(0, format!("more than {MAX_STEPS} steps")));
                 }

@@ -84,6 +84,7 @@ pub fn platonic(name: &str, edge: f64) -> Option<PolyMesh> {
             p
         })
     };
+    // Corners, faces by number counter-clockwise from outside, and the edge length in these coordinates.
     let (points, lists, long): (Vec<[f64; 3]>, &[&[u32]], f64) = match name {
         "tetrahedron" => (
             vec![
@@ -127,6 +128,7 @@ pub fn platonic(name: &str, edge: f64) -> Option<PolyMesh> {
             ],
             2f64.sqrt(),
         ),
+        // A cube and three golden rectangles.
         "dodecahedron" => {
             let corner = |n: usize| [2, 1, 0].map(|a| signs(n)[a]);
             let mut p: Vec<[f64; 3]> = (0..8).map(corner).collect();

@@ -92,6 +92,8 @@ impl TierBuilder<'_> {
         let slope_factor = 3f64.sqrt() / 2.0;
         let before = |i: usize| (i + n - 1) % n;
         let after = |i: usize| (i + 1) % n;
+        // Each rule gives a start and a unit direction per vertex; the vertex is start + factor length
+        // direction, as [`TierRule`] lists.
         let starts: Vec<Vec3>;
         let mut factor = 1.0;
         let directions: Vec<Vec3> = match rule {
@@ -119,6 +121,8 @@ impl TierBuilder<'_> {
                 starts = (0..n).map(|i| (low[i] + low[after(i)]) / 2.0).collect();
                 (0..n).map(|i| base.slope(i, delta)).collect()
             }
+            // The pentagon above corner i has the plane through ridge vertex i and the roof vertices on both
+            // sides.
             TierRule::Crest => {
                 let (low, high) = (self.placed_tier(0), self.placed_tier(1));
                 starts = high.to_vec();
@@ -137,6 +141,8 @@ impl TierBuilder<'_> {
                     .map(|i| defined(intersection_direction(plane(i), plane(after(i))), i))
                     .collect::<Result<_, _>>()?
             }
+            // The planes through the edges from b_i to the slope vertices, each at the dihedral angle to the
+            // first tier's face.
             TierRule::LowEdgePlane => {
                 let low = self.placed_tier(0);
                 starts = base.points.clone();
@@ -150,6 +156,7 @@ impl TierBuilder<'_> {
                     })
                     .collect::<Result<_, _>>()?
             }
+            // The planes through the edges from slope vertex i to the two vertices above, in the same way.
             TierRule::HighEdgePlane => {
                 let (low, high) = (self.placed_tier(0), self.placed_tier(1));
                 starts = low.to_vec();
@@ -189,6 +196,8 @@ impl TierBuilder<'_> {
                 starts = self.placed_tier(0).to_vec();
                 self.fold_directions(2)
             }
+            // The two points of each corner meet: one vertex from their mean along the mean of their
+            // directions.
             TierRule::Close => {
                 let low = self.placed_tier(1);
                 let folds = self.fold_directions(3);

@@ -230,6 +230,7 @@ fn layer(
     // The derivatives with respect to the value of a sample.
     let mut weights: BTreeMap<[usize; 3], [f64; OUTPUT_COUNT]> = BTreeMap::new();
     let mut by_level = [0.0; OUTPUT_COUNT];
+    // Sensitivities are sorted by voxel: those of this layer are consecutive.
     let first = sensitivities.elastic.partition_point(|s| s.0 < i * ny * nz);
     let last = sensitivities
         .elastic
@@ -250,6 +251,8 @@ fn layer(
                 continue;
             }
             add(&mut by_level, share.by_level / parts, &own);
+            // d share / d samples: by the value at the part, and by the slope, a central difference of its
+            // neighbours.
             let mut give = |at, factor: f64| {
                 let sum = weights.entry(at).or_insert([0.0; OUTPUT_COUNT]);
                 add(sum, factor / parts, &own);
@@ -264,6 +267,7 @@ fn layer(
             }
         }
     }
+    // d sample / d parameter is the basis function at the sample.
     let mut by_parameter = vec![[0.0; OUTPUT_COUNT]; basis.parameters.len()];
     let mut values = Vec::new();
     for (at, weight) in &weights {

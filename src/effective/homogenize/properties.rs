@@ -192,6 +192,7 @@ pub fn properties_from(
         load_cases: 0,
         iterations: [0; 3],
     };
+    // A medium with the symmetry of the cube needs one load of each kind: stretch along x, shear in yz.
     let is_cubic = !settings.all_loads && is_cubic(grid, shares);
     if settings.stiffness {
         let mut medium = Elasticity::new(grid, shares, settings.solid, void, settings.scheme)?;
@@ -208,6 +209,7 @@ pub fn properties_from(
             c = cubic(&c);
         }
         let c = symmetrised(&c);
+        // The exact stiffness is symmetric; the mean of both halves removes the residual of the solver.
         found.load_cases = loads.len();
         found.iterations[0] = solved.iterations.into_iter().max().unwrap_or(0);
         found.stiffness = Some(c);
@@ -221,6 +223,7 @@ pub fn properties_from(
         }
     }
     if settings.conductivity {
+        // The same for the gradient along each axis.
         let [solid, void] = conductivities;
         let mut medium = Conduction::new(grid, shares, solid, void, settings.scheme)?;
         let loads: &[usize] = if is_cubic { &[0] } else { &[0, 1, 2] };
@@ -233,6 +236,7 @@ pub fn properties_from(
             start.potentials = solved.potentials;
         }
     }
+    // Without void there is no flow; voxels of at least half solid are walls.
     if settings.permeability && found.void.voxels > 0 {
         let mut flow = Stokes::new(grid, |n| shares[n] < 0.5)?;
         let axes: &[usize] = if is_cubic { &[0] } else { &[0, 1, 2] };

@@ -128,6 +128,7 @@ impl<'a> Collector<'a> {
         name: impl Fn(i64) -> Option<String>,
     ) -> Result<ElementFile, ReadError> {
         let places = NodeIndex::new(self.path, &self.point_numbers)?;
+        // Solids come before surfaces: planar elements beside solids are their faces, and are skipped.
         let all = 0..self.elements.len();
         let is_planar = all.clone().all(|e| self.elements.kind(e).is_planar());
         let mut new_number = vec![u32::MAX; self.points.len()];
@@ -136,6 +137,7 @@ impl<'a> Collector<'a> {
         let mut elements = Connectivity::default();
         let mut kept: Vec<usize> = Vec::new();
         let mut new_place = vec![u32::MAX; self.elements.len()];
+        // Nodes are renumbered in the order in which elements use them; unused ones are dropped.
         let mut remaining_nodes = self.element_nodes.as_slice();
         for e in all {
             let element_number = self.element_numbers[e];
@@ -203,6 +205,7 @@ impl<'a> Collector<'a> {
         let node_numbers = node_places.iter().map(|&n| self.point_numbers[n]);
         let node_numbers: Vec<u64> = node_numbers.collect();
         let numbers: Vec<u64> = kept.iter().map(|&e| self.element_numbers[e]).collect();
+        // Members are renumbered; groups without members are dropped.
         let named: BTreeMap<i64, &String> = self.names.iter().map(|(n, &i)| (i, n)).collect();
         let groups = self
             .groups

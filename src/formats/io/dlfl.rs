@@ -54,6 +54,7 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
         let line = line.trim().to_owned();
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
         match word {
+            // A first line other than the header is another kind of file.
             "" => continue,
             "DLFL" if !has_header => {}
             _ if !has_header => {
@@ -195,6 +196,7 @@ fn check_edges(
         let place = Place::ItemOnLine("edge", n as u64, line);
         let fail =
             |found: String, expected: &str| Err(ReadError::data(path, place, found, expected));
+        // Each corner starts one half-edge, which belongs to one edge.
         for c in [a, b] {
             match is_used.get_mut(c as usize) {
                 None => {

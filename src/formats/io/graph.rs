@@ -177,6 +177,7 @@ fn read_text(
 /// Checks a graph and builds its skeleton; `radius` and `thickness` are those of the caller, if any.
 fn skeleton(
     path: &Path,
+    // Lists of radii are complete or absent.
     graph: &GraphText,
     radius: Option<f64>,
     thickness: Option<f64>,

@@ -286,6 +286,7 @@ impl Deck<'_> {
         let section = std::mem::replace(&mut self.section, Section::Ignored);
         match &section {
             Section::Ignored => {}
+            // Text before the first keyword is counted, with the first line for the warning.
             Section::Start => {
                 if self.early_lines.0 == 0 {
                     self.early_lines.1 = quote(line);
@@ -299,6 +300,7 @@ impl Deck<'_> {
                 for (c, word) in at.iter_mut().zip(&words[1..]) {
                     *c = real(word, "a coordinate", source)?;
                 }
+                // Local coordinates first, then the system of `*SYSTEM`.
                 let local = coordinates.point(at);
                 let at = self.system.map_or(local, |s| s.apply(local));
                 let model = self.model();
@@ -333,6 +335,7 @@ impl Deck<'_> {
                 rule.line(&fields(line), self.model(), &mut generated, source)?;
                 self.generated = generated;
             }
+            // Rows of numbers are kept until their section ends, which needs all of them.
             Section::System | Section::Copy(_) | Section::Instance(_) => {
                 let mut row = Vec::new();
                 let text = line.trim_end_matches(|c: char| c == ',' || c.is_whitespace());

@@ -344,6 +344,7 @@ impl ElementDeck<'_> {
             writeln!(out, "** {}", class.note)?;
             writeln!(out, "*MATERIAL, NAME={name}_MATERIAL")?;
             writeln!(out, "*ELASTIC, TYPE=ANISO")?;
+            // The 21 constants in the order of the format, eight per line.
             let constants = ANISOTROPIC.map(|(i, j)| format!("{:.9e}", class.stiffness[i][j]));
             for line in constants.chunks(MATERIAL_COLUMNS) {
                 writeln!(out, "{}", line.join(", "))?;

@@ -138,7 +138,8 @@ fn distances(samples: &Samples, reach: usize) -> BlockDistances {
     found
 }
 
-/// Squared distances along x from the points on lines along x, in leaves (x, y, z) of the block's range of x.
+/// Squared distances along x from the points on lines along x, in leaves (x, y, z) of the block's range of x. Leaves
+/// along y and z count from the halo's first.
 #[inline(always)]
 fn along_x(samples: &Samples) -> LeafRows {
     let (halo, side) = (samples.halo, samples.side);
@@ -174,6 +175,8 @@ fn along_x(samples: &Samples) -> LeafRows {
 }
 
 /// Squared distances from the points on lines along x and y, in leaves (x, y, z) of the block's range of x and y.
+/// `along_x` is the pass before, `steps` are the squares of 0, 1, 2 and so on, up to the reach. Leaves count from the
+/// halo's first; the block begins `halo` leaves behind it.
 #[inline(always)]
 fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
     let (halo, side) = (samples.halo, samples.side);
@@ -222,7 +225,8 @@ fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
     found
 }
 
-/// Adds the distances in a column of leaves along z.
+/// Adds the distances in the column (x, y) of leaves along z, from the squares of the passes before (`along_y`) and the
+/// points on lines along z. `steps` are the squares of 0, 1, 2 and so on, up to the reach.
 #[inline(always)]
 fn along_z(
     samples: &Samples,
@@ -238,6 +242,7 @@ fn along_z(
     let line: Vec<Sample> = (0..side)
         .map(|z| samples.at([x + halo, y + halo, z]))
         .collect();
+    // Only leaves within reach of the surface and not inside the solid.
     let wanted = |z: usize| near[z] && !line[z + halo].is_inside();
     let wanted: Vec<usize> = (0..SLOTS).filter(|&z| wanted(z)).collect();
     let mut column = vec![[-1f32; VOXELS]; wanted.len()];
@@ -247,6 +252,8 @@ fn along_z(
     let rows = if wanted.is_empty() { 0..0 } else { 0..64 };
     let mut squares = vec![f32::INFINITY; 8 * side];
     let mut crossings = Vec::new();
+    // Rows are lines along z of one leaf column; `squares` has the squares of the passes before, infinite
+    // beyond reach.
     for row in rows {
         for z in reached.clone() {
             let part = &mut squares[8 * z..8 * z + 8];
@@ -262,6 +269,7 @@ fn along_z(
                 continue;
             }
             let at = 8 * (halo + z);
+            // The least of square(z') + (z - z')^2 over z', then of the points on the line along z itself.
             let mut square = along_line(&squares, at, steps);
             lower_to_points(&mut square, &crossings, at as f32, found.reach);
             leaf[8 * row..8 * row + 8].copy_from_slice(&signed(
@@ -272,6 +280,7 @@ fn along_z(
         }
     }
     let mut column = wanted.iter().zip(column).peekable();
+    // A leaf that turned out solid, or wide throughout, needs no values.
     for (z, sample) in line[halo..halo + SLOTS].iter().enumerate() {
         let slot = match column.next_if(|(n, _)| **n == z) {
             Some((_, leaf)) if leaf.iter().all(|d| *d < 0.0) => Slot::Solid,

@@ -61,6 +61,8 @@ fn distance<S: LeafSource>(
     let Some(values) = DenseValues::read(source, region, measure.background)? else {
         return Ok(most);
     };
+    // The least squared distance to the surface in the cells of the lattice around the voxel. In a cell the surface is
+    // that of the linear function in each of its tetrahedra.
     let mut least = most * most;
     // The centre of a cell is at most half a diagonal from its surface.
     let limit = (most + 0.87).powi(2);

@@ -97,6 +97,7 @@ impl Samples {
         if !around.meets(origin, BLOCK) {
             return Ok(None);
         }
+        // The halo in whole leaves.
         let halo = (measure.reach + LEAF - 1) / LEAF;
         // Both voxels at a crossing are marked; a voxel within reach is `reach - 1` away from the nearer one at most.
         let ring = ((measure.reach - 1 + LEAF - 1) / LEAF) as usize;
@@ -109,6 +110,7 @@ impl Samples {
         };
         let mut leaves: Vec<StoredLeaf> = Vec::with_capacity(4 * SLOTS.pow(2));
         let mut numbers = Vec::new();
+        // Leaves with values, then those inside; all others are outside.
         source.visit_leaves(region, &mut |leaf| {
             if numbers.is_empty() {
                 numbers = vec![OUTSIDE; side.pow(3)];
@@ -134,6 +136,7 @@ impl Samples {
             leaves,
             has_surface: vec![false; side.pow(3)],
         };
+        // A leaf has surface if signs differ within it or across its faces.
         for x in 0..side {
             for y in 0..side {
                 for z in 0..side {

@@ -221,6 +221,7 @@ impl Components {
             raster.runs(row, is_set, &mut spans);
             rows.push(spans.len());
         }
+        // Components of runs: two runs in neighbouring rows touch if their columns overlap.
         let mut sets = UnionFind::new(spans.len());
         for row in 1..raster.rows {
             let [first, middle, end] = [rows[row - 1], rows[row], rows[row + 1]];
@@ -238,6 +239,7 @@ impl Components {
         let mut excess = vec![0.0; count];
         let mut rim = raster.rim.iter().peekable();
         let mut runs = Vec::with_capacity(spans.len());
+        // Pixels, middle and area of each component, run by run.
         for row in 0..raster.rows {
             for n in rows[row]..rows[row + 1] {
                 let (span, label) = (spans[n], labels[n]);

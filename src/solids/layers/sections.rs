@@ -170,6 +170,7 @@ fn tile<S: LeafSource>(
     let low = at.map(|t| (t * TILE) as i64 - 1);
     let high = low.map(|c| c + GROWN as i64 - 1);
     let last = first + count as i64 - 1;
+    // The box of voxels that the tile and one pixel around it covers in all layers of the group.
     let ends = (0..8).map(|n| {
         let pick = |a: usize| if n >> a & 1 == 0 { low[a] } else { high[a] };
         let number = if n & 4 == 0 { first } else { last };
@@ -194,6 +195,7 @@ fn tile<S: LeafSource>(
     let Some(samples) = DenseValues::read(source, region, background)? else {
         return Ok(None);
     };
+    // A tile within the solid needs no sampling.
     let is_solid = samples.values.iter().all(|v| *v < 0.0);
     let mut tile = Tile {
         bits: vec![if is_solid { u64::MAX } else { 0 }; count * TILE],
@@ -203,6 +205,7 @@ fn tile<S: LeafSource>(
         return Ok(Some(tile));
     }
     let mut values = vec![[0.0; GROWN]; GROWN];
+    // Values at the pixels of the layer, from which bits and outline follow.
     for layer in 0..count {
         for (row, line) in (0..).zip(&mut values) {
             for (column, value) in (0..).zip(line) {

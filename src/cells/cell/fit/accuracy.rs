@@ -79,6 +79,7 @@ pub(super) fn measure(
         Ok(())
     };
     let element = cell.element();
+    // Root mean square and maximum of the difference at quadrature points.
     let difference = |quadrature_points: &[QuadraturePoint]| -> (f64, f64) {
         let all: Vec<f64> = quadrature_points
             .par_iter()
@@ -116,6 +117,7 @@ pub(super) fn measure(
         ..FitReport::default()
     };
     (report.gradient_inside, report.gradient_outside) = gradients(cell, domain);
+    // Points on both surfaces are searched for only on request.
     if options.measure {
         stop()?;
         report.hausdorff = hausdorff(cell, target, domain, info, options.band_limit);

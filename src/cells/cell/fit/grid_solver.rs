@@ -38,6 +38,7 @@ impl Job<'_> {
         let by_band = SAMPLES_PER_WAVE / 2.0 * needed_samples(lattice, options.band_limit) as f64;
         let n = grid_size(by_density.max(by_unknowns).max(by_band).ceil() as usize);
         let mut samples = grid_samples(self.element, basis.group(), lattice, n, options.weights());
+        // A sample stands for all its images under the group: its weight counts each.
         let points: Vec<QuadraturePoint> = samples
             .iter()
             .map(|s| {
@@ -70,6 +71,7 @@ impl Job<'_> {
                 self.progress,
             )
         };
+        // Truncation: the largest coefficients of a first solution, then a second solution on these alone.
         let (mut real, mut steps) = solve(constraint, &[])?;
         if let Some(kept) = largest_coefficients(basis, &real, options.keep) {
             let constraint = constraint.map(|c| c.masked(&kept));
@@ -103,6 +105,8 @@ impl NormalEquations {
         let size = basis.len();
         let mut matrix = DMatrix::<f64>::zeros(size, size);
         // The columns of each basis function, or pair of functions.
+        // The matrix is filled by columns: each task has the columns of one basis function, which no other
+        // writes.
         let mut rest = matrix.as_mut_slice();
         let mut columns = Vec::new();
         let mut first = 0;
@@ -118,6 +122,7 @@ impl NormalEquations {
             }
             let right = &basis.harmonics()[number];
             let mut row = first;
+            // Only the lower triangle: rows from the function's own on.
             for left in &basis.harmonics()[number..] {
                 let block = weights.block(left, right);
                 for (b, column) in own.chunks_exact_mut(size).enumerate() {
@@ -131,6 +136,7 @@ impl NormalEquations {
         if progress.cancelled() {
             return Err(FitError::Cancelled(Cancelled));
         }
+        // The penalty of rough functions: lambda (1 + |f|^2).
         for (i, f) in basis.frequencies().into_iter().enumerate() {
             matrix[(i, i)] += regularisation * (1.0 + f * f);
         }

@@ -54,6 +54,7 @@ pub fn fit_matched(
         let least = if on_square { 0.0 } else { 1.0 / 3.0 };
         let radius = (options.band_limit.powi(2) + least).sqrt() / element.edge();
         let (group, lattice) = symmetry::<3>(element, None, None)?;
+        // The ball holds about this many frequencies; most orbits have as many members as the group.
         let ball = std::f64::consts::PI * 4.0 / 3.0 * radius.powi(3) * lattice.volume();
         if ball / group.order() as f64 > 2.0 * MAX_UNKNOWNS as f64 {
             return Err(too_large(options.band_limit, ball as usize / group.order()));
@@ -67,6 +68,7 @@ pub fn fit_matched(
     progress.stage("fit: cells that agree on faces", None);
     let mut equations = Vec::new();
     let mut samples = Vec::new();
+    // Normal equations of each cell by itself; the traces couple them afterwards.
     for (cell, (element, basis)) in cells.iter().zip(&bases) {
         let (own, interior) = targets(cell, *element, basis, options);
         let lambda = options.lambda();
@@ -79,6 +81,7 @@ pub fn fit_matched(
         constraint = constraint.and(&Constraint::block_diagonal(&own.collect::<Vec<_>>()));
     }
     let real = NormalEquations::joined(equations).solve(Some(&constraint))?;
+    // Sheets have one thickness, the mean: their middle functions agree, so that their surfaces agree too.
     let half = cells
         .iter()
         .map(|c| c.level() / field_units_per_edge(c))
@@ -86,11 +89,13 @@ pub fn fit_matched(
         / cells.len() as f64;
     let mut rest = &real[..];
     let mut matched = Vec::new();
+    // The solution lists the coefficients of all cells one after the other.
     for ((cell, (element, basis)), (samples, interior)) in cells.iter().zip(&bases).zip(&samples) {
         let (own, tail) = rest.split_at(basis.len());
         rest = tail;
         let (group, lattice) = (basis.group().clone(), basis.lattice().clone());
         let series = Series::new(group, lattice, &basis.coefficients(own))?;
+        // Mean square of the difference over the interior.
         let (mut sum, mut weight) = (0.0, 0.0);
         for s in &samples[..*interior] {
             sum += s.weight * (series.value(s.point) - s.value).powi(2);

@@ -153,6 +153,7 @@ fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError
         Element::Hex | Element::Pyramid => [1, 3, 4],
         _ => [1, 2, 3],
     };
+    // linear = E V^-1 for the edges V of the given and E of the reference vertices.
     let frame = |v: &[Vec3]| Mat3::from_columns(&edges.map(|e| v[e] - v[0]));
     let given = frame(vertices);
     let size = given.norm();
@@ -170,6 +171,7 @@ fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError
         linear,
         offset: own[0] - linear * vertices[0],
     };
+    // Further vertices, as those of a hex, have to follow from the same map.
     for (i, (v, o)) in vertices.iter().zip(&own).enumerate() {
         let miss = (map.linear * v + map.offset - o).norm();
         if miss.is_nan() || miss > 1e-6 {

@@ -81,6 +81,7 @@ impl Job<'_> {
         let (basis, truncation) =
             frequency_set::basis(self.element, group, lattice, options, self.info)?;
         let over_period = self.info.period.is_some();
+        // Face-normal cells fulfil linear equations (section 5.1).
         let constraint = options
             .face_normal
             .then(|| face_normal::equations(&basis, self.element));
@@ -88,6 +89,8 @@ impl Job<'_> {
         let domain = Domain::new(self.element, &operators);
         let space = compatibility::space_group::<3>(self.element, options.group.as_deref())?;
         let image = |rotation, shift| ImageMap { rotation, shift };
+        // Images of a point under the group, by which a source is averaged; a space group also has
+        // translations.
         let images = match &space {
             None => operators.into_iter().map(|q| image(q, None)).collect(),
             // The lattice coordinates of a hex are those of the reference frame.
@@ -143,6 +146,7 @@ impl Job<'_> {
         } else {
             basis.len()
         };
+        // The accuracy is measured at about as many points as the fit has, but at others.
         let parts_per_edge = parts_per_edge(self.element, &domain, unknowns, options.samples);
         let own = FitOptions {
             band_limit: basis.radius(),

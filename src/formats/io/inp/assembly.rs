@@ -228,6 +228,7 @@ impl Assembly {
                 entry.1.push((placed, places));
             }
         }
+        // A set of several parts, or of the assembly too, also becomes one group per instance.
         for (key, (name, parts)) in &groups {
             let is_assembly = self.sets.contains_key(key);
             let kinds: BTreeSet<&str> = parts.iter().map(|p| p.0.part).collect();
@@ -247,6 +248,7 @@ impl Assembly {
             let places = self.scoped(scoped, path, models, &mut missing)?;
             collector.named_group(&scoped.name, &places);
         }
+        // Each of several instances is a group, unless a set has its name.
         if self.instances.len() > 1 {
             for placed in models {
                 let Some(name) = placed.name else {
@@ -275,6 +277,7 @@ impl Assembly {
         let mut places = Vec::new();
         let mut visited = BTreeSet::from([set.name.to_uppercase()]);
         let mut pending = vec![set];
+        // A set may name other sets, which may name further ones; each is visited once.
         while let Some(scoped) = pending.pop() {
             for (instance, set) in &scoped.sets {
                 // Without an instance, numbers refer to elements of the assembly, the last model.
@@ -293,6 +296,8 @@ impl Assembly {
                 } else {
                     missing.count(set.numbers.len(), &scoped.name);
                 }
+                // A name is INSTANCE.SET or INSTANCE.NUMBER, a set of the instance, or another set of the
+                // assembly.
                 for name in &set.names {
                     let qualified = name.split_once('.').and_then(|(i, rest)| {
                         let placed = &models[self.instance(i)?];

@@ -146,6 +146,7 @@ impl Ncopy {
         generated: &mut Generated,
         source: &Source,
     ) -> Result<(), ReadError> {
+        // Missing numbers of a data line are 0, so that the next line begins with a new point.
         let padded = |line: &Vec<f64>| {
             let mut own = line.clone();
             own.resize(line.len().next_multiple_of(3), 0.0);
@@ -156,6 +157,7 @@ impl Ncopy {
             let at = |k: usize| all.get(3 * i + k).copied().unwrap_or(0.0);
             Vec3::new(at(0), at(1), at(2))
         };
+        // Points are in the global system; with `*SYSTEM` their meaning differs between the programs.
         if self.has_system && self.mode != CopyMode::Pole && all.iter().any(|c| *c != 0.0) {
             let found = "*NCOPY while *SYSTEM is in force";
             return Err(source.bad(found, "coordinates of the global system"));
@@ -182,6 +184,7 @@ impl Ncopy {
             (self.copies as u64).saturating_mul(old.len().max(1) as u64),
             source,
         )?;
+        // Copy i is moved i times.
         let mut step = Motion::default();
         let mut new = Vec::new();
         for i in 1..=self.copies {

@@ -247,6 +247,7 @@ impl Ngen {
             let expected = "the middle of the parabola or the centre of the arc";
             return Err(source.bad(found, expected));
         };
+        // The parabola through a, b and the middle c: Lagrange polynomials at t = 0, 1, 1/2.
         if self.line == CurveKind::Parabola {
             return Ok(Box::new(move |t| {
                 let weights = [
@@ -257,6 +258,7 @@ impl Ngen {
                 a * weights[0] + b * weights[1] + c * weights[2]
             }));
         }
+        // An arc about the centre c; a small difference of the radii is spread along it.
         let (from, to) = (a - c, b - c);
         let (r, s) = (from.norm(), to.norm());
         if !((r - s).abs() <= RADIUS_TOLERANCE * r.max(s) && r > 0.0) {

@@ -61,6 +61,7 @@ impl Deck<'_> {
             let place = Place::ItemOnLine("element", number, card.line);
             ReadError::data(&card.path, place, found, expected)
         };
+        // The kind is the smallest of the card that has room for the nodes given.
         let max_nodes = kinds.last().map_or(0, |k| k.node_count());
         let mut file_nodes = [None; 27];
         let mut given = 0;
@@ -83,6 +84,7 @@ impl Deck<'_> {
             let found = format!("no node at corner {} of a {}", missing + 1, card.name);
             return Err(error(found, "a node at every corner"));
         }
+        // Nastran lists the mid nodes between both faces before those of the upper face, unlike VTK.
         let order: &[u8] = match kind {
             Kind::Hex20 => &HEX20,
             Kind::Wedge15 => &WEDGE15,
@@ -96,6 +98,7 @@ impl Deck<'_> {
                 *to = node;
             }
         }
+        // A missing mid node is shared by all elements with the same edge: one number per pair of ends.
         for i in corners..element_nodes.len() {
             if element_nodes[i] != 0 {
                 continue;
@@ -108,6 +111,7 @@ impl Deck<'_> {
             let next = FIRST_ADDED_NODE + self.missing_mid_nodes.len() as u64;
             element_nodes[i] = *self.missing_mid_nodes.entry(ends).or_insert(next);
         }
+        // A hash instead of the nodes: millions of elements have to be compared with a possible repetition.
         let mut hasher = DefaultHasher::new();
         (kind, property, &*element_nodes).hash(&mut hasher);
         let digest = hasher.finish();

@@ -142,6 +142,8 @@ impl Systems {
                     let place = Place::ItemOnLine("coordinate system", number, definition.line);
                     ReadError::data(path, place, found, expected)
                 };
+                // A system is given by points in another system, or by three grid points, each in the system
+                // of its own card.
                 let points = match &definition.given {
                     SystemPoints::Points(within, points) => points.map(|p| (*within, p)),
                     SystemPoints::Grids(numbers) => {
@@ -161,6 +163,7 @@ impl Systems {
                     pending.pop();
                     continue;
                 }
+                // A point in a system that is not known yet: that system comes first.
                 if let Some(&(next, _)) = points.iter().find(|(n, _)| !known(*n)) {
                     if !self.definitions.contains_key(&next) {
                         let found = format!("coordinate system {next}, which is not in the deck");
@@ -173,6 +176,7 @@ impl Systems {
                     pending.push(next);
                     continue;
                 }
+                // All three points are in known systems: their basic coordinates define the frame.
                 let mut basic = [Vec3::zeros(); 3];
                 for (to, (system, at)) in basic.iter_mut().zip(points) {
                     *to = self.to_basic(system, at).unwrap_or_default();

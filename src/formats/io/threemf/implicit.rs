@@ -43,6 +43,7 @@ impl ImplicitPart<'_> {
             nodes: 0,
             per_edge: 1.0 / self.edge,
         };
+        // The function is in reference units; its value times the edge is a length in the model.
         let value = graph.expression(self.function);
         let scale = graph.constant(self.edge);
         let value = graph.pair("multiplication", &value, &scale);

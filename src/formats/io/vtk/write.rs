@@ -55,6 +55,8 @@ pub fn write_vtu_fields(
     let mut points = scaffold.nodes().to_vec();
     for e in 0..elements.len() {
         nodes.extend(elements.nodes(e).iter().map(|n| i64::from(*n)));
+        // VTK's pyramid of second order has 19 nodes: those in the middle of its triangles and inside are
+        // added.
         if elements.kind(e) == Kind::Pyramid14 {
             for place in inner_points() {
                 nodes.push(points.len() as i64);

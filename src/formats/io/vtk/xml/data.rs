@@ -159,6 +159,7 @@ impl Format {
         if data.is_empty() {
             return Ok(Vec::new());
         }
+        // Without compression: the length, then the bytes.
         if !self.zlib {
             let length = self.count(data, 0)?;
             return data[head..]
@@ -175,6 +176,7 @@ impl Format {
         if blocks == 0 {
             return Ok(Vec::new());
         }
+        // The head: number of blocks, their size, the size of the last one, then the packed size of each.
         let (block_size, last_size) = (self.count(data, 1)?, self.count(data, 2)?);
         let mut at = blocks
             .checked_add(3)
@@ -188,6 +190,7 @@ impl Format {
             .take("data", whole as u64)
             .map_err(|e| e.found().to_owned())?;
         let mut bytes = Vec::new();
+        // Each block is a zlib stream of its own.
         for block in 0..blocks {
             let packed = self.count(data, 3 + block)?;
             let own = data[at..].get(..packed).ok_or_else(|| {
