@@ -17,6 +17,19 @@ pub trait Short {
     fn short(first: Self::First) -> Self;
 }
 
+/// Lets a table be written as its first parameter alone; values of the others follow it.
+macro_rules! short {
+    ($table:ident { $first:ident: $type:ty $(, $key:ident: $value:expr)* $(, ..$others:expr)? }) => {
+        impl super::brief::Short for $table {
+            type First = $type;
+            fn short($first: $type) -> Self {
+                Self { $first $(, $key: $value)* $(, ..$others)? }
+            }
+        }
+    };
+}
+pub(super) use short;
+
 /// Reads `T` from its table or from its first parameter alone.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Brief<T>(pub T);

@@ -4,7 +4,7 @@ use super::crystal::CrystalRef;
 use super::error::RecipeError;
 use super::file::{FileRef, Similarity};
 use super::fit::{Filter, FitMethod, Solver, Symmetrise};
-use super::forms::{Forms, forms};
+use super::forms::{Forms, forms, from_argument};
 use super::hybrid::{Ingredient, Surroundings};
 use super::quantity::{Finite, Fraction, Length, Positive, Size};
 use super::source::Source;
@@ -322,14 +322,7 @@ impl PlaceTable {
 impl FromStr for Place {
     type Err = String;
     fn from_str(s: &str) -> Result<Self, String> {
-        let read = |text: &str| {
-            let value = toml::de::ValueDeserializer::parse(text)?;
-            Self::deserialize(value)
-        };
-        // A bare word is its own string.
-        let bare = s.chars().all(|c| c.is_ascii_alphanumeric());
-        let text = if bare { format!("{s:?}") } else { s.to_owned() };
-        read(&text).map_err(|e| e.message().to_owned())
+        from_argument(s)
     }
 }
 

@@ -1,7 +1,7 @@
 //! `[crystal.NAME]`: polygon meshes made by scripts, and where they are used.
 
 use super::Sections;
-use super::brief::{Brief, Short};
+use super::brief::{Brief, short};
 use super::error::{RecipeError, nearest};
 use super::file::{FileFrame, Similarity};
 use super::operand::Operand;
@@ -40,15 +40,10 @@ pub struct CrystalFrame {
     pub transform: Similarity,
 }
 
-impl Short for CrystalFrame {
-    type First = String;
-    fn short(name: String) -> Self {
-        Self {
-            name,
-            transform: Similarity::default(),
-        }
-    }
-}
+short!(CrystalFrame {
+    name: String,
+    transform: Similarity::default()
+});
 
 /// A closed surface of the recipe: a file's mesh, or a crystal.
 #[derive(Clone, Copy, Debug, PartialEq)]

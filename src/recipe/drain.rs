@@ -1,6 +1,6 @@
 //! `drain`: the operation that drills channels from cavities to the outside.
 
-use super::brief::Short;
+use super::brief::short;
 use super::quantity::{Finite, Size};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -22,17 +22,12 @@ pub struct Drain {
     pub at_most: Option<u64>,
 }
 
-impl Short for Drain {
-    type First = Size;
-    fn short(radius: Size) -> Self {
-        Self {
-            radius,
-            cavities: Drained::default(),
-            toward: None,
-            at_most: None,
-        }
-    }
-}
+short!(Drain {
+    radius: Size,
+    cavities: Drained::default(),
+    toward: None,
+    at_most: None
+});
 
 /// Which cavities are drained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]

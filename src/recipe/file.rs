@@ -1,6 +1,6 @@
 //! References to input files: a path, or a path with the frame its numbers are in.
 
-use super::brief::{Brief, Short};
+use super::brief::{Brief, short};
 use super::quantity::{Finite, Positive, Unit};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -36,17 +36,12 @@ pub struct FileFrame {
     pub transform: Similarity,
 }
 
-impl Short for FileFrame {
-    type First = PathBuf;
-    fn short(path: PathBuf) -> Self {
-        Self {
-            path,
-            unit: None,
-            up: Up::default(),
-            transform: Similarity::default(),
-        }
-    }
-}
+short!(FileFrame {
+    path: PathBuf,
+    unit: None,
+    up: Up::default(),
+    transform: Similarity::default()
+});
 
 /// Scale, then rotation, then translation.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]

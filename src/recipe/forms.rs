@@ -1,7 +1,7 @@
 //! Values that are written in one of several forms: a flag, a number, a text, a list or a table.
 
 use schemars::{Schema, SchemaGenerator};
-use serde::de::{Error, MapAccess, SeqAccess, Unexpected, Visitor};
+use serde::de::{DeserializeOwned, Error, MapAccess, SeqAccess, Unexpected, Visitor};
 use std::fmt;
 use std::marker::PhantomData;
 
@@ -65,6 +65,19 @@ impl<'de, T: Forms> Visitor<'de> for FormVisitor<T> {
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<T, A::Error> {
         T::table(map)
     }
+}
+
+/// Reads a value of the command line as TOML; a bare word is its own string.
+pub(super) fn from_argument<T: DeserializeOwned>(s: &str) -> Result<T, String> {
+    let is_bare = s.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    let text = if is_bare {
+        format!("{s:?}")
+    } else {
+        s.to_owned()
+    };
+    let value = toml::de::ValueDeserializer::parse(&text);
+    let read = value.and_then(T::deserialize);
+    read.map_err(|e| e.message().to_owned())
 }
 
 /// Lets types be read and described by their forms, under a name in the schema.

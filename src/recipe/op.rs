@@ -1,6 +1,6 @@
 //! `[[op]]`: the operations on the solid, in order.
 
-use super::brief::{Brief, Short};
+use super::brief::{Brief, Short, short};
 use super::drain::Drain;
 use super::forms::{Forms, forms};
 use super::operand::{Mask, Operand, Side};
@@ -156,15 +156,10 @@ pub struct Move {
     pub mask: Option<Brief<Mask>>,
 }
 
-impl Short for Move {
-    type First = Size;
-    fn short(distance: Size) -> Self {
-        Self {
-            distance,
-            mask: None,
-        }
-    }
-}
+short!(Move {
+    distance: Size,
+    mask: None
+});
 
 /// A wall along the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -177,15 +172,10 @@ pub struct Hollow {
     pub side: Side,
 }
 
-impl Short for Hollow {
-    type First = Size;
-    fn short(thickness: Size) -> Self {
-        Self {
-            thickness,
-            side: Side::default(),
-        }
-    }
-}
+short!(Hollow {
+    thickness: Size,
+    side: Side::default()
+});
 
 /// Rounded concave edges.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -197,12 +187,10 @@ pub struct Fillet {
     pub mask: Option<Brief<Mask>>,
 }
 
-impl Short for Fillet {
-    type First = Size;
-    fn short(radius: Size) -> Self {
-        Self { radius, mask: None }
-    }
-}
+short!(Fillet {
+    radius: Size,
+    mask: None
+});
 
 /// Other voxels, another place: scale, then rotation about x, y, z, then shift, then sampling. Voxels of at most
 /// a quarter of the new ones' edge are doubled first.
@@ -278,15 +266,10 @@ pub struct Kernel {
     pub mask: Option<Brief<Mask>>,
 }
 
-impl Short for Kernel {
-    type First = Width;
-    fn short(width: Width) -> Self {
-        Self {
-            width,
-            ..Self::default()
-        }
-    }
-}
+short!(Kernel {
+    width: Width,
+    ..Self::default()
+});
 
 /// How often a step is applied: 1 to 1000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -320,15 +303,10 @@ pub struct Flow {
     pub mask: Option<Brief<Mask>>,
 }
 
-impl Short for Flow {
-    type First = Iterations;
-    fn short(iterations: Iterations) -> Self {
-        Self {
-            iterations,
-            ..Self::default()
-        }
-    }
-}
+short!(Flow {
+    iterations: Iterations,
+    ..Self::default()
+});
 
 /// Restoring unit gradients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -338,12 +316,9 @@ pub struct Renormalise {
     pub iterations: Iterations,
 }
 
-impl Short for Renormalise {
-    type First = Iterations;
-    fn short(iterations: Iterations) -> Self {
-        Self { iterations }
-    }
-}
+short!(Renormalise {
+    iterations: Iterations
+});
 
 /// The smallest component that is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -353,9 +328,4 @@ pub struct DropSmall {
     pub volume: Positive,
 }
 
-impl Short for DropSmall {
-    type First = Positive;
-    fn short(volume: Positive) -> Self {
-        Self { volume }
-    }
-}
+short!(DropSmall { volume: Positive });

@@ -1,10 +1,11 @@
 //! Operands of operations: solids, and grids as masks.
 
+use super::Brief;
+use super::brief::short;
 use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::{FileRef, Similarity};
 use super::forms::{Forms, forms};
 use super::quantity::{Finite, Length, QuantityError, Size, Unit};
-use super::{Brief, Short};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::Error;
@@ -151,20 +152,15 @@ impl Forms for Onto {
 
 forms!(Onto, "Onto");
 
-impl Short for Grid {
-    type First = PathBuf;
-    fn short(path: PathBuf) -> Self {
-        Self {
-            path,
-            grid: None,
-            value: None,
-            unit: None,
-            transform: Similarity::default(),
-            resample: None,
-            invert: false,
-        }
-    }
-}
+short!(Grid {
+    path: PathBuf,
+    grid: None,
+    value: None,
+    unit: None,
+    transform: Similarity::default(),
+    resample: None,
+    invert: false
+});
 
 /// A ball.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -248,18 +244,13 @@ pub struct Mask {
     pub unit: Option<Unit>,
 }
 
-impl Short for Mask {
-    type First = PathBuf;
-    fn short(path: PathBuf) -> Self {
-        Self {
-            path,
-            grid: None,
-            range: unit_range(),
-            invert: false,
-            unit: None,
-        }
-    }
-}
+short!(Mask {
+    path: PathBuf,
+    grid: None,
+    range: unit_range(),
+    invert: false,
+    unit: None
+});
 
 fn unit_range() -> [Finite; 2] {
     [Finite(0.0), Finite(1.0)]

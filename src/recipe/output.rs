@@ -1,6 +1,6 @@
 //! `[[output]]`: the files a run writes.
 
-use super::brief::{Brief, Short};
+use super::brief::{Brief, short};
 use super::deck::DeckKind;
 use super::forms::{Forms, forms};
 use super::grid_word::GridWord;
@@ -105,12 +105,10 @@ pub struct Decimate {
     pub error: Option<Size>,
 }
 
-impl Short for Decimate {
-    type First = Fraction;
-    fn short(share: Fraction) -> Self {
-        Self { share, error: None }
-    }
-}
+short!(Decimate {
+    share: Fraction,
+    error: None
+});
 
 /// How the connected components of a solid are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]

@@ -1,7 +1,7 @@
 //! `target` of `[cell.NAME]`: a cell by the properties that it shall have.
 
 use super::cell::{CellSection, Solid};
-use super::forms::{Forms, forms};
+use super::forms::{Forms, forms, from_argument};
 use super::quantity::{Finite, Positive};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -67,11 +67,7 @@ pub struct TargetWord(pub TargetTable);
 impl FromStr for TargetWord {
     type Err = String;
     fn from_str(s: &str) -> Result<Self, String> {
-        let bare = s.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        let text = if bare { format!("{s:?}") } else { s.to_owned() };
-        let value =
-            toml::de::ValueDeserializer::parse(&text).map_err(|e| e.message().to_owned())?;
-        Self::deserialize(value).map_err(|e| e.message().to_owned())
+        from_argument(s)
     }
 }
 
