@@ -4,7 +4,6 @@ use crate::fault::Fault;
 use druse::frame::{CellPoint, Vec3, WorldPoint};
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
-    PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 
@@ -20,16 +19,11 @@ pub(crate) fn list<'a, T: Element>(
     values.map_err(|_| Fault::Argument(format!("{what}: expected a contiguous array")))
 }
 
-/// The rows of a contiguous array of shape [n, `N`].
+/// The rows of a contiguous array of shape [n, `N`], which the package has checked.
 pub(crate) fn rows<'a, T: Element, const N: usize>(
     array: &'a PyReadonlyArray2<'_, T>,
     what: &str,
 ) -> Result<&'a [[T; N]], Fault> {
-    let shape = array.shape();
-    if shape[1] != N {
-        let text = format!("{what} has the shape {shape:?}; expected [n, {N}]");
-        return Err(Fault::Argument(text));
-    }
     let values = array.as_slice();
     let values =
         values.map_err(|_| Fault::Argument(format!("{what}: expected a contiguous array")))?;

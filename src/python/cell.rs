@@ -81,7 +81,7 @@ impl Cell {
         band_limit: Option<f64>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let samples = arrays::list(&samples, "voxels").map_err(|e| e.raise(py))?;
+        let samples = arrays::list(&samples, "voxels")?;
         let (name, element, samples) = (name.to_owned(), element.to_owned(), samples.to_vec());
         session::work_owned(py, progress, move |session| {
             let element = Element::from_name(&element)
@@ -111,9 +111,8 @@ impl Cell {
     }
 
     #[staticmethod]
-    fn from_json(py: Python<'_>, text: &str) -> PyResult<Self> {
-        let read = druse::cell::Cell::from_json(text);
-        read.map(Self::of).map_err(|e| Fault::from(e).raise(py))
+    fn from_json(text: &str) -> Result<Self, Fault> {
+        Ok(Self::of(druse::cell::Cell::from_json(text)?))
     }
 
     #[staticmethod]
@@ -162,7 +161,7 @@ impl Cell {
         points: Points<'py>,
         exact: bool,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let points = arrays::positions(&points).map_err(|e| e.raise(py))?;
+        let points = arrays::positions(&points)?;
         let found = session::work(py, None, |_| {
             let mut found = vec![0.0; points.len()];
             let table = if exact { None } else { Some(self.table()?) };
@@ -191,7 +190,7 @@ impl Cell {
         py: Python<'py>,
         points: Points<'py>,
     ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
-        let points = arrays::positions(&points).map_err(|e| e.raise(py))?;
+        let points = arrays::positions(&points)?;
         let (values, gradients) = session::work(py, None, |_| {
             let at = |&p: &[f64; 3]| {
                 let (v, g) = self.cell.value_and_gradient(arrays::reference(p));

@@ -55,6 +55,12 @@ impl Fault {
     }
 }
 
+impl From<Fault> for PyErr {
+    fn from(fault: Fault) -> Self {
+        Python::attach(|py| fault.raise(py))
+    }
+}
+
 /// Errors that the command line shows.
 macro_rules! shown {
     ($($error:ty => $kind:literal),*) => {

@@ -63,8 +63,8 @@ impl LevelSet {
         py: Python<'_>,
         job: impl FnOnce(&druse::vdb::LevelSet, Session<'_>) -> Result<T, Fault> + Send,
     ) -> PyResult<T> {
-        let guard = self.read_guard().map_err(|e| e.raise(py))?;
-        let level_set = guard.as_ref().ok_or_else(|| consumed().raise(py))?;
+        let guard = self.read_guard()?;
+        let level_set = guard.as_ref().ok_or_else(consumed)?;
         session::work(py, None, |session| job(level_set, session))
     }
 
@@ -75,7 +75,7 @@ impl LevelSet {
         progress: Option<&Bound<'_, PyAny>>,
         job: impl FnOnce(&mut druse::vdb::LevelSet, Session<'_>) -> Result<(), VdbError> + Send,
     ) -> PyResult<()> {
-        let mut level_set = self.take().map_err(|e| e.raise(py))?;
+        let mut level_set = self.take()?;
         let (level_set, changed) = session::work(py, progress, move |session| {
             let changed = job(&mut level_set, session);
             Ok((level_set, changed))
@@ -89,7 +89,7 @@ impl LevelSet {
                 if matches!(e, VdbError::Parameter { .. }) {
                     self.put(py, level_set);
                 }
-                Err(Fault::from(e).raise(py))
+                Err(Fault::from(e).into())
             }
         }
     }
@@ -209,7 +209,7 @@ impl LevelSet {
         py: Python<'py>,
         voxels: PyReadonlyArray2<'py, i32>,
     ) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        let rows = arrays::rows::<i32, 3>(&voxels, "voxels").map_err(|e| e.raise(py))?;
+        let rows = arrays::rows::<i32, 3>(&voxels, "voxels")?;
         let found = self.with(py, |level_set, _| {
             let voxels: Vec<Coord> = rows.iter().map(|&v| Coord(v)).collect();
             Ok(level_set.values(&voxels)?)
@@ -223,7 +223,7 @@ impl LevelSet {
         py: Python<'py>,
         points: Points<'py>,
     ) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        let rows = arrays::positions(&points).map_err(|e| e.raise(py))?;
+        let rows = arrays::positions(&points)?;
         let found = self.with(py, |level_set, _| {
             let points: Vec<WorldPoint> = rows.iter().map(|&p| arrays::world(p)).collect();
             Ok(level_set.samples(&points)?)
@@ -278,9 +278,9 @@ impl LevelSet {
     }
 
     /// Voxel size, half width in voxels, origin.
-    fn frame(&self, py: Python<'_>) -> PyResult<(f64, f64, [f64; 3])> {
-        let guard = self.read_guard().map_err(|e| e.raise(py))?;
-        let own = guard.as_ref().ok_or_else(|| consumed().raise(py))?;
+    fn frame(&self) -> Result<(f64, f64, [f64; 3]), Fault> {
+        let guard = self.read_guard()?;
+        let own = guard.as_ref().ok_or_else(consumed)?;
         Ok((own.voxel_size(), own.half_width(), own.origin().into()))
     }
 
@@ -312,8 +312,8 @@ impl LevelSet {
     }
 
     /// Consumes the level set.
-    fn clear(&self, py: Python<'_>) -> PyResult<()> {
-        self.take().map(drop).map_err(|e| e.raise(py))
+    fn clear(&self) -> Result<(), Fault> {
+        self.take().map(drop)
     }
 
     fn copy(&self, py: Python<'_>) -> PyResult<Self> {
@@ -380,11 +380,11 @@ impl LevelSet {
     ) -> PyResult<()> {
         if std::ptr::eq(self, other) {
             let text = "the operand is the level set itself; expected another one, such as copy()";
-            return Err(Fault::Argument(text.into()).raise(py));
+            return Err(Fault::Argument(text.into()).into());
         }
         // Checked before the operand is taken.
-        self.frame(py)?;
-        let other = other.take().map_err(|e| e.raise(py))?;
+        self.frame()?;
+        let other = other.take()?;
         self.change(py, progress, move |level_set, session| match operation {
             "union" => level_set.union(other, session),
             "intersect" => level_set.intersect(other, session),

@@ -43,18 +43,11 @@ impl Mesh {
 #[pymethods]
 impl Mesh {
     #[new]
-    fn new(
-        py: Python<'_>,
-        vertices: Points<'_>,
-        faces: PyReadonlyArray2<'_, u32>,
-    ) -> PyResult<Self> {
-        let made = || {
-            let vertices = arrays::rows::<f64, 3>(&vertices, "vertices")?;
-            let vertices = vertices.iter().map(|&v| Vec3::from(v)).collect();
-            let faces = arrays::rows::<u32, 3>(&faces, "faces")?.to_vec();
-            Ok::<_, Fault>(Self::of(TriMesh::new(vertices, faces)?))
-        };
-        made().map_err(|e| e.raise(py))
+    fn new(vertices: Points<'_>, faces: PyReadonlyArray2<'_, u32>) -> Result<Self, Fault> {
+        let vertices = arrays::rows::<f64, 3>(&vertices, "vertices")?;
+        let vertices = vertices.iter().map(|&v| Vec3::from(v)).collect();
+        let faces = arrays::rows::<u32, 3>(&faces, "faces")?.to_vec();
+        Ok(Self::of(TriMesh::new(vertices, faces)?))
     }
 
     /// The mesh of a file, and the warnings of its reader.
@@ -65,9 +58,7 @@ impl Mesh {
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf, unit: &str) -> PyResult<u64> {
-        let unit: LengthUnit = unit
-            .parse()
-            .map_err(|e| Fault::Argument(format!("{e}")).raise(py))?;
+        let unit: LengthUnit = unit.parse().map_err(|e| Fault::Argument(format!("{e}")))?;
         session::work(py, None, |_| {
             Ok(druse::io::write_mesh(path, &*self.mesh, unit)?)
         })
@@ -103,7 +94,7 @@ impl Mesh {
         py: Python<'py>,
         points: Points<'py>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let points = arrays::positions(&points).map_err(|e| e.raise(py))?;
+        let points = arrays::positions(&points)?;
         let found = session::work(py, None, |_| {
             let solid = &self.solid()?.0;
             let at = |&p: &[f64; 3]| solid.signed_distance(Vec3::from(p));

@@ -134,7 +134,7 @@ pub(crate) fn homogenize(
         "kuhn" => Packing::Kuhn,
         word => {
             let text = format!("tets is {word:?}; expected bcc or kuhn");
-            return Err(Fault::Argument(text).raise(py));
+            return Err(Fault::Argument(text).into());
         }
     };
     let cell = cell.get().cell.clone();

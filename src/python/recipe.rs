@@ -33,16 +33,15 @@ impl Recipe {
     #[new]
     #[pyo3(signature = (path, text, overrides))]
     fn new(
-        py: Python<'_>,
         path: Option<PathBuf>,
         text: Option<String>,
         overrides: Vec<String>,
-    ) -> PyResult<Self> {
+    ) -> Result<Self, Fault> {
         let read = match &path {
             Some(path) => druse::recipe::Recipe::read(path, &overrides),
             None => druse::recipe::Recipe::parse(text.as_deref().unwrap_or(""), &overrides),
         };
-        let recipe = read.map_err(|e| Fault::from(e).raise(py))?;
+        let recipe = read?;
         let source = recipe.source().text();
         Ok(Self { recipe, source })
     }
@@ -53,9 +52,9 @@ impl Recipe {
     }
 
     /// The text's document as JSON, without overrides.
-    fn json(&self, py: Python<'_>) -> PyResult<String> {
+    fn json(&self) -> Result<String, Fault> {
         let read = toml::from_str::<serde_json::Value>(&self.source);
-        let document = read.map_err(|e| Fault::Text(e.to_string()).raise(py))?;
+        let document = read.map_err(|e| Fault::Text(e.to_string()))?;
         Ok(document.to_string())
     }
 
@@ -96,7 +95,7 @@ impl Recipe {
         points: Points<'py>,
         exact: bool,
     ) -> PyResult<(Vec<String>, Samples<'py>)> {
-        let points = arrays::positions(&points).map_err(|e| e.raise(py))?;
+        let points = arrays::positions(&points)?;
         let (cells, found) = session::work(py, None, |session| {
             let options = RunOptions {
                 threads: session.threads.count(),

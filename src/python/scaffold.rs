@@ -89,17 +89,13 @@ impl Scaffold {
         connectivity: PyReadonlyArray1<'_, i64>,
         types: PyReadonlyArray1<'_, u8>,
     ) -> PyResult<Self> {
-        let made = || {
-            let rows = arrays::rows::<f64, 3>(&nodes, "nodes")?;
-            let nodes = rows.iter().map(|&p| Vec3::from(p)).collect();
-            let elements = self::connectivity(
-                arrays::list(&offsets, "offsets")?,
-                arrays::list(&connectivity, "connectivity")?,
-                arrays::list(&types, "types")?,
-            )?;
-            Ok::<_, Fault>((nodes, elements))
-        };
-        let (nodes, elements): (Vec<Vec3>, _) = made().map_err(|e: Fault| e.raise(py))?;
+        let nodes = arrays::rows::<f64, 3>(&nodes, "nodes")?.iter();
+        let nodes: Vec<Vec3> = nodes.map(|&p| Vec3::from(p)).collect();
+        let elements = self::connectivity(
+            arrays::list(&offsets, "offsets")?,
+            arrays::list(&connectivity, "connectivity")?,
+            arrays::list(&types, "types")?,
+        )?;
         session::work(py, None, |_| {
             Ok(Self::of(druse::scaffold::Scaffold::new(nodes, elements)?))
         })
@@ -148,8 +144,8 @@ impl Scaffold {
             };
             fields.iter().map(list).collect()
         };
-        let nodes = lists(&node_fields).map_err(|e| e.raise(py))?;
-        let elements = lists(&element_fields).map_err(|e| e.raise(py))?;
+        let nodes = lists(&node_fields)?;
+        let elements = lists(&element_fields)?;
         session::work(py, None, |_| {
             let nodes: Vec<_> = nodes.iter().map(|(n, v)| (n.as_str(), &v[..])).collect();
             let elements: Vec<_> = elements.iter().map(|(n, v)| (n.as_str(), &v[..])).collect();
@@ -212,7 +208,7 @@ impl Scaffold {
         py: Python<'py>,
         points: Points<'py>,
     ) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>)> {
-        let points = arrays::positions(&points).map_err(|e| e.raise(py))?;
+        let points = arrays::positions(&points)?;
         let (elements, places) = session::work(py, None, |_| {
             let at = |&p: &[f64; 3]| match self.scaffold.locate(arrays::world(p)) {
                 Some((e, xi)) => (i64::from(e), <[f64; 3]>::from(xi.0)),

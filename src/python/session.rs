@@ -42,8 +42,8 @@ pub(crate) fn set_threads(count: usize) {
 
 /// The number of threads.
 #[pyfunction]
-pub(crate) fn threads(py: Python<'_>) -> PyResult<usize> {
-    pool().map(|p| p.count()).map_err(|e| e.raise(py))
+pub(crate) fn threads() -> Result<usize, Fault> {
+    Ok(pool()?.count())
 }
 
 /// A pool of one thread.
@@ -139,7 +139,7 @@ fn own_pool(py: Python<'_>) -> PyResult<Arc<Threads>> {
     // waiting for that function.
     let is_nested = rayon::current_thread_index().is_some();
     let threads = if is_nested { single_thread() } else { pool() };
-    threads.map_err(|e| e.raise(py))
+    Ok(threads?)
 }
 
 /// Does the work of a call. `progress` is called with stage, done and total.
@@ -157,7 +157,7 @@ pub(crate) fn work<T: Send>(
     });
     match raised {
         Some(raised) => Err(raised),
-        None => result(py, outcome),
+        None => result(outcome),
     }
 }
 
@@ -174,7 +174,7 @@ pub(crate) fn work_owned<T: Send + 'static>(
     let worker = std::thread::spawn(move || run_job(&threads, &own, job));
     match wait(py, progress, &monitor, Some(MAX_STOP_TIME)) {
         Some(raised) => Err(raised),
-        None => result(py, py.detach(|| worker.join())),
+        None => result(py.detach(|| worker.join())),
     }
 }
 
@@ -220,10 +220,10 @@ fn wait(
     raised.map(|(e, _)| e)
 }
 
-fn result<T>(py: Python<'_>, outcome: std::thread::Result<Outcome<T>>) -> PyResult<T> {
+fn result<T>(outcome: std::thread::Result<Outcome<T>>) -> PyResult<T> {
     match outcome {
-        Ok(Ok(outcome)) => outcome.map_err(|e| e.raise(py)),
-        Ok(Err(panic)) | Err(panic) => Err(bug(&*panic).raise(py)),
+        Ok(Ok(outcome)) => Ok(outcome?),
+        Ok(Err(panic)) | Err(panic) => Err(bug(&*panic).into()),
     }
 }
 

@@ -76,23 +76,10 @@ pub(crate) fn from_leaves(
     active: PyReadonlyArray2<'_, bool>,
     frame: GridFrame,
 ) -> PyResult<LevelSet> {
-    let read = || {
-        Ok::<_, Fault>((
-            arrays::rows::<i32, 3>(&origins, "origins")?,
-            arrays::rows::<f32, 512>(&values, "values")?,
-            arrays::rows::<bool, 512>(&active, "active")?,
-        ))
-    };
-    let (origins, values, active) = read().map_err(|e| e.raise(py))?;
+    let origins = arrays::rows::<i32, 3>(&origins, "origins")?;
+    let values = arrays::rows::<f32, 512>(&values, "values")?;
+    let active = arrays::rows::<bool, 512>(&active, "active")?;
     session::work(py, None, |session| {
-        if origins.len() != values.len() || origins.len() != active.len() {
-            return Err(Fault::Argument(format!(
-                "{} origins, {} values and {} masks; expected one of each for every leaf",
-                origins.len(),
-                values.len(),
-                active.len()
-            )));
-        }
         let transform = transform(frame.voxel_size)?;
         let background = (frame.half_width * frame.voxel_size) as f32;
         let mut leaves = BTreeMap::new();
@@ -130,8 +117,8 @@ pub(crate) fn from_dense(
 ) -> PyResult<LevelSet> {
     let shape: [usize; 3] = [values.shape()[0], values.shape()[1], values.shape()[2]];
     let values = values.as_slice();
-    let values = values
-        .map_err(|_| Fault::Argument("values: expected a contiguous array".into()).raise(py))?;
+    let values =
+        values.map_err(|_| Fault::Argument("values: expected a contiguous array".into()))?;
     session::work(py, None, |session| {
         // The place of the first bad value, for the message.
         if let Some(n) = values.iter().position(|v| !v.is_finite()) {
