@@ -143,6 +143,12 @@ pub struct PolyMesh {
 }
 
 impl PolyMesh {
+    /// A mesh of these vertices and loops, in group 1.
+    pub(crate) fn in_one_group(vertices: Vec<Vec3>, faces: Faces) -> Result<Self, PolyError> {
+        let groups = vec![1; faces.len()];
+        Self::new(vertices, faces, groups)
+    }
+
     /// A mesh of these vertices, loops and groups.
     ///
     /// # Errors
@@ -169,8 +175,7 @@ impl PolyMesh {
         for face in faces {
             list.push(face.as_ref().iter().copied());
         }
-        let groups = vec![1; list.len()];
-        Self::new(vertices, list, groups)
+        Self::in_one_group(vertices, list)
     }
 
     /// The vertices; every one belongs to a face.

@@ -79,8 +79,7 @@ pub(super) fn on_solid(operator: Operator, kind: Kind, solid: &PolyMesh) -> Poly
             *slot
         }));
     }
-    let groups = vec![1; faces.len()];
-    PolyMesh::new(points, faces, groups).unwrap_or_else(|e| unreachable!("a regular solid: {e}"))
+    PolyMesh::in_one_group(points, faces).unwrap_or_else(|e| unreachable!("a regular solid: {e}"))
 }
 
 /// The closed solid of the cap on `q`; face 0 is its base, with reversed orientation.
@@ -90,8 +89,7 @@ fn closed(cap: &Cap, q: &Polygon) -> Result<PolyMesh, String> {
     let mut faces = Faces::default();
     faces.push((0..m).rev());
     cap.faces.iter().for_each(|f| faces.push(f.iter().copied()));
-    let groups = vec![1; faces.len()];
-    PolyMesh::new(vertices, faces, groups).map_err(|e| e.to_string())
+    PolyMesh::in_one_group(vertices, faces).map_err(|e| e.to_string())
 }
 
 /// An operator with its constants.

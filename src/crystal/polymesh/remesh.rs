@@ -258,12 +258,9 @@ impl Remesh {
             let groups = self.groups(&built, mesh)?;
             return PolyMesh::new(built.vertices, built.faces, groups).map_err(fault);
         }
-        let mesh_of = |m: MeshBuilder| {
-            let groups = vec![1; m.faces.len()];
-            PolyMesh::new(m.vertices, m.faces, groups).map_err(fault)
-        };
-        let inner = mesh_of(face::dual(&Old::new(mesh), &[]).map_err(fault)?)?;
-        let middle = mesh_of((self.row().rule)(&Old::new(&inner), &self.values).map_err(fault)?)?;
+        let mesh_of = |made: RuleResult| made.and_then(MeshBuilder::mesh).map_err(fault);
+        let inner = mesh_of(face::dual(&Old::new(mesh), &[]))?;
+        let middle = mesh_of((self.row().rule)(&Old::new(&inner), &self.values))?;
         let mut built = face::dual(&Old::new(&middle), &[]).map_err(fault)?;
         built.parents.fill(NO_PARENT);
         let groups = self.groups(&built, mesh)?;
@@ -429,10 +426,16 @@ impl MeshBuilder {
         self.parents.push(parent);
     }
 
+    /// Adds a face in each old face, of the points of its corners; `first` is that of corner 0.
+    fn inner_faces(&mut self, old: &Old, first: u32) {
+        for f in 0..old.faces() {
+            self.face(1, f as u32, old.span(f).map(|c| first + c as u32));
+        }
+    }
+
     /// The mesh with all faces in one group, for a further rule.
     fn mesh(self) -> Result<PolyMesh, PolyError> {
-        let groups = vec![1; self.faces.len()];
-        PolyMesh::new(self.vertices, self.faces, groups)
+        PolyMesh::in_one_group(self.vertices, self.faces)
     }
 }
 

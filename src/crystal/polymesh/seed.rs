@@ -242,7 +242,28 @@ pub fn two_sided(points: Vec<Vec3>) -> Result<PolyMesh, SeedError> {
     let mut faces = Faces::default();
     faces.push(0..n);
     faces.push((0..n).rev());
-    Ok(PolyMesh::new(points, faces, vec![1; 2])?)
+    Ok(PolyMesh::in_one_group(points, faces)?)
+}
+
+/// Two regular n-gons at the heights -z and z, the upper one turned by an angle, with the faces that `side` makes of the
+/// corners over each edge.
+fn between(
+    n: usize,
+    edge: f64,
+    [z, turn]: [f64; 2],
+    side: impl Fn([u32; 4], &mut Faces),
+) -> Result<PolyMesh, SeedError> {
+    let mut points = ring(n, edge, -z, 0.0);
+    points.extend(ring(n, edge, z, turn));
+    let n = n as u32;
+    let mut faces = Faces::default();
+    faces.push(n..2 * n);
+    faces.push((0..n).rev());
+    for i in 0..n {
+        let j = (i + 1) % n;
+        side([i, j, n + j, n + i], &mut faces);
+    }
+    Ok(PolyMesh::in_one_group(points, faces)?)
 }
 
 /// A prism over a regular n-gon: top, bottom, sides.
@@ -252,18 +273,9 @@ pub fn two_sided(points: Vec<Vec3>) -> Result<PolyMesh, SeedError> {
 pub fn prism(n: usize, edge: f64, height: f64) -> Result<PolyMesh, SeedError> {
     let (n, edge) = (corners(n)?, positive("edge", edge)?);
     let z = positive("height", height)? / 2.0;
-    let mut points = ring(n, edge, -z, 0.0);
-    points.extend(ring(n, edge, z, 0.0));
-    let n = n as u32;
-    let mut faces = Faces::default();
-    faces.push(n..2 * n);
-    faces.push((0..n).rev());
-    for i in 0..n {
-        let j = (i + 1) % n;
-        faces.push([i, j, n + j, n + i]);
-    }
-    let groups = vec![1; faces.len()];
-    Ok(PolyMesh::new(points, faces, groups)?)
+    between(n, edge, [z, 0.0], |[a, b, c, d], faces| {
+        faces.push([a, b, c, d]);
+    })
 }
 
 /// An antiprism over a regular n-gon; without a height its triangles are equilateral.
@@ -275,19 +287,10 @@ pub fn antiprism(n: usize, edge: f64, height: Option<f64>) -> Result<PolyMesh, S
     let part = PI / n as f64;
     let uniform = edge * (1.0 - 0.25 / (part / 2.0).cos().powi(2)).sqrt();
     let z = positive("height", height.unwrap_or(uniform))? / 2.0;
-    let mut points = ring(n, edge, -z, 0.0);
-    points.extend(ring(n, edge, z, part));
-    let n = n as u32;
-    let mut faces = Faces::default();
-    faces.push(n..2 * n);
-    faces.push((0..n).rev());
-    for i in 0..n {
-        let j = (i + 1) % n;
-        faces.push([i, j, n + i]);
-        faces.push([j, n + j, n + i]);
-    }
-    let groups = vec![1; faces.len()];
-    Ok(PolyMesh::new(points, faces, groups)?)
+    between(n, edge, [z, part], |[a, b, c, d], faces| {
+        faces.push([a, b, d]);
+        faces.push([b, c, d]);
+    })
 }
 
 /// A pyramid over a regular n-gon: base, then sides. Without a height its triangles are equilateral for n up
@@ -312,8 +315,7 @@ pub fn pyramid(n: usize, edge: f64, height: Option<f64>) -> Result<PolyMesh, See
     for i in 0..n {
         faces.push([i, (i + 1) % n, n]);
     }
-    let groups = vec![1; faces.len()];
-    Ok(PolyMesh::new(points, faces, groups)?)
+    Ok(PolyMesh::in_one_group(points, faces)?)
 }
 
 /// The surface of a block of cubes, as many along each axis as `counts`, about the origin.
@@ -371,8 +373,7 @@ pub fn grid(counts: [usize; 3], edge: f64) -> Result<PolyMesh, SeedError> {
             }
         }
     }
-    let groups = vec![1; faces.len()];
-    Ok(PolyMesh::new(points, faces, groups)?)
+    Ok(PolyMesh::in_one_group(points, faces)?)
 }
 
 /// A torus of quads about the z axis: `counts[0]` along the great circle, `counts[1]` along the small.
@@ -413,6 +414,5 @@ pub fn torus(major: f64, minor: f64, counts: [usize; 2]) -> Result<PolyMesh, See
         (0..m).map(move |j| [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)])
     });
     let faces: Faces = quads.collect();
-    let groups = vec![1; faces.len()];
-    Ok(PolyMesh::new(points, faces, groups)?)
+    Ok(PolyMesh::in_one_group(points, faces)?)
 }

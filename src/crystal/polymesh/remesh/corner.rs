@@ -8,9 +8,7 @@ use druse_geometry::frame::Vec3;
 /// left out.
 fn over(old: &Old, points: Vec<Vec3>) -> MeshBuilder {
     let mut s = MeshBuilder::new(points);
-    for f in 0..old.faces() {
-        s.face(1, f as u32, old.span(f).map(|c| c as u32));
-    }
+    s.inner_faces(old, 0);
     for c in old.edge_corners() {
         let t = old.twin(c);
         s.face(
@@ -70,9 +68,7 @@ pub(super) fn root4(old: &Old, p: &[f64]) -> RuleResult {
         points.extend(weighted(&start, own + p[0] * (1.0 - own)));
     }
     let inner = s.points(points);
-    for f in 0..old.faces() {
-        s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
-    }
+    s.inner_faces(old, inner);
     for c in old.edge_corners() {
         let t = old.twin(c);
         let (x, y) = (old.ring.vertex(c) as u32, old.ring.vertex(t) as u32);
@@ -143,9 +139,7 @@ pub(super) fn doo_sabin_bc_new(old: &Old, _: &[f64]) -> RuleResult {
     let mut s = MeshBuilder::with_old_vertices(old);
     let inner = s.points(by_weight(&split, doo_sabin_weight));
     let first_middle = old.vertices();
-    for f in 0..split.faces() {
-        s.face(1, f as u32, split.span(f).map(|c| inner + c as u32));
-    }
+    s.inner_faces(&split, inner);
     for c in split.edge_corners() {
         // The half edges run from an old vertex to a midpoint, in either direction.
         let c = if split.ring.vertex(c) < first_middle {
@@ -171,9 +165,7 @@ pub(super) fn loft(old: &Old, p: &[f64]) -> RuleResult {
         points.extend(old.span(f).map(|c| top + p[0] * (old.ring.at(c) - centre)));
     }
     let inner = s.points(points);
-    for f in 0..old.faces() {
-        s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
-    }
+    s.inner_faces(old, inner);
     for c in 0..old.corners() {
         let (v, w) = (
             old.ring.vertex(c) as u32,

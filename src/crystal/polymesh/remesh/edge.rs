@@ -40,9 +40,7 @@ pub(super) fn honeycomb(old: &Old, _: &[f64]) -> RuleResult {
         vertices.extend(weighted(&middles, honeycomb_weight(middles.len())));
     }
     let mut s = MeshBuilder::new(vertices);
-    for f in 0..old.faces() {
-        s.face(1, f as u32, old.span(f).map(|c| c as u32));
-    }
+    s.inner_faces(old, 0);
     for v in 0..old.vertices() {
         let pair = |c: usize| [c as u32, old.ring.prior(c) as u32];
         s.face(2, NO_PARENT, old.ring.around(v).flat_map(pair));
@@ -129,9 +127,7 @@ pub(super) fn checkerboard(old: &Old, p: &[f64]) -> RuleResult {
     let inner = s.points(inner_points);
     // The point on edge c near its first corner; that of the twin is near the other end.
     let near = |c: usize| point + old.side(c);
-    for f in 0..old.faces() {
-        s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
-    }
+    s.inner_faces(old, inner);
     // Per corner a quad along the edge and one around the corner.
     for c in 0..old.corners() {
         let after = old.ring.after(c) as u32;
@@ -158,9 +154,7 @@ pub(super) fn pentagon_preserving(old: &Old, p: &[f64]) -> RuleResult {
         inner_points.extend(middles.iter().map(|m| mean + p[0] * (m - mean)));
     }
     let inner = s.points(inner_points);
-    for f in 0..old.faces() {
-        s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
-    }
+    s.inner_faces(old, inner);
     for c in 0..old.corners() {
         let (v, before) = (old.ring.vertex(c) as u32, old.ring.prior(c));
         let (out, back) = (middle + old.edge(c), middle + old.edge(before));
