@@ -62,18 +62,21 @@ fn connectivity(offsets: &[i64], nodes: &[i64], types: &[u8]) -> Result<Connecti
         let range = usize::try_from(ends[0])
             .ok()
             .zip(usize::try_from(ends[1]).ok());
-        let own = range.and_then(|(a, b)| nodes.get(a..b));
-        let Some(own) = own else {
+        let element_nodes = range.and_then(|(a, b)| nodes.get(a..b));
+        let Some(element_nodes) = element_nodes else {
             return fail(format!(
                 "element {n} has the offsets {ends:?} into {} node numbers",
                 nodes.len()
             ));
         };
-        let own: Option<Vec<u32>> = own.iter().map(|&n| u32::try_from(n).ok()).collect();
-        let Some(own) = own else {
+        let element_nodes: Option<Vec<u32>> = element_nodes
+            .iter()
+            .map(|&n| u32::try_from(n).ok())
+            .collect();
+        let Some(element_nodes) = element_nodes else {
             return fail(format!("element {n} has a negative node number"));
         };
-        made.push(kind, &own);
+        made.push(kind, &element_nodes);
     }
     Ok(made)
 }

@@ -79,8 +79,10 @@ pub fn symmetry<const D: usize>(
     };
     // The lattice of the caller comes before the one in the text; without both, it is the first of the
     // element.
-    let own = parsed.as_ref().and_then(|t| t.lattice.clone());
-    let name = lattice.or(own.as_deref()).unwrap_or(lattices(element)[0]);
+    let text_lattice = parsed.as_ref().and_then(|t| t.lattice.clone());
+    let name = lattice
+        .or(text_lattice.as_deref())
+        .unwrap_or(lattices(element)[0]);
     if rank(element) != D {
         return Err(unfitting(
             element,

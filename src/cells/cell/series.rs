@@ -277,11 +277,11 @@ impl<const D: usize> Series<D> {
         for t in &other.coefficients {
             let c = t.c.map(|v| v * b);
             match coefficients.binary_search_by_key(&order(t.k), |s| order(s.k)) {
-                Ok(at) => {
-                    let own = coefficients[at].c;
-                    coefficients[at].c = [own[0] + c[0], own[1] + c[1]];
+                Ok(index) => {
+                    let old = coefficients[index].c;
+                    coefficients[index].c = [old[0] + c[0], old[1] + c[1]];
                 }
-                Err(at) => coefficients.insert(at, Coefficient { k: t.k, c }),
+                Err(index) => coefficients.insert(index, Coefficient { k: t.k, c }),
             }
         }
         // Waves with the same index are neighbours after sorting and add up.

@@ -78,10 +78,10 @@ const SCHOENFLIES_SYMBOLS: [(&str, &str); 34] = [
 /// # Errors
 /// [`FormError::Unknown`].
 pub fn cartesian_group(name: &str) -> Result<Vec<Vec<Mat3>>, FormError> {
-    let own = SCHOENFLIES_SYMBOLS.iter().find(|row| row.0 == name);
-    let own = own.map_or(name, |row| row.1);
+    let symbol = SCHOENFLIES_SYMBOLS.iter().find(|row| row.0 == name);
+    let symbol = symbol.map_or(name, |row| row.1);
     let hexagonal = lattice_vectors([1.0; 3], [90.0, 90.0, 120.0]).unwrap_or_else(Mat3::identity);
-    let row = GROUPS.iter().position(|row| row.0 == own);
+    let row = GROUPS.iter().position(|row| row.0 == symbol);
     let standing = row.map(|n| {
         let axes = if HEXAGONAL_ROWS.contains(&n) {
             hexagonal
@@ -93,13 +93,13 @@ pub fn cartesian_group(name: &str) -> Result<Vec<Vec<Mat3>>, FormError> {
         (GROUPS[n].1, axes)
     });
     // Trigonal groups have a second orientation, about the diagonal of rhombohedral axes.
-    let diagonal = RHOMBOHEDRAL_GROUPS.iter().find(|row| row.0 == own);
+    let diagonal = RHOMBOHEDRAL_GROUPS.iter().find(|row| row.0 == symbol);
     let diagonal = diagonal.map(|row| (row.1, Mat3::identity()));
     let rows = standing.into_iter().chain(diagonal);
     let orientations: Vec<Vec<Mat3>> = rows
         .map(|(generators, axes)| {
             let inverse = axes.try_inverse().unwrap_or_else(Mat3::identity);
-            let group = generated(own, generators);
+            let group = generated(symbol, generators);
             let matrix = |o: &Operator<3>| axes * operator_matrix(o) * inverse;
             group.operators().iter().map(matrix).collect()
         })
@@ -280,11 +280,11 @@ impl Form {
             expected: "three angles that close a cell",
         })?;
         // Without a symbol the group is that of the lattice, the holohedry.
-        let own = HOLOHEDRIES
+        let holohedry = HOLOHEDRIES
             .iter()
             .find(|row| row.0 == system)
             .map_or("1", |r| r.1);
-        let name = group.unwrap_or(own);
+        let name = group.unwrap_or(holohedry);
         let rows: Vec<&(&str, &[&str])> = match system {
             "rhombohedral" => RHOMBOHEDRAL_GROUPS.iter().chain(&GROUPS[..2]).collect(),
             _ => GROUPS.iter().collect(),

@@ -201,7 +201,7 @@ impl Remesh {
     /// [`RemeshError::Parameter`] or [`RemeshError::Range`].
     pub fn set(&mut self, name: &str, value: f64) -> Result<(), RemeshError> {
         let parameters = self.row().parameters;
-        let Some(place) = parameters.iter().position(|p| p.name == name) else {
+        let Some(number) = parameters.iter().position(|p| p.name == name) else {
             let known: Vec<&str> = parameters.iter().map(|p| p.name).collect();
             return Err(RemeshError::Parameter {
                 scheme: self.name(),
@@ -213,7 +213,7 @@ impl Remesh {
                 },
             });
         };
-        let Parameter { name, range, .. } = parameters[place];
+        let Parameter { name, range, .. } = parameters[number];
         // NaN is in no range, which `!(..)` covers.
         if !(value > range.above && value < range.below) {
             return Err(RemeshError::Range {
@@ -223,7 +223,7 @@ impl Remesh {
                 range,
             });
         }
-        self.values[place] = value;
+        self.values[number] = value;
         Ok(())
     }
 

@@ -153,7 +153,7 @@ impl<'a> Elasticity<'a> {
                 Some(_) => vec![Vec::new(); 6],
             },
         };
-        let mut own = Vec::new();
+        let mut shared_buffer = Vec::new();
         for &load in loads {
             self.strain = [0.0; 6];
             self.strain[load] = 1.0;
@@ -163,7 +163,7 @@ impl<'a> Elasticity<'a> {
                 u = std::mem::take(&mut found.displacements[load]);
                 begin = Begin::at(&mut u, count);
             } else {
-                u = std::mem::take(&mut own);
+                u = std::mem::take(&mut shared_buffer);
                 begin = Begin::at_zero(&mut u, count);
             }
             let solved = cg::solve(self, &mut u, begin, &mut space, control, progress)?;
@@ -176,7 +176,7 @@ impl<'a> Elasticity<'a> {
             if keeps {
                 found.displacements[load] = u;
             } else {
-                own = u;
+                shared_buffer = u;
             }
             progress.advance(1);
         }

@@ -237,12 +237,12 @@ fn layer(
         .partition_point(|s| s.0 < (i + 1) * ny * nz);
     for n in first..last {
         let (voxel, elastic) = &sensitivities.elastic[n];
-        let mut own = [0.0; OUTPUT_COUNT];
-        own[..21].copy_from_slice(elastic);
+        let mut sensitivity = [0.0; OUTPUT_COUNT];
+        sensitivity[..21].copy_from_slice(elastic);
         if let Some((_, thermal)) = sensitivities.thermal.get(n) {
-            own[21..27].copy_from_slice(thermal);
+            sensitivity[21..27].copy_from_slice(thermal);
         }
-        own[27] = 1.0;
+        sensitivity[27] = 1.0;
         let within = voxel % (ny * nz);
         for at in samples.parts([i, within / nz, within % nz]) {
             let slope = samples.slope(at);
@@ -250,12 +250,12 @@ fn layer(
             if share.by_value == 0.0 && share.by_level == 0.0 && share.by_slope == [0.0; 3] {
                 continue;
             }
-            add(&mut by_level, share.by_level / parts, &own);
+            add(&mut by_level, share.by_level / parts, &sensitivity);
             // d share / d samples: by the value at the part, and by the slope, a central difference of its
             // neighbours.
             let mut give = |at, factor: f64| {
                 let sum = weights.entry(at).or_insert([0.0; OUTPUT_COUNT]);
-                add(sum, factor / parts, &own);
+                add(sum, factor / parts, &sensitivity);
             };
             give(at, share.by_value);
             for axis in 0..3 {

@@ -143,7 +143,8 @@ pub fn properties(
     properties_from(grid, shares, settings, None, progress)
 }
 
-/// The same, starting from the solutions of a similar medium, which are replaced by the new ones.
+/// Effective properties of a grid of shares; the solver begins at the solutions `start` of a similar medium, which are
+/// replaced by the new ones.
 ///
 /// # Errors
 /// As [`properties`].
@@ -202,14 +203,14 @@ pub fn properties_from(
             &[0, 1, 2, 3, 4, 5]
         };
         progress.stage("stiffness", Some(loads.len() as u64));
-        let own = start.as_mut().map(|s| std::mem::take(&mut s.displacements));
-        let solved = medium.solve(loads, own, settings.control, progress)?;
+        let first_guess = start.as_mut().map(|s| std::mem::take(&mut s.displacements));
+        let solved = medium.solve(loads, first_guess, settings.control, progress)?;
         let mut c = solved.matrix;
         if is_cubic {
             c = cubic(&c);
         }
-        let c = symmetrised(&c);
         // The exact stiffness is symmetric; the mean of both halves removes the residual of the solver.
+        let c = symmetrised(&c);
         found.load_cases = loads.len();
         found.iterations[0] = solved.iterations.into_iter().max().unwrap_or(0);
         found.stiffness = Some(c);
@@ -228,8 +229,8 @@ pub fn properties_from(
         let mut medium = Conduction::new(grid, shares, solid, void, settings.scheme)?;
         let loads: &[usize] = if is_cubic { &[0] } else { &[0, 1, 2] };
         progress.stage("conductivity", Some(loads.len() as u64));
-        let own = start.as_mut().map(|s| std::mem::take(&mut s.potentials));
-        let solved = medium.solve(loads, own, settings.control, progress)?;
+        let first_guess = start.as_mut().map(|s| std::mem::take(&mut s.potentials));
+        let solved = medium.solve(loads, first_guess, settings.control, progress)?;
         found.iterations[1] = solved.iterations.into_iter().max().unwrap_or(0);
         found.conductivity = Some(second_order(solved.matrix, is_cubic));
         if let Some(start) = &mut start {

@@ -211,7 +211,7 @@ impl Stokes {
                     let pressure = row(i, 3, j);
                     for c in 0..3 {
                         let out = &mut out[c * layer + j * nz..c * layer + (j + 1) * nz];
-                        let own = row(i, c, j);
+                        let velocity = row(i, c, j);
                         let across = [row(im, c, j), row(ip, c, j)];
                         let beside = [row(i, c, jm), row(i, c, jp)];
                         let before = match c {
@@ -242,11 +242,11 @@ impl Stokes {
                             let kp = if k + 1 == nz { 0 } else { k + 1 };
                             let around = weights[0] * (across[0][k] + across[1][k])
                                 + weights[1] * (beside[0][k] + beside[1][k])
-                                + weights[2] * (own[km] + own[kp]);
+                                + weights[2] * (velocity[km] + velocity[kp]);
                             let diagonal =
                                 self.diagonals[c][usize::from(ghosts[k] >> (4 * c) & 15)];
                             let lower = if c == 2 { before[km] } else { before[k] };
-                            out[k] = (diagonal + drag(k)) * own[k] - around
+                            out[k] = (diagonal + drag(k)) * velocity[k] - around
                                 + (pressure[k] - lower) * inverse[c];
                         }
                     }

@@ -278,18 +278,18 @@ impl<'a> Collector<'a> {
                     format!("{} for each of {count} {what}", field.components),
                 ));
             }
-            let element_nodes =
+            let values_of_item =
                 |n: usize| &field.values[n * field.components..(n + 1) * field.components];
             // Nodes that no element has, and duplicates, are left out of the fields too.
             let values = match field.at {
                 FieldAt::Points => nodes
                     .iter()
-                    .flat_map(|&n| element_nodes(n))
+                    .flat_map(|&n| values_of_item(n))
                     .copied()
                     .collect(),
                 FieldAt::Cells => kept
                     .iter()
-                    .flat_map(|&e| element_nodes(self.element_numbers[e] as usize))
+                    .flat_map(|&e| values_of_item(self.element_numbers[e] as usize))
                     .copied()
                     .collect(),
             };

@@ -334,8 +334,8 @@ impl ElementDeck<'_> {
     /// One material and one section for each class of elements that occurs.
     fn materials(&self, out: &mut impl Write, taken: &mut BTreeSet<String>) -> io::Result<()> {
         for (c, class) in self.classes.iter().enumerate() {
-            let own = (0..self.class_of.len()).filter(|&e| self.class_of[e] as usize == c);
-            let numbers: Vec<u64> = own.map(|e| e as u64 + 1).collect();
+            let members = (0..self.class_of.len()).filter(|&e| self.class_of[e] as usize == c);
+            let numbers: Vec<u64> = members.map(|e| e as u64 + 1).collect();
             if numbers.is_empty() {
                 continue;
             }

@@ -277,9 +277,9 @@ impl Geometry {
             let (first, first_face) = (soup.vertices.len() as u32, soup.faces.len() as u32);
             let mut rest = &part.corners[..];
             for &count in &part.counts {
-                let (own, following) = rest.split_at(count);
+                let (face, following) = rest.split_at(count);
                 rest = following;
-                let corners = own.iter().map(|c| c + first);
+                let corners = face.iter().map(|c| c + first);
                 if part.is_flipped {
                     soup.faces.push(corners.rev());
                 } else {

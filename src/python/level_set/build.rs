@@ -91,7 +91,7 @@ pub(crate) fn from_leaves(
                 )));
             }
             // Signs beyond the band follow from inactive values, which are minus or plus the background.
-            let own: [f32; 512] = std::array::from_fn(|i| {
+            let leaf_values: [f32; 512] = std::array::from_fn(|i| {
                 let v = values[n][i];
                 if active[n][i] || v.is_nan() {
                     v
@@ -99,7 +99,7 @@ pub(crate) fn from_leaves(
                     background.copysign(v)
                 }
             });
-            if leaves.insert(at, (mask(&active[n]), own)).is_some() {
+            if leaves.insert(at, (mask(&active[n]), leaf_values)).is_some() {
                 let text = format!("two leaves are at {origin:?}; expected one");
                 return Err(Fault::Argument(text));
             }
@@ -207,19 +207,19 @@ fn dense(
     let steps = |n: usize| (0..n).step_by(8);
     for (x, y) in steps(nx).flat_map(|x| steps(ny).map(move |y| (x, y))) {
         for z in steps(nz) {
-            let mut own = [background; 512];
+            let mut leaf_values = [background; 512];
             let mut mask = [0u64; 8];
             for n in 0..512 {
                 let [i, j, k] = [x + (n >> 6), y + (n >> 3 & 7), z + (n & 7)];
                 if i < nx && j < ny && k < nz {
                     let v = values[(i * ny + j) * nz + k];
-                    own[n] = v.clamp(-background, background);
+                    leaf_values[n] = v.clamp(-background, background);
                     mask[n >> 6] |= u64::from(v.abs() < background) << (n & 63);
                 }
             }
             // Leaves without active voxels get their sign from their neighbours.
             if mask != [0; 8] {
-                leaves.insert(Coord([x as i32, y as i32, z as i32]), (mask, own));
+                leaves.insert(Coord([x as i32, y as i32, z as i32]), (mask, leaf_values));
             }
         }
     }

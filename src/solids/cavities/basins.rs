@@ -120,8 +120,8 @@ impl BlockBasins {
             Slot::Solid => 0,
             Slot::Wide => VOXELS,
             Slot::Mixed(n) => {
-                let own = &space.leaves[n as usize];
-                own.iter().filter(|d| **d >= 0.0).count()
+                let distances = &space.leaves[n as usize];
+                distances.iter().filter(|d| **d >= 0.0).count()
             }
         };
         let basin = Basin {

@@ -159,13 +159,13 @@ fn along_x(samples: &Samples) -> LeafRows {
             let wanted: Vec<bool> = (0..SLOTS).map(is_wanted).collect();
             let mut needed = vec![false; side];
             needed[halo..halo + SLOTS].copy_from_slice(&wanted);
-            // Each leaf has eight lines of eight neighbouring z; `own` is the line's y.
-            for own in 0..8 {
-                from_crossings(&line, |step| 8 * step + own, &needed, &mut squares);
+            // Each leaf has eight lines of eight neighbouring z.
+            for y_in_leaf in 0..8 {
+                from_crossings(&line, |step| 8 * step + y_in_leaf, &needed, &mut squares);
                 for x in (0..SLOTS).filter(|&x| wanted[x]) {
                     let rows = found.rows_mut([x, y, z]);
                     for step in 0..8 {
-                        rows[8 * step + own] = squares[8 * (halo + x) + step];
+                        rows[8 * step + y_in_leaf] = squares[8 * (halo + x) + step];
                     }
                 }
             }
@@ -197,26 +197,26 @@ fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
             let wanted: Vec<bool> = (0..SLOTS).map(is_wanted).collect();
             let mut needed = vec![false; side];
             needed[halo..halo + SLOTS].copy_from_slice(&wanted);
-            // Rows at x = own of the leaves.
-            for own in 0..8 {
+            // The rows of all leaves at this x.
+            for x_in_leaf in 0..8 {
                 for (part, leaf) in rows.chunks_exact_mut(8).zip(&before) {
                     if let Some(leaf) = leaf {
-                        part.copy_from_slice(&leaf[8 * own..8 * own + 8]);
+                        part.copy_from_slice(&leaf[8 * x_in_leaf..8 * x_in_leaf + 8]);
                     }
                 }
-                from_crossings(&line, |step| 8 * own + step, &needed, &mut squares);
+                from_crossings(&line, |step| 8 * x_in_leaf + step, &needed, &mut squares);
                 for y in (0..SLOTS).filter(|&y| wanted[y]) {
                     let out = found.rows_mut([x, y, z]);
                     // The least of the squares from points on the line along y itself and of those along x in
                     // rows beside, plus the squared step along y.
                     for step in 0..8 {
-                        if line[halo + y].solid_row(8 * own + step) == ALL_SOLID {
+                        if line[halo + y].solid_row(8 * x_in_leaf + step) == ALL_SOLID {
                             continue;
                         }
                         let at = 8 * (halo + y) + step;
                         let mut square = squares[at];
                         lower_to_rows(&mut square, &rows, &has_rows, at, steps);
-                        out[8 * own + step] = square;
+                        out[8 * x_in_leaf + step] = square;
                     }
                 }
             }

@@ -174,9 +174,9 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
             if !bounds.meets(leaf, LEAF) {
                 return Ok((found, true));
             }
-            let own = self.leaf(leaf)?;
+            let void = self.leaf(leaf)?;
             let old = found.get(&leaf).copied().unwrap_or([0; 8]);
-            let reached = voxel_mask::connected(seed, &own);
+            let reached = voxel_mask::connected(seed, &void);
             let new: Bits = std::array::from_fn(|x| reached[x] & !old[x]);
             if voxel_mask::is_empty(&new) {
                 continue;

@@ -96,9 +96,9 @@ impl Placement {
                 if !(longest.is_finite() && longest > 0.0) {
                     return fail(format!("the source's box has the longest edge {longest}"));
                 }
-                let own = element.cell_box();
-                let scale = (own.max - own.min).max() / longest;
-                let centre = (own.min + own.max) / 2.0;
+                let element_box = element.cell_box();
+                let scale = (element_box.max - element_box.min).max() / longest;
+                let centre = (element_box.min + element_box.max) / 2.0;
                 (
                     Mat3::from_diagonal_element(scale),
                     centre - bounds.centre().0 * scale,
@@ -133,19 +133,19 @@ impl Placement {
 /// The affine map that takes the given vertices to those of the element.
 fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError> {
     let fail = |text: String| Err(FitError::Placement(text));
-    let own = element.vertices();
+    let reference = element.vertices();
     if element.dimension() == 2 {
         return fail(format!(
             "the vertices of a {} span no volume; give scale, rotate and translate",
             element.name()
         ));
     }
-    if vertices.len() != own.len() {
+    if vertices.len() != reference.len() {
         return fail(format!(
             "{} vertices for a {}; expected {}",
             vertices.len(),
             element.name(),
-            own.len()
+            reference.len()
         ));
     }
     // The edges from vertex 0 span the space.
@@ -166,13 +166,13 @@ fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError
             given.determinant()
         ));
     };
-    let linear = frame(&own) * inverse;
+    let linear = frame(&reference) * inverse;
     let map = Affine {
         linear,
-        offset: own[0] - linear * vertices[0],
+        offset: reference[0] - linear * vertices[0],
     };
     // Further vertices, as those of a hex, have to follow from the same map.
-    for (i, (v, o)) in vertices.iter().zip(&own).enumerate() {
+    for (i, (v, o)) in vertices.iter().zip(&reference).enumerate() {
         let miss = (map.linear * v + map.offset - o).norm();
         if miss.is_nan() || miss > 1e-6 {
             return fail(format!(

@@ -148,7 +148,7 @@ impl Job<'_> {
         };
         // The accuracy is measured at about as many points as the fit has, but at others.
         let parts_per_edge = parts_per_edge(self.element, &domain, unknowns, options.samples);
-        let own = FitOptions {
+        let measured_options = FitOptions {
             band_limit: basis.radius(),
             ..options.clone()
         };
@@ -157,7 +157,7 @@ impl Job<'_> {
             &target,
             &domain,
             parts_per_edge,
-            &own,
+            &measured_options,
             self.info,
             self.progress,
         )?;

@@ -84,14 +84,14 @@ impl Spectrum {
     /// The spectrum of a series on the box of its periods, with the symmetries that its grid keeps.
     fn of<const D: usize>(series: &Series<D>) -> Result<Self, CellError> {
         let lattice = series.lattice();
-        let own = lattice.periods().ok_or_else(|| CellError::NoTable {
+        let series_periods = lattice.periods().ok_or_else(|| CellError::NoTable {
             reason: format!(
                 "its lattice {:?} has no period along the axes",
                 lattice.vectors()
             ),
         })?;
         // A planar series has one sample along z; any period serves.
-        let periods = std::array::from_fn(|a| if a < D { own[a] } else { 1.0 });
+        let periods = std::array::from_fn(|a| if a < D { series_periods[a] } else { 1.0 });
         let mut max_index = [0; 3];
         let mut terms = Vec::with_capacity(series.exponentials().len());
         // Indices on the grid: h = f times the period along each axis, an integer for every wave of the
@@ -103,7 +103,7 @@ impl Spectrum {
             let f = lattice.frequency(k);
             let mut h = [0; 3];
             for a in 0..D {
-                h[a] = (f[a] * own[a]).round() as i32;
+                h[a] = (f[a] * series_periods[a]).round() as i32;
                 max_index[a] = max_index[a].max(h[a].abs());
             }
             terms.push((h, c));

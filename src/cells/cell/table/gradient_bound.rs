@@ -161,9 +161,12 @@ pub(super) fn gradient_bounds_over(
         let bound = slabs.iter().fold(0f32, |m, s| m.max(s.0[n]));
         let candidates = slabs.iter().flat_map(|s| &s.1[n]);
         let candidates = candidates.filter(|c| c.bound > SUBDIVISION_RATIO * bound);
-        let distance = (surface, f64::from(levels[n]));
-        let boxes = candidates.map(|&c| SubBox::of_cell(coefficients, grid, c, distance));
-        refined_bound(boxes.collect(), distance).max(f64::from(SUBDIVISION_RATIO * bound))
+        let near = NearSurface {
+            surface,
+            distance: f64::from(levels[n]),
+        };
+        let boxes = candidates.map(|&c| SubBox::of_cell(coefficients, grid, c, near));
+        refined_bound(boxes.collect(), near).max(f64::from(SUBDIVISION_RATIO * bound))
     };
     let bounds: Vec<_> = (0..DISTANCE_SHARES.len())
         .into_par_iter()
@@ -178,12 +181,25 @@ pub(super) fn gradient_bounds_over(
     GradientBounds { bounds }
 }
 
-/// The values of the surface, and a distance from them.
-type SurfaceDistance = (SurfaceValues, f64);
+/// Values near those of the surface.
+#[derive(Clone, Copy)]
+struct NearSurface {
+    surface: SurfaceValues,
+    /// Largest difference from the values of the surface.
+    distance: f64,
+}
+
+impl NearSurface {
+    /// Whether a value between `least` and `greatest` may be among them.
+    fn meets(self, least: f64, greatest: f64) -> bool {
+        f64::from(self.surface.distance(least as f32, greatest as f32)) <= self.distance
+    }
+}
 
 /// A bound of the gradient's length over the parts of the boxes near the surface. It exceeds the length at
 /// one of their corners near the surface by at most [`MAX_EXCESS`], unless [`MAX_BOXES`] is reached.
-fn refined_bound(mut boxes: BinaryHeap<SubBox>, distance: SurfaceDistance) -> f64 {
+fn refined_bound(mut boxes: BinaryHeap<SubBox>, near: NearSurface) -> f64 {
+    // The box with the greatest bound is divided until no bound exceeds an attained length by much.
     let mut attained = boxes.iter().fold(0.0, |k: f64, b| k.max(b.attained));
     for _ in 0..MAX_BOXES {
         match boxes.peek() {
@@ -191,7 +207,7 @@ fn refined_bound(mut boxes: BinaryHeap<SubBox>, distance: SurfaceDistance) -> f6
             _ => break,
         }
         let Some(first) = boxes.pop() else { break };
-        for part in first.octants(distance) {
+        for part in first.octants(near) {
             attained = attained.max(part.attained);
             if part.bound > attained {
                 boxes.push(part);
@@ -251,7 +267,7 @@ impl SubBox {
         coefficients: &[f32],
         grid: &Grid,
         BoundedCell { bound, cell }: BoundedCell,
-        distance: SurfaceDistance,
+        near: NearSurface,
     ) -> Self {
         // The 4^3 B-spline coefficients that act in the cell.
         let [_, sy, sz] = grid.padded();
@@ -275,7 +291,7 @@ impl SubBox {
             });
         }
         // The bound of the batch is from single precision; the smaller one is kept, for both are rigorous.
-        let all = Self::new(Box::new(bernstein), grid.per_unit(), distance);
+        let all = Self::new(Box::new(bernstein), grid.per_unit(), near);
         Self {
             bound: all.bound.min(f64::from(bound)),
             ..all
@@ -284,18 +300,11 @@ impl SubBox {
 
     /// The box with these Bernstein coefficients; `per_unit` boxes lie along a unit of length. Without points near
     /// the surface its bound is 0.
-    fn new(
-        coefficients: Box<Cubic>,
-        per_unit: [f64; 3],
-        (surface, level): SurfaceDistance,
-    ) -> Self {
-        let is_near_surface = |least: f64, greatest: f64| {
-            f64::from(surface.distance(least as f32, greatest as f32)) <= level
-        };
+    fn new(coefficients: Box<Cubic>, per_unit: [f64; 3], near: NearSurface) -> Self {
         let extreme =
             |least, pick: fn(f64, f64) -> f64| coefficients.iter().copied().fold(least, pick);
         let least = extreme(f64::INFINITY, f64::min);
-        if !is_near_surface(least, extreme(f64::NEG_INFINITY, f64::max)) {
+        if !near.meets(least, extreme(f64::NEG_INFINITY, f64::max)) {
             return Self {
                 bound: 0.0,
                 attained: 0.0,
@@ -321,7 +330,7 @@ impl SubBox {
             STRIDES
                 .iter()
                 .all(|s| [0, COEFFICIENTS_PER_AXIS - 1].contains(&(n / s % COEFFICIENTS_PER_AXIS)))
-                && is_near_surface(coefficients[*n], coefficients[*n])
+                && near.meets(coefficients[*n], coefficients[*n])
         };
         let lengths = |from: &mut dyn Iterator<Item = usize>| from.map(length).fold(0.0, f64::max);
         Self {
@@ -333,7 +342,7 @@ impl SubBox {
     }
 
     /// Its eight octants.
-    fn octants(&self, distance: SurfaceDistance) -> impl Iterator<Item = Self> {
+    fn octants(&self, near: NearSurface) -> impl Iterator<Item = Self> {
         (0..8).map(move |n| {
             let mut coefficients = self.coefficients.clone();
             for (axis, stride) in STRIDES.into_iter().enumerate() {
@@ -351,7 +360,7 @@ impl SubBox {
                     }
                 });
             }
-            Self::new(coefficients, self.per_unit.map(|p| 2.0 * p), distance)
+            Self::new(coefficients, self.per_unit.map(|p| 2.0 * p), near)
         })
     }
 }

@@ -129,12 +129,12 @@ impl SimdKernel for CellRanges<'_> {
         for n in 0..COEFFICIENTS_PER_CELL {
             least = lanes.min(least, b[n]);
             greatest = lanes.max(greatest, b[n]);
-            let mut own = zero;
+            let mut gradient_square = zero;
             for (stride, scale) in STRIDES.into_iter().zip(scale) {
                 let slope = lanes.mul(derivative(lanes, &b, n, stride), scale);
-                own = lanes.fused(slope, slope, own);
+                gradient_square = lanes.fused(slope, slope, gradient_square);
             }
-            square = lanes.max(square, own);
+            square = lanes.max(square, gradient_square);
         }
         let (mut low, mut high, mut slope) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         lanes.store(least, &mut low);

@@ -101,7 +101,7 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Step
         // number.
         let point = |k: usize| mesh.vertices()[face[k] as usize];
         let places = 0..face.len();
-        let found = if let Some(target) = toward {
+        let start = if let Some(target) = toward {
             let far = |k: &usize| (point(*k) - target).norm_squared();
             places.min_by(|a, b| far(a).total_cmp(&far(b)))
         } else if let Some(vertex) = at {
@@ -109,7 +109,7 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Step
         } else {
             places.min_by_key(|&k| face[k])
         };
-        shift[f] = found
+        shift[f] = start
             .ok_or_else(|| a.fault(format!("face {f} has no vertex {}", at.unwrap_or_default())))?;
     }
     Ok(Outcome::changed(

@@ -16,11 +16,11 @@ pub(super) fn copy_element(
     [shift, of_nodes]: [i64; 2],
     source: &Source,
 ) -> Result<u64, ReadError> {
-    let own = shifted_number(number, shift, source)?;
+    let new_number = shifted_number(number, shift, source)?;
     // Without any shift the element is its own copy.
     if let Some(&place) = model.element_places.get(&number) {
         if shift == 0 && of_nodes == 0 {
-            return Ok(own);
+            return Ok(new_number);
         }
         // The nodes of the copy have to exist.
         let kind = model.kinds[place as usize];
@@ -30,15 +30,15 @@ pub(super) fn copy_element(
             *to = shifted_number(from, of_nodes, source)?;
             node(model, *to, source)?;
         }
-        model.add_element(own, kind, &nodes[..count], source)?;
+        model.add_element(new_number, kind, &nodes[..count], source)?;
     // The copy of a skipped element is skipped under its own number.
     } else if let Some(kind) = model.skipped.get(&number).cloned() {
-        model.skip_element(own, &kind, source)?;
+        model.skip_element(new_number, &kind, source)?;
     } else {
         let found = format!("element {number}");
         return Err(source.bad(found, "an element that was given before"));
     }
-    Ok(own)
+    Ok(new_number)
 }
 
 /// *ELCOPY: copies the elements of a set with shifted numbers.

@@ -145,15 +145,15 @@ impl File {
                 break None;
             };
             let (keyword, words) = keyword(&line);
-            let place = ["VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"];
+            let kinds = ["VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"];
             match (keyword.as_str(), &words[..]) {
                 ("POINTS", [count, scalar]) => {
                     self.points(count, scalar, &mut collector)?;
                 }
-                (word, [a, b]) if place.contains(&word) => {
-                    let own = place.iter().position(|p| *p == word).unwrap_or(0);
+                (word, [a, b]) if kinds.contains(&word) => {
+                    let kind = kinds.iter().position(|p| *p == word).unwrap_or(0);
                     let (ends, nodes) = self.cells(version, a, b)?;
-                    (sections[own].ends, sections[own].nodes) = (ends, nodes);
+                    (sections[kind].ends, sections[kind].nodes) = (ends, nodes);
                 }
                 ("METADATA", []) => self.metadata()?,
                 ("FIELD", [_, arrays]) => self.field(arrays, &mut Vec::new())?,
@@ -252,16 +252,16 @@ impl File {
         // The length before each cell makes the list self-describing.
         let mut rest = numbers.as_slice();
         for cell in 0..cells {
-            let own = rest
+            let cell_nodes = rest
                 .split_first()
                 .and_then(|(&length, after)| after.split_at_checked(usize::try_from(length).ok()?));
-            let Some((own, after)) = own else {
+            let Some((cell_nodes, after)) = cell_nodes else {
                 return Err(self.tokens.source.bad(
                     format!("{total} numbers, too few from cell {cell} on"),
                     format!("the nodes of {cells} cells"),
                 ));
             };
-            nodes.extend_from_slice(own);
+            nodes.extend_from_slice(cell_nodes);
             ends.push(nodes.len() as i64);
             rest = after;
         }

@@ -46,7 +46,7 @@ impl Polygons {
     ) -> Result<u64, ReadError> {
         // Cells are numbered through all four kinds, as data at cells are.
         let mut cell = first_cell;
-        let mut own: Vec<u32> = Vec::new();
+        let mut corners: Vec<u32> = Vec::new();
         for (section, (name, _)) in sections.iter().zip(SECTIONS) {
             let mut start = 0;
             for &end in &section.ends {
@@ -70,19 +70,19 @@ impl Polygons {
                     self.skipped += 1;
                     continue;
                 }
-                own.clear();
+                corners.clear();
                 for &node in nodes {
                     let point = u64::try_from(node).ok().map(|n| n + first_point);
                     let Some(point) = point.and_then(|n| u32::try_from(n).ok()) else {
                         return Err(bad(format!("point {node}"), "a number from 0".into()));
                     };
-                    own.push(point);
+                    corners.push(point);
                 }
                 // A strip of n points is n - 2 triangles, each with the data of the strip.
                 let faces = if name == "Strips" {
-                    Soup::push_strip(&mut self.faces, &own)
+                    Soup::push_strip(&mut self.faces, &corners)
                 } else {
-                    self.faces.push(own.iter().copied());
+                    self.faces.push(corners.iter().copied());
                     1
                 };
                 let number = u32::try_from(number).unwrap_or(u32::MAX);
@@ -111,8 +111,9 @@ impl Polygons {
                     let expected = format!("{n} for each of {cells} cells");
                     return Err(ReadError::data(path, Place::File, found, expected));
                 }
-                let own = |&c: &u32| field.values[c as usize * n..(c as usize + 1) * n].to_vec();
-                field.values = self.cells.iter().flat_map(own).collect();
+                let values_of_cell =
+                    |&c: &u32| field.values[c as usize * n..(c as usize + 1) * n].to_vec();
+                field.values = self.cells.iter().flat_map(values_of_cell).collect();
             }
             kept.push(field);
         }

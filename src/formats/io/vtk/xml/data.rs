@@ -193,7 +193,7 @@ impl Format {
         // Each block is a zlib stream of its own.
         for block in 0..blocks {
             let packed = self.count(data, 3 + block)?;
-            let own = data[at..].get(..packed).ok_or_else(|| {
+            let packed_block = data[at..].get(..packed).ok_or_else(|| {
                 format!(
                     "a block of {packed} bytes where {} are left",
                     data.len() - at
@@ -206,7 +206,7 @@ impl Format {
                 block_size
             };
             let before = bytes.len();
-            ZlibDecoder::new(own)
+            ZlibDecoder::new(packed_block)
                 .take(size as u64)
                 .read_to_end(&mut bytes)
                 .map_err(|e| format!("block {block}: {e}"))?;
