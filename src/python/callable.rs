@@ -46,6 +46,7 @@ impl<'a> CallableField<'a> {
         let around = extent.dilated((half_width + 2.0) * voxel_size);
         let mut spacing = LEAF_VOXELS * voxel_size;
         let count = |spacing: f64| around.size().map(|s| (s / spacing).ceil() + 1.0);
+        // Samples at the centres of leaves bound the function around them; large boxes take coarser ones.
         while count(spacing).product() > MAX_BOUND_SAMPLES {
             spacing *= 2.0;
         }

@@ -185,10 +185,12 @@ impl<'a> Analysis<'a> {
         } else {
             Vec::new()
         };
+        // A hole over no void is a cup; the component around the outline is no hole.
         let mut cups = self.starts(number, &void, self.below.as_ref().map(|b| &b.void));
         cups.retain(|(component, _)| *component != Components::OUTER);
         let pockets = Pockets::of(&void, self.below.as_ref());
         let void_areas = void.areas.iter().zip(&pockets.is_open);
+        // A pocket that leads outside in no layer so far is sealed.
         let sealed = void_areas.filter(|(_, is_open)| !**is_open);
         let sealed_area = sealed.fold(0.0, |sum, (area, _)| sum + area);
         let layer = LayerFacts {
@@ -207,6 +209,7 @@ impl<'a> Analysis<'a> {
             void,
             pockets,
         });
+        // Only the layers that overhangs are compared with stay in memory.
         if self.rasters.len() == self.lookback {
             self.rasters.pop_front();
         }

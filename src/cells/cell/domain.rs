@@ -74,6 +74,7 @@ impl Domain {
             let differs = (0..3).find(|&i| (a[i] - b[i]).abs() > 1e-9);
             differs.map_or(std::cmp::Ordering::Equal, |i| b[i].total_cmp(&a[i]))
         });
+        // One flag of each orbit: the others are images of it.
         let mut chosen: Vec<([Vec3; 4], Vec3)> = Vec::new();
         for (corners, interior_point) in flags {
             let seen = chosen.iter().any(|(_, other)| {
@@ -89,6 +90,7 @@ impl Domain {
             .iter()
             .map(|f| measure(f, element.dimension()))
             .sum();
+        // The group maps each flag of the domain onto as many others as it has operators.
         let images = operators.len() as f64 / total;
         Self {
             flags: chosen

@@ -105,6 +105,8 @@ impl Envelope {
         self.line.extend((0..n).map(|i| block[first + i * step]));
         self.apex.clear();
         self.from.clear();
+        // The lower envelope of the parabolas value(q) + (p - q)^2 (Felzenszwalb and Huttenlocher): `apex`
+        // are those on it, `from` where each begins. A periodic line is taken three times.
         for q in 0..n * self.copies {
             let value = self.line[q % n];
             if value == f64::INFINITY {
@@ -118,6 +120,8 @@ impl Envelope {
                 let other = last as f64;
                 let height = self.line[last % n];
                 let rise = (value - height) / self.unit;
+                // Where the parabola of q falls below the last one; if that is before the last one begins,
+                // the last one is nowhere the lowest.
                 let meet = (rise + at * at - other * other) / (2.0 * (at - other));
                 if meet > self.from[self.apex.len() - 1] {
                     break meet;
@@ -134,6 +138,7 @@ impl Envelope {
         // In a periodic line, only the middle copy has neighbours on both sides.
         let offset = if self.copies == 3 { n } else { 0 };
         let mut lowest = 0;
+        // p ascends, so that the parabola below it does too.
         for i in 0..n {
             let p = (offset + i) as f64;
             while lowest + 1 < self.apex.len() && self.from[lowest + 1] < p {

@@ -116,6 +116,8 @@ pub(super) fn projected<const D: usize>(
     let mut rows = BTreeMap::new();
     let n = basis.len();
     let mut column = 0;
+    // Each wave f adds factor(f.n) exp(2 pi i f.foot) to the row of its projection p = f - (f.n) n; the
+    // opposite orbit adds with -f.
     for h in basis.harmonics() {
         for &k in &h.orbit.members {
             let f = basis.lattice().frequency(k);

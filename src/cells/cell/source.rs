@@ -105,6 +105,7 @@ impl Source {
         let map = placement.affine(element, bounds)?;
         let (back, factor) = (map.inverse(), map.factor());
         let shear = !map.is_similarity();
+        // The map back to source coordinates; a distance is scaled by the factor of the similarity.
         let identity = *placement == Placement::Reference;
         let mut warnings = Vec::new();
         if shear && values == Values::Distances {

@@ -54,6 +54,7 @@ impl PolyMesh {
                 .copied()
                 .zip(face.iter().copied().cycle().skip(1))
         };
+        // Quads need the middle of each edge, made once for both faces of the edge.
         if into == Parts::Quads {
             for (a, b) in selected().flat_map(edges) {
                 middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
@@ -66,11 +67,14 @@ impl PolyMesh {
         let middle = |a: u32, b: u32| middles.get(&(a.min(b), a.max(b))).copied();
         let mut faces = Faces::default();
         let mut groups = Vec::new();
+        // A neighbour that is not chosen gets the middles as further corners, so that the mesh stays closed.
         for f in (0..chosen.len()).filter(|&f| !chosen[f]) {
             faces.push(edges(f).flat_map(|(a, b)| std::iter::once(a).chain(middle(a, b))));
             groups.push(self.groups()[f]);
         }
         let first = faces.len();
+        // A quad from each corner over both middles to the centre, or a triangle from each edge to the
+        // centre.
         for f in selected() {
             let centre = vertices.len() as u32;
             vertices.push(self.centre(f));

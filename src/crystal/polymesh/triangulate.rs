@@ -79,6 +79,7 @@ fn cut(points: &[Vec3]) -> Cut {
     if planar && convex {
         return Cut::Into(fan());
     }
+    // Whether the centre sees edge i from the front.
     let sees = |i: usize| {
         let (a, b) = (points[i] - centre, points[(i + 1) % n] - centre);
         a.cross(&b).dot(&normal) > 0.0
@@ -86,6 +87,7 @@ fn cut(points: &[Vec3]) -> Cut {
     if !planar && (0..n).all(sees) {
         return Cut::About(centre);
     }
+    // Ear clipping in the mean plane.
     let across = unit(points[1] - points[0]).unwrap_or_else(Vec3::x);
     let (x, y) = (across, normal.cross(&across));
     let flat = points.iter().map(|p| {

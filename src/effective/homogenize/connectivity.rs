@@ -36,6 +36,7 @@ impl Connectivity {
             let mut size = 0;
             reached[seed] = Some([0; 3]);
             stack.push(seed);
+            // A search through the periodic grid. Each step over its end changes the period.
             while let Some(n) = stack.pop() {
                 size += 1;
                 let own = reached[n].unwrap_or_default();
@@ -62,6 +63,8 @@ impl Connectivity {
                         if !belongs(beside) {
                             continue;
                         }
+                        // A voxel reached in two periods: the component winds around the torus by their
+                        // difference, and so percolates.
                         match reached[beside] {
                             None => {
                                 reached[beside] = Some(period);

@@ -302,6 +302,7 @@ pub fn read_frd(path: impl AsRef<Path>) -> Result<FrdFile, ReadError> {
         if line == b"9999" {
             break;
         }
+        // Blocks: 2C nodes, 3C elements, 100C results at nodes.
         if line.starts_with(b"2C") {
             file.nodes = reader.nodes()?;
         } else if line.starts_with(b"3C") {

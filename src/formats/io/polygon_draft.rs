@@ -179,6 +179,7 @@ impl Draft {
         for (v, p) in self.vertices.iter().enumerate() {
             let own_cell = cell(p);
             let mut near = None;
+            // Cells as large as the distance: a near vertex is in one of 27.
             for n in 0..27i64 {
                 // Coordinates beyond the range of cells share the last cell.
                 let step = [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1];
@@ -196,6 +197,7 @@ impl Draft {
         let mut faces = Faces::default();
         let (mut groups, mut lines) = (Vec::new(), Vec::new());
         for (f, face) in self.faces.iter().enumerate() {
+            // Corners that coincide are one; a face with fewer than three is gone.
             let mut loops: Vec<u32> = face.iter().map(|&v| number[v as usize]).collect();
             loops.dedup();
             while loops.len() > 1 && loops.first() == loops.last() {

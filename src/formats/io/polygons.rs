@@ -155,6 +155,7 @@ impl Soup {
                 collector.element(f as u64, kind, &nodes[..corners.len()], &[]);
                 element_count += 1;
             };
+            // Points and lines are no elements.
             match face.len() {
                 0..=2 => collector.skipped += 1,
                 3 => add(Kind::Tri3, face),
@@ -169,6 +170,7 @@ impl Soup {
             }
         }
         first_elements.push(element_count);
+        // A group of faces becomes the group of all their elements.
         for (name, members) in &self.groups {
             let elements = members
                 .iter()

@@ -302,7 +302,6 @@ type Fault = (u64, String, String);
 
 impl Part {
     /// A mesh prim under a map, at a time code if there is one.
-    /// A mesh prim under a map.
     fn of(prim: &Prim, map: &Matrix4<f64>, time: Option<f64>) -> Result<Self, Fault> {
         let line_of = |name: &str| prim.properties.get(name).map_or(prim.line, |p| p.line);
         let is_solid = prim.kind == "TetMesh";
@@ -424,6 +423,7 @@ impl Part {
                 .metadata
                 .get("interpolation")
                 .and_then(|v| v.words().first());
+            // Only values per point and per element have a place; those per corner of a face have none.
             let (at, count) = match kind.map(String::as_str) {
                 Some("vertex" | "varying") => (FieldAt::Points, self.points.len()),
                 None if own.is_none() => (FieldAt::Points, self.points.len()),
@@ -436,6 +436,7 @@ impl Part {
             if is_indexed || components == 0 || components * count != values.len() {
                 continue;
             }
+            // Velocities are vectors: they turn with the map, without its shift.
             if own.is_none() {
                 if components != 3 {
                     continue;

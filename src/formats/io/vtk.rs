@@ -95,6 +95,7 @@ impl Cells<'_> {
                 })?;
             start += own.len();
             let cell_type = u8::try_from(cell_type).unwrap_or(u8::MAX);
+            // Strips and polygons have any number of nodes.
             if matches!(cell_type, STRIP_CELL_TYPE | POLYGON_CELL_TYPE) {
                 let nodes = own.iter().map(|&n| {
                     // A negative number becomes one that no node has.
@@ -118,6 +119,7 @@ impl Cells<'_> {
                             .with_hint(ORDER_HINT));
                     }
                 };
+            // The number of nodes is part of the type, except for cells of any order.
             if own.len() != count {
                 let found = format!("{} nodes", own.len());
                 let what = match count {

@@ -188,6 +188,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
         task: Task<'_>,
     ) -> Result<Vec<Link>, S::Error> {
         let mut open: Vec<(Sources, Link)> = Vec::new();
+        // The best link of each cavity to a room or outside.
         for cavity in cavities {
             if task.progress.cancelled() {
                 return Err(Cancelled.into());
@@ -197,6 +198,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
             open.extend(link.map(|link| (sources, link)));
         }
         let mut channels = Vec::new();
+        // The cheapest link becomes a channel, whose beginning is a target for the others.
         while let Some(next) = (0..open.len()).min_by(|&a, &b| open[a].1.order(&open[b].1)) {
             let (_, link) = open.swap_remove(next);
             let [begin, _] = link.ends;

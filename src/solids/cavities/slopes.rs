@@ -88,6 +88,7 @@ impl Slopes {
             }
         })?;
         let mut outer = std::array::from_fn(|_| Box::new([0; SLOTS * SLOTS]));
+        // Between leaves: the voxels on both sides of each face. Outer faces are kept for the block beside.
         for (slot, own) in faces.iter().enumerate() {
             let at = place(slot);
             for axis in 0..3 {

@@ -76,6 +76,7 @@ fn count_components(inside: &[Vec<bool>], flag_images: &[FlagImage], planar: boo
             sets.labels((0..inside.len()).filter(|&i| inside[i]))
         })
         .collect();
+    // Components of all images are numbered one after the other.
     let first: Vec<usize> = flag_images
         .iter()
         .scan(0, |next, m| {
@@ -86,6 +87,7 @@ fn count_components(inside: &[Vec<bool>], flag_images: &[FlagImage], planar: boo
         .collect();
     let total = flag_images.iter().map(|m| local[m.representative].1).sum();
     let mut sets = UnionFind::new(total);
+    // Components of two images that share a facet are joined at its grid points.
     for i in 0..=GRID_PARTS {
         for j in 0..=i {
             for k in 0..=j {

@@ -118,6 +118,7 @@ pub(super) fn grid_samples<const D: usize>(
                     std::array::from_fn(|a| (0..D).map(|b| m[a][b] * j[b]).sum())
                 })
                 .collect();
+            // The largest member represents the orbit; each other one is skipped.
             if images.iter().all(|i| *i <= j) {
                 images.sort_unstable();
                 images.dedup();
@@ -125,6 +126,7 @@ pub(super) fn grid_samples<const D: usize>(
                 found.insert(j, (images, share, faces));
             }
         }
+        // The next grid point: as a counter with one digit per axis.
         let mut axis = D;
         loop {
             if axis == 0 {
@@ -138,6 +140,7 @@ pub(super) fn grid_samples<const D: usize>(
             j[axis] = reach[axis][0];
         }
     }
+    // Weights are means over all points of interior, faces and edges, images included.
     let total = |pick: &dyn Fn(f64, usize) -> f64| -> f64 {
         found
             .values()

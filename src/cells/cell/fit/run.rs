@@ -396,6 +396,7 @@ impl Job<'_> {
                 if self.progress.cancelled() {
                     return Err(FitError::Cancelled(Cancelled));
                 }
+                // Point u = j / n - 1/2 of the period, continued from the element by the extension.
                 let u = SVector::<f64, D>::from_fn(|a, _| {
                     let j = place / n.pow((D - 1 - a) as u32) % n;
                     j as f64 / n as f64 - 0.5

@@ -130,6 +130,8 @@ impl NormalEquations {
             })
             .collect();
         let mut right = DVector::<f64>::zeros(n);
+        // Panels of samples keep the design matrix small: right += D W g, matrix += D W D^T, lower triangle
+        // only.
         for panel in samples.chunks(SAMPLES_PER_PANEL) {
             if progress.cancelled() {
                 return Err(FitError::Cancelled(Cancelled));

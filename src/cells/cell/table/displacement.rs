@@ -51,6 +51,7 @@ impl DisplacementProbe {
         let element = cell.element();
         let around = element.cell_box();
         let inside = |p: Vec3| element.face_distance(CellPoint(p)) <= 0.0;
+        // Points of an additive sequence, which fills the box evenly at any number of points.
         let spread = |n: usize| {
             let t = Vec3::from(SEQUENCE_STEPS).map(|s| (0.5 + s * n as f64).fract());
             around.min + (around.max - around.min).component_mul(&t)
@@ -63,6 +64,8 @@ impl DisplacementProbe {
             .take(count)
             .collect();
         let mean = cell.gamma();
+        // Each point by itself, with the mean slope, and the surface point that belongs to it, with its own
+        // slope.
         let points = points.into_par_iter().flat_map_iter(|p| {
             let within = SamplePoint {
                 position: CellPoint(p),

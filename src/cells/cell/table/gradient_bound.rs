@@ -325,6 +325,8 @@ impl SubBox {
                 ]
             })
         });
+        // Both lengths follow from the coefficients: the largest of all is a bound, since |grad| is convex;
+        // those at corners are attained.
         let length = |n: usize| Vec3::new(x[n], y[n], z[n]).norm();
         let at_corner = |n: &usize| {
             STRIDES

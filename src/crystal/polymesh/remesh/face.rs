@@ -215,6 +215,7 @@ pub(super) fn fractal(old: &Old, p: &[f64]) -> RuleResult {
             let corners: Vec<usize> = old.span(f).collect();
             let n = corners.len();
             let half = |k: usize| old.along(corners[k % n], 0.5);
+            // Opposite a midpoint is a midpoint, or with an odd number of edges a corner.
             let opposite = |k: usize| match n % 2 {
                 0 => half(k + n / 2),
                 _ => old.ring.at(corners[(k + n.div_ceil(2)) % n]),
@@ -235,6 +236,7 @@ pub(super) fn fractal(old: &Old, p: &[f64]) -> RuleResult {
         .collect();
     let tip = s.points(tips);
     let edge = |c: usize| middle + old.edge(c);
+    // The pyramid on the inner polygon, then the triangles at the corners.
     for c in 0..old.corners() {
         let f = old.ring.face[c];
         s.face(1, f, [edge(c), edge(old.ring.after(c)), tip + f]);

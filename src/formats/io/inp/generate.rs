@@ -184,6 +184,7 @@ impl Ngen {
         let count = span / step;
         generated.add(count, source)?;
         let (a, b) = (node(model, first, source)?, node(model, last, source)?);
+        // Fields 4 to 7: a third node or point of the curve, then its normal.
         let extra = if self.line == CurveKind::Straight {
             None
         } else {

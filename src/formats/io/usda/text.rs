@@ -431,6 +431,7 @@ impl Text<'_> {
 
     /// A property after its first word.
     fn property(&mut self, first: String, prim: &mut Prim) -> Result<(), ReadError> {
+        // Qualifiers before the type do not affect the value.
         let mut word = first;
         while matches!(
             word.as_str(),
@@ -455,6 +456,7 @@ impl Text<'_> {
         if self.peek()? == Some(b'(') {
             read.metadata = self.metadata()?;
         }
+        // Relations and connections have no value.
         if word == "rel" || part == "connect" {
             return Ok(());
         }

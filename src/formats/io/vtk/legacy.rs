@@ -426,6 +426,7 @@ impl File {
             Values::Bits => 0,
             Values::Strings | Values::Variants => 1,
         };
+        // Data that are left out are read nevertheless: what follows begins behind them.
         let checked = |count: usize, bytes: u64| self.count(&count.to_string(), bytes, "values");
         match kind {
             Values::Numbers(scalar) => {

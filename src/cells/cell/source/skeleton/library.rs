@@ -129,6 +129,7 @@ impl Skeleton {
                     (0..4).map(|i| (0..4).filter(|&j| j != i).map(|j| middle(i, j)).collect());
                 cut.chain(face_corners(element)).collect()
             }
+            // In a hex the planes {111} are the faces of both tets in the cube.
             ("fcc_plates", _) => {
                 let without = |v: &[Vec3], i: usize| {
                     (0..4).filter(|&j| j != i).map(|j| v[j]).collect::<Vec<_>>()

@@ -250,6 +250,7 @@ fn base64(text: &[u8]) -> Result<Vec<u8>, Damage> {
         }
         bits = bits << 6 | u32::from(value);
         count += 1;
+        // Four characters are three bytes, less one for each padding character.
         if count == 4 {
             if padding > 2 {
                 return Err("a group of padding in base64".into());
