@@ -134,7 +134,8 @@ fn plans_of_the_same_input_are_the_same_bytes() {
             fs::read(place.join(name)).unwrap()
         };
         let first = plan("p.json");
-        for name in ["q.json", "r.json", "s.json"] {
+        let again = if crate::is_full() { 3 } else { 1 };
+        for name in ["q.json", "r.json", "s.json"].into_iter().take(again) {
             assert_eq!(plan(name), first, "{recipe}, {name}");
         }
     }

@@ -183,11 +183,13 @@ fn voxels_of_either_kind_are_the_ball_they_hold() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     place.write("ball.npy", npy(20, false));
     let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.027;
-    for input in [
+    let all = [
         &["s.vdb", "--element", "hex"][..],
         &["ball.npy", "--method", "fft"],
         &["ball.npy"],
-    ] {
+    ];
+    let tried = if crate::is_full() { 3 } else { 2 };
+    for input in all.into_iter().take(tried) {
         let mut all = vec!["fit"];
         all.extend(input);
         all.extend(["-o", "x.cell", "--json"]);
