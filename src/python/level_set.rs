@@ -146,7 +146,8 @@ impl LevelSet {
         })
     }
 
-    /// Writes a file with one grid; returns its size and content hash.
+    /// Writes a file with one grid of the name `grid`, with `half` as half floats; `tags` are its metadata. Returns the
+    /// size in bytes and the content hash.
     fn save(
         &self,
         py: Python<'_>,

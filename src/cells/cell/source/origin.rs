@@ -31,14 +31,14 @@ impl Source {
     /// are 8^3 points in the unit cube (8^2 for a planar element); of equal ones, the first is chosen.
     pub fn best_origin(&self, element: Element, operators: &[Mat3]) -> Origin {
         let planar = element.dimension() == 2;
-        let own = element.cell_box();
+        let element_box = element.cell_box();
         // A low-discrepancy sequence: multiples of powers of 1/x modulo 1, where x^4 = x + 1.
         let steps = [0.819_172_513_396, 0.671_043_606_703, 0.549_700_477_901];
         let mut taken = HashSet::new();
         let points: Vec<Vec3> = (1..40 * SAMPLE_COUNT)
             .map(|n| {
                 let at = Vec3::from(steps.map(|s| (n as f64 * s).fract()));
-                let p = own.min + at.component_mul(&(own.max - own.min));
+                let p = element_box.min + at.component_mul(&(element_box.max - element_box.min));
                 p.map(|c| ((c * PARTS).floor() + 0.5) / PARTS)
             })
             .filter(|p| element.face_distance(CellPoint(*p)) <= 0.0 && taken.insert(key(*p)))
@@ -50,6 +50,7 @@ impl Source {
             STEPS_PER_AXIS.pow(3)
         };
         let origins: Vec<Vec3> = (0..count).map(|n| origin(n, planar)).collect();
+        // Under operators that permute or reverse axes many images coincide: each value is computed once.
         let known = if operators.iter().all(permutes_axes) {
             self.values_at_images(&origins, &points, operators)
         } else {
