@@ -1,4 +1,8 @@
 //! Culling: aligned cubes are halved while the field's bound cannot exclude them from the band.
+//!
+//! A cube is outside if the bound over its samples and the layer around them is at least the half width, inside if it
+//! is at most minus that. Others are halved down to leaves of 8^3 samples, whose eight parts are bounded once more.
+//! Bounds never exclude an active voxel; a leaf may be kept that turns out to have none.
 
 use super::{BLOCK, Band, BandError, LEAF, Region};
 use druse_geometry::field::{Interval, LeafParts, WorldField};

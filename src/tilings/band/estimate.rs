@@ -1,4 +1,8 @@
 //! Prediction of a band's size from culling and a sample of its leaves.
+//!
+//! All leaves are culled as in an evaluation, and a stratified sample of the rest is evaluated. Standard errors follow
+//! from the differences of neighbours in the sample, which are in nearby places. Nothing but the measured time depends
+//! on threads.
 
 use super::activate::Neighbourhood;
 use super::cull::Culler;

@@ -1,4 +1,7 @@
 //! Triangulation of the cells, leaf by leaf.
+//!
+//! A cell between eight voxels is triangulated by the signs of its corners: loops of crossed edges, each made of
+//! triangles. Cells share the vertices on their edges.
 
 use super::MesherError;
 use super::cases::{CASES, CELL_EDGES, Loop, edge_base};

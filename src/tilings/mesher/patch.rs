@@ -1,4 +1,9 @@
 //! Patches of a mesh, and their welding into one numbering.
+//!
+//! Regions are meshed apart from each other, and their patches welded in descending order of least voxels. A vertex on
+//! the seam of two regions belongs to the upper one; the lower one refers to it by voxel and axis (or position), which
+//! are equal to the bit in both. Seams that no later patch reaches are forgotten, so that memory does not grow with
+//! the mesh.
 
 use super::MesherError;
 use super::edge_vertices::CrossedEdges;

@@ -1,4 +1,8 @@
 //! Positions of the vertices on their edges.
+//!
+//! A vertex lies at the zero between the values at the ends of its edge, by linear interpolation or by the exact
+//! field. It keeps a margin from the ends unless it is alone at the voxel, since rounding to single precision could
+//! else merge the vertices of several edges there.
 
 use super::edge_vertices::{BATCH, CrossedEdges, split, upper_slot};
 use super::{Mesher, MesherError, ZERO_MAGNITUDE};

@@ -1,4 +1,8 @@
 //! Rule R: closest zero points in cells, on faces and on edges.
+//!
+//! The zero point nearest to a point lies inside an element, on a face or on an edge. Newton's method searches each of
+//! these in all near elements. A search may miss a zero point; the distance of rule Q stays where none nearer is
+//! found.
 
 use super::locality::LocalSearch;
 use super::patch::{Patch, Preimage};

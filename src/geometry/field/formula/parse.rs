@@ -1,4 +1,8 @@
 //! Parser of formulas: precedence climbing over single characters.
+//!
+//! sum = product {(+|-) product}, product = signed {(*|/) signed}, signed = {+|-} power, power = atom [(^|**) signed],
+//! atom = number, name, call or (sum). The steps come out in reverse Polish notation. An error names what may stand at
+//! a column.
 
 use super::noise::noise;
 use super::{FormulaError, MAX_DEPTH, MAX_LENGTH, STACK_SIZE, Step};

@@ -1,4 +1,8 @@
 //! The nearest points to the samples of a leaf, by recursive halving of the leaf and its list of candidates.
+//!
+//! The points of the leaf and of those around are narrowed to candidates of the whole leaf, of its parts of 4^3
+//! samples, and of 2^3 samples, by the condition in `candidates`. Narrowing drops no nearest point, so that the result
+//! is that of a comparison of all points.
 
 use super::super::leaf::LEAF;
 use super::MovedLeaf;

@@ -1,4 +1,8 @@
 //! Points of the surface on the edges of the voxel lattice.
+//!
+//! The zero on an edge is that of the cubic through four voxels along it, or of the linear interpolant next to kinks
+//! and clipped values. Normal and second derivatives are differences at both ends of the edge, interpolated to the
+//! zero. All lengths are in voxels, positions relative to the leaf's least voxel.
 // Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 

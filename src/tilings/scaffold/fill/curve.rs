@@ -1,4 +1,8 @@
 //! Curved tets: the middles of outer edges move onto the surface, those along creases onto the crease.
+//!
+//! A tet folds if its Jacobian may fall below a share of that of the straight tet. Then inner nodes move away from the
+//! surface, and where that does not help the middles go back to their straight edges. Corners on the surface do not
+//! move.
 
 use super::creases::Creases;
 use super::improve::quality;

@@ -1,4 +1,7 @@
 //! The table of kinds of elements, with nodes in VTK order.
+//!
+//! Nodes are given by whole numbers, their parametric coordinates times the degree, so that the table holds no
+//! rounding.
 
 use super::FaceNodes;
 use druse_geometry::frame::Element;
