@@ -7,6 +7,20 @@
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
+/// Writes functions that only call another of the same arguments, as in `min = min_f32s(a, b);`; brackets hold the
+/// field of `self` that has it.
+macro_rules! forward {
+    (@one [$($field:tt)*] $type:ty, $name:ident = $other:ident($($arg:ident),+)) => {
+        #[inline(always)]
+        fn $name(self, $($arg: $type),+) -> $type {
+            self $($field)* .$other($($arg),+)
+        }
+    };
+    ($field:tt $type:ty: $($name:ident = $other:ident $arguments:tt;)+) => {
+        $(forward!(@one $field $type, $name = $other $arguments);)+
+    };
+}
+
 mod number;
 mod scalar;
 mod wide;

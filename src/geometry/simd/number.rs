@@ -108,72 +108,6 @@ impl<L: Lanes> Four<L> {
     }
 }
 
-impl<L: Lanes> Add for Four<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(self.0, self.0.add_four(self.1, b.1))
-    }
-}
-
-impl<L: Lanes> Sub for Four<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(self.0, self.0.sub_four(self.1, b.1))
-    }
-}
-
-impl<L: Lanes> Mul for Four<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(self.0, self.0.mul_four(self.1, b.1))
-    }
-}
-
-impl<L: Lanes> Div for Four<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        Self(self.0, self.0.div_four(self.1, b.1))
-    }
-}
-
-impl<L: Lanes> Number for Four<L> {
-    #[inline(always)]
-    fn splat(self, v: f64) -> Self {
-        Self(self.0, self.0.splat_four(v))
-    }
-    #[inline(always)]
-    fn fused(self, b: Self, c: Self) -> Self {
-        Self(self.0, self.0.fused_four(self.1, b.1, c.1))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0, self.0.sqrt_four(self.1))
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(self.0, self.0.min_four(self.1, other.1))
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(self.0, self.0.max_four(self.1, other.1))
-    }
-    #[inline(always)]
-    fn select_below(self, bound: Self, x: Self, y: Self) -> Self {
-        let chosen = self.0.select_below_four(self.1, bound.1, x.1, y.1);
-        Self(self.0, chosen)
-    }
-    #[inline(always)]
-    fn map_points(points: [Self; 3], f: impl Fn([f64; 3]) -> [f64; 3]) -> [Self; 3] {
-        let [x, y, z] = [points[0].row(), points[1].row(), points[2].row()];
-        let moved = [0, 1, 2, 3].map(|n| f([x[n], y[n], z[n]]));
-        Self::points(points[0].0, moved)
-    }
-}
-
 /// Eight `f64` in registers of `L`.
 #[derive(Clone, Copy)]
 pub struct Eight<L: Lanes>(L, <L::Wide as WideLanes>::Eight);
@@ -220,71 +154,79 @@ impl<L: Lanes> Eight<L> {
     }
 }
 
-impl<L: Lanes> Add for Eight<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(self.0, self.0.wide().add_eight(self.1, b.1))
-    }
-}
-
-impl<L: Lanes> Sub for Eight<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(self.0, self.0.wide().sub_eight(self.1, b.1))
-    }
-}
-
-impl<L: Lanes> Mul for Eight<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(self.0, self.0.wide().mul_eight(self.1, b.1))
-    }
-}
-
-impl<L: Lanes> Div for Eight<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        Self(self.0, self.0.wide().div_eight(self.1, b.1))
-    }
-}
-
-impl<L: Lanes> Number for Eight<L> {
-    #[inline(always)]
-    fn splat(self, v: f64) -> Self {
-        Self(self.0, self.0.wide().splat_eight(v))
-    }
-    #[inline(always)]
-    fn fused(self, b: Self, c: Self) -> Self {
-        Self(self.0, self.0.wide().fused_eight(self.1, b.1, c.1))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0, self.0.wide().sqrt_eight(self.1))
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(self.0, self.0.wide().min_eight(self.1, other.1))
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(self.0, self.0.wide().max_eight(self.1, other.1))
-    }
-    #[inline(always)]
-    fn select_below(self, bound: Self, x: Self, y: Self) -> Self {
-        let chosen = self.0.wide().select_below_eight(self.1, bound.1, x.1, y.1);
-        Self(self.0, chosen)
-    }
-    #[inline(always)]
-    fn map_points(points: [Self; 3], f: impl Fn([f64; 3]) -> [f64; 3]) -> [Self; 3] {
-        let [x, y, z] = [points[0].row(), points[1].row(), points[2].row()];
-        let mut moved = [[0.0; 3]; 8];
-        for (n, to) in moved.iter_mut().enumerate() {
-            *to = f([x[n], y[n], z[n]]);
+/// The operators of a row, and [`Number`], by functions of its lanes.
+macro_rules! row_of_numbers {
+    (
+        $row:ident($count:literal, [$($wide:tt)*]): $add:ident, $sub:ident, $mul:ident, $div:ident, $splat:ident,
+        $fused:ident, $sqrt:ident, $min:ident, $max:ident, $select_below:ident
+    ) => {
+        impl<L: Lanes> Add for $row<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn add(self, b: Self) -> Self {
+                Self(self.0, self.0 $($wide)* .$add(self.1, b.1))
+            }
         }
-        Self::points(points[0].0, moved)
-    }
+        impl<L: Lanes> Sub for $row<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn sub(self, b: Self) -> Self {
+                Self(self.0, self.0 $($wide)* .$sub(self.1, b.1))
+            }
+        }
+        impl<L: Lanes> Mul for $row<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn mul(self, b: Self) -> Self {
+                Self(self.0, self.0 $($wide)* .$mul(self.1, b.1))
+            }
+        }
+        impl<L: Lanes> Div for $row<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn div(self, b: Self) -> Self {
+                Self(self.0, self.0 $($wide)* .$div(self.1, b.1))
+            }
+        }
+        impl<L: Lanes> Number for $row<L> {
+            #[inline(always)]
+            fn splat(self, v: f64) -> Self {
+                Self(self.0, self.0 $($wide)* .$splat(v))
+            }
+            #[inline(always)]
+            fn fused(self, b: Self, c: Self) -> Self {
+                Self(self.0, self.0 $($wide)* .$fused(self.1, b.1, c.1))
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                Self(self.0, self.0 $($wide)* .$sqrt(self.1))
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                Self(self.0, self.0 $($wide)* .$min(self.1, other.1))
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                Self(self.0, self.0 $($wide)* .$max(self.1, other.1))
+            }
+            #[inline(always)]
+            fn select_below(self, bound: Self, x: Self, y: Self) -> Self {
+                Self(self.0, self.0 $($wide)* .$select_below(self.1, bound.1, x.1, y.1))
+            }
+            #[inline(always)]
+            fn map_points(points: [Self; 3], f: impl Fn([f64; 3]) -> [f64; 3]) -> [Self; 3] {
+                let [x, y, z] = [points[0].row(), points[1].row(), points[2].row()];
+                let mut moved = [[0.0; 3]; $count];
+                for (n, to) in moved.iter_mut().enumerate() {
+                    *to = f([x[n], y[n], z[n]]);
+                }
+                Self::points(points[0].0, moved)
+            }
+        }
+    };
 }
+
+row_of_numbers!(Four(4, []): add_four, sub_four, mul_four, div_four, splat_four, fused_four, sqrt_four, min_four,
+    max_four, select_below_four);
+row_of_numbers!(Eight(8, [.wide()]): add_eight, sub_eight, mul_eight, div_eight, splat_eight, fused_eight, sqrt_eight,
+    min_eight, max_eight, select_below_eight);

@@ -90,11 +90,44 @@ pub trait WideLanes: Copy {
 #[derive(Clone, Copy)]
 pub struct RowPair<L>(pub(super) L);
 
+/// Writes functions that call one of the lanes on each row, as in `add_eight = add_four(a, b);`.
+macro_rules! on_rows {
+    ($type:ty: $($name:ident = $other:ident($($arg:ident),+);)+) => {
+        $(
+            #[inline(always)]
+            fn $name(self, $($arg: [$type; 2]),+) -> [$type; 2] {
+                [self.0.$other($($arg[0]),+), self.0.$other($($arg[1]),+)]
+            }
+        )+
+    };
+}
+
 impl<L: Lanes> WideLanes for RowPair<L> {
     type Row = L::F;
     type Four = L::D;
     type Pair = [L::F; 2];
     type Eight = [L::D; 2];
+    on_rows!(L::F:
+        add = add(a, b);
+        sub = sub(a, b);
+        mul = mul(a, b);
+        fused = fused(a, b, c);
+        min = min(a, b);
+        max = max(a, b);
+        magnitude = magnitude(a);
+    );
+    on_rows!(L::D:
+        add_eight = add_four(a, b);
+        sub_eight = sub_four(a, b);
+        mul_eight = mul_four(a, b);
+        div_eight = div_four(a, b);
+        fused_eight = fused_four(a, b, c);
+        sqrt_eight = sqrt_four(a);
+        select_below_eight = select_below_four(a, b, x, y);
+        min_eight = min_four(a, b);
+        max_eight = max_four(a, b);
+        floor_eight = floor_four(v);
+    );
     #[inline(always)]
     fn join_rows(self, rows: [L::F; 2]) -> [L::F; 2] {
         rows
@@ -115,37 +148,6 @@ impl<L: Lanes> WideLanes for RowPair<L> {
     #[inline(always)]
     fn splat_rows(self, v: [f32; 2]) -> [L::F; 2] {
         [self.0.splat(v[0]), self.0.splat(v[1])]
-    }
-    #[inline(always)]
-    fn add(self, a: [L::F; 2], b: [L::F; 2]) -> [L::F; 2] {
-        [self.0.add(a[0], b[0]), self.0.add(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn sub(self, a: [L::F; 2], b: [L::F; 2]) -> [L::F; 2] {
-        [self.0.sub(a[0], b[0]), self.0.sub(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn mul(self, a: [L::F; 2], b: [L::F; 2]) -> [L::F; 2] {
-        [self.0.mul(a[0], b[0]), self.0.mul(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn fused(self, a: [L::F; 2], b: [L::F; 2], c: [L::F; 2]) -> [L::F; 2] {
-        [
-            self.0.fused(a[0], b[0], c[0]),
-            self.0.fused(a[1], b[1], c[1]),
-        ]
-    }
-    #[inline(always)]
-    fn min(self, a: [L::F; 2], b: [L::F; 2]) -> [L::F; 2] {
-        [self.0.min(a[0], b[0]), self.0.min(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn max(self, a: [L::F; 2], b: [L::F; 2]) -> [L::F; 2] {
-        [self.0.max(a[0], b[0]), self.0.max(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn magnitude(self, a: [L::F; 2]) -> [L::F; 2] {
-        [self.0.magnitude(a[0]), self.0.magnitude(a[1])]
     }
     #[inline(always)]
     fn below(self, a: [L::F; 2], b: [L::F; 2]) -> u16 {
@@ -191,60 +193,8 @@ impl<L: Lanes> WideLanes for RowPair<L> {
         [self.0.splat_four(v); 2]
     }
     #[inline(always)]
-    fn add_eight(self, a: [L::D; 2], b: [L::D; 2]) -> [L::D; 2] {
-        [self.0.add_four(a[0], b[0]), self.0.add_four(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn sub_eight(self, a: [L::D; 2], b: [L::D; 2]) -> [L::D; 2] {
-        [self.0.sub_four(a[0], b[0]), self.0.sub_four(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn mul_eight(self, a: [L::D; 2], b: [L::D; 2]) -> [L::D; 2] {
-        [self.0.mul_four(a[0], b[0]), self.0.mul_four(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn div_eight(self, a: [L::D; 2], b: [L::D; 2]) -> [L::D; 2] {
-        [self.0.div_four(a[0], b[0]), self.0.div_four(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn fused_eight(self, a: [L::D; 2], b: [L::D; 2], c: [L::D; 2]) -> [L::D; 2] {
-        [
-            self.0.fused_four(a[0], b[0], c[0]),
-            self.0.fused_four(a[1], b[1], c[1]),
-        ]
-    }
-    #[inline(always)]
-    fn sqrt_eight(self, a: [L::D; 2]) -> [L::D; 2] {
-        [self.0.sqrt_four(a[0]), self.0.sqrt_four(a[1])]
-    }
-    #[inline(always)]
     fn below_eight(self, a: [L::D; 2], b: [L::D; 2]) -> u8 {
         self.0.below_four(a[0], b[0]) | self.0.below_four(a[1], b[1]) << 4
-    }
-    #[inline(always)]
-    fn select_below_eight(
-        self,
-        a: [L::D; 2],
-        b: [L::D; 2],
-        x: [L::D; 2],
-        y: [L::D; 2],
-    ) -> [L::D; 2] {
-        [
-            self.0.select_below_four(a[0], b[0], x[0], y[0]),
-            self.0.select_below_four(a[1], b[1], x[1], y[1]),
-        ]
-    }
-    #[inline(always)]
-    fn min_eight(self, a: [L::D; 2], b: [L::D; 2]) -> [L::D; 2] {
-        [self.0.min_four(a[0], b[0]), self.0.min_four(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn max_eight(self, a: [L::D; 2], b: [L::D; 2]) -> [L::D; 2] {
-        [self.0.max_four(a[0], b[0]), self.0.max_four(a[1], b[1])]
-    }
-    #[inline(always)]
-    fn floor_eight(self, v: [L::D; 2]) -> [L::D; 2] {
-        [self.0.floor_four(v[0]), self.0.floor_four(v[1])]
     }
     #[inline(always)]
     fn narrow_eight(self, v: [L::D; 2]) -> L::F {

@@ -45,6 +45,29 @@ impl<T: WideSupport> Lanes for Avx2Lanes<T> {
     }
     type F = f32x8;
     type D = f64x4;
+    forward!([.0] f32x8:
+        add = add_f32s(a, b);
+        sub = sub_f32s(a, b);
+        mul = mul_f32s(a, b);
+        div = div_f32s(a, b);
+        fused = mul_add_f32s(a, b, c);
+        sqrt = sqrt_f32s(a);
+        min = min_f32s(a, b);
+        max = max_f32s(a, b);
+        magnitude = abs_f32x8(a);
+        floor = floor_f32x8(a);
+    );
+    forward!([.0] f64x4:
+        add_four = add_f64x4(a, b);
+        sub_four = sub_f64x4(a, b);
+        mul_four = mul_f64x4(a, b);
+        div_four = div_f64x4(a, b);
+        fused_four = mul_add_f64x4(a, b, c);
+        sqrt_four = sqrt_f64x4(a);
+        min_four = min_f64x4(a, b);
+        max_four = max_f64x4(a, b);
+        floor_four = floor_f64x4(v);
+    );
     #[inline(always)]
     fn splat(self, v: f32) -> Self::F {
         self.0.splat_f32s(v)
@@ -56,42 +79,6 @@ impl<T: WideSupport> Lanes for Avx2Lanes<T> {
     #[inline(always)]
     fn store(self, v: Self::F, to: &mut [f32; 8]) {
         *to = cast(v);
-    }
-    #[inline(always)]
-    fn add(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.add_f32s(a, b)
-    }
-    #[inline(always)]
-    fn sub(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.sub_f32s(a, b)
-    }
-    #[inline(always)]
-    fn mul(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.mul_f32s(a, b)
-    }
-    #[inline(always)]
-    fn div(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.div_f32s(a, b)
-    }
-    #[inline(always)]
-    fn fused(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
-        self.0.mul_add_f32s(a, b, c)
-    }
-    #[inline(always)]
-    fn sqrt(self, a: Self::F) -> Self::F {
-        self.0.sqrt_f32s(a)
-    }
-    #[inline(always)]
-    fn min(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.min_f32s(a, b)
-    }
-    #[inline(always)]
-    fn max(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.max_f32s(a, b)
-    }
-    #[inline(always)]
-    fn magnitude(self, a: Self::F) -> Self::F {
-        self.0.abs_f32x8(a)
     }
     #[inline(always)]
     fn below(self, a: Self::F, b: Self::F) -> u8 {
@@ -106,10 +93,6 @@ impl<T: WideSupport> Lanes for Avx2Lanes<T> {
     fn select_below(self, a: Self::F, b: Self::F, x: Self::F, y: Self::F) -> Self::F {
         let mask = self.0.less_than_f32s(a, b);
         self.0.select_f32s(mask, x, y)
-    }
-    #[inline(always)]
-    fn floor(self, a: f32x8) -> f32x8 {
-        self.0.floor_f32x8(a)
     }
     #[inline(always)]
     fn sign(self, a: f32x8) -> f32x8 {
@@ -225,30 +208,6 @@ impl<T: WideSupport> Lanes for Avx2Lanes<T> {
         self.0.splat_f64x4(v)
     }
     #[inline(always)]
-    fn add_four(self, a: f64x4, b: f64x4) -> f64x4 {
-        self.0.add_f64x4(a, b)
-    }
-    #[inline(always)]
-    fn sub_four(self, a: f64x4, b: f64x4) -> f64x4 {
-        self.0.sub_f64x4(a, b)
-    }
-    #[inline(always)]
-    fn mul_four(self, a: f64x4, b: f64x4) -> f64x4 {
-        self.0.mul_f64x4(a, b)
-    }
-    #[inline(always)]
-    fn div_four(self, a: f64x4, b: f64x4) -> f64x4 {
-        self.0.div_f64x4(a, b)
-    }
-    #[inline(always)]
-    fn fused_four(self, a: f64x4, b: f64x4, c: f64x4) -> f64x4 {
-        self.0.mul_add_f64x4(a, b, c)
-    }
-    #[inline(always)]
-    fn sqrt_four(self, a: f64x4) -> f64x4 {
-        self.0.sqrt_f64x4(a)
-    }
-    #[inline(always)]
     fn select_below_four(self, a: f64x4, b: f64x4, x: f64x4, y: f64x4) -> f64x4 {
         self.0.select_f64x4(self.0.cmp_lt_f64x4(a, b), x, y)
     }
@@ -268,18 +227,6 @@ impl<T: WideSupport> Lanes for Avx2Lanes<T> {
         ]
     }
     #[inline(always)]
-    fn min_four(self, a: f64x4, b: f64x4) -> f64x4 {
-        self.0.min_f64x4(a, b)
-    }
-    #[inline(always)]
-    fn max_four(self, a: f64x4, b: f64x4) -> f64x4 {
-        self.0.max_f64x4(a, b)
-    }
-    #[inline(always)]
-    fn floor_four(self, v: f64x4) -> f64x4 {
-        self.0.floor_f64x4(v)
-    }
-    #[inline(always)]
     fn four_to_array(self, v: f64x4) -> [f64; 4] {
         cast(v)
     }
@@ -294,6 +241,24 @@ impl WideLanes for V4 {
     type Four = f64x4;
     type Pair = f32x16;
     type Eight = f64x8;
+    forward!([] f32x16:
+        add = add_f32s(a, b);
+        sub = sub_f32s(a, b);
+        mul = mul_f32s(a, b);
+        fused = mul_add_f32s(a, b, c);
+        min = min_f32s(a, b);
+        max = max_f32s(a, b);
+    );
+    forward!([] f64x8:
+        add_eight = add_f64s(a, b);
+        sub_eight = sub_f64s(a, b);
+        mul_eight = mul_f64s(a, b);
+        div_eight = div_f64s(a, b);
+        fused_eight = mul_add_f64s(a, b, c);
+        sqrt_eight = sqrt_f64s(a);
+        min_eight = min_f64s(a, b);
+        max_eight = max_f64s(a, b);
+    );
     #[inline(always)]
     fn join_rows(self, [low, high]: [f32x8; 2]) -> f32x16 {
         let low = self.avx512f._mm512_castps256_ps512(cast(low));
@@ -317,30 +282,6 @@ impl WideLanes for V4 {
     fn splat_rows(self, [low, high]: [f32; 2]) -> f32x16 {
         let [low, high] = [self.splat_f32s(low), self.splat_f32s(high)];
         self.select_f32s(b16(0x00ff), low, high)
-    }
-    #[inline(always)]
-    fn add(self, a: f32x16, b: f32x16) -> f32x16 {
-        self.add_f32s(a, b)
-    }
-    #[inline(always)]
-    fn sub(self, a: f32x16, b: f32x16) -> f32x16 {
-        self.sub_f32s(a, b)
-    }
-    #[inline(always)]
-    fn mul(self, a: f32x16, b: f32x16) -> f32x16 {
-        self.mul_f32s(a, b)
-    }
-    #[inline(always)]
-    fn fused(self, a: f32x16, b: f32x16, c: f32x16) -> f32x16 {
-        self.mul_add_f32s(a, b, c)
-    }
-    #[inline(always)]
-    fn min(self, a: f32x16, b: f32x16) -> f32x16 {
-        self.min_f32s(a, b)
-    }
-    #[inline(always)]
-    fn max(self, a: f32x16, b: f32x16) -> f32x16 {
-        self.max_f32s(a, b)
     }
     #[inline(always)]
     fn magnitude(self, a: f32x16) -> f32x16 {
@@ -390,44 +331,12 @@ impl WideLanes for V4 {
         self.splat_f64s(v)
     }
     #[inline(always)]
-    fn add_eight(self, a: f64x8, b: f64x8) -> f64x8 {
-        self.add_f64s(a, b)
-    }
-    #[inline(always)]
-    fn sub_eight(self, a: f64x8, b: f64x8) -> f64x8 {
-        self.sub_f64s(a, b)
-    }
-    #[inline(always)]
-    fn mul_eight(self, a: f64x8, b: f64x8) -> f64x8 {
-        self.mul_f64s(a, b)
-    }
-    #[inline(always)]
-    fn div_eight(self, a: f64x8, b: f64x8) -> f64x8 {
-        self.div_f64s(a, b)
-    }
-    #[inline(always)]
-    fn fused_eight(self, a: f64x8, b: f64x8, c: f64x8) -> f64x8 {
-        self.mul_add_f64s(a, b, c)
-    }
-    #[inline(always)]
-    fn sqrt_eight(self, a: f64x8) -> f64x8 {
-        self.sqrt_f64s(a)
-    }
-    #[inline(always)]
     fn below_eight(self, a: f64x8, b: f64x8) -> u8 {
         self.less_than_f64s(a, b).0
     }
     #[inline(always)]
     fn select_below_eight(self, a: f64x8, b: f64x8, x: f64x8, y: f64x8) -> f64x8 {
         self.select_f64s(self.less_than_f64s(a, b), x, y)
-    }
-    #[inline(always)]
-    fn min_eight(self, a: f64x8, b: f64x8) -> f64x8 {
-        self.min_f64s(a, b)
-    }
-    #[inline(always)]
-    fn max_eight(self, a: f64x8, b: f64x8) -> f64x8 {
-        self.max_f64s(a, b)
     }
     #[inline(always)]
     fn floor_eight(self, v: f64x8) -> f64x8 {
