@@ -1,6 +1,6 @@
 //! What all of [druse](https://docs.rs/druse) stands on: frames, fields, lanes and triangle meshes.
 //!
-//! - [`frame`]: cell, lattice, world and index frames, a type each.
+//! - [`frame`]: cell, world and index frames, a type each.
 //! - [`field`]: real functions on a frame, negative inside the solid, with bounds over boxes.
 //! - [`mesh`]: triangle meshes, their repair, and meshes as solids with signed distances.
 //! - [`progress`]: threads, progress and cancellation, which belong to the caller.

@@ -200,7 +200,7 @@ impl TriMesh {
     }
 
     /// As [`TriMesh::bounds`]. The box of all vertices takes less time, and is that of the triangles if at each of its
-    /// six sides a vertex belongs to one.
+    /// six sides a vertex belongs to one. Otherwise the corners of all triangles are read.
     fn bounds_in_parallel(&self) -> Aabb {
         let boxes = self.boxes_of_chunks();
         let all = boxes.iter().copied().fold(Aabb::EMPTY, Aabb::union);
@@ -250,7 +250,7 @@ impl TriMesh {
     }
 
     /// As [`TriMesh::measures`], for a part of a closed surface: volumes of parts about the same point add up to the
-    /// volume of the whole.
+    /// volume of the whole. `point` is that common point; `None` takes the middle of the box.
     #[doc(hidden)]
     pub fn measures_about(&self, point: Option<Vec3>) -> MeshMeasures {
         const CHUNK_TRIANGLES: usize = 1 << 14;
@@ -380,7 +380,7 @@ impl TriMesh {
     }
 }
 
-/// Checks that all indices and coordinates are in range.
+/// Checks that all indices and coordinates are in range. The first fault is the result: vertices come before triangles.
 fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Result<(), MeshError> {
     let count = vertices.len();
     if count > u32::MAX as usize {

@@ -1,4 +1,7 @@
-//! Progress, cancellation and thread pools, passed as values: the library owns no process state.
+//! Progress, cancellation and thread pools, passed as values: none of them is state of the process.
+//!
+//! The caller owns the object that receives progress and the pool; work borrows both. Cancellation is cooperative: work
+//! checks it and returns [`Cancelled`], and leaves no partial result.
 
 /// Receives progress and reports cancellation. One object serves a whole run.
 pub trait Progress: Sync {

@@ -1,4 +1,6 @@
 //! Union-find: disjoint sets of integers, for connected components.
+//!
+//! Members are numbers from 0. Results do not depend on the order of unions, since the least member represents a set.
 
 /// Disjoint sets of the integers below a count, each a set of its own at first. The least member represents
 /// its set, so no result depends on the order of the unions.

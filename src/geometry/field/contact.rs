@@ -21,8 +21,9 @@ const MIN_DEPTH: f32 = 0.02;
 /// A surface has an axis along which the neighbours differ in sign, each by at least this, in steps.
 const MIN_SLOPE: f32 = 0.25;
 
-/// The new value of a sample near 0 that lies on a contact, from the neighbours below and above along each
-/// axis at distance `step`; `None` if there is no contact.
+/// The new value of a sample near 0 that lies on a contact, from the neighbours below and above along each axis at
+/// distance `step`; `None` if there is no contact. Values and `step` have one unit; the sample itself is within
+/// [`CONTACT_TOLERANCE`] steps of 0, which the caller has tested.
 pub fn contact_value(neighbours: [[f32; 2]; 3], step: f32) -> Option<f32> {
     let mut found: Option<f32> = None;
     for [below, above] in neighbours {
@@ -49,7 +50,8 @@ pub fn contact_value(neighbours: [[f32; 2]; 3], step: f32) -> Option<f32> {
 
 /// The contacts of a leaf of 8^3 samples, as ascending offsets (z fastest) with new values. `layer` gives the 8^2
 /// samples next to the leaf along an axis, below (0) or above (1) it, the last axis fastest. It is called only where a
-/// contact is possible. `step` is the distance of the samples, world units.
+/// contact is possible. `step` is the distance of the samples, world units. The leaf itself does not change; the caller
+/// replaces the values.
 pub fn leaf_contacts(
     values: &[f32; 512],
     step: f32,
@@ -59,6 +61,7 @@ pub fn leaf_contacts(
         values,
         tolerance: CONTACT_TOLERANCE * step,
     });
+    // A contact is a sample near 0 in a plane of samples; most leaves have none.
     if near == [0; 8] {
         return Vec::new();
     }

@@ -1,10 +1,15 @@
 //! The share of a cube on one side of a plane, in closed form: how much of a voxel is solid.
+//!
+//! The share is a piecewise cubic polynomial of height and slopes. Its derivatives are those of the same formula, so
+//! that both can serve an optimisation. Slopes near an axis are raised a little (`MIN_SLOPE`), which moves the share of
+//! an axis-parallel plane by about that part.
 
 /// Slopes along axes are raised by this share of their sum: the formula divides by them.
 const MIN_SLOPE: f64 = 2e-3;
 
-/// The share of a unit cube about the origin where `slope . x < height`, with its derivatives by the
-/// height and the slopes.
+/// The share (0 to 1) of a unit cube about the origin where `slope . x < height`, its derivative by `height` and its
+/// three derivatives by the components of `slope`. `slope` need not be a unit vector; `height` has the unit of `slope`
+/// times an edge. Where the plane misses the cube all derivatives are 0.
 pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
     let total: f64 = slope.iter().map(|s| s.abs()).sum();
     let flat = |share: f64| (share, 0.0, [0.0; 3]);
@@ -35,6 +40,8 @@ pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
             continue;
         }
         share += sign * depth.powi(3) / volume;
+        // The derivative by the depth. The depth grows with half of each n_a, and falls by n_a at corners at the far
+        // end of axis a.
         let slope = 3.0 * sign * depth * depth / volume;
         by_height += slope;
         for a in 0..3 {

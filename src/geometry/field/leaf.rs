@@ -1,4 +1,8 @@
 //! Bulk evaluation of leaves of 8^3 samples, the unit in which OpenVDB stores voxels.
+//!
+//! A leaf is described by bits rather than by its values wherever bits suffice: whoever receives it reads the values
+//! only of leaves that are not out of the band. Bit 8 y + z of word x belongs to sample (x, y, z), as in a mask of
+//! OpenVDB.
 // Small functions of hot paths, inlined so that they are compiled for the target features of the caller.
 #![allow(clippy::inline_always)]
 

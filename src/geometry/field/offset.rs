@@ -1,4 +1,7 @@
 //! Fields of offset solids and walls, and of intersections with exact distances beyond their edges.
+//!
+//! An offset moves the level of a field, so its values are distances as far as the field's are; nothing is measured
+//! anew. The intersection corrects the maximum of two distances beyond convex edges only. Lengths are in world units.
 
 use super::{Field, Interval, Leaves, SampleLattice, WorldField};
 use crate::frame::{Aabb, Vec3, WorldPoint};

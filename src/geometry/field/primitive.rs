@@ -1,4 +1,7 @@
 //! Primitive solids as exact signed distances in world space.
+//!
+//! Values are distances at every point, inside too. A bound follows from the value at the middle of a box, since a
+//! distance changes by at most the length of a step. Sizes are not checked: a negative radius is an empty solid.
 
 use super::{Field, Interval};
 use crate::frame::{Aabb, Vec3, WorldPoint};

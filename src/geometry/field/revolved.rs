@@ -1,4 +1,7 @@
 //! Solids of revolution and the half space, as exact signed distances in world space.
+//!
+//! Values are distances at every point, inside too. Ends and normals are not checked: a cylinder needs two distinct
+//! ends, a half space a unit normal.
 
 use super::{Field, Interval};
 use crate::frame::{Aabb, Vec3, WorldPoint};

@@ -1,4 +1,6 @@
 //! Formatting of measures with four significant digits.
+//!
+//! For messages and reports only: the text does not give back the number.
 
 /// A number with four significant digits, but with its whole integer part: "1000", "12.50", "1.000e-6".
 ///
@@ -22,6 +24,7 @@ pub fn figures(value: f64) -> String {
     let power = rounded
         .split_once('e')
         .and_then(|r| r.1.parse::<i32>().ok());
+    // The exponent of a formatted number can always be read.
     match power.unwrap_or(0) {
         power @ -4..3 => {
             let decimals = usize::try_from(3 - power).unwrap_or(0);

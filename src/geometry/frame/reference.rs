@@ -277,6 +277,7 @@ impl Element {
         let x = p.0;
         // This compiles to one instruction, unlike `f64::max`.
         let greater = |a: f64, b: f64| if a > b { a } else { b };
+        // |x| stands for both upper sides of the triangle, -y for its base.
         let triangle =
             || (x.x.abs() * TRIANGLE_HEIGHT + x.y * 0.5).max(-x.y) - TRIANGLE_HEIGHT / 3.0;
         match self {

@@ -1,4 +1,7 @@
 //! Units of length of numbers in files and on the command line.
+//!
+//! World units carry no unit of their own. Files and the command line name one, and numbers are converted once, where
+//! they are read or written.
 
 use std::fmt;
 use std::str::FromStr;

@@ -21,7 +21,8 @@ pub(crate) struct BoundaryEdges {
 }
 
 impl BoundaryEdges {
-    /// Boundary edges over merged vertices, and triangles with the same boundary; `None` without boundary.
+    /// Boundary edges over merged vertices, and triangles with the same boundary; `None` without boundary. `edges` are
+    /// directed and carry their multiplicity; `spanning` only needs the same boundary, in any orientation.
     pub(crate) fn new(
         vertices: &[Vec3],
         edges: &[BoundaryEdge],
@@ -33,6 +34,7 @@ impl BoundaryEdges {
             .map(|s| {
                 let (from, to) = (at(s.from), at(s.to));
                 (
+                    // An edge is a triangle with two equal corners.
                     [from, to, to],
                     (from - to).norm() * f64::from(s.multiplicity),
                 )

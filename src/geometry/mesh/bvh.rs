@@ -179,8 +179,9 @@ impl Bvh {
         self.local
     }
 
-    /// Visits slots that may be nearer to `p` than `best`, nearest boxes first; `visit` returns the new best
-    /// distance if the slot improves it.
+    /// Visits slots that may be nearer to `p` than `best`, nearest boxes first; `visit` returns the new best distance
+    /// if the slot improves it. `p` and distances are in world units; slots come in no fixed order, and one that
+    /// `visit` does not improve costs nothing more.
     #[doc(hidden)]
     pub fn nearest(&self, p: Vec3, best: f64, mut visit: impl FnMut(usize) -> Option<f64>) {
         if self.nodes.is_empty() {
@@ -204,6 +205,7 @@ impl Bvh {
             let node = &self.nodes[n as usize];
             let d = node.distances(q);
             // Leaves are visited at once; inner children are pushed in order, the nearest on top.
+            // A child farther than the best so far is left out, now or when it is popped.
             let first_child = top;
             for l in 0..4 {
                 if d[l] > cutoff {
@@ -253,6 +255,7 @@ impl Bvh {
             top -= 1;
             let node = &self.nodes[stack[top] as usize];
             // A box meets the ray if it contains q across the axis and reaches ahead of it along the axis.
+            // An unused lane may count as hit; the match below ignores it.
             let mut hit = [false; 4];
             for l in 0..4 {
                 let overlaps = node.lo[u][l] <= q[u]
@@ -279,7 +282,9 @@ impl Bvh {
         }
     }
 
-    /// For each node what its slots join to.
+    /// One value for each node: that of its slots, joined. `join` must not depend on order. Nodes are visited from the
+    /// last to the first, since a child's number exceeds its parent's. Every node has a slot, so that the result has as
+    /// many entries as there are nodes.
     pub(crate) fn by_node<T: Copy>(
         &self,
         slot: impl Fn(usize) -> T,
@@ -308,7 +313,7 @@ impl Bvh {
     }
 
     /// As [`Bvh::overlapping`], in the root's leaves and in the nodes, by number, that `enters` admits. The search ends
-    /// when `visit` returns false.
+    /// when `visit` returns false. `region` is in world units.
     pub(crate) fn overlapping_where(
         &self,
         region: &Aabb,

@@ -120,11 +120,14 @@ impl CloudSolid {
         Ok(solid)
     }
 
+    /// The solid of square tiles, two triangles each, numbered by point. `normals` are unit vectors, `shares` areas in
+    /// world units squared; `sign` is 1, or -1 to reverse all normals.
     fn tiled(points: Vec<Vec3>, normals: &[Vec3], shares: &[f64], sign: f64) -> Self {
         let mut triangles = Vec::with_capacity(2 * points.len());
         for ((p, n), share) in points.iter().zip(normals).zip(shares) {
             let n = n * sign;
             let half = share.sqrt() * TILE_OVERLAP / 2.0;
+            // Across the axis to which the normal is least parallel, so that the product does not vanish.
             let u = n.cross(&Vec3::ith(n.iamin(), 1.0)).normalize() * half;
             let v = n.cross(&u);
             let [a, b, c, d] = [p - u - v, p + u - v, p + u + v, p - u + v];
@@ -181,7 +184,8 @@ impl CloudSolid {
     }
 }
 
-/// Each point's share of the surface area.
+/// Each point's share of the surface area, world units squared, in the order of the points: the circle through its
+/// eighth neighbour, divided among the points in it.
 fn shares(points: &[Vec3]) -> Vec<f64> {
     use rayon::prelude::*;
     let tree = Bvh::new(points.len(), |i| Aabb::of([points[i]]));

@@ -36,8 +36,9 @@ pub struct CollapseGoal {
     pub error: Option<f64>,
 }
 
-/// About as many triangles as the goal, fewer by one at most and more where none can collapse. Vertices on open
-/// and non-manifold edges stay, and no new edge joins two of them.
+/// About as many triangles as the goal, fewer by one at most and more where none can collapse. Vertices on open and
+/// non-manifold edges stay, and no new edge joins two of them. `triangles` index `vertices`; the result indexes the
+/// same vertices and may leave some unused. Distances in the goal have the unit of the vertices.
 #[doc(hidden)]
 pub fn collapsed(vertices: &[Vec3], triangles: &[[u32; 3]], goal: CollapseGoal) -> Vec<[u32; 3]> {
     let mut surface = Surface::new(vertices, triangles);
@@ -247,7 +248,9 @@ impl<'a> Surface<'a> {
         })
     }
 
-    /// The cheapest permitted collapse of a vertex.
+    /// The cheapest permitted collapse of a vertex onto a neighbour; `None` for a fixed vertex or if none is permitted.
+    /// An error is the mean squared distance from the planes, times their area; `max_squared_error` bounds it per unit
+    /// of area.
     fn cheapest(&self, from: u32, max_squared_error: f64) -> Option<Collapse> {
         if self.is_fixed[from as usize] {
             return None;
@@ -271,8 +274,10 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether a collapse keeps the topology and makes no bad triangle; `around` are the edges around its start.
+    /// `around` has one edge per triangle about the start, each opposite it. The surface does not change.
     fn permits(&self, collapse: Collapse, around: &[[u32; 2]]) -> bool {
         let Collapse { from, to, .. } = collapse;
+        // A collapse joins both stars and loses two triangles of each.
         if around.len() + self.stars.about(to).len() > MAX_VALENCE + 4 {
             return false;
         }
@@ -331,8 +336,8 @@ impl<'a> Surface<'a> {
         least >= self.fold(&old, None)
     }
 
-    /// The least cosine between the normals of triangles and their neighbours: among themselves, or of the surface
-    /// without those of a vertex.
+    /// The least cosine between the normals of triangles and their neighbours; 1 without neighbours. A neighbour is
+    /// sought among the triangles first, then on the surface without those of the vertex `without`.
     fn fold(&self, triangles: &[[u32; 3]], without: Option<u32>) -> f64 {
         let mut least = 1.0f64;
         for &triangle in triangles {
@@ -392,6 +397,7 @@ impl<'a> Surface<'a> {
             let r = self.offset(collapse.from, collapse.to);
             let moved = self.quadrics[from];
             self.quadrics[to].add_moved(&moved, r);
+            // The neighbours' stars have changed: they wait for the next pass.
             is_changed[from] = true;
             for edge in &around {
                 is_changed[edge[0] as usize] = true;
@@ -409,6 +415,7 @@ impl<'a> Surface<'a> {
         made
     }
 
+    /// Ends a pass: drops the triangles that repeat a vertex, and finds the stars of the remaining ones.
     fn remove_collapsed(&mut self) {
         self.triangles.retain(|t| t[0] != t[1]);
         self.stars = Stars::of(&self.triangles, self.vertices.len());

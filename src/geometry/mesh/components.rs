@@ -20,7 +20,8 @@ pub struct MeshComponent {
     pub bounds: Aabb,
 }
 
-/// The components of a mesh, largest volume first, and the component of each vertex.
+/// The components of a mesh, largest volume first, and the component of each vertex. A vertex without triangles counts
+/// for the first one; its label has no meaning.
 #[doc(hidden)]
 pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
     // Triangles that share a vertex are of one component.

@@ -31,8 +31,9 @@ pub(crate) fn by_part(soup: &Soup, part: &[u32], bounds: &Aabb, q: Vec3) -> Vec<
     sums
 }
 
-/// Visits the triangles that the ray from `q` to the nearest side of the box crosses, each with its contribution to
-/// the winding number. `visit` gets a slot and that contribution.
+/// Visits the triangles that the ray from `q` to the nearest side of the box crosses, each with its contribution to the
+/// winding number. `visit` gets a slot and that contribution. The contribution is 1 where the ray leaves the surface
+/// and -1 where it enters.
 fn cross(soup: &Soup, bounds: &Aabb, q: Vec3, mut visit: impl FnMut(usize, i64)) {
     // The nearest side: the shorter the ray, the fewer triangles it meets.
     let (mut axis, mut is_forward, mut nearest) = (0, true, f64::INFINITY);

@@ -36,8 +36,9 @@ impl Falloff {
         Self { soup, weights }
     }
 
-    /// An upper bound of the sum of weight / distance^power at any point within `radius` of `p`; infinite
-    /// where a triangle may come that near or the bound exceeds `max_sum`.
+    /// An upper bound of the sum of weight / distance^power at any point within `radius` of `p`; infinite where a
+    /// triangle may come that near or the bound exceeds `max_sum`. `p` and `radius` are in world units, `power` is 2 or
+    /// 3.
     pub(super) fn sum(&self, p: Vec3, radius: f64, power: i32, max_sum: f64) -> f64 {
         let nodes = self.soup.bvh.nodes();
         let local = self.soup.bvh.local();
@@ -63,6 +64,7 @@ impl Falloff {
                     Child::Inner(c) if distance < MIN_DISTANCE_PER_WIDTH * f64::from(widths[l]) => {
                         pending.push(c);
                     }
+                    // A leaf, or a group far enough for its width: its whole weight at its nearest distance.
                     _ if distance > 0.0 => sum += self.weights[n][l] * unit / distance.powi(power),
                     _ => return f64::INFINITY,
                 }

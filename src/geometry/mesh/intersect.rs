@@ -85,8 +85,8 @@ pub(crate) fn is_degenerate_triangle(t: &[Vec3; 3]) -> bool {
     AxisProjection::of(t).is_none()
 }
 
-/// Whether the closed segment meets the closed triangle; `sides` are the sides of the triangle's plane on which
-/// its ends lie.
+/// Whether the closed segment meets the closed triangle; `sides` are the sides of the triangle's plane on which its
+/// ends lie. Signs are those of [`orientation3`].
 fn segment_meets_triangle([p, q]: [Vec3; 2], sides: [i8; 2], t: &[Vec3; 3]) -> bool {
     if sides[0] * sides[1] > 0 {
         return false;
@@ -161,7 +161,9 @@ fn unshared(a: &[Vec3; 3], b: &[Vec3; 3]) -> ([usize; 3], usize) {
     (corners, count)
 }
 
-/// Whether triangles with area meet beyond shared corners; corners of equal coordinates are shared.
+/// Whether triangles with area meet beyond shared corners; corners of equal coordinates are shared. Both have an area.
+/// The case is chosen by the number of corners that one lacks of the other: 0 duplicates, 1 a common side, 2 a common
+/// corner, 3 none.
 pub(crate) fn triangles_meet(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {
     let rotated = |a: &[Vec3; 3], i: usize| [a[i], a[(i + 1) % 3], a[(i + 2) % 3]];
     let ((ft, of_t), (fu, of_u)) = (unshared(t, u), unshared(u, t));

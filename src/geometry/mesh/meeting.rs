@@ -28,8 +28,9 @@ const ARC_ROUNDING: f64 = 1e-12;
 /// The label of a triangle without a hub.
 const NO_HUB: u32 = u32::MAX;
 
-/// Sorted pairs of intersecting triangles by number: one for every triangle that meets one in a later slot.
-/// Triangles without area are skipped.
+/// Sorted pairs of intersecting triangles by number: one for every triangle that meets one in a later slot. Triangles
+/// without area are skipped. One pair per triangle suffices to mark it; this is no list of all pairs. Reports progress
+/// per triangle.
 pub(crate) fn meeting_pairs(
     soup: &Soup,
     progress: &dyn Progress,
@@ -40,6 +41,7 @@ pub(crate) fn meeting_pairs(
     let slots: Vec<usize> = (0..count).collect();
     let chunks = slots.par_chunks(4096).map(|slots| {
         if progress.cancelled() {
+            // Chunks end at once; the error follows below.
             return Vec::new();
         }
         // Only later slots are searched, so that no pair comes twice.
@@ -111,7 +113,8 @@ impl<'a> Search<'a> {
         search
     }
 
-    /// Adds fans and pieces, if the mesh has hubs or many slivers.
+    /// Adds fans and pieces, if the mesh has hubs or many slivers. Without them the boxes of whole triangles are
+    /// searched.
     fn add_pieces(&mut self) {
         let soup = self.soup;
         let (hubs, points) = hubs(&soup.corners);
@@ -134,7 +137,8 @@ impl<'a> Search<'a> {
         self.pieces = Some(pieces);
     }
 
-    /// The first slot found after `s` whose triangle meets that of `s`.
+    /// The first slot found after `s` whose triangle meets that of `s`. Slots are numbers in the order of the soup's
+    /// hierarchy; degenerate triangles meet none.
     fn first_later(&self, s: usize) -> Option<usize> {
         if self.is_degenerate[s] {
             return None;

@@ -1,4 +1,8 @@
 //! Vertex normals of a mesh.
+//!
+//! Normals point outward if the triangles are counter-clockwise seen from outside. The area-weighted sums run in
+//! parallel by ranges of vertices, each in the order of the triangles, so that the bits do not depend on the number of
+//! threads.
 
 use super::TriMesh;
 use crate::frame::Vec3;

@@ -42,7 +42,8 @@ pub(super) enum OpenWinding {
 }
 
 impl OpenWinding {
-    /// Data for the surface `all` with a boundary; `None` without boundary.
+    /// Data for the surface `all` with a boundary; `None` without boundary. `vertices` are those that the boundary
+    /// names; `all` holds every triangle of the surface.
     pub(super) fn new(vertices: &[Vec3], boundary: &[BoundaryEdge], all: &Soup) -> Option<Self> {
         if boundary.is_empty() {
             return None;
@@ -104,6 +105,9 @@ impl OpenWinding {
         self.sum(all, bounds, p, ACCURATE_BETA) > 0.5
     }
 
+    /// The winding number of `all` at `p`, world units, with the opening parameter `beta` of the expansions. A point on
+    /// a patch is moved by some clearances; if all offsets are near patches it stays, and the result is uncertain by
+    /// one.
     fn sum(&self, all: &Soup, bounds: &Aabb, p: Vec3, beta: f32) -> f64 {
         match self {
             Self::Direct(expansions) => expansions.number(all, p, beta),

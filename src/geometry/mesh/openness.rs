@@ -160,6 +160,7 @@ impl Samples {
         let offset = SIDE_OFFSET_RATIO * bounds.min.amax().max(bounds.max.amax());
         for n in 0..SAMPLES_AT_TRIANGLES {
             let at = (n as f64 + 0.5) / SAMPLES_AT_TRIANGLES as f64 * area;
+            // The triangle at this share of the total area.
             let t = area_before.partition_point(|before| *before <= at) - 1;
             let [a, b, c] = mesh.corners(t);
             // A sequence of low discrepancy in the unit square (Roberts 2018), folded onto the triangle.
@@ -188,6 +189,7 @@ impl Samples {
         self.uncertain += count((behind - 0.5).abs() < 0.5 - UNCERTAIN_WINDING);
     }
 
+    /// Counts as fractions of `count` samples.
     fn over(self, count: usize) -> Self {
         let count = count as f64;
         Self {

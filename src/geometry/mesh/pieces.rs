@@ -119,7 +119,8 @@ pub(super) fn half_area(bounds: &Aabb) -> f64 {
 }
 
 impl PieceTree {
-    /// Cuts the triangles numbered in `long`, if their boxes overlap much.
+    /// Cuts the triangles numbered in `long`, if their boxes overlap much. `None` where pieces would not pay off: no
+    /// long triangles, or boxes that overlap little.
     pub(super) fn of(corners: &[[Vec3; 3]], long: &[u32]) -> Option<Self> {
         let measured = long.iter().map(|&number| {
             let t = &corners[number as usize];

@@ -1,4 +1,8 @@
 //! Oriented boxes around long triangles, which bound their distances where discs are mostly empty.
+//!
+//! A disc around a triangle sixteen times as long as high is almost empty, so that it bounds a distance badly. A plate
+//! is a box in the triangle's own axes. Plates exist only for packs of slots with such a triangle; the others in the
+//! pack get one as well. They exclude candidates, and never change a distance.
 
 use super::bvh::LocalFrame;
 use super::pieces::LongestSide;

@@ -1,4 +1,7 @@
 //! How precise the distances of a solid are near its surface.
+//!
+//! A distance is the root of a sum of products of differences; its rounding grows with the size of the mesh. Signs come
+//! from the winding number, whose jump may lie beside the triangles where shells were united.
 
 use crate::frame::Aabb;
 

@@ -1,12 +1,15 @@
-//! Projection of mesh vertices onto the zero set of an exact field.
+//! Projection of mesh vertices onto the zero set of an exact field, and choice of the diagonals of quads.
 //!
-//! A mesh of a sampled level set is accurate to the square of the voxel size on smooth parts, but bevels
-//! creases by a voxel. Where the exact field is available, each vertex moves along its normal to the zero of
-//! the field (regula falsi, Illinois variant). With `sharp`, a vertex whose voxel cell contains a crease
-//! moves onto the crease: the field is evaluated around the vertex, each sample gives a tangent plane, and
-//! planes of different normals are intersected; two more iterations with smaller radii refine the point. Two
-//! planes define an edge, three a corner. A vertex stays within its cell, so that quads keep their order (Ju,
-//! Losasso, Schaefer and Warren, *Dual Contouring of Hermite Data*, 2002).
+//! A mesh of a sampled level set is accurate to the square of the voxel size on smooth parts, but bevels creases by a
+//! voxel. Where the exact field is available, each vertex moves along its normal to the zero of the field (regula
+//! falsi, Illinois variant), by at most one voxel. With `sharp`, a vertex whose voxel cell contains a crease moves onto
+//! the crease: the field is evaluated around the vertex, each sample gives a tangent plane, and planes of different
+//! normals are intersected; two planes define an edge, three a corner (Ju, Losasso, Schaefer and Warren, *Dual
+//! Contouring of Hermite Data*, 2002). A corner in a cell without a vertex goes to the nearest vertex beside it.
+//!
+//! Then vertices go back where quads would flip, points coincide or triangles intersect, until no such place is left.
+//! So the result adds no self-intersection in single precision; it does not promise that every vertex lies on the zero
+//! set.
 
 use super::meeting::meeting_pairs;
 use super::soup::Soup;
@@ -31,13 +34,14 @@ pub struct ProjectionOptions {
 pub struct ProjectionSummary {
     /// Vertices that moved onto an edge or a corner.
     pub creased: usize,
-    /// Vertices that kept their position: no surface was found near them, or a triangle would have flipped.
+    /// Vertices that kept their position: no surface was found near them, or a triangle would have flipped. A triangle
+    /// that would have lost its area or met another one counts as well.
     pub kept: usize,
     /// Greatest magnitude of the field at moved vertices, world units.
     pub error: f64,
 }
 
-/// Normals whose cosine exceeds this (25 degrees) count as those of one plane.
+/// Normals whose cosine is at least this (25 degrees) count as those of one plane.
 const SAME_PLANE_COSINE: f64 = 0.9;
 /// Below this cosine between the normals of a face and of its vertex, the vertex may lie near a crease.
 const MIN_SMOOTH_COSINE: f64 = 0.975;
@@ -46,7 +50,8 @@ const MIN_SMOOTH_COSINE: f64 = 0.975;
 const SAMPLE_RADII: [f64; 3] = [1.0, 0.2, 0.04];
 /// Least second difference over a voxel, in voxels, that indicates a kink of the field.
 const MIN_KINK: f64 = 0.2;
-/// Singular values below this are treated as zero.
+/// Singular values of the matrix of unit normals below this are treated as zero: nearly parallel planes then count as
+/// one.
 const MIN_SINGULAR_VALUE: f64 = 0.15;
 /// How far beyond its cell a vertex may move, voxels.
 const MAX_CELL_OVERSHOOT: f64 = 0.05;
@@ -166,8 +171,9 @@ impl QuadMesh {
         Ok(outcomes)
     }
 
-    /// Whether to split each quad along its second diagonal: at creases the diagonal nearer to the surface is
-    /// used, elsewhere the shorter one.
+    /// Whether to split each quad along its second diagonal: at creases the diagonal nearer to the surface is used,
+    /// elsewhere the shorter one. `points` and `targets` are by vertex; the result has one flag per quad. Triangles
+    /// (quads that repeat a corner) keep theirs.
     fn choose_diagonals(&self, points: &[Vec3], targets: &[Target], field: &ZeroSet) -> Vec<bool> {
         let is_creased = |v: u32| {
             points[v as usize] != self.vertices()[v as usize] && targets[v as usize].creased
@@ -177,6 +183,8 @@ impl QuadMesh {
             let length = (p - q).norm() / field.h;
             if at_crease {
                 let depth = field.value((p + q) / 2.0).abs() / field.h;
+                // At a crease the distance of the diagonal's middle from the surface decides; below 0.01 voxels, the
+                // rounding of a fit, the length decides.
                 100.0 * depth.max(0.01) + length
             } else {
                 length
@@ -236,8 +244,11 @@ struct Target {
     corner: Option<Vec3>,
 }
 
-/// Assigns corners that no vertex found in its own cell to the nearest vertex of a neighbouring cell.
+/// Assigns corners that no vertex has in its own cell to the nearest vertex of a neighbouring cell; changes the target
+/// of that vertex. `h` is the voxel size, world units.
 fn assign_corners(vertices: &[Vec3], targets: &mut [Target], h: f64) {
+    // Several vertices find one corner up to the accuracy of the fit: points in the same hundredth of a voxel count as
+    // one.
     let key = |x: Vec3| <[i64; 3]>::from(x.map(|c| (c / (0.01 * h)).round() as i64));
     let claimed: HashSet<[i64; 3]> = targets
         .iter()
@@ -261,7 +272,8 @@ fn assign_corners(vertices: &[Vec3], targets: &mut [Target], h: f64) {
     }
 }
 
-/// Marks vertices where face normals differ more than on a smooth surface.
+/// Marks vertices where face normals differ more than on a smooth surface. One flag per vertex; `normals` are those of
+/// the vertices.
 fn near_creases(mesh: &TriMesh, normals: &[Vec3]) -> Vec<bool> {
     let mut flags = vec![false; normals.len()];
     for (t, [a, b, c]) in mesh.triangles.iter().zip(mesh.iter_corners()) {
@@ -275,16 +287,19 @@ fn near_creases(mesh: &TriMesh, normals: &[Vec3]) -> Vec<bool> {
     flags
 }
 
-/// Whether a quad can be split along its first and along its second diagonal after its corners moved to
-/// `points`: neither triangle may flip or lose its area.
+/// Whether a quad can be split along its first and along its second diagonal after its corners moved to `points`:
+/// neither triangle may flip or lose its area. `h` is the voxel size, world units.
 fn valid_diagonals(mesh: &QuadMesh, points: &[Vec3], h: f64, quad: [u32; 4]) -> [bool; 2] {
     let old = quad.map(|v| mesh.vertices()[v as usize]);
     let facing = (old[2] - old[0]).cross(&(old[3] - old[1]));
     let [a, b, c, d] = quad.map(|v| points[v as usize]);
     let is_valid = |p: Vec3, q: Vec3, r: Vec3| {
         let area = (q - p).cross(&(r - p));
+        // A triangle may turn by at most 87 degrees (cosine 0.05) from the old quad, and keeps a millionth of a voxel's
+        // face.
         area.dot(&facing) > 0.05 * area.norm() * facing.norm() && area.norm() > 1e-6 * h * h
     };
+    // A triangle has no diagonal: both answers are whether it keeps its side.
     if quad[2] == quad[3] {
         let facing = (old[1] - old[0]).cross(&(old[2] - old[0]));
         let area = (b - a).cross(&(c - a));
@@ -348,7 +363,8 @@ impl ZeroSet<'_> {
         self.field.value(WorldPoint(p))
     }
 
-    /// The zero on the line through `p` along `normal`, within a voxel of it.
+    /// The zero on the line through `p` along the unit vector `normal`, within a voxel of it; `None` if the field has
+    /// no change of sign there or the iteration does not end, and for a zero normal.
     fn project_along(&self, p: Vec3, normal: Vec3) -> Option<Vec3> {
         if normal == Vec3::zeros() {
             return None;
@@ -360,6 +376,7 @@ impl ZeroSet<'_> {
             return Some(p);
         }
         // The field increases outward: step against its sign until it changes.
+        // For a distance the first step passes the zero; at most a quarter of a voxel, so that it does not pass two.
         let step = (fa.abs() * 1.5).clamp(1e-4 * self.h, 0.25 * self.h);
         let (mut b, mut fb) = (a, fa);
         while fb.signum() == fa.signum() {
@@ -370,6 +387,7 @@ impl ZeroSet<'_> {
             fb = at(b);
         }
         // Illinois method: regula falsi that halves the value at an end that stays.
+        // Usually fewer than ten steps; 60 bound the time for fields with jumps.
         for _ in 0..60 {
             let t = b - fb * (b - a) / (fb - fa);
             let ft = at(t);
@@ -387,17 +405,19 @@ impl ZeroSet<'_> {
     }
 
     /// Sets the target to the corner or edge point nearest to `p` in its voxel cell, or records a corner in a
-    /// neighbouring cell.
+    /// neighbouring cell. The target does not change if there is no crease.
     fn project_to_crease(&self, p: Vec3, target: &mut Target) {
         if !self.may_kink(p) {
             return;
         }
+        // As many planes as were found first, so that a corner comes before the edge of its two nearest planes.
         let planes = self.tangent_planes(p, SAMPLE_RADII[0] * self.h, 1.5 * self.h);
         for count in (2..=planes.len()).rev() {
             let on_surface = |x: &Vec3| self.value(*x).abs() < 1e-3 * self.h;
             let Some(x) = self.crease_point(p, &planes[..count]).filter(on_surface) else {
                 continue;
             };
+            // How far x lies beyond the voxel cell that holds p along an axis, voxels; negative inside.
             let overshoot = |a: usize| {
                 let at = x[a] / self.h - (p[a] / self.h).floor();
                 (at - 0.5).abs() - 0.5
@@ -434,7 +454,8 @@ impl ZeroSet<'_> {
         })
     }
 
-    /// The intersection of tangent planes near `p`, refined by samples at smaller radii.
+    /// The intersection of tangent planes near `p`, refined by samples at smaller radii; `None` if it leaves the
+    /// surroundings of `p` (1.5 voxels) or if fewer planes are found around it than `tangents` holds.
     fn crease_point(&self, p: Vec3, tangents: &[Tangent]) -> Option<Vec3> {
         let count = tangents.len();
         let mut x = p + intersect_planes(tangents)?;
@@ -456,7 +477,8 @@ impl ZeroSet<'_> {
     /// Up to three tangent planes of the field around `x` with different normals, nearest first. The field is sampled
     /// at `radius` from `x`; planes farther than `reach` are left out. Both are world units.
     fn tangent_planes(&self, x: Vec3, radius: f64, reach: f64) -> Vec<Tangent> {
-        // The field at the faces and corners of a cube around x: each value gives a tangent plane.
+        // The field at the middles of the 6 faces and at the 8 corners of a cube around x: each value gives a tangent
+        // plane.
         let mut all = Vec::with_capacity(14);
         for n in (0..27).filter(|&n| n != 13) {
             let direction = Vec3::new(
@@ -464,13 +486,14 @@ impl ZeroSet<'_> {
                 f64::from(n / 3 % 3 - 1),
                 f64::from(n % 3 - 1),
             );
-            // Directions to the faces and corners of a cube.
+            // The middles of the cube's 12 edges, with a squared length of 2, are left out.
             if direction.norm_squared() == 2.0 {
                 continue;
             }
             let s = x + direction.normalize() * radius;
             let (value, gradient) = self.field.value_and_gradient(WorldPoint(s));
             let slope = gradient.norm();
+            // A distance has the slope 1. A far smaller one belongs to a kink or to values that are no distances.
             if !(slope > 0.3 && slope.is_finite()) {
                 continue;
             }
@@ -496,7 +519,8 @@ impl ZeroSet<'_> {
     }
 }
 
-/// The shortest vector to the intersection of some planes (least squares).
+/// The shortest vector from the reference point to the intersection of at most three planes (least squares). `None`
+/// cannot occur: both factors of the decomposition are computed.
 fn intersect_planes(planes: &[Tangent]) -> Option<Vec3> {
     let mut normals_matrix = Mat3::zeros();
     let mut rhs = Vec3::zeros();

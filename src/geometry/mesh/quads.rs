@@ -1,4 +1,7 @@
 //! Quadrilateral meshes, as extracted from level sets.
+//!
+//! A quad may be bent: its triangles are those of the diagonal from its first to its third corner. Nothing promises
+//! that a mesh is closed or free of intersections.
 
 use super::{MeshError, TriMesh};
 use crate::frame::Vec3;

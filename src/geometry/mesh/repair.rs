@@ -1,4 +1,9 @@
 //! Repair of meshes with defects: orientation, union of shells, closing of holes.
+//!
+//! A repair runs in this order: copies of triangles are removed, neighbours are oriented alike, inward shells are
+//! flipped, scans of one surface are reduced to one, buried parts are removed, and the winding number closes what is
+//! still open. Each step that changes something leaves a note for the user. The result is a solid with a signed
+//! distance, not a closed mesh: holes get no triangles. Shells are connected components through edges of two triangles.
 
 use super::boundary_edges::BoundaryEdges;
 use super::half_edges::HalfEdges;
@@ -143,7 +148,8 @@ impl Oriented {
         }
     }
 
-    /// Leaves one copy of what the mesh gives more than once, and adds a note of it.
+    /// Leaves one copy of what the mesh gives more than once, and adds a note of it. `add` receives a kind and a
+    /// message per note.
     fn without_repeats(self, add: &mut impl FnMut(RepairKind, String)) -> Self {
         if self.repeated_faces > 0 {
             let message = format!(
@@ -196,7 +202,8 @@ impl Oriented {
         Some((open, boundary))
     }
 
-    /// The surface, if shells bury parts of it. With `is_thorough` a shell may also bury parts of itself.
+    /// The surface without its buried parts; `None` if no shell buries anything. `open` are the winding data of
+    /// [`Self::open`]. With `is_thorough` a shell may also bury parts of itself.
     fn united(
         &self,
         open: Option<&(OpenWinding, BoundaryEdges)>,
@@ -300,7 +307,8 @@ impl MeshSolid {
     }
 
     /// Repairs a mesh, as [`MeshSolid::repaired_with_caps`]; with `is_thorough` a shell may bury parts of itself.
-    /// `caps` marks the triangles that count for the winding number only.
+    /// `caps` marks the triangles that count for the winding number only. The notes come in the order of the repairs.
+    /// It calls itself with the flipped mesh where most is inside out.
     fn repaired_by(
         mesh: TriMesh,
         caps: impl Fn(&TriMesh) -> Vec<bool>,
@@ -362,6 +370,7 @@ impl MeshSolid {
             let flipped = solid.mesh().flipped();
             let (solid, further) = Self::repaired_by(flipped, caps, is_thorough)?;
             add(RepairKind::Flipped, all_flipped.to_owned());
+            // The union is found again in the flipped mesh, with its own note.
             repairs.retain(|r| r.kind != RepairKind::United);
             repairs.extend(further);
             return Ok((solid, repairs));

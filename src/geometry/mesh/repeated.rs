@@ -68,6 +68,8 @@ impl Scans {
         let mut kept: Vec<(usize, MeshSolid)> = Vec::new();
         for &shell in &open {
             let part = part(mesh, shells, shell);
+            // The first larger shell that covers this one, or overlaps it, decides; lazily, since a comparison is
+            // costly.
             let mut comparisons = kept.iter().map(|(other, solid)| {
                 let reach = SCAN_DISTANCE_RATIO * measured[*other].bounds.size().norm();
                 Comparison::of(&part, solid, reach)
@@ -115,7 +117,8 @@ struct Comparison {
 }
 
 impl Comparison {
-    /// Compares triangles' centres with a surface; those within `reach` are near.
+    /// Compares triangles' centres with a surface; those within `reach` are near. `reach` is in world units; about
+    /// [`SCAN_SAMPLES`] centres are taken at equal steps of their numbers.
     fn of(part: &TriMesh, solid: &MeshSolid, reach: f64) -> Self {
         let mut found = Self {
             samples: 0,

@@ -1,4 +1,6 @@
 //! Closed meshes of simple solids, oriented outward.
+//!
+//! Positive sizes are assumed, not checked: a box with exchanged corners is turned inside out.
 
 use super::{TriMesh, VertexMerger};
 use crate::frame::{Aabb, Vec3};

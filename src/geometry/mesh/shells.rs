@@ -79,7 +79,8 @@ impl Shells {
         Self { of, count }
     }
 
-    /// Measures of each shell of a mesh that is oriented consistently where possible.
+    /// Measures of each shell of a mesh that is oriented consistently where possible. Volumes are about the middle of
+    /// the mesh's box; they have a meaning for closed shells only.
     pub(crate) fn measured(&self, mesh: &TriMesh, sides: &HalfEdges) -> Vec<ShellMeasures> {
         let triangles = mesh.triangles();
         let mut shells = vec![
@@ -127,9 +128,9 @@ impl Shells {
     }
 }
 
-/// The triangles to reverse so that neighbours are oriented consistently: the minority of each component that
-/// has no open edge and is orientable, connected through edges of two triangles. `None` where the mesh is
-/// consistent already.
+/// The triangles to reverse so that neighbours are oriented consistently: the minority of each component that has no
+/// open edge and is orientable, connected through edges of two triangles. `None` where the mesh is consistent already.
+/// One flag per triangle.
 pub(crate) fn inconsistent_triangles(mesh: &TriMesh, sides: &HalfEdges) -> Option<Vec<bool>> {
     let triangles = mesh.triangles();
     let is_unlike_pair = |e: &[HalfEdge]| {
@@ -184,6 +185,7 @@ pub(crate) fn inconsistent_triangles(mesh: &TriMesh, sides: &HalfEdges) -> Optio
                 .iter()
                 .filter(|t| parity[**t] == Some(true))
                 .count();
+            // At a tie the first triangle's orientation stays.
             let minority_parity = 2 * unlike_count <= component.len();
             for t in component {
                 is_flipped[t] = parity[t] == Some(minority_parity);
@@ -204,8 +206,9 @@ fn edge_pair(triangles: &[[u32; 3]], edge: &[HalfEdge]) -> Option<[HalfEdge; 2]>
     }
 }
 
-/// The number of solid bodies and the number of cavities that the shells of a mesh bound. The mesh must be
-/// closed, consistently oriented and free of self-intersections.
+/// The number of solid bodies and the number of cavities that the shells of a mesh bound. The mesh must be closed,
+/// consistently oriented and free of self-intersections. The first number are shells of positive volume, the second
+/// those of negative volume.
 pub fn count_bodies(mesh: &TriMesh) -> (u64, u64) {
     let merged = mesh.merged();
     let sides = HalfEdges::of(merged.triangles(), merged.vertices().len());

@@ -103,6 +103,7 @@ impl Sliver {
         let remainder = remainder - along * along.dot(&remainder);
         let height = remainder.norm();
         let across = remainder.try_normalize(0.0).unwrap_or_default();
+        // A flat sliver has no inside: `flatness` 1 sends every point to its sides.
         let is_flat = across == Vec3::zeros();
         Self {
             corner: a,
@@ -119,7 +120,8 @@ impl Sliver {
         self.along.cross(&self.across)
     }
 
-    /// The point closest to `p`.
+    /// The point closest to `p`. `p` holds x, y, z; each may be a row of points. The same operations run in every lane,
+    /// without branches.
     #[inline(always)]
     pub(super) fn closest<T: Number>(&self, p: [T; 3]) -> [T; 3] {
         let lane = p[0];

@@ -49,6 +49,7 @@ impl Disc {
             .iter()
             .map(|p| (p - centre).norm())
             .fold(0.0, f64::max);
+        // In double precision; rounded to single at the end.
         let n = (b - a).cross(&(c - a));
         // The normal of a needle is too inaccurate.
         let normal = if n.norm() > 1e-6 * radius * radius {
@@ -267,7 +268,8 @@ impl Soup {
         self.closest_within(p, f64::INFINITY, hint)
     }
 
-    /// The closest point and its slot, if within `radius`.
+    /// The closest point and its slot, if within `radius`. Beyond it the result is [`ClosestPoint::NOT_FOUND`] with the
+    /// slot `usize::MAX`.
     pub(crate) fn closest_within(
         &self,
         p: Vec3,

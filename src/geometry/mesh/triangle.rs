@@ -38,6 +38,8 @@ pub(super) fn closest_point_of_regular(t: &[Vec3; 3], p: Vec3) -> Vec3 {
     }
     // Squared sides, from the same products: |ab|^2 = d1 - d3, |ac|^2 = d2 - d6.
     let (ab2, ac2) = (d1 - d3, d2 - d6);
+    // Barycentric coordinates of the foot of p, not yet divided by their sum; a negative one selects the side opposite
+    // to its corner.
     let vc = d1 * d4 - d3 * d2;
     let vb = d5 * d2 - d1 * d6;
     let va = d3 * d6 - d5 * d4;

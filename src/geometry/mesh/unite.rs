@@ -50,9 +50,9 @@ enum Classification {
     Cut(Vec<[Vec3; 3]>),
 }
 
-/// The surface of some triangles; `None` where nothing is buried. `soup` contains the triangles of the merged
-/// `mesh` by number; `open` is required if they are no cycle. With `is_thorough` a shell that meets no other
-/// may also bury parts of itself.
+/// The surface of some triangles; `None` where nothing is buried. `soup` contains the triangles of the merged `mesh` by
+/// number; `open` is required if they are no cycle. With `is_thorough` a shell that meets no other may also bury parts
+/// of itself. `sides` are the half-edges of `mesh`, in which equal corners are merged; lengths are world units.
 pub(crate) fn unite(
     mesh: &TriMesh,
     sides: &HalfEdges,
@@ -94,6 +94,7 @@ pub(crate) fn unite(
         .collect();
     let is_uncut_or_degenerate =
         |c: &Classification| matches!(c, Classification::Uncut | Classification::Degenerate);
+    // One open shell whose triangles meet no others buries nothing.
     if open.is_some() && shells.count == 1 && classes.iter().all(is_uncut_or_degenerate) {
         return None;
     }
@@ -193,6 +194,7 @@ impl Classifier<'_> {
     }
 
     /// Classifies triangle `t`: it is cut along the segments in which others intersect it, and each part is tested.
+    /// Nothing changes; a degenerate triangle is skipped, one without intersections is left to its region.
     fn classify(&self, t: usize) -> Classification {
         let shell = self.shells.of[t];
         let corners = self.mesh.corners(t);
@@ -268,8 +270,10 @@ impl Classifier<'_> {
         }
     }
 
-    /// Whether a part of a triangle, with a radius about `p`, separates inside from outside. Where no other
-    /// triangle lies in its plane (`is_alone_in_plane`), the winding number in front is that behind minus 1.
+    /// Whether a part of a triangle, with a radius about `p`, separates inside from outside. Where no other triangle
+    /// lies in its plane (`is_alone_in_plane`), the winding number in front is that behind minus 1. `p` is a point of
+    /// the part, `radius` bounds its extent about `p` (world units), `normal` is the unit normal, `shell` the
+    /// triangle's shell.
     fn is_surface(
         &self,
         p: Vec3,
@@ -291,6 +295,7 @@ impl Classifier<'_> {
             return behind.min(winding(1.0)) - boundary.winding_variation(p, radius) <= 0.5;
         }
         if is_alone_in_plane {
+            // 1 behind and 0 in front: the only way across 1/2 with a jump of 1.
             return behind == 1.0;
         }
         (behind > 0.5) != (winding(1.0) > 0.5)
@@ -308,8 +313,8 @@ impl Classifier<'_> {
         })
     }
 
-    /// Whether each triangle belongs to the surface. Triangles without intersection are classified by region,
-    /// or one by one where the mesh is open.
+    /// Whether each triangle belongs to the surface. Triangles without intersection are classified by region, or one by
+    /// one where the mesh is open. One flag per triangle, in the order of `classes`.
     fn surface_flags(&self, classes: &[Classification], sides: &HalfEdges) -> Vec<bool> {
         let is_uncut = |t: u32| matches!(classes[t as usize], Classification::Uncut);
         if self.open.is_some() {
@@ -438,7 +443,8 @@ fn height([a, b]: [[f64; 2]; 2], c: [f64; 2]) -> f64 {
     (x * (c[1] - a[1]) - y * (c[0] - a[0])) / x.hypot(y)
 }
 
-/// Clips a segment to a convex polygon; returns whether more than `tolerance` of its length remains.
+/// Clips a segment to a convex polygon; returns whether more than `tolerance` of its length remains. The polygon is
+/// counter-clockwise; heights over its sides are positive inside.
 fn clip_segment(polygon: &[[f64; 2]], segment: &mut [[f64; 2]; 2], tolerance: f64) -> bool {
     for i in 0..polygon.len() {
         let [a, b] = [polygon[i], polygon[(i + 1) % polygon.len()]];
@@ -463,7 +469,7 @@ fn clip_segment(polygon: &[[f64; 2]], segment: &mut [[f64; 2]; 2], tolerance: f6
 }
 
 /// Splits a convex polygon into convex parts that no segment crosses. Crossings shallower than `tolerance`, world
-/// units, do not split.
+/// units, do not split. Both consist of points in the triangle's plane. The parts have no fixed order.
 fn split_polygon(
     polygon: Vec<[f64; 2]>,
     segments: Vec<[[f64; 2]; 2]>,

@@ -135,6 +135,7 @@ pub(crate) struct Winding {
 }
 
 impl Winding {
+    /// The expansions of all groups of a soup, from the leaves of its hierarchy to the root.
     pub(crate) fn new(soup: &Soup) -> Self {
         let nodes = soup.bvh.nodes();
         let local = soup.bvh.local();
@@ -157,7 +158,8 @@ impl Winding {
         }
     }
 
-    /// The winding number of `q`, world units; groups farther than `beta` radii are expanded.
+    /// The winding number of `q`, world units; groups farther than `beta` radii are expanded. `soup` is the one of
+    /// [`Self::new`]. Far outside and at points that are not finite the result is 0.
     pub(crate) fn number(&self, soup: &Soup, q: Vec3, beta: f32) -> f64 {
         let nodes = soup.bvh.nodes();
         if nodes.is_empty() {
@@ -169,6 +171,7 @@ impl Winding {
             return 0.0;
         }
         let p = [local.x as f32, local.y as f32, local.z as f32];
+        // Squares on both sides of the test save a root per lane.
         let beta2 = beta * beta;
         // Far groups by their expansion in single precision, near triangles exactly.
         let mut near = SolidAngle::ZERO;
@@ -306,7 +309,7 @@ fn group(lanes: &[Moment; 4]) -> Moment {
     m
 }
 
-/// Single-precision expansions of four groups.
+/// Single-precision expansions of four groups; an empty lane keeps an infinite radius, so that it is never expanded.
 fn pack(lanes: &[Moment; 4]) -> Expansions {
     let mut e = Expansions {
         centre: [[0.0; 4]; 3],

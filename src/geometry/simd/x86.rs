@@ -1,4 +1,7 @@
 //! Lanes of AVX2 with FMA; rows of twice the length use AVX-512 where the processor has it.
+//!
+//! Each method has the meaning that the trait gives it. Values of `V3` and `V4` prove that the processor has the
+//! instructions. This module exists on x86-64 only.
 // Each function is one instruction, or a few.
 #![allow(clippy::inline_always)]
 

@@ -1,8 +1,8 @@
-//! Parser of formulas: precedence climbing over single characters.
+//! Parser of formulas: recursive descent over single characters, into steps in reverse Polish notation.
 //!
-//! sum = product {(+|-) product}, product = signed {(*|/) signed}, signed = {+|-} power, power = atom [(^|**) signed],
-//! atom = number, name, call or (sum). The steps come out in reverse Polish notation. An error names what may stand at
-//! a column.
+//! One function reads each level of precedence: `sum`, `product`, `signed`, `power`, `atom`. Each leaves exactly one
+//! value more on the stack. An error names the column of the first character that does not fit and what would fit
+//! there; the steps read so far are dropped.
 
 use super::noise::noise;
 use super::{FormulaError, MAX_DEPTH, MAX_LENGTH, STACK_SIZE, Step};
@@ -65,6 +65,7 @@ const CONSTANTS: [(&str, f64); 3] = [
     ("e", std::f64::consts::E),
 ];
 
+/// 0 below `from`, 1 above `to`, and 3 t^2 - 2 t^3 between them.
 fn smoothstep(from: f64, to: f64, x: f64) -> f64 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
@@ -126,12 +127,14 @@ impl Parser<'_> {
         self.text.get(self.at).copied()
     }
 
+    /// Skips the character if it comes next, after white space; returns whether it did.
     fn accept(&mut self, c: char) -> bool {
         let found = self.peek() == Some(c);
         self.at += usize::from(found);
         found
     }
 
+    /// The error at the current position: the text found there, and what was expected.
     fn error(&self, expected: impl Into<String>) -> FormulaError {
         let rest = &self.text[self.at.min(self.text.len())..];
         let found = match rest.first() {
@@ -145,6 +148,7 @@ impl Parser<'_> {
         }
     }
 
+    /// Adds a step and counts the height of the stack after it; an error where the stack would exceed its size.
     fn push(&mut self, step: Step) -> Result<(), FormulaError> {
         self.height = match step {
             Step::Number(_) | Step::Variable(_) => self.height + 1,
@@ -159,6 +163,7 @@ impl Parser<'_> {
         Ok(())
     }
 
+    /// Counts one more level of nesting; an error beyond the limit, which protects the stack of the thread.
     fn enter(&mut self) -> Result<(), FormulaError> {
         self.depth += 1;
         if self.depth > MAX_DEPTH {
@@ -167,6 +172,7 @@ impl Parser<'_> {
         Ok(())
     }
 
+    /// Reads products joined by + and -, from the left.
     fn sum(&mut self) -> Result<(), FormulaError> {
         self.enter()?;
         self.product()?;
@@ -184,6 +190,7 @@ impl Parser<'_> {
         Ok(())
     }
 
+    /// Reads signed factors joined by * and /, from the left.
     fn product(&mut self) -> Result<(), FormulaError> {
         self.signed()?;
         loop {
@@ -198,6 +205,8 @@ impl Parser<'_> {
         }
     }
 
+    /// Reads signs, then a power. A sign binds weaker than a power: `-x^2` is -(x^2). The long minus sign of word
+    /// processors counts as well.
     fn signed(&mut self) -> Result<(), FormulaError> {
         self.enter()?;
         if self.accept('-') || self.accept('\u{2212}') {
@@ -212,6 +221,8 @@ impl Parser<'_> {
         Ok(())
     }
 
+    /// Reads an atom with an optional exponent after `^` or `**`. The exponent is read as `signed`, so that powers
+    /// group from the right and `x^-2` needs no parentheses.
     fn power(&mut self) -> Result<(), FormulaError> {
         self.atom()?;
         self.skip_white_space();
@@ -227,6 +238,7 @@ impl Parser<'_> {
         Ok(())
     }
 
+    /// Reads a formula in parentheses, a number, or a name.
     fn atom(&mut self) -> Result<(), FormulaError> {
         match self.peek() {
             Some('(') => {
@@ -240,6 +252,7 @@ impl Parser<'_> {
         }
     }
 
+    /// Reads a closing parenthesis.
     fn close(&mut self) -> Result<(), FormulaError> {
         if self.accept(')') {
             return Ok(());
@@ -314,7 +327,8 @@ impl Parser<'_> {
         )))
     }
 
-    /// Reads the arguments of a function whose name begins at `start`.
+    /// Reads the arguments of a function whose name begins at `start`. The parenthesis comes next. `name` is for
+    /// messages.
     fn call(&mut self, name: &str, function: Function, start: usize) -> Result<(), FormulaError> {
         self.at += 1;
         let mut count = 0;

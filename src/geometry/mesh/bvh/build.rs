@@ -68,7 +68,8 @@ impl Extent {
 }
 
 /// Builds the node over a range of primitives whose first slot is `base`, after the nodes in `out`. `depth` counts the
-/// halvings above it: a split in four is two.
+/// halvings above it: a split in four is two. `primitives` are sorted into the order of slots; child nodes are appended
+/// to `out` after their parent.
 pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: &mut Vec<Node>) {
     // The node's number is fixed before its children are built.
     let node_index = out.len();
@@ -131,6 +132,7 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
 /// Sorts a range into up to four consecutive parts, the children of a node; returns their lengths.
 fn split_in_four(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
     let mut parts = vec![primitives.len()];
+    // Halves the part whose box has the largest surface, until there are four or none is worth it.
     while parts.len() < 4 {
         let mut start = 0;
         let mut widest = (-1f32, 0, 0);
@@ -142,6 +144,7 @@ fn split_in_four(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
             start += n;
         }
         let (half_area, i, start) = widest;
+        // No part with more than a leaf's primitives is left.
         if half_area < 0.0 {
             break;
         }
@@ -198,6 +201,7 @@ fn split(primitives: &mut [Primitive], depth: usize) -> usize {
             }
         }
     }
+    // In place: primitives of the bins up to the best one move to the front.
     if best.0.is_finite() {
         let (_, axis, last) = best;
         let mut mid = 0;
