@@ -131,7 +131,8 @@ fn sort(list: &mut [Cavity]) {
 }
 
 /// The cavities of the void that a ball of the measure's reach cannot leave, narrowest first. The reach is at most
-/// [`MAX_CAVITY_REACH`].
+/// [`MAX_CAVITY_REACH`]. Leaves are read block by block and not kept; the source does not change. Radii of the
+/// narrowest thousand are measured again with triangles; the others are those of points on lattice edges.
 ///
 /// # Errors
 /// Cancellation, and errors of the source.
@@ -196,7 +197,8 @@ impl Growth {
         if order.is_ge() { a } else { b }
     }
 
-    /// Joins the ends of an edge.
+    /// Joins the ends of an edge. Where one of them is connected with the outside, the component of the other is now
+    /// open, at the level and place of the edge.
     fn join(&mut self, edge: &Edge) {
         let [a, b] = [edge.ends[0] as usize, edge.ends[1] as usize];
         let (ra, rb) = (self.sets.find(a), self.sets.find(b));
@@ -211,6 +213,7 @@ impl Growth {
         }
         self.sets.union(ra, rb);
         let root = self.sets.find(ra);
+        // The representative that lost; the smaller list of members is moved.
         let other = ra + rb - root;
         let mut moved = std::mem::take(&mut self.members[other]);
         if moved.len() > self.members[root].len() {
@@ -255,7 +258,8 @@ impl Growth {
 }
 
 impl VoidGraph {
-    /// The cavities.
+    /// The cavities: edges are added in falling level, and each component that meets the outside at a level below its
+    /// depth is one. Sizes are in world units.
     fn cavities(
         mut self,
         measure: Measure,

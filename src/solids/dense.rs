@@ -1,4 +1,7 @@
 //! Values of a level set in a box, dense.
+//!
+//! For analyses that sample between voxels. Voxels without a stored leaf have plus or minus the background; memory is
+//! four bytes per voxel of the box.
 
 use super::leaf_source::LeafSource;
 use druse_geometry::frame::{Coord, Vec3};
@@ -13,7 +16,8 @@ pub struct DenseValues {
 }
 
 impl DenseValues {
-    /// Reads them; `None` without any inside.
+    /// Reads them; `None` without any inside. `background` is the half width of the band, world units. `None` if no
+    /// voxel of the box is inside.
     ///
     /// # Errors
     /// Those of the source.

@@ -77,7 +77,8 @@ pub struct BuildLayers {
 }
 
 /// The layers of the solid whose leaves `source` gives; `voxel_size` and `background` are in world units. Layers count
-/// from voxel (0, 0, 0).
+/// from voxel (0, 0, 0). `background` is the half width of the band. The layers are sampled from below in groups, and
+/// only the last few are kept. Without leaves there are no layers.
 ///
 /// # Errors
 /// Cancellation, and errors of the source.
@@ -171,7 +172,8 @@ impl<'a> Analysis<'a> {
         pixels * self.voxel_size * self.voxel_size
     }
 
-    /// Adds the next layer. Layers below the first solid pixel are left out.
+    /// Adds the next layer. Layers below the first solid pixel are left out. The raster is kept as long as overhangs
+    /// are compared with it.
     fn add(&mut self, number: i64, raster: Raster) {
         if self.below.is_none() && raster.is_empty() {
             return;
@@ -216,7 +218,8 @@ impl<'a> Analysis<'a> {
         self.rasters.push_back(raster);
     }
 
-    /// The components of a layer's solid or void that lie over none of the layer below, with their numbers.
+    /// The components of a layer's solid or void that lie over none of the layer below, with their numbers. `number` is
+    /// that of the layer; `below` is `None` for the first one, where all components start.
     fn starts(
         &self,
         number: i64,
@@ -257,6 +260,7 @@ impl<'a> Analysis<'a> {
                 }
                 let (row, column) = (row as i64 + i64::from(*r), column as i64 + i64::from(*c));
                 if lowest.contains(row, column) {
+                    // Area less 1/2 is how far the outline lies beyond the centre, 0 to 1 pixels.
                     let edge = lowest.pixel_area(row as usize, column as usize) - 0.5;
                     least = least.min(length - edge.clamp(0.0, 1.0));
                 }
@@ -293,6 +297,7 @@ impl Pockets {
         // The components of this layer, then those of the layer below.
         let mut sets = UnionFind::new(count + count_below);
         if let Some(below) = below {
+            // Components of one pocket below are one set already.
             let mut first_of_pocket = std::collections::BTreeMap::new();
             for (n, &pocket) in below.pockets.pocket.iter().enumerate() {
                 let first = *first_of_pocket.entry(pocket).or_insert(n);

@@ -1,4 +1,7 @@
 //! Leaves of a solid for analyses that read them one by one, from wherever they are.
+//!
+//! The tree in memory and the leaf files on disk implement it, so that both give the same analysis. A region is a box
+//! of voxels, both corners included. Everything that is neither in a leaf nor in an inside cube lies outside.
 
 use druse_geometry::frame::Coord;
 use druse_geometry::progress::Cancelled;

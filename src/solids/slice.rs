@@ -256,6 +256,7 @@ impl Layer {
         for start in starts {
             let mut outline = Vec::new();
             let mut edge = start;
+            // Each edge has one successor; a chain that ends at the border of the grid is no outline.
             while let Some(to) = next.remove(&edge) {
                 outline.push(self.crossing(edge));
                 edge = to;
@@ -267,7 +268,8 @@ impl Layer {
         outlines
     }
 
-    /// The segments of outline in a square, with the solid on their left.
+    /// The segments of outline in a square, with the solid on their left. (i, j) is the square's first sample, along u
+    /// and v.
     fn segments(&self, i: usize, j: usize) -> Vec<(LatticeEdge, LatticeEdge)> {
         let nv = self.counts[1];
         let edge = |i: usize, j: usize, along: usize| LatticeEdge {

@@ -1,4 +1,8 @@
-//! Sets of voxels of one leaf as 512 bits (word x, bit 8 y + z), and their connected parts.
+//! Sets of voxels of one leaf as 512 bits, and their connected parts.
+//!
+//! Voxel (x, y, z) is bit 8 y + z of word x, as in a leaf mask of OpenVDB; its offset is 64 x + 8 y + z. A set knows
+//! nothing of neighbouring leaves: whatever crosses a face of the leaf is the caller's work, by [`face`] and
+//! [`pack_face`].
 
 use druse_geometry::frame::Coord;
 
@@ -60,12 +64,14 @@ pub fn add(bits: &mut Bits, other: &Bits) {
     }
 }
 
-/// The set and its face neighbours.
+/// The set and its face neighbours within the leaf.
 #[inline]
 pub fn dilated(bits: &Bits) -> Bits {
     let mut out = [0; 8];
     for x in 0..8 {
         let w = bits[x];
+        // A step along z is one bit, and must not leave its row of eight; along y it is eight bits, and along x another
+        // word.
         let along_z = (w & !Z_MAX_BITS) << 1 | (w & !Z_MIN_BITS) >> 1;
         out[x] |= w | along_z | w << 8 | w >> 8;
         if x > 0 {
@@ -78,7 +84,8 @@ pub fn dilated(bits: &Bits) -> Bits {
     out
 }
 
-/// The voxels of a set that are connected to some of its voxels over faces.
+/// The voxels of a set that are connected over faces, within the leaf, to some of the `seeds`. Seeds that are not in
+/// the set do not count.
 #[inline]
 pub fn connected(seeds: Bits, set: &Bits) -> Bits {
     let mut part: Bits = std::array::from_fn(|x| seeds[x] & set[x]);
@@ -94,7 +101,7 @@ pub fn connected(seeds: Bits, set: &Bits) -> Bits {
     }
 }
 
-/// The parts of a set that are connected over faces, in order of their first voxels.
+/// The parts of a set that are connected over faces within the leaf, in order of their first voxels by offset.
 #[inline]
 pub fn parts(mut set: Bits) -> Vec<Bits> {
     let mut parts = Vec::new();
@@ -110,8 +117,8 @@ pub fn parts(mut set: Bits) -> Vec<Bits> {
     parts
 }
 
-/// The voxels of a set on the first or last face of the leaf on an axis. Voxels that share a face with a
-/// voxel of the neighbouring leaf have the same bit there.
+/// The voxels of a set on the first or last face of the leaf on an axis. Voxels that share a face with a voxel of the
+/// neighbouring leaf have the same bit there. Axes are 0 to 2 for x, y, z.
 #[inline]
 pub fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
     let mut out = [0; 8];
@@ -126,7 +133,8 @@ pub fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
     out
 }
 
-/// The 64 bits of a face in one word; voxels that share a face have the same bit.
+/// The 64 bits of a face in one word; voxels that share a face have the same bit. `face` is a result of [`face`] for
+/// the same axis.
 #[inline]
 pub fn pack_face(face: &Bits, axis: usize) -> u64 {
     let bytes = face.iter().enumerate();

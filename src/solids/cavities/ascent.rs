@@ -81,7 +81,8 @@ fn moved(slot: usize, voxel: usize, direction: u8) -> (usize, usize) {
     }
 }
 
-/// The neighbours that the voxels of a leaf lead to.
+/// The neighbours that the voxels of a leaf lead to. `slot` is the number of the leaf in its block and `own` its
+/// distances, voxels; a leaf outside the block counts as solid (-1).
 #[inline(always)]
 fn leads_of_leaf(space: &BlockDistances, slot: usize, own: &[f32; VOXELS], leads: &mut Leads) {
     let outer: [Option<usize>; 6] = std::array::from_fn(|d| beside(slot, d / 2, d % 2 == 1));
@@ -91,6 +92,7 @@ fn leads_of_leaf(space: &BlockDistances, slot: usize, own: &[f32; VOXELS], leads
         Some(Slot::Wide) => Err(space.reach),
         Some(Slot::Mixed(n)) => Ok(&space.leaves[n as usize]),
     });
+    // Eight distances along z from a voxel's number on.
     let row = |leaf: Result<&[f32; VOXELS], f32>, first: usize| -> [f32; 8] {
         leaf.map_or_else(
             |d| [d; 8],
@@ -196,7 +198,8 @@ pub(super) struct Ascent {
 }
 
 impl Ascent {
-    /// Finds for each voxel of the void the neighbour that it leads to; those that lead nowhere are maxima.
+    /// Finds for each voxel of the void the neighbour that it leads to; those that lead nowhere are maxima. `space` has
+    /// the distances of the block.
     pub fn of(space: &BlockDistances) -> Self {
         let mut leads_of: Vec<Leads> = Vec::with_capacity(space.leaves.len());
         let mut maxima = Vec::new();
@@ -380,7 +383,7 @@ impl Labels {
         all
     }
 
-    /// Meetings within a leaf along an axis.
+    /// Adds the meetings within a leaf, between voxels beside each other along an axis, to `found`.
     fn meet_within(
         &self,
         space: &BlockDistances,
@@ -401,7 +404,9 @@ impl Labels {
         }
     }
 
-    /// Meetings of a leaf and the one before it along an axis.
+    /// Adds the meetings of a leaf and the one before it along an axis to `found`. `slot` and `other` are their numbers
+    /// in the block. Leaves with the same only basin meet nowhere; of two wide leaves one pair of voxels stands for
+    /// all.
     fn meet_across(
         &self,
         space: &BlockDistances,
@@ -425,7 +430,8 @@ impl Labels {
         }
     }
 
-    /// The meeting of a voxel and the one before it along an axis, if their basins differ.
+    /// Adds the meeting of a voxel and the one before it along an axis, each given by leaf and number in it, if their
+    /// basins differ. In `found` only the first meeting of each two basins remains.
     fn meet(
         &self,
         space: &BlockDistances,

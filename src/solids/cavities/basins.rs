@@ -1,4 +1,8 @@
 //! Basins of one block: local maxima of the distance, and the levels at which they meet.
+//!
+//! The voxels of a maximum are its basin. While the level falls, basins meet; a basin that rises less than
+//! [`MIN_PROMINENCE`] above its first meeting is noise and joins the other one, unless it touches a face of the block,
+//! beyond which it may be deeper. Basins that remain, and the levels of their meetings, are a graph for the whole void.
 
 use super::MIN_PROMINENCE;
 use super::ascent::{Ascent, Labels, Meeting, UNLABELLED};
@@ -78,7 +82,7 @@ impl BlockBasins {
         }
     }
 
-    /// The basins of a block with these distances.
+    /// The basins of a block with these distances. `origin` is the block's least voxel.
     pub fn of(space: &BlockDistances, origin: Coord) -> Self {
         let ascent = Ascent::of(space);
         let place = |n: u32| {
@@ -166,7 +170,8 @@ fn leaves_at_face(
     (leaves, voxels)
 }
 
-/// For each basin, the order of its first voxel on a face of the block; `u64::MAX` without any.
+/// For each basin, the order of its first voxel on a face of the block; `u64::MAX` without any. Order is falling
+/// distance, then number: a lower one comes first.
 fn first_at_faces(space: &BlockDistances, labels: &Labels, basins: usize) -> Vec<u64> {
     let mut first = vec![u64::MAX; basins];
     for face in 0..6 {
@@ -204,13 +209,15 @@ struct BlockGrowth<'a> {
 }
 
 impl BlockGrowth<'_> {
-    /// Joins the two basins of a meeting at a voxel.
+    /// Joins the two basins of a meeting at the voxel `place`. Meetings come in falling level. A shallow basin without
+    /// voxels on a face of the block is merged into the other; else an edge between both is recorded.
     fn join(&mut self, meeting: &Meeting, place: Coord) {
         let [a, b] = meeting.basins;
         let (ra, rb) = (self.sets.find(a as usize), self.sets.find(b as usize));
         if ra == rb {
             return;
         }
+        // Basins are in order of their maxima: the lower number is the deeper one.
         let (deep, shallow) = (ra.min(rb), ra.max(rb));
         let level = self.space.distance(meeting.order as u32);
         let prominence = self.basins[shallow].depth - level;

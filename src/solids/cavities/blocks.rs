@@ -33,7 +33,8 @@ const OUTSIDE: u32 = 0;
 
 impl VoidGraph {
     /// Builds the graph batch by batch: basins of each cell that needs them, then the meetings over the faces to the
-    /// cells before.
+    /// cells before. Cells of a batch run in parallel and are joined in order, so that the numbers of basins do not
+    /// depend on the threads.
     pub fn new<S: LeafSource>(
         source: &S,
         measure: Measure,
@@ -76,6 +77,7 @@ impl VoidGraph {
                 found.collect::<Result<Vec<_>, S::Error>>()
             })?;
             for (&(cell, need), mut block) in batch.iter().zip(found) {
+                // Basins of a cell with void that is surely open are the outside; all its faces lead there.
                 let first = match need {
                     Need::Nothing | Need::Faces => OUTSIDE,
                     Need::Basins => graph.basins.len() as u32,
@@ -196,7 +198,8 @@ impl Pairs {
         }
     }
 
-    /// Adds the pairs of the parts at leaf `leaf` of two faces.
+    /// Adds the pairs of the parts at leaf `leaf` of two faces. Basins are numbered within their cells; voxels by row
+    /// and column of the whole face.
     fn meet_parts(&mut self, own: &FacePart, other: &FacePart, leaf: usize) {
         let count = match (own, other) {
             (FacePart::Solid, _) | (_, FacePart::Solid) => return,

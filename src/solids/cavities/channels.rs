@@ -1,4 +1,9 @@
 //! The search for channels between rooms of the void.
+//!
+//! A room is a connected part of the void in which a ball of the channel's radius can move. Links are found from each
+//! cluster of rooms to the nearest voxel of another one, and chosen as a minimum spanning tree. The result depends
+//! neither on threads nor on the order of the rooms' leaves: equal costs are ordered by their ends. Lengths are in
+//! voxels.
 
 use super::Measure;
 use super::drains::{Channel, DrainRequest};
@@ -58,7 +63,8 @@ impl Link {
     }
 
     /// The channel without the parts at its ends around which there is no solid within the radius: drilling these
-    /// removes nothing.
+    /// removes nothing. `solid` holds the voxels that are not solid, of clearance 0; `radius` is in voxels. The result
+    /// is the axis from end to end, from the first solid voxel less one to the last plus one.
     pub fn trimmed<S: LeafSource>(
         &self,
         solid: &mut VoidMap<'_, S>,
@@ -82,6 +88,7 @@ impl Link {
             min: corner(i32::min),
             max: corner(i32::max),
         };
+        // Half the diagonal of a leaf, and its middle voxel: leaves farther from the axis hold no voxel near it.
         let half_leaf = f64::from(LEAF) / 2.0 * 3f64.sqrt();
         let middle = LEAF / 2;
         let mut ends: Option<[f64; 2]> = None;
@@ -180,8 +187,8 @@ impl<'a, S: LeafSource> Search<'a, S> {
         }
     }
 
-    /// The channels that connect narrow cavities with the rooms, the outside, and the beginnings of one another, cheapest
-    /// first.
+    /// The channels that connect narrow cavities with the rooms, the outside, and the beginnings of one another,
+    /// cheapest first. A cavity without any way gets no channel.
     pub fn connected_narrow(
         &mut self,
         cavities: Vec<Narrow>,
@@ -194,6 +201,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
                 return Err(Cancelled.into());
             }
             let sources = sources(&cavity);
+            // No room belongs to this cluster: every room is a target.
             let link = self.link(usize::MAX, &sources)?;
             open.extend(link.map(|link| (sources, link)));
         }
@@ -252,7 +260,8 @@ impl<'a, S: LeafSource> Search<'a, S> {
         Ok(Some(number))
     }
 
-    /// Adds the rooms of a closed cavity, and returns whether it has any.
+    /// Adds the rooms of a closed cavity, and returns whether it has any. `cavity` has its voxels by leaf. A cavity in
+    /// which no ball of the radius has room has none.
     pub fn add_rooms(&mut self, cavity: &BTreeMap<Coord, Bits>) -> Result<bool, S::Error> {
         let first = self.rooms.len();
         for (&leaf, voxels) in cavity {
@@ -266,6 +275,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
                 let Some(&place) = voxels_of(leaf, &rest).first() else {
                     break;
                 };
+                // The part leads outside, or is known: a closed cavity has no more rooms in this leaf.
                 if self.add(place)?.is_none() {
                     break;
                 }
@@ -313,7 +323,9 @@ impl<'a, S: LeafSource> Search<'a, S> {
         own.iter().find(|(_, bits)| holds(bits)).map(|l| l.0)
     }
 
-    /// The cheapest way from a set to a room of another set, or outside.
+    /// The cheapest way from a set to a room of another set, or outside. `root` is the cluster's representative,
+    /// `sources` its voxels at the surface. `None` if there is no other room and no outside within the box of the
+    /// solid.
     fn link(
         &mut self,
         root: usize,
@@ -335,12 +347,15 @@ impl<'a, S: LeafSource> Search<'a, S> {
             }
             for (leaf, bits) in voxels {
                 let in_leaf = self.labels.entry(leaf).or_default();
+                // A pocket that is not to be drained: it is marked, so that the search passes it, and the search goes
+                // on.
                 in_leaf.push((OTHER, bits));
             }
         }
     }
 
-    /// The cheapest way to a voxel of any room of another set.
+    /// The cheapest way to a voxel of any room of another set. The region grows by doubled steps around the sources.
+    /// `None` without sources or without any such voxel.
     fn nearest(
         &mut self,
         root: usize,
@@ -386,7 +401,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
         }
     }
 
-    /// Compares the ways to the voxels of a leaf with the best one.
+    /// Compares the ways to the voxels of a leaf with the best one. `best` is replaced by a cheaper way.
     fn try_leaf(
         &mut self,
         root: usize,
@@ -439,7 +454,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
         }
     }
 
-    /// A lower bound of the cost of channels between two boxes.
+    /// A lower bound of the cost of channels between two boxes. Never more than the cost of any pair of voxels in them.
     fn least_cost(&self, from: Region, to: Region) -> f64 {
         let range = |a: usize| {
             let low = f64::from(to.min[a]) - f64::from(from.max[a]);

@@ -94,7 +94,8 @@ pub(super) fn slot_at([x, y, z]: [usize; 3]) -> usize {
 }
 
 impl BlockVoid {
-    /// Measures the block at `origin`.
+    /// Measures the block at `origin`. `origin` is the block's least voxel. A block without any stored leaf within
+    /// reach is solid or wide as a whole.
     pub fn of<S: LeafSource>(
         source: &S,
         origin: Coord,
@@ -116,7 +117,7 @@ impl BlockVoid {
     }
 }
 
-/// The distances of the void in a block, up to `reach` voxels.
+/// The distances of the void in a block, up to `reach` voxels. Slots and leaves of the result are in order (x, y, z).
 fn distances(samples: &Samples, reach: usize) -> BlockDistances {
     let mut found = BlockDistances {
         reach: reach as f32,
@@ -175,8 +176,8 @@ fn along_x(samples: &Samples) -> LeafRows {
 }
 
 /// Squared distances from the points on lines along x and y, in leaves (x, y, z) of the block's range of x and y.
-/// `along_x` is the pass before, `steps` are the squares of 0, 1, 2 and so on, up to the reach. Leaves count from the
-/// halo's first; the block begins `halo` leaves behind it.
+/// `along_x` is the pass before; `steps` are the squares of the steps from -(reach - 1) to reach - 1. Leaves count from
+/// the halo's first; the block begins `halo` leaves behind it.
 #[inline(always)]
 fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
     let (halo, side) = (samples.halo, samples.side);
@@ -226,7 +227,8 @@ fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
 }
 
 /// Adds the distances in the column (x, y) of leaves along z, from the squares of the passes before (`along_y`) and the
-/// points on lines along z. `steps` are the squares of 0, 1, 2 and so on, up to the reach.
+/// points on lines along z. `steps` are the squares of the steps from -(reach - 1) to reach - 1. Slots and leaves are
+/// appended to `found`, in order of z.
 #[inline(always)]
 fn along_z(
     samples: &Samples,
@@ -296,7 +298,8 @@ fn along_z(
     }
 }
 
-/// The positions at which one line along z crosses the surface from a leaf of the range on, ascending.
+/// The positions at which one line along z crosses the surface from a leaf of the range on, ascending. Positions are in
+/// voxels from the first leaf of `line`; `row` is the number (8 x + y) of the line within its leaves.
 #[inline(always)]
 fn crossings_along_z(line: &[Sample], leaves: Range<usize>, row: usize, crossings: &mut Vec<f32>) {
     crossings.clear();
@@ -312,6 +315,7 @@ fn crossings_along_z(line: &[Sample], leaves: Range<usize>, row: usize, crossing
             differ &= differ - 1;
             let values = leaf.row(row);
             let after = next.map_or(0.0, |next| next.row(row)[0]);
+            // Linear between the two voxels, whose values differ in sign.
             let [a, b] = [values[z], *values.get(z + 1).unwrap_or(&after)].map(f32::abs);
             crossings.push((8 * n + z) as f32 + a / (a + b));
         }

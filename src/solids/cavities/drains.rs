@@ -92,6 +92,7 @@ pub fn drain_plan<S: LeafSource>(
     let mut links = search.connected(task)?;
     let narrow: Vec<Narrow> = narrow_cavities(source, measure, narrow)?;
     links.extend(search.connected_narrow(narrow, task)?);
+    // With the clearance 0 the map holds all voxels of the void; its complement is the solid.
     let mut solid = VoidMap::new(source, measure, 0.0);
     let mut starts = search.rooms();
     starts.extend(links.iter().map(|l| l.ends[0]));
@@ -103,7 +104,7 @@ pub fn drain_plan<S: LeafSource>(
 }
 
 /// Adds the rooms of the closed cavities around some voxels to the search. Returns the cavities without any: their
-/// deepest voxel and its depth, voxels.
+/// deepest voxel and its depth, voxels. Voxels of the solid, or of void that leads outside, add nothing.
 fn closed_cavities<S: LeafSource>(
     source: &S,
     measure: Measure,

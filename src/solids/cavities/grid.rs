@@ -31,6 +31,7 @@ impl Grid {
     pub fn new(blocks: &[Coord]) -> Self {
         let number = |c: i32| i64::from(c.div_euclid(BLOCK));
         // Layers of blocks within two of a block with leaves; the rest lies between them.
+        // Two blocks more on each side: a halo of one block, and one beyond it that is surely far.
         let layers: [Vec<i64>; 3] = std::array::from_fn(|a| {
             let near = blocks
                 .iter()

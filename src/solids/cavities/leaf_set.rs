@@ -1,4 +1,7 @@
 //! Sets of the leaves of a block as 4096 bits: word 4 x + y / 4, bit 16 (y % 4) + z.
+//!
+//! The number of a leaf is 256 x + 16 y + z, so that a set is 64 words. Operations work on whole words; leaves of
+//! neighbouring blocks come as sets of their own.
 
 use super::samples::SLOTS;
 
@@ -55,6 +58,7 @@ impl LeafSet {
     }
 
     /// The leaves whose neighbour along an axis is in the set, or in the set of the `next` block for those at its face.
+    /// `ahead` is whether the neighbour lies at the greater coordinate.
     pub fn before(&self, axis: usize, ahead: bool, next: &Self) -> Self {
         let (own, next) = (&self.0, &next.0);
         Self(std::array::from_fn(|n| {
@@ -101,6 +105,7 @@ impl LeafSet {
         let side = SLOTS + 2 * ring;
         // Block and leaf of a layer that is counted from the first one within the ring.
         let layer = |n: usize| ((n + SLOTS - ring) / SLOTS, (n + SLOTS - ring) % SLOTS);
+        // First along z: bits of a line of three blocks, 16 each, spread by up to `ring` bits, and the middle 16 taken.
         let mut rows = vec![0u64; side * side];
         for (n, out) in rows.iter_mut().enumerate() {
             let ((block_x, x), (block_y, y)) = (layer(n / side), layer(n % side));

@@ -68,7 +68,8 @@ fn cross(position: &mut Row, from: LeafRow, to: LeafRow, x: f32) {
     }
 }
 
-/// Squared distances from the nearest points at which lines cross the surface.
+/// Squared distances from the nearest points at which lines cross the surface. Positions count in voxels from the first
+/// leaf; `squares` has eight entries per leaf and is infinite without any crossing.
 ///
 /// The lines run through a line of leaves; those of eight neighbouring z are measured together. Row `n` of the lines
 /// is row `row(n % 8)` of its leaf. Only rows of leaves that are `needed` become right.
@@ -136,7 +137,8 @@ pub(super) fn squared_steps(reach: usize) -> Vec<f32> {
 }
 
 /// Lowers a row to the rows of the lines within the squared `steps`: the least sum of a value and its squared distance.
-/// The row is `at` steps from the start; leaves without rows are skipped.
+/// The row is `at` steps from the start; leaves without rows are skipped. `rows` has eight entries per leaf, and
+/// `has_rows` one.
 #[inline(always)]
 pub(super) fn lower_to_rows(
     square: &mut Row,

@@ -1,4 +1,7 @@
 //! Cavities too narrow for the ball of a channel: where the largest ball that each holds has room.
+//!
+//! A narrow cavity holds no ball of the channel's radius. Its channel begins among the voxels whose distance is at
+//! least that of its deepest one, rounded down to a multiple of [`LEVEL_STEP`]: there its largest ball has room.
 
 use super::distances::{BlockVoid, Slot};
 use super::void_map::{VoidMap, VoxelSet, slot};
@@ -16,7 +19,8 @@ const LEVEL_STEP: f32 = 0.25;
 /// The voxels of a narrow cavity around which its largest ball has room, by leaf.
 pub(super) type Narrow = BTreeMap<Coord, Bits>;
 
-/// The voxel of a set that is farthest from the solid, and its distance, voxels; `None` for too shallow a set.
+/// The voxel of a set that is farthest from the solid, and its distance, voxels; `None` for too shallow a set. `voxels`
+/// has its voxels by leaf. Blocks and leaves without stored distances are passed over.
 pub(super) fn deepest<S: LeafSource>(
     source: &S,
     measure: Measure,

@@ -50,7 +50,7 @@ pub(super) enum Need {
     Basins,
 }
 
-/// What of each cell of the grid has to be measured.
+/// What of each cell of the grid has to be measured. One entry per cell, in the grid's order.
 pub(super) fn needs<S: LeafSource>(
     source: &S,
     grid: &Grid,
@@ -89,7 +89,8 @@ pub(super) fn needs<S: LeafSource>(
     Ok((0..spaces.len()).map(need).collect())
 }
 
-/// The slopes of the blocks with leaves.
+/// The slopes of the blocks with leaves. Blocks are read in batches; faces wait for the block behind them, and a block
+/// without leaves has a uniform face.
 fn all_slopes<S: LeafSource>(
     source: &S,
     task: Task<'_>,
@@ -137,7 +138,8 @@ fn beside(block: Coord, axis: usize, ahead: bool) -> Coord {
     next
 }
 
-/// What is known of a cell before the outside grows into it.
+/// What is known of a cell before the outside grows into it. `ring` is the number of leaves around a leaf that must
+/// agree; without slopes a block has no surface.
 fn space<S: LeafSource>(
     source: &S,
     cell: &Cell,
@@ -190,7 +192,8 @@ impl Space {
     }
 }
 
-/// Opens leaves from the first cell of the grid on, which is outside.
+/// Opens leaves from the first cell of the grid on, which is outside. Changes the open state in `spaces`. Cell 0 is
+/// outside.
 fn grow(grid: &Grid, spaces: &mut [Space], task: Task<'_>) -> Result<(), Cancelled> {
     let mut waiting: Vec<usize> = vec![0];
     let mut is_waiting = vec![false; spaces.len()];

@@ -1,4 +1,8 @@
 //! Distances of single voxels from the surface, by triangles instead of points on lattice edges.
+//!
+//! A distance to the points where lattice edges cross the surface is never less than that to the surface. Around a
+//! cavity's deepest voxel and its throat the surface is therefore taken as triangles: in each cell of eight voxels six
+//! tetrahedra with linear values. Only the narrowest cavities are refined, since each costs a cube of voxels.
 
 use super::{Cavity, Measure};
 use crate::Task;
@@ -49,7 +53,8 @@ pub(super) fn refine<S: LeafSource>(
     })
 }
 
-/// Distance of a voxel from the surface, voxels, which is at most `most`.
+/// Distance of a voxel from the surface, voxels, which is at most `most`. `most` is a distance that is known to be no
+/// less, voxels.
 fn distance<S: LeafSource>(
     source: &S,
     measure: Measure,
@@ -65,6 +70,7 @@ fn distance<S: LeafSource>(
     // that of the linear function in each of its tetrahedra.
     let mut least = most * most;
     // The centre of a cell is at most half a diagonal from its surface.
+    // 0.87 is half the diagonal of a unit cube, rounded up.
     let limit = (most + 0.87).powi(2);
     for x in -reach..reach {
         for y in -reach..reach {

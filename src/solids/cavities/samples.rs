@@ -1,4 +1,7 @@
 //! Values of a level set around one block, by leaf.
+//!
+//! The values are those of the source, in world units. A leaf without values has one sign; its rows are 1 or -1.
+//! Positions of leaves count from the first one of the halo, whose width is the greatest distance that is measured.
 
 use super::Measure;
 use crate::leaf_source::LeafSource;
@@ -152,6 +155,7 @@ impl Samples {
         let Sample::Stored(leaf) = self.at(at) else {
             return false;
         };
+        // All voxels of the leaf have one sign here, that of its first voxel, or the leaf has surface.
         let uniform = if leaf.solid[0] & 1 == 1 { u64::MAX } else { 0 };
         if leaf.solid.iter().any(|word| *word != uniform) {
             return true;

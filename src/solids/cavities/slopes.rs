@@ -59,7 +59,8 @@ fn number_at_face(mut at: [usize; 3], axis: usize) -> usize {
 }
 
 impl Slopes {
-    /// Reads the block at `origin`, and its faces at -x, x, -y, y, -z, z.
+    /// Reads the block at `origin`, and its faces at -x, x, -y, y, -z, z. Faces are packed by leaf; what lies between
+    /// this block and the next ones is added by [`Self::join`].
     pub fn read<S: LeafSource>(
         source: &S,
         origin: Coord,

@@ -1,4 +1,8 @@
 //! The void as sets of voxels, read block by block when needed.
+//!
+//! Voxels of the void are read when a search needs their block, and kept. With a clearance only voxels count whose
+//! distance from the solid is at least that, so that a connected set of them is where the centre of a ball of this
+//! radius can move.
 
 use super::Measure;
 use super::distances::{BlockVoid, Slot};
@@ -143,8 +147,9 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
         Ok(rim(leaf, &bits, |_| next.next().unwrap_or([0; 8])))
     }
 
-    /// The connected voxels from `start` on, and whether they lead outside. It follows the way to the nearest end
-    /// of the solid first, and ends outside or at voxels of `outside`.
+    /// The connected voxels from `start` on, and whether they lead outside. It follows the way to the nearest end of
+    /// the solid first, and ends outside or at voxels of `outside`. The set is complete only if it does not lead
+    /// outside: the flood ends there at once.
     pub fn flood(
         &mut self,
         start: Coord,
@@ -202,7 +207,8 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
     }
 }
 
-/// Voxels of a face, as [`voxel_mask::face`] gives them, on the first or last face of a leaf.
+/// Voxels of a face, as [`voxel_mask::face`] gives them, on the first or last face of a leaf. The result is on the face
+/// of the leaf that the voxels enter.
 fn entering(face: &Bits, axis: usize, last: bool) -> Bits {
     if !last {
         return *face;

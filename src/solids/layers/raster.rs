@@ -27,7 +27,8 @@ pub(super) struct RimPixel {
 }
 
 impl RimPixel {
-    /// The pixel in the middle of 3 x 3 values, row by row, if the outline runs beside it.
+    /// The pixel in the middle of 3 x 3 values, row by row, if the outline runs beside it. `values` are at the centres
+    /// of pixels; solid is negative. `None` where all nine have one sign.
     pub fn of(values: &[[f64; 3]; 3], [row, column]: [u32; 2]) -> Option<Self> {
         let is_solid = values[1][1] < 0.0;
         let mut excess = 0.0;
@@ -42,6 +43,8 @@ impl RimPixel {
             let alike = corners.iter().filter(|v| (**v < 0.0) == is_solid).count();
             let solid = solid_part(&corners);
             let part = if is_solid { solid } else { 1.0 - solid };
+            // Each of the four cells gives its part to the pixels of that side, in equal shares; a cell without outline
+            // gives 1/4.
             excess += part / alike as f64 - 0.25;
         }
         (excess != 0.0).then_some(Self {
@@ -156,7 +159,8 @@ impl Raster {
         }
     }
 
-    /// The runs of a row: first column and end.
+    /// The runs of a row: first column and end. Replaces nothing: runs are appended to `runs`. `is_set` selects the
+    /// pixels that are set, or the others.
     fn runs(&self, row: usize, is_set: bool, runs: &mut Vec<[u32; 2]>) {
         let words = &self.bits[row * self.words..(row + 1) * self.words];
         let mut inside = false;
@@ -171,6 +175,7 @@ impl Raster {
                         run[1] = column;
                     }
                 } else if column < self.columns as u32 {
+                    // Up to the last column, until the end of the run is found.
                     runs.push([column, self.columns as u32]);
                 }
                 inside = !inside;
@@ -278,7 +283,7 @@ impl Components {
     }
 }
 
-/// Visits the pairs of runs of two rows that overlap.
+/// Visits the pairs of runs of two rows that overlap. Runs ascend in both rows; the one that ends first is left.
 fn overlaps<T>(
     a: &[T],
     b: &[T],

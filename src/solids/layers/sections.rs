@@ -1,4 +1,8 @@
 //! Plane sections of a level set, layer by layer, from its leaves.
+//!
+//! A frame fixes the layers and pixels around the solid: rows and columns are directions at right angles to `up`.
+//! Layers are sampled tile by tile in groups, and passed on from below. Values between voxels are trilinear, so that an
+//! outline is as accurate as the level set. Lengths are in voxels.
 
 use super::raster::{Raster, RimPixel};
 use crate::Task;
@@ -94,7 +98,8 @@ fn axes(up: Vec3) -> [Vec3; 3] {
     [rows, columns, up]
 }
 
-/// Passes the layers to `take` from below.
+/// Passes the layers to `take` from below. `background` is the half width of the band, world units; `take` gets the
+/// number of each layer and its pixels.
 pub(super) fn sections<S: LeafSource>(
     source: &S,
     frame: &Frame,
@@ -158,7 +163,8 @@ struct Tile {
 /// Pixels along the edge of a tile with one more at each end: the outline is also between a pixel and its neighbours.
 const GROWN: usize = TILE + 2;
 
-/// The pixels of the tile [row, column] `at` in the `count` layers from layer `first` on; `None` without any.
+/// The pixels of the tile [row, column] `at` in the `count` layers from layer `first` on; `None` without any. A tile
+/// without solid pixel and outline is `None` as well.
 fn tile<S: LeafSource>(
     source: &S,
     frame: &Frame,

@@ -1,4 +1,7 @@
 //! Files of layers: grey images, an SVG drawing, the Common Layer Interface of printers.
+//!
+//! Functions give text or bytes; the caller writes them in the order head, layers, tail. `to_mm` is the factor from
+//! world units to millimetres, `n` the number of a layer from 0.
 
 use super::{Layer, Outline, Plan, signed_area};
 use std::fmt::Write;
@@ -25,7 +28,7 @@ pub fn grey_png(plan: &Plan, layer: &Layer, per_metre: f64) -> Result<Vec<u8>, p
     Ok(bytes)
 }
 
-/// The head of an SVG drawing with one group per layer, in millimetres.
+/// The head of an SVG drawing with one group per layer, in millimetres. The size is that of the plan.
 pub fn svg_head(plan: &Plan, to_mm: f64) -> String {
     let [w, h] = plan.pixels.map(|p| p as f64 * plan.pixel * to_mm);
     let [x, y] = plan.corner.map(|c| c * to_mm);
