@@ -149,8 +149,8 @@ impl Beams {
         best
     }
 
-    /// Collects into `found` the parts that give the minimum below `reach` somewhere in a ball. Returns the
-    /// smallest distance of the centre, or infinity if no part is within `reach` of the ball.
+    /// Collects into `found` the parts that give the minimum below `reach` somewhere in a ball. Returns the smallest
+    /// distance of the centre, or infinity if no part is within `reach` of the ball. World units.
     fn gather(&self, centre: Vec3, radius: f64, reach: f64, found: &mut Vec<(f64, u32)>) -> f64 {
         found.clear();
         let point_box = Aabb {
@@ -215,6 +215,8 @@ impl Beams {
     }
 
     /// Values of a leaf of 8^3 samples moved outwards by `by`, clamped to the background; all lengths in world units.
+    /// `origin` is the first sample. `out` is set only for [`LeafContent::Values`]; `scratch` keeps the parts of the
+    /// last leaf.
     fn leaf(
         &self,
         origin: Vec3,
@@ -270,7 +272,8 @@ impl Beams {
         LeafContent::Values
     }
 
-    /// Values of a block of at most 8^3 samples.
+    /// Values of a block of at most 8^3 samples. They are left in `scratch.values`, in rows of [`ROW_LEN`] along z; the
+    /// last values of a shorter row are beyond the lattice.
     fn block(&self, lattice: &SampleLattice<WorldPoint>, scratch: &mut Scratch) {
         let span = lattice.span();
         let centre = span.centre().0;

@@ -171,8 +171,9 @@ impl<'a> Mesher<'a> {
         Ok(TriMesh::new_unchecked(patch.vertices, patch.faces))
     }
 
-    /// The part of a mesh whose cells have their least voxel in a region of whole leaves. `leaves` are those
-    /// of the region and those up to 8 voxels around it, in order of origin.
+    /// The part of a mesh whose cells have their least voxel in a region of whole leaves. `leaves` are those of the
+    /// region and those up to 8 voxels around it, in order of origin. The patch owns the vertices of its cells' lower
+    /// sides; those of upper sides belong to the regions above.
     ///
     /// # Errors
     /// [`MesherError`].

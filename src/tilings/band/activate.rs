@@ -1,4 +1,8 @@
 //! Active voxels next to a change of sign, by bit operations on the signs of a leaf and its neighbours.
+//!
+//! A field that is no distance may step over the band between two voxels. Voxels with one of their 26 neighbours on the
+//! other side become active, so that the surface stays closed there. This file only combines bits; which samples are
+//! known is the caller's work.
 
 /// Samples along one axis of a leaf and the layer around it.
 pub(super) const SPAN: usize = 10;
@@ -35,8 +39,8 @@ impl Neighbourhood {
         }
     }
 
-    /// Sets a row of `count` samples along z that begins at indices (x, y, z), each 0 to 9; bits of
-    /// `negative` are set where samples are negative.
+    /// Sets a row of `count` samples along z that begins at indices (x, y, z), each 0 to 9; bits of `negative` are set
+    /// where samples are negative. `count` is at most ten: a row may begin one sample before the leaf.
     pub fn set_row(&mut self, [x, y, z]: [usize; 3], count: usize, negative: u64) {
         // Across three leaves there are 24 positions along z, and along y; 8 to 15 are the leaf itself.
         let (z, y) = (z + 7, y + 7);

@@ -47,7 +47,7 @@ impl<W: Write> AttributeFileWriter<W> {
         Ok(file)
     }
 
-    /// Appends values.
+    /// Appends values. They are the values at active voxels, in the order of the file.
     ///
     /// # Errors
     /// I/O errors.
@@ -83,8 +83,8 @@ pub struct AttributeStore {
 }
 
 impl AttributeStore {
-    /// Opens attribute files after a check of each whole file: one for each leaf file of the store, in its
-    /// order, with the expected identity.
+    /// Opens attribute files after a check of each whole file: one for each leaf file of the store, in its order, with
+    /// the expected identity. `files` are paths and identities; `width` is 1 or 3 values per voxel.
     ///
     /// # Errors
     /// [`StoreError`]: missing or invalid files, or cancellation.
@@ -127,7 +127,7 @@ impl AttributeStore {
         })
     }
 
-    /// Checks the attribute file of one brick with `active` active voxels.
+    /// Checks the attribute file of one brick with `active` active voxels. `width` is 1 or 3 values per voxel.
     ///
     /// # Errors
     /// [`LeafFileError`] if it is missing or invalid.
@@ -170,8 +170,8 @@ impl AttributeStore {
         })
     }
 
-    /// As [`LeafStore::for_each_leaf`], with attribute values in place of distances; `store` holds the
-    /// leaves.
+    /// As [`LeafStore::for_each_leaf`], with attribute values in place of distances; `store` holds the leaves. `visit`
+    /// gets a leaf's origin, its mask of active voxels, and their values, `width` for each.
     ///
     /// # Errors
     /// As [`LeafStore::for_each_leaf`].
@@ -215,7 +215,8 @@ struct Cursor {
 }
 
 impl Cursor {
-    /// The next `bytes` bytes of a block's values as numbers. The file is read at most `ahead` bytes at a time.
+    /// The next `bytes` bytes of a block's values as numbers. The file is read at most `ahead` bytes at a time. Slices
+    /// of a block come in order; an error is a file that is shorter than the leaf files promise.
     fn next(
         &mut self,
         store: &AttributeStore,
@@ -252,7 +253,8 @@ fn floats(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
     bytes.chunks_exact(4).map(value)
 }
 
-/// Checks a whole file: its length, identity and hash.
+/// Checks a whole file: its length, identity and hash. `length` is the expected number of bytes. An error is about the
+/// file, never about the values.
 fn check(path: &Path, identity: &[u8; 32], length: u64) -> Result<(), LeafFileError> {
     let failed = |source| LeafFileError::Io {
         path: path.to_owned(),

@@ -31,7 +31,8 @@ pub struct FinerBand<'a> {
 
 impl FinerBand<'_> {
     /// The leaves on voxels of twice the edge that meet a region of these voxels, in batches that each lie in one
-    /// block; ascending in each block. `half_width` is in the new voxels. Runs on the caller's thread pool.
+    /// block; ascending in each block. `half_width` is in the new voxels. Runs on the caller's thread pool. Leaves
+    /// without active voxels are left out.
     ///
     /// # Errors
     /// [`Cancelled`].

@@ -1,12 +1,16 @@
 //! Samples in contact planes of two solids, replaced so that the solids merge.
+//!
+//! A face that two solids share in a plane of samples would leave zeros, which count as outside, between them. See
+//! [`leaf_contacts`] for the rule. Values, bits and the state of the leaf change together.
 
 use super::cull::Culler;
 use super::{LEAF, VOXELS};
 use druse_geometry::field::{LeafBits, SampleLattice, leaf_contacts};
 use druse_geometry::frame::Coord;
 
-/// Gives the samples of a leaf in a contact plane of two solids the value that they would have without the
-/// contact. Neighbours beyond the leaf are sampled again, so that a leaf depends on the field alone.
+/// Gives the samples of a leaf in a contact plane of two solids the value that they would have without the contact.
+/// Neighbours beyond the leaf are sampled again, so that a leaf depends on the field alone. `leaf` is its least voxel;
+/// `values` are clamped to the band.
 pub(super) fn merge_solids(
     culler: &Culler,
     leaf: Coord,
@@ -32,6 +36,7 @@ pub(super) fn merge_solids(
         // step outside, but for rounding.
         let bound = culler.field.bound(&lattice.span());
         let mut samples = [bound.lo as f32; 64];
+        // Nearer samples are evaluated; otherwise the bound stands for all 64, which suffices for a layer of one sign.
         if bound.lo < 0.99 * step {
             culler.field.fill(&lattice, &mut samples);
         }

@@ -1,8 +1,7 @@
 //! Culling: aligned cubes are halved while the field's bound cannot exclude them from the band.
 //!
-//! A cube is outside if the bound over its samples and the layer around them is at least the half width, inside if it
-//! is at most minus that. Others are halved down to leaves of 8^3 samples, whose eight parts are bounded once more.
-//! Bounds never exclude an active voxel; a leaf may be kept that turns out to have none.
+//! Only a bound decides: no sample is evaluated here. What cannot be decided stays undecided, so that the result holds
+//! every active voxel. The layer around a cube is bounded too, since a voxel may be active because of its neighbours.
 
 use super::{BLOCK, Band, BandError, LEAF, Region};
 use druse_geometry::field::{Interval, LeafParts, WorldField};
@@ -81,7 +80,12 @@ pub(super) struct Culler<'a> {
 }
 
 impl<'a> Culler<'a> {
-    /// A culler over the voxels of a region within the half width and one voxel of the extent.
+    /// A culler over the voxels of a region within the half width and one voxel of the extent. `region` limits the
+    /// voxels further.
+    ///
+    /// # Errors
+    /// [`BandError::HalfWidth`] below 1 voxel, [`BandError::Extent`] for an empty extent or one beyond the range of
+    /// indices.
     pub fn new(band: &Band<'a>, region: Region) -> Result<Self, BandError> {
         let Band {
             field,
@@ -177,8 +181,8 @@ impl<'a> Culler<'a> {
         self.side_of(self.field.leaf_bound(&parts, self.background))
     }
 
-    /// Halves a cube of a known side down to cubes of `smallest` voxels that may be active; visits them in
-    /// ascending Morton order.
+    /// Halves a cube of a known side down to cubes of `smallest` voxels that may be active; visits them in ascending
+    /// Morton order. Results are added to `cubes`.
     fn halve(
         &self,
         origin: Coord,
@@ -225,7 +229,8 @@ impl<'a> Culler<'a> {
         }
     }
 
-    /// Classifies all leaves of a cube in one call of the field; false if the field cannot.
+    /// Classifies all leaves of a cube in one call of the field; false if the field cannot. It adds those that are
+    /// undecided or inside to `cubes`.
     fn classify_leaves(&self, origin: Coord, cubes: &mut CubeClassification) -> bool {
         let first = self.transform.world(origin);
         let h = self.transform.voxel_size();
@@ -239,6 +244,7 @@ impl<'a> Culler<'a> {
             let half_origin = octant(origin, LEAF_CUBE_EDGE / 2, half);
             // The bits of this octant's leaves; leaf (x, y, z) has bit 16 x + 4 y + z.
             let first = 32 * (half >> 2) + 8 * (half >> 1 & 1) + 2 * (half & 1);
+            // The octant's eight leaves: two steps of 16 along x, of 4 along y and of 1 along z.
             let all = 0x0033_0033u64 << first;
             if outside & all == all {
                 continue;
@@ -279,6 +285,7 @@ impl<'a> Culler<'a> {
         if (0..3).any(|a| self.range[0][a] > self.range[1][a]) {
             return cubes;
         }
+        // The smallest power of two that covers the range; eight such cubes hold it, wherever it begins.
         let mut edge = BLOCK;
         while edge < size {
             edge *= 2;

@@ -1,8 +1,8 @@
 //! Prediction of a band's size from culling and a sample of its leaves.
 //!
-//! All leaves are culled as in an evaluation, and a stratified sample of the rest is evaluated. Standard errors follow
-//! from the differences of neighbours in the sample, which are in nearby places. Nothing but the measured time depends
-//! on threads.
+//! The numbers of blocks and leaves are exact, as culling finds them; what leaves hold is extrapolated from those that
+//! are drawn. One seed gives one estimate, at any number of threads. Positions of active voxels are drawn in the same
+//! way, for tests of a field.
 
 use super::activate::Neighbourhood;
 use super::cull::Culler;
@@ -107,6 +107,7 @@ impl Band<'_> {
             // Seven of the eight edges along a row lie within the leaf.
             let (within, _) = total(&measured, leaves.len(), |m| m.crossings as f64);
             Ok(Estimate {
+                // An edge over the face of a leaf is not seen in the leaf alone.
                 crossings: within * 8.0 / 7.0,
                 blocks: blocks.len() as u64,
                 leaves_evaluated: leaves.len() as u64,
@@ -127,7 +128,8 @@ const MAX_DRAWN_BLOCKS: usize = 64;
 const DRAWN_VOXELS_PER_LEAF: usize = 4;
 
 impl Band<'_> {
-    /// Positions of at most `count` active voxels, drawn from blocks all over the band; deterministic.
+    /// Positions of at most `count` active voxels, drawn from blocks all over the band; deterministic. Fewer come back
+    /// if fewer leaves have active voxels.
     ///
     /// # Errors
     /// As [`Band::evaluate`].
@@ -215,7 +217,7 @@ fn active_voxels(bits: &LeafBits) -> u64 {
     population(&mask)
 }
 
-/// Draws one number from each of `count` runs of `0..total`.
+/// Draws one number from each of `count` runs of `0..total`. All numbers if there are at most `count`; ascending.
 fn draw_stratified(
     total: usize,
     Sampling {

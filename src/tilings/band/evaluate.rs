@@ -1,4 +1,8 @@
 //! Evaluation of a band, block by block.
+//!
+//! A block of 16^3 leaves is culled, then evaluated in slabs of whole x layers. The mask of a leaf needs the signs of
+//! its neighbours, so that a slab is complete only once the next one is evaluated; layers that lie in other blocks are
+//! sampled again, so that no block waits for another. Results depend neither on threads nor on the order of blocks.
 
 use super::activate::{Neighbourhood, SPAN};
 use super::buffers::{self, Signs};
@@ -75,7 +79,8 @@ impl Band<'_> {
     }
 }
 
-/// Evaluates one block: culls, then evaluates, activates and delivers its leaves slab by slab.
+/// Evaluates one block: culls, then evaluates, activates and delivers its leaves slab by slab. `origin` is the block's
+/// least voxel.
 ///
 /// A leaf's mask depends on the signs of its neighbours, so two slabs of values are in memory at a
 /// time: the slab to deliver, and the next one, whose signs it needs. A slab of complete leaves is
@@ -150,7 +155,12 @@ pub(super) fn leaf_values(
     Ok((bits[0], samples))
 }
 
-/// Evaluates at most [`BATCH_LEAVES`] leaves, sorted by origin; returns the number of samples evaluated.
+/// Evaluates at most [`BATCH_LEAVES`] leaves, sorted by origin, into `values` and one entry of `bits` per leaf; returns
+/// the number of samples evaluated. If the field fills leaves at once, values are consecutive for the leaves that are
+/// not out of the band; else every leaf has its own. Values are clamped to the band.
+///
+/// # Errors
+/// [`BandError::NotFinite`] with the first such voxel.
 pub(super) fn batch_values(
     culler: &Culler,
     leaves: &[Coord],
@@ -181,6 +191,7 @@ pub(super) fn batch_values(
         }
         return Ok(samples);
     }
+    // The field has no such method, or a value is not finite: leaf by leaf the voxel can be named.
     let mut samples = 0;
     for (n, values) in values.iter_mut().enumerate() {
         let lattice = SampleLattice {
@@ -191,6 +202,7 @@ pub(super) fn batch_values(
         samples += culler.field.fill_counting(&lattice, values);
         bits[n] = LeafBits::from_values(values, background);
         if !bits[n].finite {
+            // There is one, since the leaf's bits have found it.
             let m = values.iter().position(|v| !v.is_finite()).unwrap_or(0);
             let voxel = leaves[n].offset((m >> 6) as i32, (m >> 3 & 7) as i32, (m & 7) as i32);
             return Err(BandError::NotFinite {
@@ -384,6 +396,7 @@ impl<'a> Block<'a> {
                 continue;
             }
             let number = self.table[((x * BLOCK_EDGE_LEAVES + y) * BLOCK_EDGE_LEAVES + z) as usize];
+            // `NO_LEAF` is beyond the list: the leaf was culled and has its neighbours' sign.
             if let Some(signs) = self.signs.get(number as usize) {
                 near.set_leaf(direction, signs);
             }
@@ -412,8 +425,9 @@ fn slot(block: Coord, leaf: Coord) -> [i32; 3] {
     [0, 1, 2].map(|a| (leaf[a] - block[a]) / LEAF)
 }
 
-/// Sets the signs of the layer of samples at index `outside` (-1 or 8) of `axis`, which lies in another
-/// block; returns the number of samples evaluated: 0 if the bound proves one sign throughout.
+/// Sets the signs of the layer of samples at index `outside` (-1 or 8) of `axis`, which lies in another block; returns
+/// the number of samples evaluated: 0 if the bound proves one sign throughout. A row of `near` is set for each pair of
+/// the other two axes.
 fn set_layer(
     culler: &Culler,
     leaf: Coord,

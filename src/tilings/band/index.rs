@@ -1,4 +1,7 @@
 //! Lookup of leaves by origin.
+//!
+//! A band has thousands of leaves in a block or none, so that a table per block is smaller and faster than an entry per
+//! leaf. Numbers are the caller's; a block takes 16 KiB.
 
 use super::leaf::{BLOCK, LEAF};
 use druse_geometry::frame::Coord;

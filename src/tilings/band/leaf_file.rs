@@ -105,7 +105,7 @@ impl<W: Write> WriterState<W> {
 pub struct LeafFileWriter<W>(Mutex<WriterState<W>>);
 
 impl<W: Write + Send> LeafFileWriter<W> {
-    /// Begins a file.
+    /// Begins a file. Writes the head at once.
     ///
     /// # Errors
     /// I/O errors.
@@ -200,7 +200,7 @@ pub(super) fn slot_origin(block: Coord, slot: u16) -> Coord {
     block.offset(at(8), at(4), at(0))
 }
 
-/// Length of the leaf at the beginning of `bytes`; none if its head is incomplete.
+/// Length of the leaf at the beginning of `bytes`; none if its head is incomplete. Head and active values, bytes.
 pub(super) fn leaf_length(bytes: &[u8]) -> Option<usize> {
     let mask = bytes.get(2..LEAF_HEAD_BYTES)?;
     let set: u32 = mask.iter().map(|b| b.count_ones()).sum();
@@ -235,8 +235,9 @@ pub(super) fn read_range(file: &mut File, start: u64, bytes: usize) -> io::Resul
     Ok(buffer)
 }
 
-/// Checks a whole file against the expected head; returns its chunks in order of block and slot.
-/// Calls `visit` with every leaf and its chunk.
+/// Checks a whole file against the expected head; returns its chunks in order of block and slot. Calls `visit` with
+/// every leaf and its chunk. Leaves of a chunk come in order of slot. An error names the first fault; `visit` may have
+/// been called for leaves before it.
 pub(super) fn inspect(
     path: &Path,
     expected: &LeafFileHead,
@@ -291,6 +292,7 @@ pub(super) fn inspect(
             c.start >= HEAD_BYTES && c.start <= index && u64::from(c.bytes) <= index - c.start;
         let is_small =
             c.leaves <= BLOCK_LEAVES && c.bytes as usize <= c.leaves as usize * MAX_LEAF_BYTES;
+        // Half of the range of indices: arithmetic on neighbours cannot overflow.
         let is_out_of_range = c.block.0.iter().any(|c| c.unsigned_abs() > 1 << 30);
         if !is_in_file || !is_small || is_out_of_range || c.block.aligned(BLOCK) != c.block {
             return Err(invalid(format!("an index entry {c:?}")));

@@ -80,6 +80,7 @@ impl BlockBuilder {
         self.leaves.push((usize::from(leaf.slot), end));
     }
 
+    /// `file` is the number of the block's file.
     fn finish(self, file: usize) -> Block {
         let first = self.first.unwrap_or(false);
         let mut inside = [0u64; 64];
@@ -141,7 +142,8 @@ struct FileSummary {
 }
 
 impl LeafStore {
-    /// Opens files after a check of each whole file; each must begin with the given head.
+    /// Opens files after a check of each whole file; each must begin with the given head. All heads are expected to
+    /// have one half width.
     ///
     /// # Errors
     /// [`StoreError`]: missing or invalid files, two files with one block, or cancellation.
@@ -209,7 +211,8 @@ impl LeafStore {
         inspect(path, head, |_, _| ()).map(|_| ())
     }
 
-    /// The nodes of 32^3 blocks over all blocks: which blocks exist, and which of the others lie inside.
+    /// The nodes of 32^3 blocks over all blocks: which blocks exist, and which of the others lie inside. `inside` holds
+    /// the bits of those.
     fn make_upper_nodes(&self) -> BTreeMap<Coord, UpperNode> {
         let mut groups: BTreeMap<Coord, Vec<(usize, [bool; 2])>> = BTreeMap::new();
         for (origin, block) in &self.blocks {

@@ -113,7 +113,8 @@ impl SurfacePoints {
         Self::joined(found, voxel_size, background)
     }
 
-    /// The points of the leaves of a band that `is_requested` selects, on the calling thread.
+    /// The points of the leaves of a band that `is_requested` selects, on the calling thread. One entry per leaf, with
+    /// points or without; leaves around the requested ones must be given as well.
     pub(super) fn of_leaves<'a>(
         count: usize,
         leaf: impl Fn(usize) -> LeafRef<'a>,
@@ -132,7 +133,7 @@ impl SurfacePoints {
         found.filter(|f| !f.points.is_empty()).collect()
     }
 
-    /// The points of all leaves, in order of the leaves.
+    /// The points of all leaves, in order of the leaves. `found` is sorted by origin; lengths are in world units.
     pub(super) fn joined(found: Vec<LeafPoints>, voxel_size: f32, background: f32) -> Self {
         let mut surface = Self {
             points: Vec::with_capacity(found.iter().map(|f| f.points.len()).sum()),
@@ -196,8 +197,9 @@ impl SurfacePoints {
         (by.abs() as f32 + self.background) / self.voxel_size
     }
 
-    /// The distance, voxels, of a position to the surface within reach, and the unit vector away from the
-    /// surface; `None` beyond the reach. `place` is in voxels relative to a leaf's origin, 0 to 8 on each axis.
+    /// The distance, voxels, of a position to the surface within reach, and the unit vector away from the surface;
+    /// `None` beyond the reach. `place` is in voxels relative to a leaf's origin, 0 to 8 on each axis. The distance is
+    /// unsigned.
     pub(super) fn distance(&self, origin: Coord, place: Vec3) -> Option<(f64, Vec3)> {
         let mut best: Option<(f64, &Point, Vec3)> = None;
         for step in search::around(self.reach(0.0) + 1.0) {
@@ -272,7 +274,8 @@ impl SurfacePoints {
         }
     }
 
-    /// The leaf whose first sample is a voxel, from the points of the leaves that lie `near` it, in leaves.
+    /// The leaf whose first sample is a voxel, from the points of the leaves that lie `near` it, in leaves. `inside`
+    /// holds the voxels inside, as a mask; `first` is in the voxels of the points.
     fn leaf_from(
         &self,
         first: Coord,
@@ -314,7 +317,8 @@ struct BandLengths {
     background: f32,
 }
 
-/// The points of leaf `n`, from its values and those of the leaves around it; `all` finds leaves by their origins.
+/// The points of leaf `n`, from its values and those of the leaves around it; `all` finds leaves by their origins. A
+/// leaf without active voxels or crossings has none.
 fn points_of<'a>(
     leaf: &impl Fn(usize) -> LeafRef<'a>,
     n: usize,

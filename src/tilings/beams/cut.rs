@@ -1,4 +1,7 @@
 //! Beams clipped at the outer faces of a scaffold.
+//!
+//! A cell that is continued over the outer faces would stick out of the part by its radius; the cut ends it there. The
+//! maximum of two distances is too small beyond the edges of the cut. Lengths are in world units.
 
 use super::{Beams, LeafContent, Scratch, is_settled, without_band};
 use druse_geometry::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
@@ -18,12 +21,14 @@ pub struct ScaffoldSolid {
 }
 
 impl ScaffoldSolid {
-    /// The union of closed surfaces.
+    /// The union of closed surfaces. They must be oriented outward and bound solids. Surfaces that cannot be joined,
+    /// with more vertices than 32 bits number, are left out.
     pub fn new(surfaces: impl IntoIterator<Item = TriMesh>) -> Self {
         // Surfaces whose boxes are apart form one mesh, so that most unions need a single search.
         let mut layers: Vec<(Vec<Aabb>, Vec<TriMesh>)> = Vec::new();
         for mesh in surfaces {
             let own = mesh.bounds();
+            // Surfaces that touch up to rounding count as meeting.
             let slack = 1e-6 * own.half_diagonal();
             let meets = |boxes: &[Aabb]| boxes.iter().any(|b| b.meets(own.dilated(slack)));
             match layers.iter_mut().find(|l| !meets(&l.0)) {

@@ -2,7 +2,7 @@
 //!
 //! A strut is straight in an affine element and a polyline in a curved one, bisected until the deviation of
 //! its chords from the curve is within the given error. Parts that neighbours share on faces and edges are
-//! stored once: those whose corners coincide up to 1e-7 of the scaffold's size. A part is clipped to its
+//! stored once: those whose corners coincide up to 1e-7 of half the scaffold's diagonal. A part is clipped to its
 //! element.
 
 use crate::scaffold::{ElementMap, Scaffold};
@@ -63,7 +63,8 @@ impl ReferenceParts {
         }
     }
 
-    /// The images of the parts under operators, without duplicates.
+    /// The images of the parts under operators, without duplicates. The operators act on the element's frame; the order
+    /// is that of the operators, then of the parts.
     #[must_use]
     pub fn symmetrised(&self, operators: &[Mat3]) -> Self {
         let mut all = Self::default();
@@ -95,7 +96,7 @@ impl ReferenceParts {
     }
 }
 
-/// The part of a segment inside an element.
+/// The part of a segment inside an element. `None` if less than 1e-9 of it remains.
 fn clip_segment(element: Element, [a, b]: [Vec3; 2]) -> Option<[Vec3; 2]> {
     let (mut from, mut to) = (0.0f64, 1.0f64);
     for face in element.faces() {
@@ -121,7 +122,7 @@ fn clip_segment(element: Element, [a, b]: [Vec3; 2]) -> Option<[Vec3; 2]> {
     (to - from > 1e-9).then(|| [at(from), at(to)])
 }
 
-/// The part of a convex polygon inside an element.
+/// The part of a convex polygon inside an element. Empty if nothing remains.
 fn clip_polygon(element: Element, corners: &[Vec3]) -> Vec<Vec3> {
     let mut remaining = corners.to_vec();
     for face in element.faces() {
@@ -429,6 +430,7 @@ impl ElementMapper<'_> {
         self.bisect([middle, b], radius, left - 1, out);
     }
 
+    /// Deviations are measured at the middle and at nine points of the sides.
     fn triangle(&self, corners: [Vec3; 3], radius: f64, out: &mut Vec<MappedSimplex<3>>) {
         let mut count = 1;
         if !self.element.is_affine() {
@@ -445,6 +447,7 @@ impl ElementMapper<'_> {
                 check([0.0, t, 1.0 - t]);
                 check([1.0 - t, 0.0, t]);
             }
+            // The deviation falls with the square of the number of parts.
             count = (max_deviation / self.chord)
                 .sqrt()
                 .ceil()

@@ -46,6 +46,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
+    /// The axis of a beam. Where one end ball contains the other, it is that ball.
     pub fn new(beam: &Beam) -> Self {
         let [a, b] = beam.ends;
         let [ra, rb] = beam.radii;

@@ -73,7 +73,7 @@ impl Axis {
         }
     }
 
-    /// Signed distance and its gradient at a point, world units.
+    /// Signed distance and its gradient at a point, world units. Exact inside and outside of this rod.
     fn value(&self, p: Vec3) -> (f64, Vec3) {
         // h along the axis, q away from it.
         let x = p - self.from;

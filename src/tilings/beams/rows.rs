@@ -174,10 +174,11 @@ impl SimdKernel for LowerToDistances<'_> {
     }
 }
 
-/// Distances of a row from a beam.
+/// Distances of a row from a beam. `at` is x and y of the row; `tapers` is whether the radius changes along the axis.
 #[inline(always)]
 fn to_axis<L: Lanes>(l: L, axis: &NearAxis, at: [f32; 2], zs: L::F, tapers: bool) -> L::F {
     let [ux, uy, uz] = axis.along;
+    // h = (p - from).u and the vector across, p - from - h u.
     let (x, y) = (at[0] - axis.from[0], at[1] - axis.from[1]);
     let z = l.sub(zs, l.splat(axis.from[2]));
     let h = l.fused(z, l.splat(uz), l.splat(x * ux + y * uy));
@@ -186,11 +187,13 @@ fn to_axis<L: Lanes>(l: L, axis: &NearAxis, at: [f32; 2], zs: L::F, tapers: bool
     let vy = l.fused(minus_h, l.splat(uy), l.splat(y));
     let vz = l.fused(minus_h, l.splat(uz), z);
     let across = l.fused(vz, vz, l.fused(vy, vy, l.mul(vx, vx)));
+    // The centre of the nearest ball: t = h - q s / sqrt(1 - s^2), clamped to the ends.
     let mut t = h;
     if tapers {
         t = l.fused(l.sqrt(across), l.splat(-axis.shift), h);
     }
     t = l.min(l.max(t, l.splat(axis.ends[0])), l.splat(axis.ends[1]));
+    // |p - centre| less the radius there, radius - slope t.
     let beyond = l.sub(h, t);
     let away = l.sqrt(l.fused(beyond, beyond, across));
     if tapers {

@@ -151,8 +151,8 @@ impl Network {
         }
     }
 
-    /// Multiplies radii by the weights of the parts' cells, with the lower limit `min_radius` or half the radius.
-    /// Parts without any weight get radius 0.
+    /// Multiplies radii by the weights of the parts' cells, with the lower limit `min_radius` or half the radius. Parts
+    /// without any weight get radius 0. `radii` are in world units, struts first, as the samples are.
     fn apply_weights(
         &self,
         weights: &WeightsAt,
@@ -244,7 +244,7 @@ impl Samples {
     }
 
     /// Adds the plates of a facet with the samples of [`triangle_points`] from `first` on: one, or `count^2` where the
-    /// radius is not linear within the tolerance.
+    /// radius is not linear within the tolerance. Plates whose corners all have radius 0 are left out.
     fn plates(&self, first: usize, count: usize, tolerance: f64, out: &mut Vec<Plate>) {
         // Index in the order of `triangle_points`.
         let number = |i: usize, j: usize| first + i * (2 * count + 3 - i) / 2 + j;

@@ -1,7 +1,8 @@
 //! Triangulation of the cells, leaf by leaf.
 //!
-//! A cell between eight voxels is triangulated by the signs of its corners: loops of crossed edges, each made of
-//! triangles. Cells share the vertices on their edges.
+//! A leaf's 512 cells have their least voxel in it; their other corners may lie in the leaves above. The cases of
+//! `cases` give the loops; the vertices have been placed before. Triangles are counter-clockwise seen from outside and
+//! come in the order of leaves, cells and loops.
 
 use super::MesherError;
 use super::cases::{CASES, CELL_EDGES, Loop, edge_base};
@@ -10,8 +11,8 @@ use druse_geometry::frame::Vec3;
 use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
-/// All triangles in the order of their leaves. A first pass counts them, so that the second can write each
-/// to its final position.
+/// All triangles in the order of their leaves. A first pass counts them, so that the second can write each to its final
+/// position. `vertices` are by number.
 pub(super) fn triangles(
     crossed: &CrossedEdges,
     vertices: &[Vec3],
@@ -76,6 +77,7 @@ const fn slot(x: usize, y: usize, z: usize) -> usize {
 struct VertexNumbers([u32; 3 * AXIS_EDGES]);
 
 impl VertexNumbers {
+    /// Loads the numbers of the vertices on the edges of leaf `n` and on the lower faces of the leaves above it.
     fn load(&mut self, crossed: &CrossedEdges, n: usize) {
         for offset in 0..8 {
             let Some(leaf) = crossed.neighbours[n].upper(offset) else {
@@ -108,6 +110,7 @@ fn count(crossed: &CrossedEdges, n: usize) -> usize {
     triangles
 }
 
+/// Calls `visit` with the triangles of the cells of leaf `n`; `numbers` is a buffer.
 fn triangulate_leaf(
     crossed: &CrossedEdges,
     n: usize,

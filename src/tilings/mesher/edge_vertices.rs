@@ -292,6 +292,7 @@ impl<'a> CrossedEdges<'a> {
                     let (dx, dy, dz) = (slot >> 2, slot >> 1 & 1, slot & 1);
                     let row = if dy == 1 { Y_MAX_BITS } else { u64::MAX };
                     let column = if dz == 1 { Z_MAX_BITS } else { u64::MAX };
+                    // A cell needs the leaf above along x only in the last slice.
                     if dx == 0 || x == 7 {
                         open |= row & column;
                     }
@@ -338,7 +339,8 @@ pub(super) fn mixed(words: &[u64]) -> u64 {
     any & !all
 }
 
-/// A slice as it is, shifted along z, along y and along both; the neighbours are those along z, y and both.
+/// A slice as it is, shifted along z, along y and along both; the neighbours are those along z, y and both. A missing
+/// neighbour repeats the nearest voxel of the slice.
 fn shifted(own: u64, [z, y, yz]: [Option<u64>; 3]) -> [u64; 4] {
     let along_z = |w: u64, next: Option<u64>| {
         let column = next.map_or(w & Z_MAX_BITS, |n| (n & Z_MIN_BITS) << 7);
@@ -352,8 +354,9 @@ fn shifted(own: u64, [z, y, yz]: [Option<u64>; 3]) -> [u64; 4] {
     [own, up, along_y, up >> 8 | row << 56]
 }
 
-/// The neighbours of consecutive leaves. An offset preserves the order of origins, so that one pass along
-/// the list finds all neighbours at that offset.
+/// The neighbours of consecutive leaves. An offset preserves the order of origins, so that one pass along the list
+/// finds all neighbours at that offset. `part` are consecutive ones of `leaves`, both in order of origin; the result
+/// has an entry for each of `part`.
 fn neighbours(leaves: &[LeafValues], part: &[LeafValues], region: Region) -> Vec<Neighbours> {
     let mut neighbours = vec![
         Neighbours {

@@ -1,9 +1,8 @@
 //! Patches of a mesh, and their welding into one numbering.
 //!
-//! Regions are meshed apart from each other, and their patches welded in descending order of least voxels. A vertex on
-//! the seam of two regions belongs to the upper one; the lower one refers to it by voxel and axis (or position), which
-//! are equal to the bit in both. Seams that no later patch reaches are forgotten, so that memory does not grow with
-//! the mesh.
+//! A large mesh is made region by region, and each patch is complete by itself. Vertices on the seam between two
+//! regions have an identity, by which the welder finds their number in the whole. Patches must come in descending order
+//! of their least voxels, so that the owner of a vertex comes before those that use it.
 
 use super::MesherError;
 use super::edge_vertices::CrossedEdges;
@@ -82,9 +81,9 @@ impl Patch {
         }
     }
 
-    /// Replaces the triangles and removes the vertices that no longer have any. Other patches must not
-    /// reference these; [`Welder::weld`] reports it. `max_x` is the greatest x of the patches processed
-    /// together with this one.
+    /// Replaces the triangles and removes the vertices that no longer have any. Other patches must not reference these;
+    /// [`Welder::weld`] reports it. `max_x` is the greatest x of the patches processed together with this one.
+    /// `triangles` index the patch's vertices.
     #[must_use]
     pub fn with_triangles(&self, triangles: &[[u32; 3]], max_x: i32) -> Self {
         // Vertices that never had triangles are referenced by other patches only; they stay.
@@ -186,6 +185,7 @@ impl Welder {
             voxel: Coord([patch.max_x.saturating_add(1), i32::MIN, i32::MIN]),
             tag: [0; 3],
         };
+        // Everything from there on is dropped: memory holds one slab of seams.
         drop(self.seams.split_off(&beyond));
         let own = patch
             .lower

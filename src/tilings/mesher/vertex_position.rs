@@ -1,8 +1,8 @@
 //! Positions of the vertices on their edges.
 //!
-//! A vertex lies at the zero between the values at the ends of its edge, by linear interpolation or by the exact
-//! field. It keeps a margin from the ends unless it is alone at the voxel, since rounding to single precision could
-//! else merge the vertices of several edges there.
+//! A vertex lies on a voxel edge, at the zero of the linear interpolant or of the exact field. It keeps a margin from
+//! the edge's ends, so that two vertices at one voxel stay apart after rounding; only a vertex that is alone at its
+//! voxel may lie at the end itself. Positions are in world units, margins are shares of an edge.
 
 use super::edge_vertices::{BATCH, CrossedEdges, split, upper_slot};
 use super::{Mesher, MesherError, ZERO_MAGNITUDE};
@@ -25,8 +25,8 @@ pub(super) fn margin(max_coordinate: f64) -> f64 {
 
 /// Moves vertices of a mesh made [`in_double`](Mesher::in_double) away from the ends of their edges by the
 /// margin that single precision needs for coordinates up to `max_coordinate`, but for vertices alone at a
-/// voxel. Returns whether it needs more than double precision. `origin` is the position of voxel (0, 0, 0);
-/// world units.
+/// voxel. Returns whether that margin exceeds the one of double precision; if not, no vertex moves. `origin`
+/// is the position of voxel (0, 0, 0); world units.
 pub fn move_off_voxels(
     vertices: &mut [Vec3],
     voxel_size: f64,
@@ -100,7 +100,8 @@ struct Crossing {
     ends: [f32; 2],
 }
 
-/// Calls `visit` with the crossed edges of a leaf in the order of their vertices. `n` is the leaf's number.
+/// Calls `visit` with the crossed edges of a leaf in the order of their vertices. `n` is the leaf's number. Values are
+/// those at both ends, world units.
 fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Crossing)) {
     let leaf = &crossed.leaves[n];
     for axis in 0..3 {
@@ -152,6 +153,7 @@ impl Mesher<'_> {
         if let Some(field) = self.exact_field {
             share = self.exact_zero(field, crossing, share);
         }
+        // 0 / 0 where both ends count as zero.
         if share.is_nan() {
             share = 0.5;
         }
@@ -179,7 +181,8 @@ impl Mesher<'_> {
     }
 
     /// The zero of a field along an edge whose ends differ in sign, as a share of the edge. Illinois method: false
-    /// position that halves the value of a retained end. `start` is the first guess.
+    /// position that halves the value of a retained end. `start` is the first guess. It ends at a share or a value
+    /// within 1e-9 of an edge, or after [`MAX_STEPS`] evaluations with the last point.
     fn exact_zero(&self, field: &WorldField, crossing: &Crossing, start: f64) -> f64 {
         let tolerance = 1e-9;
         let [a, b] = crossing.ends.map(f64::from);

@@ -30,6 +30,7 @@ impl LeafStore {
             if blocks.peek().is_some_and(|(next, _)| next[0] == origin[0]) {
                 continue;
             }
+            // At least a whole leaf, at most 256 KiB for each cursor.
             let ahead = (READ_AHEAD_BYTES / slab.len()).clamp(MAX_LEAF_BYTES, 1 << 18);
             // x first, then the blocks' rows of one y, then y within the blocks: the order of origins.
             for x in 0..16 {
@@ -78,7 +79,8 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// The next leaf, if the upper eight bits (x and y) of its slot equal `column`.
+    /// The next leaf, if the upper eight bits (x and y) of its slot equal `column`. `ahead` is the number of bytes read
+    /// at a time; `None` at the end of the block too.
     fn next_in(
         &mut self,
         store: &LeafStore,

@@ -115,7 +115,8 @@ impl LeafStore {
     }
 }
 
-/// Sets all values of a leaf; returns which are negative.
+/// Sets all values of a leaf; returns which are negative. `active` are the values of the voxels in `mask`, in order of
+/// offset.
 fn fill_values(
     background: f32,
     mask: &[u64; 8],
@@ -152,6 +153,7 @@ fn put_active(mask: &[u64; 8], active: &[f32], values: &mut [f32; VOXELS]) {
             row_mask.trailing_zeros() as usize,
             row_mask.count_ones() as usize,
         );
+        // Whether the active voxels of the row are consecutive, without gaps.
         let is_run = row_mask >> first == u8::MAX >> (8 - count);
         // The whole row is copied; `put_background` overwrites the values beside the run.
         let whole = || active.get(next.checked_sub(first)?..)?.first_chunk();

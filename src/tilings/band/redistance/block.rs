@@ -37,7 +37,8 @@ pub(super) struct OffsetLengths {
 
 impl OffsetLengths {
     /// Largest distance, voxels, at which a point affects a group of samples; not positive if none does. `all` has a
-    /// bit for each sample of the group, `inside` for those inside.
+    /// bit for each sample of the group, `inside` for those inside. A sample at the distance d gets the value d - by
+    /// outside and -d - by inside, which must be less than the half width in magnitude.
     pub fn max_distance<const N: usize>(&self, inside: [u64; N], all: u64) -> f32 {
         let outside = self.half_width + self.by;
         let within = self.half_width - self.by;

@@ -1,4 +1,7 @@
 //! A cache of values by position: the first request computes a value, the least recently used ones are dropped.
+//!
+//! Each value is behind its own lock, so that one thread computes it while others that need it wait, and threads with
+//! other positions go on. A value in use stays alive after it is dropped from the cache.
 
 use druse_geometry::frame::Coord;
 use std::collections::HashMap;

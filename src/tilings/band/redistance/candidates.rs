@@ -72,7 +72,8 @@ impl NearestToCentre {
         }
     }
 
-    /// The nearest of some points to the centre of `cube`.
+    /// The nearest of some points to the centre of `cube`. [`Self::NO_POINT`] without points, or if all are at
+    /// infinity.
     #[inline(always)]
     pub fn of<L: Lanes>(l: L, at: Coordinates, cube: Cube) -> Self {
         let [a, b, c] = cube.centre;
@@ -193,8 +194,9 @@ impl PointList {
         self.numbers.extend(selected.iter().map(|n| first + n));
     }
 
-    /// Replaces the list by the candidates of another list for a cube, at most `max_distance` away, padded to a multiple
-    /// of eight with points at infinity.
+    /// Replaces the list by the candidates of another list for a cube, at most `max_distance` away, padded to a
+    /// multiple of eight with points at infinity. The number 0 pads the list beside them; no sample is nearest to such
+    /// a point.
     pub fn narrow(&mut self, wide: &Self, cube: Cube, max_distance: f32) {
         let at = wide.coordinates();
         let nearest_to_centre = run(Nearest { at, cube });

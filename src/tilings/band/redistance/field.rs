@@ -138,12 +138,15 @@ impl<'a> ClosestPointField<'a> {
         !self.region_of_interest.as_deref().is_some_and(is_far)
     }
 
-    /// The block of points at an origin; `None` where the source has a value that is not finite.
+    /// The block of points whose first voxel is `origin`, a multiple of [`BLOCK_EDGE`]; `None` where the source has a
+    /// value that is not finite or a voxel beyond the range of indices.
     fn block(&self, origin: Coord) -> SharedValue<Option<Block>> {
         self.blocks.get(origin, || self.make_block(origin))
     }
 
-    /// Samples the source in a block.
+    /// Samples the source in the block whose first voxel is `origin`. `None` where a value is not finite, or where the
+    /// block lies beyond the range of voxel indices; distances of all points that need the block are then missing. A
+    /// block that is not requested has no leaves.
     fn sample(&self, origin: Coord) -> Option<Samples> {
         let region = Region::cube(origin, BLOCK_EDGE);
         let mut samples = Samples::default();
@@ -156,6 +159,8 @@ impl<'a> ClosestPointField<'a> {
             half_width: BAND_HALF_WIDTH,
             extent: Aabb::of([region.min, region.max].map(|c| self.transform.world(c).0)),
         };
+        // Only leaves whose bounds admit a zero or a value in the band are evaluated; the others are wholly inside or
+        // outside and are left out.
         let culler = Culler::new(&band, region).ok()?;
         let mut leaves: Vec<Coord> = Vec::new();
         for block in culler.blocks().undecided {
@@ -173,6 +178,7 @@ impl<'a> ClosestPointField<'a> {
                 let leaf = if bits.is_out() {
                     SampledLeaf {
                         origin,
+                        // All voxels of such a leaf have the sign of the first one: its bit is spread over all 512.
                         inside: [(bits.negative[0] & 1).wrapping_neg(); 8],
                         band: None,
                     }

@@ -1,8 +1,8 @@
 //! The nearest points to the samples of a leaf, by recursive halving of the leaf and its list of candidates.
 //!
-//! The points of the leaf and of those around are narrowed to candidates of the whole leaf, of its parts of 4^3
-//! samples, and of 2^3 samples, by the condition in `candidates`. Narrowing drops no nearest point, so that the result
-//! is that of a comparison of all points.
+//! A leaf has 512 samples and often thousands of points within reach. The list of candidates shrinks with each halving,
+//! 8, 4, 2 samples along an edge, and only the last ones are measured against all eight samples (`block`). No candidate
+//! is lost, so that the nearest point is exact.
 
 use super::super::leaf::LEAF;
 use super::MovedLeaf;
@@ -72,7 +72,7 @@ impl<'a> Search<'a> {
         self.parts.push((at, first, away.map(|c| c as f32)));
     }
 
-    /// Collects the candidates for the samples of the leaf.
+    /// Collects the candidates for the samples of the leaf. `max_distance` is in voxels.
     fn near(&self, max_distance: f32, list: &mut PointList) {
         let cube = Cube::new([0; 3], LEAF as usize, self.lengths.spacing);
         let mut nearest_to_centre = NearestToCentre::NO_POINT;
@@ -111,6 +111,7 @@ impl<'a> Search<'a> {
         self.near(self.max_distance(), own);
         for n in (0..8).filter(|_| !own.numbers.is_empty()) {
             let corner = [n >> 2, n >> 1 & 1, n & 1].map(|c| 4 * c);
+            // Bits 8 y + z of four rows of four samples.
             let max_distance = self.most_of::<4>(corner, 0x0f0f_0f0f);
             if max_distance <= 0.0 {
                 continue;

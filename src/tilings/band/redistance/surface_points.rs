@@ -1,8 +1,8 @@
 //! Points of the surface on the edges of the voxel lattice.
 //!
-//! The zero on an edge is that of the cubic through four voxels along it, or of the linear interpolant next to kinks
-//! and clipped values. Normal and second derivatives are differences at both ends of the edge, interpolated to the
-//! zero. All lengths are in voxels, positions relative to the leaf's least voxel.
+//! A crossing of an edge with the surface is found from four values along the edge; its normal and second derivatives
+//! are central differences at both ends. Lengths are in voxels and positions count from the leaf's least voxel. Points
+//! at sharp edges get their planes later (`wedge`).
 // Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 
@@ -44,8 +44,8 @@ pub(super) struct Point {
 }
 
 impl Point {
-    /// The unsigned distance, voxels, of the position at displacement `away` from this nearest point, and the
-    /// unit vector away from the surface; by the same formula as for the voxels of a leaf.
+    /// The unsigned distance, voxels, of the position at displacement `away` from this nearest point, and the unit
+    /// vector away from the surface; by the same formula as for the voxels of a leaf. `away` is in voxels.
     pub fn distance(&self, away: Vec3) -> (f64, Vec3) {
         let normal = Vec3::from(self.normal.map(f64::from));
         let [xx, yy, zz, xy, yz, zx] = self.hessian.map(f64::from);
@@ -59,6 +59,8 @@ impl Point {
         let more = (0.5 * bent / spread).clamp(-f64::from(MAX_CURVATURE_REDUCTION), 1.0);
         let straight = away.norm();
         let size = (height + more).abs().min(straight);
+        // 0 near the point, 1 from twice the tangential limit on: there the point lies on an edge, and |away| is the
+        // distance.
         let edge = (across.sqrt() / f64::from(MAX_TANGENTIAL) - 1.0).clamp(0.0, 1.0);
         let side = 1f64.copysign(height + more);
         let smooth = (normal + hessian * tangential / spread)
@@ -141,8 +143,9 @@ impl SimdKernel for Negative<'_> {
 }
 
 impl Stencils {
-    /// Loads the voxels of a leaf and around it. Voxels without a leaf get the background with the sign of the
-    /// nearest voxel of this leaf.
+    /// Loads the voxels of a leaf and around it. Voxels without a leaf get the background with the sign of the nearest
+    /// voxel of this leaf. `values` finds a leaf's values by its origin; `voxel_size` and `background` are in world
+    /// units. Replaces what was loaded before.
     pub fn gather<'a>(
         &mut self,
         leaf: &LeafRef<'a>,
@@ -196,7 +199,8 @@ impl Stencils {
         points
     }
 
-    /// The point on the edge along `axis` that begins at a voxel.
+    /// The point on the edge along `axis` that begins at a voxel. `place` is the voxel in the leaf, `at` its offset in
+    /// the stencil.
     fn point(&self, place: [usize; 3], at: usize, axis: usize) -> Point {
         let share = self.crossing(at, STRIDES[axis]);
         // Derivatives are central differences at both ends of the edge, interpolated to the crossing.
@@ -246,8 +250,8 @@ impl Stencils {
         point
     }
 
-    /// Position of the crossing along an edge: the zero of the cubic through four values, or of the linear
-    /// interpolant if some are clipped or there is a kink.
+    /// Position of the crossing along an edge: the zero of the cubic through four values, or of the linear interpolant
+    /// if some are clipped or there is a kink. The result is a share of the edge, 0 to 1.
     fn crossing(&self, at: usize, stride: usize) -> f32 {
         let v = &self.values;
         let [before, first, last, behind] =

@@ -1,4 +1,6 @@
 //! Vectors in single precision.
+//!
+//! Arrays rather than a matrix library: the kernels load their components into lanes.
 
 /// Three components.
 pub(super) type Vector = [f32; 3];

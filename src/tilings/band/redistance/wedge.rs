@@ -203,8 +203,9 @@ struct Plane {
     normal: Vector,
 }
 
-/// Assigns wedges to the points of a leaf at sharp edges, numbered from the end of `wedges`; returns corners that
-/// are points of their own.
+/// Assigns wedges to the points of a leaf at sharp edges, numbered from the end of `wedges`; returns corners that are
+/// points of their own. Points come from [`Stencils`](super::surface_points::Stencils); `values` finds a leaf's values
+/// by its origin. Only points whose second differences exceed [`MIN_BEND`] are tried.
 pub(super) fn find<'a>(
     points: &mut [Point],
     wedges: &mut Vec<Wedge>,
@@ -239,12 +240,13 @@ pub(super) fn find<'a>(
     corners
 }
 
+/// Whether the second differences of a point indicate an edge.
 fn is_bent(point: &Point) -> bool {
     point.hessian.iter().any(|b| b.abs() > MIN_BEND)
 }
 
-/// The voxels of a leaf and those about it, in voxels; what no leaf holds has the sign of the leaf's nearest
-/// voxel.
+/// The voxels of a leaf and those about it, in voxels; what no leaf holds has the sign of the leaf's nearest voxel.
+/// `background` is in world units; the result is in order (x, y, z), 17 a side.
 fn gather<'a>(
     leaf: &LeafRef<'a>,
     values: impl Fn(Coord) -> Option<&'a [f32]>,
@@ -284,7 +286,8 @@ fn gather<'a>(
     all
 }
 
-/// Feet of the voxels in a range that lie next to the surface and whose differences reach across no edge.
+/// Feet of the voxels in a range that lie next to the surface and whose differences reach across no edge. Ranges are
+/// offsets in the gathered cube; positions of samples count from the leaf's least voxel.
 fn samples(v: &[f32], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Sample> {
     let mut found = Vec::new();
     for x in xs[0]..xs[1] {
@@ -324,7 +327,8 @@ fn bend_squared(v: &[f32], at: usize) -> f32 {
     dot(pure, pure) + 2.0 * dot(mixed, mixed)
 }
 
-/// The planes that meet near a point; none where they are not two or three, or make no clear edge.
+/// The planes that meet near the point `p`, relative to the leaf's least voxel; `None` where they are not two or three,
+/// bend, or make no clear edge. The first two normals are the most different ones, the third differs most from both.
 fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
     let is_near = |s: &&Sample| (0..3).all(|a| (s.at[a] - p[a]).abs() <= WINDOW);
     let near: Vec<Sample> = samples.iter().filter(is_near).copied().collect();
@@ -351,6 +355,7 @@ fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
     // A distant corner may have too few points for its third plane.
     let third = three.and_then(|about| plane_of(about, &near));
     let (c, count_c) = third.map_or((None, 0), |(plane, count)| (Some(plane), count));
+    // At least four fifths of the points around must lie on these planes.
     if 5 * (count_a + count_b + count_c) < 4 * near.len() {
         return None;
     }
@@ -362,6 +367,7 @@ fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
             return None;
         }
         let between = difference(b.at, a.at);
+        // Each plane's mean point behind the other plane: convex; before it: concave.
         let ends = [dot(a.normal, between), -dot(b.normal, between)];
         let own = match ends {
             [u, v] if u < -MAX_RESIDUAL && v < -MAX_RESIDUAL => 1.0,

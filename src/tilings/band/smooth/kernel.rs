@@ -1,7 +1,7 @@
 //! Kernels on one leaf, in rows of eight voxels along z or slabs of eight rows along y.
 //!
 //! Arithmetic without fused operations, so that every processor computes the same values. The code is
-//! compiled twice: for any processor and for AVX2.
+//! compiled for each instruction set that the processor may have.
 // Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 
@@ -71,7 +71,8 @@ pub(super) fn laplacian_step(of: &Stencil, new: &mut Slab) {
     }
 }
 
-/// Applies `step` to the active voxels of consecutive leaves that begin at number `first`.
+/// Applies `step` to the active voxels of consecutive leaves that begin at number `first`. `out` is the other buffer,
+/// one entry per leaf; leaves without active voxels are equal in both and stay.
 #[inline(always)]
 pub(super) fn stencil(
     pool: &Pool,
@@ -145,8 +146,8 @@ impl Stencil {
     }
 }
 
-/// The box mean over `2 width + 1` voxels along one axis, for consecutive leaves that begin at number
-/// `first`.
+/// The box mean over `2 width + 1` voxels along one axis, for consecutive leaves that begin at number `first`. Axes 0,
+/// 1, 2 are x, y, z. `out` is the other buffer, as in [`stencil`].
 #[inline(always)]
 pub(super) fn box_mean(pool: &Pool, axis: usize, width: usize, first: usize, out: &mut [Values]) {
     // Leaves on each side that the box meets.
@@ -174,8 +175,8 @@ pub(super) fn box_mean(pool: &Pool, axis: usize, width: usize, first: usize, out
     }
 }
 
-/// The mean along x or y, of rows `stride` apart. `line` holds the leaves along the axis, the one to change
-/// in the middle.
+/// The mean along x or y, of rows `stride` apart. `line` holds the leaves along the axis, the one to change in the
+/// middle. `mask` are the active voxels of that leaf; `weight` is 1 over the number of voxels.
 #[inline(always)]
 fn across_rows(
     line: &[&Values],
@@ -211,7 +212,8 @@ fn across_rows(
     }
 }
 
-/// The mean along z, within rows; `samples` is a buffer for 64 rows of the line's length.
+/// The mean along z, within rows; `samples` is a buffer for 64 rows of the line's length. The other parameters are
+/// those of [`across_rows`].
 #[inline(always)]
 fn along_rows(
     line: &[&Values],

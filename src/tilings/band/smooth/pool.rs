@@ -1,4 +1,7 @@
 //! All leaves of a band with the numbers of their neighbours, in two buffers.
+//!
+//! Passes read one buffer and write the other, so that leaves can be processed in parallel. Neighbours are numbers; an
+//! absent neighbour has one sign, which its number tells. Only a dilation adds leaves, and none is removed.
 
 use super::super::index::LeafIndex;
 use super::super::leaf::LEAF;
@@ -44,6 +47,8 @@ pub(super) struct Pool {
 }
 
 impl Pool {
+    /// Copies the leaves of a closed band; `leaf` returns leaf 0 to `count - 1`, from any thread. `background` is the
+    /// half width, world units.
     pub fn new<'a>(
         count: usize,
         leaf: impl Fn(usize) -> LeafRef<'a> + Sync,
@@ -149,10 +154,12 @@ impl Pool {
     /// The leaf `step + 1` steps from a leaf; `here` is the one `step` steps away. Two absent neighbours
     /// have the same sign: otherwise the surface would lie between them.
     fn next_along(&self, leaf: usize, direction: usize, step: usize, here: u32) -> u32 {
+        // The two greatest numbers stand for absent leaves; every lower one is a leaf of the pool.
         if here < INSIDE_LEAF {
             return self.neighbours[here as usize][direction];
         }
         let [x, y, z] = NEIGHBOUR_STEPS[direction].map(|s| s * (step as i32 + 1));
+        // An absent leaf has no list of neighbours: the leaf beyond it is found by its origin.
         let found = self.index.get(self.origins[leaf].offset(x, y, z));
         found.unwrap_or(here)
     }
@@ -224,7 +231,7 @@ impl Pool {
         }
     }
 
-    /// Adds a leaf without active voxels.
+    /// Adds a leaf without active voxels. It is all inside or all outside; its neighbours get its number.
     fn add(&mut self, origin: Coord, inside: bool) {
         let leaf = self.len();
         self.index.insert(origin, leaf);
