@@ -1,6 +1,9 @@
 //! The Bernstein basis of a kind of element at one point.
 //!
 //! Shape functions and their gradients are sums of these values and derivatives.
+//!
+//! Control points are in the order of `bernstein`: first parameter fastest, then layers. Degrees are 1 and 2. Slopes
+//! are by the parameters r; the change to the cell's coordinates is the caller's.
 
 use super::kind::{Family, Kind};
 use druse_geometry::frame::Vec3;
@@ -12,6 +15,7 @@ pub(super) struct Basis {
 }
 
 impl Basis {
+    /// The basis of a kind at parametric coordinates r, inside or outside the cell.
     pub fn at(kind: Kind, r: Vec3) -> Self {
         let mut basis = Self {
             values: [0.0; 27],
@@ -63,6 +67,7 @@ impl Basis {
         }
     }
 
+    /// Sets the basis functions of a cube of degree n at parameters r: products of those of three lines.
     fn tensor(&mut self, n: usize, r: Vec3) {
         let [(x, dx), (y, dy), (z, dz)] = [line(n, r.x), line(n, r.y), line(n, r.z)];
         let mut at = 0;

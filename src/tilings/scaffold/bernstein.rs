@@ -74,7 +74,8 @@ fn triangle(degree: usize) -> impl Iterator<Item = [usize; 3]> {
 }
 
 /// The inverse of the matrix of Bernstein basis functions at the equidistant lattice: it takes values there to
-/// coefficients. On a line for cubes, on the simplex for tets, on the triangle for prisms.
+/// coefficients. On a line for cubes, on the simplex for tets, on the triangle for prisms. Tables are made once, for
+/// degrees up to 5. On distinct points the matrix is regular, so that the inverse exists.
 fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
     static TABLES: [[OnceLock<DMatrix<f64>>; 6]; 3] = [const { [const { OnceLock::new() }; 6] }; 3];
     TABLES[family as usize][degree].get_or_init(|| {
@@ -118,7 +119,8 @@ fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
 }
 
 impl<T: Coefficient> Net<T> {
-    /// The polynomial of this degree with these values at the equidistant lattice points.
+    /// The polynomial of this degree with these values at the equidistant lattice points. Values are in the order of
+    /// the coefficients.
     pub fn interpolating(family: Family, degree: usize, mut values: Vec<T>) -> Self {
         let combine = |c: &DMatrix<f64>, row: usize, get: &dyn Fn(usize) -> T| {
             (1..c.ncols()).fold(get(0) * c[(row, 0)], |s, j| s + get(j) * c[(row, j)])
@@ -190,9 +192,9 @@ impl<T: Coefficient> Net<T> {
             .collect()
     }
 
-    /// Both halves of the polynomial, each over its half of the cell as a cell of its own: cut
-    /// across an axis of the cube, in the middle of an edge of the simplex or of the prism's triangle,
-    /// or (way 3) across the prism's axis.
+    /// Both halves of the polynomial, each over its half of the cell as a cell of its own. `way` is an axis of the
+    /// cube, an edge of the simplex (in the order 01, 12, 20, 03, 13, 23) or of the prism's triangle (01, 12, 20), or 3
+    /// for the prism's axis; an edge is cut in its middle.
     pub fn split(&self, way: usize) -> [Self; 2] {
         let mut halves = [Self::empty(), Self::empty()];
         self.split_into(way, &mut halves);
@@ -247,8 +249,8 @@ impl<T: Coefficient> Net<T> {
         }
     }
 
-    /// The coefficients of the same polynomial over the simplex whose vertex `gone` has moved to the middle
-    /// of its edge to `kept`.
+    /// The coefficients of the same polynomial over the simplex whose vertex `gone` has moved to the middle of its edge
+    /// to `kept`. `gone` and `kept` are vertices by number; the result replaces `coefficients`.
     fn move_to_midpoint(&self, gone: usize, kept: usize, coefficients: &mut Vec<T>) {
         let n = self.degree;
         coefficients.clear();

@@ -25,8 +25,9 @@ pub struct Boundary {
 }
 
 impl Scaffold {
-    /// The outer faces of a component (see [`Scaffold::components`]), curved ones subdivided until
-    /// they differ from the mesh by less than `chordal_error` (world units, positive).
+    /// The outer faces of a component (see [`Scaffold::components`]), curved ones subdivided until they differ from the
+    /// mesh by less than `chordal_error` (world units, positive). Vertices are numbered as they are made, so that the
+    /// mesh cannot be invalid.
     ///
     /// # Panics
     /// If there is no such component.
@@ -179,7 +180,8 @@ fn triangle_bend(c: &[Vec3], m: &[Vec3]) -> [Vec3; 3] {
 }
 
 /// Bounds of the lengths of the second derivatives ss, tt, st over a quad, each in x. `c` are its corners, `m` its mid
-/// nodes if it is quadratic; without `centre` its middle follows from them.
+/// nodes if it is quadratic; without `centre` its middle follows from them. Order of `c`: around the quad; `m[i]` is
+/// between corners i and i + 1.
 fn quad_bend(c: &[Vec3], m: &[Vec3], centre: Option<Vec3>) -> [Vec3; 3] {
     let length = |l: f64| Vec3::new(l, 0.0, 0.0);
     if m.is_empty() {
@@ -281,12 +283,14 @@ impl Builder<'_> {
         }
     }
 
+    /// Adds a finished triangle with its face.
     fn emit(&mut self, s: &Surface, triangle: [u32; 3]) {
         self.triangles.push(triangle);
         self.faces.push(s.face);
     }
 
-    /// Bisects the worst edge until all are within the tolerance.
+    /// Bisects the worst edge until all are within the tolerance. A piece keeps for each of its edges the side of the
+    /// face that it lies on.
     fn refine(&mut self, s: &Surface, whole: Piece) {
         // An edge on a side has the side's error from both faces, so that both cut it alike.
         let mut open = vec![whole];
@@ -316,6 +320,8 @@ impl Builder<'_> {
         }
     }
 
+    /// The error of edge i of a piece: that of its side from both faces, scaled to the edge's part of the side, or of
+    /// the face alone inside it.
     fn edge_error(&self, s: &Surface, p: &Piece, i: usize) -> f64 {
         let (a, b) = (p.spots[i], p.spots[(i + 1) % 3]);
         let e = [b[0] - a[0], b[1] - a[1]];
@@ -329,6 +335,7 @@ impl Builder<'_> {
         }
     }
 
+    /// The number of the vertex with this name; `point` makes it at the first call.
     fn number(&mut self, name: Name, point: impl FnOnce() -> Vec3) -> u32 {
         let points = &mut self.points;
         *self.numbers.entry(name).or_insert_with(|| {
@@ -337,12 +344,14 @@ impl Builder<'_> {
         })
     }
 
+    /// The vertex at corner i of a face.
     fn corner(&mut self, s: &Surface, i: usize) -> u32 {
         let node = s.corners[i];
         let point = self.scaffold.nodes()[node as usize];
         self.number(Name::Node(node), || point)
     }
 
+    /// The vertex at parameters inside a face.
     fn inner(&mut self, s: &Surface, spot: Spot) -> u32 {
         let element = self.scaffold.element(s.face.element as usize);
         self.number(Name::Inner(s.face, spot.map(f64::to_bits)), || {

@@ -125,6 +125,7 @@ pub(super) fn confine(shape: Element, found: CellBox<3>) -> Option<CellBox<3>> {
 
 /// Adds the preimage of `world` within one part to `found`. `net` and `part` describe the part, `None` the whole cell;
 /// `domain` is a box around it, `bend_bounds` bound the second derivatives there, `room` is memory for further splits.
+/// Nothing is added where the part cannot meet `world`. It calls itself for the halves, one level of `room` each.
 fn of_part(
     c: &Curved,
     part: Option<(&Net<Vec3>, Part)>,
@@ -140,6 +141,7 @@ fn of_part(
     // The box found so far covers this part.
     let covered = (0..3).all(|a| found.min[a] <= inner.min[a] && inner.max[a] <= found.max[a]);
     // Settled, covered, or no more room for splits: the box found is taken as it is.
+    // `room` ends at the greatest depth: the box found is then larger than needed, never too small.
     let (true, Some((halves, room))) = (!(settled || covered), room.split_first_mut()) else {
         found.min = found.min.inf(&inner.min);
         found.max = found.max.sup(&inner.max);
@@ -194,8 +196,8 @@ fn local(kind: Kind, net: &Net<Vec3>, part: &Part, whole: &[Vec3; 6]) -> (CellBo
     }
 }
 
-/// Contracts `domain` around the preimage; `None` proves it empty. The flag states that the
-/// contracted box is within a small factor of the preimage's own box.
+/// Contracts `domain` around the preimage; `None` proves it empty. The flag states that the contracted box is within a
+/// small factor of the preimage's own box. `bend` bounds the second derivatives over `domain`.
 fn contract(
     c: &Curved,
     domain: &CellBox<3>,
@@ -207,6 +209,7 @@ fn contract(
     let mut inner = *domain;
     // An interval Newton step: F(xi) = F(m) + J (xi - m) + rest within the box m +- radius, so that F(xi) in the world
     // box implies xi in m + J^-1 (target - F(m)) +- |J^-1| (half + |rest|).
+    // Few steps: where they do not contract, the part is split instead.
     for _ in 0..6 {
         let middle = (inner.min + inner.max) / 2.0;
         let radius = (inner.max - inner.min) / 2.0;

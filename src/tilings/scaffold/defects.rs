@@ -1,4 +1,7 @@
 //! Defects between elements of a scaffold: hanging nodes, overlaps, torn and non-manifold faces.
+//!
+//! A scaffold with such defects can be built; the report lists them, and only some are errors. Elements in results have
+//! the numbers of their file, nodes their index.
 
 use super::topology::face_key;
 use super::{FaceRef, Neighbour, Scaffold};
@@ -107,6 +110,7 @@ impl Scaffold {
         defects
     }
 
+    /// Pairs of elements with the same corner nodes: the first one, and each later one.
     fn duplicates(&self) -> Vec<(u64, u64)> {
         let mut keys: Vec<(Vec<u32>, usize)> = self
             .elements()
@@ -128,6 +132,7 @@ impl Scaffold {
             .collect()
     }
 
+    /// Faces with common corners whose middles differ, each once, from the side of the lower element.
     fn torn(&self) -> Vec<TornFace> {
         let mut found = Vec::new();
         for f in (0..self.len()).flat_map(|e| self.faces_of(e)) {
@@ -154,7 +159,8 @@ impl Scaffold {
         found
     }
 
-    /// Middles of a face's edges and of itself, by the nodes they are between, in their order.
+    /// Middles of a face's edges and of itself, by the nodes they are between, in their order. Absent nodes of a key
+    /// are `u32::MAX`.
     fn middles(&self, f: FaceRef) -> Vec<([u32; 4], Vec3)> {
         let e = self.element(f.element as usize);
         let reference = e.kind().reference_nodes();
@@ -191,8 +197,9 @@ impl Scaffold {
         nodes
     }
 
-    /// The first element that a corner node touches without being its corner.
-    /// `margin` is the distance from the node, world units, within which elements are candidates.
+    /// The first element that a corner node touches without being its corner. `margin` is the distance from the node,
+    /// world units, within which elements are candidates. `None` for a node that fits. A node on another one, or on an
+    /// outer face, is reported before one that lies inside.
     fn misplacement(&self, node: u32, margin: f64) -> Option<(MisplacedNode, Misplacement)> {
         let at = WorldPoint(self.nodes()[node as usize]);
         let mut near = Vec::new();

@@ -116,7 +116,8 @@ impl Scaffold {
         self.divided(Pattern::Columns)
     }
 
-    /// Divides every element by a pattern. Nodes come in the order of the first part that has them.
+    /// Divides every element by a pattern. Nodes come in the order of the first part that has them. An error names the
+    /// first element that the pattern does not support; nothing is made then.
     fn divided(&self, pattern: Pattern) -> Result<Divided, ScaffoldError> {
         let mut tables: HashMap<Kind, Vec<PartNodes>> = HashMap::new();
         let mut total = 0usize;
@@ -186,9 +187,11 @@ struct PartNodes {
 
 impl PartNodes {
     /// The nodes of a part of an element of kind `whole`, in whole numbers, so that equal nodes get equal names.
+    /// Coordinates of the part's corners have the pattern's denominator.
     fn new(whole: Kind, part: &Part, pattern: Pattern) -> Self {
         // The part's own lattice, of denominator 2^3 at most after three interpolations.
         let degree = part.kind.degree() as i64;
+        // Linear functions at p / n times n^3 are whole; for degree 2 that is a factor of 8.
         let fine = degree.pow(3);
         let denominator = pattern.denominator() * fine;
         // Each node is a mean of the part's corners with the part's own shape functions.
@@ -276,8 +279,8 @@ fn columns(kind: Kind) -> Vec<Part> {
     (0..3).map(part).collect()
 }
 
-/// The tets at the corners, and the octahedron between them cut around the diagonal from the middle
-/// of edge 01 to that of edge 23.
+/// The tets at the corners, and the octahedron between them cut around the diagonal from the middle of edge 01 to that
+/// of edge 23. Coordinates are halves.
 fn eighths(kind: Kind) -> Vec<Part> {
     let v = [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]];
     let mid =
@@ -325,7 +328,8 @@ fn all_hex(kind: Kind) -> Kind {
     }
 }
 
-/// The hex at each corner of a tet or wedge: corner, middles of its edges and faces, the centre.
+/// The hex at each corner of a tet or wedge: corner, middles of its edges and faces, the centre. Coordinates are
+/// multiples of 1/12: means of 2, 3, 4 and 6 corners are then whole.
 fn corner_hexes(kind: Kind) -> Vec<Part> {
     let lattice = kind.lattice();
     let degree = kind.degree() as i64;

@@ -86,7 +86,8 @@ pub(super) fn planar_controls(kind: Kind, nodes: &[Vec3]) -> Net<Vec3> {
     net
 }
 
-/// The maximum of polynomials and of `known`, at most `tolerance` too high.
+/// The maximum of polynomials and of `known`, at most `tolerance` too high. `known` is a value that is reached in any
+/// case.
 fn greatest(nets: impl Iterator<Item = Net<f64>>, known: f64, tolerance: f64) -> f64 {
     let mut reached = known;
     // Quadratic simplices are solved in closed form; all others are open parts.
@@ -128,6 +129,7 @@ fn greatest_on_simplex(net: &Net<f64>) -> f64 {
         net.coefficients[index(net.family, 2, [0, 1, 2].map(|i| p[i] + q[i]))]
     };
     let mut most = f64::NEG_INFINITY;
+    // Every corner, edge, face and the whole: bit v stands for vertex v.
     for subset in 1u32..16 {
         let vertices: Vec<usize> = (0..4).filter(|v| subset >> v & 1 == 1).collect();
         let n = vertices.len();

@@ -55,7 +55,8 @@ pub struct Filled {
 }
 
 impl Scaffold {
-    /// Fills a solid with tets whose edges follow its creases.
+    /// Fills a solid with tets whose edges follow its creases. What cannot be kept is listed in the result and is no
+    /// error.
     ///
     /// # Errors
     /// [`ScaffoldError::BadRound`] for a cell without size or an empty solid, [`ScaffoldError::TooMany`],
@@ -76,6 +77,7 @@ impl Scaffold {
                 what: "nodes",
             });
         }
+        // Creases, then nodes, then tets and added nodes, then better tets, then curved edges.
         let creases = Creases::of(solid);
         let nodes = Nodes::of(solid, &creases, cell);
         let body = Body::of(solid, &creases, nodes, MIN_PART_LENGTH * cell);
@@ -133,7 +135,7 @@ struct Body<'a> {
 
 impl<'a> Body<'a> {
     /// Builds the tets of the nodes that lie inside, and adds nodes until their outer faces follow the surface. `least`
-    /// is that of [`Self::least`].
+    /// is that of [`Self::least`]. At most [`MAX_ROUNDS`] rounds; what is then not met is reported as lost.
     fn of(solid: &'a MeshSolid, creases: &Creases, nodes: Nodes, least: f64) -> Self {
         let mut mesh = Delaunay::new(&solid.bounds());
         // The node of each point of the mesh: equal places are one point.
@@ -194,6 +196,7 @@ impl<'a> Body<'a> {
             .iter()
             .filter(|&&n| self.nodes.all[n as usize].site == Site::Inside)
             .count();
+        // Such a tet has no face on the surface.
         if inner >= 3 {
             return true;
         }
@@ -202,6 +205,7 @@ impl<'a> Body<'a> {
         let tet_quality = quality(corners);
         if tet_quality < FLAT_QUALITY && inner == 0 {
             let size = (corners[1] - corners[0]).norm();
+            // Its corners lie on the surface and so does its centre: it is rounding, whatever side the centre is on.
             if self.solid.closest(centre).distance < 1e-4 * size {
                 return false;
             }
@@ -236,6 +240,7 @@ impl<'a> Body<'a> {
                     let found = solid.closest(p);
                     let is_near = corners
                         .iter()
+                        // A node so near to a corner would make a needle.
                         .any(|c| (c - found.point).norm() < 0.2 * longest);
                     // A node beside a crease would tear it.
                     let is_free = || {

@@ -1,4 +1,7 @@
 //! Structured boxes made without a mesher.
+//!
+//! Nodes are shared, so that all faces inside fit. The box starts at the origin; elements of a cell are in the order of
+//! the tables below, whose numbers are those of the hex's corners in VTK order.
 
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
 use druse_geometry::frame::Vec3;

@@ -239,8 +239,8 @@ impl Kind {
             .collect()
     }
 
-    /// The solid that a planar element becomes between two copies of itself, and of each of its nodes
-    /// the node it comes from and the level: -1 below, 0 in the middle, 1 above.
+    /// The solid that a planar element becomes between two copies of itself, and for each of its nodes, in VTK order,
+    /// the planar node it comes from and the level: -1 below, 0 in the middle, 1 above. `None` for a solid kind.
     pub fn thickened(self) -> Option<(Self, Vec<(u8, i8)>)> {
         let level = |nodes: std::ops::Range<u8>, l: i8| nodes.map(move |n| (n, l));
         let mut all: Vec<(u8, i8)> = Vec::new();
@@ -322,7 +322,7 @@ impl Kind {
             .collect()
     }
 
-    /// Share of every node in every control point.
+    /// Share of every node in every control point. By control point, then by node; made once for each kind.
     fn shares(self) -> &'static [[f64; 27]] {
         static SHARES: [OnceLock<Vec<[f64; 27]>>; 16] = [const { OnceLock::new() }; 16];
         SHARES[self as usize].get_or_init(|| {
@@ -351,7 +351,7 @@ impl Kind {
 
     /// Nodal values in lattice order; a serendipity element's missing points are filled in as its shape functions have
     /// them: half the mid nodes less a quarter of the corners on a face, a quarter of either in the centre. `add` adds
-    /// a value times a weight.
+    /// a value times a weight. `nodes` are in VTK order; `zero` is the value of an empty sum.
     pub(super) fn on_lattice<T: Copy>(
         self,
         nodes: &[T],

@@ -104,6 +104,8 @@ impl Geometry {
         }
     }
 
+    /// The map of a pyramid that is not affine. `bounds` is the box of the control points `net`; within `tolerance` of
+    /// the linear map a quadratic pyramid counts as linear.
     fn of_pyramid(
         kind: Kind,
         nodes: &[Vec3],
@@ -227,6 +229,7 @@ impl Curved {
 /// Bounds of the singular values sigma of a Jacobian J. On each part of the cell, with J0 the mean over its net,
 /// |sigma(J) - sigma(J0)| <= |J - J0|. A part is split while its lower bound is below half of the least sigma(J0),
 /// at most 64 times in all. Also, `sigma_min >= |det J| / sigma_max^2`.
+/// World units per reference length. The lower bound is 0 where none is proved.
 pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64) {
     let whole = Part::whole(jacobian.family);
     let mut open = vec![(jacobian, whole)];
@@ -258,7 +261,8 @@ pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64)
 }
 
 /// The inverse of `map` at `x` by Newton steps from `start`, halved while the residual grows; the error is the residual
-/// if they do not converge. The coordinates of `x` and `origin` determine the rounding error.
+/// if they do not converge. The coordinates of `x` and `origin` determine the rounding error. Steps are cut to one
+/// cell's length, and points stay within [`MAX_INVERSE_COORDINATE`].
 pub(super) fn newton(
     map: impl Fn(CellPoint<3>) -> (Vec3, Mat3),
     x: Vec3,
@@ -268,6 +272,7 @@ pub(super) fn newton(
     let mut xi = start;
     let (f, mut j) = map(xi);
     let mut residual = x - f;
+    // The rounding of x - F(xi): below it no step can improve.
     let rounding = 8.0 * f64::EPSILON * x.amax().max(origin.amax());
     for _ in 0..MAX_NEWTON_STEPS {
         let left = residual.norm();
@@ -346,7 +351,7 @@ pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
 }
 
 /// Bernstein coefficients of the second derivative by parameters j and k. Its degree is lower along these axes, in a
-/// simplex in all.
+/// simplex in all. `net` are control points over the unit cube of the parameters.
 fn second(net: &Net<Vec3>, j: usize, k: usize) -> impl Iterator<Item = Vec3> + '_ {
     let n = net.degree;
     let (family, c) = (net.family, &net.coefficients);

@@ -42,7 +42,8 @@ impl Mitre {
         least_wall: 1.0,
     };
 
-    /// The mitre of some normals; `None` if they have no common outside.
+    /// The mitre of some normals; `None` if they have no common outside. Weights are angles, so that the result does
+    /// not depend on how a plane is divided into elements.
     pub fn of(normals: &[Normal]) -> Option<Self> {
         let total: f64 = normals.iter().map(|n| n.weight).sum();
         let sum: Vec3 = normals.iter().map(|n| n.unit * n.weight).sum();

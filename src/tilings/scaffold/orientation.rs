@@ -128,7 +128,8 @@ impl ElementMap<'_> {
 const MAX_PARTS: usize = 4096;
 
 /// The sign of a polynomial; `place` gives the value and the point of the cell frame to name for one found at
-/// parametric coordinates. Values below `tiny` in magnitude count as 0.
+/// parametric coordinates. Values below `tiny` in magnitude count as 0. Large parts are examined first, so
+/// that a change of sign is found early.
 fn sign_of(
     net: Net<f64>,
     tiny: f64,

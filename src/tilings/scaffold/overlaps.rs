@@ -63,6 +63,7 @@ impl Scaffold {
             i8::from(determinant > 0.0) - i8::from(determinant < 0.0)
         };
         let orientations: Vec<i8> = (0..self.len()).into_par_iter().map(hand).collect();
+        // Two mirrored or two right-handed elements must run against each other, a mixed pair alike.
         let same = |f: FaceRef, g: FaceRef| {
             // Seen from outside the corners of a face run in one sense; the two sides of a face have opposite senses.
             let [a, b] = [f, g].map(|f| orientations[f.element as usize]);

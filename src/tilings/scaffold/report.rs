@@ -225,6 +225,7 @@ impl Scaffold {
             } else {
                 d >= worst.0
             };
+            // A point at a node up to rounding is named by the node.
             let same_place = (xi.0 - at.0).norm() < 1e-12;
             if (worse && d.signum() == determinant.signum() && determinant != 0.0) || same_place {
                 worst = (d, Spot::Node(n as u8));

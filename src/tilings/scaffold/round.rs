@@ -236,7 +236,10 @@ impl Scaffold {
     }
 }
 
-/// Cells along the core's edge and layers around it.
+/// Cells along the core's edge and layers around it, for a ball (`dimension` 3) or for a disc (2) on each of `floors`.
+///
+/// # Errors
+/// [`ScaffoldError::BadRound`] for lengths that are not positive, [`ScaffoldError::TooMany`].
 fn counts(
     radius: f64,
     cell: f64,

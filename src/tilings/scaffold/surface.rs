@@ -175,7 +175,7 @@ impl Surface {
     }
 
     /// Elements of this thickness (world units) around the surface. A node is moved by half the thickness times its
-    /// vector in `along`, to both sides.
+    /// vector in `along`, to both sides. Every planar kind has a solid: no element is left out.
     fn thickened(&self, thickness: f64, along: &[Vec3]) -> Result<Scaffold, ScaffoldError> {
         if !(thickness.is_finite() && thickness > 0.0) {
             return Err(ScaffoldError::BadThickness(thickness));
@@ -241,6 +241,7 @@ impl Surface {
                 let Some(unit) = tangents[0].cross(&tangents[1]).try_normalize(0.0) else {
                     continue;
                 };
+                // At a corner the angle between its two sides.
                 let weight = if i < n {
                     let (a, b) = (at((i + 1) % n) - at(i), at((i + n - 1) % n) - at(i));
                     a.angle(&b)

@@ -1,4 +1,7 @@
 //! Elements numbered anew, so that their reference cells lie turned in them.
+//!
+//! A cell without the full symmetry of its element fits its neighbours only in some of the turns. The choice is made
+//! elsewhere; here only the order of the nodes changes, so that shapes, places and faces stay.
 
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
 use druse_geometry::frame::Mat3;

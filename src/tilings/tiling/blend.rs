@@ -172,7 +172,8 @@ impl<'a, C: CellField> Blend<'a, C> {
         &self.members
     }
 
-    /// T(W) and its derivatives. `w` are the weights of the members.
+    /// T(W) and its derivatives. `w` are the weights of the members. Zero where volumes are not interpolated. The table
+    /// of a pair is read at the second cell's share of both weights.
     fn level(&self, w: &[f64]) -> (f64, [f64; 8]) {
         let mut total = (0.0, [0.0; 8]);
         let count = self.members.len();
@@ -246,6 +247,7 @@ impl<'a, C: CellField> Blend<'a, C> {
     }
 
     /// Values and gradients of a cell at points of an element, at most [`CHUNK`]: sum of w Phi(Q xi) over its turns.
+    /// Without turns the cell lies as the element is numbered.
     fn values_in(
         &self,
         element: usize,
@@ -288,7 +290,7 @@ impl<'a, C: CellField> Blend<'a, C> {
     }
 
     /// Passes index, value and gradient of points of an element to `found`. Each member with a weight there is
-    /// evaluated for many points at once.
+    /// evaluated for many points at once. Points come in their order.
     fn for_each_value(
         &self,
         element: usize,
@@ -518,7 +520,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
     }
 }
 
-/// A regular lattice of points in an element.
+/// A regular lattice of points in an element. For the fractions of volume of members.
 fn volume_samples(shape: Element) -> Vec<CellPoint<3>> {
     let hull = shape.cell_box();
     let size = hull.max - hull.min;

@@ -3,13 +3,18 @@
 //! The trace of a filling on a face depends on the element's shape, on which face it is, and on the order in
 //! which the neighbour numbers its corners. However many faces a mesh has, only a few such joins occur. Each is
 //! tested once, at fixed points of the face.
+//!
+//! Two tests use the joins. The check before an evaluation compares jumps at fixed points of a face with the cell's
+//! mean slope, and refuses the scaffold. The relative jump, for reports and for the choice of cells, takes a grid of
+//! points as well and compares with the range of the values. Neither test proves continuity between its points. Element
+//! sizes, gradings and stretches of the scaffold play no part: values are those of the cell in its own frame.
 
 use super::TilingError;
 use crate::scaffold::{FaceRef, Neighbour, Scaffold};
 use druse_geometry::frame::{CellPoint, Element, Vec3};
 use std::collections::BTreeSet;
 
-/// Greatest jump at a shared face, relative to the mean slope times the reference length.
+/// Greatest jump at a shared face over the mean slope: a shift of the surface by this part of the reference length.
 const MAX_JUMP: f64 = 1e-3;
 
 /// Points (a, b) of a face: barycentric coordinates of a triangle, or parameters along the edges of a quad.
@@ -57,7 +62,8 @@ pub(super) fn weighted_point(
     CellPoint(sum.map(|(&c, w)| v[c as usize] * w).sum::<Vec3>())
 }
 
-/// Both sides' vertices of a shared face, in the order of the first side's corners.
+/// Both sides' vertices of a shared face, in the order of the first side's corners. `None` if a corner node of `f` is
+/// no corner of `g`; faces that share their nodes, as those of one mesh do, have an order.
 pub(super) fn joined_vertices(
     scaffold: &Scaffold,
     f: FaceRef,
@@ -94,11 +100,13 @@ struct FaceJoin {
     neighbour_vertices: Vec<u8>,
 }
 
-/// The ways in which the faces of a scaffold are joined, each once.
+/// The ways in which the faces of a scaffold are joined, each once. Built once for a scaffold, it serves the jumps of
+/// many fillings.
 #[doc(hidden)]
 pub struct FaceJoins(Vec<FaceJoin>);
 
-/// The ways in which faces are joined, each once.
+/// The ways in which faces are joined, each with the first pair of faces joined so. Two pairs are joined alike if their
+/// elements have the same shapes and the same vertices meet.
 fn face_joins(scaffold: &Scaffold) -> impl Iterator<Item = FaceJoin> + '_ {
     let mut seen = BTreeSet::new();
     shared_faces(scaffold).filter_map(move |(f, g)| {
@@ -127,10 +135,12 @@ impl FaceJoins {
         Self(face_joins(scaffold).collect())
     }
 
-    /// The greatest jump of a filling's values at any join, relative to the range of its values there; 0 where no
-    /// faces are shared. `value` is the filling at a point of an element of a shape.
+    /// The greatest jump of a filling's values at any join, divided by the range (greatest minus least) of the values
+    /// there; 0 where no faces are shared. `value` is the filling at a point of the cell frame of an element of a
+    /// shape.
     pub fn relative_jump(&self, value: &dyn Fn(Element, CellPoint<3>) -> f64) -> f64 {
         let (mut jump, mut low, mut high) = (0f64, f64::INFINITY, f64::NEG_INFINITY);
+        // Points off the edges and off the mirror lines of the face: an offset of 0.37 of a step, not of a half.
         let at = |i: usize| (i as f64 + 0.37) / EDGE_POINTS as f64;
         for join in &self.0 {
             let corners = join.own_vertices.len();
@@ -158,12 +168,17 @@ impl FaceJoins {
         if jump == 0.0 {
             return 0.0;
         }
+        // Where all values are equal there is no jump, and the function has returned.
         jump / (high - low).max(f64::MIN_POSITIVE)
     }
 }
 
-/// Compares a filling's values on both sides of every join. `value` is the filling at a point of an element of a shape,
-/// `slope` the mean slope.
+/// Compares a filling's values on both sides of every join. `value` is the filling at a point of the cell frame of an
+/// element of a shape. `slope` is the root mean square of the filling's gradient per unit of reference length, so that
+/// a jump over `slope` is a length.
+/// |
+/// # Errors
+/// [`TilingError::Discontinuity`] for the first join whose jump exceeds [`MAX_JUMP`] of that length.
 pub(super) fn check(
     scaffold: &Scaffold,
     value: &dyn Fn(Element, CellPoint<3>) -> f64,

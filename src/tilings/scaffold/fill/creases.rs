@@ -67,7 +67,8 @@ pub(super) struct Creases {
 }
 
 impl Creases {
-    /// The creases of a solid's surface.
+    /// The creases of a solid's surface. Lines begin at corners; a closed line without corner begins at its lowest
+    /// vertex.
     pub(super) fn of(solid: &MeshSolid) -> Self {
         let (edges, places) = crease_edges(solid);
         // The crease edges at each vertex.
@@ -174,7 +175,8 @@ pub(super) fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     }
 }
 
-/// Edges with a crease, as ascending numbers of vertices, and the places of all vertices.
+/// Edges with a crease, as ascending numbers of vertices, and the places of all vertices. Corners of equal coordinates
+/// count as one vertex.
 fn crease_edges(solid: &MeshSolid) -> (Vec<[u32; 2]>, Vec<Vec3>) {
     let corners: Vec<Vec3> = solid.surface().flat_map(|(c, _)| c).collect();
     let triangles = (0..corners.len() as u32 / 3)
@@ -195,6 +197,7 @@ fn crease_edges(solid: &MeshSolid) -> (Vec<[u32; 2]>, Vec<Vec3>) {
     }
     sides.sort_unstable();
     // A needle has the normal of the triangle beyond its longest side; needles may lie in rows.
+    // Four passes suffice for rows of needles as triangulations of CAD make them.
     for _ in 0..4 {
         let before = normals.clone();
         for pair in sides.chunk_by(|a, b| a.0 == b.0) {

@@ -1,8 +1,8 @@
 //! Curved tets: the middles of outer edges move onto the surface, those along creases onto the crease.
 //!
-//! A tet folds if its Jacobian may fall below a share of that of the straight tet. Then inner nodes move away from the
-//! surface, and where that does not help the middles go back to their straight edges. Corners on the surface do not
-//! move.
+//! A curved tet is quadratic: one middle per edge. A middle is moved only within a share of its edge's length, and goes
+//! back to the straight edge if a tet would fold. The result has the same corners as the straight body, but for inner
+//! nodes that make room.
 
 use super::creases::Creases;
 use super::improve::quality;
@@ -40,7 +40,7 @@ pub(super) struct StraightBody<'a> {
 }
 
 /// A scaffold of these tets: of first order, or of second where wanted or where the surface is curved. `order` is that
-/// of [`super::FillOptions`].
+/// of [`super::FillOptions`]. Inner nodes of the body may move.
 pub(super) fn curved(
     solid: &MeshSolid,
     creases: &Creases,

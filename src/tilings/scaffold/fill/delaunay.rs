@@ -77,7 +77,8 @@ impl Delaunay {
     }
 
     /// Adds a point by Bowyer and Watson's method: the tets whose spheres hold it make room for tets from it to the
-    /// faces around. Returns whether it is new.
+    /// faces around. Returns whether it is new. A point at the place of an earlier one changes nothing. The point gets
+    /// the next number.
     pub(super) fn insert(&mut self, p: Vec3) -> bool {
         let start = self.locate(p);
         if self.tets[start as usize]
@@ -156,6 +157,7 @@ impl Delaunay {
         }
         self.free.extend(cavity.iter().rev());
         // The two new tets at each edge of the cavity's surface are neighbours.
+        // Three sides of each new tet touch other new tets; equal edges, sorted, are beside each other.
         let mut edges: Vec<([u32; 2], u32, usize)> = Vec::with_capacity(3 * made.len());
         for (corners, side, beyond, back) in made {
             let tet = self.free.pop().unwrap_or(self.tets.len() as u32);

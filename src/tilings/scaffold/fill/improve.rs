@@ -23,9 +23,9 @@ const ROUNDS: usize = 12;
 const MIN_CHANGE_RATIO: usize = 200;
 /// Cosine above which two outer faces count as nearly plane: 20 degrees.
 const NEARLY_PLANE_COSINE: f64 = 0.94;
-/// Tets of less quality at the surface are left out where their inner edges are nearly as near to it,
+/// Tets of less quality at the surface are left out where their inner edges are nearly as near to it.
 const FLAT_QUALITY: f64 = 0.12;
-/// as a share of the length of the edge.
+/// Greatest distance from the surface of the middle of such an edge, as a share of its length.
 const MAX_SAG: f64 = 0.08;
 /// 1 + the cosine of 130 degrees: wider angles at the surface count as bad.
 const WIDE_ANGLE: f64 = 0.357;
@@ -180,12 +180,14 @@ impl<'a> TetMesh<'a> {
         self.tets.retain(|t| *t != REMOVED_TET);
     }
 
+    /// Whether a tet exists and has less than a good quality.
     fn is_bad(&self, t: u32) -> bool {
         let corners = self.tets[t as usize];
         corners != REMOVED_TET && self.quality(corners) < GOOD_QUALITY
     }
 
-    /// Tries to exchange a tet's edges and faces, and to merge its nodes; whether one was.
+    /// Tries to exchange a tet's edges and faces, and to merge its nodes; whether one was. The first change that helps
+    /// is made; the tet may be gone then.
     fn exchange(&mut self, t: u32) -> bool {
         let [a, b, c, d] = self.tets[t as usize];
         for (p, q) in [(a, b), (a, c), (a, d), (b, c), (b, d), (c, d)] {
@@ -206,7 +208,8 @@ impl<'a> TetMesh<'a> {
         self.peel(t)
     }
 
-    /// Removes a flat tet at the surface, so that its other faces become outer ones: they are as near to it.
+    /// Removes a flat tet at the surface, so that its other faces become outer ones: they are as near to it. Returns
+    /// whether it did.
     fn peel(&mut self, t: u32) -> bool {
         let tet = self.tets[t as usize];
         if self.quality(tet) > FLAT_QUALITY {
@@ -256,7 +259,7 @@ impl<'a> TetMesh<'a> {
     }
 
     /// Replaces the tets around an edge by the best triangulation of their ring, joined to both ends. Returns whether
-    /// that made the worst of them better.
+    /// that made the worst of them better. Nothing changes otherwise. Edges on creases stay.
     fn remove_edge(&mut self, a: u32, b: u32) -> bool {
         if self.crease_edges.contains(&ordered(a, b)) {
             return false;
@@ -302,7 +305,7 @@ impl<'a> TetMesh<'a> {
     }
 
     /// The tets over the triangulation of a ring, joined to `a` and `b`, whose worst quality is best, if it exceeds
-    /// `limit`.
+    /// `limit`. `ring` is counter-clockwise seen from `b`; `None` if no triangulation exceeds the limit.
     fn triangulated(&self, ring: &[u32], [a, b]: [u32; 2], limit: f64) -> Option<Vec<[u32; 4]>> {
         let n = ring.len();
         let pair = |i: usize, k: usize, j: usize| {
@@ -426,13 +429,14 @@ impl<'a> TetMesh<'a> {
         true
     }
 
-    /// Moves a node to where the worst tet around it is better; whether it moved.
+    /// Moves a node to where the worst tet around it is better; whether it moved. It changes the node only.
     fn smooth(&mut self, n: u32) -> bool {
         let start = self.nodes[n as usize];
         if start.site == Site::Corner || self.around[n as usize].is_empty() {
             return false;
         }
         let mut moved = false;
+        // Each step starts from the worst tet anew; four are enough in most cases, and rounds follow.
         for _ in 0..4 {
             let node_tets: Vec<[u32; 4]> = self.around[n as usize]
                 .iter()

@@ -188,7 +188,8 @@ impl Nodes {
         node
     }
 
-    /// Adds the nodes on corners and along creases, about a `cell` apart or nearer where a crease turns.
+    /// Adds the nodes on corners and along creases, about a `cell` apart or nearer where a crease turns. Lengths are in
+    /// world units; nodes and parts are appended.
     fn add_creases(&mut self, creases: &Creases, cell: f64) {
         let mut corner_at = HashMap::new();
         for &place in &creases.corners {
@@ -219,7 +220,9 @@ impl Nodes {
                 sums.push(sums[i - 1] + (length / cell).max(turns));
             }
             let whole = sums[sums.len() - 1];
+            // A closed line of fewer than four edges would be flat.
             let least = if line.is_closed { 4.0 } else { 1.0 };
+            // A sum that exceeds a whole number by rounding adds no edge.
             let count = (whole - 1e-6).ceil().max(least) as usize;
             let at = |k: usize| {
                 let sum = whole * k as f64 / count as f64;
@@ -252,7 +255,7 @@ impl Nodes {
         }
     }
 
-    /// Halves edges along creases whose ball holds another crease's node.
+    /// Halves edges along creases whose ball holds another crease's node. Edges of less than twice the least size stay.
     fn separate_creases(&mut self, creases: &Creases, cell: f64) {
         let least = cell / (1 << (LEVELS - 1)) as f64;
         for _ in 0..LEVELS {
@@ -279,7 +282,8 @@ impl Nodes {
         }
     }
 
-    /// Nodes on faces: places in layers from the creases inward, unless a node of their side is too near.
+    /// Nodes on faces: places in layers from the creases inward, unless a node of their side is too near. `bins` holds
+    /// the nodes so far and gets the new ones.
     fn add_faces(&mut self, solid: &MeshSolid, creases: &Creases, sizes: &Sizes, bins: &mut Bins) {
         let triangles: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
         let seed = solid.bounds().min;
@@ -334,7 +338,8 @@ impl Nodes {
         }
     }
 
-    /// Inner nodes: points of body-centred lattices, of halved edges where sizes are less.
+    /// Inner nodes: points of body-centred lattices, of halved edges where sizes are less. `bins` holds the nodes so
+    /// far and gets the new ones.
     fn add_inside(&mut self, solid: &MeshSolid, sizes: &Sizes, bins: &mut Bins) {
         let bounds = solid.bounds();
         let cell = sizes.cell;

@@ -1,7 +1,8 @@
 //! The table of kinds of elements, with nodes in VTK order.
 //!
-//! Nodes are given by whole numbers, their parametric coordinates times the degree, so that the table holds no
-//! rounding.
+//! To check a row: node i stands at `lattice[i]` over the degree; faces list corners counter-clockwise seen from
+//! outside and mid nodes between consecutive corners. VTK and Gmsh number mid nodes differently, which `gmsh_order`
+//! resolves.
 
 use super::FaceNodes;
 use druse_geometry::frame::Element;

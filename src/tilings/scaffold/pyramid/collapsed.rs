@@ -285,6 +285,7 @@ impl Collapsed {
     /// the box in the cell frame, where all of them meet in the apex. `longest` is the greatest stretch of the map.
     pub fn cell_box(&self, world: &Aabb, longest: f64) -> Option<CellBox<3>> {
         let mut found: CellBox<3> = CellBox::of([]);
+        // No preimage is smaller than the box over the greatest stretch: half of that is fine enough.
         let fine = (0.5 * world.size().max() / longest).max(1e-9);
         // Parts smaller in the cell frame than half the world box divided by the stretch need no further split.
         let cube = (Vec3::zeros(), Vec3::repeat(1.0));
@@ -323,7 +324,8 @@ impl Collapsed {
         confine(Element::Pyramid, found)
     }
 
-    /// What of a domain within a part of the cube may map into `world`, and a box around it in the cell frame.
+    /// What of a domain within a part of the cube may map into `world`, and a box around it in the cell frame. `part`
+    /// is that of `net`; `domain` lies in it. `None` proves that nothing maps into `world`.
     ///
     /// With m the middle, R the radius of the domain and q half the second derivatives by r times R R,
     /// F(r) in c +- h implies |J (xi' - m') - (c - F(m))| <= h + q, where xi' is linear in r and differs
