@@ -1,4 +1,7 @@
 //! Cavities, drains and layers of a level set, in memory and on disk.
+//!
+//! Each analysis exists twice: for a level set in memory, and (`stored_`) for leaf files. Both read leaves through one
+//! interface and give the same result. World units, but for voxels and reaches.
 
 use super::error::{FileError, VdbError};
 use super::ffi::TileChoice;
@@ -42,7 +45,8 @@ pub fn stored_cavities(
 }
 
 impl LevelSet {
-    /// The channels that drain the cavities.
+    /// The channels that drain the cavities. Without `narrow` only the closed cavities are drained, which are found
+    /// first.
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
@@ -93,7 +97,8 @@ impl LevelSet {
     }
 }
 
-/// The channels that drain a solid on disk, as [`LevelSet::drain_channels`] returns them.
+/// The channels that drain a solid on disk, as [`LevelSet::drain_channels`] returns them. `voxel_size` is in world
+/// units.
 ///
 /// # Errors
 /// As there, and a changed leaf file.

@@ -103,8 +103,8 @@ impl SampledLevelSet {
         )
     }
 
-    /// A field for values that depend only on the level set's voxels in a region. A value depends on its cell
-    /// and two more voxels on each side.
+    /// A field for values that depend only on the level set's voxels in a region. A value depends on its cell and two
+    /// more voxels on each side. `half_width` is in world units, after placement.
     ///
     /// # Errors
     /// As [`SampledLevelSet::new`].
@@ -187,7 +187,7 @@ impl SampledLevelSet {
     }
 
     /// Range of the voxels of the cubes of `edge` that overlap a box of voxels; `None` for more than
-    /// [`MAX_BOUND_CUBES`].
+    /// [`MAX_BOUND_CUBES`]. `known` holds the ranges by cube. `None` also if OpenVDB fails.
     fn range(&self, low: Coord, high: Coord, edge: i32, known: &Ranges) -> Option<(f32, f32)> {
         let first = low.aligned(edge);
         let counts = [0, 1, 2].map(|a| i64::from((high[a] - first[a]) / edge) + 1);

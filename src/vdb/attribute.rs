@@ -16,8 +16,9 @@ pub struct Attribute {
 const GROUP_LEAVES: usize = 64;
 
 impl LevelSet {
-    /// Evaluates attributes of 1 or 3 components each at every active voxel. `function` returns all components
-    /// of all attributes, point after point; it is called for groups of points, from any thread.
+    /// Evaluates attributes of 1 or 3 components each at every active voxel. `function` returns all components of all
+    /// attributes, point after point; it is called for groups of points, from any thread. One attribute per entry of
+    /// `components`, in its order.
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or errors of OpenVDB (memory).

@@ -83,7 +83,8 @@ impl LevelSetBuilder {
         self.background
     }
 
-    /// Attaches the blocks, in order of origin, and fills in the signs beyond the band.
+    /// Attaches the blocks, in order of origin, and fills in the signs beyond the band. A block that another owner
+    /// still holds is left out; there is none once the evaluation has ended.
     ///
     /// # Errors
     /// Only errors of OpenVDB (memory).
@@ -126,7 +127,7 @@ impl LevelSetBuilder {
         Ok(solid)
     }
 
-    /// Rejects NaN, infinity and values beyond the band.
+    /// Rejects NaN, infinity and values beyond the band. The error names the first such voxel.
     fn validate(&self, leaves: &LeafBatch) -> Result<(), VdbError> {
         // Allows for the rounding of the caller's background.
         let max_value = self.background * (1.0 + 1e-5);

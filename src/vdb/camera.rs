@@ -1,4 +1,7 @@
 //! A camera whose frame fits a box.
+//!
+//! Samples are square and numbered by column and row, row 0 at the top. Axes are right, up and forward; the plane of
+//! samples passes through the middle of the box. Lengths are in world units.
 
 use super::ffi;
 use crate::frame::{Aabb, Vec3};
@@ -23,7 +26,8 @@ const FRAME_MARGIN: f64 = 0.05;
 const HALF_ANGLE: f64 = 15.0 * std::f64::consts::PI / 180.0;
 
 impl View {
-    /// Fits a view of `columns` x `rows` square samples to a box. Row 0 is at the top.
+    /// Fits a view of `columns` x `rows` square samples to a box. Row 0 is at the top. `towards_eye` points from the
+    /// box to the eye, of any length.
     pub fn fit(
         bounds: Aabb,
         towards_eye: Vec3,
@@ -32,6 +36,7 @@ impl View {
         rows: usize,
     ) -> Self {
         let forward = -towards_eye.normalize();
+        // A view along z has no up; y is taken then.
         let pole = if forward.z.abs() > 0.999 {
             Vec3::y()
         } else {

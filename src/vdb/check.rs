@@ -201,9 +201,9 @@ fn quantile(bins: &[u64], share: f64) -> f64 {
     bin.map_or(0.0, |b| (b + 1) as f64 / 1000.0)
 }
 
-/// Counts the defects of a leaf: values that are not finite, too large or off the background, and
-/// errors of the slope in `bins` of a thousandth. `h` is the voxel size and `background` the half
-/// width of the band, world units.
+/// Counts the defects of a leaf: values that are not finite, too large or off the background, and errors of the slope
+/// in `bins` of a thousandth. `h` is the voxel size and `background` the half width of the band, world units. `leaf` is
+/// its number. Values within a thousandth of the background count as the background.
 fn count_leaf(
     index: &LeafIndex<'_>,
     leaf: usize,

@@ -1,10 +1,10 @@
 //! Connected components of the solid, and of the space around it.
 //!
-//! Two voxels are connected if they share a face and are both inside, as the mesher sees it: a distance that is only the
-//! rounding of 0 is outside. Leaves are split into
-//! parts by bit operations; parts and tiles are then united over faces. Solids are counted, not surfaces: a
-//! hollow sphere is one component with one void. A component that is nowhere deeper than a thousandth of a
-//! voxel is rounding and does not count.
+//! Two voxels are connected if they share a face and are both inside. Bodies are counted as the mesher sees them: a
+//! distance that is only the rounding of 0 is outside. Removals and voids go by the sign alone. Leaves are split into
+//! parts by bit operations; parts and tiles are then united over faces. Solids are counted, not surfaces: a hollow
+//! sphere is one component with one void. A component that is nowhere deeper than a thousandth of a voxel is rounding
+//! and does not count.
 
 use super::error::VdbError;
 use super::ffi::TileChoice;
@@ -66,7 +66,7 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// The connected parts of a leaf on a side; inside are values below a threshold.
+    /// The connected parts of a leaf on a side; inside are values below a threshold. `threshold` is in world units.
     pub fn all_of(leaf: &LeafView<'_>, side: Side, threshold: f32) -> Vec<Self> {
         let negative = bits_below(leaf.values, threshold);
         let set = match side {

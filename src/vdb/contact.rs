@@ -1,4 +1,7 @@
 //! Merging of solids that touch in a plane of voxels.
+//!
+//! A Boolean operation of solids that share a face leaves zeros in the plane of that face, which count as outside and
+//! part them. See the rule at the contacts of fields.
 
 use super::error::VdbError;
 use super::smooth::{leaf_batches, leaf_of, write_leaves};
@@ -26,7 +29,7 @@ impl LevelSet {
         })
     }
 
-    /// The leaves with contact planes, after merging.
+    /// The leaves with contact planes, after merging. The batches hold only leaves that change.
     fn merged_leaves(&self, session: Session<'_>) -> Result<Vec<LeafBatch>, VdbError> {
         let leaves = self.leaves()?;
         let origins: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();

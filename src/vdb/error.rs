@@ -252,7 +252,8 @@ impl FileError {
 /// Greatest length of a message of OpenVDB, characters: it may quote the contents of a damaged file.
 const MAX_REASON_CHARS: usize = 200;
 
-/// The message of OpenVDB or NanoVDB without the class of the exception, on one line and of bounded length.
+/// The message of OpenVDB or NanoVDB without the class of the exception, on one line and of bounded length. Control
+/// characters are escaped.
 pub(super) fn reason(error: &cxx::Exception) -> String {
     let what = error.what();
     let words = match what.split_once(": ") {

@@ -134,7 +134,8 @@ fn lookup(metadata: &[(String, String)], key: &str) -> Option<String> {
         .map(|(_, v)| v.clone())
 }
 
-/// Reads a whole file and describes it, one grid in memory at a time.
+/// Reads a whole file and describes it, one grid in memory at a time. The content hash is that of the writer, if all
+/// grids hold floats or vectors of floats.
 ///
 /// # Errors
 /// [`FileError::Io`] for a missing file, [`FileError::Damaged`] for an incomplete one.
@@ -215,8 +216,11 @@ pub(super) enum Loading {
     Delayed,
 }
 
-/// Reads one grid of any type. Without a name: `surface`, else the only level set, else the only grid
-/// of floats.
+/// Reads one grid of any type. Without a name: `surface`, else the only level set, else the only grid of floats.
+/// Returns its name and the grid.
+///
+/// # Errors
+/// [`FileError::NoGrid`] with the grids that the file has, and those of reading.
 pub(super) fn pick(
     path: &Path,
     name: Option<&str>,
@@ -300,8 +304,8 @@ impl ViewGrid {
 }
 
 /// As [`pick`], for views: instead of a level set `surface` of more voxels than are wished, the finest copy that the
-/// file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With delayed loading, the
-/// level set itself is read only without copies.
+/// file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With delayed
+/// loading, the level set itself is read only without copies. An error is one of reading.
 pub(super) fn pick_for_view(
     path: &Path,
     name: Option<&str>,
@@ -382,7 +386,8 @@ fn pick_nano(path: &Path, name: Option<&str>) -> Result<(String, UniquePtr<ffi::
     Ok((names[index].clone(), grid))
 }
 
-/// Opens a file after a check of its first bytes: OpenVDB's messages about them are cryptic.
+/// Opens a file after a check of its first bytes: OpenVDB's messages about them are cryptic. Formats above 224 are
+/// refused.
 fn open(path: &Path, loading: Loading) -> Result<UniquePtr<ffi::FileIn>, FileError> {
     let io = |e| FileError::io(path, e);
     let mut head = Vec::new();

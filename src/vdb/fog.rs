@@ -1,4 +1,7 @@
 //! Fog volumes: density 1 deep inside, a linear ramp over the inner half of the band, 0 outside.
+//!
+//! A fog shows a solid in renderers that know no level sets. It cannot be read back as exactly: only the inner half of
+//! the band has a ramp.
 
 use super::error::VdbError;
 use super::{LevelSet, Session, ffi};

@@ -164,7 +164,8 @@ impl Volume {
         Ok(Adopted { solid, notes })
     }
 
-    /// The interpretation of the grid, or its refusal.
+    /// The interpretation of the grid, or its refusal. Nothing changes. A value that the caller gives wins over the
+    /// class; values that are not finite are refused first.
     fn plan(&self, how: &GridReading) -> Result<Plan, Refusal> {
         let survey = &self.survey;
         if let Some(refusal) = self.not_finite() {
@@ -238,8 +239,8 @@ impl Volume {
         notes
     }
 
-    /// Where the surface of a fog volume is. OpenVDB makes the fog of a level set with the density 0 at the surface and 1
-    /// from the end of the band on, and so does Druse.
+    /// Where the surface of a fog volume is. OpenVDB makes the fog of a level set with the density 0 at the surface and
+    /// 1 from the end of the band on, and so does Druse. The ramp's width is in voxels.
     fn fog_plan(&self) -> Result<Plan, Refusal> {
         let high = self.survey.range.map_or(0.0, |r| r[1]);
         let low = self.survey.range.map_or(0.0, |r| r[0]);

@@ -105,7 +105,7 @@ impl ContentHash {
         self.flush_if_full();
     }
 
-    /// Adds a leaf of single floats.
+    /// Adds a leaf of single floats. `half` rounds them as a file does.
     fn leaf_of_floats(&mut self, head: &ffi::LeafHead, values: &[f32], half: bool) {
         let bytes = &mut self.buffer;
         bytes.extend(head.origin.iter().flat_map(|c| c.to_le_bytes()));
@@ -143,7 +143,7 @@ impl ContentHash {
         self.add_bytes(&bytes);
     }
 
-    /// Adds a grid of floats or vectors under a name.
+    /// Adds a grid of floats or vectors under a name. An error is one of OpenVDB.
     pub fn add(&mut self, name: &str, grid: &ffi::Grid) -> Result<(), cxx::Exception> {
         let facts = ffi::grid_facts(grid)?;
         let table = ffi::leaf_table(grid)?;

@@ -29,6 +29,7 @@ impl IndexMap {
             std::array::from_fn(|n| std::array::from_fn(|a| corners[3 * n + a]));
         for axis in [1usize, 2, 4] {
             for n in (0..8usize).filter(|n| n & axis != 0) {
+                // The difference along one axis of what the axes before have left: after three axes the coefficients.
                 let (high, low) = (factors[n], factors[n ^ axis]);
                 factors[n] = std::array::from_fn(|a| (high[a] - low[a]) / CUBE_EDGE);
             }

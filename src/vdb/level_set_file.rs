@@ -68,7 +68,7 @@ impl LevelSetFile {
         })
     }
 
-    /// Writes the file under its path and removes the temporary ones.
+    /// Writes the file under its path and removes the temporary ones. Nothing is left under the path if it fails.
     ///
     /// # Errors
     /// [`FileError::Io`], [`FileError::Cancelled`], or what OpenVDB refuses, such as a half width below 1.

@@ -89,8 +89,8 @@ fn middle(index: &LeafIndex<'_>) -> [f64; 3] {
     [0, 1, 2].map(|a| axis(a).floor())
 }
 
-/// Sums over a leaf in voxels: delta(phi) |grad phi| for the area and delta(phi) grad phi . x for
-/// three times the volume. `middle` is the origin of x, `h` the voxel size.
+/// Sums over a leaf in voxels: delta(phi) |grad phi| for the area and delta(phi) grad phi . x for three times the
+/// volume. `middle` is the origin of x, `h` the voxel size. The result is the area sum, then the volume sum.
 fn sums(index: &LeafIndex<'_>, leaf: usize, middle: [f64; 3], h: f32) -> [f64; 2] {
     let view = &index.leaves[leaf];
     let mut neighbours: Option<[Holder; FACES.len()]> = None;

@@ -1,4 +1,7 @@
 //! Memory of the process, including allocations of C++.
+//!
+//! Numbers come from the system's status of the process, and cover the trees of OpenVDB as well. Nothing here limits
+//! memory.
 
 /// What the system refuses to a program.
 #[derive(Clone, Copy, PartialEq, Eq)]

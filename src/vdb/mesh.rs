@@ -57,8 +57,9 @@ impl LevelSet {
         Ok(max_coordinate)
     }
 
-    /// The box around the crossings of the surface with lattice edges, linear between voxels: the box of the
-    /// mesh, world units. Empty if there are none.
+    /// The box around the crossings of the surface with lattice edges, linear between voxels: the box of the mesh,
+    /// world units. Empty if there are none. A lower cost than a mesh: each pair of neighbours is visited once, from
+    /// its inner voxel.
     ///
     /// # Errors
     /// As [`LevelSet::leaves`].
@@ -150,8 +151,9 @@ impl LevelSet {
         Ok(made?)
     }
 
-    /// The patches of all blocks of 128^3 voxels of a region of whole blocks, the last block first, each
-    /// converted by `make` in parallel.
+    /// The patches of all blocks of 128^3 voxels of a region of whole blocks, the last block first, each converted by
+    /// `make` in parallel. `max_coordinate` and `exact` are those of [`LevelSet::patch`]. Blocks come in descending
+    /// order of origin, as welding needs them.
     ///
     /// # Errors
     /// As [`LevelSet::patch`], or errors of `make`.
@@ -247,7 +249,8 @@ impl LevelSet {
         self.part_to_quads(adaptivity, 0.0, session)
     }
 
-    /// The quads of a part of a whole with coordinates up to `max_coordinate`, world units.
+    /// The quads of a part of a whole with coordinates up to `max_coordinate`, world units. A maximum of 0 stands for
+    /// the whole's own.
     ///
     /// # Errors
     /// As [`LevelSet::to_quads`].
@@ -277,8 +280,8 @@ impl LevelSet {
         Ok(QuadMesh::new(vertices, quads)?)
     }
 
-    /// The level set of a closed mesh by OpenVDB's meshToVolume, for tests and previews. Coordinates are
-    /// rounded to `f32`.
+    /// The level set of a closed mesh by OpenVDB's meshToVolume, for tests and previews. Coordinates are rounded to
+    /// `f32`. `half_width` is in voxels.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] for a half width below 1, [`VdbError::Cancelled`], or errors of OpenVDB.

@@ -45,8 +45,9 @@ enum BlockLabels {
 }
 
 impl StoredComponents {
-    /// Finds the components of a side. Blocks are labelled slab by slab along x, and joined to the
-    /// blocks before them and to empty cubes; two slabs are in memory at once.
+    /// Finds the components of a side. Blocks are labelled slab by slab along x, and joined to the blocks before them
+    /// and to empty cubes; two slabs are in memory at once. `voxel_size` is in world units. With [`BlockLabels::Kept`]
+    /// the labels of leaves stay for a removal.
     fn find(
         store: &LeafStore,
         side: Side,
@@ -153,7 +154,7 @@ pub fn stored_components(
     Ok(found.ranking.counted())
 }
 
-/// The cavities of a solid on disk, largest first, as [`LevelSet::voids`] returns them.
+/// The voids of a solid on disk, largest first, as [`LevelSet::voids`] returns them.
 ///
 /// # Errors
 /// A changed leaf file, or cancellation.

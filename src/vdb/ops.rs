@@ -2,6 +2,10 @@
 //!
 //! The sign of offsets is corrected here: OpenVDB's `offset(+d)` adds d to the distance, which shrinks the
 //! solid.
+//!
+//! Operations change the level set in place. After a failure of OpenVDB or a cancellation it is empty; after a refused
+//! parameter it is unchanged. Distances are in world units, widths of filters in voxels. By default smoothing and
+//! offsets are those of this crate; OpenVDB's tools are chosen by the session.
 
 use super::error::VdbError;
 use super::ffi::{Csg, Filter, Smoothing};
@@ -20,6 +24,7 @@ const MAX_DILATION: f64 = 16_384.0;
 /// Keeps OpenVDB's own number of normalisations after each step.
 const OPENVDB_DEFAULT: i32 = -1;
 
+/// Options of a filter of the bridge, with the session's scheme and OpenVDB's number of normalisations.
 fn smoothing(width: u32, iterations: u32, session: Session<'_>) -> Smoothing {
     Smoothing {
         width: i32::try_from(width).unwrap_or(i32::MAX),
@@ -69,6 +74,7 @@ impl LevelSet {
         self.erode(distance, session)
     }
 
+    /// Refuses a distance outwards beyond [`MAX_DILATION`] voxels.
     fn check_dilation(&self, distance: f64) -> Result<(), VdbError> {
         let voxels = distance / self.voxel_size();
         if voxels > MAX_DILATION {
@@ -81,7 +87,7 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Offsets the surface; `outwards` > 0 grows the solid, the opposite of OpenVDB's sign.
+    /// Offsets the surface; `outwards` > 0 grows the solid, the opposite of OpenVDB's sign. World units.
     fn move_surface(
         &mut self,
         operation: &'static str,
@@ -251,7 +257,8 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Changes the grid by a function of the bridge; after a failure the level set is empty.
+    /// Changes the grid by a function of the bridge; after a failure the level set is empty. `operation` is its name in
+    /// errors.
     pub(super) fn change(
         &mut self,
         operation: &'static str,

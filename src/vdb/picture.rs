@@ -1,4 +1,6 @@
 //! A picture of a level set: its request and its pixels.
+//!
+//! A picture is a request without any level set; the image that `render` makes has no file format until it is encoded.
 
 use super::error::VdbError;
 use crate::frame::Vec3;

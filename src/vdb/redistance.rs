@@ -107,7 +107,7 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Cuts the band off at a lesser half width, voxels.
+    /// Cuts the band off at a lesser half width, voxels. Voxels beyond it become inactive; the surface stays.
     fn narrow(
         &mut self,
         operation: &'static str,
@@ -168,7 +168,7 @@ impl LevelSet {
         })
     }
 
-    /// The leaves that differ after the rebuild.
+    /// The leaves that differ after the rebuild. Nothing is written. They are sorted by origin.
     fn changed_leaves(
         &self,
         how: Rebuild,
@@ -212,6 +212,7 @@ impl LevelSet {
             let old_leaf = number_of(&origin).ok();
             let inside = old_leaf.map_or_else(
                 || {
+                    // Every leaf that is not old is in `new`.
                     let sign = new.binary_search(&origin).map_or(0.0, |n| signs[n]);
                     [if sign < 0.0 { u64::MAX } else { 0 }; 8]
                 },

@@ -76,6 +76,7 @@ pub(super) fn torn(gaps: BandGaps, info: &GridInfo) -> Refusal {
     let at = gaps.first.unwrap_or_default();
     let at = info.map.map_or(at, |m| m.world(at));
     let place = place_of(at, info.cube_edge());
+    // More than a fifth of all pairs: one side of the band is missing as a whole, else there are holes.
     if gaps.gaps * 5 > gaps.crossings {
         return Refusal::new(
             format!(

@@ -241,7 +241,7 @@ impl<'a> Removal<'a> {
         (self.sign * value, active)
     }
 
-    /// The leaves after the removal, ascending.
+    /// The leaves after the removal, ascending. Tiles are added by the caller.
     pub fn edit(self) -> Edit {
         // `reset` are the voxels that change: removed ones, and those whose steepest descent leads to
         // them.
@@ -277,7 +277,8 @@ impl<'a> Removal<'a> {
         edit
     }
 
-    /// Voxels to reset, by leaf: the removed ones, and those on the other side that belong to their surface.
+    /// Voxels to reset, by leaf: the removed ones, and those on the other side that belong to their surface. By number
+    /// of the leaf.
     fn reset_voxels(&self) -> HashMap<usize, Bits> {
         let mut reset = self.removed.clone();
         // The other side of the band, nearest to the surface first: the steepest descent of a voxel then leads
@@ -318,8 +319,8 @@ impl<'a> Removal<'a> {
         reset
     }
 
-    /// Distances of reset voxels to the remaining surfaces within the band, by first-order fast marching from
-    /// the other voxels.
+    /// Distances of reset voxels to the remaining surfaces within the band, by first-order fast marching from the other
+    /// voxels. By voxel, world units, positive; voxels beyond the band are absent.
     fn march(&self, reset: &HashMap<usize, Bits>) -> HashMap<Coord, f32> {
         let is_reset = |voxel: Coord| {
             let bits = self.index.leaf(voxel).and_then(|leaf| reset.get(&leaf));
@@ -329,6 +330,7 @@ impl<'a> Removal<'a> {
         let mut heap: BinaryHeap<Reverse<(u32, Coord)>> = BinaryHeap::new();
         // The distance of a reset voxel from its known neighbours.
         let solve = |voxel: Coord, known: &HashMap<Coord, f32>| {
+            // The less of both neighbours on each axis; a reset neighbour counts once it is known.
             let mut axes = [f32::INFINITY; 3];
             for (f, [x, y, z]) in FACES.into_iter().enumerate() {
                 let neighbour = voxel.offset(x, y, z);
@@ -376,7 +378,8 @@ impl<'a> Removal<'a> {
     }
 }
 
-/// Solves |grad psi| = 1 upwind, from the least neighbour on each axis (`INFINITY`: none).
+/// Solves |grad psi| = 1 upwind, from the least neighbour on each axis (`INFINITY`: none). `h` is the voxel size; all
+/// in world units.
 fn upwind(mut axes: [f32; 3], h: f32) -> f32 {
     axes.sort_by(f32::total_cmp);
     // One axis: psi = a_1 + h. Further axes count if they are below the root so far.

@@ -54,7 +54,9 @@ impl Picture {
         Ok(())
     }
 
-    /// Makes the picture of the contents of a box. `trace` is called as `tracing` requests.
+    /// Makes the picture of the contents of a box. `trace` is called as `tracing` requests. `grid` colours the surface
+    /// by its values; the second result is the range of its colours, 0 without a grid. An empty box gives an empty
+    /// picture.
     pub(super) fn compose<E: From<VdbError> + Send>(
         &self,
         bounds: Aabb,
@@ -111,6 +113,7 @@ impl Picture {
             let hits = samples.hits();
             let values = grid.map(|g| values_at(hits, view.eye, g)).transpose()?;
             let colours = ValueColours::new(values.unwrap_or_default());
+            // Occlusion within a twentieth of the part's size.
             let reach = 0.05 * bounds.half_diagonal();
             let radius = reach / (SAMPLES_PER_EDGE as f64 * view.pixel());
             let openness = ambient_openness(&samples, reach, radius, session.progress)
@@ -216,7 +219,7 @@ fn values_at(hits: &[Option<Hit>], eye: Vec3, grid: &Volume) -> Result<Vec<f32>,
     Ok(rows.collect::<Result<Vec<_>, _>>()?.concat())
 }
 
-/// The box of samples with a hit; the whole view if there are none.
+/// The box of samples with a hit; the whole view if there are none. First and last column and row, both included.
 pub(super) fn covered(values: &[f32], columns: usize) -> ([usize; 2], [usize; 2]) {
     let rows = values.len() / (RAY_VALUES * columns);
     let mut found = ([columns, rows], [0, 0]);

@@ -157,7 +157,8 @@ impl Scene<'_> {
         Ok(())
     }
 
-    /// The hit of a sample that light reaches so far, relative to the eye.
+    /// The hit of a sample that light reaches so far, relative to the eye. `None` without a hit, or in the shadow of a
+    /// part that was visited.
     fn lit_hit(&self, [i, j]: [usize; 2]) -> Option<Vec3> {
         let n = j * self.view.size()[0] + i;
         let sample = &self.values[RAY_VALUES * n..][..RAY_VALUES];

@@ -1,4 +1,7 @@
 //! Repairs of level sets from other programs: scale, sign, background, active tiles, inactive signs.
+//!
+//! A repair is a plan from the survey of all values; it is applied afterwards. Repairs do not move the surface. Values
+//! may be scaled to world units; signs of inactive values follow from the band beside them.
 
 use super::error::VdbError;
 use super::ffi::TileChoice;
@@ -47,8 +50,8 @@ impl Volume {
             .flatten()
     }
 
-    /// The repairs that make the grid a level set, or why it cannot be one. Every refusal names a
-    /// remedy; `notes` are those found so far.
+    /// The repairs that make the grid a level set, or why it cannot be one. Every refusal names a remedy; `notes` are
+    /// those found so far. Nothing changes here.
     pub(super) fn level_set_repair(
         &self,
         how: &GridReading,
@@ -160,7 +163,7 @@ impl Volume {
             .any(|l| l.values.iter().any(|&v| f64::from(v) * factor < 0.0))
     }
 
-    /// Scales distances that are not in world units.
+    /// Scales distances that are not in world units. It only sets the factor in `repair`; `h` is the edge of a voxel.
     fn scale(&self, h: f64, repair: &mut Repair) {
         let slopes = self.slopes();
         if !self.info.cubic {
@@ -184,6 +187,7 @@ impl Volume {
             ));
             return;
         }
+        // The nearest power of ten: a unit such as metres for millimetres.
         let decimal = 10f64.powi(slope.log10().round() as i32);
         let is_near = |a: f64| (slope / a - 1.0).abs() < 0.1;
         let (factor, what) = if is_near(1.0 / h) {

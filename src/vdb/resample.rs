@@ -12,8 +12,12 @@ use crate::band::Band;
 use crate::frame::{Transform, Vec3};
 use crate::mesh::MeshSolid;
 
-/// The solid on cubic voxels, from a level set in index space and its map to the world. `edge` is
-/// that of the new voxels in world units, `half_width` that of the band in voxels.
+/// The solid on cubic voxels, from a level set in index space and its map to the world. `edge` is that of the new
+/// voxels in world units, `half_width` that of the band in voxels.
+///
+/// # Errors
+/// [`VdbError::Parameter`] for an edge or half width out of range, [`VdbError::Open`] for a surface that is not closed,
+/// cancellation, errors of OpenVDB.
 pub(super) fn on_cubes(
     in_index_space: &LevelSet,
     map: &IndexMap,

@@ -1,4 +1,8 @@
 //! Samples of a picture: one per pixel, and further samples of pixels with an edge in them.
+//!
+//! Samples are numbered row by row over a grid twice as fine as the pixels. The first pass has one per pixel; pixels
+//! whose neighbour belongs to another surface, shadow or cut get the other three. So the cost of smooth edges follows
+//! the length of the edges.
 
 /// The hits of all samples; none where a ray misses.
 pub(super) struct Samples {

@@ -1,4 +1,7 @@
 //! The connected components of a level set as separate level sets: each is made by removal of the others.
+//!
+//! Each segment is a level set of its own with the same voxels. Its band is that of the whole where no other component
+//! is near; elsewhere distances are found again without the others. Void surfaces go with the component around them.
 
 use super::builder::LevelSetBuilder;
 use super::components::{Components, Side};

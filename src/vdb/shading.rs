@@ -9,9 +9,10 @@ use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use std::sync::LazyLock;
 
-/// Screen-space ambient occlusion: the openness of each sample, from 1 (free) to 0 (buried), from the
-/// positions of the first samples of pixels within `reach` (world units; `radius` pixels at the centre). It is
-/// evaluated for the first sample of each pixel, and for extra samples on another surface.
+/// Screen-space ambient occlusion: the openness of each sample, from 1 (free) to 0 (buried), from the positions of the
+/// first samples of pixels within `reach` (world units; `radius` pixels at the centre). It is evaluated for the first
+/// sample of each pixel, and for extra samples on another surface. The result is by number of the sample, in the order
+/// of [`Samples::hits`].
 pub(super) fn ambient_openness(
     samples: &Samples,
     reach: f64,
@@ -103,6 +104,7 @@ impl Surroundings<'_> {
         let (mut sin, mut cos) = (turn * 2.4).sin_cos();
         // The golden angle.
         let (turn_sin, turn_cos) = (0.675_490_3, -0.737_368_9);
+        // Beyond 1.5 times the reach nothing occludes; factors below are chosen by eye.
         let farthest = (1.5 * self.reach).powi(2);
         let mut shade = 0.0;
         for tap in 0..TAPS {
@@ -212,7 +214,7 @@ impl Lights {
     }
 }
 
-/// Shades the samples and averages them into pixels.
+/// Shades the samples and averages them into pixels. Averages are of linear light.
 pub(super) fn shade_image(picture: &Picture, samples: &Samples, lights: &Lights) -> Image {
     let mut rgba = vec![0u8; 4 * picture.width * picture.height];
     rgba.par_chunks_exact_mut(4)

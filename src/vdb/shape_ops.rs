@@ -1,4 +1,7 @@
 //! Shape operations: wider bands, walls, trims, blends, fillets, and masked changes.
+//!
+//! All lengths are in world units but for the widths of bands. Signs are corrected here where OpenVDB's offsets have
+//! the other one. Errors leave the level set as `ops` states.
 
 use super::builder::LevelSetBuilder;
 use super::error::VdbError;
@@ -85,6 +88,7 @@ impl LevelSet {
         self.resize(i64::from(voxels), session)
     }
 
+    /// Widens the band by so many voxels on each side, or narrows it (negative), by OpenVDB's tools.
     fn resize(&mut self, voxels: i64, session: Session<'_>) -> Result<(), VdbError> {
         if voxels == 0 {
             return Ok(());
@@ -132,6 +136,7 @@ impl LevelSet {
             });
         }
         let builder = LevelSetBuilder::new(self.transform, self.half_width)?;
+        // From here on relative to voxel (0, 0, 0).
         let shift = -self.origin;
         let trim_box = Aabb {
             min: trim_box.min + shift,
@@ -179,6 +184,7 @@ impl LevelSet {
         self.check_same_voxels(&operand)?;
         // Both distances are needed up to the radius.
         let extra = (radius / self.voxel_size() + 2.0 - self.half_width).ceil();
+        // A radius beyond so many voxels is cut off rather than refused.
         let extra = extra.clamp(0.0, 4096.0) as u32;
         self.widen(extra, session)?;
         operand.widen(extra, session)?;
@@ -278,6 +284,7 @@ fn tracking(session: Session<'_>) -> Smoothing {
     }
 }
 
+/// Refuses a length that is not positive and finite; `name` is its name in the error.
 fn check_positive(name: &'static str, value: f64) -> Result<(), VdbError> {
     if value.is_finite() && value > 0.0 {
         return Ok(());

@@ -86,7 +86,8 @@ impl SolidCubes {
         Self::check_count(self.cubes.len() as u64)
     }
 
-    /// Adds the cells that begin in a box of voxels as solid.
+    /// Adds the cells that begin in a box of voxels as solid. Shares of cubes at its faces are those of the cells that
+    /// it has.
     fn add_box(&mut self, solid: Region) -> Result<(), VdbError> {
         let edge = self.edge;
         if (0..3).any(|a| solid.max[a] < solid.min[a]) {
@@ -162,7 +163,8 @@ const CELL_CORNERS: [[i32; 3]; 8] = [
     [1, 1, 1],
 ];
 
-/// The cubes that hold solid of the cells that begin in a leaf.
+/// The cubes that hold solid of the cells that begin in a leaf. `h` is the voxel size, `edge` that of a cube in voxels;
+/// `contains` selects cells by their low corners.
 fn leaf_cubes(
     index: &LeafIndex<'_>,
     leaf: usize,
@@ -174,6 +176,7 @@ fn leaf_cubes(
     let mut cubes: Vec<CubeParts> = Vec::new();
     for (n, &v) in view.values.iter().enumerate() {
         let voxel = view.voxel(n);
+        // The whole cell is void.
         if v >= MAX_CUT_DISTANCE * h || !contains(voxel) {
             continue;
         }

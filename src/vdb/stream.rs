@@ -75,8 +75,9 @@ struct BlockLeaves {
 }
 
 impl VdbWriter<'_> {
-    /// Writes grids from disk. Name, tags and voxels are those of the grids that were added, in their order,
-    /// which must be empty. The file equals that of the grids in memory: same content hash, nodes and tiles.
+    /// Writes grids from disk. Name, tags and voxels are those of the grids that were added, in their order, which must
+    /// be empty. The file equals that of the grids in memory: same content hash, nodes and tiles. A number of grids
+    /// that differs from that of names is an error as well.
     ///
     /// # Errors
     /// As [`VdbWriter::write_to`], and [`FileError::Leaves`].
@@ -160,8 +161,8 @@ impl StoredGrid<'_> {
         }
     }
 
-    /// Adds the grid to a content hash: its leaves, then its tiles. `half` is whether values are
-    /// stored with 16 bits; `factor` converts lengths to the file's unit.
+    /// Adds the grid to a content hash: its leaves, then its tiles. `half` is whether values are stored with 16 bits;
+    /// `factor` converts lengths to the file's unit. An attribute has a factor of its own.
     fn hash(
         &self,
         hash: &mut ContentHash,
@@ -201,6 +202,7 @@ impl StoredGrid<'_> {
         Ok(())
     }
 
+    /// What the tree would have: its box, its counts, its memory, and the value and state of its inside tiles.
     fn facts(&self, options: &WriteOptions) -> ffi::TreeFacts {
         let (bounds, active_voxels, values) = match self {
             Self::Surface(store) => (store.bounds(), store.active_voxels(), 1),
@@ -280,7 +282,7 @@ impl StoredGrid<'_> {
         })
     }
 
-    /// The stored form of the topology of a block.
+    /// The stored form of the topology of a block. Attributes have no inside tiles.
     fn topology(&self, encoding: &ffi::BlockEncoding, origin: Coord) -> EncodedBlock {
         let outside = [0; 64];
         let inside = match self {

@@ -145,6 +145,7 @@ impl Program {
         self.fetch_with(path, name, Some(reading))
     }
 
+    /// `reading` is that of a coarse copy.
     fn fetch_with(
         &self,
         path: &Path,
@@ -164,6 +165,7 @@ impl Program {
         let copied = copy.try_clone().map_err(|e| FileError::io(path, e))?;
         let child = self.command(path, limits, &request);
         run_child(child, path, limits, Stdio::from(copied))?;
+        // The child wrote an average: the file itself need not be read again.
         if copy.metadata().is_ok_and(|m| m.len() > 0) {
             return Volume::read_coarse_copy(&copy_path(&copy), path);
         }
@@ -281,7 +283,8 @@ pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, 
     }
 }
 
-/// Parent: starts the child, kills it at the time limit, and returns what it wrote if `out` is a pipe.
+/// Parent: starts the child, kills it at the time limit, and returns what it wrote if `out` is a pipe. A child that
+/// ends by itself with success is believed; any other end is an error that names the file.
 fn run_child(
     mut child: Command,
     path: &Path,

@@ -1,4 +1,6 @@
 //! Temporary files beside a file that is being written.
+//!
+//! In the same folder a file can be renamed to its target at once. It is removed when it is dropped.
 
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;

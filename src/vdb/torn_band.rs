@@ -1,4 +1,7 @@
 //! Gaps in a narrow band: pairs of neighbours with different signs and at least one inactive voxel.
+//!
+//! At a gap the surface passes between two voxels one without a distance, so that its place is unknown. Operations and
+//! meshes need a band without gaps.
 
 use super::LevelSet;
 use super::error::VdbError;
@@ -103,7 +106,7 @@ fn gaps_around(index: &LeafIndex<'_>, tile: &TileView) -> u64 {
 }
 
 /// The gaps within a leaf and on its faces; a gap between two leaves counts for the lesser one. `negative` holds the
-/// inside voxels of all leaves.
+/// inside voxels of all leaves. `n` is the number of the leaf; `place` gives the position of a voxel.
 fn of_leaf(
     index: &LeafIndex<'_>,
     negative: &[Bits],

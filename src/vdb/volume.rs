@@ -51,6 +51,9 @@ pub struct Volume {
 impl Volume {
     /// Wraps a grid of floats, or of doubles, which become floats, without a survey of its values. A grid whose voxels
     /// are not axis-aligned cubes is kept in index space: edge 1, origin 0.
+    ///
+    /// # Errors
+    /// [`FileError::NotALevelSet`] for values that are no floats or doubles, and for voxels without a volume.
     pub(super) fn wrap(
         path: &Path,
         name: &str,
@@ -255,7 +258,8 @@ impl Volume {
         self.measured(grid, half_width, session)
     }
 
-    /// The level set of the surface where the values of a grid on this volume's voxels change their sign.
+    /// The level set of the surface where the values of a grid on this volume's voxels change their sign. Half width in
+    /// voxels. The grid's values need no distances: only their signs and zeros count.
     fn measured(
         &self,
         mut grid: UniquePtr<ffi::Grid>,
@@ -455,7 +459,8 @@ impl Volume {
     }
 }
 
-/// What the values of a type other than floats and doubles are, and the remedy.
+/// What the values of a type other than floats and doubles are, and the remedy. `name` is OpenVDB's, as in
+/// `Tree_bool_5_4_3`.
 fn other_type(name: &str) -> (&'static str, &'static str) {
     let name = name.strip_prefix("Tree_").unwrap_or(name);
     let kind = name.split('_').next().unwrap_or(name);

@@ -170,6 +170,10 @@ impl<'a> VdbWriter<'a> {
     }
 
     /// Adds any grid of OpenVDB under a name. `scale` multiplies lengths.
+    ///
+    /// # Errors
+    /// [`FileError::Name`] for an empty name, one used twice, or one with characters of numbered names; errors of
+    /// OpenVDB.
     pub(super) fn add(
         &mut self,
         name: &str,
@@ -268,7 +272,7 @@ impl<'a> VdbWriter<'a> {
     }
 
     /// Sets the tags and calls `write` with the file, a descriptor and the compression flags. `write` returns the
-    /// system's error number, or 0.
+    /// system's error number, or 0. The file is at `staged`; `content_hash` becomes one of its tags.
     pub(super) fn write_with(
         mut self,
         staged: &Path,

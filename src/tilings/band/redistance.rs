@@ -113,8 +113,8 @@ impl SurfacePoints {
         Self::joined(found, voxel_size, background)
     }
 
-    /// The points of the leaves of a band that `is_requested` selects, on the calling thread. One entry per leaf, with
-    /// points or without; leaves around the requested ones must be given as well.
+    /// The points of the leaves of a band that `is_requested` selects, on the calling thread; leaves without points are
+    /// left out. The leaves around the requested ones must be given as well.
     pub(super) fn of_leaves<'a>(
         count: usize,
         leaf: impl Fn(usize) -> LeafRef<'a>,

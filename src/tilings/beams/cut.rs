@@ -1,7 +1,7 @@
 //! Beams clipped at the outer faces of a scaffold.
 //!
-//! A cell that is continued over the outer faces would stick out of the part by its radius; the cut ends it there. The
-//! maximum of two distances is too small beyond the edges of the cut. Lengths are in world units.
+//! A beam along an outer face would stick out of the part by its radius; the cut ends it there. The maximum of two
+//! distances is too small beyond the edges of the cut. Lengths are in world units.
 
 use super::{Beams, LeafContent, Scratch, is_settled, without_band};
 use druse_geometry::field::{Field, Interval, LeafBits, Leaves, SampleLattice};

@@ -321,7 +321,7 @@ impl Builder<'_> {
     }
 
     /// The error of edge i of a piece: that of its side from both faces, scaled to the edge's part of the side, or of
-    /// the face alone inside it.
+    /// the face alone inside it; 0 for an edge too short to cut.
     fn edge_error(&self, s: &Surface, p: &Piece, i: usize) -> f64 {
         let (a, b) = (p.spots[i], p.spots[(i + 1) % 3]);
         let e = [b[0] - a[0], b[1] - a[1]];

@@ -1,4 +1,9 @@
 //! Bounds of a tiling's values over boxes: bounds of the cell over the box's image in each element.
+//!
+//! Three tests decide, the cheapest first: the value at a region's centre with the bound of the slope, the same in its
+//! eighths, and the range of the cell over the region's image in each element. A bound may be wider than the values,
+//! but never narrower: whatever lies beyond the band w counts as w. Lengths are in world units, values of F in units of
+//! the field.
 
 use super::fill::with_affine_buffers;
 use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements};
@@ -94,7 +99,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         all
     }
 
-    /// Bounds of one component's distance, cut at its boundary.
+    /// Bounds of one component's distance, cut at its boundary. One bound per region. With `decisive` the search ends
+    /// at the first region that holds nearer values, and all regions get its bound.
     fn bounds_of<const N: usize>(
         &self,
         component: usize,
@@ -117,6 +123,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let decisive = decisive.filter(|_| self.components.len() == 1);
         let boundary = &self.components[component].boundary;
         let around = padded.iter().fold(Aabb::EMPTY, |a, b| a.union(*b));
+        // Outside, beyond the band: nothing below can lower it.
         let mut found = [Interval::new(w, w); N];
         if self.is_cut() && !boundary.bounds().dilated(w).meets(around) {
             return found;
@@ -289,8 +296,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         )
     }
 
-    /// The field at the centres of regions that lie in a single element. Without `local` all elements must be
-    /// affine; with it any are allowed, if they do not overlap there.
+    /// The field at the centres of regions that lie in a single element. Without `local` all elements must be affine;
+    /// with it any are allowed, if they do not overlap there. `None` where the centre decides nothing.
     fn at_centres<const N: usize>(
         &self,
         near: &NearElements,
@@ -327,7 +334,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     }
 
     /// Bounds F over the points of a box in near elements; `None` if there are none. The loop ends once the range
-    /// includes values nearer to 0 than `least`.
+    /// includes values nearer to 0 than `least`. `least` is a value of F.
     pub(super) fn field_range(
         &self,
         near: &NearElements,
@@ -348,7 +355,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         range
     }
 
-    /// Bound of d(F) from a bound of F: the scale is at least 1 / L. `f` bounds F over a region of a component.
+    /// Bound of d(F) from a bound of F: the scale is at least 1 / L. `f` bounds F over a region of a component. L is
+    /// the slope bound of the near elements, `near.slope_sup`.
     pub(super) fn distance_range(
         &self,
         component: usize,

@@ -1,4 +1,8 @@
 //! The boundary of the scaffold: signed distance to it, and the cut of the solid at it.
+//!
+//! The boundary is a triangle mesh within a share of a voxel of the outer faces, so that a point so near may lie on
+//! either side of it. Distances D are negative inside the scaffold. Under [`Boundary::Extend`] nothing is cut; D is
+//! then needed only to find where the field is continued.
 
 use super::{Boundary, CHORD_TOLERANCE, Filling, TiledSolid};
 use druse_geometry::field::Interval;
@@ -47,7 +51,8 @@ impl RegionFacts<'_> {
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Cuts the field's distance `d` at a point of the scaffold with the boundary: max(d, D).
+    /// Cuts the field's distance `d` at a point of the scaffold with the boundary: max(d, D). Distances are in world
+    /// units; `known` states what is proved of the region around `x`.
     pub(super) fn cut_at_boundary(
         &self,
         component: usize,
@@ -68,6 +73,8 @@ impl<F: Filling> TiledSolid<'_, F> {
                 .max(-d)
                 .min(known.max_boundary_distance * (1.0 + 1e-9)),
         ) {
+            // On the boundary, outside within the slack, or inside: the winding number is needed only in the second
+            // case.
             Some(c) if c.distance < self.boundary_tolerance() => d.max(0.0),
             Some(c) if c.distance < slack && !boundary.contains(x) => d.max(c.distance),
             Some(c) => d.max(-c.distance),

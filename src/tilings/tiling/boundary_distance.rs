@@ -21,7 +21,8 @@ pub(super) struct BoundingPlanes {
 }
 
 impl BoundingPlanes {
-    /// The planes of an element with these control points; `matrix` is d xi / d x, which turns the face normals.
+    /// The planes of an element with these control points; `matrix` is d xi / d x, which turns the face normals. A
+    /// degenerate element has planes without normals, which exclude nothing.
     pub fn new(shape: Element, matrix: &Mat3, controls: &[Vec3], bounds: Aabb) -> Self {
         let mut planes = [Plane {
             normal: Vec3::zeros(),

@@ -1,4 +1,7 @@
 //! Euclidean projections onto the closed reference cells.
+//!
+//! The point of the cell nearest to xi in the Euclidean sense of the cell frame. A point of the cell keeps all its
+//! bits; outside, the projection is continuous. The row versions give the same as those of one point.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 

@@ -38,7 +38,7 @@ fn spline(t: f64) -> ([f64; 4], [f64; 4]) {
 }
 
 impl ControlLattice {
-    /// The lattice around a scaffold.
+    /// The lattice around a scaffold. It reaches one interval beyond the scaffold on each side.
     pub fn around(scaffold: &Scaffold) -> Self {
         let edge = |e: crate::scaffold::ElementMap| {
             let shape = e.shape();
@@ -118,7 +118,7 @@ impl ControlLattice {
     }
 
     /// Range of quantity `number` of `count` over the box `over`, and a bound of its gradient's length there. `values`
-    /// holds all quantities at each control point.
+    /// holds all quantities at each control point. No box is too large: then the hull of all control values results.
     pub fn range(
         &self,
         values: &[f64],

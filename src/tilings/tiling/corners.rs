@@ -43,7 +43,7 @@ fn rational<const N: usize>(l: [f64; N], slopes: [Vec3; N]) -> ([f64; N], [Vec3;
 
 impl CornerFunctions {
     /// The corners' functions and their gradients at a point xi of the element. Their sum is 1; in the cell they are
-    /// not negative.
+    /// not negative. Entries after `count` are 0. A pyramid has the linear functions in any case.
     pub fn at(shape: Element, CellPoint(xi): CellPoint<3>, interpolation: Interpolation) -> Self {
         let mut c = Self {
             count: 0,

@@ -1,4 +1,8 @@
 //! Rule Q: distance as the field times a positive scale, blended over faces.
+//!
+//! In an element the scale s = |step| / |F| comes from two Newton steps (`newton_distance`). Within one blending width
+//! of a face the scales of the elements around are averaged with weights that vanish at that width, so that d is
+//! continuous while its zeros are those of F.
 
 use super::locality::{LocalSearch, Owner};
 use super::newton_distance::{self, FirstStep, InverseJacobians, StepLimits, StepStarts};

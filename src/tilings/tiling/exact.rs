@@ -1,8 +1,9 @@
 //! Rule R: closest zero points in cells, on faces and on edges.
 //!
-//! The zero point nearest to a point lies inside an element, on a face or on an edge. Newton's method searches each of
-//! these in all near elements. A search may miss a zero point; the distance of rule Q stays where none nearer is
-//! found.
+//! The zero set in an element is searched from a point in each of its domains: the cell itself, the planes of its faces
+//! and the lines of its edges. Each search is Newton's method with a condition, started near the point. A search that
+//! leaves the cell or does not converge gives nothing, so that the distance is never greater than that of rule Q.
+//! Nothing proves that the closest zero is found.
 
 use super::locality::LocalSearch;
 use super::patch::{Patch, Preimage};
@@ -79,6 +80,7 @@ impl Domain {
         all
     }
 
+    /// The point of the domain's plane or line nearest to xi.
     fn project(&self, xi: Vec3) -> Vec3 {
         self.base + self.basis * self.basis.tr_mul(&(xi - self.base))
     }
@@ -116,8 +118,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         best.copysign(d)
     }
 
-    /// Distance from `x` to the zero point that Newton's method finds in a domain. Each step goes to the point
-    /// nearest to `x` in the tangent plane of F within the domain.
+    /// Distance from `x` to the zero point that Newton's method finds in a domain. Each step goes to the point nearest
+    /// to `x` in the tangent plane of F within the domain. World units; `None` if it does not converge or ends outside
+    /// the cell. `preimage` is that of `x`.
     fn closest_zero(
         &self,
         patch: &Patch,
@@ -125,6 +128,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         x: Vec3,
         preimage: &Preimage,
     ) -> Option<f64> {
+        // Longer steps would leave the surroundings in which the zero matters.
         let max_step = 2.0 * self.options.half_width;
         let tolerance = STEP_TOLERANCE * self.options.voxel_size;
         // The search starts at the point of the domain nearest to the preimage of `x`.

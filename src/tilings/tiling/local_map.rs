@@ -1,4 +1,7 @@
 //! Second-order Taylor expansion of the inverse map x -> xi of an element about a point.
+//!
+//! With d = x - x0, xi(x) = xi0 + A d + second order, where A is the inverse Jacobian at x0. It is an estimate: its
+//! error grows with the cube of d, and its user bounds or corrects it.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]

@@ -233,8 +233,8 @@ fn load_rows<L: Lanes>(lanes: L, v: [[f64; 4]; 3]) -> [Four<L>; 3] {
     ]
 }
 
-/// Takes the first step: moves the reference coordinates to its end. `first_steps` has an entry for each four
-/// points.
+/// Takes the first step: moves the reference coordinates to its end. `first_steps` has an entry for each four points.
+/// `map` corrects the end of a step in a curved element; without it the map counts as affine. `starts.at` changes.
 pub(super) fn take_first_step(
     limits: StepLimits,
     map: Option<CurvedMap>,
@@ -244,7 +244,8 @@ pub(super) fn take_first_step(
     simd::run(FirstStepKernel(limits, map, starts, first_steps));
 }
 
-/// Takes the second step, from values and gradients at the end of the first, and clamps the scales.
+/// Takes the second step, from values and gradients at the end of the first, and clamps the scales. `scales` has an
+/// entry for each point, in distance per field unit.
 pub(super) fn take_second_step(
     limits: StepLimits,
     slopes: &[(f64, Vec3)],

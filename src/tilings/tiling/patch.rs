@@ -194,7 +194,7 @@ impl Patch {
 
     /// Writes the preimages of the points that may be less than `margin` world units outside to `found`. They are found
     /// four at a time; each four start from the local map at the first of the previous four. `for_f32` is that of
-    /// [`InverseOptions`].
+    /// [`InverseOptions`]. `points` are world positions; `local_map` is moved along with them.
     pub fn preimages(
         &self,
         scaffold: &Scaffold,
@@ -309,7 +309,8 @@ impl Patch {
     }
 
     /// Newton's method for the continued map, from `estimate`, reference coordinates. Each step starts at a point of
-    /// the closed cell; the last one may end outside, where the map is continued linearly.
+    /// the closed cell; the last one may end outside, where the map is continued linearly. `None` after 40 steps or at
+    /// a singular Jacobian.
     fn newton(
         &self,
         scaffold: &Scaffold,
@@ -363,7 +364,8 @@ impl Patch {
         }
     }
 
-    /// The first Newton step of points of the element towards the zero set.
+    /// The first Newton step of points of the element towards the zero set. `first_steps` has an entry for each four
+    /// points.
     pub fn take_first_step(
         &self,
         scaffold: &Scaffold,
@@ -388,6 +390,7 @@ impl Patch {
             inverses,
             slopes,
         };
+        // Quadratic pyramids: the step by the affine estimate, then a correction of each point.
         newton_distance::take_first_step(limits, None, again, &mut *first_steps);
         for (n, at) in at.iter_mut().enumerate() {
             let (first_step, lane) = (&mut first_steps[n / 4], n % 4);

@@ -29,8 +29,8 @@ pub enum TransitionCheck {
     },
 }
 
-/// Tests the transition between cells `from` and `to` of a palette in one element. `operators` are the
-/// symmetries that the cells share.
+/// Tests the transition between cells `from` and `to` of a palette in one element. `operators` are the symmetries that
+/// the cells share. `from` and `to` are numbers of the palette's members; all others have no weight.
 pub fn check_transition<C: CellField>(
     blend: &Blend<C>,
     shape: Element,

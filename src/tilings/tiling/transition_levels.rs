@@ -1,4 +1,8 @@
 //! Levels of the blend of two cells at which its volume is interpolated linearly.
+//!
+//! The level of a weight is the quantile of the blended values at which the solid fraction is that of the
+//! interpolation. Between the tabulated weights a cubic keeps level and slope continuous, and its Bernstein
+//! coefficients bound both.
 
 use druse_geometry::field::Interval;
 
@@ -65,8 +69,8 @@ impl TransitionLevels {
     }
 }
 
-/// The levels that interpolate the volumes of two normalised cells, from their values at the same points;
-/// zeros if there are no values.
+/// The levels that interpolate the volumes of two normalised cells, from their values at the same points; zeros if
+/// there are no values. Values below 0 are solid.
 pub(super) fn transition_levels(a: &[f64], b: &[f64]) -> TransitionLevels {
     let mut levels = TransitionLevels::default();
     if a.len() != b.len() || a.len() < 2 {
@@ -87,6 +91,7 @@ pub(super) fn transition_levels(a: &[f64], b: &[f64]) -> TransitionLevels {
             .collect();
         mixed.sort_unstable_by(f64::total_cmp);
         let target = ends[0] * (1.0 - w) + ends[1] * w;
+        // The value between which and the one before the wanted number of samples lies below.
         let rank = (target as usize).clamp(1, mixed.len() - 1);
         *level = f64::midpoint(mixed[rank - 1], mixed[rank]);
     }

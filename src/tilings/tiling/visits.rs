@@ -1,4 +1,7 @@
 //! The elements that an evaluation visited, and the number of leaves that it interpolated.
+//!
+//! Threads add to it without locks. It records the elements near the samples of bulk evaluation, not those of single
+//! points.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 

@@ -1,4 +1,8 @@
 //! Empty space on disk: cubes of 128 and 4096 voxels without leaves, and their connected components.
+//!
+//! A block of 128^3 voxels without leaves has one sign, by the signs of the blocks around it. Such blocks are united
+//! within a node of 4096^3 voxels, then over the faces of nodes. Members are numbers in the union-find of all
+//! components; the outside is member 0.
 
 use super::super::components::{ComponentStats, Side};
 use super::step;
@@ -33,8 +37,8 @@ pub(super) struct EmptySpace {
 }
 
 impl EmptySpace {
-    /// Adds a member for each connected part of empty space, and its statistics; member 0 is the unbounded
-    /// outside.
+    /// Adds a member for each connected part of empty space, and its statistics; member 0 is the unbounded outside.
+    /// `stats` has an entry for each member and grows with `sets`.
     pub fn new(
         store: &LeafStore,
         side: Side,
@@ -100,6 +104,7 @@ impl EmptySpace {
                     if at != if last { SLOTS_PER_EDGE - 1 } else { 0 } || slots[n] == NO_MEMBER {
                         continue;
                     }
+                    // The slot at the other end of the axis: its five bits are all 0 or all 1.
                     let facing = n ^ (SLOTS_PER_EDGE - 1) << shift;
                     let target = match other.map(|o| o[facing]) {
                         Some(NO_MEMBER) => continue,

@@ -91,8 +91,8 @@ enum Slot {
     Empty,
 }
 
-/// Labels the components of one block of a store on a side; inside are values below `threshold`,
-/// world units.
+/// Labels the components of one block of a store on a side; inside are values below `threshold`, world units. `origin`
+/// is the block's least voxel. An error is one of reading the leaf file.
 pub(super) fn label(
     store: &LeafStore,
     origin: Coord,

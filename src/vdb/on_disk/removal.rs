@@ -1,4 +1,7 @@
 //! Selected parts of leaves on disk, and their removal from a part of the solid.
+//!
+//! A selection is by number of the part in its leaf, in the order in which parts are found. So the leaf of a part of
+//! the solid in memory has the same numbers as that on disk, as long as its signs are the same.
 
 use super::super::components::{Part, Side};
 use super::super::leaves::LeafView;

@@ -1,4 +1,7 @@
 //! The connected components of a solid on disk as separate solids: each is made by removal of the others.
+//!
+//! The components are found once, with the labels of all leaves in memory. A segment is then made part by part: the
+//! caller reads a part of the solid and removes the others from it. Lengths are in voxels unless a unit is named.
 
 use super::super::components::Side;
 use super::super::remove_components::band_leaves;

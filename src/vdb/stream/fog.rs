@@ -61,8 +61,8 @@ fn density(values: &[f32; VOXELS], weight: f32) -> Option<([u64; 8], [f32; VOXEL
 }
 
 impl<'a> StoredFog<'a> {
-    /// Surveys the fog in one pass over all leaves; a solid too thin to have voxels beyond the band needs another
-    /// pass before.
+    /// Surveys the fog in one pass over all leaves; a solid too thin to have voxels beyond the band needs another pass
+    /// before. Nothing is written.
     ///
     /// # Errors
     /// [`StoreError`] if a file has changed since it was opened, or on cancellation.
@@ -217,7 +217,7 @@ impl<'a> StoredFog<'a> {
         })
     }
 
-    /// Calls `visit` with every tile (origin, edge) in order of origin.
+    /// Calls `visit` with every tile (origin, edge) in order of origin. Edges are 8, 128 or 4096 voxels.
     pub(super) fn for_each_tile(&self, mut visit: impl FnMut(Coord, i32)) {
         let upper_nodes = self.upper_nodes();
         let whole = self.store.inside_upper_cubes();
