@@ -1,4 +1,6 @@
-//! What all stages of a run share: errors, the report's data, warnings, threads and voxels. No file here knows its users.
+//! What all stages of a run share: errors, the report's data, warnings, threads and voxels. A stage is one timed
+//! step of a run: reading, sampling, each operation, each measure, each output.
+//! The files here depend on the recipe and on geometry only, and not on the rooms of the stages that use them.
 
 pub mod chain;
 pub mod context;

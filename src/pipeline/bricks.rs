@@ -121,7 +121,8 @@ impl<'a> BrickRun<'a> {
         }
     }
 
-    /// Path and header of the leaf file of a brick after a pass.
+    /// Path and header of the leaf file of a brick after a pass. `brick` is its number in `bricks`, from 0. The
+    /// header's hash covers plan and pass, so that a file of another plan or pass is not taken for this one.
     pub fn file(&self, pass: usize, bricks: &Bricks, brick: usize) -> (PathBuf, LeafFileHead) {
         let mut digest = self.digest;
         let mut name = format!("brick-{brick:06}.leaves");
@@ -159,8 +160,8 @@ impl<'a> BrickRun<'a> {
         }
     }
 
-    /// Makes the first pass of the bricks with these numbers and skips complete ones. Returns the
-    /// counts of the sampling and the number of bricks skipped.
+    /// Makes the first pass of the bricks with these numbers and skips complete ones. Returns the counts of the
+    /// sampling and the number of bricks skipped. Resets the counts of visited elements.
     pub fn make_first_pass(
         &self,
         bricks: std::ops::Range<usize>,
@@ -193,7 +194,8 @@ impl<'a> BrickRun<'a> {
         Ok((stats, skipped))
     }
 
-    /// Writes the leaf file of a brick atomically; does nothing if a valid file exists.
+    /// Writes the leaf file of a brick atomically and returns what `fill` returns; `None` if a valid file exists
+    /// already. A file under this name that Druse did not make is an error.
     fn make_file<T>(
         &self,
         pass: usize,
@@ -213,7 +215,8 @@ impl<'a> BrickRun<'a> {
         Ok(Some(found))
     }
 
-    /// The first pass: samples a brick and applies the operations that need no other pass.
+    /// The first pass: samples a brick with the halo of the pass and applies the operations that need no other
+    /// pass. Without operations the leaves go to the file at once, and no tree is built.
     fn sample(
         &self,
         brick: usize,
@@ -239,7 +242,8 @@ impl<'a> BrickRun<'a> {
     }
 }
 
-/// Applies the operations of a pass to a part of the solid.
+/// Applies the operations of a pass to a part of the solid. Their report is dropped: those that report anything
+/// are passes of their own.
 fn operate_on(
     context: &mut StageContext,
     inputs: &Inputs,
@@ -282,7 +286,8 @@ fn crop_where(
     write_leaves(leaves_in_region, sink)
 }
 
-/// Writes leaves to a sink block by block, in order of origin.
+/// Writes leaves to a sink in batches, each of one block. Full batches come as they fill, the rest in order of the
+/// blocks.
 fn write_leaves<'a>(
     leaves: impl Iterator<Item = (Coord, [u64; 8], &'a [f32; VOXELS])>,
     sink: &dyn LeafSink,
@@ -304,6 +309,7 @@ fn write_leaves<'a>(
     Ok(())
 }
 
+/// The error for a file that could not be written, without a count of bytes.
 fn write_error(path: &Path, error: io::Error) -> WriteError {
     WriteError::Io {
         path: path.to_owned(),
@@ -328,7 +334,8 @@ fn leaf_file_error(path: &Path, error: RunError) -> RunError {
     }
 }
 
-/// Edge of the bricks in blocks; their greatest halo and the greatest move of the surface, in voxels.
+/// The bricks of a run before its plan: their edge in blocks, their greatest halo and the greatest move of the
+/// surface, in voxels.
 struct Layout {
     edge: u32,
     halo: i32,
@@ -338,6 +345,9 @@ struct Layout {
 }
 
 /// The plan in bricks of a run that needs bricks or requests them; `None` for a run in memory.
+///
+/// # Errors
+/// A shortage of memory that bricks cannot solve, a full disk, and errors of the inputs' field.
 pub(super) fn plan_if_needed(
     inputs: &Inputs,
     threads: &Threads,
@@ -345,6 +355,7 @@ pub(super) fn plan_if_needed(
     progress: &dyn Progress,
 ) -> Result<Option<BrickPlan>, RunError> {
     let shortage = estimate::shortage(inputs, threads, options.memory, progress)?;
+    // `shortage` is set where the prediction exceeds the memory that the run may use.
     let is_needed = shortage.is_some();
     log::debug!(target: "druse::run",
         "run {}",
@@ -359,6 +370,7 @@ pub(super) fn plan_if_needed(
         (Some(shortage), _) => (shortage.counts, shortage.available),
         (None, Some(_)) => {
             let counts = estimate::counts(inputs, threads, progress)?;
+            // Bricks by request only: without a limit of the user any size is good.
             (counts, options.memory.unwrap_or(u64::MAX))
         }
     };
@@ -382,13 +394,17 @@ pub(super) fn plan_if_needed(
     make_plan(inputs, &found, &counts, threads, progress).map(Some)
 }
 
-/// Bytes of the files of a plan's bricks until the outputs are written.
+/// Predicted bytes of the files of a plan's bricks until the outputs are written.
 pub(super) fn brick_bytes(inputs: &Inputs, plan: &BrickPlan) -> u64 {
     budget::brick_bytes(inputs, plan.leaf_bytes)
 }
 
-/// Runs a recipe in bricks. They are kept beside the outputs until all is written, so that an
-/// interrupted run can resume.
+/// Runs a recipe in bricks. They are kept beside the outputs until all is written, so that an interrupted run can
+/// resume. `plan` is replaced by that of an interrupted run with the same inputs.
+///
+/// # Errors
+/// [`RunError::Stopped`] after a cancellation with complete bricks, [`RunError::Busy`] if another run uses them,
+/// and the errors of all stages.
 pub(super) fn run(
     inputs: &Inputs,
     plan: BrickPlan,
@@ -426,6 +442,8 @@ pub(super) fn run(
     outcome.map_err(|e| brick_run.as_stopped(e))
 }
 
+/// Makes the first pass of all bricks, then all later passes, measures and outputs. The sampling counts are those
+/// of this run's bricks.
 fn make_all(
     brick_run: &BrickRun,
     targets: &Targets,
@@ -445,7 +463,8 @@ fn make_all(
     Ok(results)
 }
 
-/// The plan of an interrupted run, if it has the same recipe, inputs and program version.
+/// The plan of an interrupted run in a directory, if it has the same recipe, inputs and program version, and the
+/// requested `edge` in blocks; `None` otherwise, also for a file that is no plan.
 fn resumable_plan(directory: &Path, inputs: &Inputs, edge: Option<u32>) -> Option<BrickPlan> {
     let text = std::fs::read_to_string(directory.join(PLAN_FILE)).ok()?;
     let plan: BrickPlan = serde_json::from_str(&text).ok()?;
@@ -453,8 +472,11 @@ fn resumable_plan(directory: &Path, inputs: &Inputs, edge: Option<u32>) -> Optio
     (is_same && edge.is_none_or(|e| e == plan.edge)).then_some(plan)
 }
 
-/// Chooses the bricks of a run within a budget of memory: their edge in blocks, and the halo and
-/// reach of the operations in voxels.
+/// Chooses the bricks of a run within a budget of memory: their edge in blocks, and the halo and reach of the
+/// operations in voxels. Writes nothing.
+///
+/// # Errors
+/// A run that cannot be divided, or a budget or request that no bricks fit.
 fn choose_layout(
     inputs: &Inputs,
     threads: &Threads,
@@ -499,7 +521,7 @@ fn choose_layout(
     })
 }
 
-/// Voxel size and half width of a recipe.
+/// Voxel size of a recipe, in its unit, and half width of its band, voxels.
 fn voxel_size_and_half_width(recipe: &Recipe) -> (f64, f64) {
     (
         recipe.scale().voxel_size,

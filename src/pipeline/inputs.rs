@@ -1,4 +1,8 @@
 //! From the files that a recipe names to data: cells, scaffolds, crystals, volumes and values in space.
+//!
+//! `input_files` reads meshes and records every file for the report, `source` and `cells` make cells, `scaffold`
+//! and `motion` make scaffolds, `field_data` and `spatial_value` give values in space. `cell_cache` and
+//! `run_cache` keep what repeated runs share. All geometry leaves here in the recipe's unit and frame.
 
 pub mod cell_cache;
 pub mod cells;

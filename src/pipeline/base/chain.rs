@@ -3,7 +3,7 @@
 
 use crate::field::{Intersection, Union, WorldField};
 
-/// The intersection or the union of some fields.
+/// The intersection (`All`) or the union (`Any`) of some fields, or one field that nothing is combined with yet.
 pub(crate) enum Chain<'a> {
     One(Box<WorldField<'a>>),
     All(Vec<Box<WorldField<'a>>>),
@@ -11,6 +11,7 @@ pub(crate) enum Chain<'a> {
 }
 
 impl<'a> Chain<'a> {
+    /// The combination as one field.
     pub fn into_field(self) -> Box<WorldField<'a>> {
         match self {
             Self::One(field) => field,
@@ -19,7 +20,8 @@ impl<'a> Chain<'a> {
         }
     }
 
-    /// The intersection with another field.
+    /// The intersection with another field. It extends a row of intersections; a union before it becomes one
+    /// member.
     pub fn and(self, other: Box<WorldField<'a>>) -> Self {
         let mut fields = match self {
             Self::All(fields) => fields,
@@ -29,7 +31,7 @@ impl<'a> Chain<'a> {
         Self::All(fields)
     }
 
-    /// The union with another field.
+    /// The union with another field. It extends a row of unions; an intersection before it becomes one member.
     pub fn or(self, other: Box<WorldField<'a>>) -> Self {
         let mut fields = match self {
             Self::Any(fields) => fields,

@@ -24,9 +24,11 @@ pub(crate) struct StageContext<'a> {
     pub progress: &'a dyn Progress,
     /// Its voxel size is that of the solid; resampling changes it.
     pub scale: Scale,
+    /// Half width of the narrow band, voxels.
     pub half_width: f64,
-    /// The region of the level set, if it is not the whole. Beyond its border the level set is cut off
-    /// and wrong, and every operation carries the error further inward.
+    /// The region of the level set in voxels, for a part of a solid (a brick with its halo); `None` for the whole
+    /// solid. Beyond its border the level set is cut off and wrong, and every operation carries the error further
+    /// inward.
     pub region: Option<Region>,
 }
 
@@ -37,7 +39,7 @@ impl<'a> StageContext<'a> {
         Self::of_solid(Session::new(threads, progress), recipe.scale(), half_width)
     }
 
-    /// The context of a solid without a recipe.
+    /// The context of a solid without a recipe. `half_width` is in voxels.
     pub fn of_solid(session: Session<'a>, scale: Scale, half_width: f64) -> Self {
         Self {
             threads: session.threads,
@@ -53,13 +55,14 @@ impl<'a> StageContext<'a> {
         Session::new(self.threads, self.progress)
     }
 
-    /// The transform of the voxels.
+    /// The transform of the voxels, with voxel (0, 0, 0) at the world's origin. Fails if the voxel size is not a
+    /// valid edge.
     pub fn transform(&self) -> Result<Transform, RunError> {
         Transform::new(self.scale.voxel_size)
             .ok_or_else(|| RunError::Empty(format!("a voxel size of {}", self.scale.voxel_size)))
     }
 
-    /// The narrow band of a shape.
+    /// The narrow band of a shape on the context's voxels; nothing is sampled yet.
     pub fn band<'s>(&self, shape: &'s Shape) -> Result<Band<'s>, RunError> {
         Ok(Band {
             field: &*shape.field,
@@ -69,7 +72,9 @@ impl<'a> StageContext<'a> {
         })
     }
 
-    /// Samples a field into a level set.
+    /// Samples a field into a level set: the whole solid, or the part in `region`, whose voxel (0, 0, 0) is then
+    /// the region's lowest. `name` is the stage in progress and errors. Returns the solid and the counts of the
+    /// sampling.
     pub fn sample(&self, shape: &Shape, name: &str) -> Result<(LevelSet, BandStats), RunError> {
         let transform = self.transform()?;
         self.progress.stage(name, None);
@@ -96,7 +101,7 @@ impl<'a> StageContext<'a> {
 }
 
 impl StageContext<'_> {
-    /// The context for a band of another half width.
+    /// The context for a band of another half width, voxels.
     pub fn with_half_width(self, half_width: f64) -> Self {
         Self { half_width, ..self }
     }

@@ -1,4 +1,5 @@
-//! Finite-element decks, as the report of a run lists them.
+//! Finite-element decks, as the report of a run lists them: input files of a solver with nodes and elements,
+//! either cubes of the solid or elements of the scaffold with homogenised cells.
 
 use serde::Serialize;
 

@@ -287,6 +287,7 @@ pub enum RunError {
 }
 
 impl From<VdbError> for RunError {
+    // For `render_parts`, which converts the errors of its pictures by itself; all other stages name themselves.
     fn from(error: VdbError) -> Self {
         Self::level_set("picture")(error)
     }
@@ -301,6 +302,7 @@ impl RunError {
         )
     }
 
+    /// Converts an error of the sampling and names its stage; a cancellation stays one.
     pub(crate) fn band(stage: &str) -> impl Fn(BandError) -> Self + '_ {
         move |error| match error {
             BandError::Cancelled(c) => Self::Cancelled(c),
@@ -311,6 +313,7 @@ impl RunError {
         }
     }
 
+    /// Converts an error of OpenVDB and names its stage, as in `op.2.gaussian`; a cancellation stays one.
     pub(crate) fn level_set(stage: &str) -> impl Fn(VdbError) -> Self + '_ {
         move |error| match error {
             VdbError::Cancelled(c) => Self::Cancelled(c),
@@ -331,9 +334,10 @@ pub(crate) fn box_text(b: &Aabb) -> String {
     format!("{} to {}", corner(b.min), corner(b.max))
 }
 
-/// A number with five significant digits, without trailing zeros.
+/// A number with about five significant digits, at most 12 of them behind the point, without trailing zeros.
 pub(crate) fn short_number(v: f64) -> String {
     if v == 0.0 || !v.is_finite() {
+        // Adding 0 turns -0 into 0.
         return format!("{}", v + 0.0);
     }
     let digits = (4 - v.abs().log10().floor() as i32).clamp(0, 12) as usize;
@@ -353,6 +357,7 @@ fn fitting_bricks_text(edge: Option<u32>) -> String {
 }
 
 /// A size rounded up, in MiB below one GiB.
+// 1048576 = 2^20, 1073741824 = 2^30.
 fn gibibytes(bytes: u64) -> String {
     let (mebi, gibi) = (bytes as f64 / 1048576.0, bytes as f64 / 1073741824.0);
     if gibi < 1.0 {

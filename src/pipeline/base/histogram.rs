@@ -19,9 +19,11 @@ pub struct Histogram {
 }
 
 impl Histogram {
-    /// The histogram of ascending values, and of `above` samples that are greater than all; `None`
-    /// without any value.
+    /// The histogram of ascending values (diameters, recipe units), and of `above` samples that are greater than
+    /// all of them and whose values are unknown. The bins are equally wide from 0 to the percentile of
+    /// `COVERED_SHARE`. `None` without any value.
     pub(crate) fn of(ascending: &[f64], above: u64) -> Option<Self> {
+        // Index of the greatest value that the bins still cover.
         let last = ((ascending.len() as f64 * COVERED_SHARE).ceil() as usize).max(1) - 1;
         let top = *ascending.get(last)?;
         let edges: Vec<f64> = (0..=BINS).map(|n| top * n as f64 / BINS as f64).collect();

@@ -1,4 +1,4 @@
-//! The layers of a build, as the report of a run lists them.
+//! The layers of a build, as the report of a run lists them. These are plain data; `measure/build.rs` fills them.
 
 use serde::Serialize;
 

@@ -1,4 +1,5 @@
-//! Available memory and the memory that the process uses.
+//! Available memory and the memory that the process uses, bytes, from `/proc` and the control groups of Linux.
+//! Every figure is absent, or 0, where the system does not report it; nothing here fails.
 
 use rustix::process::{Resource, getrlimit};
 use std::fs;
@@ -15,12 +16,15 @@ pub(crate) fn available() -> Option<u64> {
     all.flatten().min()
 }
 
-/// The rest of a limit of the process (`ulimit`).
+/// The rest of a limit of the process (`ulimit`): the soft limit less what `/proc/self/status` reports under the
+/// key `used`. `None` without a limit.
 fn own_limit(resource: Resource, used: &str) -> Option<u64> {
     let limit = getrlimit(resource).current?;
     Some(limit.saturating_sub(kibibytes("/proc/self/status", used)?))
 }
 
+/// The rest of the memory limit of the control group, bytes, of version 2 or else 1. `None` without one: version 2
+/// writes `max` there, which is no number.
 fn control_group() -> Option<u64> {
     let read = |path: &str| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
     let v2 = read("/sys/fs/cgroup/memory.max").zip(read("/sys/fs/cgroup/memory.current"));
@@ -42,6 +46,7 @@ pub(crate) fn resident() -> u64 {
     kibibytes("/proc/self/status", "VmRSS:").unwrap_or(0)
 }
 
+/// The value of a key of a file under `/proc`, bytes. The files give KiB.
 fn kibibytes(path: &str, key: &str) -> Option<u64> {
     let text = fs::read_to_string(path).ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix(key))?;

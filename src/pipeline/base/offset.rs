@@ -1,13 +1,16 @@
-//! Moves of the solid's surface that act on its field.
+//! Moves of the solid's surface that act on its field: phi - d dilates by d, and the magnitude of phi, less half a
+//! thickness, is a wall. `Offsets` only describes the moves; which ones a run may use is decided where the field
+//! is known.
 
 use crate::recipe::{Op, Side};
 
 /// Offsets of the field: a move and an optional wall, world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Offsets {
-    /// Number of operations that the offsets replace.
+    /// Number of operations that the offsets replace. 0 means that there are none, and that fields are combined by
+    /// plain minimum and maximum.
     pub count: usize,
-    /// Distance outward; negative inward.
+    /// Distance outward; negative inward. With a wall, the position of its middle surface.
     pub distance: f64,
     /// Half the thickness of a wall, if a wall remains.
     pub half_wall: Option<f64>,
@@ -39,6 +42,7 @@ impl Offsets {
 
     /// The offsets with one more operation; `None` if the operation is not an offset, reverses the
     /// direction or follows a wall.
+    // A mask would move the surface by different distances, which one number cannot hold.
     pub fn with(self, op: &Op, scale: crate::recipe::Scale) -> Option<Self> {
         if op.mask().is_some() || self.half_wall.is_some() {
             return None;
@@ -60,6 +64,7 @@ impl Offsets {
             }
             _ => return None,
         };
+        // Opposite signs have a negative product; a distance of 0 fits both directions.
         // Erosion after dilation is not a shift by the difference: it closes gaps.
         (self.distance * distance >= 0.0).then_some(Self {
             count,

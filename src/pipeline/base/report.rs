@@ -147,12 +147,14 @@ impl Report {
 }
 
 impl ContinuityReport {
-    /// W114 if the field is not continuous, with the worst point and a remedy.
+    /// The text of W114 if the field is not continuous, with the worst point and a remedy; `None` where the
+    /// greatest jump is within `MAX_CONTINUOUS_JUMP`.
     pub fn warning(&self) -> Option<String> {
         let seam = self.worst.first()?;
         if self.value_jump_max <= MAX_CONTINUOUS_JUMP {
             return None;
         }
+        // Magnitude of the coordinates there, beside which a gap counts.
         let reach = seam.at.iter().fold(0.0f64, |m, c| m.max(c.abs()));
         let remedy = if seam.gap > MIN_RELATIVE_GAP * reach {
             "the mesh does not conform there, its faces have a gap: druse scaffold check FILE \
@@ -339,7 +341,8 @@ pub enum RequestedThickness {
 }
 
 impl SolidReport {
-    /// Adds what an operation removed.
+    /// Adds what an operation removed to the counts: filled voids under `filled`, all other components under
+    /// `dropped`.
     pub(crate) fn add(&mut self, unwanted: ComponentSelection, dropped: RemovedComponents) {
         if matches!(unwanted, ComponentSelection::Voids(_)) {
             self.filled_voids += dropped.components as u64;

@@ -1,4 +1,5 @@
-//! A requirement of a recipe and its verdict, as the report of a run lists them.
+//! A requirement of a recipe and its verdict, as the report of a run lists them. The texts hold rounded numbers
+//! with units; `value` is the number itself.
 
 use super::error::short_number;
 use serde::Serialize;

@@ -1,4 +1,6 @@
-//! A solid as one field, and the combinations of such fields that hold under offsets.
+//! A solid as one field, and the combinations of such fields that hold under offsets. Also two wrappers, for a
+//! field in a shifted frame and for a field by reference: they pass on every method, because the defaults of
+//! `Field` would lose the fast paths of the inner field. Lengths are world units, values are negative inside.
 
 use super::offset::Offsets;
 use crate::field::{
@@ -7,20 +9,21 @@ use crate::field::{
 use crate::frame::{Aabb, Vec3};
 use crate::recipe::Op;
 
-/// A solid as a field, with its bounding box and its name in messages.
+/// A solid as a field, with a box that contains it (infinite for a half space) and its name in messages.
 pub(crate) struct Shape<'a> {
     pub field: Box<WorldField<'a>>,
     pub extent: Aabb,
     pub name: String,
 }
 
-/// Number of leading operations that act on the field.
+/// Number of leading operations that act on the field: those whose result at a point depends on that point only,
+/// as intersections do. Offsets are not counted.
 pub(crate) fn field_operations(ops: &[Op]) -> usize {
     ops.iter().take_while(|op| op.is_pointwise()).count()
 }
 
-/// The intersection of two fields. Offsets need exact distances outside its edges as well; `reach`
-/// bounds the distances that matter, world units.
+/// The intersection of two fields. Offsets need exact distances outside its edges as well; `reach` bounds the
+/// distances that matter beyond the surface, world units.
 pub(crate) fn intersection<'a>(
     a: Box<WorldField<'a>>,
     b: Box<WorldField<'a>>,
@@ -33,6 +36,7 @@ pub(crate) fn intersection<'a>(
     Box::new(ExactIntersection {
         pair: [a, b],
         // One of the two surfaces of a wall is the solid's own surface.
+        // Edges are those of the surfaces at `level`: a solid that shrinks later has the edges of the shrunk solid.
         level: offsets.half_wall.map_or(offsets.distance.min(0.0), |_| 0.0),
         reach,
     })
@@ -56,7 +60,7 @@ pub(crate) fn union<'a>(
     Box::new(Complement(intersection(a, b, reach, outside)))
 }
 
-/// A field in a frame whose origin lies at `by`.
+/// A field in a frame whose origin lies at `by` in the field's own frame: the point p here is p + by there.
 pub(crate) struct Shifted<'a> {
     pub field: Box<WorldField<'a>>,
     pub by: Vec3,

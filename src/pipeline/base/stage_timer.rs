@@ -1,4 +1,4 @@
-//! Wall times of a run's stages.
+//! Wall times of a run's stages, and the points at which a run notices a cancellation.
 
 use super::memory;
 use super::report::Stage;
@@ -13,6 +13,7 @@ pub(crate) struct StageTimer<'a> {
 }
 
 impl<'a> StageTimer<'a> {
+    /// Starts the clock of the first stage.
     pub fn new(progress: &'a dyn Progress) -> Self {
         Self {
             progress,
@@ -21,7 +22,10 @@ impl<'a> StageTimer<'a> {
         }
     }
 
-    /// Ends a stage. Consecutive stages of one name are merged.
+    /// Ends a stage that began with the end of the last one. Consecutive stages of one name are merged.
+    ///
+    /// # Errors
+    /// [`Cancelled`] if the user has cancelled the run; the stage is recorded nevertheless.
     pub fn end_stage(&mut self, name: &str) -> Result<(), Cancelled> {
         let seconds = self.last.elapsed().as_secs_f64();
         self.last = Instant::now();

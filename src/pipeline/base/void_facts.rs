@@ -1,4 +1,6 @@
-//! Cavities and the channels that drain them, as the report of a run lists them.
+//! Cavities and the channels that drain them, as the report of a run lists them. Lengths, places and volumes are
+//! in the recipe's unit. A cavity is a void from which a ball of the radius `limit` cannot get outside; a closed
+//! cavity has no way out at all.
 
 use serde::Serialize;
 

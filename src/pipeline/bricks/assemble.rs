@@ -26,8 +26,8 @@ use std::path::{Path, PathBuf};
 pub(super) type Files = Vec<(PathBuf, LeafFileHead)>;
 
 impl BrickRun<'_> {
-    /// Opens the bricks of the first pass and makes all later passes. `plan` is the plan's file if
-    /// bricks were made one by one.
+    /// Opens the bricks of the first pass and makes all later passes. `plan` is the plan's file if bricks were
+    /// made one by one. Removed components and channels are added to `report`.
     pub fn assemble(
         &self,
         plan: Option<&Path>,
@@ -98,7 +98,8 @@ impl BrickRun<'_> {
             .collect()
     }
 
-    /// Opens the leaf files of the solid after `ops` operations.
+    /// Opens the leaf files of the solid after `ops` operations; a solid without leaves is an error that names the
+    /// last of them.
     fn open(&self, plan: Option<&Path>, files: &Files, ops: usize) -> Result<LeafStore, RunError> {
         let store = self.store(plan, files, self.progress)?;
         if store.leaves() == 0 {
@@ -110,7 +111,8 @@ impl BrickRun<'_> {
         Ok(store)
     }
 
-    /// Opens leaf files.
+    /// Opens leaf files and checks their headers. Missing or damaged ones are an error with the command that makes
+    /// them.
     pub fn store(
         &self,
         plan: Option<&Path>,
@@ -124,7 +126,8 @@ impl BrickRun<'_> {
         })
     }
 
-    /// Removes components of the whole solid from all bricks near them. Returns these bricks.
+    /// Removes components of the whole solid from all bricks near them, in pass `number`. Returns the numbers of
+    /// these bricks.
     fn remove(
         &self,
         number: usize,
@@ -155,7 +158,7 @@ impl BrickRun<'_> {
         Ok(chosen)
     }
 
-    /// Applies operations to all bricks. Returns all of them.
+    /// Applies the operations of pass `number` to all bricks. Returns the numbers of all of them.
     fn operate(&self, number: usize, solid: &StoredSolid) -> Result<Vec<usize>, RunError> {
         let all: Vec<usize> = (0..solid.bricks.len()).collect();
         self.write_pass(
@@ -168,7 +171,8 @@ impl BrickRun<'_> {
         Ok(all)
     }
 
-    /// Writes the files of a pass for some bricks, from the solid before it.
+    /// Writes the files of a pass for some bricks, from the solid before it. `change` receives the context of a
+    /// part, the pass, the part (a brick with its halo) and the global index of its voxel (0, 0, 0).
     pub fn write_pass(
         &self,
         number: usize,
@@ -196,7 +200,8 @@ impl BrickRun<'_> {
     }
 }
 
-/// The part of the solid in a region, as a level set whose voxel (0, 0, 0) is `first` of the whole.
+/// The part of the solid in a region of voxels, as a level set whose voxel (0, 0, 0) is voxel `first` of the
+/// whole.
 pub(super) fn part(
     context: StageContext,
     store: &LeafStore,
@@ -219,6 +224,7 @@ pub(super) fn part(
     context
         .threads
         .install(|| blocks.into_par_iter().with_max_len(1).try_for_each(add))?;
+    // Leaves inside the solid are not stored; the store knows where they are.
     builder.inside(&store.inside_cubes(region));
     builder.finish(context.session()).map_err(&failed)
 }

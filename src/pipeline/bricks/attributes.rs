@@ -1,4 +1,5 @@
-//! Attributes of a solid in bricks: one file per word and brick, made once and read for every output.
+//! Attributes of a solid in bricks: values at its active voxels, as thickness or cell number, one file per word
+//! (the name of an attribute) and brick. They are made once and read for every output.
 
 use super::assemble::missing_bricks;
 use super::directory::refuse_foreign;
@@ -20,7 +21,8 @@ use std::path::PathBuf;
 const LEAVES_PER_BATCH: usize = 256;
 
 impl BrickRun<'_> {
-    /// Path and identity of the attribute file of a word and a brick.
+    /// Path and identity of the attribute file of a word and a brick. The identity is a hash of plan, brick and
+    /// word; a file with another one is made anew.
     fn attribute_file(&self, word: &GridWord, brick: usize) -> (PathBuf, [u8; 32]) {
         let word = blake3::hash(word.to_string().as_bytes());
         let number = (brick as u64).to_le_bytes();
@@ -30,7 +32,7 @@ impl BrickRun<'_> {
         (path, *blake3::hash(&identity).as_bytes())
     }
 
-    /// Opens the attribute files of a word.
+    /// Opens the attribute files of a word, which `make_attributes` must have made.
     pub fn attribute_store(
         &self,
         word: &GridWord,
@@ -131,7 +133,8 @@ impl BrickRun<'_> {
         Ok(())
     }
 
-    /// All values at the active voxels of some leaves, leaf by leaf.
+    /// All values at the active voxels of the leaves in `range`: a row of values per voxel, leaf by leaf in the
+    /// order of the leaves, voxels with z fastest.
     fn rows(
         &self,
         attributes: &Attributes,
@@ -144,6 +147,8 @@ impl BrickRun<'_> {
                 return Err(Cancelled);
             }
             let (origin, mask) = (leaves.origins[n], leaves.masks[n]);
+            // A leaf has 8^3 = 512 voxels: bit n of its mask, in words of 64 bits, is voxel (n / 64, n / 8 mod 8,
+            // n mod 8).
             let active = (0..512usize).filter(|n| mask[n >> 6] >> (n & 63) & 1 == 1);
             let points = active.map(|n| {
                 let n = n as i32;

@@ -50,8 +50,8 @@ pub(crate) fn held_bytes(inputs: &Inputs) -> u64 {
         + tables
 }
 
-/// Memory of a run in bricks of `edge` blocks by a process that holds `held` bytes, bytes: what a run in memory takes
-/// for the leaves of a brick and its halo.
+/// Memory of a run in bricks of `edge` blocks by a process that holds `held` bytes, bytes: what a run in memory
+/// takes for the leaves of a brick and its halo. A prediction with margins upward.
 pub(crate) fn memory_bytes(
     inputs: &Inputs,
     threads: &Threads,
@@ -62,8 +62,10 @@ pub(crate) fn memory_bytes(
     let passes = passes(inputs);
     let outputs = &inputs.recipe.sections().output;
     let holds_thickness = outputs.iter().any(Output::holds_thickness);
+    // The halo is the widest that any step needs: operations, thickness, components or meshing.
     let mut halo = max_halo(&passes).max(LEAF);
     if holds_thickness {
+        // Two leaves beyond it: one so that every vertex has its triangles, one so that these have their voxels.
         halo = halo.max(FIRST_LEVEL_HALO + 2 * LEAF);
     }
     if needs_segments(inputs.recipe) {
@@ -72,6 +74,7 @@ pub(crate) fn memory_bytes(
     for output in outputs.iter().filter(|o| o.is_meshed_by_openvdb()) {
         halo = halo.max(LevelSet::quad_halo(output.merging()));
     }
+    // A resampling may read more old voxels at once than a brick has.
     let spans = resamplings(inputs, &passes).into_iter();
     let span = spans.map(|step| step.span(edge)).fold(0.0, f64::max);
     let span = span.max(f64::from(edge as i32 * BLOCK + 2 * halo));
@@ -141,7 +144,7 @@ pub(crate) fn edge_that_fits(
     }
 }
 
-/// Bytes of the leaf files.
+/// Predicted bytes of the leaf files: a 32-bit number per active voxel and a fixed part per leaf.
 pub(crate) fn leaf_bytes(counts: &Counts) -> f64 {
     4.0 * counts.active + rates::LEAF_FILE_BYTES * counts.leaves
 }
@@ -165,7 +168,8 @@ pub(crate) struct DiskNeed<'a> {
     pub bytes: u64,
 }
 
-/// Checks that the disks of bricks and outputs, which may be the same, have space for a merge.
+/// Checks that the disks of bricks and outputs, which may be the same, have space for a merge. Disks are compared
+/// by the numbers of their file systems.
 pub(crate) fn check_disks(bricks: DiskNeed, outputs: DiskNeed) -> Result<(), RunError> {
     let file_system = |need: DiskNeed| rustix::fs::statvfs(need.directory).map(|fs| fs.f_fsid);
     if file_system(bricks) == file_system(outputs) {
@@ -176,7 +180,7 @@ pub(crate) fn check_disks(bricks: DiskNeed, outputs: DiskNeed) -> Result<(), Run
     check_disk(outputs.directory, outputs.bytes)
 }
 
-/// Checks that a disk has `needed` bytes of space.
+/// Checks that a disk has `needed` bytes of space. A disk that does not report its space passes.
 pub(crate) fn check_disk(directory: &Path, needed: u64) -> Result<(), RunError> {
     let Ok(fs) = rustix::fs::statvfs(directory) else {
         return Ok(());

@@ -14,7 +14,8 @@ use std::path::Path;
 /// Voxels around a brick that its border cells need.
 const HALO: i32 = 8;
 
-/// Writes the deck of a solid in bricks. The cubes of all bricks are in memory together.
+/// Writes the deck of a solid in bricks to `path` and returns its entry in the report. The cubes of all bricks are
+/// in memory together; their voxels are not.
 pub(super) fn deck(
     brick_run: &BrickRun,
     solid: &StoredSolid,

@@ -19,10 +19,12 @@ use std::path::{Path, PathBuf};
 
 /// File name of the lock.
 const LOCK_FILE: &str = "lock";
-/// Times that a run tries to lock a directory that the run before is removing.
+/// Times that a run tries to lock a directory that the run before is removing. It tries again at once, without a
+/// pause.
 const LOCK_ATTEMPTS: usize = 100;
 
-/// The brick directory of a run: `.NAME.bricks` beside its first output.
+/// The brick directory of a run: `.NAME.bricks` beside its first `.vdb`, or its first output without one. `out` is
+/// the folder of the outputs, if the user gives one.
 pub(crate) fn directory_beside(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
     let outputs = &recipe.sections().output;
     let named = || outputs.iter().flat_map(|o| o.named());
@@ -74,13 +76,14 @@ impl Lock {
             refuse_foreign(&path)?;
             let mut options = File::options();
             let file = match options.create(true).truncate(false).write(true).open(&path) {
-                // The run before has just removed the directory.
+                // The run before has just removed the directory: it is made again.
                 Err(e) if e.kind() == ErrorKind::NotFound => continue,
                 opened => opened.map_err(|e| WriteError::Create {
                     path: path.clone(),
                     reason: e.to_string(),
                 })?,
             };
+            // Any other error means a file system without locks; the run goes on unlocked.
             if let Err(Errno::WOULDBLOCK) = flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 break;
             }
@@ -94,7 +97,8 @@ impl Lock {
         Err(RunError::Busy(directory.to_owned()))
     }
 
-    /// As [`Lock::take`], for a directory that may be missing or closed to writing, where nothing is to lock.
+    /// As [`Lock::take`], for a directory that may be missing or closed to writing, where nothing is to lock and
+    /// the result is `None`.
     pub fn take_of_existing(directory: &Path) -> Result<Option<Self>, RunError> {
         let is_open = directory.is_dir() && access(directory, Access::WRITE_OK).is_ok();
         is_open.then(|| Self::take(directory)).transpose()
@@ -107,7 +111,8 @@ impl Drop for Lock {
     }
 }
 
-/// Removes those of Druse's files whose names `is_unwanted` admits, except for the lock.
+/// Removes those of Druse's files whose names `is_unwanted` admits, except for the lock. Files that cannot be
+/// removed stay.
 pub(super) fn clear(directory: &Path, is_unwanted: impl Fn(&str) -> bool) {
     for entry in fs::read_dir(directory).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -125,7 +130,7 @@ pub(super) fn remove(directory: &Path, lock: Lock) {
     let _ = fs::remove_dir(directory);
 }
 
-/// Refuses to replace a file of a brick directory that Druse did not make.
+/// Refuses to replace a file of a brick directory that Druse did not make; an absent file passes.
 pub(super) fn refuse_foreign(path: &Path) -> Result<(), WriteError> {
     if path.symlink_metadata().is_err() || is_made_by_druse(path) {
         return Ok(());

@@ -1,7 +1,8 @@
 //! Applies the operation `drain` in bricks: finds the channels of the whole solid and subtracts them brick by brick.
 //!
 //! A run in bricks is a sequence of passes. Each pass processes every brick with its *halo*, the voxels around the
-//! brick that can influence it.
+//! brick that can influence it. Channels may lead through the inside of the solid, where no bricks exist; there
+//! bricks are added.
 
 use super::BrickRun;
 use super::halo::{before_resampling, total_reach};
@@ -106,6 +107,7 @@ impl BrickRun<'_> {
             &bricks,
             &solid.store,
             |context, _, part, _| {
+                // `write_pass` always sets the region.
                 let Some(region) = context.region else {
                     return Ok(());
                 };

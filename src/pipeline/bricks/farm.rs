@@ -26,7 +26,8 @@ const DEFAULT_MEMORY: u64 = 2 << 30;
 /// Greatest size of a plan's file, bytes.
 const MAX_PLAN_BYTES: u64 = 256 << 20;
 
-/// Plans a run in bricks and writes the plan to a file.
+/// Plans a run in bricks and writes the plan to the file `path`. Its paths are relative to that file, so that
+/// plan, recipe and inputs can move together.
 ///
 /// # Errors
 /// As [`run`](super::super::run); [`RunError::Memory`] or [`RunError::BricksUnsupported`] for a
@@ -56,7 +57,8 @@ pub fn brick_plan(
     Ok(plan)
 }
 
-/// Makes bricks of a plan and skips complete ones. Returns the number skipped.
+/// Makes bricks of the plan in the file `path` and skips complete ones. `bricks` are ranges of their numbers, from
+/// 0, end excluded. Returns the number skipped.
 ///
 /// # Errors
 /// As [`run`](super::super::run); [`RunError::Plan`] for a plan that does not match the recipe
@@ -103,7 +105,8 @@ pub fn make_bricks(
     Ok(skipped)
 }
 
-/// Merges the bricks of a plan and writes the recipe's outputs.
+/// Merges the bricks of the plan in the file `path` and writes the recipe's outputs. The bricks stay; files that
+/// derive from them are removed.
 ///
 /// # Errors
 /// As [`make_bricks`]; [`RunError::Bricks`] lists missing or damaged bricks; [`RunError::Busy`] when another
@@ -120,6 +123,7 @@ pub fn merge_bricks(
     let brick_run = open_run(path, plan, &inputs, &threads, progress)?;
     // Two merges make files of the same names beside the bricks, and remove them.
     let _lock = Lock::take_of_existing(&brick_run.directory)?;
+    // The folder that was given to `druse plan` holds unless the merge names another.
     let planned = brick_run.plan.out.as_deref();
     let out = out_of_plan(path, options.out.as_deref(), planned)?;
     let outputs = output_targets(&inputs, out.as_deref(), options)?;
@@ -168,6 +172,7 @@ fn plan_directory(plan: &Path) -> &Path {
     plan.parent().unwrap_or(Path::new(""))
 }
 
+/// The error for the plan in the file `path`.
 fn plan_error(path: &Path, message: String) -> RunError {
     RunError::Plan {
         plan: path.to_owned(),
@@ -215,6 +220,7 @@ pub(crate) fn check_overridden_outputs(
     let Some(file) = &recipe.source().path else {
         return Ok(());
     };
+    // `trim_start_matches` allows for spaces and quotes around a key of TOML.
     // Outputs that the recipe itself names are trusted: they are those without overrides of `output`.
     let is_other = |pair: &&String| {
         !pair
@@ -241,6 +247,8 @@ pub(crate) fn check_overridden_outputs(
     Ok(())
 }
 
+/// Reads a plan and the recipe beside it, with the plan's overrides. Checks both, but not that they belong
+/// together.
 fn read_plan(path: &Path) -> Result<(BrickPlan, Recipe), RunError> {
     let failed = |e| crate::io::ReadError::io(path, e);
     if std::fs::metadata(path).map_err(failed)?.len() > MAX_PLAN_BYTES {
@@ -292,7 +300,8 @@ fn open_run<'a>(
     ))
 }
 
-/// A path relative to a directory; unchanged if one of the two cannot be made absolute.
+/// A path relative to the directory `from`; unchanged if one of the two cannot be made absolute. Links are not
+/// resolved.
 pub(crate) fn relative_path(path: &Path, from: &Path) -> PathBuf {
     let absolute = |p: &Path| std::path::absolute(p).ok();
     let (Some(absolute_path), Some(from)) = (absolute(path), absolute(from)) else {

@@ -37,7 +37,8 @@ pub(crate) enum PassKind {
     Resampling(Resampling),
 }
 
-/// The passes of a run; there is at least one.
+/// The passes of a run in order; there is at least one. Operations in a row share a pass; removals, drains and
+/// resamplings get their own, because they need the whole solid.
 pub(crate) fn passes(inputs: &Inputs) -> Vec<Pass> {
     let ops = solid_operations(inputs.recipe);
     let mut passes = Vec::new();
@@ -57,6 +58,8 @@ pub(crate) fn passes(inputs: &Inputs) -> Vec<Pass> {
             }
             (Op::Drain(_), _) => {
                 let halo = whole_leaves(HALO_MARGIN + voxels.half_width);
+                // A drain reads channels off the whole solid and only cuts: its halo covers the band and the
+                // margin.
                 vec![(PassKind::Drain, halo)]
             }
             (_, Some(unwanted)) => {
@@ -89,7 +92,8 @@ pub(crate) fn before_resampling(passes: &[Pass]) -> &[Pass] {
     &passes[..count]
 }
 
-/// Greatest move of the surface by the operations of some passes, voxels.
+/// Greatest move of the surface by the operations of some passes, voxels: the sum of their halos, which is an
+/// upper bound.
 pub(crate) fn total_reach(passes: &[Pass]) -> i32 {
     let operation_passes = passes
         .iter()
@@ -105,7 +109,7 @@ pub(crate) fn max_halo(passes: &[Pass]) -> i32 {
     operation_passes.map(|p| p.halo).max().unwrap_or(0)
 }
 
-/// Number of coarser copies that the outputs contain.
+/// Number of coarser copies (levels of detail) that the outputs contain: the most of any output.
 pub(crate) fn coarser_copies(recipe: &Recipe) -> u8 {
     let outputs = recipe.sections().output.iter();
     outputs.filter_map(|o| o.lod).max().unwrap_or(0)
@@ -141,6 +145,8 @@ pub(crate) fn resamplings(inputs: &Inputs, passes: &[Pass]) -> Vec<Resampling> {
     all
 }
 
+/// The pass of a range of operations `ops` of `all`; its halo is the sum of their reaches, a margin and the half
+/// width.
 fn operations_pass(ops: Range<usize>, all: &[Op], voxels: Voxels) -> Pass {
     let sum: f64 = all[ops.clone()]
         .iter()
@@ -157,7 +163,8 @@ fn operations_pass(ops: Range<usize>, all: &[Op], voxels: Voxels) -> Pass {
     }
 }
 
-/// Distance, voxels, at which a voxel can influence the result of an operation.
+/// Distance, voxels, at which a voxel can influence the result of an operation; 0 for those that act on each voxel
+/// alone. `on` are the voxels before it.
 fn operation_reach(op: &Op, on: Voxels) -> f64 {
     let Voxels { scale, half_width } = on;
     let track = TRACKING_REACH;
@@ -172,9 +179,11 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
             let half_width = half_width.max(SurfacePoints::MIN_HALF_WIDTH);
             v + steps * (half_width + SURFACE_POINT_REACH)
         } else {
+            // Filters advance by half a voxel per step and track the surface after each.
             (2.0 * v).ceil().max(1.0) * track
         }
     };
+    // `passes` box filters per iteration, each with the reach of its width and of the tracking after it.
     let box_filter = |k: &Kernel, passes: f64| {
         let most = f64::from(MAX_FILTER_WIDTH);
         let width = k.width.voxels(scale).round().clamp(1.0, most);
@@ -195,6 +204,7 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
             }
             // Contacts are detected by neighbouring voxels.
             Op::Union(_) => 1.0,
+            // OpenVDB's Gaussian is four box filters.
             Op::Gaussian(k) => box_filter(k, 4.0),
             Op::Mean(k) | Op::Median(k) => box_filter(k, 1.0),
             Op::Laplacian(f) | Op::Curvature(f) => f64::from(f.iterations.0) * (1.0 + track),

@@ -20,8 +20,8 @@ const MAX_CUBES: usize = 256;
 /// Target number of samples.
 const TARGET_SAMPLES: f64 = 20_000.0;
 
-/// Inscribed balls of one phase over the surface, with diameters up to [`MAX_BRICK_WALL`] voxels. The
-/// result does not depend on the bricks.
+/// Inscribed balls of one phase (solid or void) over the surface, with diameters up to [`MAX_BRICK_WALL`] voxels.
+/// The cubes and vertices are chosen by the solid alone, so that the result does not depend on the bricks.
 pub(super) fn sampled_walls(
     brick_run: &BrickRun,
     solid: &StoredSolid,
@@ -54,8 +54,8 @@ fn cubes_of(block: Coord) -> impl Iterator<Item = Region> {
     })
 }
 
-/// The walls at every `vertex_stride`-th vertex in a cube. A wall is a ball that touches the surface
-/// there from inside the phase.
+/// The walls at every `vertex_stride`-th vertex in a cube of voxels. A wall is a ball that touches the surface
+/// there from inside the phase; its diameter is in world units.
 fn cube_walls(
     brick_run: &BrickRun,
     stored: &StoredSolid,

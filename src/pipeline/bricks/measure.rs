@@ -18,7 +18,7 @@ use std::path::Path;
 /// Layer around a brick that is rendered with it, voxels.
 const LAYER_WIDTH: i32 = 8;
 
-/// Measures of the surface.
+/// Measures of the surface, in world units.
 pub(super) struct SurfaceMeasures {
     pub volume: f64,
     pub area: f64,
@@ -27,7 +27,8 @@ pub(super) struct SurfaceMeasures {
     pub frame: Aabb,
 }
 
-/// Meshes all bricks and adds their triangles to the files.
+/// Meshes all bricks, sums volume and area, and adds their triangles to the files. Volumes are sums over bricks in
+/// a fixed order.
 pub(super) fn measure(
     brick_run: &BrickRun,
     solid: &StoredSolid,
@@ -52,6 +53,7 @@ pub(super) fn measure(
     for brick in (0..count).rev() {
         let region = bricks.region(brick);
         let with_halo = part(context, store, region.grown(halo), Coord([0; 3]))?;
+        // A brick whose surface is torn stops the run before it is written.
         refuse_torn(context, brick_run.inputs, &with_halo, region)?;
         let bounds = with_halo.parallel_bounds(context.threads);
         found.frame = found.frame.union(bounds.map_err(&failed)?);
@@ -80,7 +82,7 @@ pub(super) fn measure(
     Ok(found)
 }
 
-/// Writes a picture of the solid, framed by `frame`.
+/// Writes a picture of the solid, framed by the box `frame` in world units, to `path` as a PNG.
 pub(super) fn picture(
     brick_run: &BrickRun,
     solid: &StoredSolid,
@@ -101,7 +103,7 @@ pub(super) fn picture(
         let corners = [region.min, region.max].map(|c| transform.world(c).0);
         Aabb::of(corners).dilated(2.0 * context.scale.voxel_size)
     };
-    // Three visits per brick: coarse, fine, shadows.
+    // The renderer requests each part three times: coarse, fine, shadows.
     let visits = 3 * numbers.len() as u64;
     brick_run.progress.stage("picture", Some(visits));
     let boxes: Vec<Aabb> = numbers.iter().map(around).collect();

@@ -37,7 +37,7 @@ pub(super) const UNTANGLING_HALO: i32 = 24;
 struct MeshOutput<'a> {
     path: PathBuf,
     file: MeshStream,
-    /// Factor from the recipe's unit to the file's.
+    /// Factor from the recipe's unit to the file's. The next field is in recipe units, before that factor.
     factor: f64,
     /// Greatest magnitude of coordinates, world units, if vertices must stay distinct in single
     /// precision.
@@ -94,12 +94,14 @@ pub(super) struct Meshes<'a> {
     welders: [Welder; 2],
 }
 
+/// Numbers of a patch's faces in vertices of the whole mesh: vertices on a seam get the number that an earlier
+/// patch gave them.
 fn weld<const N: usize>(welder: &mut Welder, patch: &Patch<N>) -> Result<Vec<[u32; N]>, RunError> {
     let mesh_error = |e| RunError::level_set("mesh")(VdbError::from(e));
     welder.weld(patch).map_err(mesh_error)
 }
 
-/// Greatest distance of a patch's own vertices from the exact field; 0 without one.
+/// Greatest distance of a patch's own vertices from the exact field, world units; 0 without one.
 fn projection_error(context: StageContext, patch: &Patch, exact: Option<&Shape>) -> f64 {
     let owned = &patch.vertices[..patch.owned];
     let measure = |exact: &Shape| {
@@ -153,8 +155,10 @@ impl MeshOutput<'_> {
         Ok(())
     }
 
-    /// Adds the faces that OpenVDB's mesher makes in a region, projected onto a field if there is one.
-    /// `last` is the greatest x of the regions of the same brick.
+    /// Adds the faces that OpenVDB's mesher makes in a region of voxels, projected onto a field if there is one.
+    /// `solid` is the region with its halo. `far` is the greatest magnitude of a coordinate of the whole solid,
+    /// world units, on which the margin of the mesher depends. `last` is the greatest x of the regions of the same
+    /// brick, voxels.
     fn add_quad_region(
         &mut self,
         context: StageContext,
@@ -210,6 +214,7 @@ impl MeshOutput<'_> {
 }
 
 impl FaceSource {
+    /// The faces that an output requests, for voxels of the size in `scale`.
     fn of(output: &Output, scale: Scale) -> Self {
         if output.is_meshed_by_openvdb() {
             return Self::OpenVdb {
@@ -235,7 +240,9 @@ impl FaceSource {
 }
 
 impl<'a> Meshes<'a> {
-    /// Creates all files.
+    /// Creates the files of all mesh outputs and writes their heads. Beams are only collected; they are written
+    /// with `commit`. `thickness` is the measured local thickness, for outputs whose attributes (`grids`) contain
+    /// it.
     pub fn create(
         brick_run: &BrickRun<'a>,
         solid: &StoredSolid,
@@ -259,6 +266,7 @@ impl<'a> Meshes<'a> {
                 });
                 continue;
             }
+            // The attributes of a mesh are the grids that its output names; they become values per vertex.
             let words = output.grids.as_deref().unwrap_or_default();
             let attributes = Attributes::new(context, brick_run.inputs, words, thickness, factor)?;
             let is_exact = output.project || output.sharp;
@@ -270,6 +278,7 @@ impl<'a> Meshes<'a> {
                 file: MeshStream::create(path, unit, output.quads, attributes.names())?
                     .in_double(is_double),
                 factor,
+                // Files in double precision keep near vertices distinct, and an OBJ always is one.
                 max_coordinate: (!is_double && !is_obj(path)).then_some(far),
                 is_exact,
                 face_source: FaceSource::of(output, context.scale),
@@ -303,7 +312,8 @@ impl<'a> Meshes<'a> {
         exact.map(|shape| &*shape.field)
     }
 
-    /// Adds a patch to the files with all triangles whose vertices have the same source.
+    /// Adds a patch to the files with all triangles whose vertices have the same source; does nothing if no file
+    /// wants them.
     pub fn add(
         &mut self,
         context: StageContext,
@@ -346,7 +356,8 @@ impl<'a> Meshes<'a> {
         self.add_quads(context, stored, solid, region, far)
     }
 
-    /// Decimates block by block, so that nothing depends on the bricks. Blocks keep their shared border.
+    /// Adds the decimated triangles of a region. Decimates block by block, so that nothing depends on the bricks.
+    /// Blocks keep their shared border.
     fn add_decimated(
         &mut self,
         context: StageContext,
@@ -429,7 +440,8 @@ impl<'a> Meshes<'a> {
         Ok(())
     }
 
-    /// Completes all files. Returns their facts by path.
+    /// Completes all files and writes the beams. Returns their facts by path. Until then none of the files exists
+    /// under its name.
     pub fn commit(self) -> Result<BTreeMap<PathBuf, MeshFacts>, RunError> {
         let mut done = BTreeMap::new();
         for output in self.outputs {

@@ -93,6 +93,7 @@ impl BrickPlan {
                 self.edge
             ));
         }
+        // These limits keep later sums of coordinates within 32 bits.
         if self.halo > 1 << 20 {
             return Err(format!(
                 "a halo of {} voxels; expected at most 1048576",
@@ -102,6 +103,7 @@ impl BrickPlan {
         let edge = self.edge as i32 * BLOCK;
         let is_misplaced = |b: &&[i32; 3]| {
             b.iter()
+                // At most 2^29 voxels from the origin.
                 .any(|c| c % edge != 0 || c.unsigned_abs() > 1 << 29)
         };
         match self.bricks.iter().find(is_misplaced) {
@@ -165,7 +167,8 @@ fn planned(inputs: &[Input]) -> Vec<PlannedInput> {
     inputs.iter().map(hashed).collect()
 }
 
-/// Makes the plan of a run: all bricks that may hold a part of the band before the first resampling.
+/// Makes the plan of a run: all bricks that may hold a part of the band before the first resampling. The path of
+/// the recipe is as the run has it and that of the outputs is left out; a plan in a file gets both.
 pub(in super::super) fn make_plan(
     inputs: &Inputs,
     layout: &Layout,
@@ -222,8 +225,8 @@ fn blocks_in(solid: &LevelSet) -> Result<Vec<Coord>, RunError> {
     Ok(blocks.into_iter().collect())
 }
 
-/// Regions in which the operands of some passes on the same voxels may add to the solid; `extent` is the
-/// solid's own box.
+/// Regions of voxels in which the operands of some passes on the same voxels may add to the solid; `extent` is the
+/// solid's own box, world units. The regions contain whole blocks and may overlap.
 pub(super) fn operand_regions(
     inputs: &Inputs,
     context: StageContext,

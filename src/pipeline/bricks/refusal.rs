@@ -8,7 +8,7 @@ use crate::recipe::OutputKind;
 const NANOVDB_REASON: &str =
     "a .nvdb is a single buffer in memory; write a .vdb, which nanovdb_convert converts";
 
-/// Why a run cannot be divided into bricks; `None` if it can.
+/// Why a run cannot be divided into bricks, as a sentence for the user; `None` if it can.
 pub(crate) fn bricks_refusal(inputs: &Inputs) -> Option<String> {
     let origin = inputs.volumes.start().map(crate::vdb::LevelSet::origin);
     if let Some(o) = origin.filter(|o| *o != Vec3::zeros()) {

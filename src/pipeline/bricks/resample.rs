@@ -18,8 +18,8 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 impl BrickRun<'_> {
-    /// Copies of the solid on voxels of twice, four times ... the edge, each resampled from the one
-    /// before.
+    /// Copies of the solid on voxels of twice, four times ... the edge, each resampled from the one before;
+    /// `levels` of them. Their files are numbered as passes behind those of the recipe.
     pub fn coarser(&self, solid: &StoredSolid, levels: u8) -> Result<Vec<StoredSolid>, RunError> {
         let mut copies: Vec<StoredSolid> = Vec::new();
         for level in 0..usize::from(levels) {
@@ -36,7 +36,7 @@ impl BrickRun<'_> {
         Ok(copies)
     }
 
-    /// The bricks on other voxels that may hold a part of the solid, also after some passes there.
+    /// The bricks on other voxels that may hold a part of the solid, also after the passes `after` there.
     pub fn bricks_after(
         &self,
         step: &Resampling,
@@ -59,7 +59,7 @@ impl BrickRun<'_> {
         ))
     }
 
-    /// Writes the files of a resampling pass.
+    /// Writes the files of a resampling pass `number`: `solid` on its old voxels becomes `bricks` on the new ones.
     pub fn resample(
         &self,
         number: usize,
@@ -111,7 +111,8 @@ impl BrickRun<'_> {
         Ok(leaves)
     }
 
-    /// Resamples the part of the solid in a region of other voxels into a sink.
+    /// Resamples the part of the solid in a region of new voxels into a sink. A region that the solid's band does
+    /// not reach adds nothing.
     fn resample_region(
         &self,
         step: &Resampling,

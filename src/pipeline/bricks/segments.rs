@@ -14,7 +14,7 @@ use crate::vdb::StoredSegments;
 const MAX_SMALL_COMPONENT_BLOCKS: usize = 8;
 
 impl BrickRun<'_> {
-    /// The connected components of the solid, the largest first.
+    /// The connected components of the solid, the largest first, each in leaf files of its own.
     pub fn segments(&self, solid: &StoredSolid) -> Result<Vec<StoredSolid>, RunError> {
         let StoredSolid { bricks, store } = solid;
         let quiet = CancelOnly(self.progress);

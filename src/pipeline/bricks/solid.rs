@@ -26,8 +26,8 @@ pub(super) struct StoredSolid {
 }
 
 impl StoredSolid {
-    /// The greatest magnitude of a coordinate of its leaves, world units, as the mesher defines it for a
-    /// whole solid.
+    /// The greatest magnitude of a coordinate of its leaves, world units, as the mesher defines it for a whole
+    /// solid; one leaf's edge for an empty one.
     pub fn far(&self) -> f64 {
         let [min, max] = self.store.bounds().unwrap_or([Coord([0; 3]); 2]);
         let ends = (0..3).flat_map(|a| [min.aligned(LEAF)[a], max.aligned(LEAF)[a] + LEAF]);
@@ -54,7 +54,7 @@ impl Bricks {
         }
     }
 
-    /// All bricks of an edge in blocks that meet any of some regions.
+    /// All bricks of an edge in blocks that meet any of some regions of voxels.
     pub fn around(voxels: Voxels, edge: u32, regions: impl Iterator<Item = Region>) -> Self {
         let edge = edge as i32 * BLOCK;
         let origins: BTreeSet<Coord> = regions.flat_map(|r| r.cubes(edge)).collect();
@@ -83,6 +83,7 @@ impl Bricks {
         self.origins.iter().copied()
     }
 
+    /// Number of bricks; they are numbered from 0 in the order of `origins`.
     pub fn len(&self) -> usize {
         self.origins.len()
     }

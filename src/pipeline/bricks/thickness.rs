@@ -12,7 +12,8 @@ use crate::pipeline::measure::least_wall::{SurfacePoint, surface_points};
 use crate::pipeline::measure::thickness::{RegionalSurface, SolidGeometry, Thickness};
 use crate::progress::CancelOnly;
 
-/// The surface of a solid in bricks, meshed on demand: a brick at once, larger regions block by block.
+/// The surface of a solid in bricks, meshed on demand. Level 0 measures thin walls brick by brick; each further
+/// level takes wider balls, cubes of twice the edge and fewer points, and is meshed block by block.
 struct BrickSurface<'a> {
     brick_run: &'a BrickRun<'a>,
     solid: &'a StoredSolid,
@@ -20,16 +21,19 @@ struct BrickSurface<'a> {
 }
 
 impl RegionalSurface for BrickSurface<'_> {
+    // The regions of level 0.
     fn regions(&self) -> Vec<Region> {
         let bricks = &self.solid.bricks;
         (0..bricks.len()).map(|n| bricks.region(n)).collect()
     }
 
+    // Cubes of blocks, twice as wide with each level.
     fn region_of(&self, voxel: Coord, level: u32) -> Region {
         let edge = BLOCK << level;
         Region::cube(voxel.aligned(edge), edge)
     }
 
+    // The surface points in a region grown by `halo` voxels; each further level keeps fewer of them.
     fn around(&self, region: Region, halo: i32, level: u32) -> Result<Vec<SurfacePoint>, RunError> {
         let Self {
             brick_run,

@@ -14,7 +14,7 @@ use crate::recipe::{GridWord, Output, OutputKind, Recipe, Segments};
 use crate::vdb::{Attribute, FileError, LevelSet, StoredFog, StoredGrid};
 use std::path::Path;
 
-/// The attributes that the `.vdb` outputs of a recipe contain.
+/// The attributes that the `.vdb` outputs of a recipe contain, each once.
 pub(super) fn attribute_words(recipe: &Recipe) -> Vec<GridWord> {
     let mut all: Vec<GridWord> = Vec::new();
     let outputs = recipe.sections().output.iter();
@@ -44,8 +44,8 @@ pub(super) struct Volumes<'a> {
 }
 
 impl<'a> Volumes<'a> {
-    /// Makes attributes, copies, components and fog, where any file contains them. `bounds` is the
-    /// box of the solid in the recipe's unit, for scenes.
+    /// Makes attributes, copies, components and fog, where any file contains them. `bounds` is the box of the
+    /// solid in the recipe's unit, for scenes (the `.usda` files beside a volume).
     pub fn new(
         brick_run: &'a BrickRun,
         solid: &'a StoredSolid,
@@ -86,7 +86,8 @@ impl<'a> Volumes<'a> {
             || !attribute_words(self.brick_run.inputs.recipe).is_empty()
     }
 
-    /// Writes the files of an output, and a scene beside each if it requests one.
+    /// Writes the files of an output, and a scene beside each if it requests one. Returns their entries in the
+    /// report, in the order of writing.
     pub fn write(&self, output: &Output, path: &Path) -> Result<Vec<OutputFile>, RunError> {
         let components = || (1..).zip(&self.components);
         match output.segments {
@@ -121,7 +122,7 @@ impl<'a> Volumes<'a> {
         }
     }
 
-    /// Writes one file: the named level sets, and the other grids of these words.
+    /// Writes one file: the named level sets, and the fog and attributes among `words`.
     fn write_one(
         &self,
         output: &Output,

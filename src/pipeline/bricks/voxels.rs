@@ -1,4 +1,5 @@
-//! Regions and portions of a resampling in bricks.
+//! Regions and portions of a resampling in bricks: which old voxels determine a region of new ones, and in which
+//! portions bricks are made so that no portion needs more memory than a brick of the plan.
 
 use crate::band::{BLOCK, LEAF, Region, SurfacePoints};
 use crate::frame::{Aabb, Coord, Transform};
@@ -40,6 +41,7 @@ impl Voxels {
 
     /// The region of voxels around a box.
     fn around(&self, bounds: Aabb) -> Region {
+        // Clamped so that the cast to 32 bits holds; plans refuse coordinates that far out.
         let index = |v: f64| v.clamp(-1e9, 1e9) as i32;
         let h = self.scale.voxel_size;
         Region {
@@ -59,8 +61,8 @@ impl Resampling {
         whole_leaves(reach + self.from.half_width + INTERPOLATION_REACH + HALO_MARGIN)
     }
 
-    /// Edge of a new brick in blocks, so that it is made from about as much as an old brick of `edge`
-    /// blocks.
+    /// Edge of a new brick in blocks, so that it is made from about as much as an old brick of `edge` blocks; 1 to
+    /// 64.
     pub fn edge(&self, edge: u32) -> u32 {
         ((f64::from(edge) / self.factor()) as u32).clamp(1, 64)
     }
@@ -72,24 +74,28 @@ impl Resampling {
             return self.edge(edge) as i32 * BLOCK;
         }
         let fits = |p: &&i32| f64::from(**p) * self.factor() <= brick_span;
+        // The smallest cube serves even where it needs more than a brick.
         *PORTION_EDGES.iter().find(fits).unwrap_or(&PORTION_EDGES[3])
     }
 
-    /// Edge of the region that is resampled at once, old voxels.
+    /// Edge of the region that is resampled at once, old voxels: a portion with a leaf on each side, times the
+    /// factor by which a rotation widens its box, and the halo on both sides.
     pub fn span(&self, edge: u32) -> f64 {
         let rows = self.placement.rotation.abs().row_sum_tr();
         let portion_span = f64::from(self.portion_edge(edge) + 2 * LEAF);
         portion_span * self.factor() * rows.max() + 2.0 * f64::from(self.halo())
     }
 
-    /// The region of new voxels that the band of the solid in a region of old ones can reach.
+    /// The region of new voxels that the band of the solid in a region of old ones can reach; `None` for an
+    /// invalid voxel size.
     pub fn moved(&self, region: Region) -> Option<Region> {
         let image = self.placement.image(self.from.span(region)?);
         let reach = (self.to.half_width + 1.0) * self.to.scale.voxel_size;
         Some(self.to.around(image.dilated(reach)))
     }
 
-    /// The region of old voxels that determines the values in a region of new ones.
+    /// The region of old voxels that determines the values in a region of new ones; `None` for an invalid voxel
+    /// size.
     pub fn source(&self, region: Region) -> Option<Region> {
         // The mask of a voxel depends on its neighbours.
         let span = self.to.span(region.grown(1))?;

@@ -1,5 +1,7 @@
 //! Volume fractions of a part whose elements may be curved or distorted.
 //!
+//! A density here is a weight over a cell's reference element, and no mass.
+//!
 //! A cell's fraction is that of its reference element. An element that is not affine stretches some of
 //! the cell more than the rest. The determinants of all elements of a shape, summed, are the density
 //! that weights the cell's volume. Where all elements of a shape are affine the density is constant and
@@ -24,7 +26,8 @@ fn fills(cell: &Cell, shape: Element) -> bool {
     cell.element() == shape || crate::tiling::fills(cell.element(), shape)
 }
 
-/// The density of the elements that a cell fills, kept or new; `None` if all of them are affine.
+/// The density of the elements that a cell fills, kept by an earlier run in `cache` or new; `None` if all of them
+/// are affine.
 pub(crate) fn density(
     scaffold: &Scaffold,
     cell: &Cell,
@@ -59,6 +62,8 @@ fn density_key(scaffold: &Scaffold, cell: &Cell) -> String {
     format!("{} {symmetry:?}", hasher.finalize().to_hex())
 }
 
+/// The sum of |det J| over the elements that a cell fills, as a function of reference coordinates; `None` if all
+/// are affine.
 fn new_density(scaffold: &Scaffold, cell: &Cell) -> Option<Density> {
     let elements: Vec<usize> = (0..scaffold.len())
         .filter(|&e| fills(cell, scaffold.element(e).shape()))
@@ -96,6 +101,7 @@ pub(crate) fn cell_fraction(tiling: &CellTiling) -> Option<f64> {
     Some(shares.sum())
 }
 
+/// The volume fraction of a cell, 0 to 1, weighted by the density of its elements where they are not affine.
 fn fraction(cell: &Cell, density: Option<&Density>) -> f64 {
     density.map_or_else(
         || cell.volume_fraction(),
@@ -116,8 +122,9 @@ fn volumes(scaffold: &Scaffold, cells: &[Cell]) -> Vec<f64> {
     cells.iter().map(volume_of).collect()
 }
 
-/// Cells of one field with a common level shift at which together they fill the target share of their
-/// elements.
+/// Cells of one field with a common level shift at which together they fill the target share of their elements.
+/// `densities` belong to `cells` one by one. If no shift within `MAX_STEPS` meets the target to 1e-6, the best one
+/// is taken.
 pub(crate) fn with_common_shift(
     scaffold: &Scaffold,
     cells: &[Cell],
@@ -135,7 +142,8 @@ pub(crate) fn with_common_shift(
         own.map(|((c, d), v)| fraction(c, d.as_ref()) * v / total)
             .sum()
     };
-    // Regula falsi on the last two shifts; fields are in edge lengths.
+    // A secant search on the last two shifts, each with its error. Fields are in edge lengths, so that 1e-3 is a
+    // small first step.
     let mut last = (0.0, share(cells) - target);
     let mut next = 1e-3;
     let mut best = (last.1.abs(), 0.0);
@@ -158,7 +166,8 @@ pub(crate) fn with_common_shift(
     at(best.1)
 }
 
-/// The cell at the level at which it fills the target share of its elements.
+/// The cell at the level at which it fills the target share of its elements. Without a density the cell has that
+/// level already and is returned as it is. `key` names the cell in errors.
 pub(crate) fn at_fraction(
     cell: Cell,
     density: Option<&Density>,

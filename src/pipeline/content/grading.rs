@@ -1,4 +1,6 @@
-//! Gradings: level shifts of a cell's field for a target level, volume fraction or thickness.
+//! Gradings: level shifts of a cell's field for a target level, volume fraction or thickness. A shift is in units
+//! of the normalised field, whose gradient has a root mean square of 1 on the surface; it moves the surface by
+//! about that many reference lengths. Shifts are tabulated over the range of a quantity and interpolated at nodes.
 
 use super::fractions;
 use crate::cell::{Cell, Density, Table};
@@ -11,7 +13,8 @@ use crate::tiling::{CellField, TilingError};
 /// Number of grades that tabulate the range of a quantity.
 const GRADE_COUNT: usize = 9;
 
-/// World length per reference length of a shape at every node: the mean over the elements around it.
+/// World length per reference length of a shape at every node: the mean over the elements around it; 1 at a node
+/// without elements.
 pub(crate) fn node_scales(scaffold: &Scaffold, shape: Element) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); scaffold.nodes().len()];
     for e in scaffold.elements() {
@@ -114,8 +117,9 @@ pub fn level_shifts(
     Ok(values.into_iter().zip(is_corner).map(shift).collect())
 }
 
-/// Shifts of the normalised field that give a cell the quantity, tabulated from `low` to `high`.
-/// `key` is the graded key of the recipe. A single entry where both are equal.
+/// Shifts of the normalised field that give a cell the quantity, tabulated at equal steps from `low` to `high`; a
+/// thickness is in reference lengths here. `key` is the graded key of the recipe, as in `tiling.level`, and
+/// selects the quantity. A single entry where both are equal.
 pub(crate) fn grade_shifts(
     graded: GradedCell<'_>,
     key: &str,
@@ -127,6 +131,7 @@ pub(crate) fn grade_shifts(
         key: format!("{key} of cell.{}", graded.name),
         fault: e.into(),
     };
+    // Relative difference of the ends below which they are equal.
     let steps = if high - low > 1e-9 * high.abs().max(1e-9) {
         GRADE_COUNT
     } else {
@@ -162,7 +167,8 @@ pub(crate) fn grade_shifts(
             .clone()
             .with_solid(cell.solid(), level)
             .map_err(fault)?;
-        // A point off the mid-surface of a sheet, where the field has a kink.
+        // Any point serves, as level sets of one field differ by a constant; this one lies off the mid-surface of
+        // sheets, where the field has a kink.
         let p = CellPoint(Vec3::new(0.13, 0.07, -0.05));
         // Level and shift differ by the cell's own level and sign; the difference of two fields is the
         // shift, in units of the field.
@@ -189,7 +195,7 @@ pub(crate) fn volume_mean(scaffold: &Scaffold, values: &[f64]) -> f64 {
     sum / volume
 }
 
-/// The grade with the target nearest to a value.
+/// The grade with the target nearest to a value; `None` only for an empty table.
 pub(crate) fn nearest_grade(grades: &[Grade], v: f64) -> Option<&Grade> {
     let distance = |g: &Grade| (g.target - v).abs();
     grades
@@ -197,7 +203,7 @@ pub(crate) fn nearest_grade(grades: &[Grade], v: f64) -> Option<&Grade> {
         .min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
-/// The shift for a value, by linear interpolation between grades.
+/// The shift for a value, by linear interpolation between grades; beyond them that of the nearest.
 pub(crate) fn interpolated_shift(grades: &[Grade], v: f64) -> f64 {
     let pairs: Vec<[f64; 2]> = grades.iter().map(|g| [g.target, g.shift]).collect();
     crate::pipeline::inputs::spatial_value::piecewise_linear(&pairs, v)

@@ -33,11 +33,13 @@ pub(crate) struct Inputs<'a> {
     /// Grids of OpenVDB files.
     pub volumes: Volumes,
     files: InputFiles<'a>,
+    /// Solids of meshes and crystals, by the operation's key `op.N`; the next two maps likewise.
     solids: BTreeMap<String, Arc<MeshSolid>>,
     /// Beams of the files that the solids come from.
     lattices: BTreeMap<String, Arc<LatticeSolid>>,
     standalone_cells: BTreeMap<String, StandAlone>,
     pub tiling: Option<CellTiling>,
+    /// The moves of the surface that the field takes, and the report on all of them.
     pub offsets: Offsets,
     pub offset_reports: Vec<OffsetReport>,
     /// The kernel that evaluates the tiling, once its field exists.
@@ -134,6 +136,7 @@ impl<'a> Inputs<'a> {
         Ok(())
     }
 
+    /// Loads the scaffold and its tiling, if the recipe has both.
     fn load_tiling(&mut self, session: Session) -> Result<(), RunError> {
         let sections = self.recipe.sections();
         let (Some(section), Some(tiling)) = (&sections.scaffold, &sections.tiling) else {
@@ -141,6 +144,7 @@ impl<'a> Inputs<'a> {
         };
         let loaded = scaffold::load(&mut self.files, section)?;
         session.progress.stage("cell", None);
+        // An operation's mesh counts before the one that the scaffold fills.
         let envelope = self.envelope().cloned().or_else(|| loaded.envelope.clone());
         let files = &mut self.files;
         self.tiling = Some(CellTiling::load(
@@ -153,7 +157,8 @@ impl<'a> Inputs<'a> {
         Ok(())
     }
 
-    /// The first mesh or crystal without beams that an operation intersects the solid with.
+    /// The envelope: the first mesh or crystal without beams that an operation intersects the solid with. The
+    /// variable d of formulas is the distance to it.
     fn envelope(&self) -> Option<&Arc<MeshSolid>> {
         let ops = &self.recipe.sections().op;
         ops.iter().enumerate().find_map(|(n, op)| match op {
@@ -185,7 +190,7 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// The mesh of an operation, by its key `op.N`.
+    /// The mesh of an operation, by its key `op.N`. Every operation with a surface has one after `read`.
     pub fn solid(&self, key: &str) -> &MeshSolid {
         &self.solids[key]
     }
@@ -215,12 +220,12 @@ impl<'a> Inputs<'a> {
         self.visits.clear();
     }
 
-    /// Number of elements visited since the reset.
+    /// Number of elements visited since the reset; `None` without a tiling or before its field exists.
     pub fn elements_visited(&self) -> Option<u64> {
         self.kernel().map(|_| self.visits.count())
     }
 
-    /// Number of leaves interpolated between nodes since the reset.
+    /// Number of leaves interpolated between nodes since the reset; `None` as above.
     pub fn leaves_by_nodes(&self) -> Option<u64> {
         self.kernel().map(|_| self.visits.interpolated_leaves())
     }
@@ -279,7 +284,8 @@ impl<'a> Inputs<'a> {
         self.tiling.as_ref()?.target_thickness()
     }
 
-    /// Checks the hashes of the inputs against those of an earlier run.
+    /// Checks the hashes of the inputs, by key, against those of an earlier run. Keys that the run does not have
+    /// pass.
     pub fn expect(&self, hashes: &BTreeMap<String, String>) -> Result<(), RunError> {
         let found = &self.files.inputs;
         let changed = hashes.iter().filter_map(|(key, expected)| {

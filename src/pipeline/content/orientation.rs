@@ -1,4 +1,6 @@
-//! Elements of a recipe's scaffold turned so that its cells continue over all faces.
+//! Elements of a recipe's scaffold turned (their nodes numbered in another order) so that its cells continue over
+//! all faces, or along directions that the recipe gives. It reads directions from formulas and fields; the search
+//! itself is in `tiling`.
 
 use crate::cell::Cell;
 use crate::frame::{Mat3, Vec3};
@@ -24,7 +26,12 @@ pub(super) struct Turned {
     pub mixture: Mixture,
 }
 
-/// Turns the elements of a scaffold as the tiling's cells need it, those of each name by shape.
+/// Turns the elements of a scaffold as the tiling's cells need it and replaces `loaded.scaffold` if any is turned.
+/// `cells` are the tiling's cells, for each name one per element shape; without any (round beams) nothing is
+/// turned.
+///
+/// # Errors
+/// [`RunError::Misfit`] where no turns make the cells continue and the recipe does not allow blends.
 pub(super) fn turn_elements(
     files: &mut InputFiles,
     loaded: &mut LoadedScaffold,
@@ -96,7 +103,7 @@ pub(super) fn turn_elements(
     }))
 }
 
-/// The field of stresses whose principal direction is requested.
+/// Whether a direction is the principal one of a field of stresses.
 fn is_principal(direction: &Direction) -> bool {
     matches!(direction, Direction::Field(f) if f.component.as_deref() == Some(PRINCIPAL))
 }
@@ -140,7 +147,7 @@ fn unit_vectors(
     vectors.iter().zip(points).map(unit).collect()
 }
 
-/// Values of components of a field at points.
+/// Values of components of a field at points, one list per name of `names`.
 fn components(
     files: &mut InputFiles,
     spatial: &SpatialContext,
@@ -166,7 +173,8 @@ fn principal_directions(
     field: &FieldRef,
     points: &[Vec3],
 ) -> Result<Vec<Vec3>, RunError> {
-    // xx yy zz xy yz zx of nine components by rows, else of six in VTK's order.
+    // xx yy zz xy yz zx: of nine components by rows, else of six in VTK's order. The first read makes errors of
+    // the file itself appear as they are.
     components(files, spatial, field, &["0"], points)?;
     let nine = components(
         files,

@@ -39,9 +39,10 @@ impl TableAccuracy {
         }
     }
 
-    /// The report's entry for a table.
+    /// The report's entry for a table, with its errors in voxels.
     pub fn facts(&self, table: &Table) -> serde_json::Value {
         let voxels = |length: f64| length / self.voxel_size;
+        // Errors of values over the slope of the field are displacements of the surface.
         let slope = table.gradient_rms();
         serde_json::json!({
             "element": table.element().name(),
@@ -123,8 +124,9 @@ fn section_in_use(files: &InputFiles, name: &str, kind: ContentKind) -> CellSect
     }
 }
 
-/// Makes the cells of a name for every shape that occurs; for a metric sheet, one side of its
-/// mid-surface.
+/// Makes the cells of a name for every shape that occurs; for a metric sheet (a wall of a given thickness in
+/// space), one side of its mid-surface. A cell of one shape in a mixed scaffold is made for that shape only; a
+/// name that fits no shape is an error.
 pub(crate) fn cells_by_shape(
     files: &mut InputFiles,
     shapes: &[Element],
@@ -137,6 +139,7 @@ pub(crate) fn cells_by_shape(
     let own_element = section.element.map(Element::from);
     let mut all = Vec::new();
     for &shape in shapes {
+        // In a scaffold of one shape a misfit is left to `cells::make`, whose error names both shapes.
         // A planar cell fills the prisms over its element.
         let element = own_element
             .filter(|&a| crate::tiling::fills(a, shape))
@@ -161,7 +164,8 @@ pub(crate) fn cells_by_shape(
     Ok(all)
 }
 
-/// Levels, matches and tabulates the cells of a name.
+/// Levels, matches and tabulates the cells of a name. `cells` have no final level yet; a table is a cell's field
+/// at nodes of a grid, which runs evaluate. Adds warnings to `files`.
 pub(crate) fn palette_cell(
     files: &mut InputFiles,
     scaffold: &Scaffold,
@@ -218,7 +222,8 @@ pub(crate) fn palette_cell(
     }
     let max_displacement = accuracy.tolerance * accuracy.voxel_size;
     for cell in &entry.cells {
-        // Errors of tables differ between element shapes, so tables must be accurate where shapes meet.
+        // Errors of tables differ between element shapes, so tables must be accurate where shapes meet. Where the
+        // strict tolerance needs too large a table, the default one is taken.
         let table = match shapes.len() {
             1 => Table::for_displacement(cell, max_displacement),
             _ if needs_matching => {
@@ -278,8 +283,10 @@ fn refine_tables(scaffold: &Scaffold, entry: &mut PaletteCell) {
         if jump <= target_jump {
             return;
         }
+        // Half of the factor that is missing: errors of two tables add up in a jump.
         let share = 0.5 * target_jump / jump;
         let finer = |(cell, table): (&Cell, &Table)| {
+            // The measured displacement is tried in the first half of the attempts, the bound in the rest.
             let measured = table
                 .displacement()
                 .filter(|_| attempt < MAX_REFINEMENTS / 2);
@@ -317,6 +324,7 @@ fn cells_need_matching(scaffold: &Scaffold, entry: &PaletteCell) -> Result<bool,
         name: entry.name.clone(),
         cells: entry.cells.iter().collect(),
     };
+    // One member of weight 1 everywhere: the blend is the cells themselves, and its check compares their faces.
     let weights = vec![1.0; scaffold.nodes().len()];
     let blend = Blend::new(scaffold, vec![member], weights, Interpolation::Linear)
         .map_err(|e| RunError::Tiling(e.to_string()))?;

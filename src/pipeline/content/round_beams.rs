@@ -47,18 +47,20 @@ const BOUNDARY_ERROR: f64 = 0.05;
 /// Beams and plates over a scaffold.
 pub(crate) struct RoundBeams {
     beams: Beams,
-    /// Numbers of nodes, of straight segments of struts and of flat facets of plates, each counted once.
+    /// Numbers of nodes, of straight segments of struts and of flat facets of plates, in this order, each counted
+    /// once.
     counts: [usize; 3],
     /// Least and greatest diameter that is not 0, world units.
     diameters: [f64; 2],
     /// Chordal error of the scaffold's boundary, world units. It follows from the recipe's voxels, also
     /// in estimates on coarser ones.
     boundary_error: f64,
+    /// The scaffold's outer faces, made when a field is first cut by them.
     outer: OnceLock<ScaffoldSolid>,
 }
 
-/// Whether a tiling's cells are round beams and plates. Warns if graphs are fitted because another cell
-/// is not.
+/// Whether a tiling's cells are round beams and plates. Warns if graphs are fitted because another cell is not;
+/// refuses that where the recipe requests `section = "round"`.
 pub(crate) fn is_round(files: &mut InputFiles, tiling: &TilingSection) -> Result<bool, RunError> {
     let cells = &files.recipe.sections().cell;
     let (round, fitted): (Vec<&str>, Vec<&str>) = tiling
@@ -89,7 +91,7 @@ pub(crate) fn is_round(files: &mut InputFiles, tiling: &TilingSection) -> Result
     Ok(false)
 }
 
-/// Refuses keys that round beams do not support.
+/// Refuses keys that round beams do not support, of the cell `name` and of the tiling.
 fn check(recipe: &Recipe, name: &str, tiling: &TilingSection) -> Result<(), RunError> {
     let section = &recipe.sections().cell[name];
     let unsupported = |key: &str, expected: &str| {
@@ -128,7 +130,8 @@ fn check(recipe: &Recipe, name: &str, tiling: &TilingSection) -> Result<(), RunE
     Ok(())
 }
 
-/// The volume fraction that beams of one diameter must have in the scaffold, if it is requested.
+/// The volume fraction, above 0 and below 1, that beams of one diameter must have in the scaffold. `None` if none
+/// is requested, for several cells, and for one that varies.
 pub(crate) fn fraction(recipe: &Recipe, tiling: &TilingSection) -> Option<f64> {
     let [name] = tiling.cells()[..] else {
         return None;
@@ -141,7 +144,7 @@ pub(crate) fn fraction(recipe: &Recipe, tiling: &TilingSection) -> Option<f64> {
     }
 }
 
-/// The struts and plates of a cell in each element shape.
+/// The struts and plates of a cell in each element shape that it fills, in reference coordinates.
 fn shape_parts(
     recipe: &Recipe,
     name: &str,
@@ -178,7 +181,7 @@ fn shape_parts(
             struts: parts.struts().to_vec(),
             plates: parts.plates().to_vec(),
         };
-        // A plate's second number is half its thickness.
+        // The second number of a strut is its radius, that of a plate half its thickness.
         if let Some(radius) = own_radius {
             for strut in &mut parts.struts {
                 strut.1 = radius;
@@ -283,7 +286,7 @@ impl RoundBeams {
         &self.beams
     }
 
-    /// Least and greatest diameter, world units.
+    /// Least and greatest diameter that is not 0, world units.
     pub fn diameters(&self) -> [f64; 2] {
         self.diameters
     }
@@ -356,7 +359,8 @@ impl RoundBeams {
     }
 }
 
-/// Beams and plates of a network with the diameters that a recipe requests.
+/// Beams and plates of a network with the diameters that a recipe requests: those of one volume fraction, those of
+/// the cells, or those of `[tiling] thickness`. `spatial` evaluates formulas and names the key in errors.
 fn sized_parts(
     files: &mut InputFiles,
     tiling: &CellTiling,
@@ -375,6 +379,7 @@ fn sized_parts(
         min_radius: MIN_RADIUS * voxel,
     };
     if let Some(fraction) = fraction(recipe, section) {
+        // All beams get a tiny diameter first; distances to their axes then give the diameter of the fraction.
         // Thin beams have small boxes, which makes the nearest-beam search fast.
         let trial = 1e-6 * scaffold.bounds().half_diagonal();
         let constant =
@@ -382,6 +387,7 @@ fn sized_parts(
         let (beams, plates) = constant(trial)?;
         let found = Beams::new(&beams, &plates)
             .and_then(|b| diameter_for_fraction(&b, trial, scaffold, fraction));
+        // Without any beam the diameter is 0 and the caller refuses the network.
         return constant(found.unwrap_or_default());
     }
     let Some(thickness) = &section.thickness else {
@@ -390,6 +396,7 @@ fn sized_parts(
             Some([d, ..]) if weights.is_single() => {
                 network.sized(scaffold, Width::<RunError>::Constant(d), None, limits)
             }
+            // Weights times own thickness over the least one: the beam's diameter is the weighted mean.
             Some(own) => {
                 let positive = own.iter().copied().filter(|&t| t > 0.0);
                 let unit = positive.fold(f64::INFINITY, f64::min);
@@ -439,7 +446,8 @@ fn sized_parts(
     network.sized(scaffold, Width::Varying(&mut diameters), at, limits)
 }
 
-/// The thicknesses of the cells in units of length; `None` if no cell has one.
+/// The thicknesses of the cells in world units, in the order of `names`, padded with 0 to eight; `None` if no cell
+/// has one. Some with and some without is an error.
 fn physical_thicknesses(recipe: &Recipe, names: &[&str]) -> Result<Option<[f64; 8]>, RunError> {
     let cells = &recipe.sections().cell;
     let mut all = [0.0; 8];
@@ -460,7 +468,8 @@ fn physical_thicknesses(recipe: &Recipe, names: &[&str]) -> Result<Option<[f64; 
     }
 }
 
-/// Round beams as a filling of elements, for the continuity certificate.
+/// Round beams as a filling of elements, for the continuity certificate. Bounds are trivial, because the
+/// certificate evaluates points only.
 pub(crate) struct ElementView<'a> {
     beams: &'a Beams,
     scaffold: &'a Scaffold,

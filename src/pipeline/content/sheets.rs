@@ -61,7 +61,8 @@ pub(crate) struct SheetOptions<'a> {
 }
 
 impl SheetThickness {
-    /// The thickness `values` at `points`. Where `counts` is set it is positive.
+    /// The thickness `values` at `points`, world units, which is positive where `counts` is set; elsewhere it is
+    /// clamped to the range of the others. `outer` are the scaffold's outer faces.
     pub fn new(
         points: Vec<Vec3>,
         values: Vec<f64>,
@@ -100,8 +101,9 @@ impl SheetThickness {
         self.is_inverted
     }
 
-    /// The sheets as a field of signed distances, and the kernel of the mid-surface. `cells` gives
-    /// the content of the elements, once for each use.
+    /// The sheets as a field of signed distances, world units, and the kernel (the method of evaluation) of the
+    /// mid-surface. `cells` gives the content of the elements, whose level 0 is the mid-surface; it is called
+    /// twice, because each field owns one.
     pub fn field<'a, C: CellField + 'a>(
         &'a self,
         tiling: &'a CellTiling,
@@ -188,7 +190,7 @@ impl SheetThickness {
     }
 }
 
-/// The side of the mid-surface as a field.
+/// The side of the mid-surface as a field over the scaffold, and its kernel.
 fn tiled_field<'a, C: CellField + 'a>(
     scaffold: &'a Scaffold,
     cells: ElementContent<'a, C>,
@@ -209,6 +211,7 @@ fn tiled_field<'a, C: CellField + 'a>(
     })
 }
 
+/// A tiled solid with the interpolation and the counter of visits of some options, and its kernel.
 fn with_options<'a, F: tiling::Filling + 'a>(
     solid: TiledSolid<'a, F>,
     options: SheetOptions<'a>,
@@ -241,9 +244,11 @@ struct GradedThickness<'a> {
 }
 
 impl GradedThickness<'_> {
-    /// The thickness at a grid point: `THICKNESS_STEP` voxels times integers.
+    /// The thickness at a grid point: `THICKNESS_STEP` voxels times integers. It is computed once and kept in the
+    /// cache, which is emptied when it is full.
     fn at_point(&self, point: Coord) -> f64 {
         let Coord([x, y, z]) = point;
+        // Neighbouring points go to different shards, so that threads seldom wait for each other.
         let shard = (x ^ y << 1 ^ z << 2).rem_euclid(SHARDS as i32) as usize;
         let cache = || {
             self.cache[shard]
@@ -262,6 +267,8 @@ impl GradedThickness<'_> {
         found
     }
 
+    /// The thickness at a grid point without the cache. Outside the scaffold it is that of the closest point of
+    /// its outer faces, or the mean of the nearest points where rounding puts that one outside too.
     fn find(&self, point: Coord) -> f64 {
         let p = Vec3::from(point.0.map(|c| f64::from(c * THICKNESS_STEP) * self.step));
         if let Some(value) = self.graded.at(WorldPoint(p)) {
@@ -290,6 +297,7 @@ impl GradedThickness<'_> {
         (value, slope / (self.step * f64::from(THICKNESS_STEP)))
     }
 
+    /// The thickness at the corners of a cube of grid points, z fastest.
     fn corner_values(&self, least: Coord) -> [f64; 8] {
         std::array::from_fn(|n| {
             let [x, y, z] = [n >> 2, n >> 1 & 1, n & 1].map(|c| c as i32);
@@ -297,7 +305,7 @@ impl GradedThickness<'_> {
         })
     }
 
-    /// Subtracts half the thickness from distances at the samples of a lattice.
+    /// Subtracts half the thickness from distances at the samples of a lattice, `out` in the lattice's order.
     fn subtract_half(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let mut last_cube: Option<(Coord, [f64; 8])> = None;
         let mut cubes: BTreeMap<Coord, [f64; 8]> = BTreeMap::new();
@@ -315,7 +323,8 @@ impl GradedThickness<'_> {
     }
 }
 
-/// Value and slope between the corners of a unit cube, z fastest.
+/// Value and slope between the values at the corners of a unit cube, z fastest: corner n is (n / 4, n / 2 mod 2, n
+/// mod 2). `fraction` is the place in the cube, 0 to 1.
 fn trilinear(corner_values: &[f64; 8], fraction: Vec3) -> (f64, Vec3) {
     let (mut value, mut slope) = (0.0, Vec3::zeros());
     for (n, c) in corner_values.iter().enumerate() {
@@ -346,6 +355,7 @@ struct Sheet<'a> {
 }
 
 impl Sheet<'_> {
+    /// Half the thickness at a point and its gradient.
     fn half_thickness(&self, p: Vec3) -> (f64, Vec3) {
         match &self.thickness {
             LocalThickness::Uniform(t) => (t / 2.0, Vec3::zeros()),
@@ -356,6 +366,7 @@ impl Sheet<'_> {
         }
     }
 
+    /// Bounds of |d| - t / 2 from those of d.
     fn of_distances(&self, b: Interval) -> Interval {
         let m = b.magnitude();
         Interval::new(m.lo - self.range[1] / 2.0, m.hi - self.range[0] / 2.0)

@@ -56,12 +56,13 @@ pub(crate) struct CellTiling {
     /// Which of these points count: corners of elements, or points inside the scaffold. Values at the
     /// others may be meaningless.
     counts: Vec<bool>,
-    /// By point and cell; empty for a single cell.
+    /// By point and cell: those of a point side by side, in the order of the palette. Empty for a single cell.
     weights: Vec<f64>,
-    /// By point; empty without a grading.
+    /// Level shifts by point; empty without a grading.
     grading: Vec<f64>,
     /// The values that the recipe gives the graded quantity at the points.
     graded: Option<Graded>,
+    /// Whether the level of a blend is moved so that the volume fraction, too, is interpolated between cells.
     follow_volume: bool,
     content: Content,
     /// Least and greatest requested thickness, world units.
@@ -111,7 +112,9 @@ pub(crate) enum ElementContent<'a, C: CellField> {
 }
 
 impl CellTiling {
-    /// Makes the palette of a recipe and computes weights and grading.
+    /// Makes the palette of a recipe and computes weights and grading. `envelope` is the closed mesh that bounds
+    /// the part, to which the variable d of formulas is the distance; `None` without one. Elements of `loaded` may
+    /// be turned.
     pub fn load(
         files: &mut InputFiles,
         loaded: LoadedScaffold,
@@ -152,7 +155,8 @@ impl CellTiling {
             recipe::Interpolation::Smoothstep => Interpolation::Smoothstep,
             recipe::Interpolation::Smooth => Interpolation::Smooth,
         };
-        // Without anything that varies no values at points are needed.
+        // Without anything that varies no values at points are needed. Sheets always take a thickness at points:
+        // without one of the tiling it is a cell's own times the local size of the elements.
         let varies = !section.transition.is_empty()
             || !section.assign.is_empty()
             || section.is_graded()
@@ -201,6 +205,8 @@ impl CellTiling {
         }
         // The content needs weights, points and palette, which are complete now.
         match kind {
+            // Transitions of beams are not checked: parts that all cells contain keep their diameter, so that the
+            // solid stays connected through them.
             ContentKind::Beams => {
                 let spatial = spatial("tiling.thickness");
                 let beams = RoundBeams::load(files, &tiling, section, &spatial)?;
@@ -226,8 +232,9 @@ impl CellTiling {
         Ok(tiling)
     }
 
-    /// Values at the points. Points outside the scaffold need no defined value: a field that does not
-    /// reach them takes the nearest value.
+    /// Values at the points of the interpolation, in their order. `spatial` evaluates them and names the key in
+    /// errors. Points outside the scaffold need no defined value: a field that does not reach them takes the
+    /// nearest value.
     fn values(
         &self,
         files: &mut InputFiles,
@@ -250,7 +257,8 @@ impl CellTiling {
         }
     }
 
-    /// Values at the points, from those at the nodes.
+    /// Values at the points, from those at the nodes: these themselves, or for the smooth interpolation, whose
+    /// control points form a grid of their own, the mean of the nearest corners.
     fn at_points(&self, values: Vec<f64>) -> Vec<f64> {
         if self.interpolation != Interpolation::Smooth {
             return values;
@@ -265,7 +273,8 @@ impl CellTiling {
         self.points.par_iter().map(mean_at).collect()
     }
 
-    /// Converts a graded level, volume fraction or thickness to level shifts at the points.
+    /// Converts a graded level, volume fraction or thickness to level shifts at the points (`grading`). Also sets
+    /// the requested thickness and fraction; changes nothing without a graded key.
     fn grade<'s>(
         &mut self,
         files: &mut InputFiles,
@@ -310,6 +319,7 @@ impl CellTiling {
         let count = self.palette.len();
         let mut grading = vec![0.0; values.len()];
         for (c, entry) in self.palette.iter().enumerate() {
+            // The share of this cell at a point.
             let weight = |node: usize| match self.weights.get(node * count + c) {
                 Some(w) => {
                     w / self.weights[node * count..(node + 1) * count]
@@ -389,7 +399,8 @@ impl CellTiling {
         self.interpolation
     }
 
-    /// Warns of transitions between two cells along which the solid becomes disconnected.
+    /// Warns of transitions between two cells along which the solid becomes disconnected. They are checked on the
+    /// tables in one element of the scaffold's first shape.
     fn check_transitions(&self, files: &mut InputFiles) -> Result<(), RunError> {
         let blend = self.blend(|e| e.tables.iter().collect())?;
         let shape = self.loaded.scaffold.shapes()[0];
@@ -480,6 +491,7 @@ impl CellTiling {
         Ok(blend)
     }
 
+    /// A single cell as itself where nothing varies, and a blend otherwise. `cells` as for `blend`.
     fn element_content<'a, C: CellField>(
         &'a self,
         cells: impl Fn(&'a PaletteCell) -> Vec<&'a C>,
@@ -560,7 +572,7 @@ impl CellTiling {
 }
 
 impl<C: CellField> ElementContent<'_, C> {
-    /// Value and gradient in the cell frame.
+    /// Value and gradient at a point of an element, both in the element's reference coordinates.
     pub fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3) {
         match self {
             Self::Cell(cell) => Field::value_and_gradient(*cell, xi),

@@ -21,8 +21,11 @@ pub(crate) fn shape<'a>(inputs: &'a Inputs, scale: Scale) -> Result<Shape<'a>, R
     shape_with(inputs, scale, inputs.offsets())
 }
 
-/// The solid after its field operations and some offsets, for voxels of the size in `scale`.
-/// Distances hold over the band and over the offsets.
+/// The solid after its field operations and some offsets, for voxels of the size in `scale`. Distances hold over
+/// the band and over the offsets.
+///
+/// # Errors
+/// An empty or unbounded solid, and solids to intersect whose boxes have no common part.
 pub(crate) fn shape_with<'a>(
     inputs: &'a Inputs,
     scale: Scale,
@@ -34,6 +37,7 @@ pub(crate) fn shape_with<'a>(
     // Operations from the first one that needs neighbours on act on the level set.
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
+        // A first operation without a solid before it starts from its operand.
         let key = format!("op.{n}");
         let other = match op {
             Op::Trim(trim) => box_shape(trim_box(trim, scale), format!("the box of {key}")),
@@ -71,8 +75,8 @@ pub(crate) fn shape_with<'a>(
     Ok(shape)
 }
 
-/// A box that contains the solid after its field operations and some offsets. It is found without the
-/// field of the tiling. `None` where the solid is empty or unbounded.
+/// A box that contains the solid after its field operations and some offsets, world units. It is found without
+/// making the field of the tiling, which is costly. `None` where the solid is empty or unbounded.
 pub(crate) fn extent_bound(
     inputs: &Inputs,
     scale: Scale,
@@ -99,6 +103,7 @@ pub(crate) fn extent_bound(
             (Some(bounds), _) => bounds.union(other),
         });
     }
+    // A plane alone has an infinite box.
     let is_usable = |r: &Aabb| !r.is_empty() && r.size().iter().all(|s| s.is_finite());
     // The first filter keeps boxes of no solid from becoming boxes by dilation.
     let grown = bounds
@@ -124,8 +129,9 @@ impl<'a> From<Shape<'a>> for Chained<'a> {
     }
 }
 
-/// Adds an operation with its operand `b` to a solid `a`. `reach` is the distance from the surface,
-/// world units, up to which values must be distances.
+/// Adds an operation with its operand `b` to a solid `a` and keeps the name of `a`. `reach` is the distance from
+/// the surface, world units, up to which values must be distances. Only an intersection fails, where the boxes
+/// have no common part.
 fn combine<'a>(
     op: &Op,
     a: Chained<'a>,
@@ -168,8 +174,9 @@ fn combine<'a>(
     })
 }
 
-/// The operand of an operation on the level set, which is number `n` of the recipe; `None` if it has
-/// none. `extent_bound` gives a box of all that matters, which bounds an unbounded operand.
+/// The operand of an operation on the level set, which is number `n` of the recipe; `None` if it has none.
+/// `extent_bound` gives a box of all that matters, world units; it is called only for a `trim`, which it crops,
+/// and for an unbounded operand, which it bounds.
 pub(crate) fn operation_shape<'a>(
     inputs: &'a Inputs,
     n: usize,
@@ -201,8 +208,8 @@ pub(crate) fn operation_shape<'a>(
     }))
 }
 
-/// The operand of an operation as a shape. `key` names the operation, as in `op.2`; `offsets` widen
-/// the distance up to which the values of tilings and lattices must be distances.
+/// The operand of an operation as a shape. `key` names the operation, as in `op.2`, and finds its input, which is
+/// read already; `offsets` widen the distance up to which the values of tilings and lattices must be distances.
 pub(crate) fn operand<'a>(
     inputs: &'a Inputs,
     operand: &Operand,
@@ -301,6 +308,7 @@ pub(crate) fn operand<'a>(
                 },
                 field: Box::new(HalfSpace {
                     point: point(&plane.point),
+                    // The checks of the recipe refuse a normal of length 0; z is never used.
                     normal: normal.try_normalize(0.0).unwrap_or_else(Vec3::z),
                 }),
                 name: format!("the plane of {key}"),
@@ -323,6 +331,7 @@ pub(crate) fn trim_box(trim: &Trim, scale: Scale) -> Aabb {
     }
 }
 
+/// A box as a shape.
 fn box_shape<'a>(extent: Aabb, name: String) -> Shape<'a> {
     Shape {
         field: Box::new(BoxSolid(extent)),

@@ -28,11 +28,12 @@ use rayon::prelude::*;
 
 /// Greatest accepted root mean square of the field at the foot points, voxels.
 const MAX_FOOT_ERROR: f64 = 0.05;
-/// Number of voxels that it is measured at.
+/// Number of voxels of the band, drawn over the whole solid, at which that error is measured.
 const FOOT_SAMPLES: usize = 512;
 
-/// All moves of the surface as offsets of the field, for estimates: whether or not its distances hold
-/// that far. Operations that only smooth, and all operations after a wall, are left out.
+/// All moves of the surface as offsets of the field, for estimates of memory and time: whether or not its
+/// distances hold that far. Moves in both directions are added, which a run would not do; the sum is good enough
+/// for a prediction. Operations that only smooth, and all operations after a wall, are left out.
 pub(crate) fn predicted_offsets(inputs: &Inputs) -> Offsets {
     let (ops, scale) = (&inputs.recipe.sections().op, inputs.recipe.scale());
     let mut offsets = inputs.offsets();
@@ -66,8 +67,8 @@ impl<'a> Inputs<'a> {
     }
 }
 
-/// Chooses which operations after the field's own act on the field as offsets, and reports every
-/// operation that moves the surface.
+/// Chooses which operations after the field's own act on the field as offsets, and reports every operation that
+/// moves the surface. From the first operation on that cannot be an offset, all others act on the level set.
 fn field_offsets(
     inputs: &Inputs,
     threads: &Threads,
@@ -87,7 +88,8 @@ fn field_offsets(
         is_field = next.is_some();
         let (mut method, mut error_voxels, mut why) = level_set_method(op);
         if let Some(next) = next {
-            // Sheets measure distances by closest points, as far as needed.
+            // Sheets (walls of a given thickness around a mid-surface) measure distances by closest points, as far
+            // as needed; their error is not measured.
             let is_metric = inputs
                 .tiling()
                 .is_some_and(|tiling| matches!(tiling.content(), Content::Sheets(_)));
@@ -132,7 +134,8 @@ fn is_move(op: &Op) -> bool {
     )
 }
 
-/// The method of an operation that moves the surface of a level set, and the reason.
+/// The method of an operation that moves the surface of a level set, an error that is not measured, and the
+/// reason.
 fn level_set_method(op: &Op) -> (OffsetMethod, Option<f64>, &'static str) {
     if uses_surface_points(op) {
         (

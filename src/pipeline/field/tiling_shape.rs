@@ -1,4 +1,6 @@
-//! The tiled scaffold of a recipe as one field.
+//! The tiled scaffold of a recipe as one field: cells mapped through its elements, or round beams, or sheets, cut
+//! by the mesh that a generated scaffold fills (the envelope). Its kernel and visited elements are recorded for
+//! the report.
 
 use crate::field::WorldField;
 use crate::frame::Aabb;
@@ -16,8 +18,8 @@ use crate::tiling::{TiledSolid, TilingOptions};
 /// tolerance.
 const NODE_TOLERANCE_SHARE: f64 = 0.5;
 impl Inputs<'_> {
-    /// The tiling options for voxels of one size. Distances must hold as far beyond the band as the
-    /// offsets reach.
+    /// The tiling options for voxels of one size, lengths in world units. Distances must hold as far beyond the
+    /// band as the offsets reach. Without a scaffold the boundary has its default.
     pub fn tiling_options(&self, scale: Scale, offsets: Offsets) -> TilingOptions {
         let sections = self.recipe.sections();
         let boundary = sections.scaffold.as_ref().map(|s| s.boundary);
@@ -41,7 +43,8 @@ impl Inputs<'_> {
         section.map_or(0.0, |t| t.tolerance.0)
     }
 
-    /// The tiled scaffold as a field, if the recipe has one.
+    /// The tiled scaffold as a field in world units, if the recipe has one; `None` without a tiling. The first
+    /// call sets the kernel of the report.
     pub fn tiling_shape(
         &self,
         scale: Scale,
@@ -55,7 +58,8 @@ impl Inputs<'_> {
         let scaffold = &tiling.loaded.scaffold;
         let node_tolerance = NODE_TOLERANCE_SHARE * self.tolerance() * options.voxel_size;
         let field: Box<WorldField<'_>> = match tiling.content() {
-            // Their distances are closed forms, which need no tables.
+            // Distances to beams are closed forms, which need no tables; they cut themselves by boundary and
+            // envelope.
             Content::Beams(beams) => return Ok(Some(beams.shape(tiling, options, offsets))),
             Content::Sheets(sheets) => {
                 let sheet_options = SheetOptions {

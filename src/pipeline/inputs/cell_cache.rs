@@ -1,4 +1,5 @@
-//! Fitted cells that the runs of a changing recipe share, so that only changed cells are fitted and levelled again.
+//! Fitted cells that the runs of a changing recipe share, so that only changed cells are fitted and levelled
+//! again. A cell is found by its name, element and keys, and by size and time of its files.
 
 use super::cells::with_level;
 use super::run_cache::file_key;
@@ -32,7 +33,8 @@ struct FittedCell {
 }
 
 impl CellCache {
-    /// The cell of a section before its level is set: the kept one, if its keys and its file are the same.
+    /// The cell of a section before its level is set: the kept one, if its keys and its file are the same, else
+    /// the one that `reader` makes, which is kept. Warnings and file go to `record` in both cases.
     pub(crate) fn cell(
         &self,
         reader: &SourceReader,

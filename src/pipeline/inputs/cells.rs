@@ -19,7 +19,8 @@ use crate::tiling::TilingOptions;
 use crate::vdb::Session;
 use std::path::{Path, PathBuf};
 
-/// Makes the cell that a section describes, for one element shape.
+/// Makes the cell that a section describes, for one element shape, with its level. `key` names it in errors and in
+/// the report, as in `cell.strut`. Files and warnings are recorded in `files`.
 pub(crate) fn make(
     files: &mut InputFiles,
     key: &str,
@@ -39,6 +40,7 @@ pub(crate) fn make(
             scaffold_hint(own)
         ))));
     }
+    // The name is the last word of the key.
     let name = key.rsplit('.').next().unwrap_or(key);
     let recipe = files.recipe;
     if let Some(hybrid) = section.hybrid() {
@@ -178,7 +180,8 @@ pub fn read_source(
     source.map_err(|e| e.of("source"))
 }
 
-/// The cell with another solid side, at a provisional level.
+/// The cell with another solid side, at a provisional level; any level serves, since the caller sets the final
+/// one.
 fn with_side(cell: Cell, side: Solid) -> Result<Cell, CellFault> {
     Ok(if side == Solid::Sheet {
         cell.sheet(1.0)?
@@ -261,7 +264,8 @@ pub(crate) fn facts_by_element(cells: &[Cell]) -> serde_json::Value {
     all
 }
 
-/// One element of a cell as a level set, for a picture. `voxel_size` is in reference lengths.
+/// One element of a cell as a level set, for a picture. `voxel_size` is in reference lengths, `half_width` in
+/// voxels.
 ///
 /// # Errors
 /// A cell without a surface; an error of the band or of OpenVDB.

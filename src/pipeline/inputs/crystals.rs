@@ -1,4 +1,5 @@
-//! Crystals of a recipe: their scripts and the meshes that the scripts make.
+//! Crystals of a recipe: closed polyhedral meshes that a script builds step by step. This file finds the script
+//! and its parameters, executes it and places the mesh; the language of scripts is elsewhere.
 
 use super::input_files::hash_text;
 use crate::frame::Vec3;
@@ -23,7 +24,7 @@ pub struct CrystalScript {
     pub set: Vec<(String, String)>,
 }
 
-/// The script of a crystal of a recipe.
+/// The script of a crystal of a recipe: its file, or the steps in the recipe itself.
 ///
 /// # Errors
 /// [`RunError`]: no crystal has that name, or its file cannot be read.
@@ -52,6 +53,7 @@ pub fn crystal_script(recipe: &Recipe, name: &str) -> Result<CrystalScript, RunE
             file: Some(file),
         }
     } else {
+        // The recipe's check requires `file` or `steps`, so that the text is not empty.
         let text = section.steps.clone().unwrap_or_default();
         CrystalScript {
             set: with_clock(&text),
@@ -88,10 +90,11 @@ pub(crate) struct Crystal {
 }
 
 impl Crystal {
-    /// Executes the script of a crystal and places the mesh. `save` steps write nothing.
+    /// Executes the script of a crystal and places the mesh in the recipe's frame. `save` steps write nothing.
     pub fn make(recipe: &Recipe, frame: &CrystalFrame) -> Result<Self, RunError> {
         let key = format!("crystal.{}", frame.name);
         let script = crystal_script(recipe, &frame.name)?;
+        // The flag is whether steps may write.
         let files = DiskFiles::new(&script.directory, false);
         let made = run_script(&script.text, &files, &script.set);
         let (mesh, notes) = made.map_err(|e| match &script.file {
@@ -105,7 +108,7 @@ impl Crystal {
         let mesh = mesh
             .mapped(map)
             .map_err(|e| fault(recipe, frame, &e.to_string()))?;
-        // Parameters change the mesh, so they are hashed with the script.
+        // Parameters change the mesh, so they are hashed with the script, as comments behind it.
         let parameters = script.set.iter().map(|(k, v)| format!("\n# {k} = {v}"));
         let notes = notes.iter().map(|n| format!("line {}: {}", n.line, n.text));
         let script_file = script.file.as_ref();
@@ -122,7 +125,7 @@ impl Crystal {
         })
     }
 
-    /// Its triangles; an error if its faces do not look outward.
+    /// Its triangles; an error if its faces do not look outward, which shows in a volume that is not positive.
     pub fn solid(&self, recipe: &Recipe, frame: &CrystalFrame) -> Result<TriMesh, RunError> {
         let volume = self.mesh.volume();
         if volume <= 0.0 {
@@ -136,6 +139,7 @@ impl Crystal {
     }
 }
 
+/// The error for a crystal, at its section of the recipe.
 fn fault(recipe: &Recipe, frame: &CrystalFrame, message: &str) -> RunError {
     let key = format!("crystal.{}", frame.name);
     recipe
@@ -144,6 +148,7 @@ fn fault(recipe: &Recipe, frame: &CrystalFrame, message: &str) -> RunError {
         .into()
 }
 
+/// The map of a placement: scaled, rotated, then translated.
 fn similarity(transform: &Similarity) -> impl Fn(Vec3) -> Vec3 {
     let (matrix, shift) = transform.matrix();
     move |v| matrix * v + shift

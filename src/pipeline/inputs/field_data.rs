@@ -53,7 +53,8 @@ struct ValueList {
 const MIN_WEIGHT: f64 = 1e-9;
 
 impl FieldData {
-    /// Reads the field that a recipe names.
+    /// Reads the field that a recipe names. `key` is its key for messages, and `file` the file with its unit and
+    /// frame; the kind of file follows from its extension.
     pub fn read(
         files: &InputFiles,
         key: &str,
@@ -103,7 +104,11 @@ impl FieldData {
         }
     }
 
-    /// The value at a point. Outside the field it is what the recipe's `outside` gives, or the nearest
+    /// The value at a point in the recipe's coordinates. Outside the field it is what the recipe's `outside`
+    /// gives, or the nearest value.
+    ///
+    /// # Errors
+    /// A missing value where the recipe gives no substitute, and a point outside with `outside = "error"`.
     /// value.
     pub fn at(&self, p: Vec3) -> Result<f64, ReadError> {
         let found = match &self.source {
@@ -153,7 +158,8 @@ impl FieldData {
 }
 
 impl ValueList {
-    /// Columns x, y, z and one more of a `.csv` file.
+    /// Columns x, y, z and the one that `field` names of a `.csv` file. `map` takes places of the file to the
+    /// recipe's frame.
     fn of_table(
         path: &Path,
         field: &FieldRef,
@@ -194,6 +200,7 @@ impl ValueList {
         Ok(Self::new(&places, values, field.outside, lines))
     }
 
+    /// Values at places, missing ones replaced as `outside` requests; without a mesh.
     fn new(
         places: &[Vec3],
         mut values: Vec<f64>,
@@ -290,7 +297,8 @@ impl ValueList {
         Ok(sum)
     }
 
-    /// The value at a point; `None` outside the mesh. Scattered points reach everywhere.
+    /// The value at a point; `None` outside the mesh, `Err` with the index of a missing value. Scattered points
+    /// reach everywhere.
     fn at(&self, p: Vec3) -> Option<Result<f64, usize>> {
         match &self.mesh {
             None => {
@@ -307,6 +315,7 @@ impl ValueList {
             Some((mesh, FieldAt::Cells)) => {
                 // On shared faces, edges and nodes: the mean of the elements, by volume.
                 let mut containing = Vec::new();
+                // Margins for rounding: of the boxes, and of the reference coordinates inside.
                 let margin = 1e-9 * mesh.bounds().half_diagonal();
                 mesh.candidates(&Aabb::of([p]).dilated(margin), &mut containing);
                 let holds = |e: &u32| {
@@ -331,7 +340,8 @@ impl ValueList {
     }
 }
 
-/// Replaces missing values as the recipe's `outside` requests.
+/// Replaces missing values as the recipe's `outside` requests; without a request they stay, and fail where they
+/// are needed.
 fn replace_missing(places: &[Vec3], values: &mut [f64], outside: Option<Outside>) {
     let (present, missing): (Vec<usize>, Vec<usize>) =
         (0..values.len()).partition(|&n| values[n].is_finite());
@@ -441,7 +451,8 @@ fn find_field<'a>(
     }
 }
 
-/// One number per point or cell of a field.
+/// One number per point or cell of a field: the component of a name or number, or an invariant of all. `None`
+/// serves only for fields of one number.
 fn component(path: &Path, field: &DataField, name: Option<&str>) -> Result<Vec<f64>, ReadError> {
     let n = field.components;
     let rows = field.values.chunks_exact(n.max(1));

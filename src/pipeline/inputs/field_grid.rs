@@ -58,6 +58,7 @@ impl FieldGrid {
             bounds: Aabb::of(corners),
             map,
             volume,
+            // A placement has a positive scale, so that its inverse exists.
             inward: matrix.try_inverse().unwrap_or_default(),
             origin,
             voxels,
@@ -74,12 +75,15 @@ impl FieldGrid {
     pub fn nearest_index(&self, p: Vec3) -> (Vec3, bool) {
         let index = self.map.index(self.inward * (p - self.origin));
         let [low, high] = self.voxels;
+        // A point that the map cannot place counts as outside.
         let index = index.unwrap_or_else(|| low.add_scalar(-1.0));
         let near = index.sup(&low).inf(&high);
+        // More than rounding, voxels.
         (near, (near - index).norm() > 1e-6)
     }
 
-    /// The value at a point in index space. `outside` gives the substitute for missing values, if there
+    /// The value at a point in index space (voxels of the file), trilinear between voxel centres. `outside` gives
+    /// the substitute for missing values, if there is one.
     /// is one.
     pub fn at(&self, index: Vec3, outside: Option<Outside>) -> Result<f64, Missing> {
         let first = index.map(f64::floor);
@@ -120,6 +124,7 @@ impl FieldGrid {
         Ok(sum)
     }
 
+    /// The grid's values at some voxels; the background at inactive ones.
     fn values(&self, voxels: &[Coord]) -> Vec<f64> {
         // An error only if lengths differ, which they do not.
         let values = self.volume.values(voxels).unwrap_or_default();
@@ -135,6 +140,7 @@ impl FieldGrid {
             let mut shell = Vec::new();
             for x in side.clone() {
                 for y in side.clone() {
+                    // Within the cube only its first and last z belong to the shell.
                     let is_edge = x.abs() == reach || y.abs() == reach;
                     let step = if is_edge { 1 } else { 2 * reach as usize };
                     shell.extend(side.clone().step_by(step).map(|z| (x, y, z)));

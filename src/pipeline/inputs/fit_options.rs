@@ -1,4 +1,4 @@
-//! Options of a fit from the keys of `[cell.NAME]`.
+//! Options of a fit from the keys of `[cell.NAME]`. Keys that a section leaves out take the default of the fit.
 
 use crate::cell::{Filter, FitOptions, Method, Solver, Symmetrise};
 use crate::recipe;

@@ -26,6 +26,7 @@ pub fn read_group(path: &Path) -> Result<GroupText, ReadError> {
     if group.name.is_none() {
         let stem = path.file_stem().and_then(|s| s.to_str());
         let plain = stem.filter(|s| !s.contains([' ', ',', ';', '#']));
+        // A name with separators would not survive being written in one line.
         group.name = Some(plain.unwrap_or("own").to_owned());
     }
     Ok(group)

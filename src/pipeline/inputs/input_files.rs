@@ -49,6 +49,7 @@ enum FileBeams {
 }
 
 impl<'a> InputFiles<'a> {
+    /// No files yet, except for the recipe's own.
     pub fn new(recipe: &'a Recipe, options: &'a RunOptions) -> Self {
         Self {
             recipe,
@@ -62,7 +63,8 @@ impl<'a> InputFiles<'a> {
         }
     }
 
-    /// The solid that a surface of the recipe bounds.
+    /// The solid that a surface (a mesh file or a crystal) of the recipe bounds, in the recipe's frame. `key`
+    /// names the input in report and errors.
     pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<Arc<MeshSolid>, RunError> {
         match surface {
             SurfaceRef::Mesh(file) => Ok(self.file_solid(key, file, FileBeams::Ignored)?.0),
@@ -114,8 +116,8 @@ impl<'a> InputFiles<'a> {
         )
     }
 
-    /// What `make` makes, or made in an earlier run of this session for the same place and key.
-    /// `kept` selects the cache of its kind.
+    /// What `make` makes, or made in an earlier run of this session for the same place and key. `kept` selects the
+    /// cache of its kind; `key` is place and key, and `None` where the value cannot be kept.
     pub fn kept<T: Clone>(
         &mut self,
         kept: impl Fn(&RunCache) -> &Kept<ReadInput<T>>,
@@ -194,8 +196,8 @@ impl<'a> InputFiles<'a> {
         Ok(solid)
     }
 
-    /// Converts a file's mesh and beams to the recipe's unit and frame and makes solids of them. The
-    /// second solid holds the beams, if there are any.
+    /// Converts a file's mesh and beams to the recipe's unit and frame and makes solids of them: the mesh, which
+    /// may be empty, and the beams, if there are any. Records the file.
     fn read_solid(
         &mut self,
         key: &str,
@@ -229,7 +231,8 @@ impl<'a> InputFiles<'a> {
         Ok((solid, lattice))
     }
 
-    /// Records an input for the report.
+    /// Records an input for the report, with the hash of its bytes; `bounds` is its box in the recipe's unit, or
+    /// in reference coordinates for a cell.
     pub fn record(&mut self, key: &str, path: &Path, bounds: Aabb) -> Result<(), RunError> {
         let (_, hash) = digest(path)?;
         self.inputs.push(Input {
@@ -254,6 +257,7 @@ impl<'a> InputFiles<'a> {
     /// W101: the boxes of two inputs in world space differ more than a hundredfold.
     pub fn compare_boxes(&mut self) -> Result<(), RunError> {
         let size = |i: &Input| i.bounds.half_diagonal();
+        // Boxes of cells are in reference coordinates.
         let is_in_world = |i: &&Input| !i.key.starts_with("cell.") && !i.bounds.is_empty();
         let in_world = || self.inputs.iter().filter(is_in_world);
         let smallest = in_world().min_by(|a, b| size(a).total_cmp(&size(b)));
@@ -283,6 +287,7 @@ impl<'a> InputFiles<'a> {
     }
 }
 
+/// The box of a mesh; an error for one without triangles.
 fn nonempty_bounds(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
     if mesh.is_empty() {
         let (found, expected) = ("no triangles", "a mesh with triangles");
@@ -312,7 +317,8 @@ fn mapped_mesh(
     mesh.mapped(frame_map(file, own, recipe))
 }
 
-/// The map of a file's points to the recipe's frame.
+/// The map of a file's points to the recipe's frame: converted from the unit `own` (`None`: the recipe's), turned
+/// so that z is up, then placed.
 pub(crate) fn frame_map(
     file: &FileFrame,
     own: Option<LengthUnit>,
@@ -324,6 +330,7 @@ pub(crate) fn frame_map(
     move |v| {
         let v = match up {
             Up::Z => v,
+            // A right-handed turn by 90 degrees about x.
             Up::Y => Vec3::new(v.x, -v.z, v.y),
         };
         matrix * (v * factor) + shift

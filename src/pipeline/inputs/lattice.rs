@@ -33,7 +33,8 @@ struct ClippedBeams {
     clip: Option<(MeshSolid, bool)>,
 }
 
-/// Adds a beam: as a swept ball, or as a cone and the balls at its ends that the cone does not contain.
+/// Adds a beam of a file to one of two lists: as a swept ball where its radii are equal and both ends round, which
+/// is the fast kind, or else as a cone and the balls at its ends that the cone does not contain.
 fn add_beam(beam: &FileBeam, beams: &mut Vec<Beam>, rods: &mut Vec<Rod>) {
     let [r, s] = beam.radii;
     let is_flat = beam.caps.map(|c| c == BeamCap::Butt);
@@ -50,6 +51,7 @@ fn add_beam(beam: &FileBeam, beams: &mut Vec<Beam>, rods: &mut Vec<Rod>) {
         is_round: is_flat.map(|f| !f),
     });
     for n in 0..2 {
+        // A cone that is round at both ends (`is_round`) still lacks the part of its thicker ball beyond the end.
         // At the thinner end the cone contains the inner half of the ball.
         if beam.caps[n] == BeamCap::Sphere && beam.radii[n] > beam.radii[1 - n] {
             beams.push(Beam {
@@ -61,8 +63,9 @@ fn add_beam(beam: &FileBeam, beams: &mut Vec<Beam>, rods: &mut Vec<Rod>) {
 }
 
 impl LatticeSolid {
-    /// The beams of a file under a map that scales by `factor`. `solid` makes a solid of a clipping
-    /// mesh. `None` if there are no beams.
+    /// The beams of a file under a map that scales by `factor`, to world units. `solid` makes a solid of a
+    /// clipping mesh (a mesh whose inside or outside alone the beams of a part keep). `None` if there are no
+    /// beams.
     pub fn new(
         parts: &[BeamPart],
         map: impl Fn(Vec3) -> Vec3,
@@ -161,6 +164,7 @@ impl LatticeSolid {
             }
             all = united(all, part_field);
         }
+        // `new` makes no lattice without beams, so that the empty union does not occur.
         all.unwrap_or_else(|| Box::new(crate::field::Union(Vec::new())))
     }
 }

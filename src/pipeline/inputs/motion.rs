@@ -31,7 +31,7 @@ pub(crate) struct NodeMotion {
     pub rest: Vec<Vec3>,
 }
 
-/// The state of a scaffold's source that is read.
+/// The state of a scaffold's source that is read; the default is the source as it is stored.
 #[derive(Clone, Default)]
 pub(crate) struct Pose {
     /// The frame of caches and formulas; without one, nodes are where their source has them.
@@ -86,8 +86,8 @@ pub(crate) struct FileNodes<'a> {
 }
 
 impl FileNodes<'_> {
-    /// The nodes in the recipe's frame, where the section's cache, field and formulas move them.
-    /// `file` is the frame of the scaffold's file and `path` its path.
+    /// The nodes in the recipe's frame, in the order of `self.nodes`, where the section's cache, field and
+    /// formulas move them. `file` is the frame of the scaffold's file and `path` its path. Records a cache once.
     pub fn posed(
         &self,
         files: &mut InputFiles,
@@ -148,10 +148,13 @@ impl FileNodes<'_> {
         let mut sorted = self.numbers.to_vec();
         sorted.sort_unstable();
         if self.unused == 0 {
-            // The scaffold numbers its nodes as elements use them, the cache as the file does.
+            // The scaffold numbers its nodes as elements use them, the cache as the file does: the rank of a
+            // node's number among all is its place in the cache.
             let rank = |n: &u64| sorted.partition_point(|m| m < n);
             return Ok(self.numbers.iter().map(|n| points[rank(n)]).collect());
         }
+        // With unused nodes ranks do not count them. Numbers are then places themselves, if they run from 0 or
+        // from 1.
         let first = match (sorted.first(), sorted.last()) {
             (Some(0), Some(last)) if *last < all as u64 => 0,
             (_, Some(last)) if *last == all as u64 => 1,
@@ -198,7 +201,8 @@ impl FileNodes<'_> {
     }
 }
 
-/// Applies the formulas of `deform`, if the section has them.
+/// Applies the formulas of `deform`, if the section has them and the pose has a frame. Each node's new place is a
+/// function of its old one and of the frame.
 pub(crate) fn deformed(
     recipe: &Recipe,
     section: &ScaffoldSection,
@@ -256,8 +260,8 @@ pub(crate) struct NumberedScaffold<'a> {
     pub node_numbers: &'a [u64],
 }
 
-/// The motion of the nodes that the outputs need. `load` makes the scaffold and the numbers of its nodes in another
-/// pose.
+/// The motion of the nodes that the outputs need, in the order of the scaffold `here`; empty lists where they need
+/// none. `load` makes the scaffold and the numbers of its nodes in another pose.
 pub(crate) fn node_motion(
     files: &mut InputFiles,
     section: &ScaffoldSection,
@@ -295,7 +299,8 @@ pub(crate) fn node_motion(
     Ok(motion)
 }
 
-/// Poses before and after the frame of the run, where they are not that frame, and the seconds between.
+/// Poses before and after the frame of the run, `None` where that is the frame itself, and the seconds between
+/// them.
 fn neighbours(
     recipe: &Recipe,
     section: &ScaffoldSection,
@@ -364,6 +369,7 @@ fn series(recipe: &Recipe) -> Option<(String, Vec<i32>)> {
     Some((template.to_owned(), frames))
 }
 
+/// The pose of a frame of a series of files.
 fn series_pose(recipe: &Recipe, template: &str, frame: i32) -> Pose {
     // The tokens agree, since the recipe was read.
     let name = expand(template, frame).ok().flatten();

@@ -1,4 +1,5 @@
-//! Cells from samples over a whole period, by a direct transform.
+//! Cells from samples over a whole period, by a direct transform: the coefficients of the cell's waves are those
+//! of the samples, without a fit to a surface.
 
 use super::source::{SourceFault, SourceReader, SourceRecord, has_extension, in_file};
 use crate::cell::{

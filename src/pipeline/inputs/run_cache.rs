@@ -57,7 +57,8 @@ impl<T> Default for Kept<T> {
 }
 
 impl<T: Clone> Kept<T> {
-    /// The kept value of a place, if it was made with the same key, else the one that `make` makes.
+    /// The kept value of a place, if it was made with the same key, else the one that `make` makes, which replaces
+    /// it. The lock is free while `make` works, so that two threads may both make it.
     pub fn get_or_make<E>(
         &self,
         place: String,

@@ -32,7 +32,8 @@ use generated::{box_scaffold, filling_cubes};
 /// Chordal error of the scaffold's curved outer faces, voxels.
 const CHORDAL_ERROR: f64 = 0.05;
 
-/// The outer faces of the scaffold's components.
+/// The outer faces of the scaffold's components as solids, one each; curved faces to a chordal error of
+/// `CHORDAL_ERROR` voxels of `voxel_size` (world units).
 pub(crate) fn outer_faces(scaffold: &Scaffold, voxel_size: f64) -> Vec<MeshSolid> {
     let error = CHORDAL_ERROR * voxel_size;
     let components = 0..scaffold.components().len();
@@ -65,6 +66,7 @@ struct SourceScaffold {
 }
 
 impl SourceScaffold {
+    /// A scaffold that no file holds, without groups and notes.
     fn generated(scaffold: Scaffold) -> Self {
         Self {
             scaffold,
@@ -105,7 +107,11 @@ pub(crate) struct CheckedScaffold {
     envelope: Option<Arc<MeshSolid>>,
 }
 
-/// Reads or makes the scaffold that a section describes, and validates it.
+/// Reads or makes the scaffold that a section describes, and validates it. A scaffold of an unchanged file is
+/// taken from the session's cache. Warnings and files go to `files`.
+///
+/// # Errors
+/// [`RunError::Scaffold`] for folded, degenerate or overlapping elements, and errors of files.
 pub(crate) fn load(
     files: &mut InputFiles,
     section: &ScaffoldSection,
@@ -195,6 +201,7 @@ fn divided_scaffold(
     Ok(source)
 }
 
+/// The error for a scaffold of a file, or of none.
 fn failed(path: Option<&Path>, error: &ScaffoldError) -> RunError {
     RunError::Scaffold {
         file: path.map(Path::to_owned),
@@ -235,6 +242,7 @@ fn source_scaffold(
     }
     if let Some(fill) = &section.fill {
         let Some(surface) = fill.surface() else {
+            // The recipe's check requires a surface in `fill`, and below a source in the section.
             return Err(RunError::Empty("no mesh to fill".into()));
         };
         let key = format!("scaffold.fill.{}", surface.word());
@@ -320,6 +328,7 @@ fn source_scaffold(
                 }
                 (_, Some(plate)) => {
                     let size = surface.bounds().half_diagonal();
+                    // Below that the deviation from a plane is rounding.
                     if surface.unevenness() > 1e-6 * size {
                         files.warn(
                             Warning::SCAFFOLD,
@@ -362,7 +371,8 @@ fn source_scaffold(
     Ok(source)
 }
 
-/// The elements of a file; a CAD part is meshed first.
+/// The elements of a file; a CAD part is meshed first, if `cell_size` gives the edge of its tets, of order 2 by
+/// default.
 fn read_part(
     path: &Path,
     section: &ScaffoldSection,

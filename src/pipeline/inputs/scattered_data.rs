@@ -1,4 +1,5 @@
-//! Interpolation of values at scattered points by inverse distance weighting.
+//! Interpolation of values at scattered points by inverse distance weighting: the mean of the nearest `NEIGHBOURS`
+//! values with weights 1 / d^2. It has no limit of distance and extrapolates to the nearest values.
 
 use crate::frame::{Aabb, Vec3};
 use rstar::RTree;
@@ -14,6 +15,7 @@ pub(crate) struct ScatteredPoints {
 }
 
 impl ScatteredPoints {
+    /// The points in their order, which their numbers are.
     pub fn new(points: &[Vec3]) -> Self {
         let numbered = points.iter().enumerate();
         let all = numbered.map(|(n, p)| GeomWithData::new((*p).into(), n as u32));
@@ -36,7 +38,8 @@ impl ScatteredPoints {
         found
     }
 
-    /// The mean of the nearest values, weighted by the inverse squares of their distances.
+    /// The mean of the nearest values, weighted by the inverse squares of their distances; `values` by the numbers
+    /// of the points. `None` without points.
     pub fn mean(&self, p: Vec3, values: &[f64]) -> Option<f64> {
         let (nearest, weight_sum) = self.inverse_square_weights(p)?;
         let sum: f64 = nearest.iter().map(|n| values[n.0 as usize] * n.1).sum();
@@ -57,6 +60,7 @@ impl ScatteredPoints {
     fn inverse_square_weights(&self, p: Vec3) -> Option<(Vec<(u32, f64)>, f64)> {
         let mut nearest = self.nearest(p, NEIGHBOURS);
         let first = *nearest.first()?;
+        // Squared distance below which two points are one: a billionth of the box.
         let coincidence = 1e-18 * self.bounds.size().norm_squared();
         if first.1 <= coincidence {
             return Some((vec![(first.0, 1.0)], 1.0));

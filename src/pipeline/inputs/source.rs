@@ -50,7 +50,7 @@ impl SourceRecord {
     }
 }
 
-/// The struts and plates of a cell of a recipe, in reference coordinates.
+/// The struts and plates of a cell of a recipe, in reference coordinates; none for a cell of another source.
 pub(crate) fn skeleton(
     recipe: &Recipe,
     section: &CellSection,
@@ -90,7 +90,8 @@ pub(crate) fn skeleton_notes(
 /// Extensions of graphs in files.
 const GRAPH_FILES: [&str; 3] = ["toml", "json", "3mf"];
 
-/// Struts or plates, by name or from a file, and notes on parts of the file that are not read.
+/// Struts or plates, by name or from the file `path`, and notes on parts of the file that are not read. `f` gives
+/// the name, or the frame of the file. Radii of the section replace those of a file.
 fn struts_and_plates(
     section: &CellSection,
     f: &FileFrame,
@@ -129,7 +130,8 @@ impl SourceReader<'_> {
             .map_or_else(|| path.to_owned(), |r| r.resolve(path))
     }
 
-    /// The source that a section names, unless it is a surface, a cell file or a hybrid.
+    /// The source that a section names, unless it is a surface, a cell file or a hybrid. Its file, box and
+    /// warnings go to `record`.
     pub fn source(
         &self,
         section: &CellSection,
@@ -200,6 +202,7 @@ impl SourceReader<'_> {
             crystal = Some(made);
             Source::mesh(element, &mesh, &place, caps)?
         } else {
+            // A section without any source is refused by the recipe's check; here its empty formula is.
             let text = section.formula.as_deref().unwrap_or_default();
             // Formulas may depend on the frame and the time of a sequence.
             let clock = self.recipe.map(|r| r.clock().constants());
@@ -219,7 +222,8 @@ impl SourceReader<'_> {
         Ok(source)
     }
 
-    /// The cell that a section describes, before its level is set.
+    /// The cell that a section describes, before its level is set: a named surface, a cell file, a sampled period,
+    /// or a fit to a source.
     pub fn cell(
         &self,
         name: &str,
@@ -297,8 +301,8 @@ impl SourceReader<'_> {
     }
 }
 
-/// The origin about which the symmetric part keeps most of a source, and the placement that moves it
-/// there.
+/// Advice on a source that its group changes much: the origin about which the symmetric part keeps most of it, and
+/// the placement that moves the source there.
 fn origin_advice(source: &Source, element: Element) -> Result<String, CellFault> {
     let operators = operators_of(element, default_group(element))?;
     let best = source.best_origin(element, &operators);
@@ -365,6 +369,7 @@ fn placed(mesh: &TriMesh, file: &FileFrame) -> TriMesh {
     mesh.mapped(frame_map(file, None, LengthUnit::default()))
 }
 
+/// Whether a path has one of some extensions, in any case of letters.
 pub(crate) fn has_extension(path: &Path, known: &[&str]) -> bool {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     known.iter().any(|k| extension.eq_ignore_ascii_case(k))
@@ -393,6 +398,7 @@ pub(crate) fn named_surface(name: &str, element: Element) -> Result<Cell, CellFa
     Ok(surface.cell(element)?)
 }
 
+/// The placement of a source, from a section's key `place`.
 fn placement(place: &CellPlace) -> Placement {
     match place {
         CellPlace::Reference => Placement::Reference,

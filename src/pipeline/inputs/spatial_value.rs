@@ -97,7 +97,8 @@ impl SpatialContext<'_> {
         }
     }
 
-    /// Values of a field of a file, or of the scaffold's file, after the field's piecewise linear map.
+    /// Values of a field of a file, or of the scaffold's file, after the field's piecewise linear map. A file of
+    /// its own is recorded.
     fn field(
         &self,
         files: &mut InputFiles,

@@ -20,8 +20,8 @@ pub(crate) struct StandAlone {
 }
 
 impl StandAlone {
-    /// The cell with the origin of its reference coordinates at `centre` and a reference length of
-    /// `size`.
+    /// The cell with the origin of its reference coordinates at `centre` and a reference length of `size`, world
+    /// units. Tables have their default accuracy, whatever the recipe's tolerance.
     pub fn new(cell: &Cell, centre: Vec3, size: f64) -> Result<Self, RunError> {
         let failed = |e: String| RunError::Tiling(e);
         let (kind, shape) = match cell.element() {
@@ -37,6 +37,7 @@ impl StandAlone {
         Ok(Self {
             scaffold: Scaffold::new(vertices, elements).map_err(|e| failed(e.to_string()))?,
             table: Table::new(cell).map_err(|e| failed(e.to_string()))?,
+            // The reference ball has the diameter 1.
             ball: (cell.element() == Element::Ball).then_some((centre, size / 2.0)),
         })
     }
@@ -46,7 +47,7 @@ impl StandAlone {
         self.scaffold.bounds()
     }
 
-    /// The solid as a field.
+    /// The solid as a field in world units; `name` is for messages.
     pub fn shape(&self, options: TilingOptions, name: String) -> Result<Shape<'_>, RunError> {
         let solid = TiledSolid::new(&self.scaffold, &self.table, options)
             .map_err(|e| RunError::Tiling(e.to_string()))?;

@@ -1,4 +1,6 @@
-//! Designs of cells with a `target` in `[cell.NAME]`, and the cells made from them.
+//! Designs of cells with a `target` in `[cell.NAME]`, and the cells made from them. A target is an effective
+//! property of the homogenised cell, as its bulk modulus; a search varies the cell's coefficients. Moduli are
+//! relative to the solid's Young modulus, lengths are reference lengths.
 
 use super::source::{SourceFault, has_extension};
 use crate::cell::{Cell, Solid};
@@ -20,6 +22,7 @@ const SHEET_VOXELS: usize = 32;
 /// Makes a path in a section one that can be opened.
 type Resolve<'a> = &'a dyn Fn(&Path) -> PathBuf;
 
+/// The property of a word of the recipe.
 fn property(word: TargetProperty) -> Property {
     match word {
         TargetProperty::Bulk => Property::Bulk,
@@ -30,6 +33,7 @@ fn property(word: TargetProperty) -> Property {
     }
 }
 
+/// The target of a table of the recipe. A stiffness without a weight has `STIFFNESS_WEIGHT`.
 fn target(table: &TargetTable) -> Result<Target, CellFault> {
     if table.weight.is_some() && table.stiffness.is_none() {
         return Err(CellFault::Rule(
@@ -100,7 +104,7 @@ pub fn design(
     }
     design.voxels = match table.voxels {
         Some(n) => n as usize,
-        // At least four voxels for the shortest wave, and an even number.
+        // At least four voxels for the shortest wave, and an even number; 1e4 bounds the cast.
         None => if design.solid == Solid::Sheet {
             SHEET_VOXELS
         } else {
@@ -122,7 +126,8 @@ pub fn design(
     Ok(design)
 }
 
-/// Makes the cell of a section with a target.
+/// Makes the cell of a section with a target by a search, which may take minutes. A search that the user stops is
+/// a cancellation.
 pub(crate) fn make(
     name: &str,
     section: &CellSection,

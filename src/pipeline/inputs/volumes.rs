@@ -22,7 +22,8 @@ pub(crate) struct Volumes {
 }
 
 impl Volumes {
-    /// Reads the grids of all operations: masks, and solids in the recipe's frame and unit.
+    /// Reads the grids of all operations: masks, and solids in the recipe's frame and unit. Records files and adds
+    /// warnings to `files`.
     pub fn load(
         files: &mut InputFiles,
         threads: &Threads,
@@ -117,7 +118,7 @@ impl Volumes {
         self.initial.as_ref()
     }
 
-    /// Moves it out.
+    /// Moves the level set of [`Volumes::start`] out, which the run then changes; `None` from then on.
     pub fn take_start(&mut self) -> Option<LevelSet> {
         self.initial.take()
     }
@@ -135,7 +136,8 @@ pub(crate) fn fetch(
     }
 }
 
-/// The unit of a file's lengths: as requested, from the file's tag, or metres.
+/// The unit of a file's lengths: as requested, from the tag that Druse writes, or metres, as OpenVDB files of
+/// other programs have.
 pub(crate) fn unit_of(volume: &Volume, requested: Option<LengthUnit>) -> LengthUnit {
     let tagged = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
     requested.or_else(tagged).unwrap_or(LengthUnit::Metre)
@@ -159,6 +161,7 @@ fn reading(recipe: &Recipe, grid: &Grid, scale: f64, is_resampled: bool) -> Grid
     }
 }
 
+/// A recipe's placement of a grid whose lengths `factor` converts to the recipe's unit.
 fn placement(similarity: &Similarity, factor: f64) -> Placement {
     let (matrix, translation) = similarity.matrix();
     let scale = similarity.scale.0;
@@ -173,6 +176,7 @@ fn placement(similarity: &Similarity, factor: f64) -> Placement {
 fn has_voxels(solid: &LevelSet, recipe: &Recipe) -> bool {
     let h = recipe.scale().voxel_size;
     let width = recipe.sections().band.half_width.0;
+    // Files hold single precision.
     (solid.voxel_size() - h).abs() <= 1e-9 * h && (solid.half_width() - width).abs() <= 1e-4
 }
 

@@ -1,4 +1,5 @@
-//! The operation `drain`: channels from cavities to the outside.
+//! The operation `drain`: cylindrical channels with round ends from cavities to the outside, so that powder or
+//! resin can leave. A run in memory calls `apply`; a run in bricks calls the steps before it one by one.
 
 use crate::field::{Capsule, Union, WorldField};
 use crate::frame::{Aabb, Coord, Vec3};
@@ -10,9 +11,12 @@ use crate::pipeline::base::void_facts::DrainReport;
 use crate::recipe::{Drain, Drained, Scale};
 use crate::vdb::{Channel, DrainRequest, LevelSet, MAX_CAVITY_REACH};
 
-/// The request of an operation.
+/// The request of an operation in voxels: the radius, whether open but narrow cavities are drained too, and the
+/// unit vector toward which channels should lead (`None` for any direction). Refuses a radius below one voxel, and
+/// one that the search for cavities cannot reach.
 pub(crate) fn request(stage: &str, drain: &Drain, scale: Scale) -> Result<DrainRequest, RunError> {
     let radius = drain.radius.resolve(scale) / scale.voxel_size;
+    // Greatest radius that the search for cavities measures, voxels, less a margin.
     let most = f64::from(MAX_CAVITY_REACH - 2);
     if !(1.0..=most).contains(&radius) {
         return Err(RunError::Refused {
@@ -32,7 +36,7 @@ pub(crate) fn request(stage: &str, drain: &Drain, scale: Scale) -> Result<DrainR
     })
 }
 
-/// Refuses more channels than an operation admits.
+/// Refuses more channels than the key `at_most` of an operation admits; without the key any number is good.
 pub(crate) fn check_count(
     stage: &str,
     drain: &Drain,
@@ -107,7 +111,11 @@ pub(crate) fn drilled<'a>(
     (shape, reports)
 }
 
-/// Drains the cavities of a solid in memory.
+/// Drains the cavities of a solid in memory and adds the channels to the report. A solid without cavities stays as
+/// it is.
+///
+/// # Errors
+/// [`RunError::Refused`] for a radius out of range, for too many channels, and for a ball that is still caught.
 pub(crate) fn apply(
     context: StageContext,
     stage: &str,
@@ -134,7 +142,7 @@ pub(crate) fn apply(
     check_open(stage, &request, blocked.map_err(&failed)?, lattice)
 }
 
-/// Subtracts the channels from a solid or a part of one.
+/// Subtracts the channels from a solid or a part of one. `shape` is in the frame of the solid's voxel (0, 0, 0).
 pub(crate) fn subtract(
     context: StageContext,
     stage: &str,
@@ -142,6 +150,7 @@ pub(crate) fn subtract(
     solid: &mut LevelSet,
 ) -> Result<(), RunError> {
     let failed = RunError::level_set(stage);
+    // Both solids of a Boolean operation need bands of the same width and voxels of the same place.
     let context = context.with_half_width(solid.half_width());
     let (mut other, _) = context.sample(shape, "drain")?;
     other.set_origin(solid.origin()).map_err(&failed)?;

@@ -1,4 +1,5 @@
-//! Operations of a recipe on the level set, one call each.
+//! Operations of a recipe on the level set, one call each, for a solid in memory and for a part of a solid in
+//! bricks. They depend on the inputs (operands and masks) and on OpenVDB; they write no files.
 
 use super::voxels::Voxels;
 use crate::frame::Aabb;
@@ -11,7 +12,12 @@ use crate::pipeline::field::field_ops::{operation_shape, trim_box};
 use crate::recipe::{Kernel, Op, Resample, Scale, Side};
 use crate::vdb::{ComponentSelection, LevelSet, Session, VdbError, WallSide};
 
-/// Applies operation number `n` to the solid.
+/// Applies operation number `n` of the recipe, counted from 0, to the solid in place. A `resample` changes the
+/// voxels and half width of `context` for all later operations. Removed components and drilled channels are added
+/// to `report`.
+///
+/// # Errors
+/// Errors of OpenVDB with the operation's name, a solid that is empty afterwards, and cancellation.
 pub(crate) fn apply(
     context: &mut StageContext,
     inputs: &Inputs,
@@ -29,12 +35,15 @@ pub(crate) fn apply(
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) | Op::Blend(_) => {
             apply_with_operand(*context, inputs, n, op, solid, session)?;
         }
-        // A part of a solid may lie wholly inside, so that its extent is unknown.
+        // The level set's own trim crops the box to the bounds of the surface. A part that is solid throughout has
+        // no surface and no bounds; so its box is sampled like any operand.
         Op::Trim(_) if context.region.is_some() => {
             apply_with_operand(*context, inputs, n, op, solid, session)?;
         }
         Op::Resample(r) => resample(context, r, solid, &failed)?,
         Op::Drain(drain) => super::drains::apply(*context, &stage, drain, solid, report)?,
+        // Components belong to the whole solid. Runs in bricks remove them and drain in passes of their own, so
+        // that these two arms never see a part.
         Op::KeepLargest(true) | Op::DropSmall(_) | Op::FillVoids(_) => {
             if let Some(unwanted) = unwanted(op) {
                 let dropped = solid.remove(unwanted, session).map_err(&failed)?;
@@ -43,7 +52,8 @@ pub(crate) fn apply(
         }
         _ => match op.mask() {
             Some(mask) => {
-                // Offsets take the mask as a factor on the distance; other changes are mixed in by it.
+                // The two offsets take the mask as a factor on the distance. All other changes are made everywhere
+                // and then mixed in by the mask, between the solid before and after.
                 let mask = inputs.volumes.mask(&key, mask);
                 let distance = |m: &crate::recipe::Move| m.distance.resolve(context.scale);
                 match op {
@@ -67,7 +77,8 @@ pub(crate) fn apply(
     Ok(())
 }
 
-/// The components that an operation removes from the whole solid.
+/// The components that an operation removes from the whole solid, volumes in cubed recipe units; `None` for an
+/// operation that removes none or is disabled.
 pub(crate) fn unwanted(op: &Op) -> Option<ComponentSelection> {
     match op {
         Op::KeepLargest(true) => Some(ComponentSelection::AllButLargest),
@@ -77,7 +88,7 @@ pub(crate) fn unwanted(op: &Op) -> Option<ComponentSelection> {
     }
 }
 
-/// Applies an operation without an operand.
+/// Applies an operation without an operand or mask, for voxels of the size in `scale`.
 fn apply_unary(
     op: &Op,
     solid: &mut LevelSet,
@@ -85,7 +96,8 @@ fn apply_unary(
     session: Session<'_>,
 ) -> Result<(), VdbError> {
     let kernel = |k: &Kernel| {
-        // The filters refuse greater widths than they can hold.
+        // Width of the filter in whole voxels, at least one, and number of passes. The filters refuse greater
+        // widths than they can hold.
         let width = k.width.voxels(scale).round().max(1.0);
         (width as u32, k.iterations.0)
     };
@@ -126,7 +138,7 @@ fn apply_unary(
     }
 }
 
-/// Applies an operation with a second solid.
+/// Applies an operation with a second solid: samples it on the solid's voxels and combines the two level sets.
 fn apply_with_operand(
     context: StageContext,
     inputs: &Inputs,
@@ -137,6 +149,7 @@ fn apply_with_operand(
 ) -> Result<(), RunError> {
     let stage = format!("op.{n}.{}", op.name());
     let failed = RunError::level_set(&stage);
+    // The band and three voxels beyond it, so that the cut of an unbounded operand lies off the solid's band.
     let margin = solid.background() + 3.0 * context.scale.voxel_size;
     // The box of the solid bounds an unbounded operand.
     let extent_bound = || match context.region {
@@ -157,7 +170,8 @@ fn apply_with_operand(
         empty.set_origin(solid.origin()).map_err(&failed)?;
         return solid.intersect(empty, session).map_err(&failed);
     }
-    // The voxels of a solid from a file may lie off the world's lattice.
+    // The voxels of a solid from a file may lie off the world's lattice. Its operand is then sampled in the file's
+    // frame.
     let operand_context = context.with_half_width(solid.half_width());
     let on_lattice = solid.origin() == crate::frame::Vec3::zeros();
     let (mut other, _) = if on_lattice || context.region.is_some() {
@@ -187,6 +201,7 @@ fn apply_with_operand(
     .map_err(&failed)
 }
 
+/// Resamples the solid in one or more steps, and sets the voxels of the context to the new ones.
 fn resample(
     context: &mut StageContext,
     op: &Resample,

@@ -1,4 +1,5 @@
-//! The voxels of a solid, and resampling onto other voxels.
+//! The voxels of a solid, and resampling onto other voxels. This file only computes sizes and widths;
+//! `level_set_ops` and the bricks resample. Growth and ratios are estimates for memory, all others are exact.
 
 use crate::band::SurfacePoints;
 use crate::pipeline::content::inputs::Inputs;
@@ -34,8 +35,9 @@ impl Voxels {
         }
     }
 
-    /// The steps of a `resample` operation. Voxels much finer than the target are coarsened in factors
-    /// of two first: otherwise the old band would have to be widened to too many voxels.
+    /// The steps of a `resample` operation, in order; the last one ends on the requested voxels. Voxels much finer
+    /// than the target are coarsened in factors of two first: otherwise the old band would have to be widened to
+    /// too many voxels.
     pub fn resampling_steps(self, op: &Resample) -> Vec<Resampling> {
         let mut last = self.resampling(op);
         let mut all = Vec::new();
@@ -53,6 +55,7 @@ impl Voxels {
         self.resampling(op).to
     }
 
+    /// The resampling of an operation in one step. Keys that the operation leaves out keep the present voxels.
     fn resampling(self, op: &Resample) -> Resampling {
         let edge = op.voxel_size.map(|size| size.resolve(self.scale));
         let voxel_size = edge.unwrap_or(self.scale.voxel_size);
@@ -94,7 +97,7 @@ impl Resampling {
             && SurfacePoints::suffices(self.from.half_width)
     }
 
-    /// Edge of a new voxel, in old voxels.
+    /// Edge of a new voxel, in old voxels. A placement that scales the solid up makes its voxels larger first.
     pub fn factor(&self) -> f64 {
         self.to.scale.voxel_size / (self.from.scale.voxel_size * self.placement.scale)
     }
@@ -104,12 +107,13 @@ impl Resampling {
         (self.to.half_width * self.factor() + INTERPOLATION_REACH).max(self.from.half_width)
     }
 
-    /// Number of leaves of the widened old band over that of the old band.
+    /// Estimated number of leaves of the widened old band over that of the old band.
     pub fn growth(&self) -> f64 {
         growth(self.from.half_width, self.source_half_width())
     }
 
-    /// Number of leaves of the new band over that of the old band.
+    /// Estimated number of leaves of the new band over that of the old band: a surface has a number that falls
+    /// with the square of the edge.
     pub fn leaf_ratio(&self) -> f64 {
         self.factor().powi(-2) * growth(self.from.half_width, self.to.half_width)
     }

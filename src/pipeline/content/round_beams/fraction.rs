@@ -21,8 +21,9 @@ const STEPS: [f64; 3] = [
     0.549_700_477_901_970_3,
 ];
 
-/// The diameter at which beams and plates fill a fraction of the scaffold's volume; `None` if there are
-/// no points. `beams` all have the diameter `trial_diameter`.
+/// The diameter, world units, at which beams and plates fill a fraction (0 to 1) of the scaffold's volume; `None`
+/// if there are no points. `beams` all have the diameter `trial_diameter`, from which distances to their axes
+/// follow.
 pub(super) fn diameter_for_fraction(
     beams: &Beams,
     trial_diameter: f64,
@@ -38,6 +39,7 @@ pub(super) fn diameter_for_fraction(
             let number = (index * points_per_element + n + 1) as f64;
             let part = Vec3::from(STEPS.map(|s| (number * s).fract()));
             let xi = CellPoint(region.min + region.size().component_mul(&part));
+            // Points of the box outside the element are dropped.
             (shape.face_distance(xi) <= 0.0).then(|| {
                 let (place, jacobian) = element.map_and_jacobian(xi);
                 let to_axis = beams.value(place) + trial_diameter / 2.0;

@@ -1,4 +1,5 @@
-//! Weights of a tiling's cells at points of elements, for any kind of cells.
+//! Weights of a tiling's cells at points of elements, for any kind of cells. Weights at a point have the sum 1 and
+//! the order of the palette.
 
 use super::CellTiling;
 use crate::frame::CellPoint;
@@ -7,7 +8,7 @@ use crate::tiling::{TilingError, Weights};
 
 /// Weights of the palette's cells at points.
 pub(crate) struct CellWeights<'a> {
-    /// `None` for one cell, whose weight is 1.
+    /// `None` for one cell, whose weight is 1 everywhere.
     weights: Option<Weights<'a>>,
     count: usize,
 }

@@ -1,4 +1,5 @@
-//! The graded quantity of a tiling as its recipe gives it: thickness, volume fraction or level, by element.
+//! The graded quantity of a tiling as its recipe gives it: thickness, volume fraction or level, by element. Macro
+//! decks and attributes show it; the level shifts that realise it are made elsewhere.
 
 use super::CellTiling;
 use crate::frame::WorldPoint;
@@ -26,6 +27,7 @@ pub(crate) struct Graded {
 }
 
 impl Graded {
+    /// Thicknesses at the tiling's points, world units.
     pub fn thickness(values: Vec<f64>) -> Self {
         Self {
             quantity: GradedQuantity::Thickness,
@@ -78,6 +80,7 @@ impl CellTiling {
                 .map_err(failed)?;
             let centre = |e: crate::scaffold::ElementMap| {
                 let WorldPoint(p) = e.map(e.shape().centroid());
+                // A centre lies in its element, so that NaN occurs only where a curved element does not hold it.
                 field.at(WorldPoint(p)).unwrap_or(f64::NAN)
             };
             return Ok(Some(scaffold.elements().map(centre).collect()));

@@ -1,4 +1,5 @@
-//! Metric sheets of a tiling: their thickness over the scaffold.
+//! Metric sheets of a tiling: walls that have their thickness in space, however elements deform the cell. This
+//! file decides whether a tiling is one, and gives the thickness over the scaffold, world units.
 
 use super::CellTiling;
 use crate::pipeline::base::error::RunError;
@@ -12,7 +13,8 @@ use crate::recipe::{Length, Recipe, Size, TilingSection, Varying};
 use crate::tiling::Interpolation;
 
 impl CellTiling {
-    /// Refuses values at the points that are not positive, with the first place.
+    /// Refuses values at the points that are not positive, with the first place. Nodes within edges, which no
+    /// element uses, may have any value; control points of the smooth interpolation may not.
     pub(super) fn check_positive(
         &self,
         key: &str,
@@ -89,7 +91,8 @@ impl CellTiling {
     }
 }
 
-/// Whether all cells of a tiling are sheets with a thickness.
+/// Whether all cells of a tiling are sheets with a thickness, and none is set by a level or fraction of the
+/// tiling. Some inverted sheets beside others are an error.
 pub(super) fn is_metric_sheet(recipe: &Recipe, section: &TilingSection) -> Result<bool, RunError> {
     let by_level = section.level.is_some() || section.volume_fraction.is_some();
     let is_sheet = |name: &str| {

@@ -1,4 +1,10 @@
-//! Weights of cells over a scaffold: from formulas and fields, or from an assignment of elements.
+//! Weights of cells over a scaffold: from formulas and fields of a transition, or from an assignment of elements.
+//!
+//! Both give one list: for each point of the interpolation (a node of the scaffold, or a control point of the
+//! smooth interpolation) the weights of the palette's cells side by side, so that the weight of cell c at point p
+//! is `weights[p * cells + c]`. Weights are not negative. Their sum need not be 1, as the blend divides by it, but
+//! it must be positive at every point: a point that counts (`counts`: a corner of an element, or a point inside
+//! the scaffold) and has the sum 0 is an error of the blend; all others borrow weights here.
 
 use super::CellTiling;
 use crate::frame::Vec3;
@@ -10,7 +16,8 @@ use crate::pipeline::inputs::spatial_value::{SpatialContext, sign_hint};
 use crate::recipe::TilingSection;
 
 impl CellTiling {
-    /// Weights at the points, from the formulas and fields of a transition.
+    /// Weights at the points, from the formulas and fields of a transition. `spatial` gives the context in which
+    /// the formulas of a key are evaluated. Negative weights count as 0 and give one warning with the worst.
     pub(super) fn transition_weights<'s>(
         &self,
         files: &mut InputFiles,
@@ -31,6 +38,7 @@ impl CellTiling {
                     negative = Some((at, w));
                     hint = sign_hint(&share.weight);
                 }
+                // The palette has every cell that a transition names, so that the fallback does not occur.
                 weights[at * count + cell_index.unwrap_or(0)] += w.max(0.0);
             }
         }
@@ -62,6 +70,9 @@ impl CellTiling {
     }
 
     /// Weights at the points, from one cell per element: at a node the mean of its elements, by volume.
+    ///
+    /// # Errors
+    /// An entry that applies to no element, an unknown group, and an element without an entry.
     pub(super) fn assigned_weights<'s>(
         &self,
         section: &TilingSection,
@@ -81,6 +92,7 @@ impl CellTiling {
                 None => vec![1.0; centres.len()],
                 Some(text) => spatial(&format!("{key}.where")).formula(text, &centres)?,
             };
+            // Numbers of the group's elements, ascending; no group means all.
             let members = match &a.group {
                 None => None,
                 Some(name) => Some(self.group(name, &key)?),
@@ -116,6 +128,7 @@ impl CellTiling {
         for node in 0..scaffold.nodes().len() {
             let sum: f64 = weights.iter().map(|w| w[node]).sum();
             for own in &mut weights {
+                // A node without elements has the sum 0 and keeps its weights of 0.
                 own[node] /= sum.max(f64::MIN_POSITIVE);
             }
         }
@@ -136,6 +149,8 @@ impl CellTiling {
         Ok(weights)
     }
 
+    /// The elements of a named group of the scaffold, ascending; the case of letters counts only between groups
+    /// that differ by it alone. `key` is for the error on an unknown name.
     fn group(&self, name: &str, key: &str) -> Result<&[u32], RunError> {
         let groups = &self.loaded.groups;
         let found = groups.iter().find(|g| g.name == name);

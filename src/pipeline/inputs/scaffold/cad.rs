@@ -19,7 +19,7 @@ pub(crate) struct CadOptions {
 /// Most lines of gmsh that an error repeats.
 const MAX_LINES: usize = 3;
 
-/// The mesh of a part, from the cache or made now.
+/// The path of a part's mesh (`.msh`), from the cache or made now. The part's file is not changed.
 ///
 /// # Errors
 /// Text: the part cannot be read, gmsh is not installed, or cannot mesh the part, in its own words.
@@ -42,6 +42,8 @@ pub(crate) fn cad_mesh(part: &Path, options: CadOptions) -> Result<PathBuf, Stri
     let order = options.order.to_string();
     let child = Command::new("gmsh")
         .arg(std::path::absolute(part).map_err(|e| format!("{shown}: {e}"))?)
+        // Volumes (-3) as binary MSH 4.1, warnings only (-v 2); at least 6 elements on a full circle of a curved
+        // face.
         .args(["-3", "-format", "msh41", "-bin", "-v", "2"])
         .args(["-order", &order, "-clmax", &size])
         .args(["-setnumber", "Mesh.MeshSizeFromCurvature", "6"])
@@ -77,6 +79,7 @@ pub(crate) fn cad_mesh(part: &Path, options: CadOptions) -> Result<PathBuf, Stri
     Ok(mesh)
 }
 
+/// The folder of kept meshes, by the environment; it may not exist yet.
 fn cache_folder() -> PathBuf {
     let set = |name: &str| {
         std::env::var_os(name)

@@ -28,7 +28,8 @@ impl TetFilling {
     /// Warning code of all its warnings.
     pub const CODE: &'static str = Warning::FILLING;
 
-    /// Fills a mesh.
+    /// Fills a mesh with tets of the edge in `options`, recipe units. Lists what they leave of the mesh as
+    /// warnings.
     ///
     /// # Errors
     /// Text: no tets can be made, or they form more components than the mesh has.
@@ -65,6 +66,7 @@ fn torn(
     let mut tried = SMALLER
         .into_iter()
         .take_while(|s| tets as f64 / s.powi(3) < MAX_TRIED_TETS);
+    // Otherwise the finer trial was left out for its cost.
     let has_tried_all = tets as f64 / SMALLER[1].powi(3) < MAX_TRIED_TETS;
     let smaller = tried.find_map(|s| {
         let cell = s * options.cell;
@@ -167,6 +169,7 @@ fn warnings(solid: &MeshSolid, filled: &Filled, cell: f64) -> Result<Vec<String>
     Ok(warnings)
 }
 
+/// Volume of all elements.
 fn volume(scaffold: &Scaffold) -> f64 {
     scaffold.elements().map(|e| e.volume().abs()).sum()
 }

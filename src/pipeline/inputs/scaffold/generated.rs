@@ -27,7 +27,8 @@ pub(super) fn box_scaffold(block: &BoxScaffold, scale: Scale) -> Result<Scaffold
     moved(&scaffold, |v| v + origin)
 }
 
-/// The cubes of a grid that meet a solid.
+/// The cubes of a grid that meet a solid; a few beside it are kept as well, since the ball around a cube decides.
+/// Too many cubes are an error.
 pub(super) fn filling_cubes(
     solid: &MeshSolid,
     fill: &FillScaffold,
@@ -55,7 +56,7 @@ pub(super) fn filling_cubes(
     for e in 0..grid.len() {
         let own = grid.connectivity().nodes(e);
         let at = Aabb::of(own.iter().map(|&n| grid.nodes()[n as usize] + origin));
-        // The distance of the centre decides, up to the half diagonal.
+        // A cube is kept if the ball around it reaches the solid: d <= half diagonal, with d negative inside.
         let d = solid.signed_distance(at.centre().0);
         if d <= at.half_diagonal() {
             elements.push(Kind::Hex8, own);
