@@ -87,6 +87,7 @@ impl<'a> EffectiveElements<'a> {
             let element_weights = weights.list(e.index(), e.shape().centroid());
             // A blend has no law of its own: the cell with the greatest weight at the centre stands for
             // it; of equal ones the first.
+            // `max_by` returns the last of equal ones; comparing the numbers backwards makes it the first.
             let greatest = (0..element_weights.len()).max_by(|&a, &b| {
                 element_weights[a]
                     .total_cmp(&element_weights[b])
@@ -102,7 +103,8 @@ impl<'a> EffectiveElements<'a> {
                     .physical_thickness()
                     .filter(|_| is_round && section.is_none_or(|t| t.thickness.is_none()))
                     .map(|t| t.resolve(recipe.scale()));
-                // Beams of one diameter by the volume fraction of the whole.
+                // Beams of one diameter by the volume fraction of the whole have the same parameter everywhere,
+                // which `fixed` holds for each law.
                 let fraction = tiling.target_fraction.filter(|_| is_round);
                 let quantity = tiling
                     .graded_quantity()
@@ -206,7 +208,7 @@ fn size_of(e: &ElementMap) -> f64 {
     libm::cbrt(e.volume().abs() / e.shape().measure())
 }
 
-/// Refuses wedges and pyramids, which have no period.
+/// Refuses scaffolds with elements other than hexes and tets: wedges and pyramids have no period.
 fn check_shapes(tiling: &CellTiling) -> Result<(), RunError> {
     let scaffold = &tiling.loaded.scaffold;
     let other = scaffold

@@ -80,13 +80,16 @@ pub(super) struct Shortage {
     pub available: u64,
 }
 
-/// The shortage of memory of a run, if there is one. A bound from the full box spares most runs the sampling.
+/// The shortage of memory of a run, if there is one; `budget` is what it may use, bytes, by default what the
+/// machine has. A bound from the full box spares most runs the sampling. `None` also where the system does not
+/// report its memory.
 pub(super) fn shortage(
     inputs: &Inputs,
     threads: &Threads,
     budget: Option<u64>,
     progress: &dyn Progress,
 ) -> Result<Option<Shortage>, RunError> {
+    // What the process holds already counts in the prediction, so it counts as free here.
     let free = || Some(memory::available()? + memory::resident());
     let Some(available) = budget.or_else(free) else {
         return Ok(None);
@@ -99,7 +102,8 @@ pub(super) fn shortage(
     Ok((needed(&counts) > available).then_some(Shortage { counts, available }))
 }
 
-/// The error of a run that cannot be divided into bricks.
+/// The error of a run that cannot be divided into bricks for a `reason`: too little memory, with a voxel size that
+/// would fit, or bricks that were only requested.
 pub(super) fn shortage_error(
     inputs: &Inputs,
     threads: &Threads,
@@ -113,6 +117,7 @@ pub(super) fn shortage_error(
     }
     let h = inputs.recipe.scale().voxel_size;
     let base = memory::resident() as f64;
+    // Memory grows with the number of leaves, that is about h^-2. 5 % of the budget are left as a margin.
     let growth = (needed as f64 - base) / (available as f64 * 0.95 - base).max(1e6);
     // Two digits, rounded up.
     let raw = h * growth.max(1.0).sqrt();
@@ -159,7 +164,7 @@ impl Counts {
         }
     }
 
-    /// The counts of so large a share of the leaves.
+    /// The counts of a share of the leaves. The seconds of the sampling stay.
     pub fn share(&self, share: f64) -> Self {
         Self {
             blocks: share * self.blocks,
@@ -191,7 +196,7 @@ fn full_box_counts(inputs: &Inputs) -> Result<Option<Counts>, RunError> {
     Ok(Some(after_resampling(inputs, counts)))
 }
 
-/// Counts on the final voxels.
+/// Counts on the final voxels, by sampling the field, or from the level set of a file.
 pub(super) fn counts(
     inputs: &Inputs,
     threads: &Threads,
@@ -213,6 +218,7 @@ pub(super) fn counts(
     counts.extent_blocks = extent_blocks;
     if level > 0 {
         let coarser = counts_at_level(inputs, threads, progress, level + 1)?;
+        // Exponent of h by which the number of active voxels grows, from the two samplings.
         let growth = (counts.active / coarser.active.max(1.0)).log2();
         let factor = 2f64.powf(f64::from(level) * growth.clamp(2.0, 3.0));
         counts = Counts {
@@ -307,11 +313,13 @@ fn counts_at_level(
     Ok(counts)
 }
 
-/// Elements of a deck of the solid. How much of its box a solid fills is not sampled, so that this is an upper estimate.
+/// Elements of a deck of the solid; 0 for a deck of the scaffold's elements. How much of its box a solid fills is
+/// not sampled, so that this is an upper estimate.
 fn deck_elements(output: &Output, c: &Counts, on: Voxels) -> f64 {
     if output.is_macro_deck() {
         return 0.0;
     }
+    // An invalid element size is refused where the deck is written.
     let edge = f64::from(output.element_voxels(on.scale).unwrap_or(1));
     rates::FILL * c.extent_blocks * (f64::from(BLOCK) / edge).powi(3)
 }
@@ -381,7 +389,7 @@ fn thickness_points(inputs: &Inputs, c: &Counts) -> f64 {
     }
 }
 
-/// Seconds on two threads.
+/// Seconds on two threads, as the rates were measured.
 fn seconds(inputs: &Inputs, c: &Counts) -> f64 {
     let by_voxel: f64 = operations(inputs).0.iter().map(|o| o.1).sum();
     let outputs = inputs.recipe.sections().output.iter();
@@ -392,6 +400,7 @@ fn seconds(inputs: &Inputs, c: &Counts) -> f64 {
         + rates::PIXEL_SECONDS * pictures.map(pixels).sum::<f64>()
 }
 
+/// Number of pixels of a picture.
 fn pixels(output: &Output) -> f64 {
     let size = output.size.unwrap_or_default();
     f64::from(size.0) * f64::from(size.1)

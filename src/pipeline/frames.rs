@@ -1,4 +1,5 @@
-//! Frames of a sequence: missing input files, and frames whose files are up to date.
+//! Frames of a sequence: missing input files, and frames whose files are up to date. A frame token in a name, as
+//! `$F4` for four digits, stands for the number of the frame; a name with one is a template.
 
 use super::base::error::RunError;
 use super::inputs::input_files::{digest, hash_text};
@@ -40,6 +41,7 @@ pub fn check_frames(recipe: &Recipe, frames: &[i32]) -> Result<(), RunError> {
 pub fn check_series(template: &Path, frames: &[i32], key: &str) -> Result<(), ReadError> {
     let text = template.to_string_lossy();
     let is_missing = |frame: &&i32| {
+        // A template whose tokens are invalid has no names; such a recipe is refused where it is read.
         let name = expand(&text, **frame).ok().flatten();
         name.is_some_and(|name| !Path::new(&name).exists())
     };
@@ -77,7 +79,8 @@ pub fn check_output_tokens(recipe: &Recipe) -> Result<(), RunError> {
     Ok(())
 }
 
-/// The report of a frame: the recipe's own, else one in the folder of the outputs.
+/// The path of a frame's report: the recipe's own, else one in the folder `out` of the outputs, else beside the
+/// first output.
 pub fn frame_report(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
     let outputs = &recipe.sections().output;
     if let Some(own) = outputs.iter().find_map(|o| o.report.as_ref()) {
@@ -91,8 +94,8 @@ pub fn frame_report(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
     folder.unwrap_or_default().join(name.unwrap_or_default())
 }
 
-/// The report of a frame whose files are up to date: written by this version, from the same recipe, with inputs and
-/// outputs that still have the bytes that it records.
+/// The report of a frame whose files are up to date: written by this version, from the same recipe, with inputs
+/// and outputs that still have the bytes that it records. `None` otherwise, also without a readable report.
 pub fn finished_frame(recipe: &Recipe, report: &Path) -> Option<Value> {
     let text = std::fs::read_to_string(report).ok()?;
     let report: Value = serde_json::from_str(&text).ok()?;
@@ -102,7 +105,8 @@ pub fn finished_frame(recipe: &Recipe, report: &Path) -> Option<Value> {
         let (Some(path), Some(hash)) = (entry["path"].as_str(), entry["hash"].as_str()) else {
             return false;
         };
-        // The steps of a crystal stand in the recipe, whose hash covers them.
+        // The steps of a crystal stand in the recipe, whose hash covers them; their entry has the name of the
+        // section, without an extension.
         let path = Path::new(path);
         path.extension().is_none() || digest(path).is_ok_and(|(_, found)| found == hash)
     };

@@ -144,6 +144,7 @@ fn graded(
     let scaffold = &elements.tiling.loaded.scaffold;
     let read = results::read(options, scaffold, unit.to(unit_of_results))?;
     let quantity = quantity(&elements)?;
+    // A thickness needs the law of its cell to become a fraction; a fraction is its own parameter.
     let is_thickness = quantity == GradedQuantity::Thickness;
     let present = elements.parameters.clone();
     // The fraction of each element before: by the law of its cell, as graded, or that of the cell.
@@ -253,7 +254,8 @@ fn quantity(elements: &EffectiveElements) -> Result<GradedQuantity, RunError> {
     }
 }
 
-/// Volume fractions of all cells over a wide range of thickness.
+/// Volume fractions of all cells over a wide range of thickness (in element sizes): a new thickness may lie far
+/// from the present ones.
 fn laws(
     inputs: &Inputs,
     elements: &EffectiveElements,
@@ -273,6 +275,7 @@ fn laws(
     (0..elements.cells.len()).map(law).collect()
 }
 
+/// Settings of laws that give volume fractions alone, for which the material does not matter.
 fn settings() -> Result<LawSettings, RunError> {
     Ok(LawSettings {
         solid: solid_material(None)?,
@@ -292,7 +295,7 @@ fn own_fractions(
     Ok(pairs.map(|(&c, &p)| laws[c].fraction(p)).collect())
 }
 
-/// The centre of each element.
+/// The centre of each element, recipe units.
 fn centres(elements: &EffectiveElements) -> Vec<Vec3> {
     let scaffold = &elements.tiling.loaded.scaffold;
     scaffold

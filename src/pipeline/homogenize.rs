@@ -1,4 +1,6 @@
-//! Periods of cells for homogenization: from a section, a finished cell or a cell of a recipe.
+//! Periods of cells for homogenization: from a section, a finished cell or a cell of a recipe. A period is the
+//! repeating box of a structure: a cell's own for a hex, several cells in a packing (an arrangement of tets that
+//! fills a cube) for a tet. `properties` computes with them.
 
 use super::base::error::{CellFault, RunError};
 use super::base::warning::Warning;
@@ -61,8 +63,7 @@ pub fn cell_period(
     })
 }
 
-/// The struts or plates of a section as round beams; `None` where it describes something else, or a form that
-/// only a fitted cell has. Paths are relative to the working directory.
+/// As `beam_period`; `resolve` completes paths of graphs. Diameters are in reference lengths.
 ///
 /// # Errors
 /// [`RunError`]: an error of the graph; a thickness in units of length.
@@ -111,6 +112,7 @@ fn round(
                 thickness.0
             )));
         };
+        // A thickness that is not positive leaves the radius of the graph; the recipe's check refuses it.
         section.radius = Positive::try_from(diameter / 2.0).ok();
         section.plate_thickness = Positive::try_from(diameter).ok();
     }

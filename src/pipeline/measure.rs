@@ -1,4 +1,5 @@
-//! Numbers of a finished solid: its walls, cavities and layers, and the requirements on them.
+//! Numbers of a finished solid: its walls, cavities and layers, and the requirements on them. Lengths are in the
+//! unit of the solid; the solid is not changed. Runs in bricks and files use the same parts.
 
 pub mod build;
 pub mod cavities;

@@ -93,7 +93,7 @@ fn planes(element: Element) -> Vec<Plane> {
     ]
 }
 
-/// Draws a cell.
+/// Draws a cell, with the source that it was fitted to if there is one.
 pub fn plot(cell: &Cell, source: Option<&Source>) -> Plot {
     let element = cell.element();
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
@@ -122,6 +122,7 @@ pub fn plot(cell: &Cell, source: Option<&Source>) -> Plot {
     }
 }
 
+/// Writes the title and the legend of the slices.
 fn header(canvas: &mut Canvas, cell: &Cell, source: Option<&Source>) {
     let what = source.map_or("", |s| s.report().kind.name());
     let title = format!(
@@ -143,7 +144,8 @@ fn header(canvas: &mut Canvas, cell: &Cell, source: Option<&Source>) {
     }
 }
 
-/// Values over a slice, one per STRIDE pixels and one more at the end.
+/// Values over a slice, one per STRIDE pixels and one more at the end, row by row from the top. `reach` is half
+/// the extent of the slice, reference lengths.
 fn sampled(plane: &Plane, reach: f64, value: impl Fn(CellPoint<3>) -> f64 + Sync) -> Vec<f64> {
     let count = SLICE / STRIDE + 1;
     let step = 2.0 * reach / (count - 1) as f64;
@@ -159,7 +161,7 @@ fn sampled(plane: &Plane, reach: f64, value: impl Fn(CellPoint<3>) -> f64 + Sync
         .collect()
 }
 
-/// Bilinear interpolation between the samples.
+/// Bilinear interpolation between the samples of a slice, at the pixel (x, y) from its upper left corner.
 fn interpolated(values: &[f64], x: usize, y: usize) -> f64 {
     let count = SLICE / STRIDE + 1;
     let (i, j) = (x / STRIDE, y / STRIDE);
@@ -221,7 +223,8 @@ fn slice(
     }
 }
 
-/// Points of a low-discrepancy sequence in the element.
+/// At most `SAMPLE_POINTS` points of a low-discrepancy sequence in the element. Elements fill more than a
+/// twentieth of their box, so that the numbers suffice.
 fn points(element: Element) -> Vec<CellPoint<3>> {
     let bounds = element.cell_box();
     // Multiples, modulo 1, of powers of the inverse of the root of x^4 = x + 1: no two points are close.
@@ -237,7 +240,7 @@ fn points(element: Element) -> Vec<CellPoint<3>> {
         .collect()
 }
 
-/// The root mean square error over the number of coefficients kept.
+/// The root mean square error over the number of coefficients kept; empty for cells that are not a single series.
 fn curve(cell: &Cell, source: Option<&Source>) -> Curve {
     let form = cell.expression();
     if let Some(series) = form.series() {

@@ -1,4 +1,6 @@
-//! A run in the order of its stages, and its prediction.
+//! A run in the order of its stages, and its prediction: inputs, estimate, band (the sampling), operations, check,
+//! measures, outputs, report. A run in bricks has the same stages brick by brick. Files appear only when they are
+//! complete; a run that fails leaves those of earlier stages.
 
 use super::base::context::StageContext;
 use super::base::error::RunError;
@@ -48,6 +50,7 @@ pub fn plan(
         }
         // Too little memory for bricks is a fact of the prediction, which names what is needed; the run
         // itself refuses.
+        // `Ok(None)` is a run in memory.
         Ok(None)
         | Err(
             RunError::Memory { .. } | RunError::BricksUnsupported { .. } | RunError::Budget { .. },
@@ -79,6 +82,7 @@ pub fn run_keeping_solid(
     options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<(Report, Option<LevelSet>), RunError> {
+    // A missing file of a series is named with the frames that exist.
     check_frames(recipe, &[recipe.clock().frame])?;
     let threads = threads(options)?;
     log::debug!(target: "druse::run",

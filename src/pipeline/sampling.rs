@@ -23,7 +23,7 @@ use std::path::Path;
 /// The tiled field at a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldSample {
-    /// The field's value; NaN outside the scaffold.
+    /// The field's value in the units of the cell; NaN outside the scaffold. Of beams and sheets it is a distance.
     pub phi: f64,
     /// Its gradient in world space.
     pub gradient: [f64; 3],
@@ -77,6 +77,7 @@ impl<'a> Probe<'a> {
         Ok(Self { inputs, threads })
     }
 
+    /// The tiling, which `new` has checked to exist.
     fn tiling(&self) -> Result<&CellTiling, RunError> {
         let none = || RunError::Tiling("the recipe has no scaffold".into());
         self.inputs.tiling().ok_or_else(none)
@@ -99,8 +100,8 @@ impl<'a> Probe<'a> {
         self.inputs.report().warnings
     }
 
-    /// The field at world points. The cells are evaluated by their tables, or by their series if
-    /// `exact`.
+    /// The field at points in the recipe's unit, in their order. The cells are evaluated by their tables, or by
+    /// their series if `exact`.
     ///
     /// # Errors
     /// Cells that do not fit the scaffold.

@@ -1,4 +1,5 @@
-//! Layers of a recipe's solid: of its exact field where possible, else of its level set.
+//! Layers of a recipe's solid: of its exact field where possible, else of its level set. A layer is the
+//! cross-section at the middle of its height, as pixels; the caller writes it. No output of the recipe is written.
 
 use super::base::context::StageContext;
 use super::base::error::RunError;
@@ -43,8 +44,8 @@ const LAYERS_PER_GROUP: usize = 16;
 /// Rounding error of the surface of a sampled solid, voxels.
 const SURFACE_TOLERANCE: f64 = 1e-3;
 
-/// Cuts a recipe's solid into layers and passes them to `take` in order. Where all operations are
-/// pointwise it cuts the exact field, without a level set.
+/// Cuts a recipe's solid into layers and passes them to `take` in order, each with the summary so far and its
+/// number from 0. Where all operations are pointwise it cuts the exact field, without a level set.
 ///
 /// # Errors
 /// As [`run`](super::run), but for outputs; and errors of `take`.
@@ -114,7 +115,7 @@ fn whole_layers(mut bounds: Aabb, scale: Scale, slice_options: &SliceOptions) ->
     bounds
 }
 
-/// Cuts a field within a box and passes the layers to `take` in ascending order.
+/// Cuts a field (world units, negative inside) within a box and passes the layers to `take` in ascending order.
 fn cut<E: From<RunError>>(
     context: StageContext,
     field: &WorldField,

@@ -1,4 +1,5 @@
-//! Geometry for interactive views: few triangles, wall thickness at their vertices, blocks of cells, boxes of solids.
+//! Geometry for interactive views: few triangles, wall thickness at their vertices, blocks of cells, boxes of
+//! solids. Views trade accuracy for time: nothing here is reported as a measure of a part.
 
 use super::base::context::StageContext;
 use super::base::error::RunError;
@@ -28,7 +29,8 @@ const MAX_WALL_SHARES: [f64; 2] = [0.5, 0.25];
 /// Vertices of the largest mesh that counts as small.
 const MAX_SMALL_VERTICES: usize = 100_000;
 
-/// At most about `max_triangles` triangles over the vertices of a mesh; all of them if there are fewer.
+/// At most about `max_triangles` triangles over the vertices of a mesh, as three vertex numbers each; all of them
+/// if there are fewer.
 ///
 /// # Errors
 /// Only errors of the decimation.
@@ -39,8 +41,8 @@ pub fn few_triangles(mesh: &TriMesh, max_triangles: usize) -> Result<Vec<[u32; 3
     triangles_to_count(mesh, max_triangles)
 }
 
-/// The wall thickness of a closed mesh at some of its vertices: not a number where no ball is inscribed, up to a share
-/// of the longest side.
+/// The wall thickness of a closed mesh, in its unit, at the vertices `samples`: not a number where no ball is
+/// inscribed, up to a share of the longest side.
 ///
 /// # Errors
 /// Cancellation.
@@ -96,7 +98,8 @@ pub fn scaffold_of(
 }
 
 /// A cell in `count` elements along each axis of a box, as a level set; `None` for a cell of the ball, which tiles
-/// no box. Each element is one reference length wide; planar cells fill prisms. `voxel_size` is in reference lengths.
+/// no box. Each element is one reference length wide; planar cells fill prisms. `voxel_size` is in reference
+/// lengths, `half_width` in voxels.
 ///
 /// # Errors
 /// A cell without a surface; an error of the band or of OpenVDB.

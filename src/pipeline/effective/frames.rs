@@ -19,11 +19,12 @@ pub(in super::super) struct ElementFrame {
 }
 
 impl ElementFrame {
-    /// The polar decomposition of a map.
+    /// The polar decomposition of a map, R S = U V^T V diag(s) V^T; `None` where the decomposition fails.
     fn of_map(map: Mat3) -> Option<Self> {
         let svd = map.svd(true, true);
         let (u, v_t) = (svd.u?, svd.v_t?);
         let rotation = u * v_t;
+        // A mirror image times -1 is a rotation.
         let rotation = rotation * rotation.determinant().signum();
         let size = libm::cbrt(svd.singular_values.product());
         let stretch = v_t.transpose() * Mat3::from_diagonal(&(svd.singular_values / size)) * v_t;
@@ -44,12 +45,12 @@ impl ElementFrame {
     }
 }
 
-/// The frame of a hexahedron.
+/// The frame of a hexahedron, at its centre.
 fn of_hex(element: &ElementMap) -> Option<ElementFrame> {
     ElementFrame::of_map(element.jacobian(element.shape().centroid()))
 }
 
-/// The frame of a tetrahedron beside the tet of a packing.
+/// The frame of a tetrahedron beside the tet of a packing; `None` for one without volume.
 fn of_tet(element: &ElementMap, packing: Packing) -> Option<ElementFrame> {
     let jacobian = element.jacobian(element.shape().centroid());
     let own: Vec<Vec3> = Element::Tet
@@ -61,6 +62,7 @@ fn of_tet(element: &ElementMap, packing: Packing) -> Option<ElementFrame> {
     let back = edges(packing.tet()).try_inverse()?;
     let mut best: Option<ElementFrame> = None;
     for n in 0..256usize {
+        // Two bits of n per vertex; the 24 permutations among the 256 numbers are used.
         let order = [n & 3, n >> 2 & 3, n >> 4 & 3, n >> 6];
         let is_permutation = (0..4).all(|v| order.contains(&v));
         if !is_permutation {
@@ -104,7 +106,8 @@ pub(in super::super) fn frames(scaffold: &Scaffold) -> (Vec<Option<ElementFrame>
     }
 }
 
-/// The mean ratio of edges of elements, weighted by their volumes, of product 1.
+/// The mean ratio of the edges of elements along x, y, z of the period, weighted by their volumes, of product 1.
+/// `all` are frames with volumes.
 pub(in super::super) fn mean_aspect<'a>(
     all: impl Iterator<Item = (&'a ElementFrame, f64)>,
 ) -> [f64; 3] {

@@ -1,4 +1,5 @@
-//! Laws of cells: volume fraction and effective stiffness over a graded quantity, tabulated and interpolated.
+//! Laws of cells: volume fraction and effective stiffness over a graded quantity (the parameter), tabulated and
+//! interpolated. Stiffnesses are in the unit of the solid's modulus and in the period's axes.
 //!
 //! Between tabulated values, cubic polynomials through four of them interpolate.
 
@@ -159,7 +160,8 @@ impl Law {
         self.points.len()
     }
 
-    /// The four points around a parameter with their weights; fewer where the table has fewer.
+    /// The four points around a parameter with their weights, which are Lagrange's; fewer where the table has
+    /// fewer. Beyond the table the value at its end holds.
     fn weights(&self, parameter: f64) -> Vec<(&LawPoint, f64)> {
         let n = self.points.len();
         let p = parameter.clamp(self.points[0].parameter, self.points[n - 1].parameter);
@@ -202,6 +204,7 @@ impl Law {
     pub fn parameter_for(&self, fraction: f64) -> f64 {
         let ends = [self.points[0], self.points[self.points.len() - 1]];
         let [mut low, mut high] = ends.map(|p| p.parameter);
+        // 50 halvings reach the precision of the numbers.
         for _ in 0..50 {
             let middle = f64::midpoint(low, high);
             if self.fraction(middle) < fraction {
@@ -226,7 +229,8 @@ impl LawCell<'_> {
         Grid::new(grid.counts(), size)
     }
 
-    /// The period of the cell, with struts of a mean thickness.
+    /// The period of the cell; round beams with a graded thickness get the mean one, and cells whose level is set
+    /// later a provisional volume fraction.
     fn period(&self, recipe: &Recipe, mean: f64, session: Session) -> Result<CellPeriod, RunError> {
         let section = &recipe.sections().cell[self.name];
         let has_beams = section.graph.is_some() || section.plates.is_some();

@@ -34,7 +34,8 @@ struct Field {
     at: FieldAt,
 }
 
-/// Reads results; `factor` is the results' unit of length per unit of the scaffold.
+/// Reads the field of the options from the results of a solver; `factor` is the results' unit of length per unit
+/// of the scaffold.
 pub(super) fn read(
     options: &GradeOptions,
     scaffold: &Scaffold,
@@ -101,6 +102,7 @@ fn used(scaffold: &Scaffold) -> Vec<bool> {
     all
 }
 
+/// The error for results of another mesh.
 fn other_mesh(path: &Path, place: Place, found: String, expected: String) -> ReadError {
     ReadError::data(path, place, found, expected).with_hint(
         "results belong to the deck that the recipe writes as it is now: solve that deck again, or give the \
@@ -151,6 +153,7 @@ fn of_frd(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<F
         .zip(&field.nodes)
     {
         // Numbers of the deck count from 1.
+        // A number 0 wraps around and is out of range, so that its row is left out.
         let n = (number as usize).wrapping_sub(1);
         if let Some(own) = values.get_mut(n * components..(n + 1) * components) {
             own.copy_from_slice(row);

@@ -19,18 +19,19 @@ const MAX_STEPS: usize = 80;
 /// Relative error of the mass.
 const MASS_TOLERANCE: f64 = 1e-6;
 
-/// The state of a part.
+/// The state of a part before the update; lists are by element.
 pub(super) struct Grading<'a> {
     pub scaffold: &'a Scaffold,
     pub elements: &'a EffectiveElements<'a>,
     pub laws: &'a [Law],
+    /// Whether the quantity is a thickness, and not the volume fraction; `laws` are empty otherwise.
     pub is_thickness: bool,
     /// Volume fraction and measure of each element.
     pub fraction: &'a [f64],
     pub measure: &'a [f64],
 }
 
-/// How it changes.
+/// How it changes; the fields are those of the options of a grading.
 pub(super) struct Update {
     pub rule: GradeRule,
     pub limit: Option<f64>,
@@ -98,6 +99,7 @@ impl Grading<'_> {
         ]
     }
 
+    /// Volume of the solid for fractions by element, in cubes of the recipe's unit.
     fn solid(&self, fraction: &[f64]) -> f64 {
         let all = fraction.iter().zip(&self.elements.volumes);
         all.map(|(f, v)| f * v).sum()
@@ -106,6 +108,7 @@ impl Grading<'_> {
     /// Means of the measure within the radius of a cone, weighted by volume.
     fn filtered(&self, radius: f64) -> Vec<f64> {
         let centres = centres(self.elements);
+        // Cubes as wide as the radius: all neighbours of an element lie in its cube and the 26 around it.
         let key = |p: Vec3| <[i64; 3]>::from(p.map(|c| (c / radius).floor() as i64));
         let mut grid: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
         for (e, &p) in centres.iter().enumerate() {
@@ -184,8 +187,8 @@ impl Grading<'_> {
         sums.into_iter().map(mean).collect()
     }
 
-    /// The new grading: for a target of the measure (`limit`), or for the target that gives the
-    /// requested mass.
+    /// The new grading: for a target of the measure (`limit`), or for the target that gives the requested mass.
+    /// The errors are bounds out of order, and a mass that they exclude.
     pub fn update(&self, update: &Update) -> Result<NewGrading, RunError> {
         let refuse = |message: String| Err(RunError::Tiling(message));
         let [low, high] = update.bounds;
@@ -208,7 +211,8 @@ impl Grading<'_> {
         }
         let wanted = update.mass.unwrap_or(1.0) * self.solid(self.fraction);
         let greatest = measure.iter().fold(0.0f64, |m, v| m.max(*v));
-        // The mass falls as the target rises.
+        // The mass falls as the target rises. Nine decades on both sides hold all targets that bounds and step do
+        // not cut off.
         let mut ends = [greatest * 1e-9, greatest * 1e9];
         let masses = ends.map(|t| self.solid(&self.at(update, &measure, t).fraction));
         if !(masses[1] * (1.0 - MASS_TOLERANCE)..=masses[0] * (1.0 + MASS_TOLERANCE))

@@ -1,6 +1,7 @@
 //! Effective properties of a cell's period on two grids, with an error estimate and warnings.
 //!
-//! The grid half as fine estimates the discretisation error, which falls with the edge of a voxel.
+//! The grid half as fine estimates the discretisation error, which falls with the edge of a voxel. Stiffnesses are
+//! in the unit of the solid's modulus, lengths are reference lengths.
 
 use super::CellPeriod;
 use crate::cell::Cell;
@@ -49,9 +50,10 @@ pub struct CellProperties {
     pub gradient: Option<Vec<Derivatives>>,
 }
 
-/// Why a number of voxels along the period cannot be used: too coarse, odd, or too large for the free memory.
-/// `keeps_solutions` where solutions are kept, for derivatives and sweeps.
+/// Why a number `n` of voxels along the period cannot be used: too coarse, odd, or too large for the free memory;
+/// `None` if it can. `keeps_solutions` where solutions are kept, for derivatives and sweeps.
 pub fn resolution_fault(n: usize, settings: &Settings, keeps_solutions: bool) -> Option<String> {
+    // Bytes per voxel of the sampling: a number per sample, and its share and mask.
     let sampling = 8 * (SAMPLES_PER_VOXEL_EDGE as u64).pow(3) + 16;
     let each = bytes_per_voxel(settings, keeps_solutions).max(sampling) as f64;
     let free = memory::available().map(|m| m as f64);
@@ -122,7 +124,8 @@ pub fn cell_properties(
     })
 }
 
-/// Samples of a period on one grid, at a given level if there is one.
+/// Samples of a period on a grid of `n` voxels, at a given level, else at the level of the section's volume
+/// fraction, else at the cell's own.
 pub(crate) fn sampled(
     source: &CellPeriod,
     n: usize,
@@ -259,7 +262,7 @@ impl CellProperties {
 }
 
 /// Warnings on a period: disconnected phases (W130), beams that a grid of `n` voxels does not resolve (W102).
-/// `level` is that of the solid; diameters of beams grow by twice it.
+/// `level` is that of the solid, reference lengths; diameters of beams grow by twice it.
 pub fn period_warnings(
     source: &CellPeriod,
     found: &Properties,

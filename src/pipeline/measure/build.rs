@@ -1,4 +1,6 @@
-//! The layers of a build in the report: islands, overhangs, cups and cross-sections.
+//! The layers of a build in the report: islands, overhangs, cups and cross-sections. An island is a component of a
+//! layer over nothing, an overhang a part of it beyond the angle that needs no support, a cup a pocket that opens
+//! upwards or that the plate closes.
 
 use crate::frame::{LengthUnit, Vec3};
 use crate::pipeline::base::context::StageContext;
@@ -15,7 +17,8 @@ const MAX_PROFILE: usize = 400;
 /// Least and greatest height of a layer, voxels.
 const LAYER_RANGE: [f64; 2] = [1.0 / 64.0, 1000.0];
 
-/// The request of a section.
+/// The request of a section `[build]` in world units and degrees. Refuses an invalid section and layers out of
+/// range.
 pub(crate) fn request(section: &BuildSection, scale: Scale) -> Result<BuildRequest, RunError> {
     let refused = |message: String| RunError::Refused {
         stage: "build".into(),
@@ -36,6 +39,7 @@ pub(crate) fn request(section: &BuildSection, scale: Scale) -> Result<BuildReque
     }
     let up = Vec3::from(section.up.map(|c| c.0));
     Ok(BuildRequest {
+        // `fault` has refused a direction of length 0.
         up: up.try_normalize(0.0).unwrap_or_else(Vec3::z),
         layer_height: layer,
         overhang_angle: section.overhang.0,
@@ -55,7 +59,8 @@ pub(crate) fn measure(
 }
 
 impl BuildReport {
-    /// The report on layers; `origin` is the world position of voxel (0, 0, 0).
+    /// The report on layers; `origin` is the world position of voxel (0, 0, 0), from which heights along `up` are
+    /// counted.
     pub(crate) fn new(request: &BuildRequest, found: &BuildLayers, origin: Vec3) -> Self {
         let base = origin.dot(&request.up);
         let height = |number: i64| base + number as f64 * request.layer_height;
@@ -66,6 +71,7 @@ impl BuildReport {
             let all = (0..layers.len()).map(|n| [value(n), height(layers[n].number)]);
             all.fold([0.0, 0.0], |a, b| if b[0] > a[0] { b } else { a })
         };
+        // Change of the area from the layer before.
         let jump = |n: usize| match n {
             0 => 0.0,
             n => (layers[n].area - layers[n - 1].area).abs(),
@@ -114,6 +120,7 @@ impl BuildReport {
         self.layer *= factor;
         self.heights = self.heights.map(|h| h * factor);
         self.overhang_area *= square;
+        // Each pair is an area and a height.
         for pair in [
             &mut self.section_max,
             &mut self.section_jump,
@@ -134,7 +141,7 @@ impl BuildReport {
         self
     }
 
-    /// Lines of text; lengths are in `unit`.
+    /// Lines of text for the terminal; lengths are in `unit`.
     pub fn text(&self, unit: LengthUnit) -> String {
         let number = short_number;
         let mut text = format!(

@@ -1,4 +1,5 @@
-//! Cavities of a part in its report: where material is trapped, and how large a ball can leave.
+//! Cavities of a part in its report: where material is trapped, and how large a ball can leave. The search works
+//! on voxels up to a greatest distance, the reach; ways out that are wider than it are not measured.
 
 use crate::frame::{Coord, LengthUnit, Vec3};
 use crate::pipeline::base::error::short_number;
@@ -13,7 +14,8 @@ const MAX_LISTED: usize = 100;
 /// Least distance that is measured for a requirement, voxels, so that the report has radii somewhat above it.
 const MIN_REACH: f64 = 8.0;
 
-/// The greatest distance that is measured for the requirements, voxels: a cavity is a voxel deeper than its way out.
+/// The greatest distance from the solid that is measured for the requirements, voxels: a cavity is a voxel deeper
+/// than its way out.
 pub(crate) fn reach(require: &RequireSection, scale: Scale) -> i32 {
     let required = require.escape_radius.map_or(0.0, |r| r.resolve(scale));
     let voxels = (required / scale.voxel_size).ceil() + 1.0;

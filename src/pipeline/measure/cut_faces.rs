@@ -50,9 +50,9 @@ impl<'a> CutFaces<'a> {
         }
     }
 
-    /// The 5th, 50th and 95th percentile of thickness, world units, over the walls whose balls touch no
-    /// cut. `thicker` more walls are thicker than all of these. `None` where a percentile falls among
-    /// those.
+    /// The 5th, 50th and 95th percentile of thickness, world units, over the walls whose balls touch no cut.
+    /// `thicker` is the number of walls beyond the measured range, which count as thicker than all. `None` where a
+    /// percentile falls among those, or without walls.
     pub fn percentiles(&self, walls: &[Wall], thicker: usize) -> Option<[f64; 3]> {
         let whole = walls.par_iter().filter(|wall| !self.touch(wall));
         let mut whole: Vec<f64> = whole.map(|wall| wall.thickness).collect();

@@ -1,4 +1,5 @@
-//! Cavities and build layers (islands, overhangs, cups) of a level set read from a file.
+//! Cavities and build layers (islands, overhangs, cups) of a level set read from a file, without a recipe. Results
+//! are in the file's unit.
 
 use super::build;
 use crate::frame::LengthUnit;
@@ -10,7 +11,7 @@ use crate::progress::{Progress, Threads};
 use crate::recipe::{BuildSection, Scale};
 use crate::vdb::{LevelSet, Session};
 
-/// The cavities of a solid, as reported.
+/// The cavities of a solid, as reported; `reach` is the greatest distance that is measured, voxels.
 pub(crate) fn cavities_of(
     context: StageContext,
     solid: &LevelSet,
@@ -39,7 +40,7 @@ pub fn level_set_cavities(
     cavities_of(context, solid, crate::vdb::DEFAULT_CAVITY_REACH)
 }
 
-/// The layers of a file's level set, in the file's unit; lengths of the section are in `own`.
+/// The layers of a file's level set, in the file's unit `unit`; lengths of the section are in `own`.
 ///
 /// # Errors
 /// [`RunError`]: an invalid section, or cancellation.

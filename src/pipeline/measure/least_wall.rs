@@ -18,9 +18,9 @@ use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Sine of half the least angle between opposite contacts.
+/// Sine of half the least angle between opposite contacts, 100 degrees.
 const MIN_CONTACT_SINE: f64 = 0.766;
-/// Greatest cosine between the normals at two opposite contacts.
+/// Greatest cosine between the normals at two opposite contacts: that of 100 degrees.
 const MAX_NORMAL_COSINE: f64 = -0.174;
 /// Edge of the cubes of the point search, over the distance between points.
 pub(crate) const BIN_EDGE_FACTOR: f64 = 8.0;
@@ -100,7 +100,8 @@ impl WallSamples {
         Histogram::of(&all, self.thicker as u64)
     }
 
-    /// The first percentile, if it is in the measured range.
+    /// The first percentile, which a few bad balls do not decide; `None` where it is not in the measured range, or
+    /// without samples.
     pub fn least(mut self) -> Option<Wall> {
         let rank = (self.walls.len() + self.thicker) / 100;
         if rank >= self.walls.len() {
@@ -117,8 +118,8 @@ impl WallSamples {
     }
 }
 
-/// The walls at some vertices of a mesh, with balls up to the radius `max_radius`. The mesh covers all
-/// that such balls can reach.
+/// The walls at the vertices `samples` of a mesh, with balls up to the radius `max_radius`, world units. The mesh
+/// covers all that such balls can reach. Normals are those of the solid, outward; `phase` turns them for the void.
 pub(crate) fn sample_walls(
     mesh: &TriMesh,
     samples: &[u32],
@@ -149,6 +150,7 @@ pub(crate) fn balls(
 ) -> Result<Vec<TouchingBall>, Cancelled> {
     let outward = phase.outward(mesh.vertex_normals_by_area());
     let points: Vec<SurfacePoint> = surface_points(mesh, &outward).collect();
+    // About the distance between vertices.
     let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
     let bins = Bins::new(points.clone(), BIN_EDGE_FACTOR * first);
     progress.stage(phase.stage(), Some(samples.len() as u64));
@@ -213,7 +215,8 @@ pub(crate) struct SearchRadii {
     pub max: f64,
 }
 
-/// The ball inside that touches the surface at a point and again opposite to it.
+/// The ball inside that touches the surface at a point and again opposite to it. `bins` hold the points of the
+/// surface around, with inward normals.
 pub(crate) fn ball_at(
     SurfacePoint {
         position: p,

@@ -22,7 +22,7 @@ use crate::vdb::{LevelSet, Session};
 /// Relative excess of a part over the box that it must fit, up to which it is rounding.
 const SIZE_TOLERANCE: f64 = 1e-6;
 
-/// Measures what only requirements need of a solid in memory: cavities and gaps.
+/// Measures what only requirements need of a solid in memory, cavities and gaps, and enters it in `report`.
 pub(crate) fn measure(
     require: &RequireSection,
     context: StageContext,
@@ -48,7 +48,8 @@ pub(crate) fn measure(
     Ok(())
 }
 
-/// Mass in grams of a solid whose lengths are in `unit`.
+/// Mass in grams of a solid whose lengths are in `unit`; `None` without a density, which is in grams per cubic
+/// centimetre.
 pub(crate) fn mass(r: &RequireSection, solid: &SolidReport, unit: LengthUnit) -> Option<f64> {
     let density = r.density?.0;
     Some(density * solid.volume * unit.to(LengthUnit::Centimetre).powi(3))
@@ -145,8 +146,8 @@ pub fn judge_level_set(
     Ok(judge_file(file, report, unit, voxel_size))
 }
 
-/// Judges the closed mesh of a file; `unit` is that of its lengths. `components` and `cavities` are
-/// those that the shells of the mesh bound.
+/// Judges the closed mesh of a file; `unit` is that of its lengths and of volume and bounds. `components` and
+/// `cavities` are those that the shells of the mesh bound.
 pub fn judge_mesh(
     file: &RequireFile,
     volume: f64,
@@ -162,6 +163,7 @@ pub fn judge_mesh(
         closed_cavities: Some(cavities),
         ..SolidReport::default()
     };
+    // A mesh has no voxels, so that their size is not a number.
     judge_file(file, report, unit, f64::NAN)
 }
 
@@ -275,6 +277,7 @@ impl Judge {
         }
     }
 
+    /// A length with its unit, for messages.
     fn length(&self, v: f64) -> String {
         format!("{} {}", short_number(v), self.scale.unit)
     }
@@ -311,6 +314,8 @@ impl Judge {
         });
     }
 
+    /// Enters the requirement on gaps of a solid without any measured gap. It is met unless the measured range
+    /// ends below the limit.
     fn no_gap(&mut self, least: Size) {
         let limit = least.resolve(self.scale);
         // Gaps wider than the limit may exist.
@@ -332,6 +337,8 @@ impl Judge {
         });
     }
 
+    /// Enters the requirement on the radius of a ball that can leave every cavity. Without a cavity all ways out
+    /// are wider than the measured range.
     fn escape(&mut self, least: Size, cavities: Option<&CavitiesReport>) {
         let limit = least.resolve(self.scale);
         let narrowest = cavities.and_then(|c| c.list.first());
@@ -390,6 +397,7 @@ impl Judge {
         }
     }
 
+    /// Enters the requirement on a number of parts; a number that was not counted does not meet it.
     fn count(&mut self, name: &'static str, limit: CountLimit, found: Option<u64>) {
         let met = found.is_some_and(|n| match limit {
             CountLimit::Exactly(limit) => n == limit,
@@ -409,6 +417,7 @@ impl Judge {
         });
     }
 
+    /// Enters the requirement that a number lies in a range, ends included; `unit` is text behind the numbers.
     fn within(&mut self, name: &'static str, range: [f64; 2], unit: &str, value: Option<f64>) {
         let [low, high] = range;
         self.list.push(Requirement {
@@ -424,6 +433,7 @@ impl Judge {
         });
     }
 
+    /// Enters the requirement that the part fits a box of these sizes along x, y and z.
     fn fits(&mut self, sizes: [Size; 3], bounds: Aabb) {
         let size: [f64; 3] = bounds.size().into();
         let limit = sizes.map(|s| s.resolve(self.scale));

@@ -1,4 +1,5 @@
-//! The measures of the finished solid in memory.
+//! The measures of the finished solid in memory: volume, area and components, then walls, requirements and layers.
+//! Their results go into the report of the run.
 
 use super::cut_faces::CutFaces;
 use super::least_wall::{Phase, WallSamples};
@@ -14,8 +15,8 @@ use crate::pipeline::content::inputs::Inputs;
 use crate::progress::Threads;
 use crate::vdb::LevelSet;
 
-/// Refuses a solid whose surface is torn, before anything is written: no program could read it. `region` is the part of
-/// the solid that is checked, with the leaves around it.
+/// Refuses a solid whose surface is torn, before anything is written: no program could read it. `region` is the
+/// part of the solid that is checked, voxels; `solid` holds the leaves around it too.
 pub(crate) fn refuse_torn(
     context: StageContext,
     inputs: &Inputs,
@@ -50,7 +51,8 @@ pub(crate) fn refuse_torn(
     })
 }
 
-/// Measures volume, area and components of the solid and, on request, its wall thickness. Returns the mesh.
+/// Measures volume, area and components of the solid and, on request, its walls, requirements and layers. Returns
+/// the mesh for the outputs.
 pub(crate) fn measure(
     context: StageContext,
     inputs: &Inputs,

@@ -107,6 +107,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
         [0, 1, 2].map(|a| (index[a].max(0.0) as usize).min(self.counts[a] - 1))
     }
 
+    /// The number of the cube of a point: x slowest, z fastest.
     fn cube(&self, position: Vec3) -> u32 {
         let [x, y, z] = self.along(position);
         ((x * self.counts[1] + y) * self.counts[2] + z) as u32
@@ -144,6 +145,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
         accepts: impl Fn(&Site<T>) -> bool,
     ) -> Option<f64> {
         let mut radius = max_radius;
+        // Half an edge per step, over the diameter of the greatest ball.
         let steps = (4.0 * max_radius / self.edge).ceil() as usize;
         let mut last = usize::MAX;
         for n in 0..=steps {
@@ -169,7 +171,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
         })
     }
 
-    /// The lowest and the highest cube that a ball meets, along each axis.
+    /// The lowest and the highest cube, by their indices, that a ball meets, along each axis.
     fn around(&self, centre: Vec3, radius: f64) -> [[usize; 3]; 2] {
         [-radius, radius].map(|shift| self.along(centre.add_scalar(shift)))
     }
@@ -205,7 +207,8 @@ impl<T: Copy + Send + Sync> Bins<T> {
     }
 }
 
-/// Shrinks the ball that touches at `p`, until none of the sites that `accepts` admits is inside.
+/// Shrinks the ball that touches at `p`, until none of the sites that `accepts` admits is inside: a site at offset
+/// d is inside if |d|^2 < 2 r d.n, and on the ball of radius |d|^2 / (2 d.n).
 fn shrink<T>(
     radius: &mut f64,
     p: Vec3,

@@ -58,7 +58,7 @@ pub(crate) trait RegionalSurface {
 }
 
 impl VoxelLattice {
-    /// The voxel at the lower end of the edge that a vertex lies on.
+    /// The voxel at the lower end of the edge of the voxel lattice that a vertex lies on.
     pub fn voxel(&self, vertex: Vec3) -> Coord {
         let index = (vertex - self.origin) / self.voxel_size;
         // Without instructions for it, `floor` is a call.
@@ -66,14 +66,14 @@ impl VoxelLattice {
         Coord(index.map(|c| floor(c + ROUNDING_TOLERANCE)).into())
     }
 
-    /// Whether a vertex belongs to a level.
+    /// Whether a vertex belongs to a level: each level keeps the lowest quarter of the ranks of the one before.
     pub fn keeps(&self, vertex: Vec3, level: u32) -> bool {
         level == 0 || rank(self.voxel(vertex)) <= u64::MAX >> (2 * level).min(63)
     }
 }
 
-/// A quasi-random number of a voxel, evenly distributed along surfaces as well: the Kronecker sequence
-/// of the powers of 1 / g with g^4 = g + 1.
+/// A quasi-random number of a voxel, evenly distributed along surfaces as well: the Kronecker sequence of the
+/// powers of 1 / g with g^4 = g + 1, as fractions of 2^64.
 fn rank(Coord(voxel): Coord) -> u64 {
     const STEPS: [u64; 3] = [
         0xd1b5_4a32_d192_ed03,
@@ -205,7 +205,8 @@ pub(crate) fn sampled_walls(
     Ok(WallSamples::of(walls.collect()))
 }
 
-/// Inscribed balls at about `target_count` points of a surface, or at all points if it has fewer.
+/// Inscribed balls at about `target_count` points of a surface, or at all points if it has fewer, with the points.
+/// `stage` is the stage in progress.
 fn walls(
     context: StageContext,
     stage: &str,

@@ -1,4 +1,5 @@
-//! Warnings of a finished solid: thin walls, components, cuts that miss it.
+//! Warnings of a finished solid: thin walls, components, cuts that miss it. They need the measures of the report
+//! only.
 
 use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::report::{RequestedThickness, SolidReport};
@@ -10,8 +11,8 @@ use crate::recipe::Scale;
 const MIN_THICKNESS_SHARE: f64 = 0.75;
 
 impl Inputs<'_> {
-    /// Warns of defects of the finished solid: W102 thin walls, W106 several components, W107 cuts that
-    /// miss the part, W108 a large share of removed components.
+    /// Warns of defects of the finished solid: W102 thin walls, W106 several components, W107 cuts that miss the
+    /// part, W108 a large share of removed components, W115 walls thinner than requested. Fails in a strict run.
     pub fn check_solid(&mut self, solid: &SolidReport, scale: Scale) -> Result<(), RunError> {
         if let Some(wall) = solid.least_wall.filter(|&w| w < 2.0 * scale.voxel_size) {
             let message = format!(
@@ -57,7 +58,8 @@ impl Inputs<'_> {
         Ok(())
     }
 
-    /// What to say of walls that are thinner than one thickness that was requested everywhere.
+    /// The text of W115 for walls that are thinner than one thickness that was requested everywhere; `None` if
+    /// they are not, or if operations may have changed them.
     fn missed_thickness(&self, solid: &SolidReport, scale: Scale) -> Option<String> {
         let found = solid.thickness.as_ref()?;
         let Some(RequestedThickness::Uniform(requested)) = found.requested else {

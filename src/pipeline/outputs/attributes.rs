@@ -30,11 +30,13 @@ struct TilingAttributes<'a> {
     tiling: &'a CellTiling,
     weights: CellWeights<'a>,
     boundaries: Vec<MeshSolid>,
+    /// Chordal error of the boundaries, world units.
     slack: f64,
 }
 
 impl<'a> Attributes<'a> {
-    /// Keeps the words that are attributes. `thickness` is required where it is among them.
+    /// Keeps the words that are attributes. `thickness` is required where it is among them; `factor` converts
+    /// lengths from the recipe's unit to the file's.
     pub fn new(
         context: StageContext,
         inputs: &'a Inputs,
@@ -43,6 +45,7 @@ impl<'a> Attributes<'a> {
         factor: f64,
     ) -> Result<Self, RunError> {
         let words: Vec<GridWord> = words.iter().filter(|w| w.is_attribute()).cloned().collect();
+        // A twentieth of a voxel cannot be seen in the shading.
         let slack = 0.05 * context.scale.voxel_size;
         let tiling = match inputs.tiling() {
             Some(tiling) if words.iter().any(GridWord::needs_scaffold) => Some(TilingAttributes {
@@ -178,7 +181,7 @@ impl<'a> Attributes<'a> {
     }
 }
 
-/// The outer faces of each component.
+/// The outer faces of each component, to a chordal error of `slack` (world units).
 fn boundaries(scaffold: &Scaffold, slack: f64) -> Vec<MeshSolid> {
     let components = 0..scaffold.components().len();
     let outer = components.map(|c| MeshSolid::new(scaffold.boundary(c, slack).mesh));
@@ -206,7 +209,8 @@ fn index_of_greatest(weights: Option<&[f64]>) -> f32 {
 }
 
 impl TilingAttributes<'_> {
-    /// The value of a vector field of the nodes at a reference point of an element, times a factor.
+    /// The value of a vector field, given at the `nodes` of the scaffold, at a reference point of an element,
+    /// times a factor.
     fn interpolated(
         &self,
         nodes: &[Vec3],
@@ -227,8 +231,8 @@ impl TilingAttributes<'_> {
         ]
     }
 
-    /// The element at a point and its reference point; outside the scaffold, those of the closest
-    /// boundary point.
+    /// The element at a point and its reference point; outside the scaffold, those of the closest boundary point.
+    /// `None` only where no element holds that point.
     fn locate(&self, p: Vec3) -> Option<(usize, CellPoint<3>)> {
         let scaffold = &self.tiling.loaded.scaffold;
         if let Some((e, xi)) = scaffold.locate(WorldPoint(p)) {
@@ -246,6 +250,7 @@ impl TilingAttributes<'_> {
                 continue;
             };
             let face_distance = element.shape().face_distance(xi);
+            // The element that holds the point deepest: face distances are negative inside.
             if best.is_none_or(|b| face_distance < b.0) {
                 best = Some((face_distance, e as usize, xi));
             }
@@ -254,7 +259,8 @@ impl TilingAttributes<'_> {
     }
 }
 
-/// Reference coordinates reduced by the symmetry of the element: equal for all numberings of its nodes.
+/// Reference coordinates reduced by the symmetry of the element: equal for all numberings of its nodes. For tets
+/// and triangles the greatest barycentric coordinates, for others absolute coordinates in falling order.
 fn folded(shape: Element, xi: CellPoint<3>) -> [f64; 3] {
     let sort_descending = |v: &mut [f64]| v.sort_by(|a, b| b.total_cmp(a));
     let u = xi.0;

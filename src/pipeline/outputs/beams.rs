@@ -13,9 +13,13 @@ use std::collections::{BTreeSet, HashMap};
 /// length: beyond it the element is curved.
 const MAX_BEND: f64 = 1e-6;
 
-/// Every strut of every element; struts that neighbours share count once. A round-beam tiling returns
+/// Every strut of every element as a beam, in recipe units; struts that neighbours share count once. A round-beam
+/// tiling returns
 /// the beams of the solid itself. Otherwise each end's radius scales with the cube root of the element's
 /// volume there. Shear of an element does not change the round section.
+///
+/// # Errors
+/// No scaffold, plates, elements of several shapes, and curved elements.
 pub(crate) fn beams(inputs: &Inputs) -> Result<BeamLattice, RunError> {
     let fault = |message: String| RunError::Tiling(format!("beams: {message}"));
     let sections = inputs.recipe.sections();

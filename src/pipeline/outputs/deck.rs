@@ -1,4 +1,6 @@
-//! Finite-element decks of the finished solid: cubes of its voxels as elements.
+//! Finite-element decks of the finished solid: cubes of its voxels as elements, in the output's unit. A cube of
+//! some voxels along each edge becomes an element if its share of solid is great enough; loads and steps are left
+//! to the user.
 
 use super::output::file_entry;
 use crate::frame::{LengthUnit, Vec3, figures};
@@ -46,8 +48,8 @@ pub(crate) fn write(
     write_cubes(context, inputs.recipe, solid.origin(), &all, output, path)
 }
 
-/// Writes the deck of cubes. `recipe` names the part, `origin` is the position of voxel (0, 0, 0) in
-/// the recipe's unit. Only the largest set of cubes that are joined by faces is written.
+/// Writes the deck of cubes. `recipe` names the part, `origin` is the position of voxel (0, 0, 0) in the recipe's
+/// unit. Only the largest set of cubes that are joined by faces is written; the report counts the others.
 pub(crate) fn write_cubes(
     context: StageContext,
     recipe: &Recipe,
@@ -106,7 +108,7 @@ fn heading(recipe: &Recipe, edge: f64, unit: LengthUnit) -> Vec<String> {
     ]
 }
 
-/// The warning about elements that a deck leaves out.
+/// The warning about elements that a deck leaves out; `None` for other files and complete decks.
 pub(crate) fn dropped(file: &OutputFile) -> Option<String> {
     let deck = file.deck.as_ref().filter(|d| d.dropped_elements > 0)?;
     Some(format!(

@@ -1,5 +1,7 @@
 //! Finite-element decks of the scaffold's elements, with the effective stiffness of the cell in each.
 //!
+//! A law is a homogenised cell: its stiffness and volume fraction over the graded quantity (its parameter).
+//! `effective` makes the laws; this file divides elements into classes and writes.
 //! Elements of similar thickness, fraction or level share a material. Operations on the solid after the tiling
 //! are not part of the deck.
 
@@ -34,7 +36,8 @@ pub(crate) fn warnings(file: &OutputFile) -> Vec<String> {
         .collect()
 }
 
-/// The solid's material of an output.
+/// The solid's material of an output; Young's modulus is 1 and Poisson's ratio `POISSON` where it names none, or
+/// without an output.
 pub(crate) fn solid_material(output: Option<&Output>) -> Result<Isotropic, RunError> {
     let young = output.and_then(|o| o.young).map_or(1.0, |y| y.0);
     let poisson = output.and_then(|o| o.poisson).map_or(POISSON, |p| p.0);
@@ -65,7 +68,7 @@ pub(crate) fn write_all(
     })
 }
 
-/// Writes the deck.
+/// Writes the deck of an output to `path` and returns its entry in the report.
 pub(crate) fn write(
     context: StageContext,
     inputs: &Inputs,
@@ -180,6 +183,7 @@ fn material_classes(elements: &EffectiveElements, cell: usize) -> Vec<(f64, Vec<
     bins.into_iter().map(|b| (mean(&b), b)).collect()
 }
 
+/// The word of a graded quantity in the report.
 fn quantity_word(quantity: Option<GradedQuantity>) -> &'static str {
     match quantity {
         Some(GradedQuantity::Thickness) => "thickness",
@@ -189,7 +193,7 @@ fn quantity_word(quantity: Option<GradedQuantity>) -> &'static str {
     }
 }
 
-/// The comment on a material.
+/// The comment on the material of a class, in the deck: the cell, its period, and the class's parameter.
 fn note(elements: &EffectiveElements, law: &Law, cell: usize, parameter: f64) -> String {
     let quantity = match elements.cells[cell].quantity {
         Some(GradedQuantity::Thickness) => {
@@ -206,6 +210,7 @@ fn note(elements: &EffectiveElements, law: &Law, cell: usize, parameter: f64) ->
     )
 }
 
+/// The report's entry for the law of cell `c`, which is in `materials` classes.
 fn law_facts(elements: &EffectiveElements, law: &Law, c: usize, materials: usize) -> MacroLawFacts {
     let cell = &elements.cells[c];
     MacroLawFacts {
@@ -274,6 +279,7 @@ pub(crate) fn needs_no_voxels(recipe: &Recipe) -> bool {
     let mut files = sections
         .output
         .iter()
+        // A report is written in any case.
         .filter(|o| o.report.is_none())
         .peekable();
     files.peek().is_some()

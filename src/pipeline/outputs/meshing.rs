@@ -1,4 +1,6 @@
-//! Meshes of the finished solid, as an output requests them.
+//! Meshes of the finished solid in memory, as an output requests them: by OpenVDB's mesher, by the zeros of the
+//! exact field, or as the level set has them; decimated and with values at vertices on request. The faces are
+//! those of a run in bricks.
 
 use super::attributes::Attributes;
 use super::decimate::{Decimation, decimated};
@@ -33,7 +35,8 @@ impl Surface<'_> {
     }
 }
 
-/// Writes the mesh of a solid as an output requests it, and returns its facts.
+/// Writes the mesh of a solid to `path` in `unit`, as an output requests it, and returns its facts. `None`, and no
+/// file, without a mesh in `done`, which callers make for every mesh output.
 pub(crate) fn write(
     context: StageContext,
     done: FinishedSolid,
@@ -86,6 +89,7 @@ pub(crate) fn write(
             .solid
             .to_exact_mesh(&*exact.field, context.session())
             .map_err(failed)?;
+        // Vertices on the exact field are not projected: none is moved or kept.
         facts.creased = Some(0);
         facts.kept = Some(0);
         facts.error = Some(
@@ -144,7 +148,7 @@ pub(crate) fn is_obj(path: &Path) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case("obj"))
 }
 
-/// Greatest magnitude of a field at vertices.
+/// Greatest magnitude of a field at vertices, both in world units; 0 without vertices.
 pub(crate) fn max_magnitude(vertices: &[Vec3], field: &WorldField) -> f64 {
     let vertices = vertices.par_iter().with_min_len(256);
     vertices

@@ -18,7 +18,7 @@ use crate::recipe::{
 use crate::vdb::{Compression, LevelSet, Picture, Placement, VdbWriter};
 use std::path::{Path, PathBuf};
 
-/// The path of an output: beside the recipe, or in the output directory.
+/// The path of an output: in the output directory `out`, or beside the recipe without one.
 pub(crate) fn target(recipe: &Recipe, out: Option<&Path>, path: &Path) -> PathBuf {
     match out {
         Some(directory) => directory.join(path),
@@ -37,7 +37,7 @@ pub(crate) struct FinishedSolid<'a> {
     pub thickness: Option<&'a Thickness>,
 }
 
-/// Writes one output and returns its files.
+/// Writes one output and returns the entries of its files; none for a report, which is written last.
 pub(crate) fn write(
     context: StageContext,
     done: FinishedSolid,
@@ -47,6 +47,7 @@ pub(crate) fn write(
     let recipe = done.inputs.recipe;
     let unit = output.unit_or_default(recipe.unit());
     // An output names one file; that decides its kind.
+    // The recipe's check refuses an output without a file.
     let Some((kind, _)) = output.named().first().copied() else {
         return Ok(Vec::new());
     };
@@ -124,7 +125,7 @@ pub(crate) fn file_entry(path: &Path, unit: Option<LengthUnit>) -> Result<Output
     })
 }
 
-/// A writer of a `.vdb` without grids yet: its unit, tags and compression.
+/// A writer of a `.vdb` or `.nvdb` without grids yet: its unit, tags and compression. Nothing is written.
 pub(crate) fn vdb_file<'a>(
     context: StageContext<'a>,
     inputs: &Inputs,
@@ -170,7 +171,8 @@ pub(crate) fn add_surface<'a>(
     Ok(())
 }
 
-/// The grids of an output, in order.
+/// The grids of an output, in order: those that it names, or the surface. An operation `fog` at the end replaces
+/// the surface by the density.
 pub(crate) fn words(recipe: &Recipe, output: &Output) -> Vec<GridWord> {
     let fog_alone = matches!(recipe.sections().op.last(), Some(Op::Fog(true)));
     let mut words = match &output.grids {
@@ -184,7 +186,8 @@ pub(crate) fn words(recipe: &Recipe, output: &Output) -> Vec<GridWord> {
     words
 }
 
-/// Writes the volumes of an output; returns their paths and content hashes.
+/// Writes the volumes of an output and scenes beside them; returns their paths and content hashes. A scene has no
+/// content hash.
 fn volumes(
     context: StageContext,
     done: FinishedSolid,
@@ -271,7 +274,7 @@ pub(crate) fn coarser_copy_name(level: usize) -> String {
     format!("surface_lod_{level}")
 }
 
-/// Copies on coarser voxels, each resampled from the one before.
+/// Copies on coarser voxels, each resampled from the one before, with their grid names.
 fn coarser(
     context: StageContext,
     done: FinishedSolid,
@@ -298,8 +301,8 @@ fn coarser(
     Ok(copies)
 }
 
-/// Writes one `.vdb` or `.nvdb`: `level_sets`, and the output's own grids unless it is divided into
-/// components.
+/// Writes one `.vdb` or `.nvdb`: `level_sets` by their names, and the output's own grids unless it is divided into
+/// components. Returns the content hash.
 fn volume(
     context: StageContext,
     done: FinishedSolid,

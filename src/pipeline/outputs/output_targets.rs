@@ -1,4 +1,5 @@
-//! The files that a run writes: their paths, and where its report goes.
+//! The files that a run writes: their paths, and where its report goes. Everything is checked before the first
+//! stage, so that a long run does not fail at its end for a path.
 
 use super::output;
 use crate::io::atomic::{require_directory, require_writable};
@@ -29,16 +30,22 @@ impl Targets<'_> {
         files.map(|(output, path)| (*output, path))
     }
 
+    /// Whether any output is a mesh.
     pub fn writes_meshes(&self) -> bool {
         self.files.iter().any(|(output, _)| output.mesh.is_some())
     }
 
+    /// Whether any output holds the local thickness, which is then measured.
     pub fn needs_thickness(&self) -> bool {
         self.files.iter().any(|(o, _)| o.holds_thickness())
     }
 }
 
-/// Resolves the paths of the outputs, refuses to overwrite an input, and creates the output directory `out`.
+/// Resolves the paths of the outputs, refuses to overwrite an input, and creates the output directory `out` and
+/// folders in it. Nothing else is written.
+///
+/// # Errors
+/// [`RunError::Overwrite`], [`RunError::Outside`] in a confined run, and paths that cannot be written.
 pub(crate) fn output_targets<'a>(
     inputs: &Inputs<'a>,
     out: Option<&Path>,

@@ -9,8 +9,8 @@ use std::path::Path;
 /// Greatest spacing of single-precision numbers that a file may have, voxels.
 const MAX_SPACING: f64 = 0.1;
 
-/// Whether a mesh file needs double precision. `far` is the greatest magnitude of its coordinates in
-/// recipe units and `centre` the centre of the part; `factor` converts to the file's unit.
+/// Whether a mesh file needs double precision. `far` is the greatest magnitude of its coordinates and `centre` the
+/// centre of the part, both in recipe units; `factor` converts to the file's unit.
 ///
 /// # Errors
 /// [`WriteError::Format`] for formats without double precision, with the operation that moves

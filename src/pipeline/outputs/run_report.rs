@@ -33,7 +33,8 @@ impl Judging {
     }
 }
 
-/// Checks the finished solid, judges the requirements and writes the report.
+/// Checks the finished solid, judges the requirements and writes the report to all its paths. A requirement that
+/// is not met is no error here; a warning is one in a strict run.
 pub(crate) fn finish_report(
     mut inputs: Inputs,
     results: StageResults,

@@ -69,12 +69,14 @@ fn head(prim: &str, unit: LengthUnit, times: &str) -> String {
     )
 }
 
+/// A box as USD's extent.
 fn extent(bounds: Aabb) -> String {
     let corner = |v: crate::frame::Vec3| format!("({}, {}, {})", v.x, v.y, v.z);
     format!("[{}, {}]", corner(bounds.min), corner(bounds.max))
 }
 
-/// The fields of the Volume and the end of the scene; `file` is the attribute that names the file.
+/// Appends the fields of the Volume and the end of the scene; `file` is the attribute that names the file, and
+/// `grids` are the grids' names.
 fn fields(text: &mut String, prim: &str, file: &str, grids: &[String]) {
     for grid in grids {
         let name = identifier(grid);

@@ -1,4 +1,5 @@
-//! A canvas of pixels: lines, text, and shades of a field.
+//! A canvas of pixels: lines, text, and shades of a field. Positions are pixels from the upper left corner; what
+//! lies beyond the page is left out.
 
 use crate::vdb::Image;
 use embedded_graphics::Pixel;
@@ -21,8 +22,10 @@ pub(super) const GRID_COLOUR: Rgb888 = Rgb888::new(205, 208, 214);
 pub(super) struct Shade(pub Rgb888);
 
 impl Shade {
-    /// The colour of a value between -1 (deep in the solid) and 1.
+    /// The colour of a value between -1 (deep in the solid) and 1 (deep in the void), paler outside the element.
     pub fn of(value: f64, outside: bool) -> Self {
+        // The root makes changes near the surface visible. Colours run from the first number at the surface to the
+        // second.
         let depth = value.abs().min(1.0).sqrt();
         let mix = |near: f64, far: f64| (near + (far - near) * depth) as u8;
         let color = if value < 0.0 {
@@ -35,6 +38,7 @@ impl Shade {
 
     /// A paler shade if `fade` is set.
     pub fn faded(self, fade: bool) -> Self {
+        // A quarter of the colour and three quarters of white.
         let light = |c: u8| (u16::from(c) / 4 + 191) as u8;
         let c = self.0;
         if fade {
@@ -53,6 +57,7 @@ pub(super) struct Canvas {
 }
 
 impl Canvas {
+    /// A white page of a size in pixels.
     pub fn new(width: usize, height: usize) -> Self {
         Self {
             width,
@@ -61,6 +66,7 @@ impl Canvas {
         }
     }
 
+    /// Sets a pixel, if it lies on the page.
     pub fn pixel(&mut self, x: usize, y: usize, shade: Shade) {
         if x < self.width && y < self.height {
             let at = 4 * (y * self.width + x);
@@ -69,24 +75,29 @@ impl Canvas {
         }
     }
 
+    // The error type of the canvas has no value, so that drawing cannot fail.
     fn draw_text(&mut self, at: Point, text: &str, style: MonoTextStyle<'_, Rgb888>) {
         let Ok(_) = Text::with_baseline(text, at, style, Baseline::Top).draw(self);
     }
 
+    /// Writes small text (letters of 7 by 13 pixels); (x, y) is its upper left corner.
     pub fn text(&mut self, x: usize, y: usize, text: &str, color: Rgb888) {
         let style = MonoTextStyle::new(&FONT_7X13, color);
         self.draw_text(Point::new(x as i32, y as i32), text, style);
     }
 
+    /// Writes large text (letters of 10 by 20 pixels); (x, y) is its upper left corner.
     pub fn title(&mut self, x: usize, y: usize, text: &str, color: Rgb888) {
         let style = MonoTextStyle::new(&FONT_10X20, color);
         self.draw_text(Point::new(x as i32, y as i32), text, style);
     }
 
+    /// Draws a line of one pixel between two points.
     pub fn line(&mut self, from: [usize; 2], to: [usize; 2], color: Rgb888) {
         self.stroke(from, to, color, 1);
     }
 
+    /// Draws a line of two pixels between two points.
     pub fn thick_line(&mut self, from: [usize; 2], to: [usize; 2], color: Rgb888) {
         self.stroke(from, to, color, 2);
     }
@@ -111,6 +122,7 @@ impl Canvas {
         }
     }
 
+    /// The page as a picture.
     pub fn image(self) -> Image {
         Image {
             width: self.width,

@@ -22,11 +22,12 @@ const STEPS: usize = 160;
 /// Greatest radius of the surface as a share of the edge of the square.
 const RADIUS_SHARE: f64 = 0.42;
 
-/// The picture of a compliance, with lines of text beside it.
+/// The picture of a compliance (the inverse of the stiffness, in Voigt's order), with lines of text beside it.
 pub fn modulus_picture(compliance: &Voigt, title: &str, lines: &[String]) -> Image {
     let modulus = |n: Vec3| directional_modulus(compliance, n);
     let direction = |i: usize, j: usize| {
         let polar = std::f64::consts::PI * i as f64 / STEPS as f64;
+        // 2 STEPS steps cover the full circle.
         let azimuth = std::f64::consts::PI * j as f64 / STEPS as f64;
         Vec3::new(
             polar.sin() * azimuth.cos(),
@@ -88,7 +89,8 @@ fn view() -> Mat3 {
     Mat3::from_rows(&[right.transpose(), up.transpose(), towards.transpose()])
 }
 
-/// The position on a square of `size` samples.
+/// The position on a square of `size` samples of a point in the view's axes, where the greatest modulus has length
+/// 1.
 fn on_square(p: Vec3, size: usize) -> [f64; 2] {
     let half = size as f64 / 2.0;
     let scale = RADIUS_SHARE * size as f64;
@@ -101,7 +103,8 @@ fn on_samples(p: Vec3) -> [f64; 3] {
     [x, y, 2.0 + p.z]
 }
 
-/// The share of the light that a triangle sends to the viewer.
+/// The share of the light that a triangle (in the view's axes) sends to the viewer: 42 % from everywhere, the rest
+/// from one lamp.
 fn brightness([a, b, c]: [Vec3; 3]) -> f64 {
     let normal = (b - a)
         .cross(&(c - a))
@@ -118,7 +121,7 @@ fn encoded(colour: [f32; 3]) -> Rgb888 {
     Rgb888::new(r, g, b)
 }
 
-/// Draws the axes outside the surface.
+/// Draws the axes outside the surface, from the surface on. `reach` is the radius of the surface in a direction.
 fn axes(canvas: &mut Canvas, [left, top]: [usize; 2], view: &Mat3, reach: impl Fn(Vec3) -> f64) {
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let unit = Vec3::ith(axis, 1.0);

@@ -29,7 +29,8 @@ pub struct SweepCurve {
     pub points: Vec<[f64; 2]>,
 }
 
-/// Draws curves over a common abscissa; the ordinate starts at 0.
+/// Draws curves over a common abscissa; the ordinate starts at 0. Ordinates that are not finite are left out.
+/// `abscissa` is the label of the axis.
 pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Image {
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
     let (width, height) = (WIDTH - LEFT_MARGIN - 250, HEIGHT - TOP_MARGIN - 70);
