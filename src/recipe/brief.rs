@@ -1,4 +1,5 @@
-//! Parameters whose first one may be written alone: `gaussian = 1` for `gaussian = { width = 1 }`.
+//! Parameters whose first one may be written alone: `gaussian = 1` for `gaussian = { width = 1 }`. A table
+//! implements `Short` by the macro `short!`; a key of the type `Brief` then takes both forms, in the schema too.
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -52,6 +53,7 @@ struct BriefVisitor<T>(PhantomData<T>);
 impl<'de, T: Short + DeserializeOwned> Visitor<'de> for BriefVisitor<T> {
     type Value = T;
 
+    // Part of errors on a value of no accepted kind.
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str("a value or a table of parameters")
     }

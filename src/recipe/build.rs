@@ -1,4 +1,4 @@
-//! `[build]`: how a printer stacks the layers of the part.
+//! `[build]`: how a printer stacks the layers of the part. The doc comments of its keys are the recipe reference.
 
 use super::quantity::{Finite, Length, Size};
 use crate::frame::LengthUnit;
@@ -38,7 +38,8 @@ impl BuildSection {
         }
     }
 
-    /// The section for lengths in another unit than its own.
+    /// The section with its layer height converted from the unit `own` of bare numbers to `unit`, as a bare
+    /// number. A height in voxels stays, since it has no unit.
     #[must_use]
     pub fn in_unit(self, own: LengthUnit, unit: LengthUnit) -> Self {
         let layer = self.layer.0.in_unit(unit, own).map(Length::Bare);
@@ -48,7 +49,7 @@ impl BuildSection {
         }
     }
 
-    /// The first invalid key, with what is wrong.
+    /// The first invalid key, with what is wrong; `None` for a valid section.
     pub(crate) fn fault(&self) -> Option<(&'static str, String)> {
         if self.up.iter().all(|c| c.0 == 0.0) {
             let message = "the direction up has length 0; expected a direction such as [0, 0, 1]";

@@ -1,4 +1,6 @@
-//! `[cell.NAME]`: where a unit cell comes from and how it is fitted, levelled and placed.
+//! `[cell.NAME]`: where a unit cell comes from and how it is fitted, levelled and placed. The same keys are flags
+//! of the command line, so that the doc comments are its help and the recipe reference too. Rules between keys are
+//! in `check`.
 
 use super::crystal::CrystalRef;
 use super::error::RecipeError;
@@ -300,6 +302,7 @@ struct PlaceTable {
 }
 
 impl PlaceTable {
+    /// The placement of a table, which has vertices or a similarity, but not both.
     fn place(self) -> Result<Place, &'static str> {
         let moved = self.scale.is_some() || self.rotate.is_some() || self.translate.is_some();
         match self.vertices {
@@ -376,7 +379,7 @@ impl CellSection {
         named.or_else(|| self.group.as_deref().and_then(of_group))
     }
 
-    /// Names of the sources that are given.
+    /// Names of the sources that are given; a valid section has exactly one.
     pub fn sources(&self) -> Vec<&'static str> {
         let given = [
             ("mesh", self.mesh.is_some()),
@@ -420,7 +423,7 @@ impl CellSection {
         of_parts && !is_planar && has_thickness && is_plain
     }
 
-    /// Names of the level rules that are given.
+    /// Names of the level rules that are given; a valid section has at most one.
     pub fn levels(&self) -> Vec<&'static str> {
         let given = [
             ("level", self.level.is_some()),

@@ -24,6 +24,7 @@ mod require;
 
 pub(super) use require::section as requirements;
 
+/// `Err` is the first rule that the recipe breaks.
 type Checked = Result<(), RecipeError>;
 
 /// Checks all rules between the keys and sections of a recipe, in the order of its sections, so that
@@ -250,6 +251,7 @@ fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
     Ok(())
 }
 
+/// Refuses a name that no cell of the recipe has; `key` is the key that gives the name.
 fn known_cell(name: &str, key: &str, sections: &Sections, source: &Source) -> Checked {
     if sections.cell.contains_key(name) {
         return Ok(());
@@ -373,6 +375,7 @@ fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
     Ok(())
 }
 
+/// Refuses a length in voxels; `key` is its place.
 fn no_voxels(length: Length, key: &str, source: &Source) -> Checked {
     match length {
         Length::Voxels(_) => Err(source.fault(
@@ -383,7 +386,8 @@ fn no_voxels(length: Length, key: &str, source: &Source) -> Checked {
     }
 }
 
-/// Rules of one operation; `key` is its place, as in `op.2`.
+/// Rules of one operation of its own keys; `key` is its place, as in `op.2`. References to cells and masks are
+/// checked elsewhere.
 fn operation(op: &Op, key: &str, source: &Source) -> Checked {
     if let Some(Operand::Plane(plane)) = op.operand()
         && plane.normal.iter().all(|c| c.0 == 0.0)
@@ -391,6 +395,7 @@ fn operation(op: &Op, key: &str, source: &Source) -> Checked {
         let key = format!("{key}.{}", op.name());
         return Err(source.fault(&key, "the plane's normal is 0; expected a direction"));
     }
+    // A masked move varies its distance by the mask. An opening is two moves; the recipe writes masked ones one by one.
     if let (Op::Open(_) | Op::Close(_), Some(_)) = (op, op.mask()) {
         return Err(source
             .fault(
@@ -426,7 +431,9 @@ fn operation(op: &Op, key: &str, source: &Source) -> Checked {
     }
     if let Op::Gaussian(k) | Op::Mean(k) | Op::Median(k) = op {
         let Width(width) = k.width;
-        // A width in units of length becomes a number of voxels later.
+        // A bare width counts voxels, so that only one with a unit of length is left out here: it becomes a number
+        // of voxels with the voxel size of its step, where the filter refuses it. 64 voxels are the greatest width
+        // of a filter.
         if width.number() > 64.0 && !matches!(width, Length::In(..)) {
             return Err(source.fault(
                 &format!("{key}.{}", op.name()),
@@ -457,7 +464,7 @@ fn start(sections: &Sections, source: &Source) -> Checked {
     }
 }
 
-/// Whether OpenVDB can hold the recipe's voxels in this unit.
+/// Refuses voxels that OpenVDB cannot hold in this unit: `key` is the key that an error names.
 fn large_enough(sections: &Sections, unit: LengthUnit, key: &str, source: &Source) -> Checked {
     let own = sections.unit.0;
     let voxel = sections.scale().voxel_size * own.to(unit);
@@ -473,6 +480,7 @@ fn large_enough(sections: &Sections, unit: LengthUnit, key: &str, source: &Sourc
         .hint("write a smaller unit, as in unit = \"mm\" beside the output and for the recipe"))
 }
 
+/// Words for a message, separated by commas; "none" without any.
 fn list<S: AsRef<str>>(words: &[S]) -> String {
     match words {
         [] => "none".to_owned(),

@@ -1,4 +1,5 @@
-//! `[crystal.NAME]`: polygon meshes made by scripts, and where they are used.
+//! `[crystal.NAME]`: polygon meshes made by scripts, and where they are used. Scripts in the recipe are parsed
+//! when it is checked; those in files when the run reads them.
 
 use super::Sections;
 use super::brief::{Brief, short};
@@ -55,7 +56,7 @@ pub enum SurfaceRef<'a> {
 }
 
 impl<'a> SurfaceRef<'a> {
-    /// The surface given by `mesh` or, without it, by `crystal`.
+    /// The surface given by `mesh` or, without it, by `crystal`; `None` without both, which the check refuses.
     pub(super) fn of(
         mesh: Option<&'a Brief<FileFrame>>,
         crystal: Option<&'a CrystalRef>,
@@ -94,6 +95,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Result<(), RecipeEr
         if found != 1 {
             let message = format!(
                 "{key} needs exactly one of mesh and crystal; found {}",
+                // The number of the two keys that are given, 0 or 2 here.
                 ["none", "", "both"][found]
             );
             return Err(source.fault(&key, message));

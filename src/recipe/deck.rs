@@ -1,4 +1,4 @@
-//! The keys of a finite-element deck in `[[output]]`.
+//! The keys of a finite-element deck in `[[output]]`, and the edge of its elements in voxels.
 
 use super::output::Output;
 use super::quantity::Scale;
@@ -34,6 +34,7 @@ impl Output {
         if is_whole && (1.0..=MAX_EDGE).contains(&count) {
             return Ok(count as u32);
         }
+        // The whole numbers around the edge; rounded to nine decimals for the message.
         let near = (edge / voxel).floor().clamp(1.0, MAX_EDGE - 1.0);
         let [low, high] = [near, near + 1.0].map(|n| (n * voxel * 1e9).round() / 1e9);
         Err(format!(

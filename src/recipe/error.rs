@@ -1,4 +1,4 @@
-//! Errors of recipes: place, found, expected, hint.
+//! Errors of recipes: place, found, expected, hint. The hint of a misspelt word is the most similar known one.
 
 use super::source::Source;
 use std::fmt;
@@ -82,6 +82,7 @@ impl RecipeError {
         }
     }
 
+    /// The error for a recipe that cannot be read: missing, or unreadable.
     pub(super) fn io(path: &Path, error: &std::io::Error) -> Self {
         let missing = error.kind() == std::io::ErrorKind::NotFound;
         Self {
@@ -125,6 +126,7 @@ impl RecipeError {
         let mut hint = None;
         // An enum in TOML is a table with one key; the reader calls that an element.
         if message.starts_with("wanted exactly 1 element") {
+            // The words are those of the TOML reader.
             let found = if message.contains("more than") {
                 "several"
             } else {
@@ -194,6 +196,7 @@ pub(crate) fn nearest<'a, S: AsRef<str>>(found: &str, known: &'a [S]) -> Option<
     known
         .iter()
         .map(|k| (strsim::jaro_winkler(found, k.as_ref()), k.as_ref()))
+        // Similarity from 0 to 1; below 0.7 words have little in common.
         .filter(|(score, _)| *score > 0.7)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, k)| k)

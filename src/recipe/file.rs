@@ -1,4 +1,5 @@
-//! References to input files: a path, or a path with the frame its numbers are in.
+//! References to input files: a path, or a path with the frame its numbers are in: unit, up axis and placement.
+//! The files are read elsewhere.
 
 use super::brief::{Brief, short};
 use super::quantity::{Finite, Positive, Unit};

@@ -1,4 +1,4 @@
-//! The keys of a fit in `[cell.NAME]`.
+//! The keys of a fit in `[cell.NAME]`: choices by name. What they do is in the fit itself.
 
 use schemars::JsonSchema;
 use serde::Deserialize;

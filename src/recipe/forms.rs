@@ -1,4 +1,5 @@
-//! Values that are written in one of several forms: a flag, a number, a text, a list or a table.
+//! Values that are written in one of several forms: a flag, a number, a text, a list or a table. A type implements
+//! `Forms` for those that it takes, and the macro `forms!` makes it readable and describes it in the schema.
 
 use schemars::{Schema, SchemaGenerator};
 use serde::de::{DeserializeOwned, Error, MapAccess, SeqAccess, Unexpected, Visitor};
@@ -13,6 +14,7 @@ pub(super) trait Forms: Sized {
     /// All forms as a schema.
     fn schema(generator: &mut SchemaGenerator) -> Schema;
 
+    /// Reads `true` or `false`; the methods below read the other forms.
     fn flag<E: Error>(v: bool) -> Result<Self, E> {
         Err(refused(Unexpected::Bool(v), Self::EXPECTED))
     }
@@ -31,6 +33,7 @@ pub(super) trait Forms: Sized {
     }
 }
 
+/// The error for a form that a type lacks.
 fn refused<E: Error>(found: Unexpected<'_>, expected: &str) -> E {
     E::invalid_type(found, &expected)
 }

@@ -1,4 +1,5 @@
-//! Frame tokens in the strings of a recipe.
+//! Frame tokens in the strings of a recipe, as `$F4`: they are replaced by the number of the run's frame before
+//! the recipe is read into structs, and the texts with tokens are kept as templates by their key.
 
 use crate::sequence::{TokenError, expand};
 use serde_spanned::Spanned;
@@ -14,7 +15,8 @@ pub(super) const DEFAULT_FRAME: i32 = 1;
 /// Strings with tokens as they stand in the text, by key.
 pub(super) type Templates = BTreeMap<String, String>;
 
-/// Replaces the frame tokens of all strings but scripts. Returns what they were.
+/// Replaces the frame tokens of all strings but scripts, by the frame of the key `frame` (1 without one). Returns
+/// what the strings were, by key.
 ///
 /// # Errors
 /// The key and its fault.
@@ -30,6 +32,8 @@ pub(super) fn expand_tokens(root: &mut DeTable) -> Result<Templates, (String, To
     Ok(templates)
 }
 
+/// Replaces the frame tokens below a table. `prefix` is its key with a dot behind it, empty for the whole
+/// document.
 fn in_table(
     prefix: &str,
     table: &mut DeTable,

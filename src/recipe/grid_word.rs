@@ -1,4 +1,4 @@
-//! Names of the grids that an output may hold.
+//! Names of the grids that an output may hold, and what each needs: numbers per voxel, a scaffold, other frames.
 
 use super::forms::{Forms, forms};
 use schemars::{Schema, SchemaGenerator, json_schema};

@@ -110,7 +110,7 @@ impl CellSection {
         })
     }
 
-    /// The section without the keys of hybrids, level and name.
+    /// The section without the keys of hybrids and of the level: what remains are options of the fit.
     #[must_use]
     pub fn without_hybrid(&self) -> Self {
         Self {
@@ -149,7 +149,8 @@ impl Hybrid {
         self
     }
 
-    /// The cell that the parts make, given in order; a Minkowski sum is fitted with the options.
+    /// The cell that the parts make; `cells` are they, in the order of [`Hybrid::parts`]. A Minkowski sum is
+    /// fitted with the options.
     ///
     /// # Errors
     /// [`CellError::Expression`]: no parts, several elements, a difference of one; those of
@@ -232,7 +233,7 @@ pub(super) fn check(cells: &BTreeMap<String, CellSection>) -> Result<(), (String
     Ok(())
 }
 
-/// Whether a hybrid has a cell among its parts, or their parts.
+/// Whether a hybrid has the cell `name` among its parts, or their parts.
 fn reaches(cells: &BTreeMap<String, CellSection>, name: &str, hybrid: &Hybrid) -> bool {
     let mut seen = BTreeSet::new();
     let mut left: Vec<String> = hybrid.parts().map(str::to_owned).collect();

@@ -1,4 +1,5 @@
-//! `[[op]]`: the operations on the solid, in order.
+//! `[[op]]`: the operations on the solid, in order, with their parameters. Lengths are kept as written and
+//! resolved by the run.
 
 use super::brief::{Brief, Short, short};
 use super::drain::Drain;

@@ -1,4 +1,4 @@
-//! Operands of operations: solids, and grids as masks.
+//! Operands of operations: solids, and grids as masks. Only the keys; the run makes the solids.
 
 use super::Brief;
 use super::brief::short;
@@ -252,6 +252,7 @@ short!(Mask {
     unit: None
 });
 
+/// The values of a mask at which nothing and everything happens, unless others are given.
 fn unit_range() -> [Finite; 2] {
     [Finite(0.0), Finite(1.0)]
 }

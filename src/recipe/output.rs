@@ -1,4 +1,5 @@
-//! `[[output]]`: the files a run writes.
+//! `[[output]]`: the files a run writes. The doc comments of its keys are the recipe reference; which keys go with
+//! which file is checked in `check/output.rs`.
 
 use super::brief::{Brief, short};
 use super::deck::DeckKind;
@@ -231,7 +232,7 @@ impl Output {
         self.is_meshed_by_openvdb() && (self.project || self.sharp)
     }
 
-    /// The unit of the file, given the recipe's.
+    /// The unit of the file: its own, else metres for a `.vdb`, else the recipe's.
     pub fn unit_or_default(&self, recipe: LengthUnit) -> LengthUnit {
         match self.unit {
             Some(Unit(unit)) => unit,

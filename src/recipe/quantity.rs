@@ -75,11 +75,13 @@ impl Length {
         }
     }
 
+    /// The same length; an error for one that is infinite or not a number.
     fn finite(self) -> Result<Self, QuantityError> {
         in_range(self.number(), f64::is_finite, "a finite length").map(|_| self)
     }
 }
 
+/// The number, if `ok` admits it; `expected` describes the admitted ones.
 fn in_range(v: f64, ok: fn(f64) -> bool, expected: &'static str) -> Result<f64, QuantityError> {
     if ok(v) {
         Ok(v)
@@ -157,6 +159,7 @@ impl Default for Width {
     }
 }
 
+/// The same length; an error unless it is above 0.
 fn positive(length: Length, expected: &'static str) -> Result<Length, QuantityError> {
     if length.number() > 0.0 {
         Ok(length)

@@ -47,6 +47,7 @@ pub fn reference() -> String {
     text
 }
 
+/// The definitions of the schema by name, from which chapters are written.
 struct Book {
     definitions: Map<String, Value>,
 }

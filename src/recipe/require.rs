@@ -1,4 +1,5 @@
-//! `[require]`: requirements on the finished part. A run checks them after its outputs are written.
+//! `[require]`: requirements on the finished part. A run checks them after its outputs are written. Rules between
+//! the keys are in `check`; the verdicts are made where solids are measured.
 
 use super::quantity::{Positive, Size};
 use schemars::JsonSchema;

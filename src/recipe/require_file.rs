@@ -20,7 +20,8 @@ pub struct RequireFile {
     pub build: Option<BuildSection>,
 }
 
-/// The keys that are read; the file may contain the other sections of a recipe too.
+/// The keys that are read. Others are not refused, because the file may be a whole recipe, whose other sections do
+/// not matter here.
 #[derive(Deserialize)]
 struct Sections {
     #[serde(default)]
@@ -30,7 +31,7 @@ struct Sections {
 }
 
 impl RequireFile {
-    /// Reads a file.
+    /// Reads a file. Its frame tokens and lengths are treated as in a recipe; lengths stay as written.
     ///
     /// # Errors
     /// [`RecipeError`]: the file is missing, unreadable, or has no valid `[require]`.
@@ -49,6 +50,8 @@ impl RequireFile {
             return Err(source.fault(&format!("build.{key}"), message));
         }
         let unit = sections.unit.0;
+        // Sizes in voxels have no length here, as a file of requirements knows no voxel size; rules that compare
+        // them pass.
         super::check::requirements(&section, |size| size.0.in_unit(unit, unit), &source)?;
         Ok(Self {
             unit,

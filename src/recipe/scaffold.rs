@@ -1,4 +1,4 @@
-//! `[scaffold]` and `[band]`: the mesh to fill, and the sampling.
+//! `[scaffold]` and `[band]`: the mesh to fill, and the sampling. Only the keys; the run makes the scaffold.
 
 use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::FileRef;

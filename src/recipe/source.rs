@@ -29,6 +29,7 @@ pub struct Source {
 const OVERRIDE_PREFIX: &str = "# --set ";
 
 impl Source {
+    /// A text with its overrides (`KEY=VALUE`); places are known after it has been read.
     pub(super) fn new(path: Option<&Path>, text: String, overrides: &[String]) -> Self {
         Self {
             path: path.map(Path::to_owned),
@@ -53,7 +54,7 @@ impl Source {
         text
     }
 
-    /// The text and the overrides of [`Source::text`].
+    /// The text and the overrides of [`Source::text`], whose comments stand at the end of the text.
     pub(super) fn split_overrides(text: &str) -> (String, Vec<String>) {
         let mut rest = text;
         let mut overrides = Vec::new();
@@ -106,7 +107,7 @@ impl Source {
         }
     }
 
-    /// The longest key whose value starts where `span` does.
+    /// The longest key whose value is exactly at `span`: of a table and its only value, the value's.
     pub(super) fn key_at(&self, span: &Range<usize>) -> Option<&str> {
         self.places
             .iter()
@@ -133,6 +134,7 @@ impl Source {
         }
     }
 
+    /// The place of a span: a line of the text, or an override where the span lies behind the text.
     pub(super) fn place(&self, span: Range<usize>) -> Place {
         if let Some(n) = self.override_at(span.start) {
             return Place::Override(self.overrides[n].clone());
@@ -161,6 +163,7 @@ impl Source {
                 .sum::<usize>()
     }
 
+    /// The override at a virtual position; `None` within the text.
     fn override_at(&self, position: usize) -> Option<usize> {
         (0..self.overrides.len())
             .rev()
@@ -170,6 +173,8 @@ impl Source {
     /// Reads text and overrides into `T`, and records where each key stands.
     pub(super) fn deserialize<T: DeserializeOwned>(&mut self) -> Result<T, RecipeError> {
         let (text, overrides) = (self.text.clone(), self.overrides.clone());
+        // Each override is parsed as `v=VALUE` behind spaces, so that its span is the virtual one; "v=" takes the
+        // last two.
         // Spans of override values start at their virtual place when parsed behind that much padding.
         let padded: Vec<String> = (0..overrides.len())
             .map(|n| {
@@ -215,6 +220,7 @@ fn graft<'i>(
     let value = DeTable::parse(padded)
         .ok()
         .map(Spanned::into_inner)
+        // What is no value of TOML, as a bare word or a path, is a string.
         .filter(|table| table.len() == 1)
         .and_then(|mut table| table.remove("v"))
         .unwrap_or_else(|| {
@@ -308,16 +314,19 @@ fn set_in<'i>(
     }
 }
 
+/// An entry of an array that has it.
 fn entry<'a, 'i>(array: &'a mut DeArray<'i>, index: usize) -> &'a mut Value<'i> {
     &mut array.as_mut()[index]
 }
 
+/// Records the places of all keys below a table; `prefix` is its own key with a dot.
 fn record_table(places: &mut BTreeMap<String, Range<usize>>, prefix: &str, table: &DeTable) {
     for (key, value) in table {
         record(places, format!("{prefix}{}", key.get_ref()), value);
     }
 }
 
+/// Records the place of a value and of all below it.
 fn record(places: &mut BTreeMap<String, Range<usize>>, key: String, value: &Value) {
     match value.get_ref() {
         DeValue::Table(t) => record_table(places, &format!("{key}."), t),

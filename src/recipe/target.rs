@@ -1,4 +1,5 @@
-//! `target` of `[cell.NAME]`: a cell by the properties that it shall have.
+//! `target` of `[cell.NAME]`: a cell by the properties that it shall have. Only the keys and their rules; the
+//! search is elsewhere.
 
 use super::cell::{CellSection, Solid};
 use super::forms::{Forms, forms, from_argument};
@@ -106,7 +107,8 @@ impl CellSection {
         given.iter().filter(|g| g.1).map(|g| g.0).collect()
     }
 
-    /// What is wrong with the keys around a target: the key and the reason.
+    /// What is wrong with the keys around a target: the key and the reason; `None` for a valid section, with a
+    /// target or without.
     pub(crate) fn target_fault(&self) -> Option<(&'static str, String)> {
         if self.target.is_none() {
             let key = self.target_keys().into_iter().next()?;

@@ -1,4 +1,5 @@
-//! `[tiling]`: the cells that fill the scaffold, and their weights, levels and thickness.
+//! `[tiling]`: the cells that fill the scaffold, and their weights, levels and thickness, each a number, a formula
+//! or a field (`Varying`). Only the keys; the run evaluates them.
 
 use super::file::FileRef;
 use super::forms::{Forms, forms};

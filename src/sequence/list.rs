@@ -1,4 +1,5 @@
-//! Lists of frames: `1001-1240`, `1-9x2`, `1,5,9-20x2`.
+//! Lists of frames: `1001-1240`, `1-9x2`, `1,5,9-20x2`. A list is rising, has no frame twice, and at most 100,000
+//! frames when it is parsed.
 
 use std::fmt;
 use std::str::FromStr;
@@ -35,6 +36,7 @@ impl FrameList {
     }
 }
 
+/// The error of a text: what it holds and what it should.
 fn fail<T>(found: String, expected: &'static str) -> Result<T, FrameListError> {
     Err(FrameListError { found, expected })
 }

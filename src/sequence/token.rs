@@ -1,4 +1,5 @@
-//! Frame tokens in file names: `$F4`, `$F`, `####`, `%04d`.
+//! Frame tokens in file names: `$F4`, `$F`, `####`, `%04d`. The number is the least number of digits, filled with
+//! zeros; one of a longer frame has more. All tokens of a name must have the same width.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -37,7 +38,7 @@ struct Token {
     width: usize,
 }
 
-/// The tokens of a text, in order.
+/// The tokens of a text, in order: `$F` with digits, two or more `#`, or `%` digits `d`.
 fn tokens(text: &str) -> Vec<Token> {
     let bytes = text.as_bytes();
     let digits_end = |from: usize| {
@@ -87,7 +88,7 @@ pub fn has_token(text: &str) -> bool {
     !tokens(text).is_empty()
 }
 
-/// The text with its tokens replaced by a frame; nothing if it has none.
+/// The text with its tokens replaced by a frame; `None` if it has none.
 ///
 /// # Errors
 /// [`TokenError`]: tokens that disagree, or of more than 12 digits.

@@ -1,4 +1,5 @@
-//! Rules of scaffolds that move.
+//! Rules of scaffolds that move: which sources of motion exclude each other, and what each needs. Files are not
+//! read here.
 
 use super::Checked;
 use crate::field::Formula;

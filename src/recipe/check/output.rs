@@ -1,4 +1,6 @@
-//! Rules of `[[output]]`: which key goes with which file, and what it needs of the recipe.
+//! Rules of `[[output]]`: which key goes with which file, and what it needs of the recipe. Each function checks
+//! one kind of file and returns the first broken rule; `key` is the output's place, as in `output.0`, and
+//! `extension` is that of its file in lower case.
 
 use super::{Checked, large_enough};
 use crate::recipe::Sections;
@@ -248,7 +250,7 @@ fn of_beams(
     }
 }
 
-/// Rules of a finite-element deck.
+/// Rules of a finite-element deck, of voxels (`kind` is given) or of the scaffold's elements.
 fn of_deck(sections: &Sections, output: &Output, key: &str, source: &Source) -> Checked {
     let fault = |word: &str, message: String| source.fault(&format!("{key}.{word}"), message);
     if output.kind.is_none() {
@@ -302,7 +304,8 @@ fn of_macro_deck(
     }
 }
 
-/// Rules of mesh outputs.
+/// Rules of mesh outputs: what their format holds, and whether the solid is an exact field where vertices are to
+/// lie on one.
 fn of_mesh(
     sections: &Sections,
     output: &Output,

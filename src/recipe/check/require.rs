@@ -1,4 +1,5 @@
-//! Rules of `[require]`: ranges in order, and nothing that contradicts itself.
+//! Rules of `[require]`: ranges in order, and nothing that contradicts itself. They hold for recipes and for files
+//! of requirements alone.
 
 use super::Checked;
 use crate::recipe::op::Op;
@@ -113,6 +114,7 @@ pub(super) fn with_recipe(sections: &Sections, source: &Source) -> Checked {
     Ok(())
 }
 
+/// Whether the recipe has a volume that a fraction can relate to: a scaffold or an envelope.
 fn has_room(sections: &Sections) -> bool {
     let envelope = |op: &Op| matches!(op, Op::Intersect(Operand::Mesh(_) | Operand::Crystal(_)));
     let scaffold: Option<&ScaffoldSection> = sections.scaffold.as_ref();
