@@ -389,6 +389,7 @@ impl Field for Beams {
         Interval::new(least - depth, value + radius)
     }
 
+    /// The values at the samples of a lattice, z fastest, in blocks of 8^3 that share the search for near parts.
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let mut scratch = Scratch::new();
         let [nx, ny, nz] = lattice.counts;
@@ -453,6 +454,9 @@ impl Field for Beams {
         Some(evaluated)
     }
 
+    /// A bit for each of the 4^3 leaves of a cube, bit 16 x + 4 y + z: those wholly below the band, and those wholly
+    /// above it, with the layer of samples around each. `first` is the cube's first sample; `band` and `step` are in
+    /// world units.
     fn sides(&self, first: WorldPoint, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
         // The cube has 4^3 leaves, 32 samples along an axis. Each leaf is divided into eight parts of 4^3
         // samples, 5^3 with the layer around the leaf. These are the positions of the parts' centres along an axis.

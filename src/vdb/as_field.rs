@@ -230,6 +230,8 @@ impl Field for SampledLevelSet {
         (self.sample(p.0), gradient)
     }
 
+    /// Contains the values over a box, with the overshoot of the interpolation; a box of too many blocks gets the whole
+    /// range of the field.
     fn bound(&self, region: &Aabb) -> Interval {
         let h = self.level_set.voxel_size();
         let w = self.level_set.background()

@@ -1,4 +1,7 @@
 //! Attributes of a surface: one or three values at every active voxel of its band.
+//!
+//! An attribute is a grid of its own with the active voxels of the level set. It is written beside the level set in a
+//! file and is not read back.
 
 use super::error::VdbError;
 use super::{LevelSet, Session, ffi};

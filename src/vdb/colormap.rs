@@ -1,4 +1,6 @@
 //! The colour map viridis (Smith and van der Walt, CC0), dark violet to yellow.
+//!
+//! Colours are linear light, red, green and blue from 0 to 1, between ten anchors. Pictures and plots use the same map.
 
 /// Ten of its colours in sRGB, equally spaced.
 const ANCHORS: [[u8; 3]; 10] = [
@@ -37,6 +39,7 @@ impl ValueColours {
         Self { values, range }
     }
 
+    /// The values at the dark and the bright end; both 0 if there are no values.
     pub fn range(&self) -> [f32; 2] {
         self.range
     }
@@ -50,11 +53,12 @@ impl ValueColours {
     }
 }
 
-/// The linear colour of a value between 0 and 1.
+/// The linear colour of a value between 0 and 1. Values beyond 0 and 1 get the colour of that end.
 pub(crate) fn linear_colour(share: f32) -> [f32; 3] {
     let t = share.clamp(0.0, 1.0) * (ANCHORS.len() - 1) as f32;
     let n = (t as usize).min(ANCHORS.len() - 2);
     let share = t - n as f32;
+    // A power of 2.2 stands for the sRGB curve here.
     let linear = |c: u8| (f32::from(c) / 255.0).powf(2.2);
     std::array::from_fn(|c| {
         let (a, b) = (linear(ANCHORS[n][c]), linear(ANCHORS[n + 1][c]));

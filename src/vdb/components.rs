@@ -132,6 +132,8 @@ impl ComponentStats {
         }
     }
 
+    /// Adds the statistics of another part of the component. The place becomes the one whose leaf comes first, whatever
+    /// the order of the sums.
     pub fn add(&mut self, other: Self) {
         let first = |place: Option<Coord>| place.map(|p| (p.aligned(8), p));
         self.voxels += other.voxels;

@@ -1,4 +1,7 @@
 //! Errors of level sets and of their files.
+//!
+//! [`VdbError`] is of operations in memory, [`FileError`] of reading and writing, with the file's path. Messages of
+//! OpenVDB are quoted in one line. Cancellation is a variant of both.
 
 use super::Session;
 use crate::band::StoreError;
@@ -209,6 +212,7 @@ impl From<StoreError> for FileError {
     }
 }
 
+/// The names of the grids of a file, for a message.
 fn listed(present: &[String]) -> String {
     if present.is_empty() {
         "no grids".to_owned()

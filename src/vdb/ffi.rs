@@ -1,4 +1,7 @@
 //! The bridge to C++. Units, signs and winding are OpenVDB's here; the other modules of `vdb` correct them.
+//!
+//! An exception of C++ becomes the error of a function that returns a `Result`; the others throw none. Lists are flat:
+//! three numbers per point or origin, eight mask words and 512 values per leaf.
 #![allow(unsafe_code)]
 #![allow(clippy::missing_safety_doc)]
 

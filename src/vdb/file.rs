@@ -65,6 +65,8 @@ pub struct GridInfo {
 }
 
 impl GridInfo {
+    /// The description of a grid from what OpenVDB reports of it. Values and notes are empty: they need the grid's
+    /// contents.
     pub(super) fn from_facts(facts: ffi::GridFacts) -> Self {
         let metadata: Vec<_> = facts
             .metadata

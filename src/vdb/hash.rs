@@ -36,6 +36,7 @@ pub(super) struct GridHead<'a> {
 }
 
 impl<'a> GridHead<'a> {
+    /// The head of a cubic grid: the edge along x is that of its voxels.
     pub fn new(name: &'a str, facts: &'a ffi::GridFacts, leaves: u64) -> Self {
         Self {
             name,

@@ -1,4 +1,7 @@
 //! Lookup of the leaf or tile at a voxel, and of the neighbours of a leaf.
+//!
+//! Two hash tables by origin, made once for a level set that must not change meanwhile: the index borrows its leaves. A
+//! voxel in no node counts as the unbounded outside.
 
 use super::LevelSet;
 use super::error::VdbError;
@@ -83,7 +86,7 @@ impl<'a> LeafIndex<'a> {
         })
     }
 
-    /// The leaf that holds a voxel.
+    /// The number of the leaf that holds a voxel; `None` if a tile or the background does.
     pub fn leaf(&self, voxel: Coord) -> Option<usize> {
         self.leaf_at.get(&voxel.aligned(8)).copied()
     }

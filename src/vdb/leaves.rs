@@ -111,6 +111,7 @@ pub struct Leaves<'a> {
 }
 
 impl<'a> Leaves<'a> {
+    /// The leaves of a grid, in their order in the tree. The grid must not change while they are in use.
     pub(super) fn of_grid(grid: &'a ffi::Grid) -> Result<Self, cxx::Exception> {
         Ok(Self {
             table: ffi::leaf_table(grid)?,

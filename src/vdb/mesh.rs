@@ -1,4 +1,7 @@
 //! Level set to mesh and back. OpenVDB's quads run clockwise seen from outside; this module reverses them.
+//!
+//! Druse's mesher makes the meshes; OpenVDB makes quads, for adaptive meshes and where the surface leaves the band.
+//! Vertices are in world units, with the level set's origin added.
 
 use super::error::VdbError;
 use super::{LevelSet, Session, ffi};
@@ -34,6 +37,7 @@ impl LevelSet {
         }
     }
 
+    /// The mesher in the level set's frame, with coordinates of double precision.
     fn mesher(&self) -> Mesher<'static> {
         Mesher::new(self.transform)
             .with_origin(self.origin)
@@ -315,7 +319,7 @@ impl LevelSet {
     }
 }
 
-/// The leaves as input of the mesher.
+/// The leaves as input of the mesher, in their order in the tree; nothing is copied but the origins.
 pub(super) fn leaf_values<'a>(leaves: &'a super::leaves::Leaves<'_>) -> Vec<LeafValues<'a>> {
     let value = |leaf: super::leaves::LeafView<'a>| LeafValues {
         origin: leaf.origin,
@@ -327,7 +331,8 @@ pub(super) fn leaf_values<'a>(leaves: &'a super::leaves::Leaves<'_>) -> Vec<Leaf
         .collect()
 }
 
-/// Reverses a quadrilateral of OpenVDB; triangles repeat their last corner.
+/// Reverses a quadrilateral of OpenVDB; triangles repeat their last corner, before and after. `None` if there are not
+/// four numbers.
 fn reversed(q: &[u32]) -> Option<[u32; 4]> {
     match *q {
         [a, b, c, d] if c == d => Some([c, b, a, a]),

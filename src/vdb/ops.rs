@@ -228,6 +228,8 @@ impl LevelSet {
         self.combine("subtract", Csg::Difference, operand, session)
     }
 
+    /// Combines the solid with an operand of the same voxels and half width by OpenVDB's CSG. `operation` names it in
+    /// errors; after a failure of OpenVDB the solid is empty.
     pub(super) fn combine(
         &mut self,
         operation: &'static str,

@@ -1,4 +1,7 @@
 //! Messages for grids that are refused: what was found, what is expected, and the remedy.
+//!
+//! The checks are elsewhere; this file words their results. Remedies name options of the command line and keys of a
+//! recipe.
 
 use super::error::{FileError, VdbError};
 use super::file::GridInfo;
@@ -14,6 +17,7 @@ pub(super) struct Located<'a> {
 }
 
 impl Located<'_> {
+    /// The error of a refusal, with the file and the grid.
     pub fn refuse(&self, refusal: Refusal) -> FileError {
         FileError::NotALevelSet {
             path: self.path.to_owned(),
@@ -24,6 +28,8 @@ impl Located<'_> {
         }
     }
 
+    /// The error of a failed operation on the grid: an open surface is a refusal with a remedy, any other failure is
+    /// one of OpenVDB.
     pub fn failed(&self, error: VdbError) -> FileError {
         match error {
             VdbError::Cancelled(c) => FileError::Cancelled(c),
@@ -48,6 +54,7 @@ pub(super) struct Refusal {
 }
 
 impl Refusal {
+    /// A refusal from what was found, what was expected, and a remedy.
     pub fn new(found: impl Into<String>, expected: &'static str, hint: impl Into<String>) -> Self {
         Self {
             found: found.into(),
@@ -59,6 +66,8 @@ impl Refusal {
 
 /// The hint to give a value of the surface, rounded to four digits.
 pub(super) fn value_hint(value: f64) -> String {
+    // Four digits: the step is a thousandth of the leading digit's place; 1e-30 stands for zero, whose logarithm is
+    // infinite.
     let step = 10f64.powi(value.abs().max(1e-30).log10().floor() as i32 - 3);
     let value = ((value / step).round() * step) as f32;
     format!("--value {value}; in a recipe value = {value} beside the path")

@@ -29,6 +29,7 @@ pub(super) enum Tracing {
 }
 
 impl Picture {
+    /// Checks the number of pixels and the cut; a value that is not allowed is [`VdbError::Parameter`].
     pub(super) fn check(&self) -> Result<(), VdbError> {
         let pixels = self.width.saturating_mul(self.height);
         if pixels == 0 || pixels > MAX_PIXELS {

@@ -43,6 +43,7 @@ fn empty_level_set(background: f64, h: f64, mut repair: Repair) -> Result<Repair
 }
 
 impl Volume {
+    /// The slopes of the values across the surface; `None` where too few voxels qualify.
     pub(super) fn slopes(&self) -> Option<Slopes> {
         // Fails only if OpenVDB does (memory).
         Slopes::of(&self.grid, self.survey.max_magnitude())

@@ -1,4 +1,7 @@
 //! Shading of hits: ambient occlusion, light and colours, and the pixels of an image.
+//!
+//! Samples come from `samples`, several for a pixel with an edge. Colours are linear light until the last step, which
+//! turns them into sRGB of 8 bits. The factors of the lights are chosen for the eye and have no physical unit.
 
 use super::camera::View;
 use super::colormap::ValueColours;
@@ -146,6 +149,7 @@ pub(super) struct Lights {
 }
 
 impl Lights {
+    /// Lights for a picture without hits: no sample is shaded with them, so that their values do not matter.
     pub fn unlit() -> Self {
         Self {
             key: Vec3f::z(),
@@ -163,6 +167,9 @@ impl Lights {
         Self { colours, ..self }
     }
 
+    /// Lights for the hits of a view. `key` is the unit direction to the key light; `openness` is by number of the
+    /// sample, as [`ambient_openness`] returns it. The fill light comes from the right of the view and the viewer's
+    /// side.
     pub fn new(view: &View, key: Vec3, hits: &[Option<Hit>], openness: Vec<f32>) -> Self {
         let forward: Vec3f = view.forward.cast();
         let depths = hits.iter().flatten().fold([f32::INFINITY, 0.0], |d, h| {
@@ -258,6 +265,7 @@ pub(super) fn shade_image(picture: &Picture, samples: &Samples, lights: &Lights)
     }
 }
 
+/// A linear share of light as a level of sRGB, 0 to 255; shares beyond 0 and 1 are clamped.
 fn to_srgb(linear: f32) -> u8 {
     /// A table, since a power would take longer than the rest of a pixel.
     static TABLE: LazyLock<Vec<u8>> = LazyLock::new(|| {

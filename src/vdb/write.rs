@@ -373,6 +373,7 @@ impl From<LeafFileError> for WriteError {
     }
 }
 
+/// The error for an exception of OpenVDB while writing to `path`.
 pub(super) fn failed(path: &Path, error: &cxx::Exception) -> FileError {
     FileError::OpenVdb {
         path: path.to_owned(),

@@ -98,6 +98,7 @@ impl SimdKernel for ClassifyValues<'_> {
                     l.store(l.min(l.max(v, minus), background), row);
                 }
             }
+            // x is at most 7; the mask spares a bounds check.
             bits.negative[x & 7] = u64::from_le_bytes(negative);
             bits.within[x & 7] = u64::from_le_bytes(within);
         }

@@ -1,4 +1,7 @@
 //! Connected components of a mesh with their volumes, and whether it is closed, in one pass over large meshes.
+//!
+//! Triangles are of one component if they share a vertex, by its number: vertices at one place with two numbers do not
+//! join them. Orientation is taken as it is. Self-intersections are not found.
 
 use super::TriMesh;
 use crate::frame::Aabb;
@@ -20,8 +23,8 @@ pub struct MeshComponent {
     pub bounds: Aabb,
 }
 
-/// The components of a mesh, largest volume first, and the component of each vertex. A vertex without triangles counts
-/// for the first one; its label has no meaning.
+/// The components of a mesh, the largest volume in magnitude first, and the number of the component of each vertex in
+/// that order. A vertex without triangles counts for the first one; its label has no meaning.
 #[doc(hidden)]
 pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
     // Triangles that share a vertex are of one component.
@@ -65,7 +68,8 @@ pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
     (order.into_iter().map(|c| components[c]).collect(), labels)
 }
 
-/// Whether every edge of a mesh has as many triangles on one side as on the other, so that a cut can be filled.
+/// Whether every edge of a mesh has as many triangles that run along it one way as the other, so that a cut can be
+/// filled. An empty mesh is not closed.
 #[doc(hidden)]
 pub fn is_closed(mesh: &TriMesh) -> bool {
     let mut sides: Vec<(u64, i32)> = Vec::with_capacity(3 * mesh.triangles().len());

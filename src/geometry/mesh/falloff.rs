@@ -1,4 +1,7 @@
 //! Upper bounds of sums of weight / distance^power over triangles, by their hierarchy.
+//!
+//! Distant groups count as one term at their nearest distance, so that a bound costs far less than the sum. It is never
+//! below the sum, and may exceed it by much where triangles are close.
 
 use super::bvh::Child;
 use super::soup::Soup;

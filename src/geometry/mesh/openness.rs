@@ -201,6 +201,8 @@ impl Samples {
 }
 
 impl fmt::Display for Openness {
+    /// The openness in words, for messages: the share of open edges and the longest hole, with lengths and place in
+    /// world units.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(hole) = self.holes.first() else {
             let volume = if self.inside == 0.0 {

@@ -28,6 +28,8 @@ pub(super) struct LongestSide {
 }
 
 impl LongestSide {
+    /// That of a triangle with its corners in any order; the first of equal sides. Lengths have the unit of the
+    /// corners.
     pub(super) fn of(t: &[Vec3; 3]) -> Self {
         let length = |i: usize| (t[(i + 1) % 3] - t[i]).norm();
         let start = (1..3).fold(0, |m, i| if length(i) > length(m) { i } else { m });

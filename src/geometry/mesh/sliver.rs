@@ -24,6 +24,7 @@ pub(super) struct Thinness {
 }
 
 impl Thinness {
+    /// That of a triangle, from the magnitude of its area and its longest side; corners in any order.
     pub(super) fn of(&[a, b, c]: &[Vec3; 3]) -> Self {
         let (ab, ac) = (b - a, c - a);
         let longest = ab.norm_squared().max(ac.norm_squared());
@@ -39,6 +40,7 @@ impl Thinness {
         self.double_area <= at_most * self.longest_squared
     }
 
+    /// Whether the height is at most `MAX_HEIGHT_RATIO` of the longest side.
     pub(super) fn is_sliver(&self) -> bool {
         self.has_height_ratio(MAX_HEIGHT_RATIO)
     }
@@ -58,6 +60,7 @@ struct Side {
 }
 
 impl Side {
+    /// The side from (`start`, 0) to the corner (`x`, `y`); without length its direction is zero.
     fn to([x, y]: [f64; 2], start: f64) -> Self {
         let length = (x - start).hypot(y);
         let direction = if length > 0.0 {
@@ -88,6 +91,9 @@ pub(super) struct Sliver {
 }
 
 impl Sliver {
+    /// The frame of a triangle: origin at the first corner of its longest side, x along that side, y along the height,
+    /// which is positive. The triangle need not be a sliver; one without length or height has zero vectors in their
+    /// place.
     pub(super) fn of(t: &[Vec3; 3]) -> Self {
         let squares = [0, 1, 2].map(|i| (t[(i + 1) % 3] - t[i]).norm_squared());
         let longest = (1..3).fold(

@@ -1,4 +1,8 @@
 //! A triangle soup with its bounding-volume hierarchy, for distances and winding numbers.
+//!
+//! A slot is a triangle's place in the hierarchy; its number is the caller's. Discs around triangles exclude most of
+//! them in `f32`, always on the safe side; distances of the rest are computed in `f64`. Long triangles can be cut into
+//! pieces, each with a box of its own, in a second hierarchy. A hint affects the time of a search and not its result.
 
 use super::bvh::{Bvh, LocalFrame};
 use super::pieces::PieceTree;
@@ -346,6 +350,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
+    /// A search for the triangle closest to `p` within `radius`, both in world units; nothing is found yet.
     fn new(soup: &'a Soup, p: Vec3, radius: f64) -> Self {
         let local = soup.bvh.local();
         let q = local.point(p);

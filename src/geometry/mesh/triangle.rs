@@ -1,4 +1,7 @@
 //! One triangle: closest point and solid angle.
+//!
+//! Both hold for triangles of any shape: slivers and triangles without area take their own formulas. Nothing here knows
+//! the mesh; sums over triangles are made by the callers.
 
 use super::sliver::{Sliver, is_sliver};
 use crate::frame::Vec3;
@@ -18,7 +21,8 @@ fn closest_point_of_sliver(t: &[Vec3; 3], p: Vec3) -> Vec3 {
     Sliver::of(t).closest::<f64>(p.into()).into()
 }
 
-/// As [`closest_point`], for a triangle that is no sliver (Ericson, *Real-Time Collision Detection*, 5.1.5).
+/// As [`closest_point`], for a triangle that is no sliver (Ericson, *Real-Time Collision Detection*, 5.1.5). Where
+/// rounding leaves no area as seen from a far point, it falls back on the formula for slivers.
 pub(super) fn closest_point_of_regular(t: &[Vec3; 3], p: Vec3) -> Vec3 {
     let &[a, b, c] = t;
     let (ab, ac, ap) = (b - a, c - a, p - a);

@@ -1,4 +1,7 @@
 //! Formulas written once over [`Number`]: for one `f64`, or for rows of four or eight.
+//!
+//! Lanes do not depend on each other. An `f64` by itself rounds a product before its sum, as rows do without FMA; rows
+//! with FMA differ from it in the last bits.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 

@@ -1,4 +1,7 @@
 //! Rows of twice the length: sixteen `f32` or eight `f64`.
+//!
+//! [`RowPair`] makes them of two rows of [`Lanes`], for processors without registers of 512 bits. All forms give the
+//! bits of single rows, so that the choice affects speed only.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 

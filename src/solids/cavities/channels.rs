@@ -37,6 +37,7 @@ pub(super) struct SearchPlan {
 }
 
 impl SearchPlan {
+    /// The plan of a request, whose radius is in voxels.
     pub fn of(request: &DrainRequest) -> Self {
         Self {
             radius: request.radius,
@@ -131,6 +132,7 @@ pub(super) struct Search<'a, S> {
 }
 
 impl<'a, S: LeafSource> Search<'a, S> {
+    /// A search without rooms. Set 0 and place 0 stand for the outside.
     pub fn new(source: &'a S, measure: Measure, plan: SearchPlan) -> Self {
         Self {
             source,

@@ -19,10 +19,12 @@ impl LeafSet {
     pub const EMPTY: Self = Self([0; 64]);
     pub const ALL: Self = Self([u64::MAX; 64]);
 
+    /// Adds the leaf with a number, 0 to 4095.
     pub fn insert(&mut self, slot: usize) {
         self.0[slot >> 6] |= 1 << (slot & 63);
     }
 
+    /// Removes the leaf with a number, if it is in the set.
     pub fn remove(&mut self, slot: usize) {
         self.0[slot >> 6] &= !(1 << (slot & 63));
     }
@@ -32,10 +34,12 @@ impl LeafSet {
         self.0[slot >> 6] >> (slot & 63) & 1 == 1
     }
 
+    /// Whether there is no leaf in it.
     pub fn is_empty(&self) -> bool {
         *self == Self::EMPTY
     }
 
+    /// The set that `both` makes of the words of two sets.
     fn with(&self, other: &Self, both: impl Fn(u64, u64) -> u64) -> Self {
         let mut out = *self;
         for (own, other) in out.0.iter_mut().zip(&other.0) {
@@ -44,10 +48,12 @@ impl LeafSet {
         out
     }
 
+    /// The leaves of either set.
     pub fn union(&self, other: &Self) -> Self {
         self.with(other, |a, b| a | b)
     }
 
+    /// The leaves of both sets.
     pub fn intersection(&self, other: &Self) -> Self {
         self.with(other, |a, b| a & b)
     }

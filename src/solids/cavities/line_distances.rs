@@ -17,6 +17,7 @@ pub(super) struct LeafRows {
 const NO_LEAF: u32 = u32::MAX;
 
 impl LeafRows {
+    /// A box of this many leaves along each axis, without rows. Room for a few layers is reserved.
     pub fn new(sides: [usize; 3]) -> Self {
         Self {
             sides,
@@ -25,10 +26,12 @@ impl LeafRows {
         }
     }
 
+    /// The index of a leaf's place, z fastest.
     fn slot(&self, [x, y, z]: [usize; 3]) -> usize {
         (x * self.sides[1] + y) * self.sides[2] + z
     }
 
+    /// The rows of the leaf at a place; `None` if they are all infinite because none was stored.
     pub fn get(&self, at: [usize; 3]) -> Option<&Rows> {
         let number = self.numbers[self.slot(at)];
         (number != NO_LEAF).then(|| &self.leaves[number as usize])

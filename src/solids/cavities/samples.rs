@@ -35,10 +35,12 @@ pub(super) enum Sample<'a> {
 pub(super) const ALL_SOLID: u8 = u8::MAX;
 
 impl Sample<'_> {
+    /// Whether it has values of its own.
     pub fn is_stored(self) -> bool {
         matches!(self, Self::Stored(_))
     }
 
+    /// Whether it is solid as a whole, without values.
     pub fn is_inside(self) -> bool {
         matches!(self, Self::Inside)
     }

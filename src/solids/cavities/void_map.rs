@@ -69,6 +69,8 @@ pub(super) fn rim(leaf: Coord, bits: &Bits, mut neighbour: impl FnMut(Coord) -> 
 }
 
 impl<'a, S: LeafSource> VoidMap<'a, S> {
+    /// A map of the voxels of the void that are at least `clearance`, voxels, away from the solid; of all of them if it
+    /// is not positive. Blocks are read when they are needed.
     pub fn new(source: &'a S, measure: Measure, clearance: f32) -> Self {
         Self {
             source,

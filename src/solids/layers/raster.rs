@@ -122,6 +122,7 @@ impl Raster {
         self.bits[row * self.words + word] = bits;
     }
 
+    /// Whether no pixel is set.
     pub fn is_empty(&self) -> bool {
         self.bits.iter().all(|w| *w == 0)
     }

@@ -1,4 +1,6 @@
 //! Sinks in memory: one counts leaves, one collects them by origin.
+//!
+//! Both accept batches from any thread and never fail. The order of the batches leaves no trace in the result.
 
 use super::{LeafBatch, LeafSink, SinkError, VOXELS};
 use druse_geometry::frame::Coord;

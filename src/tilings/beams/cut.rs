@@ -135,6 +135,8 @@ impl Field for Cut<'_> {
         }
     }
 
+    /// Fills leaves with the intersection of beams and solid; returns the number of values evaluated, or `None` for a
+    /// band too narrow for the rules, whose samples must be evaluated one by one.
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
         let (by, background) = (f64::from(leaves.by), f64::from(leaves.background));
         let step = leaves.step;
@@ -186,6 +188,8 @@ impl Field for Cut<'_> {
         Some(evaluated)
     }
 
+    /// As for the beams alone, with the same bits: a leaf is inside if it is inside the beams and the solid, and
+    /// outside if it is outside one of them.
     fn sides(&self, first: WorldPoint, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
         let [mut inside, mut outside] = self.beams.sides(first, step, band)?;
         let cube = |corner: Vec3, edge: f64| {

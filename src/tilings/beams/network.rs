@@ -398,6 +398,8 @@ impl ElementMapper<'_> {
         self.element.map(CellPoint(xi)).0
     }
 
+    /// A simplex at its mapped corners. `radius` is in the cell's unit; at each corner it is multiplied by the cube
+    /// root of the map's change of volume.
     fn mapped<const N: usize>(&self, reference: [Vec3; N], radius: f64) -> MappedSimplex<N> {
         let at = reference.map(|xi| self.element.map_and_jacobian(CellPoint(xi)));
         MappedSimplex {
@@ -409,6 +411,8 @@ impl ElementMapper<'_> {
         }
     }
 
+    /// Maps a strut between two reference points: one simplex in an affine element, else as many as [`Self::bisect`]
+    /// makes.
     fn line(&self, ends: [Vec3; 2], radius: f64, out: &mut Vec<MappedSimplex<2>>) {
         if self.element.is_affine() {
             out.push(self.mapped(ends, radius));
@@ -417,6 +421,8 @@ impl ElementMapper<'_> {
         self.bisect(ends, radius, MAX_BISECTIONS, out);
     }
 
+    /// Halves a strut until each part is off its curve by at most `chord` at three inner points, or until `left`
+    /// halvings are spent. Parts are appended to `out` from the first end to the last.
     fn bisect(&self, [a, b]: [Vec3; 2], radius: f64, left: u32, out: &mut Vec<MappedSimplex<2>>) {
         let (from, to) = (self.point(a), self.point(b));
         let off =
@@ -430,7 +436,9 @@ impl ElementMapper<'_> {
         self.bisect([middle, b], radius, left - 1, out);
     }
 
-    /// Deviations are measured at the middle and at nine points of the sides.
+    /// Maps a triangle of a plate, given by its reference corners, into one simplex, or in a curved element into equal
+    /// parts of it, so that none is off by more than about `chord`, world units. Deviations are measured at the middle
+    /// and at nine points of the sides. At most `MAX_PLATE_PARTS` squared parts are made, whatever the deviation.
     fn triangle(&self, corners: [Vec3; 3], radius: f64, out: &mut Vec<MappedSimplex<3>>) {
         let mut count = 1;
         if !self.element.is_affine() {

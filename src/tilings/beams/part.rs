@@ -203,6 +203,7 @@ impl Part {
         }
     }
 
+    /// The box of the part with its radius, world units.
     pub fn bounds(&self) -> Aabb {
         match self {
             Self::Beam(axis) => axis.bounds(),

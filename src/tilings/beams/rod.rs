@@ -183,6 +183,7 @@ impl Field for Rods {
         Interval::new(value - radius, value + radius)
     }
 
+    /// Signed distances at the samples of a lattice, z fastest, world units: those to the nearest rod, exact.
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         if lattice.is_empty() {
             return;

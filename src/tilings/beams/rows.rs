@@ -93,6 +93,7 @@ pub(super) struct NearbyParts {
 }
 
 impl NearbyParts {
+    /// Removes all parts; keeps the memory.
     pub fn clear(&mut self) {
         self.axes.clear();
         self.slabs.clear();
@@ -142,6 +143,7 @@ struct LowerToDistances<'a> {
 impl SimdKernel for LowerToDistances<'_> {
     type Output = ();
 
+    /// Lowers the values to the parts' distances, row after row: x slowest, then y, and eight z in a row.
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
         let zs = l.load(self.zs);

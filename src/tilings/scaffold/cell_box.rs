@@ -93,6 +93,7 @@ pub(super) fn beyond_a_face(shape: Element, middle: &Vec3, y: &Mat3, half: &Vec3
     })
 }
 
+/// Widens a box of the cell frame on all sides by a bound of the rounding of its corners.
 pub(super) fn grow(b: &mut CellBox<3>) {
     let slack = ROUNDING_GROWTH * (1.0 + b.min.amax().max(b.max.amax()));
     b.min.add_scalar_mut(-slack);

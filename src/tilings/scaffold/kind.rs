@@ -407,6 +407,8 @@ impl Kind {
         values
     }
 
+    /// The form of its Bernstein polynomials. All shapes but tetrahedra and prisms have products of one-dimensional
+    /// ones; a triangle counts as the prism over it.
     pub(super) fn family(self) -> Family {
         match self.shape() {
             Element::Tet => Family::Simplex,

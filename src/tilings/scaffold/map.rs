@@ -150,6 +150,8 @@ impl Affine {
         Self::new(corners[0].0 - jacobian * first.0, jacobian)
     }
 
+    /// The map origin + jacobian xi. The inverse of a singular matrix is NaN in every entry, by which callers recognise
+    /// it.
     pub fn new(origin: Vec3, jacobian: Mat3) -> Self {
         Self {
             origin,
@@ -160,6 +162,7 @@ impl Affine {
         }
     }
 
+    /// The world point of a cell point.
     pub fn map(&self, xi: CellPoint<3>) -> Vec3 {
         self.origin + self.jacobian * xi.0
     }
@@ -215,10 +218,14 @@ impl Curved {
         stretch(self.jacobian_net(), &determinant)
     }
 
+    /// The preimage of `x` by Newton's method from `start`; the error is the least distance from `x` that was reached,
+    /// world units.
     pub fn newton(&self, x: Vec3, start: CellPoint<3>) -> Result<CellPoint<3>, f64> {
         newton(|xi| self.evaluate(xi), x, start, self.origin)
     }
 
+    /// A start for Newton's method: the preimage by the affine map at the reference origin, drawn into the cube of half
+    /// width 0.5. It is the origin if that map is singular.
     pub fn initial_guess(&self, x: Vec3) -> CellPoint<3> {
         let xi = self.start * (x - self.origin);
         let far = xi.amax();

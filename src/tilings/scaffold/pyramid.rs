@@ -100,6 +100,7 @@ pub(super) struct Twisted {
 }
 
 impl Twisted {
+    /// The map through the four corners of the base, in order around it, and the apex; further nodes are ignored.
     pub fn new(nodes: &[Vec3]) -> Self {
         let nodes = [nodes[0], nodes[1], nodes[2], nodes[3], nodes[4]];
         Self {

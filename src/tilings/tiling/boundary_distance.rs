@@ -1,4 +1,7 @@
 //! Bounding planes of an element: a lower bound of the distance outside it.
+//!
+//! Each face has the plane with the normal of the face at the reference origin that keeps all control points behind it.
+//! The planes contain the element, but only those of affine elements are its faces.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 

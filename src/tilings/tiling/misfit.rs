@@ -1,4 +1,6 @@
 //! What does not fit where no turns of the elements make cells continue: edges and faces with their places.
+//!
+//! It only describes: the turns are searched elsewhere. The text of [`Misfit`] lists the first few edges.
 
 /// An inner edge around which cells do not continue.
 #[derive(Clone, Copy, Debug, PartialEq)]

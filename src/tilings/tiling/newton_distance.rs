@@ -149,6 +149,7 @@ impl SimdKernel for FirstStepKernel<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let Self(limits, map, starts, first_steps) = self;
+        // Lanes are points here, not samples of a row.
         let groups = starts.x.chunks(4).zip(starts.slopes.chunks(4));
         let groups = groups.zip(starts.at.chunks_mut(4)).zip(first_steps);
         // Each group of up to four points fills the lanes; missing points repeat the last.

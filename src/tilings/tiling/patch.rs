@@ -1,4 +1,8 @@
 //! One element of the scaffold with its cell: inverse map, slope bounds, distance to its faces.
+//!
+//! Outside an element its map is continued, so that the cell's field is defined beyond it; [`Preimage`] holds the rule.
+//! The inverse is in closed form for affine elements and by Newton's method for curved ones, which may fail: then the
+//! result is `None`, and the caller chooses the fallback.
 
 use super::Filling;
 use super::boundary_distance::BoundingPlanes;

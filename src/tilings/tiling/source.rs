@@ -1,8 +1,8 @@
 //! The field in the elements of a tiling: one cell, or a filling of several.
 //!
-//! A [`CellField`] is one cell in its reference element. A [`Filling`] is the field in all elements of a scaffold, by
-//! reference coordinates: one cell, or a blend of several. Both give values in bulk, and bounds of values and slopes
-//! that the culling and the distances of a tiling rest on.
+//! [`CellField`] is one field of the cell frame, [`Filling`] one such field for each element. Values are the field's
+//! own, negative inside; gradients are by reference coordinates. Bounds hold over the element only, although the fields
+//! are defined beyond it.
 
 use super::{TilingError, interface};
 use crate::scaffold::Scaffold;

@@ -24,6 +24,7 @@ pub(super) struct SelectedParts {
 }
 
 impl SelectedParts {
+    /// A selection without parts.
     pub fn new(side: Side) -> Self {
         Self {
             side,

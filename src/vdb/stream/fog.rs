@@ -148,10 +148,12 @@ impl<'a> StoredFog<'a> {
         Ok(counts)
     }
 
+    /// The leaves of distances from which the densities are made.
     pub(super) fn store(&self) -> &'a LeafStore {
         self.store
     }
 
+    /// Number of leaves with a density above 0.
     pub(super) fn leaves(&self) -> u64 {
         self.counts.leaves
     }
@@ -161,10 +163,12 @@ impl<'a> StoredFog<'a> {
         self.counts.tiles
     }
 
+    /// Number of active voxels, with those of tiles.
     pub(super) fn active_voxels(&self) -> u64 {
         self.counts.active
     }
 
+    /// Least and greatest active voxel on each axis; `None` without any.
     pub(super) fn bounds(&self) -> Option<[Coord; 2]> {
         self.counts.bounds
     }
@@ -189,6 +193,7 @@ impl<'a> StoredFog<'a> {
             .collect()
     }
 
+    /// The leaves of a block as densities, by origin; those without a density above 0 are left out.
     pub(super) fn block(&self, origin: Coord) -> Result<BlockLeaves, LeafFileError> {
         let leaves = self.store.read(origin, Region::EVERYWHERE)?;
         let mut fog_leaves = BlockLeaves::default();

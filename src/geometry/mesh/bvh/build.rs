@@ -1,8 +1,7 @@
 //! Construction of the hierarchy: binned surface-area splits into four children, parallel for large ranges.
 //!
-//! Each node gets up to four children by three halvings, each of the part with the greatest area. A part is halved
-//! where the sum over both sides of area times number is least, between bins of centres along an axis; small and deep
-//! parts at the median. The tree does not depend on the number of threads.
+//! It sorts the primitives into the slots of the tree and appends its nodes, each parent before its children. The tree
+//! depends on the boxes alone and not on the number of threads. Boxes are in `f32`, as the caller rounded them.
 
 use super::Node;
 

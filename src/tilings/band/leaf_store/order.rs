@@ -1,4 +1,7 @@
 //! Iteration over the leaves of a store in global order, with one cursor per block of an x slab.
+//!
+//! A slab is all blocks with one x. The order, that of origins (x, y, z), differs from that of the files, where a
+//! block's leaves lie together. No leaf is read twice.
 
 use super::super::leaf_file::{
     LeafFileError, MAX_LEAF_BYTES, StoredLeaf, leaf_at, leaf_length, read_range,

@@ -1,4 +1,7 @@
 //! Reading of the leaves of a block: all values of each, from its active ones.
+//!
+//! Files hold active values only. Inactive ones are minus or plus the background; their signs follow from those of the
+//! active ones. Files are opened for each call and not kept open.
 // Inlined so that the code is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
@@ -73,7 +76,9 @@ impl LeafStore {
         Ok((origins, masks))
     }
 
-    /// Visits the stored leaves of a block that meet a region, in the order of the file.
+    /// Visits the stored leaves of a block that meet a region, in the order of the file. A block without leaves visits
+    /// none. A leaf that is cut off ends its chunk without an error; there is none in a file whose hash was checked
+    /// when the store was opened.
     fn visit_stored(
         &self,
         block: Coord,
@@ -107,7 +112,8 @@ impl LeafStore {
         Ok(())
     }
 
-    /// All 512 values of a leaf from its active ones; inactive voxels get minus or plus the background.
+    /// All 512 values of a leaf from its active ones, which are in order of offset; inactive voxels get minus or plus
+    /// the background, by the signs of the active ones.
     pub fn leaf_values(&self, mask: &[u64; 8], active: &[f32]) -> [f32; VOXELS] {
         let mut values = [0.0; VOXELS];
         fill_values(self.background, mask, active, &mut values);

@@ -1,4 +1,7 @@
 //! Distances of 2^3 samples from their nearest points.
+//!
+//! The eight samples are the eight lanes of a row. Lengths are in voxels from the leaf's first sample until the last
+//! step, which turns them into world units. The formula is that in the head of [`super`].
 // Inlined so that the code is compiled for its caller's target features; closures with SIMD arithmetic would
 // not be.
 #![allow(clippy::inline_always)]
@@ -69,7 +72,8 @@ pub(super) struct Block<'a> {
 }
 
 impl Block<'_> {
-    /// The nearest point to each sample: squared distances, and indices in the list.
+    /// The nearest point to each sample, whose coordinates are the last parameter: its squared distance, voxels, and
+    /// its index in the list as a float. Where no point is accepted, the square is infinite and the index 0.
     #[inline(always)]
     fn nearest<L: Lanes>(&self, l: L, [x, y, z]: [L::F; 3]) -> (L::F, L::F) {
         // Only points that may be nearest to one of the eight samples are measured, see [`CandidateTest`].
@@ -107,6 +111,9 @@ impl Block<'_> {
 impl SimdKernel for Block<'_> {
     type Output = Option<([f32; 8], u8)>;
 
+    /// Values are in world units, clamped to the background, z fastest, then y; bit n of the byte is set if value n
+    /// is within the band. A point is measured against all eight samples, so that either all of them have a nearest
+    /// point or none has.
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Self::Output {
         // The eight lanes are the samples of a cube, z fastest.
@@ -191,7 +198,8 @@ impl SimdKernel for Block<'_> {
 }
 
 /// The signed distances, voxels, of samples from their displacements to their nearest points, the squares of these and
-/// the samples' signs. `normal` and `hessian` are those of the points, by component.
+/// the samples' signs. `normal` and `hessian` are those of the points, by component. The components of a Hessian are
+/// xx, yy, zz, xy, yz, zx. Displacements run from the point to the sample, and the sign is -1 inside.
 #[inline(always)]
 fn distances<L: Lanes>(
     l: L,

@@ -27,6 +27,7 @@ struct State<T> {
 }
 
 impl<T> PositionCache<T> {
+    /// An empty cache; `bytes` returns the memory of a value.
     pub fn new(per_thread: usize, most: usize, bytes: fn(&T) -> usize) -> Self {
         let state = State {
             things: HashMap::new(),

@@ -172,6 +172,7 @@ pub(super) struct PointList {
 }
 
 impl PointList {
+    /// Removes all points; keeps the memory.
     pub fn clear(&mut self) {
         self.numbers.clear();
         for at in &mut self.at {
@@ -179,6 +180,7 @@ impl PointList {
         }
     }
 
+    /// The coordinates of all points, by axis.
     pub fn coordinates(&self) -> Coordinates<'_> {
         let [x, y, z] = &self.at;
         [x, y, z]

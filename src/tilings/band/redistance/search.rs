@@ -54,6 +54,7 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
+    /// A search for the samples of a leaf without points; they follow by [`Self::add`].
     pub fn new(inside: &'a [u64; 8], lengths: OffsetLengths) -> Self {
         Self {
             inside,

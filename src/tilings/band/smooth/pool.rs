@@ -108,6 +108,7 @@ impl Pool {
         }
     }
 
+    /// Number of leaves.
     pub fn len(&self) -> usize {
         self.origins.len()
     }

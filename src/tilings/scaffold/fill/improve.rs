@@ -75,6 +75,7 @@ fn ordered(a: u32, b: u32) -> [u32; 2] {
 }
 
 impl<'a> TetMesh<'a> {
+    /// A mesh to be improved; each node gets the list of the tetrahedra around it.
     pub(super) fn new(
         nodes: Vec<Node>,
         tets: Vec<[u32; 4]>,

@@ -60,6 +60,7 @@ pub(super) struct Bins {
 }
 
 impl Bins {
+    /// Empty bins of this edge, world units.
     pub fn new(size: f64) -> Self {
         Self {
             size,
@@ -67,10 +68,12 @@ impl Bins {
         }
     }
 
+    /// The bin of a place, by rounding down.
     fn bin(&self, p: Vec3) -> [i64; 3] {
         [p.x, p.y, p.z].map(|c| (c / self.size).floor() as i64)
     }
 
+    /// Adds a node at its place; nodes at one place are kept apart.
     pub fn add(&mut self, p: Vec3, node: u32) {
         self.bins.entry(self.bin(p)).or_default().push(node);
     }
@@ -161,10 +164,12 @@ impl Nodes {
         nodes
     }
 
+    /// The place of a node, world coordinates.
     pub fn place(&self, n: u32) -> Vec3 {
         self.all[n as usize].place
     }
 
+    /// Adds a node; returns its number.
     pub fn push(&mut self, place: Vec3, site: Site) -> u32 {
         self.all.push(Node { place, site });
         self.all.len() as u32 - 1
