@@ -241,7 +241,8 @@ impl<'a> Analysis<'a> {
             .collect()
     }
 
-    /// Area of the next layer that needs support, pixels; none of the first layer, which lies on the plate.
+    /// Area of the next layer that needs support, pixels; none of the first layer, which lies on the plate. Support
+    /// reaches as far beyond the outline of the lowest kept layer as the layers above it admit.
     fn overhang_area(&self, raster: &Raster) -> f64 {
         let (Some(last), Some(lowest)) = (self.rasters.back(), self.rasters.front()) else {
             return 0.0;

@@ -129,7 +129,8 @@ impl Plan {
         self.start + n as f64 * self.height
     }
 
-    /// The section of a field through the middle of layer `n`, sampled at the centres of the pixels.
+    /// The section of a field through the middle of layer `n`, sampled at the centres of the pixels. Values are in
+    /// world units, v fastest. Far from the surface only their sign is exact.
     pub fn layer(&self, field: &WorldField, n: usize) -> Layer {
         let at = self.bottom(n) + self.height / 2.0;
         let axes = [(self.axis + 1) % 3, (self.axis + 2) % 3];
@@ -159,7 +160,8 @@ impl Plan {
         }
     }
 
-    /// Samples a lattice of pixels, in strips that are skipped where the field has one sign.
+    /// Samples a lattice of pixels, in strips that are skipped where the field has one sign. `counts` is 1 along the
+    /// axis of the section. Where a strip is skipped, all its values are one bound.
     fn fill(&self, field: &WorldField, origin: Vec3, counts: [usize; 3], out: &mut [f32]) {
         const STRIP_WIDTH: usize = 16;
         let slow = (0..3).find(|&a| counts[a] > 1).unwrap_or(0);
@@ -238,7 +240,8 @@ impl Layer {
         self.outlines().iter().map(|o| signed_area(o)).sum()
     }
 
-    /// The outlines, ordered by the square of their first point.
+    /// The outlines, ordered by the square of their first point. Each is closed, in world units; chains that leave the
+    /// grid are dropped.
     pub fn outlines(&self) -> Vec<Outline> {
         let [nu, nv] = self.counts;
         // The next edge of each edge.

@@ -66,7 +66,8 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// The connected parts of a leaf on a side; inside are values below a threshold. `threshold` is in world units.
+    /// The connected parts of a leaf on a side; inside are values below a threshold. `threshold` is in world units. The
+    /// depth of a part is the greatest distance in it, world units.
     pub fn all_of(leaf: &LeafView<'_>, side: Side, threshold: f32) -> Vec<Self> {
         let negative = bits_below(leaf.values, threshold);
         let set = match side {
@@ -159,7 +160,8 @@ pub(super) struct Ranking {
 }
 
 impl Ranking {
-    /// Ranks sets whose members have these statistics. `unbounded` is the member of the unbounded outside.
+    /// Ranks sets whose members have these statistics. `unbounded` is the member of the unbounded outside. Sets without
+    /// a place, those of the other side, are no components.
     pub fn new(
         stats: &[ComponentStats],
         sets: &mut UnionFind,

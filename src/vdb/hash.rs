@@ -144,7 +144,8 @@ impl ContentHash {
         self.add_bytes(&bytes);
     }
 
-    /// Adds a grid of floats or vectors under a name. An error is one of OpenVDB.
+    /// Adds a grid of floats or vectors under a name. An error is one of OpenVDB. Leaves and tiles without active
+    /// voxels do not count.
     pub fn add(&mut self, name: &str, grid: &ffi::Grid) -> Result<(), cxx::Exception> {
         let facts = ffi::grid_facts(grid)?;
         let table = ffi::leaf_table(grid)?;

@@ -165,6 +165,7 @@ impl Volume {
     }
 
     /// Scales distances that are not in world units. It only sets the factor in `repair`; `h` is the edge of a voxel.
+    /// Slopes near 1 change nothing, and values that are no distances only get a note.
     fn scale(&self, h: f64, repair: &mut Repair) {
         let slopes = self.slopes();
         if !self.info.cubic {
@@ -211,7 +212,8 @@ impl Volume {
         ));
     }
 
-    /// Applies the repairs to values, background and tiles.
+    /// Applies the repairs to values, background and tiles. Values are scaled first; background and tiles are set in
+    /// the unit of the result.
     pub(super) fn repair(&mut self, repair: &Repair, session: Session<'_>) -> Result<(), VdbError> {
         let failed = |e| VdbError::of("reading a level set", session, &e);
         let host = session.host();

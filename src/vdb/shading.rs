@@ -98,7 +98,8 @@ struct Surroundings<'a> {
 }
 
 impl Surroundings<'_> {
-    /// The openness of a hit in pixel (i, j).
+    /// The openness of a hit in pixel (i, j). It falls from 1 with the samples around it that rise above the hit's
+    /// plane within the reach; beyond the picture nothing hides it.
     fn openness(&self, hit: &Hit, i: usize, j: usize) -> f32 {
         const TAPS: usize = 16;
         let [width, height] = self.samples.size();
@@ -221,7 +222,8 @@ impl Lights {
     }
 }
 
-/// Shades the samples and averages them into pixels. Averages are of linear light.
+/// Shades the samples and averages them into pixels. Averages are of linear light. A pixel without hits is white, or
+/// clear with transparency.
 pub(super) fn shade_image(picture: &Picture, samples: &Samples, lights: &Lights) -> Image {
     let mut rgba = vec![0u8; 4 * picture.width * picture.height];
     rgba.par_chunks_exact_mut(4)

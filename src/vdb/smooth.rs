@@ -73,7 +73,8 @@ pub(super) fn write_leaves(
 }
 
 impl LevelSet {
-    /// Smooths `iterations` times by a kind that [`is_native`] accepts.
+    /// Smooths `iterations` times by a kind that [`is_native`] accepts. `width` is in voxels and does not matter for
+    /// the Laplacian. After a cancellation the level set is empty.
     pub(super) fn smooth(
         &mut self,
         operation: &'static str,

@@ -86,7 +86,8 @@ impl Element {
         }
     }
 
-    /// Vertices in VTK order; planar elements have z = 0.
+    /// Vertices in VTK order; planar elements have z = 0. Coordinates are of the cell frame, in reference lengths;
+    /// those of a ball are the twelve vertices of an icosahedron.
     pub fn vertices(self) -> Vec<Vec3> {
         let v = |x, y, z| Vec3::new(x, y, z);
         let triangle = |z| {

@@ -235,7 +235,8 @@ impl Bvh {
         }
     }
 
-    /// Visits every slot whose box may meet the ray from `p`, world units, along an axis, forward or backward.
+    /// Visits every slot whose box may meet the ray from `p`, world units, along an axis, forward or backward. `axis`
+    /// is 0, 1 or 2. The order of visits has no meaning.
     pub(crate) fn along(
         &self,
         p: Vec3,

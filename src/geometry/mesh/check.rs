@@ -302,7 +302,8 @@ fn components(mesh: &TriMesh) -> usize {
         .count()
 }
 
-/// Finds vertices whose triangles are not all connected through edges at the vertex.
+/// Finds vertices whose triangles are not all connected through edges at the vertex. A vertex is found once, with a
+/// triangle of its first fan and one of another.
 fn find_pinched_vertices(mesh: &TriMesh, edges: &HalfEdges, finding: &mut Finding) {
     let triangles = mesh.triangles();
     // The number of a triangle's corner at a vertex that it has: three to a triangle.

@@ -142,7 +142,8 @@ impl Samples {
         counts.over(N.pow(3))
     }
 
-    /// Samples just behind and in front of the triangles, spread evenly over the area.
+    /// Samples just behind and in front of the triangles, spread evenly over the area. Each sample counts the winding
+    /// numbers on both sides; a mesh without area has no counts.
     fn beside_triangles(solid: &MeshSolid) -> Self {
         let mesh = solid.mesh();
         // Twice the areas of the triangles before each one, for sampling by area.
@@ -157,6 +158,7 @@ impl Samples {
             return counts;
         }
         let bounds = solid.bounds();
+        // The offset follows the greatest coordinate, so that it exceeds the rounding of points.
         let offset = SIDE_OFFSET_RATIO * bounds.min.amax().max(bounds.max.amax());
         for n in 0..SAMPLES_AT_TRIANGLES {
             let at = (n as f64 + 0.5) / SAMPLES_AT_TRIANGLES as f64 * area;

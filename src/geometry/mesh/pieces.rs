@@ -62,7 +62,8 @@ impl LongestSide {
         half_area / (self.length * self.height)
     }
 
-    /// Boxes of `count` pieces of its triangle, cut across the side at equal steps.
+    /// Boxes of `count` pieces of its triangle, cut across the side at equal steps. `t` is that triangle, with the same
+    /// order of corners. The boxes together contain the triangle, with its rounding.
     pub(super) fn pieces(&self, t: &[Vec3; 3], count: usize) -> Vec<Aabb> {
         if count <= 1 {
             return vec![Aabb::of(*t)];

@@ -44,7 +44,8 @@ pub(super) struct Scans {
 }
 
 impl Scans {
-    /// Compares the open shells of a mesh.
+    /// Compares the open shells of a mesh. The result is empty if there are fewer than two large open shells, or more
+    /// than `MAX_SCANS`. Numbers are those of shells.
     pub(super) fn of(mesh: &TriMesh, shells: &Shells, measured: &[ShellMeasures]) -> Self {
         let mut scans = Self::default();
         // Open shells, largest first; small ones are no scans.

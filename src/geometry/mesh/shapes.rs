@@ -6,7 +6,7 @@ use super::{TriMesh, VertexMerger};
 use crate::frame::{Aabb, Vec3};
 
 impl TriMesh {
-    /// A box as twelve triangles.
+    /// A box as twelve triangles. They are counter-clockwise seen from outside.
     pub fn cuboid(bounds: &Aabb) -> Self {
         let corner = |i: usize| {
             Vec3::from_fn(|a, _| {

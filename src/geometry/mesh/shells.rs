@@ -50,6 +50,7 @@ fn is_degenerate(t: [u32; 3]) -> bool {
 
 impl Shells {
     /// Groups triangles into shells: those connected through edges, where an edge of more than two is shared by pairs.
+    /// A degenerate triangle is a shell of its own.
     pub(crate) fn of(mesh: &TriMesh, sides: &HalfEdges) -> Self {
         let triangles = mesh.triangles();
         let mut sets = UnionFind::new(triangles.len());
@@ -226,7 +227,9 @@ pub(crate) struct Nesting {
 }
 
 impl Nesting {
-    /// The nesting of measured shells; `of` is the shell of each triangle, `soup` contains all triangles.
+    /// The nesting of measured shells; `of` is the shell of each triangle, `soup` contains all triangles. A shell lies
+    /// within another if both are closed, its box lies in that of the other, and most of its probes have a winding
+    /// number about the other that is not 0; a shell is not within the same one inside out.
     pub(crate) fn of(shells: &[ShellMeasures], of: &[u32], soup: &Soup) -> Self {
         let bvh = Bvh::new(shells.len(), |s| shells[s].bounds);
         let mut within = vec![Vec::new(); shells.len()];

@@ -250,7 +250,8 @@ impl Expansions {
     }
 }
 
-/// The moments of a leaf's triangles.
+/// The moments of a leaf's triangles. Moments are about the area-weighted centre, in the unit of the corners; those of
+/// triangles without area are zero.
 fn leaf(triangles: impl Iterator<Item = [Vec3; 3]> + Clone) -> Moment {
     let mut m = Moment::ZERO;
     let parts: Vec<(Moment, Vec3)> = triangles

@@ -277,7 +277,8 @@ impl Labels {
         labels
     }
 
-    /// Gives all voxels the labels of those that they lead to.
+    /// Gives all voxels the labels of those that they lead to. `leads` has the neighbour that each voxel of a mixed
+    /// leaf leads to; maxima have their labels already.
     fn spread(&mut self, space: &BlockDistances, leads: &[Leads]) {
         // Wide leaves lead to wide leaves of lower numbers, which have their labels already.
         for (slot, kind) in space.slots.iter().enumerate() {

@@ -82,7 +82,8 @@ impl BlockBasins {
         }
     }
 
-    /// The basins of a block with these distances. `origin` is the block's least voxel.
+    /// The basins of a block with these distances. `origin` is the block's least voxel. A basin is the voxels from
+    /// which the steepest ascent of the distance leads to one maximum.
     pub fn of(space: &BlockDistances, origin: Coord) -> Self {
         let ascent = Ascent::of(space);
         let place = |n: u32| {

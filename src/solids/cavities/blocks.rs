@@ -233,7 +233,8 @@ impl Pairs {
     }
 }
 
-/// The basins of a cell, as far as they are needed.
+/// The basins of a cell, as far as they are needed. Without a need the cell counts as solid; for its faces alone the
+/// void counts as one basin, which is not returned.
 fn basins_of<S: LeafSource>(
     source: &S,
     cell: &Cell,

@@ -152,7 +152,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
         self.places[1..].to_vec()
     }
 
-    /// The channels that connect the rooms with the outside.
+    /// The channels that connect the rooms with the outside. Rooms for which no link is found stay unconnected.
     pub fn connected(&mut self, task: Task<'_>) -> Result<Vec<Link>, S::Error> {
         let mut channels = Vec::new();
         // In each round every cluster of rooms gets its cheapest link to another cluster or to the outside
@@ -403,7 +403,9 @@ impl<'a, S: LeafSource> Search<'a, S> {
         }
     }
 
-    /// Compares the ways to the voxels of a leaf with the best one. `best` is replaced by a cheaper way.
+    /// Compares the ways to the voxels of a leaf with the best one. `best` is replaced by a cheaper way. `root` is the
+    /// set of the cluster, whose voxels are in `sources`. The room of the target is not found here: `to` is the outside
+    /// until the caller knows it.
     fn try_leaf(
         &mut self,
         root: usize,

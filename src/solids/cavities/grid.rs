@@ -27,7 +27,8 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// The cells around the blocks with leaves.
+    /// The cells around the blocks with leaves. `blocks` are origins of blocks, in voxels. Cells are in order (x, y,
+    /// z), z fastest; a cell spans all blocks up to the next layer.
     pub fn new(blocks: &[Coord]) -> Self {
         let number = |c: i32| i64::from(c.div_euclid(BLOCK));
         // Layers of blocks within two of a block with leaves; the rest lies between them.

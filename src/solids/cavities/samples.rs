@@ -92,7 +92,8 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Reads the block at `origin`; `None` without any leaf as near as is measured.
+    /// Reads the block at `origin`; `None` without any leaf as near as is measured. The halo is read with it; cubes
+    /// inside the solid count as leaves without values, and all others are outside.
     pub fn read<S: LeafSource>(
         source: &S,
         origin: Coord,

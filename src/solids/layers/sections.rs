@@ -35,7 +35,9 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// The frame of the layers of a solid within a box.
+    /// The frame of the layers of a solid within a box. `up` is a direction in index space, and lengths are in voxels:
+    /// a pixel is as wide as a voxel. Layers are counted from the origin of the axis, so that the first number may be
+    /// negative.
     pub fn new(up: Vec3, layer_height: f64, bounds: Region) -> Self {
         let axes = axes(up);
         let corners = |axis: Vec3| {

@@ -280,7 +280,8 @@ impl<'a> Block<'a> {
         last
     }
 
-    /// Evaluates a slab; returns it and the number of samples evaluated.
+    /// Evaluates a slab; returns it and the number of samples evaluated. `leaves` are numbers of origins; signs and
+    /// states of these are set. The slab is complete if the masks of all its leaves are final.
     fn evaluate(
         &mut self,
         leaves: Range<usize>,

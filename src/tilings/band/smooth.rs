@@ -208,7 +208,8 @@ impl Smoother {
         done
     }
 
-    /// Makes voxels at or beyond the background inactive; a leaf without active voxels takes one sign.
+    /// Makes voxels at or beyond the background inactive; a leaf without active voxels takes one sign. Values beyond
+    /// the background become the background.
     fn trim(&mut self) {
         let background = self.background;
         let Pool {

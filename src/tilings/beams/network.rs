@@ -256,6 +256,7 @@ struct Builder {
 
 impl Builder {
     /// The number of the node at a point: a known one, or a new one. Points are rounded to a grid of [`NODE_SPACING`].
+    /// The error is more nodes than 32-bit numbers.
     fn node(&mut self, p: Vec3) -> Result<u32, NetworkError> {
         let next = u32::try_from(self.network.nodes.len()).map_err(|_| NetworkError::TooMany)?;
         let scaled = p / self.node_spacing;
@@ -286,7 +287,8 @@ impl Builder {
         Ok(next)
     }
 
-    /// Adds a segment, or its radii to those of the same segment in another element.
+    /// Adds a segment, or its radii to those of the same segment in another element. Radii are summed, and `shared`
+    /// counts the summands. A segment whose ends are one node is dropped.
     fn strut(&mut self, simplex: &MappedSimplex<2>) -> Result<(), NetworkError> {
         let ends = [self.node(simplex.points[0])?, self.node(simplex.points[1])?];
         // Shorter than the spacing of nodes.
@@ -323,7 +325,8 @@ impl Builder {
         Ok(())
     }
 
-    /// Adds a triangle, unless another element or cell has given it.
+    /// Adds a triangle, unless another element or cell has given it. A known triangle only notes the cell; one with two
+    /// corners in one node is dropped.
     fn facet(&mut self, simplex: &MappedSimplex<3>) -> Result<(), NetworkError> {
         let [a, b, c] = simplex.points;
         let corners = [self.node(a)?, self.node(b)?, self.node(c)?];

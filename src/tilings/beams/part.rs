@@ -113,7 +113,8 @@ pub(super) struct Slab {
 }
 
 impl Slab {
-    /// `None` for a triangle without area, or for a slope of the radius of 1 or more.
+    /// The interior of a plate in the frame of its triangle. `None` for a triangle without area, or for a slope of the
+    /// radius of 1 or more: then the edges alone bound the plate.
     fn new(plate: &Plate) -> Option<Self> {
         let [a, b, c] = plate.corners;
         let area = (b - a).cross(&(c - a));

@@ -183,7 +183,7 @@ impl Field for Rods {
         Interval::new(value - radius, value + radius)
     }
 
-    /// Signed distances at the samples of a lattice, z fastest, world units: those to the nearest rod, exact.
+    /// The values at the samples of a lattice, z fastest, world units: at each the least signed distance to a rod.
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         if lattice.is_empty() {
             return;

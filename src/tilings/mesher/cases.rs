@@ -101,6 +101,8 @@ fn share_a_face(a: usize, b: usize) -> bool {
 }
 
 /// The loops of a cell whose inside corners are these bits: each is the border of a part of the surface in the cell.
+/// Corner n is bit n. On a face with two opposite inside corners each is separated for itself, so that both cells at
+/// the face agree.
 fn derive(bits: usize) -> Case {
     let inside = |corner: usize| bits >> corner & 1 == 1;
     // For each crossed edge the next one of its loop, across a face of the cell.

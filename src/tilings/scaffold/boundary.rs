@@ -84,7 +84,8 @@ struct Surface {
 }
 
 impl Surface {
-    /// The face with its corners counter-clockwise seen from outside, and its second derivatives.
+    /// The face with its corners counter-clockwise seen from outside, and its second derivatives. Mid node i lies on
+    /// the side from corner i to the next.
     fn new(scaffold: &Scaffold, face: FaceRef) -> Self {
         let e = scaffold.element(face.element as usize);
         let kind = e.kind();
@@ -241,7 +242,8 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// Adds the triangles of an outer face, fine enough for its curvature.
+    /// Adds the triangles of an outer face, fine enough for its curvature. A side has the error of both faces at it, so
+    /// that they have the same points on it.
     fn add(&mut self, s: &Surface) {
         let n = s.count();
         let corners: Vec<u32> = (0..n).map(|i| self.corner(s, i)).collect();

@@ -62,7 +62,7 @@ enum Misplacement {
 }
 
 impl Scaffold {
-    /// Finds the places where neighbouring elements do not fit.
+    /// Finds the places where neighbouring elements do not fit. Elements are given by their numbers in the file.
     pub(super) fn defects(&self) -> Defects {
         let overlaps = self.overlaps();
         let numbers = |pairs: Vec<[u32; 2]>| {

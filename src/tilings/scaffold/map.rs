@@ -62,7 +62,8 @@ pub(super) struct Curved {
 pub(super) const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
 
 impl Geometry {
-    /// The map of an element of this kind with these nodes, world units.
+    /// The map of an element of this kind with these nodes, world units. `nodes` are in the order of the kind, as many
+    /// as it has.
     pub fn new(kind: Kind, nodes: &[Vec3]) -> Self {
         let net = kind.controls(nodes);
         let bounds = Aabb::of(net.coefficients.iter().copied());

@@ -55,7 +55,7 @@ impl Scaffold {
         Overlaps { between, within }
     }
 
-    /// Elements on the same side of a face that they share.
+    /// Elements on the same side of a face that they share. Each pair is two numbers of elements.
     fn same_sides(&self) -> Vec<[u32; 2]> {
         let hand = |e: usize| {
             let e = self.element(e);
@@ -117,7 +117,8 @@ impl Scaffold {
         (middle, corners)
     }
 
-    /// Elements that contain a point just inside an outer face of another.
+    /// Elements that contain a point just inside an outer face of another. Pairs hold the face's element first;
+    /// neighbours of it are left out.
     fn covered(&self, f: FaceRef) -> Vec<[u32; 2]> {
         let e = self.element(f.element as usize);
         let centre = centroid(&e).0;

@@ -136,7 +136,8 @@ impl Twisted {
         self.determinants().iter().sum::<f64>() / 4.0
     }
 
-    /// The sign of det J over the element; what is below `tiny` counts as 0.
+    /// The sign of det J over the element; what is below `tiny` counts as 0. The place is the corner of the base with
+    /// the determinant that decides.
     pub fn orientation(&self, tiny: f64) -> Orientation {
         // det J is bilinear over the base: its extremes are at corners.
         let d = self.determinants();

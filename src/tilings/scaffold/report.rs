@@ -139,7 +139,7 @@ impl Scaffold {
         range
     }
 
-    /// Measures the scaffold and finds defects.
+    /// Measures the scaffold and finds defects. Volumes are in world units cubed, without sign.
     pub fn report(&self) -> ScaffoldReport {
         // In parallel by element; sums and lists follow in order, the same at any number of threads.
         let measures: Vec<ElementMeasures> = (0..self.len())
@@ -251,7 +251,7 @@ impl Scaffold {
 }
 
 impl ScaffoldReport {
-    /// One sentence for each kind of defect; empty for a sound scaffold.
+    /// One sentence for each kind of defect; empty for a sound scaffold. Orientations and qualities are not among them.
     pub fn warnings(&self) -> Vec<String> {
         let d = &self.defects;
         let mut found = Vec::new();

@@ -53,7 +53,8 @@ pub(super) fn face_key(elements: &Connectivity, f: FaceRef) -> [u32; 4] {
 }
 
 impl Topology {
-    /// Compares the faces of all elements by their corner nodes.
+    /// Compares the faces of all elements by their corner nodes. Mid nodes do not count. Elements that share a face are
+    /// of one component, even where more than two share it.
     pub fn new(elements: &Connectivity) -> Self {
         let mut starts = Vec::with_capacity(elements.len());
         let mut faces = Vec::new();

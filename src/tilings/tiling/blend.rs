@@ -395,7 +395,8 @@ impl<C: CellField> Filling for Blend<'_, C> {
         self.for_each_value(element, points, |n, slope| out[n] = single(slope));
     }
 
-    /// Contains F = sum `W_c` `Phi_c` / `gamma_c` - T(W) - B over a box of an element's reference frame.
+    /// Contains F = sum `W_c` `Phi_c` / `gamma_c` - T(W) - B over a box of an element's reference frame. There are at
+    /// most `MAX_MEMBERS` members.
     fn bound(&self, element: usize, region: &CellBox<3>) -> Interval {
         let shape = self.scaffold.element(element).shape();
         let count = self.members.len();

@@ -55,7 +55,7 @@ fn onto_triangle(xi: Vec3) -> Vec3 {
     Vec3::new(best.x, best.y, xi.z)
 }
 
-/// The point of the reference pyramid nearest to xi.
+/// The point of the reference pyramid nearest to xi. The base is the unit square at z = 0, the apex at z = 1 / sqrt(2).
 fn onto_pyramid(xi: Vec3) -> Vec3 {
     if Element::Pyramid.face_distance(CellPoint(xi)) <= 0.0 {
         return xi;
@@ -94,7 +94,7 @@ fn onto_pyramid(xi: Vec3) -> Vec3 {
     if swapped { Vec3::new(y.y, y.x, y.z) } else { y }
 }
 
-/// The nearest point of the tet.
+/// The nearest point of the tet. Every lane is a point of its own.
 #[inline(always)]
 fn onto_tet<T: Number>(xi: [T; 3]) -> [T; 3] {
     // The tet is regular, so its barycentric coordinates are an isometry (up to scale) onto the

@@ -96,7 +96,7 @@ impl<'a> Distribution<'a> {
         all
     }
 
-    /// Range of a quantity over a box of an element's reference frame.
+    /// Range of a quantity over a box of an element's reference frame. `quantity` is its number, from 0.
     pub fn range(&self, element: usize, quantity: usize, region: &CellBox<3>) -> Interval {
         let e = self.scaffold.element(element);
         let middle = CellPoint((region.min + region.max) / 2.0);

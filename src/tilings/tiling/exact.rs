@@ -30,7 +30,8 @@ struct Domain {
 }
 
 impl Domain {
-    /// All domains of a solid element, the cell first.
+    /// All domains of a solid element, the cell first. The planes of the faces and the lines of the edges follow, each
+    /// with the numbers of its faces; vertices are not among them.
     fn all(shape: Element) -> Vec<Self> {
         let faces = shape.faces();
         let cell = Self {

@@ -89,7 +89,9 @@ impl EmptySpace {
         }
     }
 
-    /// Joins the slots of nodes, and inside cubes, with their neighbours.
+    /// Joins the slots of nodes, and inside cubes, with their neighbours. `sets` holds the members' sets. Slots on the
+    /// faces of a node are compared with those of the node beside it; where there is none, with what the space there
+    /// is.
     fn join_nodes(&self, sets: &mut UnionFind) {
         for (axis, last) in (0..3).flat_map(|a| [(a, false), (a, true)]) {
             for (&origin, slots) in &self.nodes {

@@ -144,7 +144,7 @@ fn fill_values(
     inside
 }
 
-/// Puts active values in their places; the others are undetermined.
+/// Puts active values in their places; the others are undetermined. `active` are their values in order of offset.
 #[inline(always)]
 fn put_active(mask: &[u64; 8], active: &[f32], values: &mut [f32; VOXELS]) {
     let rows = values.as_chunks_mut::<8>().0;

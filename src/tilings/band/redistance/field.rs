@@ -203,7 +203,8 @@ impl<'a> ClosestPointField<'a> {
         made.collect()
     }
 
-    /// The points of the surface in the leaves of a block.
+    /// The points of the surface in the leaves of a block. `None` where a value around it is not finite, or beyond the
+    /// range of voxel indices.
     fn points_in(&self, origin: Coord) -> Option<Vec<LeafPoints>> {
         let own = Region::cube(origin, BLOCK_EDGE);
         let around = own.grown(LEAF);
@@ -233,7 +234,8 @@ impl<'a> ClosestPointField<'a> {
         ))
     }
 
-    /// The points of the surface within reach of a block.
+    /// The points of the surface within reach of a block. `None` as in [`Self::points_in`]. `inside` has the leaves of
+    /// the block only; the distances of its leaves follow when they are needed.
     fn make_block(&self, origin: Coord) -> Option<Block> {
         let h = self.transform.voxel_size();
         let own = Region::cube(origin, BLOCK_EDGE);

@@ -95,7 +95,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Computes the values and mask of the leaf.
+    /// Computes the values and mask of the leaf. Values without a near point are minus or plus the background, and
+    /// inactive.
     pub fn leaf(&self, points: &[Point], wedges: &[Wedge]) -> MovedLeaf {
         let background = self.lengths.background;
         let mut leaf = MovedLeaf {
@@ -134,7 +135,8 @@ impl<'a> Search<'a> {
         self.lengths.max_distance(inside, all)
     }
 
-    /// Computes the values of 4^3 samples from their least one, `corner`. `list` holds the candidates among `points`.
+    /// Computes the values of 4^3 samples from their least one, `corner`. `list` holds the candidates among `points`. A
+    /// part that no point is near keeps its values.
     fn part(
         &self,
         list: &PointList,

@@ -63,7 +63,7 @@ pub(super) struct Wedge {
 }
 
 impl Wedge {
-    /// Signed distance, voxels, of the position at displacement `away` from the point.
+    /// Signed distance, voxels, of the position at displacement `away` from the point. It is negative inside.
     pub fn distance(&self, away: Vector) -> f32 {
         // y is the displacement from the edge or corner, `heights` those over the planes.
         let y = sum(away, self.offset);

@@ -111,7 +111,8 @@ pub(super) fn stencil(
 }
 
 impl Stencil {
-    /// Loads slab `x` of a leaf from the leaf and its six neighbours.
+    /// Loads slab `x` of a leaf from the leaf and its six neighbours. `around` is in the order -x, +x, -y, +y, -z, +z;
+    /// the leaf's values are eight rows of eight for each x.
     #[inline(always)]
     fn load(&mut self, own: &Values, around: [&Values; 6], x: usize) {
         let [xm, xp, ym, yp, zm, zp] = around;

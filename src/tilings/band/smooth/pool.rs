@@ -165,7 +165,8 @@ impl Pool {
         found.unwrap_or(here)
     }
 
-    /// Activates the face neighbours of all active voxels; adds leaves where needed.
+    /// Activates the face neighbours of all active voxels; adds leaves where needed. Values do not change: a new active
+    /// voxel keeps its background.
     pub fn dilate(&mut self) {
         self.add_neighbours();
         let (masks, neighbours) = (&self.masks, &self.neighbours);
@@ -198,7 +199,8 @@ impl Pool {
         self.masks = grown;
     }
 
-    /// Adds the absent neighbours of leaves with active voxels on the face towards them.
+    /// Adds the absent neighbours of leaves with active voxels on the face towards them. Values of a new leaf are minus
+    /// or plus the background; all its voxels are inactive.
     fn add_neighbours(&mut self) {
         let mut absent: Vec<(Coord, bool)> = (0..self.len())
             .into_par_iter()

@@ -192,7 +192,8 @@ fn middles(
     })
 }
 
-/// Whether the Jacobian of a curved tet may fall below a share of the straight one's.
+/// Whether the Jacobian of a curved tet may fall below a share of the straight one's, whose volume is positive.
+/// `middles` are the mid nodes in the order of `EDGES`. A sound tet may be found folded, but not the other way.
 fn is_folded(corners: [Vec3; 4], middles: &[Vec3; 6]) -> bool {
     // With x = sum l_i^2 p_i + 2 sum l_i l_j c_ij in barycentric coordinates (control points c = 2 m - (p_i + p_j) / 2),
     // the derivative towards corner k from corner 0 is linear: 2 sum l_i (c_ik - c_i0). The Jacobian, a cubic, lies

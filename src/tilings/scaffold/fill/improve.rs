@@ -150,7 +150,8 @@ impl<'a> TetMesh<'a> {
         }
     }
 
-    /// Improves tets until none changes or the rounds are over.
+    /// Improves tets until none changes or the rounds are over. In each round bad tets are exchanged first, then their
+    /// nodes moved. Removed tets are dropped at the end.
     pub(super) fn improve(&mut self) {
         for _ in 0..ROUNDS {
             let bad: Vec<u32> = (0..self.tets.len() as u32)
@@ -430,7 +431,8 @@ impl<'a> TetMesh<'a> {
         true
     }
 
-    /// Moves a node to where the worst tet around it is better; whether it moved. It changes the node only.
+    /// Moves a node to where the worst tet around it is better; whether it moved. It changes the node only. Nodes on a
+    /// crease or a face stay on it; corners stay.
     fn smooth(&mut self, n: u32) -> bool {
         let start = self.nodes[n as usize];
         if start.site == Site::Corner || self.around[n as usize].is_empty() {

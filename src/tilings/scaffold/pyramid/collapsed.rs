@@ -73,7 +73,8 @@ fn terms(a: f64, b: f64, h: f64) -> ([f64; MAX_TERMS], [Vec3; MAX_TERMS]) {
     )
 }
 
-/// The terms' factors, from the values at the 27 lattice points of the collapsed cube.
+/// The terms' factors, from the values at the 27 lattice points of the collapsed cube. They are in the order of the
+/// terms: the apex, four of the first power of the height, nine of the second.
 fn factors<T: Coefficient>(values: &[T]) -> [T; MAX_TERMS] {
     let at = |i: usize, j: usize, k: usize| values[index(Family::Tensor, 2, [i, j, k])];
     let apex = at(0, 0, 2);
