@@ -232,7 +232,8 @@ pub fn run<W: SimdKernel>(kernel: W) -> W::Output {
     run_with(instruction_set(), kernel)
 }
 
-/// Runs a kernel with at most the instructions of `set`.
+/// Runs a kernel with at most the instructions of `set`. Where the processor lacks them it gets what it has, at last
+/// portable code.
 #[inline]
 pub fn run_with<W: SimdKernel>(set: InstructionSet, kernel: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]

@@ -66,7 +66,7 @@ enum LeafContent {
 }
 
 impl Beams {
-    /// The union of beams and plates; `None` without any.
+    /// The union of beams and plates; `None` without any. Fillets are off.
     pub fn new(beams: &[Beam], plates: &[Plate]) -> Option<Self> {
         let part = |n: usize| match beams.get(n) {
             Some(beam) => Part::Beam(Axis::new(beam)),

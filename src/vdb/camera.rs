@@ -112,7 +112,8 @@ impl View {
         }
     }
 
-    /// The range of samples that may see a box, both ends included; none if it is out of the frame.
+    /// The range of samples that may see a box, both ends included; none if it is out of the frame. Columns and rows of
+    /// the least and the greatest; one sample more is taken on each side.
     pub fn window(&self, bounds: Aabb) -> Option<([usize; 2], [usize; 2])> {
         let mut low = [f64::INFINITY; 2];
         let mut high = [f64::NEG_INFINITY; 2];

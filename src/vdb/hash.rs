@@ -72,7 +72,8 @@ impl ContentHash {
         }
     }
 
-    /// Begins a grid; its leaves with an active voxel follow in order of origin, then its tiles.
+    /// Begins a grid; its leaves with an active voxel follow in order of origin, then its tiles. The background is
+    /// rounded as the values are.
     pub fn begin_grid(&mut self, head: &GridHead<'_>) {
         for text in [head.name, head.grid_type, head.class_name] {
             self.add_bytes(&(text.len() as u32).to_le_bytes());
@@ -88,7 +89,7 @@ impl ContentHash {
         self.add_bytes(&head.leaves.to_le_bytes());
     }
 
-    /// Adds a leaf: its active values in order of offset.
+    /// Adds a leaf: its active values in order of offset. Minus zero counts as zero.
     pub fn leaf(
         &mut self,
         origin: [i32; 3],

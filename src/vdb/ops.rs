@@ -243,7 +243,8 @@ impl LevelSet {
         })
     }
 
-    /// Checks that two level sets have the same voxels and half width.
+    /// Checks that two level sets have the same voxels and half width. Tolerances are 1e-9 of the edge, 1e-4 voxels for
+    /// the half width, and 1e-6 voxels for the origin; the error names the first difference.
     pub(super) fn check_same_voxels(&self, other: &Self) -> Result<(), VdbError> {
         let mismatch = |what, left: f64, right: f64, tolerance: f64| {
             let differ = (left - right).abs() > tolerance;

@@ -57,7 +57,8 @@ impl ComponentSelection {
         }
     }
 
-    /// Applies the selection to a ranking: whether each component is removed, and their number and volume.
+    /// Applies the selection to a ranking: whether each component is removed, and their number and volume. Components
+    /// that are only rounding are removed too, but not counted; the unbounded outside stays.
     pub(super) fn apply(self, ranking: &Ranking) -> (Vec<bool>, RemovedComponents) {
         let selects = |number: usize, component: &Component| match self {
             Self::AllButLargest => number > 0,

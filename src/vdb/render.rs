@@ -167,7 +167,8 @@ impl LevelSet {
         )
     }
 
-    /// [`RAY_VALUES`] values for each sample with a number, or for all samples of a view if `numbers` is empty.
+    /// [`RAY_VALUES`] values for each sample with a number, or for all samples of a view if `numbers` is empty. `light`
+    /// is the direction to the light, `cut` an axis and a position in world units.
     pub(super) fn trace(
         &self,
         view: &View,

@@ -143,7 +143,8 @@ fn is_outer(voxel: Coord, [low, high]: [[i32; 3]; 2]) -> bool {
 }
 
 impl Slopes {
-    /// Measures slopes by central differences at values below `max_magnitude`; `None` if too few voxels qualify.
+    /// Measures slopes by central differences at values below `max_magnitude`; `None` if too few voxels qualify. They
+    /// are quantiles: a tenth, the median and nine tenths. Of many leaves only some are measured.
     pub fn of(grid: &ffi::Grid, max_magnitude: f32) -> Result<Option<Self>, cxx::Exception> {
         let leaves = Leaves::of_grid(grid)?;
         let step = leaves.len().div_ceil(MAX_SLOPE_LEAVES).max(1);

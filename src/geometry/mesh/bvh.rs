@@ -58,7 +58,8 @@ impl Node {
         }
     }
 
-    /// Lower bounds of the squared distances from a point to the four boxes.
+    /// Lower bounds of the squared distances from a point to the four boxes. `p` and the boxes are in the tree's local
+    /// frame, and so are the distances; the slack covers rounding.
     pub(crate) fn distances(&self, p: [f32; 3]) -> [f32; 4] {
         let mut sum = [0f32; 4];
         for a in 0..3 {
@@ -131,7 +132,8 @@ pub struct Bvh {
 }
 
 impl Bvh {
-    /// Builds the tree over `count` primitives with finite boxes.
+    /// Builds the tree over `count` primitives with finite boxes. `bounds` returns the box of a primitive by its
+    /// number, in world units. It is called twice for each.
     #[doc(hidden)]
     pub fn new(count: usize, bounds: impl Fn(usize) -> Aabb) -> Self {
         let whole = (0..count).fold(Aabb::EMPTY, |b, i| b.union(bounds(i)));

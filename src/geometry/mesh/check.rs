@@ -115,7 +115,7 @@ impl MeshReport {
         self.is_sound() && shells.inward_shells == 0 && shells.overlapping_shells == 0
     }
 
-    /// The defects that occur, by name.
+    /// The defects that occur, by name. Intersections are missing where they were not searched for.
     pub fn defects(&self) -> Vec<(&'static str, &Finding)> {
         let all = [
             ("open edges", Some(&self.open_edges)),

@@ -18,7 +18,7 @@ pub(super) struct Falloff {
 }
 
 impl Falloff {
-    /// Triangles with their weights; no number may be NaN.
+    /// Triangles with their weights; no number may be NaN. Weights are not negative.
     pub(super) fn new(triangles: Vec<([Vec3; 3], f64)>) -> Self {
         let (corners, triangle_weights): (Vec<_>, Vec<f64>) = triangles.into_iter().unzip();
         let numbered: Vec<_> = corners.into_iter().zip(0u32..).collect();

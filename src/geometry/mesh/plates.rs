@@ -31,7 +31,8 @@ pub(super) struct Plates {
 }
 
 impl Plates {
-    /// Plates of the packs that contain the slots in `long`, which ascend.
+    /// Plates of the packs that contain the slots in `long`, which ascend. A plate is a box in a triangle's own axes,
+    /// in the tree's local frame. A pack without long triangles has none.
     pub(super) fn of(corners: &[[Vec3; 3]], long: &[u32], local: LocalFrame) -> Self {
         let mut plates = Self {
             index: vec![u32::MAX; corners.len().div_ceil(PACK_SIZE)],

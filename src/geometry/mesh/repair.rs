@@ -243,7 +243,8 @@ impl ShellReport {
         ]
     }
 
-    /// The report of a mesh, and whether no triangles of it meet; `None` where too many overlap.
+    /// The report of a mesh; `is_free_of_intersections` means that none of its triangles meet. `None` where too many
+    /// overlap. Nothing is repaired: counts are of what a repair would change.
     pub(super) fn of(mesh: &TriMesh, is_free_of_intersections: bool) -> Option<Self> {
         let mut oriented = Oriented::of(mesh.clone());
         // A single shell that does not meet itself buries nothing.

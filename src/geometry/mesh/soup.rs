@@ -301,7 +301,8 @@ impl Soup {
         search.found.0
     }
 
-    /// Replaces `found` by the slots of all triangles that may be nearer than `max_distance` to a box.
+    /// Replaces `found` by the slots of all triangles that may be nearer than `max_distance` to a box. The distance is
+    /// in world units. No slot occurs twice; slots ascend only where triangles are cut.
     pub(crate) fn collect(&self, region: &Aabb, max_distance: f64, found: &mut Vec<u32>) {
         found.clear();
         let may_be_near = self.may_be_within(region, max_distance);

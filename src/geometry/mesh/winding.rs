@@ -135,7 +135,8 @@ pub(crate) struct Winding {
 }
 
 impl Winding {
-    /// The expansions of all groups of a soup, from the leaves of its hierarchy to the root.
+    /// The expansions of all groups of a soup, from the leaves of its hierarchy to the root. There is one for each
+    /// node, with four lanes, in the order of nodes and in the tree's local frame.
     pub(crate) fn new(soup: &Soup) -> Self {
         let nodes = soup.bvh.nodes();
         let local = soup.bvh.local();

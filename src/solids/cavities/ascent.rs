@@ -257,7 +257,7 @@ impl Ascent {
 }
 
 impl Labels {
-    /// The basin of each voxel, which is the number of its maximum.
+    /// The basin of each voxel, which is the number of its maximum. Voxels in the solid stay without a label.
     pub fn new(space: &BlockDistances, ascent: &Ascent) -> Self {
         let mut labels = Self {
             wide: vec![UNLABELLED; space.slots.len()],
@@ -344,7 +344,8 @@ impl Labels {
         }
     }
 
-    /// Adds the numbers of voxels of all basins.
+    /// Adds the numbers of voxels of all basins. `add` gets a basin and a number of its voxels, several times for one
+    /// basin.
     pub fn add_voxels(&self, space: &BlockDistances, mut add: impl FnMut(u32, u64)) {
         for (slot, kind) in space.slots.iter().enumerate() {
             match *kind {

@@ -119,7 +119,8 @@ impl BlockBasins {
         growth.finish()
     }
 
-    /// One basin for all voids of a block, where they meet as far from the solid as is measured, or all are open.
+    /// One basin for all voids of a block, where they meet as far from the solid as is measured, or all are open. Its
+    /// depth is the greatest distance that is measured, and `place` is a voxel of it.
     pub fn one(space: &BlockDistances, place: Coord) -> Self {
         let of_leaf = |slot: &Slot| match *slot {
             Slot::Solid => 0,

@@ -239,7 +239,8 @@ impl<'a, S: LeafSource> Search<'a, S> {
         Ok(channels)
     }
 
-    /// Adds the room around a voxel; `None` if it leads outside, or is known.
+    /// Adds the room around a voxel; `None` if it leads outside, or is known. `None` also where no ball of the radius
+    /// has room. The result is the room's number, from 1.
     pub fn add(&mut self, place: Coord) -> Result<Option<usize>, S::Error> {
         if self.label(place).is_some() {
             return Ok(None);

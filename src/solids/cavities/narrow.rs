@@ -53,7 +53,8 @@ pub(super) fn deepest<S: LeafSource>(
     Ok(best.filter(|(_, depth)| *depth >= MIN_DEPTH))
 }
 
-/// The narrow cavities around their deepest voxels, given with their depths in voxels.
+/// The narrow cavities around their deepest voxels, given with their depths in voxels. The voxels of each are those
+/// connected with its deepest one that are at least its depth, rounded down to a level, away from the solid.
 pub(super) fn narrow_cavities<S: LeafSource>(
     source: &S,
     measure: Measure,

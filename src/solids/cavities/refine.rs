@@ -27,7 +27,8 @@ const TETRAHEDRA: [[usize; 4]; 6] = [
     [0, 1, 3, 7],
 ];
 
-/// Measures the radii of the narrowest cavities again. Those of points on lattice edges are never less.
+/// Measures the radii of the narrowest cavities again, which are the first `MAX_REFINED` of `list`. Those of points on
+/// lattice edges are never less. Radii are in world units; those of 0 or beyond the reach stay.
 pub(super) fn refine<S: LeafSource>(
     source: &S,
     measure: Measure,

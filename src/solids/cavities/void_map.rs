@@ -80,7 +80,7 @@ impl<'a, S: LeafSource> VoidMap<'a, S> {
         }
     }
 
-    /// The voxels of a leaf that belong to it.
+    /// The voxels of a leaf that belong to it. `leaf` is its origin. A block is measured when its first leaf is needed.
     pub fn leaf(&mut self, leaf: Coord) -> Result<Bits, S::Error> {
         let block = leaf.aligned(BLOCK);
         if !self.blocks.contains_key(&block) {

@@ -38,7 +38,8 @@ pub fn svg_head(plan: &Plan, to_mm: f64) -> String {
     )
 }
 
-/// One layer of the drawing. The y axis is reversed, since that of SVG points down.
+/// One layer of the drawing. The y axis is reversed, since that of SVG points down. `n` is its number; `to_mm` turns
+/// world units into millimetres.
 pub fn svg_layer(plan: &Plan, n: usize, layer: &Layer, to_mm: f64) -> String {
     let mut text = format!(
         "<g id=\"layer{n}\" data-z=\"{}\" data-height=\"{}\"><path fill-rule=\"nonzero\" d=\"",

@@ -54,7 +54,8 @@ impl Neighbourhood {
         }
     }
 
-    /// Voxels of the leaf with one of their 26 neighbours on the other side, laid out as a mask.
+    /// Voxels of the leaf with one of their 26 neighbours on the other side, laid out as a mask. Neighbours whose sign
+    /// is not known count for neither side.
     pub fn next_to_change(&self) -> [u64; 8] {
         let (mut near_negative, mut near_positive) = ([0; SPAN], [0; SPAN]);
         for x in 0..SPAN {

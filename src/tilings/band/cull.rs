@@ -275,7 +275,7 @@ impl<'a> Culler<'a> {
         self.meets(origin, LEAF) && self.meets(last, LEAF)
     }
 
-    /// Blocks that may hold active voxels, and those that lie inside.
+    /// Blocks that may hold active voxels, and those that lie inside. Blocks ascend; the cubes inside are blocks too.
     pub fn blocks(&self) -> CubeClassification {
         let size = (0..3)
             .map(|a| self.range[1][a] - self.range[0][a] + 1)
@@ -300,7 +300,8 @@ impl<'a> Culler<'a> {
         cubes
     }
 
-    /// Leaves of a block that may hold active voxels, and its cubes that lie inside.
+    /// Leaves of a block that may hold active voxels, and its cubes that lie inside. `block` is its origin. Leaves
+    /// ascend.
     pub fn leaves(&self, block: Coord) -> CubeClassification {
         let mut cubes = CubeClassification::default();
         let side = self.side(block, BLOCK);

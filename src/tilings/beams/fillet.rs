@@ -32,7 +32,9 @@ fn pair_fillet([(d, g), (e, f)]: [(f64, Vec3); 2], radius: f64) -> Option<(f64, 
     ))
 }
 
-/// Value and gradient of the rounded union of parts at a point `p`, from those of the plain `union`. `near` is a buffer.
+/// Value and gradient of the rounded union of parts at a point `p`, from those of the plain `union`. `near` is a
+/// buffer. Lengths are in world units. Parts at least `radius` away make no fillet; of all pairs the least value
+/// counts.
 pub(super) fn with_fillets<'a>(
     parts: impl Iterator<Item = &'a Part>,
     p: Vec3,

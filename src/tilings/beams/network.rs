@@ -47,7 +47,7 @@ pub struct ReferenceParts {
 }
 
 impl ReferenceParts {
-    /// The parts clipped to an element.
+    /// The parts clipped to an element. What lies outside it is dropped.
     #[must_use]
     pub fn clipped_to(&self, element: Element) -> Self {
         let struts = self.struts.iter();

@@ -15,7 +15,8 @@ pub(super) struct Basis {
 }
 
 impl Basis {
-    /// The basis of a kind at parametric coordinates r, inside or outside the cell.
+    /// The basis of a kind at parametric coordinates r, inside or outside the cell. Values are in lattice order, one
+    /// per control point; entries beyond their number are 0.
     pub fn at(kind: Kind, r: Vec3) -> Self {
         let mut basis = Self {
             values: [0.0; 27],

@@ -285,7 +285,8 @@ impl Kind {
         self.combine(|control| basis.values[control])
     }
 
-    /// Gradients of the shape functions by the cell's coordinates, one per node.
+    /// Gradients of the shape functions by the cell's coordinates, one per node. They are in the order of the nodes;
+    /// planar kinds have none along z.
     pub fn shape_gradients(self, xi: CellPoint<3>) -> Vec<Vec3> {
         match self {
             Self::Pyramid5 => return super::pyramid::shape_gradients(xi).to_vec(),
@@ -417,7 +418,7 @@ impl Kind {
         }
     }
 
-    /// Parametric coordinates of a point of the cell frame.
+    /// Parametric coordinates of a point of the cell frame. Planar kinds ignore z.
     pub(super) fn parameters(self, xi: CellPoint<3>) -> Vec3 {
         match self.shape() {
             Element::Tet => self.parameters_by_cell() * xi.0.add_scalar(0.5),

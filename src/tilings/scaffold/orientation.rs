@@ -76,7 +76,7 @@ impl ElementMap<'_> {
         mean * self.shape().measure()
     }
 
-    /// The sign of det J over the whole element, proved.
+    /// The sign of det J over the whole element, proved. Determinants below 1e-12 of the cubed diagonal count as 0.
     pub fn orientation(&self) -> Orientation {
         let size = 2.0 * self.bounds().half_diagonal();
         let tiny = 1e-12 * size.powi(3);

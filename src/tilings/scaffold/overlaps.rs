@@ -33,7 +33,8 @@ fn centroid(e: &ElementMap<'_>) -> CellPoint<3> {
 }
 
 impl Scaffold {
-    /// Finds elements that fill the same space.
+    /// Finds elements that fill the same space. Each pair occurs once, the lower number first; pairs are split by
+    /// whether both are of one component.
     pub(super) fn overlaps(&self) -> Overlaps {
         let mut pairs = self.same_sides();
         let outer: Vec<FaceRef> = self.outer_faces().collect();

@@ -70,7 +70,7 @@ impl Polynomial {
         }
     }
 
-    /// The world point and dx/dxi by rows.
+    /// The world point and dx/dxi by rows. Row i of the second result is the gradient of coordinate i.
     #[inline(always)]
     pub fn evaluate<T: Number>(&self, xi: [T; 3]) -> ([T; 3], [[T; 3]; 3]) {
         let ((x, dx), (y, dy), (z, dz)) = match self.powers {

@@ -179,7 +179,8 @@ impl Twisted {
         }
     }
 
-    /// Bounds of the singular values of J over the element, from 8 x 8 tiles of (x / h, y / h).
+    /// Bounds of the singular values of J over the element, from 8 x 8 tiles of (x / h, y / h). World units per
+    /// reference length; the lower one is 0 where none is proved.
     pub fn stretch(&self) -> (f64, f64) {
         const TILES: usize = 8;
         let tile = 0.5 / TILES as f64;

@@ -122,7 +122,8 @@ impl<'a, C: CellField> Blend<'a, C> {
         self
     }
 
-    /// The same with the level T, so that volumes are interpolated.
+    /// The same with the level T, so that volumes are interpolated. There is one level for each pair of members, from
+    /// samples in the first element's shape.
     #[must_use]
     pub fn with_interpolated_volumes(mut self) -> Self {
         let shape = self.scaffold.element(0).shape();

@@ -33,7 +33,8 @@ impl RegionFacts<'_> {
         boundary_triangles: None,
     };
 
-    /// The boundary point nearest to `x`, if it is within `radius`, at most the band's half width.
+    /// The boundary point nearest to `x`, if it is within `radius`, at most the band's half width. A short list of
+    /// triangles is searched one by one, else the whole boundary by its hierarchy: both find the same point.
     #[inline]
     pub fn closest_within(
         &self,

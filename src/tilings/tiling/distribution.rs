@@ -134,7 +134,8 @@ impl<'a> Distribution<'a> {
         clamped_interval(value, steepest.dot(&half), whole)
     }
 
-    /// Bounds of a quantity in an element and of its slope there, by reference coordinates.
+    /// Bounds of a quantity in an element and of its slope there, by reference coordinates. The first number is the
+    /// greatest value, the second the greatest length of the gradient.
     pub fn extremes(&self, element: usize, quantity: usize) -> (f64, f64) {
         let e = self.scaffold.element(element);
         if let Some(lattice) = &self.lattice {

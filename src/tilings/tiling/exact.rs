@@ -92,7 +92,7 @@ static DOMAINS: LazyLock<[Vec<Domain>; 6]> =
     LazyLock::new(|| Element::SCAFFOLD_ELEMENTS.map(Domain::all));
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// The distance at `x` by rule R, where rule Q gives `d`; never further from 0.
+    /// The distance at `x` by rule R, where rule Q gives `d`; never further from 0. It has the sign of `d`.
     pub(super) fn exact(&self, local: &LocalSearch, x: Vec3, d: f64) -> f64 {
         let mut best = d.abs();
         for near_index in 0..local.near.patches.len() {

@@ -54,7 +54,7 @@ impl LocalMap {
         xi
     }
 
-    /// d xi / d x at a row of points.
+    /// d xi / d x at a row of points. Row i holds the derivatives of coordinate i of xi.
     #[inline(always)]
     pub fn inverse_jacobian_row<T: Number>(&self, x: [T; 3]) -> Matrix<T> {
         // The second derivatives that change each column along x, y and z.

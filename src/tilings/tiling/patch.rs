@@ -153,7 +153,8 @@ impl Patch {
         self.planes.is_box_outside(centre, half, margin)
     }
 
-    /// The preimage of `x`, if it may be less than `margin` world units outside.
+    /// The preimage of `x`, if it may be less than `margin` world units outside. `None` if it is farther out, or if
+    /// Newton's method fails from the estimate, the centre and all vertices.
     pub fn preimage(
         &self,
         scaffold: &Scaffold,
@@ -176,7 +177,8 @@ impl Patch {
         }
     }
 
-    /// The preimage of `x`, if it is inside the element and off its faces.
+    /// The preimage of `x`, if it is inside the element and off its faces. `None` also if Newton's method fails from
+    /// the first estimate.
     pub fn interior_preimage(
         &self,
         scaffold: &Scaffold,

@@ -82,7 +82,8 @@ impl StoredSegments {
         self.leaves.is_empty()
     }
 
-    /// The component with a number below [`StoredSegments::len`].
+    /// The component with a number below [`StoredSegments::len`]. Parts of other components near it are listed, to be
+    /// removed from what is read of the solid.
     pub fn segment(&self, component: usize) -> StoredSegment<'_> {
         let leaves = &self.leaves[component];
         let edge = neighbourhood_edge(self.half_width);

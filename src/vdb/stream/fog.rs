@@ -173,7 +173,8 @@ impl<'a> StoredFog<'a> {
         self.counts.bounds
     }
 
-    /// Nodes of 4096^3 voxels with leaves of the fog.
+    /// Nodes of 4096^3 voxels with leaves of the fog. Inside tiles are those of the store; a node without leaves is
+    /// left out.
     pub(super) fn upper_nodes(&self) -> Vec<BlockNode> {
         let kept = self.store.upper_nodes().map(|u| {
             let mut children = vec![0; u.children.len()];

@@ -25,7 +25,9 @@ fn plane(point: [i64; 3], step: [f64; 3]) -> f64 {
     sign(40) * step[(along + 1) % 3] + sign(41) * step[(along + 2) % 3]
 }
 
-/// Noise at a point, with features of size one; NaN if a coordinate is not finite.
+/// Noise at a point, with features of size one; NaN if a coordinate is not finite. Each lattice point has a plane of
+/// fixed pseudorandom slope; the values of eight are mixed by a polynomial whose first two derivatives vanish at the
+/// lattice planes.
 pub(super) fn noise(x: f64, y: f64, z: f64) -> f64 {
     let at = [x, y, z];
     let low = at.map(f64::floor);

@@ -27,7 +27,8 @@ fn is_near(steps: [i32; 3], reach: f32) -> bool {
 }
 
 impl SurfacePoints {
-    /// Origins of the leaves of voxels of twice the edge, in these voxels, that the band may meet; ascending.
+    /// Origins of the leaves of voxels of twice the edge, in these voxels, that the band may meet; ascending. Their
+    /// steps of 16 old voxels are halved in the result.
     pub fn coarser_leaves(&self) -> Vec<Coord> {
         let reach = self.reach(0.0);
         let most = (reach as i32 + LEAF) / EDGE + 1;

@@ -179,7 +179,8 @@ impl Stencils {
         }
     }
 
-    /// The points on edges that begin in the leaf, in the order of its voxels.
+    /// The points on edges that begin in the leaf, in the order of its voxels. Of the edges at one voxel that along x
+    /// comes first, then y and z.
     pub fn points(&self) -> Vec<Point> {
         let mut points = Vec::new();
         let negative = run(Negative(&self.values));

@@ -132,7 +132,8 @@ impl Pool {
         self.neighbours[leaf].map(|n| self.at(n))
     }
 
-    /// Fills `line` with a leaf and its `reach` neighbours on either side along an axis, in order.
+    /// Fills `line` with a leaf and its `reach` neighbours on either side along an axis, in order. `axis` is 0, 1 or 2;
+    /// an absent neighbour is a leaf of minus or plus the background.
     pub fn line<'a>(&'a self, leaf: usize, axis: usize, reach: usize, line: &mut Vec<&'a Values>) {
         line.clear();
         line.resize(2 * reach + 1, &self.values[leaf]);

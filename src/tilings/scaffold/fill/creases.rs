@@ -40,7 +40,7 @@ impl Line {
         self.lengths[self.lengths.len() - 1]
     }
 
-    /// The point at a length along the line.
+    /// The point at a length along the line. Lengths beyond an end give the end.
     pub fn at(&self, length: f64) -> Vec3 {
         let above = self.lengths.partition_point(|&l| l < length);
         let i = above.clamp(1, self.points.len() - 1);

@@ -38,7 +38,7 @@ fn coord(p: Vec3) -> Coord3D<f64> {
 }
 
 impl Delaunay {
-    /// No points yet; all of them must lie in the box.
+    /// No points yet; all of them must lie in the box. Four far corners enclose them in a first tet.
     pub(super) fn new(bounds: &Aabb) -> Self {
         let (centre, size) = (bounds.centre().0, FAR_DISTANCE * bounds.half_diagonal());
         let corners = [[1., 1., 1.], [-1., 1., -1.], [1., -1., -1.], [-1., -1., 1.]];

@@ -527,7 +527,8 @@ impl<'a> TetMesh<'a> {
         }
     }
 
-    /// The nodes in use, the tets and the edges along creases.
+    /// The nodes in use, the tets and the edges along creases. Nodes are numbered anew, in order of their first tet;
+    /// edges with a node of no tet are dropped.
     pub(super) fn finished(self) -> (Vec<Node>, Vec<[u32; 4]>, BTreeSet<[u32; 2]>) {
         let mut numbers = vec![u32::MAX; self.nodes.len()];
         let mut nodes = Vec::new();

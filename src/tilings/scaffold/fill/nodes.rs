@@ -141,7 +141,8 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// Places nodes about `cell` apart.
+    /// Places nodes about `cell` apart. Those on creases come first, then those on faces, then those inside; near short
+    /// edges of creases they are closer.
     pub(super) fn of(solid: &MeshSolid, creases: &Creases, cell: f64) -> Self {
         let mut nodes = Self {
             all: Vec::new(),
