@@ -345,6 +345,7 @@ fn without_band(inside: bool) -> LeafBits {
 /// Whether a sample outside the band has the sign of all 26 neighbours: the slope is at most 1, and a neighbour
 /// is at most sqrt(3) steps away.
 fn is_settled(background: f64, step: f64) -> bool {
+    // 1.75 exceeds sqrt(3) by more than rounding.
     background >= 1.75 * step
 }
 

@@ -409,6 +409,7 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
                 [(at(h) - here) / h, (here - at(-h)) / h]
             };
             let mut best = [0.0; 2];
+            // Beside a kink both sides agree only over short steps, shares of a voxel.
             for fraction in [1e-3, 1e-4, 1e-5] {
                 best = slopes(fraction * self.options.voxel_size);
                 if (best[0] - best[1]).abs() < 1e-3 {

@@ -157,6 +157,7 @@ impl SampledLevelSet {
     /// A value as a distance in the world. Values at the background are scaled by [`BEYOND_BAND_FACTOR`]: their
     /// distance is unknown and must exceed any requested half width.
     fn distance(&self, v: f32) -> f32 {
+        // Values within rounding of the background count as it.
         let is_beyond_band = v.abs() >= self.level_set.background() as f32 * (1.0 - 1e-5);
         let scale = self.placement.scale as f32;
         if is_beyond_band {

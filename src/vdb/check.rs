@@ -241,6 +241,7 @@ fn count_leaf(
             counts.not_finite += 1;
             continue;
         }
+        // A thousandth of the background exceeds the rounding of half floats.
         let excess = (v.abs() - background) / background;
         if active {
             counts.beyond += u64::from(excess > 1e-3);

@@ -245,6 +245,7 @@ impl Volume {
         let high = self.survey.range.map_or(0.0, |r| r[1]);
         let low = self.survey.range.map_or(0.0, |r| r[0]);
         let low = low.min(self.info.background.unwrap_or(0.0) as f32);
+        // A fog's densities are at least 0, up to a tenth.
         if (FULL_FOG[0]..=FULL_FOG[1]).contains(&high) && low > -0.1 {
             let even = self
                 .slopes()

@@ -75,6 +75,7 @@ impl Picture {
         let towards = self.towards_eye;
         let coarse = [width.div_ceil(8).max(32), height.div_ceil(8).max(32)];
         let view = View::fit(bounds, towards, self.perspective, coarse[0], coarse[1]);
+        // The key light comes from above, the left and behind the viewer.
         let key = (view.up * 0.8 - view.right * 0.7 - view.forward * 0.55).normalize();
         // A coarse view finds the part of the frame that is filled.
         let (low, high) = covered(&trace(&view, key, &[])?, coarse[0]);

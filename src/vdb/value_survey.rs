@@ -169,7 +169,7 @@ impl Slopes {
         self.0[1]
     }
 
-    /// Whether slopes are nearly equal everywhere.
+    /// Whether slopes are nearly equal everywhere. Nearly means within 30 % between the tenth and the nine tenths.
     pub fn is_uniform(self) -> bool {
         let [low, _, high] = self.0;
         low > 0.0 && high < 1.3 * low

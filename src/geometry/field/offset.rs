@@ -104,6 +104,7 @@ impl ExactIntersection<'_> {
     fn edge(&self, p: WorldPoint) -> Option<(f64, Vec3)> {
         let [(u, a), (v, b)] = [0, 1].map(|n| self.pair[n].value_and_gradient(p));
         let (u, v) = (u - self.level, v - self.level);
+        // A gradient shorter than 0.1 has no direction to rely on; planes whose sine is below 1e-3 have no edge.
         let (a, b) = (a.try_normalize(0.1)?, b.try_normalize(0.1)?);
         let c = a.dot(&b);
         let square = 1.0 - c * c;

@@ -250,7 +250,8 @@ impl Element {
         }
     }
 
-    /// Whether an orthogonal map about the origin maps the element onto itself.
+    /// Whether an orthogonal map about the origin maps the element onto itself. Vertices agree within 1e-6 reference
+    /// lengths.
     #[inline]
     pub fn is_invariant_under(self, map: &Mat3) -> bool {
         let vertices = self.vertices();

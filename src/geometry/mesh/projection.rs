@@ -370,6 +370,7 @@ impl ZeroSet<'_> {
             return None;
         }
         let at = |t: f64| self.value(p + normal * t);
+        // A value this small counts as 0.
         let tolerance = 1e-8 * self.h;
         let (mut a, mut fa) = (0.0, at(0.0));
         if fa.abs() <= tolerance {

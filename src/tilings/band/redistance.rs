@@ -67,6 +67,7 @@ impl MovedLeaf {
     /// Restores the old active values of the leaf that are smaller in magnitude than the old background (world
     /// units).
     pub fn keep(&mut self, before: &LeafRef<'_>, background: f32) {
+        // Values at the background are clamped ones, up to rounding.
         let near = background * (1.0 - 1e-5);
         for (n, v) in before.values.iter().enumerate() {
             if before.mask[n >> 6] >> (n & 63) & 1 == 1 && v.abs() < near {

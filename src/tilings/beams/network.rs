@@ -119,6 +119,7 @@ fn clip_segment(element: Element, [a, b]: [Vec3; 2]) -> Option<[Vec3; 2]> {
         1.0 => b,
         _ => a + (b - a) * t,
     };
+    // Shares of the segment: one that only touches the element has no part.
     (to - from > 1e-9).then(|| [at(from), at(to)])
 }
 

@@ -243,6 +243,7 @@ impl<'a> Body<'a> {
                         // A node so near to a corner would make a needle.
                         .any(|c| (c - found.point).norm() < 0.2 * longest);
                     // A node beside a crease would tear it.
+                    // Free of creases: none within three tenths of the longest edge.
                     let is_free = || {
                         let crease = creases.nearest(found.point, None);
                         creases.is_empty() || (crease - found.point).norm() > 0.3 * longest

@@ -309,6 +309,7 @@ pub(super) fn newton(
                 }
             }
             share /= 2.0;
+            // Neither the step nor its halves down to 1e-4 reduce the residual.
             if share < 1e-4 {
                 return Err(left);
             }

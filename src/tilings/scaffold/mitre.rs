@@ -47,6 +47,7 @@ impl Mitre {
     pub fn of(normals: &[Normal]) -> Option<Self> {
         let total: f64 = normals.iter().map(|n| n.weight).sum();
         let sum: Vec3 = normals.iter().map(|n| n.unit * n.weight).sum();
+        // Normals that cancel each other have no common outside.
         let mean = sum.try_normalize(1e-6)?;
         // Along the mean normal alone: least squares of a (n_i . mean) = 1.
         let mut square = 0.0;

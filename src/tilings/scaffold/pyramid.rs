@@ -82,7 +82,8 @@ pub(super) fn affine(nodes: [Vec3; 5]) -> Affine {
     Affine::new(base, jacobian)
 }
 
-/// The start of the search for a preimage: by the affine map if that is near the element.
+/// The start of the search for a preimage: by the affine map if that is near the element. Near is up to 0.2 reference
+/// lengths outside; else the search starts from the centroid.
 fn start_of(affine: &Affine, x: Vec3) -> CellPoint<3> {
     let xi = CellPoint(affine.inverse * (x - affine.origin));
     if xi.0.iter().all(|c| c.is_finite()) && Element::Pyramid.face_distance(xi) < 0.2 {

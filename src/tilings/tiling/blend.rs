@@ -187,6 +187,7 @@ impl<'a, C: CellField> Blend<'a, C> {
                 let pair = &self.pairs[number];
                 number += 1;
                 let sum = w[i] + w[j];
+                // Without weight the pair has no share, and no level.
                 if sum <= 1e-12 {
                     continue;
                 }

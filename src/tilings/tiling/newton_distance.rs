@@ -33,6 +33,7 @@ impl StepLimits {
     pub fn new(slope_rms: f64, slope_sup: f64, half_width: f64, voxel_size: f64) -> Self {
         Self {
             damping: (DAMPING_FRACTION * slope_rms).powi(2),
+            // A billionth of a voxel from the surface.
             zero_tolerance: 1e-9 * slope_rms * voxel_size,
             max_step: 2.0 * half_width,
             scale_range: [1.0 / slope_sup, MAX_SCALE_FACTOR / slope_rms],

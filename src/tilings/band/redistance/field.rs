@@ -289,6 +289,7 @@ impl<'a> ClosestPointField<'a> {
     fn first_voxel(&self, lattice: &SampleLattice<WorldPoint>) -> Option<Coord> {
         let h = self.transform.voxel_size();
         let voxel = Coord((lattice.origin.0 / h).map(|c| c.round() as i32).into());
+        // Within a millionth of a voxel a sample counts as the voxel.
         let is_voxel = (self.transform.world(voxel).0 - lattice.origin.0).amax() <= 1e-6 * h;
         (is_voxel && (lattice.step - h).abs() <= 1e-9 * h).then_some(voxel)
     }

@@ -154,6 +154,7 @@ impl Stencils {
         background: f32,
     ) {
         let per_voxel = 1.0 / voxel_size;
+        // A little less, so that clamped values count as far.
         self.far = background * per_voxel * (1.0 - 1e-4);
         // The leaf itself and the 26 around it, each with the range of voxels that it gives.
         for (dx, xs) in PARTS {

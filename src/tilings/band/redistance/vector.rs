@@ -5,7 +5,7 @@
 /// Three components.
 pub(super) type Vector = [f32; 3];
 
-/// The dual basis of three vectors; none if they are nearly coplanar.
+/// The dual basis of three unit vectors; none if they are nearly coplanar: their volume is at most 0.05.
 pub(super) fn dual([a, b, c]: [Vector; 3]) -> Option<[Vector; 3]> {
     let volume = dot(a, cross(b, c));
     (volume.abs() > 0.05)
@@ -37,7 +37,8 @@ pub(super) fn cross(a: Vector, b: Vector) -> Vector {
     ]
 }
 
-/// The unit vector in the same direction; none for a vector much shorter than 1.
+/// The unit vector in the same direction; none for a vector shorter than 0.9, whose direction is not that of a
+/// distance.
 pub(super) fn unit(v: Vector) -> Option<Vector> {
     let size = dot(v, v).sqrt();
     (size > 0.9).then(|| v.map(|c| c / size))

@@ -363,6 +363,7 @@ impl<'a> TetMesh<'a> {
         if !is_new && !is_within {
             return false;
         }
+        // The exchanged edge may lie no farther off the surface, up to rounding.
         let off = |x: Vec3, y: Vec3| self.solid.closest((x + y) / 2.0).distance;
         let size = (q - p).norm();
         off(r, s) <= off(p, q) + 1e-6 * size

@@ -272,6 +272,7 @@ impl Nodes {
             let is_encroached = |p: &Part| {
                 let [a, b] = p.ends.map(|n| self.place(n));
                 let (middle, radius) = ((a + b) / 2.0, (b - a).norm() / 2.0);
+                // Nodes on the sphere itself do not count.
                 let limit = radius * (1.0 - 1e-9);
                 p.span[1] - p.span[0] > 2.0 * least
                     && bins.any(middle, |n| {
@@ -300,6 +301,7 @@ impl Nodes {
                 let [a, u, v] = [corners[0], corners[1] - corners[0], corners[2] - corners[0]];
                 let longest = u.norm().max(v.norm()).max((u - v).norm());
                 let step = CANDIDATE_STEP * sizes.at(corners.iter().sum::<Vec3>() / 3.0);
+                // 4096 bounds the candidates of one large triangle.
                 let count = (longest / step).ceil().clamp(1.0, 4096.0) as usize;
                 let count = if n == Vec3::zeros() { 0 } else { count };
                 (0..count).flat_map(move |i| {

@@ -261,6 +261,7 @@ impl Collapsed {
         if r.z < 1.0 {
             return found;
         }
+        // Places nearer and nearer to the apex, until the determinant there has the sign that is shown.
         for h in [1e-3, 1e-5, 1e-7] {
             let at = super::from_parameters(Vec3::new(r.x, r.y, 1.0 - h));
             found = (self.evaluate(at).1.determinant(), at);
