@@ -151,7 +151,7 @@ impl CloudSolid {
         let size = self.bounds.size();
         (0..N.pow(3)).fold((0f64, 0f64), |(least, greatest), n| {
             let index = [n % N, n / N % N, n / N / N];
-            // 0.43 instead of the middle keeps samples off the planes of symmetry, where the points often lie.
+            // 0.43 instead of the middle keeps samples off the planes of symmetry.
             let fraction = Vec3::from(index.map(|i| (i as f64 + 0.43) / N as f64));
             let w = self.winding_number(self.bounds.min + fraction.component_mul(&size));
             (least.min(w), greatest.max(w))

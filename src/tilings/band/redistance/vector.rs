@@ -37,8 +37,7 @@ pub(super) fn cross(a: Vector, b: Vector) -> Vector {
     ]
 }
 
-/// The unit vector in the same direction; none for a vector shorter than 0.9, whose direction is not that of a
-/// distance.
+/// The unit vector in the same direction; none for a vector shorter than 0.9, which is no gradient of a distance.
 pub(super) fn unit(v: Vector) -> Option<Vector> {
     let size = dot(v, v).sqrt();
     (size > 0.9).then(|| v.map(|c| c / size))
