@@ -61,6 +61,7 @@ enum What {
     Implicit(Box<super::implicit::Parameters>),
 }
 
+/// Executes the command that the arguments name; only `eval` writes a file here.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     match &p.what {
         What::Plot(p) => super::plot::answer(p, session),
@@ -74,6 +75,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             ..
         } => group_info(group, lattice.as_deref(), *band_limit),
         What::Info { cell, .. } => {
+            // Without --group the parser requires a cell.
             let cell = read(cell.as_deref().unwrap_or(Path::new("")))?;
             Ok(Answer::new(describe(&cell), facts(&cell)))
         }
@@ -85,13 +87,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
 }
 
-/// The operators and orbits of a named group, or of one in a file, on the named lattice.
+/// The operators and orbits of a named group, or of one in a file, on the named lattice. `radius` bounds the
+/// frequencies of the orbits, cycles per unit of length.
 fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
     let path = Path::new(name);
     if !GROUP_NAMES.contains(&name) && path.is_file() {
         return group_file(path, lattice, radius);
     }
-    // That of the element whose whole group it is, or of the first that has it.
+    // The default lattice is that of the element whose whole group it is, or of the first that has it.
     let all = || {
         Element::SCAFFOLD_ELEMENTS
             .into_iter()
@@ -119,7 +122,7 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
     Ok(list_group(group, space, radius))
 }
 
-/// A group from a file of generators.
+/// The same for a group from a file of generators; its own lattice is used unless one is named.
 fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
     let fault = |e| crate::pipeline::group_fault(path, e);
     let group = crate::pipeline::read_group(path)?;
@@ -193,7 +196,7 @@ fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius:
     Answer::new(text, facts)
 }
 
-/// Whether every operator of a group keeps an element.
+/// Whether every operator of a group maps an element onto itself. Operators in the plane keep the other axes.
 fn is_of<const D: usize>(element: Element, group: &PointGroup<D>, lattice: &Lattice<D>) -> bool {
     group.cartesian(lattice).iter().all(|q| {
         let in_space = Mat3::from_fn(|i, j| match (i < D, j < D) {

@@ -1,4 +1,5 @@
-//! A cell in words and as JSON.
+//! A cell in words and as JSON, and cells from the arguments of a command. Commands on cells and the summary of
+//! files share these.
 
 use super::failure::Failure;
 use crate::cell::{Cell, DesignReport, Surface};
@@ -93,7 +94,8 @@ pub(super) fn describe(cell: &Cell) -> String {
     text
 }
 
-/// The surface that an argument names, unless it is a file; on its own element unless another is given.
+/// The cell of the surface that an argument names; `None` for another argument, which is a file then. It is made
+/// for `element`, or without one for the surface's own.
 pub(super) fn surface(argument: &Path, element: Option<Element>) -> Result<Option<Cell>, Failure> {
     let Some(surface) = argument.to_str().and_then(Surface::from_name) else {
         return Ok(None);
@@ -103,6 +105,7 @@ pub(super) fn surface(argument: &Path, element: Option<Element>) -> Result<Optio
     surface.cell(element).map(Some).map_err(failed)
 }
 
+/// The name of a file without folder and extension; "cell" for a path without one.
 pub(super) fn stem(path: &Path) -> String {
     path.file_stem()
         .map_or_else(|| "cell".into(), |s| s.to_string_lossy().into_owned())

@@ -1,4 +1,5 @@
-//! `druse check FILE`: checks of a mesh or of the level sets of a file.
+//! `druse check FILE`: checks of a mesh or of the level sets of a file, and of requirements on the part. The exit
+//! code is 1 if a check or a requirement fails; the file is not changed.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -31,6 +32,7 @@ pub(super) struct Parameters {
     require: super::require::Parameters,
 }
 
+/// Checks a file by its kind.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     p.layers.require_writable()?;
@@ -41,6 +43,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
 }
 
+/// Checks a mesh. Cavities and layers need a level set and are refused.
 fn mesh(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let path = &p.file;
     if p.cavities || p.layers.is_requested() {
@@ -52,6 +55,7 @@ fn mesh(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let require = p.require.read()?;
     let solid = read_solid(path)?;
     let report = crate::mesh::check_with(&solid.file.mesh, true, session)
+        // The only error is a cancellation.
         .map_err(|_| Failure::stopped(130))?;
     let (mut text, facts, passed) = solid_screen(path, &solid, &report);
     for warning in &solid.file.warnings {
@@ -76,7 +80,8 @@ fn may_be_level_set(grid: &GridInfo) -> bool {
     }
 }
 
-/// Reports a level set that commands refuse without repair.
+/// Reports a grid that is stated to be a level set and cannot be read as one, in a line of `text` and as an
+/// object.
 fn refused(error: &FileError, grid: &GridInfo, text: &mut String) -> Value {
     let message = error.to_string();
     let problem = message
@@ -151,7 +156,8 @@ fn level_set(
     Ok(facts)
 }
 
-/// Checks all level sets of a file, its requirements, and its content hash.
+/// Checks all level sets of a file, its requirements, and its content hash (of the grids' values, as recorded by
+/// the run that wrote them). Other grids are listed and not checked.
 fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answer, Failure> {
     let (path, session) = (&p.file, vdb::Session::new(threads, shown));
     let require = p.require.read()?;

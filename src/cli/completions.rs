@@ -15,6 +15,7 @@ pub(super) struct Parameters {
     shell: Shell,
 }
 
+/// The script of the shell, made from the grammar of the command line.
 #[allow(clippy::unnecessary_wraps)] // all commands have one signature
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     let mut script = Vec::new();

@@ -137,6 +137,8 @@ pub(super) struct Session {
 }
 
 impl Session {
+    /// Starts an invocation: sets the instructions of the process (`--portable`), the logger, and the handlers of
+    /// signals.
     pub(super) fn new(options: GlobalOptions) -> Self {
         if options.portable {
             crate::simd::use_instruction_set(crate::simd::InstructionSet::Portable);
@@ -218,7 +220,7 @@ impl Session {
         ));
     }
 
-    /// Prints a warning of one command; an error with `--strict`.
+    /// Prints a warning of one command; with `--strict` it is an error and nothing is printed.
     pub(super) fn warn_of(&self, code: &'static str, message: String) -> Result<(), Failure> {
         if self.strict() {
             return Err(RunError::Strict { code, message }.into());
@@ -227,7 +229,7 @@ impl Session {
         Ok(())
     }
 
-    /// Stops a command of several steps after a signal.
+    /// Stops a command of several steps after a signal, between two of them.
     pub(super) fn require_running(&self) -> Result<(), Failure> {
         self.signals
             .exit_code()

@@ -1,6 +1,7 @@
 //! `druse fit --target`: a cell by its properties instead of a source.
 //!
-//! A search that is interrupted leaves the best cell so far; `--resume` continues from it.
+//! A search that is interrupted leaves the best cell so far; `--resume` continues from it. A target is an
+//! effective property of the cell, as its bulk modulus; see `pipeline::design`.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -91,7 +92,8 @@ impl From<InverseError> for Failure {
     }
 }
 
-/// Searches a cell by its properties and writes it to `output`, also if the search is interrupted.
+/// Searches a cell by its properties and writes it to `output`, also if the search is interrupted. `section` holds
+/// the other flags of the cell. With `--dry-run` only the plan is shown.
 pub(super) fn answer(
     flags: &DesignFlags,
     section: &CellSection,

@@ -81,6 +81,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     ))
 }
 
+/// Names of the columns of a table: those of every point, then a weight for each cell.
 fn columns(cells: &[String]) -> Vec<String> {
     let fixed = [
         "x", "y", "z", "phi", "gx", "gy", "gz", "distance", "element", "r1", "r2", "r3",
@@ -93,6 +94,7 @@ fn columns(cells: &[String]) -> Vec<String> {
         .collect()
 }
 
+/// The numbers of a point, in the order of `columns`; NaN outside the scaffold.
 fn row(p: &[f64; 3], f: &FieldSample) -> Vec<f64> {
     let mut row = p.to_vec();
     row.push(f.phi);
@@ -104,6 +106,7 @@ fn row(p: &[f64; 3], f: &FieldSample) -> Vec<f64> {
     row
 }
 
+/// The table as text; NaN is written `nan`.
 fn csv(cells: &[String], points: &[[f64; 3]], found: &[FieldSample]) -> String {
     let mut text = columns(cells).join(",");
     text.push('\n');
@@ -146,6 +149,7 @@ fn npz(
         for (name, width) in names {
             zip.start_file(format!("{name}.npy"), options)?;
             let kind = if name == "element" { "<i8" } else { "<f8" };
+            // Weights keep two dimensions even of a single cell.
             let shape = match width {
                 1 if name != "weights" => format!("({},)", found.len()),
                 _ => format!("({}, {width})", found.len()),
@@ -158,6 +162,7 @@ fn npz(
             }
             header.push('\n');
             zip.write_all(b"\x93NUMPY\x01\x00")?;
+            // Version 1.0 of the format: the length of the header as 16 bits.
             zip.write_all(&(header.len() as u16).to_le_bytes())?;
             zip.write_all(header.as_bytes())?;
             for (p, f) in points.iter().zip(found) {

@@ -10,7 +10,8 @@ const MAX_LINE_CHARS: usize = 200;
 /// Maximum number of characters of a message that quotes the file.
 const MAX_MESSAGE_CHARS: usize = 800;
 
-/// A line cut to [`MAX_LINE_CHARS`] characters around a column (from 1), and a marker to stand below that column.
+/// A line cut to [`MAX_LINE_CHARS`] characters around a column (from 1), and a marker to stand below that column;
+/// no marker without a column.
 pub(super) fn cut(line: &str, column: Option<u64>) -> (String, Option<String>) {
     // Signs that it obeys would move the marker, or the terminal's cursor.
     let characters: Vec<char> = line

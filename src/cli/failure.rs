@@ -18,7 +18,7 @@ use std::sync::Mutex;
 
 mod exhausted;
 
-/// Exit codes of failures.
+/// Exit codes of failures: 2 for usage, the others by `sysexits.h`.
 pub(super) const USAGE: u8 = 2;
 const EXIT_DATA: u8 = 65;
 const EXIT_NO_INPUT: u8 = 66;
@@ -128,6 +128,7 @@ impl Failure {
 
     /// A caught panic.
     pub(super) fn bug() -> Self {
+        // The hook of `capture_panics` has kept the message.
         let panic = PANIC.lock().ok().and_then(|mut p| p.take());
         if panic.as_deref().is_some_and(exhausted::is_panic) {
             return Self::exhausted(Exhausted::Threads);
@@ -144,7 +145,7 @@ impl Failure {
         }
     }
 
-    /// The end of a run that a signal stopped.
+    /// The end of a run that a signal stopped; the code is 128 plus its number (130 is an interrupt).
     pub(super) fn stopped(code: u8) -> Self {
         Self {
             code,
@@ -183,6 +184,7 @@ impl Failure {
         Self { code, ..self }
     }
 
+    /// The object that `--json` prints.
     fn json(&self) -> Value {
         json!({
             "code": self.code,
@@ -241,7 +243,8 @@ impl Failure {
     }
 }
 
-/// Arguments that do not parse. `--help` and `--version` arrive here too; they are not errors.
+/// Prints arguments that do not parse, and returns the exit code. `--help` and `--version` arrive here too; they
+/// are not errors.
 pub(super) fn usage(error: &clap::Error, json: bool) -> u8 {
     let code = error.exit_code() as u8;
     let plain = error.render().to_string();

@@ -1,4 +1,5 @@
-//! `druse filter IN.vdb -o OUT OP...`: applies operations of a recipe to a grid of a file.
+//! `druse filter IN.vdb -o OUT OP...`: applies operations of a recipe to a grid of a file. The command line
+//! becomes a recipe in memory, which is checked and run like any other.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -80,7 +81,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(report_answer(&report, &lines))
 }
 
-/// Parses an operation of the command line into the name and the value of a recipe's entry.
+/// Parses an operation of the command line, NAME or NAME=VALUE, into the name and the value of a recipe's entry.
+/// Whether the name exists is checked with the recipe.
 fn operation(text: &str) -> Result<(&str, Value), Failure> {
     let Some((name, value)) = text.split_once('=') else {
         let value = if FLAGS.contains(&text) {

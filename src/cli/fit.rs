@@ -69,7 +69,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
-/// Makes the cell of an input and flags.
+/// Makes the cell of an input and flags, and its warnings. Flags that join cells (`--union` and so on) take the
+/// input as the first and their own arguments as the others.
 pub(super) fn make(
     name: &str,
     input: &Path,
@@ -86,6 +87,7 @@ pub(super) fn make(
     let Some(hybrid) = flags.hybrid() else {
         return one(input, flags);
     };
+    // Each part is made without the flags of the join and without a level, which the joined cell gets.
     let all = flags;
     let mut flags = all.without_hybrid();
     let (first, mut warnings) = one(input, &flags)?;

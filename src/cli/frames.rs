@@ -1,4 +1,6 @@
-//! `--frames`: a command once per frame, and sequences of runs.
+//! `--frames`: a command once per frame, and sequences of runs. A frame token in a name (`$F4`, `####`, `%04d`)
+//! stands for the number of the frame. A list of frames from the command line is never empty, so that
+//! `frames()[0]` exists.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -17,26 +19,29 @@ pub(super) fn parse(text: &str) -> Result<FrameList, String> {
     text.parse::<FrameList>().map_err(|e| e.to_string())
 }
 
-/// The overrides of a recipe at a frame.
+/// The overrides of a recipe at a frame: those of the command line, and the key `frame` last, so that it holds.
 pub(super) fn overrides(set: &[String], frame: i32) -> Vec<String> {
     let overrides = set.iter().cloned();
     overrides.chain([format!("frame={frame}")]).collect()
 }
 
-/// A path of the command line at a frame.
+/// A path of the command line at a frame; itself without a token. Tokens that disagree are an error of usage.
 pub(super) fn path_at(path: &Path, frame: i32) -> Result<PathBuf, Failure> {
     let text = path.to_string_lossy();
     let expanded = expand(&text, frame).map_err(|e| Failure::usage(e.to_string()))?;
     Ok(expanded.map_or_else(|| path.to_owned(), PathBuf::from))
 }
 
-/// Refuses inputs that lack some of the frames, and an output that all frames would write.
+/// Refuses inputs that lack some of the frames, and an output that all frames would write. An input without a
+/// token is one file for all frames; the command that reads it reports it missing.
 pub(super) fn check_paths<'a>(
     frames: &FrameList,
     inputs: impl IntoIterator<Item = &'a PathBuf>,
     outputs: impl IntoIterator<Item = &'a PathBuf>,
 ) -> Result<(), Failure> {
     for path in inputs {
+        // For its error alone: the tokens of a name are valid at every frame or at none.
+        // As above, for the tokens of the output.
         path_at(path, frames.frames()[0])?;
         check_series(path, frames.frames(), "the input")?;
     }
@@ -60,7 +65,8 @@ pub(super) fn check_paths<'a>(
     Ok(())
 }
 
-/// Runs a command once per frame and collects the answers.
+/// Runs a command once per frame and collects the answers: lines below each other, objects in a list with their
+/// frame. The first failure or signal ends it; the answer passes if all do.
 pub(super) fn each(
     frames: &FrameList,
     session: &Session,
@@ -95,7 +101,8 @@ impl Sequence<'_> {
         Ok(Recipe::read(self.recipe, &overrides(self.set, frame))?)
     }
 
-    /// The recipe at the first frame, after a check of all inputs and outputs.
+    /// The recipe at the first frame, after a check that all inputs exist and that every output has a token, if
+    /// there are several frames.
     pub fn checked(&self) -> Result<Recipe, Failure> {
         let frames = self.frames.frames();
         let recipe = self.at(frames[0])?;
@@ -106,7 +113,8 @@ impl Sequence<'_> {
         Ok(recipe)
     }
 
-    /// Makes one frame unless its files are up to date. Returns its report and whether it was made.
+    /// Makes one frame unless its files are up to date. Returns its report, what is shown of it, and whether it
+    /// was made.
     pub fn make(&self, frame: i32, session: &Session) -> Result<(Value, Answer, bool), Failure> {
         let recipe = self.at(frame)?;
         let path = frame_report(&recipe, self.options.out.as_deref());
@@ -126,14 +134,16 @@ impl Sequence<'_> {
         Ok((value, super::run_text::reported(&report, session), true))
     }
 
-    /// Writes the scenes of the whole sequence, from the reports of its frames.
+    /// Writes the scenes of the whole sequence (a USD file for each output with `usda`), from the reports of its
+    /// frames, and returns their paths.
     pub fn scenes(&self, reports: &[(i32, Value)]) -> Result<Vec<PathBuf>, Failure> {
         let recipe = self.at(self.frames.frames()[0])?;
         let out = self.options.out.as_deref();
         Ok(write_sequence_scenes(&recipe, out, reports)?)
     }
 
-    /// Runs all frames.
+    /// Runs all frames in order, then writes the scenes. The answer passes if the requirements of every new frame
+    /// are met.
     pub fn run(&self, session: &Session) -> Result<Answer, Failure> {
         self.checked()?;
         let mut reports = Vec::new();
@@ -154,7 +164,7 @@ impl Sequence<'_> {
     }
 }
 
-/// The answer of a sequence.
+/// The answer of a sequence: `lines` of its frames, the scenes, and how many of the frames were `made`.
 pub(super) fn summary(
     reports: &[(i32, Value)],
     made: usize,

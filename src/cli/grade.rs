@@ -203,7 +203,7 @@ fn limit(text: &str, unit: LengthUnit) -> Result<f64, String> {
     ))
 }
 
-/// Two numbers, as in 0.5:2.
+/// Two positive numbers in order, as in 0.5:2.
 fn bounds(text: &str) -> Result<[f64; 2], String> {
     let numbers: Vec<f64> = text
         .split(':')

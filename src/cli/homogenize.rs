@@ -242,6 +242,7 @@ fn settings(p: &Parameters) -> Result<Settings, Failure> {
     })
 }
 
+/// Refuses an output without one of some extensions.
 fn check_extension(path: &Path, known: &[&str]) -> Result<(), Failure> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     if known.iter().any(|k| extension.eq_ignore_ascii_case(k)) {
@@ -255,7 +256,8 @@ fn check_extension(path: &Path, known: &[&str]) -> Result<(), Failure> {
     )))
 }
 
-/// The period that the arguments name.
+/// The period (repeating box) that the arguments name: of a recipe's cell, of struts as round beams, or of a
+/// fitted cell.
 fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPeriod, Failure> {
     let packing = match p.tets {
         Tets::Bcc => Packing::Bcc,
@@ -302,8 +304,8 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
     pipeline::cell_period(cell, packing, warnings).map_err(|e| super::fit::of_input(e, &p.cell))
 }
 
-/// Refuses a band limit above the grid's Nyquist frequency before the fit. Tets are checked after it, since their
-/// period is not their edge.
+/// Refuses a band limit above the grid's Nyquist frequency (half the voxels along the period) before the fit. Tets are
+/// checked after it, since their period is not their edge.
 fn check_band_limit(
     section: &CellSection,
     element: Element,
@@ -395,7 +397,8 @@ fn one(
     Ok(Answer::new(text, facts))
 }
 
-/// Warns of disconnected phases and of beams that the grid does not resolve.
+/// Warns of disconnected phases and of beams that the grid of `n` voxels does not resolve; `level` is that of the
+/// solid.
 fn warn_of(
     source: &CellPeriod,
     found: &Properties,
@@ -409,7 +412,7 @@ fn warn_of(
     Ok(())
 }
 
-/// The answer with the written files and their sizes below its text and in its facts.
+/// The answer with the written files and their sizes in bytes below its text and in its facts.
 fn with_files(mut text: String, mut facts: serde_json::Value, files: &[(&Path, u64)]) -> Answer {
     for (path, bytes) in files {
         let (path, size) = (super::terminal::path(path), super::numbers::size(*bytes));

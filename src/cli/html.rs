@@ -1,4 +1,5 @@
-//! Pieces of HTML: escaped text, tables, embedded files.
+//! Pieces of HTML: escaped text, tables, embedded files. Values are those of a report; a missing one becomes empty
+//! text or a dash.
 
 use crate::frame::figures;
 use serde_json::Value;
@@ -28,6 +29,7 @@ pub(super) fn base64(bytes: &[u8]) -> String {
     let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for group in bytes.chunks(3) {
         let byte = |n: usize| u32::from(group.get(n).copied().unwrap_or(0));
+        // Three bytes are four digits of six bits; missing bytes are 0, and their digits "=".
         let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
         for n in 0..4 {
             let digit = (bits >> (18 - 6 * n) & 63) as usize;

@@ -57,9 +57,10 @@ impl std::str::FromStr for Repeat {
     }
 }
 
+/// Unit of the file; bare lengths of the arguments are in it too.
 const UNIT: LengthUnit = LengthUnit::Millimetre;
 
-/// Writes a cell as an implicit function in a 3MF, in boxes or inside a mesh.
+/// Writes a cell as an implicit function in a 3MF, in a box of whole cells or inside a mesh.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output
         .extension()

@@ -1,4 +1,5 @@
-//! `druse info FILE`: a summary of any file that Druse reads.
+//! `druse info FILE`: a summary of any file that Druse reads, as text and as an object. Grids of a `.vdb` are
+//! inspected in a child process; the file is not changed.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -97,6 +98,7 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
     Ok((text, facts))
 }
 
+/// The summary of a mesh with its defects.
 fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
     let solid = read_solid(path)?;
     let report = crate::mesh::check_with(&solid.file.mesh, false, session)

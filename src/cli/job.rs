@@ -1,4 +1,5 @@
-//! Job files for the items of a plan (bricks, frames) and their merge, for common queue systems.
+//! Job files for the items of a plan (bricks, frames) and their merge, for common queue systems. A file is made
+//! from a template, in which words with `@` are replaced; names are quoted for the shell.
 
 use clap::ValueEnum;
 use serde_json::json;
@@ -25,7 +26,8 @@ pub(super) struct Items {
     pub out: Option<PathBuf>,
 }
 
-/// The job file of a plan: its name, beside the plan, and its text.
+/// The job file of the plan at `path`: its name, beside the plan, and its text. `threads` are those of each item;
+/// 0 means all cores.
 pub(super) fn of(queue: Queue, path: &Path, items: &Items, threads: usize) -> (PathBuf, String) {
     let last = items.count.saturating_sub(1);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -52,6 +54,7 @@ pub(super) fn of(queue: Queue, path: &Path, items: &Items, threads: usize) -> (P
             "slurm.sh",
             script(SLURM)
                 .replace("@LAST", &last.to_string())
+                // Slurm grants cores by number, so that 0 becomes 1; memory is in MiB, at least 64.
                 .replace("@CPUS", &threads.max(1).to_string())
                 .replace(
                     "@MEGABYTES",
@@ -76,6 +79,7 @@ pub(super) fn of(queue: Queue, path: &Path, items: &Items, threads: usize) -> (P
     (path.with_file_name(format!("{stem}.{suffix}")), text)
 }
 
+/// The template for Slurm.
 const SLURM: &str = r#"#!/bin/sh
 # Submits the bricks of a plan as a job array, and the merge, which waits for all of them.
 # Flags of this script go to both jobs, as in --partition=long. DRUSE names the program.
@@ -89,6 +93,7 @@ sbatch --dependency="afterok:${bricks%%;*}" --cpus-per-task=@CPUS --mem=@MEGABYT
     --wrap '"$DRUSE" merge "$PLAN"@THREADS@OUT'
 "#;
 
+/// The template for GNU parallel.
 const PARALLEL_SCRIPT: &str = r#"#!/bin/sh
 # Makes the bricks of a plan with GNU parallel, then merges them; run again, it goes on where it was.
 # Flags of this script go to parallel, as in --jobs 4 or --sshlogin. DRUSE names the program.

@@ -45,7 +45,8 @@ const TABLE: [(&str, FileKind); 21] = [
 ];
 
 impl FileKind {
-    /// The kind of an existing file, which must be one of those that a command takes.
+    /// The kind of an existing file, which must be one of those that a command takes; any other file is an error
+    /// that lists their extensions.
     pub(super) fn of(path: &Path, taken: &[Self]) -> Result<Self, Failure> {
         // A missing file is reported before its extension.
         let found = std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?;

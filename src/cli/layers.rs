@@ -1,4 +1,8 @@
-//! `--layer LENGTH` of `druse check`: the layers of a part.
+//! `--layer LENGTH` of `druse check`: the layers of a part, as a printer stacks them.
+//!
+//! An island is a component of a layer that lies over nothing, a cup a pocket that opens upwards or that the plate
+//! closes, a sealed area one of holes that are closed within their layer, an overhang an area that needs support.
+//! The flags become a section `[build]` of a recipe; its bare lengths are in the file's unit.
 
 use super::failure::Failure;
 use super::require::{MeasuredPart, length_unit, shown_unit};
@@ -12,6 +16,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 
 #[derive(Args)]
+// clap would make a group of the struct's name, which several structs in one command have.
 #[group(skip)] // the name of the struct is that of others in one command
 pub(super) struct Parameters {
     /// List islands, cups, overhangs and cross-sections of a level set in layers of this height, as in 0.05mm.
@@ -36,12 +41,12 @@ pub(super) struct Parameters {
 }
 
 impl Parameters {
-    /// Whether layers are requested.
+    /// Whether layers are requested: the other flags need `--layer`.
     pub(super) fn is_requested(&self) -> bool {
         self.layer.is_some()
     }
 
-    /// The layers, if they are requested.
+    /// The section of the flags, if layers are requested; an error of usage for a value out of range.
     fn section(&self) -> Result<Option<BuildSection>, Failure> {
         let Some(layer) = self.layer else {
             return Ok(None);
@@ -73,7 +78,8 @@ impl Parameters {
         Ok(self.plot.as_ref().map_or(Ok(()), require_writable)?)
     }
 
-    /// Measures the layers of a level set; the result as text and as an object.
+    /// Measures the layers of a level set and writes the plot, if one is requested. Returns text in a unit for
+    /// people and an object in the file's unit; `None` without `--layer`.
     pub(super) fn list(
         &self,
         part: MeasuredPart,
@@ -84,6 +90,7 @@ impl Parameters {
             return Ok(None);
         };
         let unit = length_unit(part.path, part.unit)?;
+        // Bare lengths of the section and the results are both in the file's unit.
         let found = level_set_layers(&section, unit, part.solid, unit, threads, progress)?;
         let facts = json!(found);
         let shown = shown_unit(unit);
@@ -95,7 +102,7 @@ impl Parameters {
     }
 }
 
-/// The plot of layers over height.
+/// The plot of layers over height; the report's lengths are in `unit`.
 fn picture(report: &BuildReport, unit: LengthUnit) -> crate::vdb::Image {
     let curve = |name: &str, value: &dyn Fn(usize) -> f64| SweepCurve {
         name: format!("{name}, {unit}^2"),

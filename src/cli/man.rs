@@ -45,6 +45,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     Ok(Answer::new(files.join("\n"), json!({ "pages": files })))
 }
 
+/// The manual page of a command, in roff.
 fn page(command: clap::Command) -> Vec<u8> {
     let mut page = Vec::new();
     // Writing to memory does not fail.

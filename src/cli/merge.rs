@@ -1,4 +1,4 @@
-//! `druse merge PLAN`.
+//! `druse merge PLAN`: merges the bricks or frames of a plan and writes the recipe's outputs.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -19,6 +19,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Merges a plan of bricks, or a sequence of frames.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let options = RunOptions {
         out: p.out.clone(),

@@ -42,6 +42,7 @@ pub(super) fn memory(text: &str) -> Result<u64, String> {
         "M" => 2,
         "G" => 3,
         "T" => 4,
+        // An unknown unit, which the filter below refuses.
         _ => 5,
     };
     let value: Option<f64> = number.trim().parse().ok().filter(|v| *v > 0.0 && power < 5);

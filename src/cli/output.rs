@@ -50,6 +50,7 @@ impl Answer {
         } else {
             format!("{}\n", terminal::lines(&self.text))
         };
+        // The exit code is that of the checks, unless stdout cannot be written.
         match write_stdout(text.as_bytes()) {
             // EX_IOERR of sysexits.h.
             Err(e) if e.kind() != io::ErrorKind::BrokenPipe => 74,
@@ -58,6 +59,7 @@ impl Answer {
     }
 }
 
+/// Writes bytes to stdout at once.
 fn write_stdout(bytes: &[u8]) -> io::Result<()> {
     let mut out = io::stdout().lock();
     out.write_all(bytes)?;

@@ -1,4 +1,5 @@
-//! `druse plan RECIPE -o PLAN`.
+//! `druse plan RECIPE -o PLAN`: plans the bricks or frames of a run for several machines, and job files for their
+//! queues. No brick is made.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -96,6 +97,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
 }
 
 /// The folder of the outputs as an absolute path, where it is not in the folder of the plan, so that the plan by
+/// itself does not send files there; `None` where it is, or the user names none. A note shows the flag of the
+/// merge.
 /// itself does not send files there.
 pub(super) fn out_elsewhere(p: &Parameters, session: &Session) -> Option<PathBuf> {
     let folder = p.output.parent().unwrap_or(Path::new(""));
@@ -119,7 +122,7 @@ fn job_files(p: &Parameters, items: &Items) -> Result<Vec<PathBuf>, Failure> {
     Ok(files)
 }
 
-/// The plan of a sequence.
+/// Writes the plan of a sequence and its job files.
 fn sequence(
     p: &Parameters,
     frames: &FrameList,

@@ -29,6 +29,7 @@ pub(super) fn read(path: &Path, dimension: usize) -> Result<Vec<[f64; 3]>, Failu
     }
 }
 
+/// The points, if all coordinates are finite; the error names the first that is not, counted from 0.
 fn finite(path: &Path, points: Vec<[f64; 3]>) -> Result<Vec<[f64; 3]>, Failure> {
     let bad = points.iter().position(|p| p.iter().any(|c| !c.is_finite()));
     match bad {
@@ -41,6 +42,7 @@ fn finite(path: &Path, points: Vec<[f64; 3]>) -> Result<Vec<[f64; 3]>, Failure> 
     }
 }
 
+/// The points of a table with the columns x, y and, in three dimensions, z.
 fn csv(path: &Path, bytes: Vec<u8>, dimension: usize) -> Result<Vec<[f64; 3]>, ReadError> {
     let text = crate::io::table_text(path, bytes)?;
     let names: &[&str] = if dimension == 2 {
@@ -53,6 +55,7 @@ fn csv(path: &Path, bytes: Vec<u8>, dimension: usize) -> Result<Vec<[f64; 3]>, R
     Ok(rows.into_iter().map(point).collect())
 }
 
+/// The points of an array of `dimension` columns.
 fn npy(path: &Path, dimension: usize) -> Result<Vec<[f64; 3]>, ReadError> {
     let array = crate::io::read_npy(path)?;
     if array.shape.len() != 2 || array.shape[1] != dimension {

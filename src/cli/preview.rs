@@ -1,4 +1,5 @@
-//! `druse preview FILE... -o X.png`.
+//! `druse preview FILE... -o X.png`: a shaded picture of level sets, meshes, cells and scaffolds, each brought
+//! onto voxels first. Pictures show no more detail than a fixed number of voxels along the longest edge.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -46,6 +47,7 @@ const PREVIEW_RESOLUTION: f64 = 240.0;
 /// Half width of the band of such a level set, voxels.
 const BAND_HALF_WIDTH: f64 = 3.0;
 
+/// Renders one picture, or one for each frame.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let Some(frames) = &p.frames else {
         return one_picture(p, session);
@@ -149,7 +151,7 @@ fn picture(
     Ok((image, Some(range)))
 }
 
-/// A picture of a file as PNG.
+/// A picture of a file as PNG, `width` by `height` pixels.
 pub(super) fn png(
     path: &Path,
     [width, height]: [usize; 2],
@@ -224,6 +226,7 @@ fn mesh(path: &Path, session: &Session) -> Result<TriMesh, Failure> {
     Ok(file.mesh)
 }
 
+/// The level set of a mesh for a picture; an empty mesh is an error.
 fn voxelized(path: &Path, mesh: &TriMesh, tools: vdb::Session) -> Result<LevelSet, Failure> {
     let size = mesh.bounds().size().max();
     let transform = Transform::new(size / PREVIEW_RESOLUTION)
@@ -237,7 +240,7 @@ fn voxelized(path: &Path, mesh: &TriMesh, tools: vdb::Session) -> Result<LevelSe
     )?)
 }
 
-/// One element of a cell.
+/// One element of a cell, on voxels one and a half times as large as those of meshes: `path` is for errors.
 fn cell_picture(path: &Path, cell: &Cell, tools: vdb::Session) -> Result<LevelSet, Failure> {
     pipeline::one_element(cell, 1.0 / PREVIEW_RESOLUTION * 1.5, BAND_HALF_WIDTH, tools)
         .map_err(|e| Failure::data(path, e.to_string()))

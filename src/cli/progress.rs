@@ -37,6 +37,7 @@ pub(super) struct Display {
 }
 
 impl Display {
+    /// A display without a stage; a bar is drawn at most 8 times a second.
     pub(super) fn new(style: Style) -> Self {
         let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::hidden());
         if style == Style::Bar {
@@ -49,6 +50,7 @@ impl Display {
         }
     }
 
+    /// Whether the style is a bar.
     pub(super) fn is_bar(&self) -> bool {
         self.style == Style::Bar
     }
@@ -89,6 +91,7 @@ impl Display {
         }
     }
 
+    /// Adds `n` steps to the current stage. The line styles print one line for each further tenth.
     pub(super) fn advance(&self, n: u64) {
         match self.style {
             Style::None => {}
@@ -109,6 +112,7 @@ impl Display {
         }
     }
 
+    /// Prints the share and the time left of a stage, or only its name where the number of steps is unknown.
     fn print_line(&self, stage: &Stage) {
         let elapsed = stage.start.elapsed().as_secs_f64();
         let share = stage
@@ -137,6 +141,7 @@ impl Display {
         });
     }
 
+    /// Removes the bar.
     pub(super) fn finish(&self) {
         self.bar.disable_steady_tick();
         self.bar.finish_and_clear();

@@ -16,7 +16,8 @@ use std::path::{Path, PathBuf};
 /// Word in the name of the folder that holds the outputs of a repeated run until they are compared.
 const FOLDER_NAME: &str = "druse-repeat";
 
-/// Repeats the run that wrote a file and compares the content hashes.
+/// Repeats the run that wrote a file, with the recipe and overrides that it records, and compares the content
+/// hashes. The outputs are removed again unless `--out` names a folder for them.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let path = &p.recipe;
     if !p.set.is_empty() || p.dry_run || p.frames.is_some() {

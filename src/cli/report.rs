@@ -1,4 +1,5 @@
-//! `druse report report.json -o part.html`: a run's report as one page that needs no other file.
+//! `druse report report.json -o part.html`: a run's report as one page that needs no other file. Pictures are
+//! embedded; the recipe is shown only while its file has the hash of the run.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -75,7 +76,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     ))
 }
 
-/// A file of the report: under its own path, else beside the report.
+/// A file of the report: under its own path, else beside the report; `None` where neither exists.
 fn existing(report: &Path, path: &str) -> Option<PathBuf> {
     let own = PathBuf::from(path);
     let beside = report.with_file_name(own.file_name()?);

@@ -1,4 +1,6 @@
-//! `--require FILE` of `druse check`: a part against requirements.
+//! `--require FILE` of `druse check`: a part against requirements. Bare lengths of the requirements are in the
+//! unit of their file, the measures in that of the part. What only a run knows, or only voxels give, is refused
+//! with a hint.
 
 use super::failure::Failure;
 use super::output::Answer;
@@ -14,6 +16,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
+// clap would make a group of the struct's name, which several structs in one command have.
 #[group(skip)] // the name of the struct is that of others in one command
 pub(super) struct Parameters {
     /// Check the part against the [require] section of this file, a recipe or a part of one.
@@ -25,7 +28,7 @@ pub(super) struct Parameters {
 }
 
 impl Parameters {
-    /// The requirements, if any are given.
+    /// The requirements of the file, if one is given; refuses those that only a run can judge.
     pub(super) fn read(&self) -> Result<Option<RequireFile>, Failure> {
         let Some(path) = &self.require else {
             return Ok(None);
@@ -48,7 +51,8 @@ impl Parameters {
         Ok(Some(file))
     }
 
-    /// Checks a mesh that is a solid against requirements. `report` is that of the solid's mesh.
+    /// Checks the mesh of the file `path` against requirements. `report` is that of the solid's mesh, which must
+    /// bound a solid; requirements that need voxels are refused, and so is a mesh without a unit.
     pub(super) fn judge_mesh(
         &self,
         require: &RequireFile,
@@ -165,7 +169,7 @@ pub(super) fn lines(requirements: &[Requirement]) -> String {
     lines.join("\n")
 }
 
-/// Adds requirements to an answer; the exit code is 0 if all are met.
+/// Adds requirements to an answer; the exit code is 0 if all are met and the other checks have `passed`.
 pub(super) fn add(
     mut text: String,
     mut facts: Value,

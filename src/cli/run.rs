@@ -90,7 +90,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(reported(&report, session))
 }
 
-/// The recipe at several frames.
+/// Runs the recipe at several frames; with `--dry-run` only the first is estimated.
 fn sequence(p: &Parameters, frames: &FrameList, session: &Session) -> Result<Answer, Failure> {
     let options = options(p, session)?;
     let sequence = super::frames::Sequence {
@@ -114,7 +114,8 @@ fn sequence(p: &Parameters, frames: &FrameList, session: &Session) -> Result<Ans
     sequence.run(session)
 }
 
-/// Opens the grids of cells within limits before the run does.
+/// Opens the grids of cells within limits, in a child process, before the run does: a damaged file is an error
+/// then.
 fn inspect_voxels(recipe: &Recipe) -> Result<(), Failure> {
     for cell in recipe.sections().cell.values() {
         if let Some(file) = &cell.voxels {
@@ -124,6 +125,7 @@ fn inspect_voxels(recipe: &Recipe) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The options of a run from its flags.
 fn options(p: &Parameters, session: &Session) -> Result<RunOptions, Failure> {
     Ok(RunOptions {
         memory: p.memory,
@@ -133,7 +135,7 @@ fn options(p: &Parameters, session: &Session) -> Result<RunOptions, Failure> {
     })
 }
 
-/// Some bricks of a plan.
+/// Makes some bricks of a plan; complete ones are left as they are.
 fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answer, Failure> {
     if !is_plan {
         return Err(Failure::usage("--brick goes with a plan (.json)")
@@ -148,6 +150,7 @@ fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answe
         memory: p.memory,
         ..super::vdb::run_options(p.threads, session)?
     };
+    // Number of bricks that were complete already.
     let left = pipeline::make_bricks(&p.recipe, &p.brick, &options, session)?;
     session.finish();
     let made = p.brick.iter().map(ExactSizeIterator::len).sum::<usize>() - left;
@@ -186,7 +189,7 @@ fn prediction(e: &Estimate) -> String {
     shown.join("\n")
 }
 
-/// Parses "3" and "0-7".
+/// Parses "3" and "0-7" into a range whose end is excluded.
 fn bricks(text: &str) -> Result<Range<usize>, String> {
     let parsed = match text.split_once('-') {
         Some((first, last)) => first.trim().parse().ok().zip(last.trim().parse().ok()),

@@ -1,4 +1,5 @@
-//! The report of a run as the terminal shows it.
+//! The report of a run as the terminal shows it: notes and warnings on stderr, a line for each file and
+//! requirement on stdout, and the whole report as the object of `--json`.
 
 use super::context::Session;
 use super::numbers::{grouped, size};
@@ -7,7 +8,8 @@ use crate::frame::figures;
 use crate::pipeline::{MacroDeckFacts, Report};
 use serde_json::json;
 
-/// The summary printed at the end of a run or a merge.
+/// The summary printed at the end of a run or a merge. Prints the notes at once; the answer passes if all
+/// requirements are met.
 pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     session.finish();
     for note in report.scaffold.iter().flat_map(|s| &s.notes) {
@@ -99,6 +101,7 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     Answer::new(lines.join("\n"), json).verdict(report.meets_requirements())
 }
 
+/// One line about the solid, time and memory.
 fn summary(report: &Report) -> String {
     let solid = &report.solid;
     let seconds: f64 = report.stages.iter().map(|s| s.seconds).sum();

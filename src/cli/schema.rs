@@ -12,6 +12,7 @@ pub(super) struct Parameters {
     reference: bool,
 }
 
+/// The schema or the reference, as text and as an object.
 #[allow(clippy::unnecessary_wraps)] // all commands have one signature
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     if p.reference {

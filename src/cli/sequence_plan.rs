@@ -48,6 +48,7 @@ pub(super) fn is_sequence(path: &Path) -> bool {
     read(path).is_ok()
 }
 
+/// Reads the plan of a sequence; any other file is an error.
 fn read(path: &Path) -> Result<SequencePlan, Failure> {
     let text = std::fs::read_to_string(path).map_err(|e| crate::io::ReadError::io(path, e))?;
     let plan: SequencePlan = serde_json::from_str(&text).map_err(|e| {
@@ -72,7 +73,8 @@ pub(super) struct Planned {
     pub files: Vec<PathBuf>,
 }
 
-/// Plans a sequence and writes its file.
+/// Plans a sequence and writes its file, and a plan of its own beside it for each frame that needs bricks or is to
+/// have them.
 pub(super) fn plan(
     p: &Parameters,
     frames: &FrameList,
@@ -202,6 +204,7 @@ impl Opened {
         })
     }
 
+    /// The sequence that the plan describes.
     fn sequence(&self) -> Sequence<'_> {
         Sequence {
             recipe: &self.recipe,
@@ -212,7 +215,7 @@ impl Opened {
     }
 }
 
-/// `druse run PLAN --brick N` on the plan of a sequence.
+/// `druse run PLAN --brick N` on the plan of a sequence: makes the items of these numbers, unless they are there.
 pub(super) fn make_items(p: &super::run::Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.brick.is_empty()
         || p.dry_run

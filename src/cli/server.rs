@@ -55,7 +55,7 @@ impl Refused {
     }
 }
 
-/// The answer to a request.
+/// The answer to a request: a status of HTTP, a content, and whether the server ends after it.
 pub(super) struct Reply {
     status: u16,
     content_type: &'static str,
@@ -64,7 +64,7 @@ pub(super) struct Reply {
 }
 
 impl Reply {
-    /// A good answer.
+    /// A good answer (status 200) of a MIME type.
     pub fn of(content_type: &'static str, body: impl Into<Arc<[u8]>>) -> Self {
         Self {
             status: 200,
@@ -340,7 +340,8 @@ fn drain(stream: &mut TcpStream) {
     }
 }
 
-/// The head of a binary answer: the length of a description, and the description.
+/// The head of a binary answer: the length of a description in bytes (u32, little-endian), and the description as
+/// JSON. Spaces fill it to a multiple of 4, so that the numbers behind it are aligned for the page's typed arrays.
 pub(super) fn headed(about: &serde_json::Value) -> Vec<u8> {
     let mut text = about.to_string();
     while !text.len().is_multiple_of(4) {

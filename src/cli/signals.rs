@@ -82,13 +82,14 @@ impl Signals {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// 128 and the number of a signal after it.
+    /// 128 plus the number of the last signal; `None` before any.
     pub(super) fn exit_code(&self) -> Option<u8> {
         self.stopped()
             .then(|| 128 + self.which.load(Ordering::Relaxed) as u8)
     }
 
-    /// Waits for a signal, then ends the program if it does not work: it waits for another one.
+    /// Waits for a signal, then for the work to end by itself; ends the program once it uses almost no processor
+    /// time: it waits for another program then.
     fn end_idle_program(&self, mut wake: UnixStream) {
         let mut byte = [0];
         if wake.read_exact(&mut byte).is_err() {

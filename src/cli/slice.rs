@@ -1,4 +1,5 @@
-//! `druse slice IN.vdb|RECIPE -o X --layer LENGTH`.
+//! `druse slice IN.vdb|RECIPE -o X --layer LENGTH`: a part as pictures or outlines of its layers. Files are
+//! complete or absent; an interrupted stack of pictures is removed.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -71,6 +72,7 @@ enum Format {
     ThreeMf,
 }
 
+/// Slices a part, or each frame of a sequence.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let Some(frames) = &p.frames else {
         return one_stack(p, session);
@@ -95,7 +97,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     })
 }
 
-/// Slices a part into pictures, or into one file of outlines.
+/// Slices a part into pictures, or into one file of outlines. A plan has at least one layer, so that the head of a
+/// file is written before its tail.
 fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     // A level set is sliced as the recipe that reads it.
     let (recipe, opened) = match FileKind::of(&p.file, &[FileKind::Vdb, FileKind::Recipe])? {
@@ -128,6 +131,8 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         )
         .hint("druse filter turns a part: 'resample={rotate=[90,0,0]}'"));
     }
+    // An existing folder must take files. One that does not exist is not made yet: its name must be one that can
+    // be made, which the test for files finds out too.
     if format == Format::Png && p.output.is_dir() {
         require_directory(&p.output)?;
     } else {
@@ -144,6 +149,7 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
             }
             let per_metre = 1000.0 / (s.plan.pixel * to_mm);
             let png = grey_png(&s.plan, layer, per_metre)
+                // Encoding into memory has no file and no kind of error of its own.
                 .map_err(|e| RunError::Empty(format!("encoding a picture: {e}")))?;
             let path = p.output.join(format!("{:05}.png", n + 1));
             bytes += write_bytes(&path, &png)?;
@@ -191,6 +197,7 @@ struct Pictures<'a> {
 }
 
 impl<'a> Pictures<'a> {
+    /// No pictures yet; the folder may not exist.
     fn in_folder(folder: &'a Path) -> Self {
         Self {
             folder,
@@ -199,6 +206,7 @@ impl<'a> Pictures<'a> {
         }
     }
 
+    /// Keeps the pictures and the folder.
     fn keep(mut self) {
         self.files.clear();
         self.is_new = false;
@@ -216,7 +224,8 @@ impl Drop for Pictures<'_> {
     }
 }
 
-/// Writes a slice stack in millimetres; `cut` slices the part and passes the layers to its argument.
+/// Writes a slice stack (3MF) in millimetres; `cut` slices the part and passes the layers, in order, to its
+/// argument.
 fn stack(
     file: &mut AtomicFile,
     p: &Parameters,
@@ -247,6 +256,7 @@ fn stack(
             let unit = LengthUnit::Millimetre;
             writer = Some(SliceStackWriter::new(file, unit, bounds).map_err(failed)?);
         }
+        // The first layer has made the writer.
         let Some(writer) = &mut writer else {
             return Ok(());
         };
@@ -263,6 +273,7 @@ fn stack(
     Ok(sliced)
 }
 
+/// The text before the layers of a drawing (.svg) or of a file of outlines (.cli).
 fn head(format: Format, s: &SliceSummary, to_mm: f64) -> String {
     match format {
         Format::Svg => svg_head(&s.plan, to_mm),
@@ -270,6 +281,7 @@ fn head(format: Format, s: &SliceSummary, to_mm: f64) -> String {
     }
 }
 
+/// The text of layer `n`; `to_mm` converts the recipe's unit to millimetres.
 fn body(format: Format, s: &SliceSummary, n: usize, layer: &Layer, to_mm: f64) -> String {
     match format {
         Format::Svg => svg_layer(&s.plan, n, layer, to_mm),
@@ -277,6 +289,7 @@ fn body(format: Format, s: &SliceSummary, n: usize, layer: &Layer, to_mm: f64) -
     }
 }
 
+/// The answer: where the layers are, their number and size, and the volume of the part.
 fn report_answer(p: &Parameters, s: &SliceSummary, bytes: u64) -> Answer {
     let shown = p.output.display().to_string();
     let (unit, plan) = (s.unit, &s.plan);

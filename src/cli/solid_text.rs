@@ -1,4 +1,4 @@
-//! A solid of a file in words and as JSON.
+//! A solid of a file in words and as JSON: its mesh with defects, and its beams. Lengths are in the file's unit.
 
 use crate::frame::{LengthUnit, figures, place_figures};
 use crate::io::{BeamCap, BeamPart, SolidFile};
@@ -48,7 +48,7 @@ pub(super) fn solid_screen(
     (text, facts, passed)
 }
 
-/// The lines and facts on beams.
+/// The lines and facts on the beams and balls of a file.
 pub(super) fn beam_screen(parts: &[BeamPart], unit: Option<LengthUnit>) -> (String, Value) {
     let beams = || parts.iter().flat_map(|p| &p.beams);
     let balls = || parts.iter().flat_map(|p| &p.balls);

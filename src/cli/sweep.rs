@@ -58,7 +58,8 @@ struct Combination {
     hash: String,
 }
 
-/// Runs all combinations of values that the table does not hold yet.
+/// Runs all combinations of values that the table does not hold yet, and writes the table after each. A
+/// combination that fails has a row with its error; faults of the machine end the sweep.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let axes: Vec<Axis> = p
         .keys
@@ -138,7 +139,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts).verdict(failed == 0))
 }
 
-/// The folder of a combination's files.
+/// The folder of the files of combination `n`, counted from 0: 0001 for the first.
 fn folder_of(out: &Path, n: usize) -> PathBuf {
     out.join(format!("{:04}", n + 1))
 }
@@ -225,6 +226,7 @@ fn combinations(p: &Parameters, axes: &[Axis]) -> Result<Vec<Combination>, Failu
     Ok(found)
 }
 
+/// The values of a combination as KEY=VALUE, for messages.
 fn label(axes: &[Axis], values: &[String]) -> String {
     let pairs = axes.iter().zip(values);
     let pairs: Vec<String> = pairs.map(|(a, v)| format!("{}={v}", a.key)).collect();
@@ -268,7 +270,7 @@ fn dry_run(
     Ok(Answer::new(text, facts))
 }
 
-/// The numbers of a report by column.
+/// The numbers of a report by column, lengths in the recipe's unit; null for what was not measured.
 fn numbers(report: &Report) -> Vec<(&'static str, Value)> {
     let s = &report.solid;
     let build = s.build.as_ref();

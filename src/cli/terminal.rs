@@ -21,6 +21,7 @@ pub(super) fn is_obeyed(c: char) -> bool {
         || ('\u{e0000}'..='\u{e007f}').contains(&c)
 }
 
+/// The text with escapes for the characters that a terminal obeys and `is_kept` does not admit.
 fn escaped(text: &str, is_kept: impl Fn(char) -> bool) -> Cow<'_, str> {
     let is_wrong = |c: char| is_obeyed(c) && !is_kept(c);
     if !text.contains(is_wrong) {

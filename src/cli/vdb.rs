@@ -1,4 +1,6 @@
-//! Opening `.vdb` files in a child process, so that a damaged file cannot crash the program.
+//! Opening `.vdb` files in a child process, so that a damaged file cannot crash the program. The child is this
+//! program with a hidden command, limited in memory and time; it writes a grid or a description to a pipe.
+//! Commands never open an untrusted file themselves.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -16,6 +18,7 @@ use std::sync::OnceLock;
 /// Name of the hidden command that the child runs.
 pub(super) const CHILD: &str = "inspect-vdb";
 
+// Arguments of the child, in bytes and milliseconds; users do not see them.
 #[derive(Args)]
 pub(super) struct Parameters {
     file: PathBuf,

@@ -1,4 +1,5 @@
-//! Commands on `.vdb` files, run as recipes with the same sections, keys and parser.
+//! Commands on `.vdb` files, run as recipes with the same sections, keys and parser: their flags become a draft in
+//! memory, a table of TOML, which is read like a file.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -63,6 +64,7 @@ pub(super) fn path_value(path: &Path) -> Result<Value, Failure> {
 }
 
 impl Draft {
+    /// A draft without operations and outputs; `half_width` is in voxels.
     pub fn new(unit: LengthUnit, voxel_size: Value, half_width: f64) -> Self {
         let band = toml_table([
             ("voxel_size", Some(voxel_size)),
@@ -87,6 +89,7 @@ impl Draft {
         // As a flag, as the file's tag, or metres.
         let tagged = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
         let unit = choice.unit.or_else(tagged).unwrap_or(LengthUnit::Metre);
+        // Edge of a voxel in the file's unit, and half width of the band in voxels.
         let (edge, width) = volume.voxels();
         // A band of another width is rebuilt with the usual 3 voxels.
         let width = if (1.5..=64.0).contains(&width) {
@@ -117,10 +120,12 @@ impl Draft {
         Ok((draft, unit))
     }
 
+    /// Adds an operation by its name, with its value as in a recipe.
     pub fn operation(&mut self, name: &str, value: Value) {
         self.operations.push(toml_table([(name, Some(value))]));
     }
 
+    /// Adds an output by its keys; those without a value are left out.
     pub fn output(&mut self, entries: Vec<(&str, Option<Value>)>) {
         self.outputs.push(toml_table(entries));
     }

@@ -74,6 +74,7 @@ pub(super) struct Parameters {
 /// Bounds of `--triangles`: browsers and their memory end there.
 const TRIANGLE_RANGE: std::ops::RangeInclusive<usize> = 1_000..=4_000_000;
 
+/// Parses a number of triangles, with k for thousands or M for millions.
 fn triangle_count(text: &str) -> Result<usize, String> {
     let (digits, factor) = match text.strip_suffix(['k', 'K']) {
         Some(digits) => (digits, 1e3),
@@ -130,6 +131,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(reported(p, output, &scene, page))
 }
 
+/// The lines of a prediction that `foresee` made.
 fn prediction(found: &Value) -> String {
     let count = |key: &str| super::numbers::grouped(found[key].as_u64().unwrap_or(0));
     let mut text = format!(

@@ -1,4 +1,5 @@
-//! Memory or threads that run out, as the user sees it.
+//! Memory or threads that run out, as the user sees it. The words are made before the work begins, because nothing
+//! can be allocated for them later.
 
 use super::{EXIT_IO, Failure};
 use crate::cli::context::Session;
@@ -53,6 +54,7 @@ impl Failure {
 pub(super) fn cause(e: &std::io::Error) -> Option<Exhausted> {
     match e.kind() {
         ErrorKind::OutOfMemory => Some(Exhausted::Memory),
+        // The system's answer to a thread beyond its limit.
         ErrorKind::WouldBlock => Some(Exhausted::Threads),
         _ => None,
     }

@@ -1,4 +1,5 @@
-//! Effective properties as text, JSON and tables.
+//! Effective properties as text, JSON and tables. Stiffnesses are in Voigt's order 11 22 33 23 13 12, relative to
+//! the solid's Young modulus unless one is given; lengths are in edges of the reference cell.
 
 use crate::frame::Vec3;
 use crate::homogenize::{EngineeringConstants, LOADS, Properties, Voigt, directional_modulus};
@@ -26,6 +27,7 @@ pub(super) struct PeriodResults<'a> {
 }
 
 impl PeriodResults<'_> {
+    /// The properties on the finer grid, which are the results.
     fn fine(&self) -> &Properties {
         &self.computed.fine
     }
@@ -38,6 +40,7 @@ impl PeriodResults<'_> {
         }
     }
 
+    /// The results as one object: those of the period, and the material that was given.
     pub fn json(&self) -> Value {
         let mut all = self.computed.json(self.source);
         all["kind"] = json!("properties");
@@ -328,7 +331,7 @@ fn short(v: f64) -> String {
     }
 }
 
-/// Writes the rows of a matrix; entries of the size of rounding errors are 0.
+/// Writes the rows of a matrix; entries below a millionth of the greatest are rounding and shown as 0.
 fn matrix<const N: usize>(text: &mut String, m: &[[f64; N]; N]) {
     let greatest = m.iter().flatten().fold(0.0, |a: f64, v| a.max(v.abs()));
     for row in m {

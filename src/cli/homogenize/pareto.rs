@@ -152,6 +152,7 @@ pub(super) fn answer(
     Ok(with_files(text, facts, &files))
 }
 
+/// An entry as an object.
 fn row(e: &Entry) -> Value {
     json!({
         "name": e.name,
@@ -165,6 +166,7 @@ fn row(e: &Entry) -> Value {
     })
 }
 
+/// The entries as a table; a closed cell has the permeability and opening 0.
 fn csv(entries: &[Entry]) -> String {
     let mut text =
         "name,volume_fraction,permeability,bulk,bulk_over_bound,zener,opening,is_best\n".to_owned();

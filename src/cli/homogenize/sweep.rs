@@ -1,4 +1,5 @@
-//! `--sweep volume_fraction=FROM:TO:STEP`: a table and curves over the volume fraction.
+//! `--sweep volume_fraction=FROM:TO:STEP`: a table and curves over the volume fraction, on one grid. The last
+//! fraction is the greatest that a whole number of steps reaches.
 
 use super::{Parameters, warn_of, with_files};
 use crate::cli::context::Session;
@@ -46,6 +47,7 @@ impl FromStr for Sweep {
                 "found {from} to {to} in steps of {step}; expected 0 < FROM <= TO < 1 and a positive step"
             ));
         }
+        // The margin keeps rounding from losing the last step.
         let count = ((to - from) / step + 1e-9).floor() as usize + 1;
         if count > MAX_STEPS {
             return Err(format!("found {count} steps; expected at most {MAX_STEPS}"));
@@ -180,6 +182,7 @@ pub(super) fn answer(
     Ok(with_files(text, facts, &files))
 }
 
+/// The lines as a table; numbers that were not computed are empty.
 fn table(lines: &[Line]) -> String {
     let mut text = COLUMNS.join(",") + "\n";
     for line in lines {

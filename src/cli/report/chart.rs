@@ -16,7 +16,7 @@ const PLOT_HEIGHT: f64 = 130.0;
 /// Number of labels along the axis.
 const LABELS: usize = 4;
 
-/// A limit that the chart marks.
+/// A limit that the chart marks; its value is in the unit of the histogram.
 pub(super) struct Limit {
     pub value: f64,
     pub is_met: bool,
@@ -186,7 +186,7 @@ fn ticks(end: f64) -> impl Iterator<Item = f64> {
     (0..=count.min(LABELS)).map(move |n| n as f64 * step)
 }
 
-/// A number with one leading digit 1, 2 or 5, at least `value`.
+/// A number with one leading digit 1, 2 or 5, at least `value` up to rounding.
 fn round_step(value: f64) -> f64 {
     let power = 10f64.powf(value.log10().floor());
     let digit = value / power;

@@ -1,4 +1,6 @@
-//! The page of a report: its sections, from the verdict to the recipe.
+//! The page of a report: its sections, from the verdict to the recipe. Values are read from the JSON of the
+//! report, so that a report of another version shows what both have; a section without content is left out. Text
+//! is escaped where it is inserted.
 
 use super::chart::{Limit, histogram};
 use super::printing;
@@ -59,6 +61,7 @@ impl Page<'_> {
         )
     }
 
+    /// The name of the part: that of the recipe's file, or "part".
     fn name(&self) -> String {
         let recipe = Path::new(self.report["recipe"].as_str().unwrap_or_default());
         let stem = recipe.file_stem().map(|s| s.to_string_lossy().into_owned());
@@ -66,14 +69,17 @@ impl Page<'_> {
             .unwrap_or_else(|| "part".into())
     }
 
+    /// A list of the report; empty where it has none.
     fn list(&self, key: &str) -> &[Value] {
         self.report[key].as_array().map_or(&[], Vec::as_slice)
     }
 
+    /// The unit of the report's lengths, escaped.
     fn unit(&self) -> String {
         text(&self.report["unit"])
     }
 
+    /// The title with the verdict on all requirements.
     fn head(&self, name: &str) -> String {
         let all = self.list("requirements");
         let missed = all.iter().filter(|r| r["met"] != true).count();
@@ -203,7 +209,8 @@ impl Page<'_> {
         format!("<div class=\"charts\">{out}</div>")
     }
 
-    /// The limit of a requirement such as "at least 0.4 mm".
+    /// The limit of a requirement such as "at least 0.4 mm": the first number in its text. `None` where the run
+    /// had no such requirement.
     fn limit(&self, name: &str) -> Option<Limit> {
         let mut all = self.list("requirements").iter();
         let requirement = all.find(|r| r["name"] == name)?;
@@ -255,6 +262,7 @@ impl Page<'_> {
         out
     }
 
+    /// The greatest jump and crease across shared faces; empty without a certificate.
     fn continuity(&self) -> String {
         let found = &self.report["continuity"];
         let Some(jump) = found["value_jump_max"].as_f64() else {
@@ -280,6 +288,7 @@ impl Page<'_> {
         out
     }
 
+    /// The table of warnings.
     fn warnings(&self) -> String {
         let rows = self.list("warnings").iter();
         let rows: Vec<Vec<String>> = rows
@@ -296,6 +305,7 @@ impl Page<'_> {
         table(&["code", "warning"], &rows)
     }
 
+    /// The table of the recipe and the files that the run read, with their hashes.
     fn inputs(&self) -> String {
         let mut rows = vec![vec![
             "recipe".to_owned(),
@@ -312,6 +322,7 @@ impl Page<'_> {
         table(&["key", "file", "BLAKE3"], &rows)
     }
 
+    /// The table of the files that the run wrote.
     fn outputs(&self) -> String {
         let rows = self.list("outputs").iter().map(|o| {
             let bytes = o["bytes"].as_u64().unwrap_or(0);
@@ -405,7 +416,7 @@ impl Page<'_> {
     }
 }
 
-/// Both corners of a box.
+/// Both corners of a box; `None` where the report has none.
 fn corners(value: &Value) -> Option<[[f64; 3]; 2]> {
     let corner = |v: &Value| -> Option<[f64; 3]> {
         let all: Vec<f64> = v

@@ -1,4 +1,5 @@
-//! Sections of the page on channels and layers.
+//! Sections of the page on channels and layers, for printed parts. Both are empty where the run has none; `solid`
+//! is the report's object of the solid and `unit` that of its lengths.
 
 use super::chart::curves;
 use crate::cli::html::{number, place, table};

@@ -1,8 +1,10 @@
-//! Names of files that a page may read or write: plain names in one directory.
+//! Names of files that a page may read or write: plain names in one directory. A page cannot be trusted with a
+//! path: it could name any file of the user.
 
 use std::path::{Path, PathBuf};
 
-/// The path of a plain name within a directory; links that lead out of it are refused.
+/// The path of a plain name within a directory (empty: the working directory); links that lead out of it are
+/// refused. The file need not exist.
 ///
 /// # Errors
 /// What was found and expected.

@@ -41,6 +41,7 @@ pub(super) enum Refusal {
     With(Refused),
 }
 
+/// The refusal of a request with a status of HTTP and a message.
 fn refuse<T>(status: u16, message: impl Into<String>) -> Result<T, Refusal> {
     Err(Refusal::With(Refused {
         status,
@@ -55,6 +56,7 @@ struct TimedReader<'a> {
 }
 
 impl TimedReader<'_> {
+    /// Reads some bytes, at least one, before the deadline.
     fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Refusal> {
         let left = self.end.saturating_duration_since(Instant::now());
         if left.is_zero() || self.stream.set_read_timeout(Some(left)).is_err() {
@@ -69,6 +71,7 @@ impl TimedReader<'_> {
     }
 }
 
+/// Whether a read has ended for its deadline; systems differ in the kind of error.
 fn is_timeout(e: &std::io::Error) -> bool {
     use std::io::ErrorKind::{TimedOut, WouldBlock};
     matches!(e.kind(), TimedOut | WouldBlock)
@@ -132,12 +135,13 @@ pub(super) fn read_request(stream: &mut TcpStream, guard: &Guard) -> Result<Requ
     }
 }
 
-/// The request line with all headers, and the bytes after them.
+/// The request line with all headers, without the empty line that ends them, and the bytes after it.
 fn read_head(reader: &mut TimedReader) -> Result<(String, Vec<u8>), Refusal> {
     let mut bytes = Vec::new();
     loop {
         let mut some = [0u8; 2048];
         let count = reader.read(&mut some)?;
+        // The end mark of four bytes may begin in the last three of the read before.
         let start = bytes.len().saturating_sub(3);
         bytes.extend(&some[..count]);
         let end = bytes[start..].windows(4).position(|w| w == b"\r\n\r\n");
@@ -156,6 +160,7 @@ fn read_head(reader: &mut TimedReader) -> Result<(String, Vec<u8>), Refusal> {
     }
 }
 
+/// The values of a header, in any case of letters; there may be several.
 fn header<'a>(headers: &'a [(&str, &'a str)], name: &'a str) -> impl Iterator<Item = &'a str> {
     headers
         .iter()
@@ -164,7 +169,8 @@ fn header<'a>(headers: &'a [(&str, &'a str)], name: &'a str) -> impl Iterator<It
 }
 
 impl Guard {
-    /// The path behind the token, if host, origin and token are right.
+    /// The path behind the token, without a query, if host, origin and token are right. Without the header Origin,
+    /// as requests of a typed address have none, host and token decide.
     fn admit<'a>(&self, target: &'a str, headers: &[(&str, &str)]) -> Result<&'a str, Refusal> {
         let names = ["127.0.0.1", "localhost"].map(|name| format!("{name}:{}", self.port));
         let hosts: Vec<&str> = header(headers, "Host").collect();

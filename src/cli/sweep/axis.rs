@@ -1,4 +1,5 @@
-//! The values of one key of a sweep.
+//! The values of one key of a sweep, from KEY=LIST or KEY=FIRST:LAST:STEP. Values stay text, as they are overrides
+//! of a recipe, which checks them.
 
 use crate::cli::failure::Failure;
 
@@ -13,7 +14,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// Parses KEY=LIST or KEY=FIRST:LAST:STEP.
+    /// Parses KEY=LIST or KEY=FIRST:LAST:STEP; a text that is no key with values is an error of usage.
     pub fn parse(text: &str) -> Result<Self, Failure> {
         let fault = |why: &str| {
             Failure::usage(format!("found {text:?}: {why}"))
@@ -66,7 +67,8 @@ fn items(list: &str) -> Vec<String> {
         .collect()
 }
 
-/// The values of FIRST:LAST:STEP, numbers with one unit or none; `None` if the text is no range.
+/// The values of FIRST:LAST:STEP, numbers with one unit or none; `None` if the text is no range and may be a list.
+/// LAST is among them if a whole number of steps leads there; a negative step leads down.
 fn range(text: &str) -> Option<Result<Vec<String>, &'static str>> {
     let parts: Vec<&str> = text.split(':').map(str::trim).collect();
     let [first, last, step] = parts[..] else {
@@ -85,14 +87,17 @@ fn range(text: &str) -> Option<Result<Vec<String>, &'static str>> {
         return Some(Err("expected the same unit in FIRST:LAST:STEP"));
     }
     let (first, last, step) = (first.0, last.0, step.0);
+    // A billionth of a step makes rounding harmless: 0.1 to 0.3 in steps of 0.1 are three values.
     let count = ((last - first) / step + 1e-9).floor() + 1.0;
     if !(1.0..=MAX_VALUES).contains(&count) {
+        // Too many values are refused by the same message, as a step of almost 0.
         return Some(Err("expected a step that leads from FIRST to LAST"));
     }
     // Twelve digits hide the rounding of sums.
     let value = |n: usize| {
         let v = first + n as f64 * step;
         let rounded: f64 = format!("{v:.11e}").parse().unwrap_or(v);
+        // Adding 0 turns -0 into 0.
         format!("{}{unit}", rounded + 0.0)
     };
     Some(Ok((0..count as usize).map(value).collect()))

@@ -1,4 +1,5 @@
-//! The table of a sweep: CSV with a row per combination, by the hash of its recipe.
+//! The table of a sweep: CSV with a row per combination, by the hash of its recipe. Columns are the keys, the
+//! numbers of a report, the error and the hash. Rows of other combinations are kept.
 
 use crate::cli::failure::Failure;
 use crate::io::atomic::write_bytes;

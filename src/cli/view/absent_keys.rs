@@ -1,4 +1,5 @@
-//! Keys that a recipe lacks and a page can add.
+//! Keys that a recipe lacks and a page can add. Only sections with a header of their own take them, because a line
+//! is inserted behind the header; nothing else of the text changes.
 
 use super::schema_words::SchemaWords;
 use serde_json::{Value, json};
@@ -33,7 +34,8 @@ impl AbsentKey {
         })
     }
 
-    /// Adds the key after the header of its section.
+    /// Adds the key with its value (`literal`, as TOML) after the header of its section; nothing without that
+    /// header.
     pub fn add(&self, text: &mut String, literal: &str) {
         if let Some(at) = header_end(text, &self.header) {
             let name = self.key.rsplit('.').next().unwrap_or_default();
@@ -42,7 +44,7 @@ impl AbsentKey {
     }
 }
 
-/// Where the line of a header ends.
+/// Where the line of a header ends, in bytes; `None` where the text has no such line.
 fn header_end(text: &str, header: &str) -> Option<usize> {
     let mut at = 0;
     text.split_inclusive('\n').find_map(|line| {
@@ -52,7 +54,8 @@ fn header_end(text: &str, header: &str) -> Option<usize> {
     })
 }
 
-/// The keys that a page can add: those of sections with a header of their own.
+/// The keys that a page can add to `text`: those of sections with a header of their own that are not among the
+/// keys `present`. Sections within sections, as `[cell.a.place]`, take none.
 pub(super) fn absent_keys(text: &str, present: &[String], words: &SchemaWords) -> Vec<AbsentKey> {
     let headers = text.lines().filter_map(|line| {
         let code = line.split('#').next().unwrap_or_default().trim();

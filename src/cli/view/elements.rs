@@ -8,7 +8,7 @@ use crate::frame::{CellPoint, Vec3};
 use crate::io::{DataField, FieldAt, Group, ScaffoldFile};
 use crate::scaffold::{ElementMap, Neighbour, Scaffold};
 
-/// Parts of the sides of curved faces, where there are few enough triangles.
+/// Number of parts of a side of a curved face, where there are few enough triangles; else two, else one.
 const CURVED_PARTS: usize = 4;
 
 /// A scaffold with its named sets of elements and the fields of its file.
@@ -108,6 +108,7 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
     (body, is_outer)
 }
 
+/// The field of a page from a field of a file; several components become their magnitude.
 fn number_field(field: &DataField, at: At, values: Vec<f32>) -> Field {
     let name = if field.components > 1 {
         format!("magnitude of {}", field.name)
@@ -131,7 +132,7 @@ fn magnitude(values: &[f64]) -> f32 {
     }
 }
 
-/// A field of the nodes at a point of an element.
+/// A field of the nodes at a reference point of an element, interpolated; NaN where the file lacks a value.
 fn at_point(field: &DataField, element: &ElementMap, xi: CellPoint<3>) -> f32 {
     let width = field.components.max(1);
     let mut sum = vec![0.0; width];
@@ -227,6 +228,7 @@ fn add_face(
             }
         }
     }
+    // Vertex (i, j) of the face: rows of j from the side of the first two corners.
     // The outline: two sides from the first corner, and the others.
     for k in 0..n {
         body.lines.push([vertex(k, 0), vertex(k + 1, 0)]);

@@ -1,4 +1,5 @@
-//! What the page of a file would hold, for `--dry-run`.
+//! What the page of a file would hold, for `--dry-run`. Numbers of triangles are exact for meshes and elements,
+//! estimates for level sets and cells; nothing is meshed.
 
 use super::elements::Elements;
 use super::load::{VOXELS_PER_TRIANGLE, coarse_reading, kind_of};
@@ -13,7 +14,7 @@ const BYTES_PER_TRIANGLE: f64 = 12.0;
 /// Bytes of the page without geometry.
 const PAGE_BYTES: u64 = 60_000;
 
-/// What the page of a file would hold, without making meshes.
+/// What the page of a file would hold, as an object, without making meshes.
 pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
     let is_surface = crate::cli::cell_text::surface(&p.file, None)?.is_some();
     let mut step = 1u64;

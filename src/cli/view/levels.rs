@@ -182,6 +182,7 @@ fn show_scaffold(
     work.publish(&scene, None, result, progress)
 }
 
+/// The options of all runs of a page: brief, with a child that reads files, and with the page's cache.
 fn options(work: &Work) -> Result<RunOptions, Failure> {
     Ok(RunOptions {
         threads: work.p.threads,
@@ -192,7 +193,8 @@ fn options(work: &Work) -> Result<RunOptions, Failure> {
     })
 }
 
-/// The recipe with other voxels and without files.
+/// The recipe with voxels of another `size` (recipe units; `None` keeps its own), and without files and
+/// certificate. The overrides are comments behind the text, as a run's files hold them.
 fn at_voxel_size(
     path: &Path,
     text: &str,
@@ -214,7 +216,8 @@ fn at_voxel_size(
     Ok(Recipe::embedded(path, &text)?)
 }
 
-/// The voxels of the first step, from the box of the solid.
+/// The edge of the voxels of the first step, recipe units, from the box of the solid; `None` where the box is
+/// unknown.
 fn first_size(
     recipe: &Recipe,
     options: &RunOptions,
@@ -225,7 +228,7 @@ fn first_size(
     Ok(volume.map(|v| (ACTIVE_SHARE * v / LEVEL_VOXELS[0]).cbrt()))
 }
 
-/// Publishes the solid of a step.
+/// Meshes and publishes the solid of a step, with or without wall thickness, and the warnings of its run.
 fn publish(
     work: &Work,
     step: &Step,
@@ -278,7 +281,7 @@ fn warnings(work: &Work, report: &Report, edit: &Edit) -> Vec<Value> {
     described.collect()
 }
 
-/// The key that a kind of warning is about.
+/// The key that a kind of warning is about; `None` for kinds without one.
 fn usual_key(code: &str) -> Option<&'static str> {
     match code {
         Warning::THIN_WALLS | Warning::RESAMPLED => Some("band.voxel_size"),
@@ -322,7 +325,8 @@ pub(super) fn run_full(work: &Work, text: &RecipeText, edit: &Edit, number: u64)
     work.state().full = full;
 }
 
-/// Writes the changed recipe beside the original, under a name that is new.
+/// Writes the changed recipe beside the original, under a plain name that is new and ends in `.toml`. Returns path
+/// and size for the page.
 pub(super) fn save(work: &Work, name: &str) -> Result<Value, Refused> {
     let Subject::Recipe(recipe) = &work.subject else {
         return Err(no_recipe());

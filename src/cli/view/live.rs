@@ -1,4 +1,5 @@
-//! The live page: a server, and the thread that computes what it shows.
+//! The live page: a server, and the thread that computes what it shows. Requests only read or change the state of
+//! the work and answer at once; nothing is computed while one waits, except for slices.
 
 use super::recipe_text::RecipeText;
 use super::work::{Subject, Work, no_recipe};
@@ -44,7 +45,7 @@ pub(super) fn serve(p: &Parameters, session: &Session) -> Result<Answer, Failure
     ))
 }
 
-/// The answer to a request.
+/// The answer to a request, by its method and its path behind the token.
 fn answer<'scope, 'a: 'scope>(
     request: &Request,
     work: &'scope Work<'a>,
@@ -84,6 +85,7 @@ fn answer<'scope, 'a: 'scope>(
     }
 }
 
+/// The last scene that was published, in binary.
 fn scene(work: &Work) -> Reply {
     let published = work.state().published.clone();
     published.map_or_else(
@@ -92,6 +94,7 @@ fn scene(work: &Work) -> Reply {
     )
 }
 
+/// The recipe of the page; a file has none.
 fn recipe_of<'w>(work: &'w Work) -> Result<&'w RecipeText, Refused> {
     match &work.subject {
         Subject::Recipe(recipe) => Ok(recipe),
@@ -99,6 +102,7 @@ fn recipe_of<'w>(work: &'w Work) -> Result<&'w RecipeText, Refused> {
     }
 }
 
+/// The controls of the recipe's values.
 fn controls(work: &Work) -> Result<Reply, Refused> {
     Ok(Reply::json(&recipe_of(work)?.controls()))
 }
@@ -109,12 +113,14 @@ fn recipe(work: &Work) -> Result<Reply, Refused> {
     Ok(Reply::text(200, &text))
 }
 
+/// Takes changes of the page, as JSON, and begins to compute them.
 fn set(work: &Work, sent: &str) -> Result<Reply, Refused> {
     let edit = recipe_of(work)?.edit(sent)?;
     work.change(edit);
     Ok(Reply::json(&work.describe()))
 }
 
+/// Values over a slice that the page requests, in binary.
 fn slice(work: &Work, sent: &str) -> Result<Reply, Refused> {
     let sampled = work.state().sampled.as_ref().map(Arc::clone);
     let sampled = sampled.ok_or_else(|| Refused::new("found no level set to slice"))?;

@@ -35,7 +35,7 @@ const BAND_HALF_WIDTH: f64 = 3.0;
 /// Voxels along the longest side of beams.
 const BEAM_VOXELS: f64 = 400.0;
 
-/// Reads a file and makes its scene.
+/// Reads a file and makes its scene; of a level set also the grid for slices.
 pub(super) fn scene(
     p: &Parameters,
     tools: vdb::Session,
@@ -105,6 +105,7 @@ fn is_nano(path: &Path) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"))
 }
 
+/// The kind of a file that a page shows; any other is an error.
 pub(super) fn kind_of(path: &Path) -> Result<FileKind, Failure> {
     if is_nano(path) {
         return Ok(FileKind::Vdb);
@@ -112,6 +113,7 @@ pub(super) fn kind_of(path: &Path) -> Result<FileKind, Failure> {
     FileKind::of(path, &KINDS)
 }
 
+/// The options of surfaces from the flags.
 fn options(p: &Parameters) -> SurfaceOptions {
     SurfaceOptions {
         max_triangles: p.triangles,
@@ -251,15 +253,18 @@ fn without_crumbs(mesh: &TriMesh, voxel: f64) -> Result<TriMesh, Failure> {
     TriMesh::new(mesh.vertices().to_vec(), kept).map_err(|e| Failure::usage(e.to_string()))
 }
 
+/// A number with its unit, which may be empty.
 pub(super) fn with_unit(value: f64, unit: &str) -> String {
     format!("{} {unit}", figures(value)).trim_end().to_owned()
 }
 
+/// A volume with its cubed unit.
 fn volume_text(volume: f64, unit: &str) -> String {
     let cubed = if unit.is_empty() { "" } else { "³" };
     with_unit(volume, &format!("{unit}{cubed}"))
 }
 
+/// Adds a note if fewer triangles are kept than were found.
 fn simplified(found: usize, kept: usize, notes: &mut Vec<String>) {
     if kept < found {
         notes.push(format!(
@@ -304,6 +309,7 @@ fn values(p: &Parameters, own: &str, notes: &mut Vec<String>) -> Result<Vec<Volu
     names.iter().map(fetch).collect()
 }
 
+/// The scene of a mesh file; beams are brought onto voxels and meshed.
 fn mesh_scene(
     p: &Parameters,
     tools: vdb::Session,
@@ -360,6 +366,7 @@ fn surface_scene(
     })
 }
 
+/// The scene of a file of elements; one of surface elements is a mesh.
 fn scaffold(p: &Parameters, progress: &dyn Progress) -> Result<Scene, Failure> {
     progress.stage("reading", None);
     let file = match read_elements(&p.file)? {

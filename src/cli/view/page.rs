@@ -1,4 +1,5 @@
-//! The page: its parts and the geometry in one file.
+//! The page: its parts and the geometry in one file, or the parts of a live page. Text from outside is escaped;
+//! geometry is compressed numbers in base 64 or in a binary answer.
 
 use super::scene::Scene;
 use crate::cli::failure::Failure;
@@ -41,6 +42,7 @@ const POLICY: &str = "<meta http-equiv=\"Content-Security-Policy\" content=\"def
 pub(super) fn write(path: &Path, title: &str, scene: &Scene) -> Result<u64, Failure> {
     let encoded = describe(scene, title, Compression::new(7));
     let (about, numbers) = encoded.map_err(|e| Failure::data(path, e.to_string()))?;
+    // No tag can end the script that holds the JSON.
     let about = about.to_string().replace('<', "\\u003c");
     let head = format!("{POLICY}\n<style>\n{STYLE}</style>");
     let mut data = format!(
@@ -87,6 +89,7 @@ pub(super) fn pack(scene: &Scene, title: &str) -> std::io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// The description of a scene with title and version, and its compressed numbers.
 fn describe(
     scene: &Scene,
     title: &str,

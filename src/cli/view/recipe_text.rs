@@ -128,6 +128,7 @@ impl RecipeText {
         })
     }
 
+    /// The recipe's file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -137,7 +138,7 @@ impl RecipeText {
         self.path.parent().unwrap_or(Path::new(""))
     }
 
-    /// The controls of the page.
+    /// The controls of the page, its operations, and whether it opens with a cut.
     pub fn controls(&self) -> Value {
         let controls = self.leaves.iter().map(|leaf| {
             let (kind, unit, choices) = match &leaf.kind {
@@ -167,6 +168,7 @@ impl RecipeText {
     }
 
     /// The longest key, or section of keys, that a message about the changed recipe names; keys are the file's.
+    /// `None` where it names none.
     pub fn key_of(&self, message: &str, edit: &Edit) -> Option<&str> {
         let message = &self.in_file_order(message, edit);
         let is_named = |key: &&str| {
@@ -184,7 +186,7 @@ impl RecipeText {
         sections.filter(is_named).max_by_key(|key| key.len())
     }
 
-    /// The operations of the file in the order of the changed recipe, those that are off included.
+    /// The numbers of the file's operations in the order of the changed recipe, those that are off included.
     fn ordered(&self, edit: &Edit) -> Vec<usize> {
         if edit.order.is_empty() {
             return (0..self.operations.len()).collect();
@@ -230,7 +232,8 @@ impl RecipeText {
         text
     }
 
-    /// The changes that a page sends: `{ "values": { KEY: VALUE }, "off": [N], "order": [N] }`.
+    /// The changes that a page sends: `{ "values": { KEY: VALUE }, "off": [N], "order": [N] }`. Keys, kinds and
+    /// numbers are checked, because any text may be sent.
     pub fn edit(&self, sent: &str) -> Result<Edit, Refused> {
         let sent: Value = serde_json::from_str(sent)
             .map_err(|e| Refused::new(format!("found text that is no object: {e}")))?;
@@ -282,7 +285,8 @@ impl RecipeText {
         Ok(edit)
     }
 
-    /// The text with changes.
+    /// The text with changes: values where they stand, operations in their new order, those that are off as
+    /// comments, and added keys behind their headers.
     pub fn with(&self, edit: &Edit) -> String {
         let mut text = self.text.clone();
         // From the end, so that places before a change stay.
@@ -331,7 +335,7 @@ impl RecipeText {
     }
 }
 
-/// Collects the keys of a table and of the tables in it.
+/// Collects the keys of a table and of the tables in it; `above` is the key of the table with a dot, or empty.
 fn all_keys(above: &str, table: &DeTable, keys: &mut Vec<String>) {
     for (name, value) in table {
         let key = format!("{above}{}", name.get_ref());
@@ -442,7 +446,9 @@ fn quantity(text: &str) -> Option<(f64, String)> {
     (!unit.is_empty()).then(|| (length.number(), unit.to_owned()))
 }
 
-/// The operations of `[[op]]` blocks; none of an array in one value.
+/// The operations of a recipe whose operations are written as `[[op]]` blocks, each with its place from the header
+/// to the end of its values. Empty for operations in one array (`op = [...]`), which have no headers: the page
+/// cannot move them.
 fn operations(text: &str, ops: &Spanned<DeValue>) -> Vec<Operation> {
     let DeValue::Array(array) = ops.get_ref() else {
         return Vec::new();
@@ -454,14 +460,18 @@ fn operations(text: &str, ops: &Spanned<DeValue>) -> Vec<Operation> {
         let DeValue::Table(table) = op.get_ref() else {
             return Vec::new();
         };
+        // An operation is a table with exactly one key, its name, as the recipe's check has required.
         let Some((name, value)) = table.iter().next() else {
             return Vec::new();
         };
         let (start, end) = (name.span().start, end_of(value));
+        // A header begins its line; the same text elsewhere is a comment or a part of a value.
         let is_alone = |at: &usize| {
             let before = text[..*at].rsplit('\n').next();
             before.is_some_and(|before| before.trim().is_empty())
         };
+        // The last such line before the name. `max` keeps the range valid should a name stand before the end of
+        // the operation before; the empty range has no header, and the page then moves none.
         let mut headers = text[from..start.max(from)].rmatch_indices("[[op]]");
         let Some(header) = headers.find_map(|(at, _)| Some(from + at).filter(is_alone)) else {
             return Vec::new();

@@ -83,6 +83,7 @@ pub(super) struct Scene {
 }
 
 impl Scene {
+    /// Number of triangles of all bodies.
     pub fn triangles(&self) -> usize {
         self.bodies.iter().map(|b| b.triangles.len()).sum()
     }

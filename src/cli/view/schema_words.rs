@@ -1,4 +1,6 @@
-//! What the schema of recipes states about a key: its description, its words, and whether it takes integers.
+//! What the schema of recipes states about a key: its description, its words, and whether it takes integers. Keys
+//! are written with dots and numbers, as `op.2.dilate`; the schema is followed through alternatives and
+//! references.
 
 use serde_json::Value;
 
@@ -12,6 +14,7 @@ pub(super) struct SchemaWords {
 }
 
 impl SchemaWords {
+    /// The schema, for a recipe with these cells.
     pub fn new(cells: Vec<String>) -> Self {
         Self {
             schema: crate::recipe::schema(),
@@ -19,7 +22,7 @@ impl SchemaWords {
         }
     }
 
-    /// The description of a key, or of the nearest key above it.
+    /// The description of a key, or of the nearest of two keys above it, on one line; empty without one.
     pub fn description(&self, key: &str) -> String {
         let parts: Vec<&str> = key.split('.').collect();
         let text = (1..=parts.len()).rev().take(3).find_map(|count| {
@@ -39,7 +42,8 @@ impl SchemaWords {
         has("integer") && !has("number")
     }
 
-    /// The words that a key takes.
+    /// The words that a key takes; empty for other values. Cells and surfaces are named here, as the schema does
+    /// not list them.
     pub fn choices(&self, key: &str) -> Vec<String> {
         let parts: Vec<&str> = key.split('.').collect();
         match (parts[0], parts[parts.len() - 1]) {

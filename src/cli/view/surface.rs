@@ -1,4 +1,5 @@
-//! The body of a triangle mesh: vertices divided at creases, components, wall thickness.
+//! The body of a triangle mesh: vertices divided at creases, components, wall thickness. Components and thickness
+//! are those of the whole mesh; only the triangles are fewer.
 
 use super::scene::{At, Body, Field, normal_bytes};
 use crate::cli::failure::Failure;
@@ -8,7 +9,7 @@ use crate::pipeline;
 use crate::progress::Progress;
 use serde_json::{Value, json};
 
-/// Cosine of the greatest angle between triangles that share a normal.
+/// Cosine of the greatest angle between triangles that share a normal, 40 degrees.
 const CREASE_COSINE: f64 = 0.766;
 /// Rounds in which vertices without a thickness take that of their neighbours.
 const FILL_ROUNDS: usize = 4;
@@ -25,8 +26,8 @@ pub(super) struct SurfaceOptions {
 /// Makes further fields at points of a surface.
 pub(super) type Sampler<'a> = dyn FnMut(&[Vec3]) -> Result<Vec<Field>, Failure> + 'a;
 
-/// The body of a mesh, in at most `options.max_triangles` triangles, and its components. `unit` is
-/// that of lengths; `sampled` gives further fields at points.
+/// The body of a mesh, in at most about `options.max_triangles` triangles, and its components. `unit` is that of
+/// lengths; `sampled` gives further fields at the body's vertices.
 pub(super) fn body(
     name: &str,
     mesh: &TriMesh,
@@ -109,6 +110,7 @@ fn fill(values: &mut [f32], triangles: &[[u32; 3]]) {
     }
 }
 
+/// The row of a component in the page's list.
 fn row(c: &MeshComponent, is_closed: bool) -> Value {
     let volume = is_closed.then_some(c.volume.abs());
     json!({
@@ -132,6 +134,7 @@ fn divided(mesh: &TriMesh, triangles: &[[u32; 3]]) -> (Body, Vec<u32>) {
         .iter()
         .map(|n| n.try_normalize(0.0).unwrap_or_default())
         .collect();
+    // The triangles around each vertex: those of vertex v are `around[first[v]..first[v + 1]]`.
     let mut first = vec![0u32; points.len() + 1];
     for &v in all.as_flattened() {
         first[v as usize + 1] += 1;
@@ -178,6 +181,7 @@ fn divided(mesh: &TriMesh, triangles: &[[u32; 3]]) -> (Body, Vec<u32>) {
                 if known
                     .iter()
                     .zip(normal)
+                    // Normals of bytes that differ by a tenth of their length count as one.
                     .all(|(a, b)| (i32::from(*a) - i32::from(b)).abs() <= 12)
                 {
                     return at;

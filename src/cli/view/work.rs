@@ -116,11 +116,13 @@ pub(super) struct Work<'a> {
     is_stopped: AtomicBool,
 }
 
+/// Locks a mutex, also after a thread has panicked while it held it.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<'a> Work<'a> {
+    /// The work of a page, which begins with the unchanged subject.
     pub fn new(p: &'a Parameters, session: &'a Session, subject: Subject) -> Result<Self, Failure> {
         let state = State {
             wanted: Some(Edit::default()),
@@ -141,6 +143,7 @@ impl<'a> Work<'a> {
         })
     }
 
+    /// The state, locked until the guard is dropped.
     pub fn state(&self) -> MutexGuard<'_, State> {
         lock(&self.state)
     }
@@ -170,6 +173,7 @@ impl<'a> Work<'a> {
         state.coarse_size = None;
     }
 
+    /// The progress of a piece of work with its number.
     pub fn progress_of<'t>(&'t self, task: &'t Task, number: u64) -> TaskProgress<'t> {
         TaskProgress {
             task,
