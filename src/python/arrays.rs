@@ -1,4 +1,5 @@
-//! Conversion between arrays of numpy and points.
+//! Conversion between arrays of numpy and points. The Python part of the package makes arrays contiguous and
+//! checks their shapes and types; here only contiguity and finite coordinates are checked.
 
 use crate::fault::Fault;
 use druse::frame::{CellPoint, Vec3, WorldPoint};
@@ -10,7 +11,7 @@ use pyo3::prelude::*;
 /// Contiguous coordinates of shape [n, 3].
 pub(crate) type Points<'py> = PyReadonlyArray2<'py, f64>;
 
-/// The values of a contiguous array of one axis.
+/// The values of a contiguous array of one axis, without a copy; `what` names it in errors.
 pub(crate) fn list<'a, T: Element>(
     array: &'a PyReadonlyArray1<'_, T>,
     what: &str,
@@ -19,7 +20,7 @@ pub(crate) fn list<'a, T: Element>(
     values.map_err(|_| Fault::Argument(format!("{what}: expected a contiguous array")))
 }
 
-/// The rows of a contiguous array of shape [n, `N`], which the package has checked.
+/// The rows of a contiguous array of shape [n, `N`], without a copy; the package has checked the shape.
 pub(crate) fn rows<'a, T: Element, const N: usize>(
     array: &'a PyReadonlyArray2<'_, T>,
     what: &str,
@@ -42,10 +43,12 @@ pub(crate) fn positions<'a>(points: &'a Points<'_>) -> Result<&'a [[f64; 3]], Fa
     }
 }
 
+/// A point of the world.
 pub(crate) fn world(p: [f64; 3]) -> WorldPoint {
     WorldPoint(Vec3::from(p))
 }
 
+/// A point in an element's reference coordinates.
 pub(crate) fn reference(p: [f64; 3]) -> CellPoint<3> {
     CellPoint(Vec3::from(p))
 }

@@ -1,5 +1,7 @@
-//! Fields that a Python function computes.
+//! Fields that a Python function computes: values negative inside, world units.
 //!
+//! A call takes the interpreter's lock; an exception in one ends the sampling, and the field keeps it for the
+//! caller.
 //! The function is called on blocks of points. Its values at the centres of all leaves, computed first, bound it
 //! everywhere by its Lipschitz constant, so that culling calls no function.
 
@@ -27,14 +29,15 @@ pub(crate) struct CallableField<'a> {
     /// The exception of a call.
     raised: Mutex<Option<PyErr>>,
     origin: Vec3,
+    /// Distance of the bounding samples, world units; their first place is `origin`, their values are z fastest.
     spacing: f64,
     counts: [usize; 3],
     values: Vec<f64>,
 }
 
 impl<'a> CallableField<'a> {
-    /// Samples the function around the box `extent`, with the band of `half_width` voxels. If a call fails, the field is
-    /// not sound and keeps the exception.
+    /// Samples the function around the box `extent`, with the band of `half_width` voxels. `lipschitz` is the
+    /// greatest slope of the function. If a call fails, the field is not sound and keeps the exception.
     pub(crate) fn new(
         function: Py<PyAny>,
         lipschitz: f64,
@@ -93,7 +96,7 @@ impl<'a> CallableField<'a> {
         raised.take()
     }
 
-    /// Values at points; NaN after an exception.
+    /// Values at points; NaN after an exception, a cancellation, or an answer of another length.
     fn call(&self, points: impl ExactSizeIterator<Item = Vec3>) -> Vec<f64> {
         let count = points.len();
         let flat: Vec<f64> = points.flat_map(|p| [p.x, p.y, p.z]).collect();
@@ -128,6 +131,7 @@ impl Field for CallableField<'_> {
     /// Central differences over a thousandth of a voxel.
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
         let h = 1e-3 * self.voxel_size;
+        // Axis and side of each point: the centre first.
         let steps = [[0, 0], [0, 1], [0, -1], [1, 1], [1, -1], [2, 1], [2, -1]];
         let points = steps.map(|[axis, side]| p.0 + Vec3::ith(axis as usize, side as f64 * h));
         let v = self.call(points.into_iter());
@@ -145,6 +149,7 @@ impl Field for CallableField<'_> {
         let value = self.values[(i * self.counts[1] + j) * self.counts[2] + k];
         let sample = self.origin + Vec3::from(index) * self.spacing;
         let reach = self.lipschitz * ((centre - sample).norm() + region.half_diagonal());
+        // Without a value nothing is known.
         if value.is_nan() {
             return Interval::REAL_LINE;
         }
@@ -161,6 +166,7 @@ impl Field for CallableField<'_> {
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
         let (origins, step) = (leaves.origins, leaves.step);
         let samples = 0..origins.len() * 512;
+        // Sample n is voxel (n / 64 mod 8, n / 8 mod 8, n mod 8) of leaf n / 512.
         let point = |n: usize| {
             let [x, y, z] = [n >> 6 & 7, n >> 3 & 7, n & 7].map(|i| i as f64 * step);
             origins[n >> 9].0 + Vec3::new(x, y, z)

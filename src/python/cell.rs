@@ -1,4 +1,5 @@
-//! Unit cells as Python objects: made, fitted, evaluated, saved and pickled.
+//! Unit cells as Python objects: made, fitted, evaluated, saved and pickled. Points and lengths are in reference
+//! coordinates; a cell never changes.
 
 use crate::arrays::{self, Points};
 use crate::fault::Fault;
@@ -26,6 +27,7 @@ pub(crate) struct Cell {
 }
 
 impl Cell {
+    /// A cell whose table is not made yet.
     pub(crate) fn of(cell: druse::cell::Cell) -> Self {
         Self {
             cell,
@@ -33,6 +35,7 @@ impl Cell {
         }
     }
 
+    /// The table of default accuracy, made at the first use; two threads may both make it.
     pub(crate) fn table(&self) -> Result<&Arc<Table>, Fault> {
         if let Some(table) = self.table.get() {
             return Ok(table);

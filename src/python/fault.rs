@@ -1,4 +1,5 @@
-//! Errors of the library as exceptions of the package, in the words of the command line.
+//! Errors of the library as exceptions of the package, in the words of the command line. The class of an exception
+//! follows from its kind (argument, recipe, file or another error); `_errors.py` of the package makes it.
 
 use druse::cli::Failure;
 use pyo3::exceptions::PyKeyboardInterrupt;
@@ -11,7 +12,7 @@ const FILE_CODES: [u8; 3] = [66, 73, 74];
 
 /// Why a call failed.
 pub(crate) enum Fault {
-    /// An error with its place and advice.
+    /// An error with the kind of its exception, its place and advice.
     Shown(&'static str, Box<Failure>),
     /// An error of an argument.
     Argument(String),

@@ -1,4 +1,6 @@
-//! Level sets as Python objects: read, made from arrays, operated on, meshed and saved.
+//! Level sets as Python objects: read, made from arrays, operated on, meshed and saved. Operations change the
+//! object in place; a boolean operation consumes its operand. One thread at a time may use an object, others get
+//! an exception and do not wait.
 
 use crate::arrays::{self, Points};
 use crate::callable::CallableField;
@@ -33,10 +35,12 @@ type LeafArrays<'py> = (
 );
 
 impl LevelSet {
+    /// The object of a level set.
     pub(crate) fn of(level_set: druse::vdb::LevelSet) -> Self {
         Self(RwLock::new(Some(level_set)))
     }
 
+    /// The lock for reading; an exception where another thread changes the level set.
     fn read_guard(&self) -> Result<RwLockReadGuard<'_, Option<druse::vdb::LevelSet>>, Fault> {
         self.0.try_read().map_err(|_| in_use())
     }
@@ -95,12 +99,14 @@ impl LevelSet {
     }
 }
 
+/// The error of a level set that another thread uses.
 fn in_use() -> Fault {
     Fault::Argument(
         "another thread uses the level set; expected one user at a time, or copy()".into(),
     )
 }
 
+/// The error of a level set that is consumed.
 fn consumed() -> Fault {
     Fault::Argument(
         "the level set is empty: a boolean operation consumed it, or an operation on it failed or was interrupted; \
@@ -109,7 +115,8 @@ fn consumed() -> Fault {
     )
 }
 
-/// The child that reads untrusted files, from the command that starts the program.
+/// The child that reads untrusted files, from the command that starts the program; `None` for an empty command,
+/// where this process reads them.
 pub(crate) fn reader(command: Vec<OsString>) -> Option<Program> {
     let mut words = command.into_iter();
     let path = words.next()?.into();

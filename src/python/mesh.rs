@@ -1,4 +1,5 @@
-//! Triangle meshes as Python objects, from files and from arrays of numpy.
+//! Triangle meshes as Python objects, from files and from arrays of numpy. A mesh never changes; its solid
+//! (closed, oriented, for distances) is made at the first use.
 
 use crate::arrays::{self, Points};
 use crate::fault::Fault;
@@ -22,6 +23,7 @@ pub(crate) struct Mesh {
 }
 
 impl Mesh {
+    /// The object of a mesh.
     pub(crate) fn of(mesh: TriMesh) -> Self {
         Self {
             mesh: Arc::new(mesh),

@@ -1,5 +1,6 @@
 //! Computes effective properties of cells and designs cells for target properties, for the Python package.
-//!
+//! Properties own their inputs, so that an interrupted call returns at once; a design borrows them, and an interrupted
+//! call returns after its best cell is written.
 //! `_properties.py` of the package `druse` checks the arguments of users and calls these functions by position.
 
 use crate::cell::Cell;

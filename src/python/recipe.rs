@@ -1,4 +1,5 @@
-//! Recipes and the command line.
+//! Recipes and the command line as Python objects and functions. Reports and estimates are passed as JSON text,
+//! which the package parses.
 
 use crate::arrays::{self, Points};
 use crate::fault::Fault;

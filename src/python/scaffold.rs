@@ -1,4 +1,5 @@
-//! Scaffolds as Python objects, from files and from arrays of nodes and elements.
+//! Scaffolds as Python objects, from files and from arrays of nodes and elements. Elements are given as VTK gives
+//! them: offsets into a list of node numbers, and types. A scaffold never changes.
 
 use crate::arrays::{self, Points};
 use crate::fault::Fault;
@@ -34,6 +35,7 @@ pub(crate) struct Scaffold {
 }
 
 impl Scaffold {
+    /// The object of a scaffold.
     fn of(scaffold: druse::scaffold::Scaffold) -> Self {
         Self {
             scaffold: Arc::new(scaffold),
@@ -41,7 +43,8 @@ impl Scaffold {
     }
 }
 
-/// The elements that offsets (one more than elements), node numbers and VTK types describe.
+/// The elements that offsets (one more than elements), node numbers and VTK types describe. Whether the nodes
+/// exist is checked with the scaffold.
 fn connectivity(offsets: &[i64], nodes: &[i64], types: &[u8]) -> Result<Connectivity, Fault> {
     let fail = |text: String| Err(Fault::Argument(text));
     if offsets.len() != types.len() + 1 {

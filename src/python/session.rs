@@ -24,6 +24,7 @@ static POOL: Mutex<Option<(u32, Arc<Threads>)>> = Mutex::new(None);
 /// Number of its threads; 0 means one per core.
 static THREAD_COUNT: AtomicUsize = AtomicUsize::new(0);
 
+/// Locks a mutex, also after a thread has panicked while it held it.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -88,18 +89,20 @@ struct Monitor {
 }
 
 impl Monitor {
+    /// The stage with the number of its steps that are done.
     fn stage(&self) -> Stage {
         let mut stage = lock(&self.stage).clone();
         stage.done = self.done.load(Ordering::Relaxed);
         stage
     }
 
+    /// Marks the end of the work and wakes the waiting thread.
     fn finish(&self) {
         *lock(&self.finished) = true;
         self.signal.notify_all();
     }
 
-    /// Waits a moment for the end of the work.
+    /// Waits at most `POLL_INTERVAL` for the end of the work; whether it has ended.
     fn wait(&self) -> bool {
         let finished = lock(&self.finished);
         let waited = self
@@ -142,7 +145,8 @@ fn own_pool(py: Python<'_>) -> PyResult<Arc<Threads>> {
     Ok(threads?)
 }
 
-/// Does the work of a call. `progress` is called with stage, done and total.
+/// Does the work of a call, which may borrow from the caller: after an interrupt the call returns once the work
+/// has stopped. `progress` is called with stage, done and total.
 pub(crate) fn work<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -161,8 +165,9 @@ pub(crate) fn work<T: Send>(
     }
 }
 
-/// Does work that may take seconds from one check of cancellation to the next, such as the factorisation of a matrix.
-/// After an interrupt the call returns all the same: the work, which owns what it uses, ends by itself.
+/// Does work that may take seconds from one check of cancellation to the next, such as the factorisation of a
+/// matrix. After an interrupt the call returns within `MAX_STOP_TIME` all the same: the work, which owns what it
+/// uses, ends by itself.
 pub(crate) fn work_owned<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -181,7 +186,7 @@ pub(crate) fn work_owned<T: Send + 'static>(
 /// The outcome of a job, or its panic.
 type Outcome<T> = std::thread::Result<Result<T, Fault>>;
 
-/// Does the job in the pool.
+/// Does the job in the pool and marks its end, also after a panic.
 fn run_job<T: Send>(
     threads: &Threads,
     monitor: &Monitor,
@@ -220,6 +225,7 @@ fn wait(
     raised.map(|(e, _)| e)
 }
 
+/// The result of a job; a panic is an exception that requests a report.
 fn result<T>(outcome: std::thread::Result<Outcome<T>>) -> PyResult<T> {
     match outcome {
         Ok(Ok(outcome)) => Ok(outcome?),
@@ -237,6 +243,7 @@ fn report(progress: Option<&Bound<'_, PyAny>>, stage: &Stage, shown: &mut Stage)
     Ok(())
 }
 
+/// The error for a panic, with its message.
 fn bug(panic: &(dyn std::any::Any + Send)) -> Fault {
     let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned());

@@ -1,4 +1,5 @@
-//! Level sets from arrays and from Python functions.
+//! Level sets from arrays and from Python functions. Leaves are cubes of 8^3 voxels, their values with z fastest;
+//! the arrays are copied.
 
 use super::{
     Aabb, BLOCK, Band, CallableField, Coord, Fault, LeafBatch, LeafSink, LevelSet, LevelSetBuilder,
@@ -31,6 +32,7 @@ fn mask(active: &[bool; 512]) -> [u64; 8] {
     mask
 }
 
+/// The transform of voxels of an edge; an error for one that OpenVDB cannot hold.
 pub(super) fn transform(voxel_size: f64) -> Result<Transform, Fault> {
     Transform::new(voxel_size)
         .filter(|_| voxel_size >= Transform::MIN_VOXEL_SIZE)
@@ -42,7 +44,8 @@ pub(super) fn transform(voxel_size: f64) -> Result<Transform, Fault> {
         })
 }
 
-/// A level set of leaves, which are sorted into blocks.
+/// A level set of leaves (mask and values by the lowest voxel), which are sorted into blocks. Regions without
+/// leaves get their sign from the leaves around them.
 fn build(
     transform: Transform,
     frame: GridFrame,
@@ -196,7 +199,8 @@ pub(crate) fn from_function(
     })?
 }
 
-/// Leaves of a lattice whose voxel (0, 0, 0) is the first value; voxels beyond it are outside.
+/// Leaves of a lattice of distances `values`, z fastest, whose voxel (0, 0, 0) is the first value. Values are clamped to
+/// the band; voxels beyond the lattice are outside.
 fn dense(
     values: &[f32],
     [nx, ny, nz]: [usize; 3],
