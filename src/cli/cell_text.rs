@@ -111,7 +111,8 @@ pub(super) fn stem(path: &Path) -> String {
         .map_or_else(|| "cell".into(), |s| s.to_string_lossy().into_owned())
 }
 
-/// What a design made, for people.
+/// Appends what a design made: its objective and start, the properties on each of its grids of voxels (moduli
+/// relative to the solid's), and the shares of walls and gaps that are too narrow.
 pub(super) fn describe_design(report: &DesignReport, text: &mut String) {
     let _ = writeln!(
         text,

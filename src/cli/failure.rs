@@ -340,6 +340,7 @@ impl From<ReadError> for Failure {
 }
 
 impl From<FileError> for Failure {
+    // Errors of `.vdb` files: a missing file, a failing system, damaged or wrong content, exhausted resources.
     fn from(e: FileError) -> Self {
         let (message, hint) = (e.to_string(), e.hint());
         let (code, file) = match e {

@@ -38,7 +38,8 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Fits a cell to an input, or searches one by its properties if there is none.
+/// Fits a cell to an input, or searches one by its properties if there is none, and writes it. Flags of a design
+/// without a target are refused.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let name = stem(&p.output);

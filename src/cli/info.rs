@@ -51,7 +51,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
-/// The sections of a recipe, as lines and as an object.
+/// The sections of a recipe, as lines and as an object. The recipe is checked, but no other file is read.
 fn recipe(path: &Path) -> Result<(String, Value), Failure> {
     let recipe = Recipe::read(path, &[])?;
     let s = recipe.sections();

@@ -158,7 +158,7 @@ fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answe
     Ok(Answer::new(text, json!({ "made": made, "left": left })))
 }
 
-/// A prediction as lines; numbers that do not apply to the recipe are left out.
+/// A prediction as lines; numbers that do not apply to the recipe are left out, as bricks of a run in memory.
 fn prediction(e: &Estimate) -> String {
     let lines = [
         ("elements", grouped(e.elements)),

@@ -109,7 +109,8 @@ pub(super) fn beam_screen(parts: &[BeamPart], unit: Option<LengthUnit>) -> (Stri
     (text, facts)
 }
 
-/// The report of a mesh, as an object.
+/// The report of a mesh, as an object: counts, measures in the file's unit, defects with some of their places,
+/// shells, and a flag for each property (closed, manifold and so on).
 pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
     let defects: serde_json::Map<String, Value> = r
         .defects()

@@ -270,7 +270,8 @@ fn dry_run(
     Ok(Answer::new(text, facts))
 }
 
-/// The numbers of a report by column, lengths in the recipe's unit; null for what was not measured.
+/// The numbers of a report by the name of their column, in the order of the table; lengths in the recipe's unit,
+/// null for what was not measured.
 fn numbers(report: &Report) -> Vec<(&'static str, Value)> {
     let s = &report.solid;
     let build = s.build.as_ref();

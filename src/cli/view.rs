@@ -166,7 +166,7 @@ fn parts_text(body: &Body) -> String {
     }
 }
 
-/// The contents of a written page, as lines and as an object.
+/// The contents of a page that was written to `output` with `bytes` bytes, as lines and as an object.
 fn reported(p: &Parameters, output: &Path, scene: &Scene, bytes: u64) -> Answer {
     let path = output.display().to_string();
     let size = scene.bounds().size();

@@ -1,4 +1,5 @@
-//! `druse voxelize MESH -o X.vdb --voxel-size LENGTH`.
+//! `druse voxelize MESH -o X.vdb --voxel-size LENGTH`: the solid of a mesh as a level set, by a recipe in memory
+//! with one operation and one output. Repairs of the mesh are warnings.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -35,6 +36,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
+/// Writes the level set of a mesh. Its unit is that of the flag, of the file, or millimetres, in this order.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let own = match p.unit {
         Some(unit) => Some(unit),

@@ -112,7 +112,7 @@ fn round(
                 thickness.0
             )));
         };
-        // A thickness that is not positive leaves the radius of the graph; the recipe's check refuses it.
+        // A size is positive, so that neither conversion fails.
         section.radius = Positive::try_from(diameter / 2.0).ok();
         section.plate_thickness = Positive::try_from(diameter).ok();
     }

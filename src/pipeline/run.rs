@@ -1,6 +1,6 @@
 //! A run in the order of its stages, and its prediction: inputs, estimate, band (the sampling), operations, check,
 //! measures, outputs, report. A run in bricks has the same stages brick by brick. Files appear only when they are
-//! complete; a run that fails leaves those of earlier stages.
+//! complete; one that is complete when a later one fails stays.
 
 use super::base::context::StageContext;
 use super::base::error::RunError;

@@ -95,7 +95,7 @@ impl Page<'_> {
         )
     }
 
-    /// The picture beside the main measures.
+    /// The picture beside the main measures; measures that the run did not take are left out.
     fn overview(&self) -> String {
         let solid = &self.report["solid"];
         let unit = self.unit();
@@ -221,7 +221,7 @@ impl Page<'_> {
         })
     }
 
-    /// The table of cavities, those with the narrowest ways out first.
+    /// The table of cavities, those with the narrowest ways out first; empty unless the run searched for them.
     fn cavities(&self) -> String {
         let found = &self.report["solid"]["cavities"];
         let Some(list) = found["list"].as_array() else {
@@ -386,7 +386,7 @@ impl Page<'_> {
         out
     }
 
-    /// Time, memory and voxels of the run, with the time of each stage.
+    /// Time, memory and voxels of the run, with the time of each stage. Seconds are wall time.
     fn run(&self) -> String {
         let stages = self.list("stages");
         let seconds: f64 = stages.iter().filter_map(|s| s["seconds"].as_f64()).sum();

@@ -9,7 +9,7 @@ use std::fmt::Write;
 /// Greatest number of rows of a table.
 const MAX_ROWS: usize = 20;
 
-/// The channels that `drain` drilled.
+/// The table of the channels that `drain` drilled, at most `MAX_ROWS`; empty without any.
 pub(super) fn drains(solid: &Value, unit: &str) -> String {
     let list = solid["drains"].as_array().map_or(&[][..], Vec::as_slice);
     if list.is_empty() {
@@ -40,7 +40,7 @@ pub(super) fn drains(solid: &Value, unit: &str) -> String {
     )
 }
 
-/// The layers of the build.
+/// The measures, curves and starts of islands and cups of the build's layers; empty without `[build]`.
 pub(super) fn layers(solid: &Value, unit: &str) -> String {
     let build = &solid["build"];
     let Some(profile) = build["profile"].as_array() else {

@@ -383,7 +383,7 @@ fn scaffold(p: &Parameters, progress: &dyn Progress) -> Result<Scene, Failure> {
     Ok(scaffold_scene(p, Elements::of(&file), &file.warnings))
 }
 
-/// The scene of a scaffold, with what its reader noticed.
+/// The scene of a scaffold, with `warnings` of its reader and of its check as notes. A scaffold has no unit.
 pub(super) fn scaffold_scene(p: &Parameters, own: Elements, warnings: &[String]) -> Scene {
     let report = own.scaffold.report();
     let mut notes = warnings.to_vec();

@@ -356,8 +356,7 @@ fn fitting_bricks_text(edge: Option<u32>) -> String {
     }
 }
 
-/// A size rounded up, in MiB below one GiB.
-// 1048576 = 2^20, 1073741824 = 2^30.
+/// A size in bytes rounded up: in GiB (2^30 bytes) with one digit, or in whole MiB (2^20 bytes) below one GiB.
 fn gibibytes(bytes: u64) -> String {
     let (mebi, gibi) = (bytes as f64 / 1048576.0, bytes as f64 / 1073741824.0);
     if gibi < 1.0 {

@@ -40,9 +40,8 @@ impl Offsets {
         (self.distance + self.half_wall.unwrap_or(0.0)).max(0.0)
     }
 
-    /// The offsets with one more operation; `None` if the operation is not an offset, reverses the
-    /// direction or follows a wall.
-    // A mask would move the surface by different distances, which one number cannot hold.
+    /// The offsets with one more operation, whose lengths are resolved by `scale`. `None` if the operation is not an
+    /// offset, reverses the direction, follows a wall, or has a mask: then the distance would vary from place to place.
     pub fn with(self, op: &Op, scale: crate::recipe::Scale) -> Option<Self> {
         if op.mask().is_some() || self.half_wall.is_some() {
             return None;

@@ -251,6 +251,7 @@ impl<'a> Meshes<'a> {
     ) -> Result<Self, RunError> {
         let recipe = brick_run.inputs.recipe;
         let context = solid.bricks.context(brick_run, brick_run.progress);
+        // Greatest magnitude of a coordinate, and the centre, world units: they decide the precision of a file.
         let (far, centre) = (solid.far(), solid.centre());
         let (mut outputs, mut beams) = (Vec::new(), Vec::new());
         for (output, path) in targets.of_kind(OutputKind::Mesh) {

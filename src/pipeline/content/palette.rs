@@ -164,7 +164,8 @@ pub(crate) fn cells_by_shape(
     Ok(all)
 }
 
-/// Levels, matches and tabulates the cells of a name. `cells` have no final level yet; a table is a cell's field
+/// Levels, matches and tabulates the cells of a name. `cells` have the level of their section; a volume fraction
+/// is met anew with the elements as they are. A table is a cell's field
 /// at nodes of a grid, which runs evaluate. Adds warnings to `files`.
 pub(crate) fn palette_cell(
     files: &mut InputFiles,
@@ -283,7 +284,7 @@ fn refine_tables(scaffold: &Scaffold, entry: &mut PaletteCell) {
         if jump <= target_jump {
             return;
         }
-        // Half of the factor that is missing: errors of two tables add up in a jump.
+        // Factor by which the errors must fall, halved as a margin.
         let share = 0.5 * target_jump / jump;
         let finer = |(cell, table): (&Cell, &Table)| {
             // The measured displacement is tried in the first half of the attempts, the bound in the rest.

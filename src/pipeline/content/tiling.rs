@@ -205,8 +205,8 @@ impl CellTiling {
         }
         // The content needs weights, points and palette, which are complete now.
         match kind {
-            // Transitions of beams are not checked: parts that all cells contain keep their diameter, so that the
-            // solid stays connected through them.
+            // Transitions of beams are not checked, as they are no blends of fields: parts that all cells contain
+            // keep their diameter, the others taper with their weight.
             ContentKind::Beams => {
                 let spatial = spatial("tiling.thickness");
                 let beams = RoundBeams::load(files, &tiling, section, &spatial)?;

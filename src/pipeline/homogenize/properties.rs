@@ -53,7 +53,7 @@ pub struct CellProperties {
 /// Why a number `n` of voxels along the period cannot be used: too coarse, odd, or too large for the free memory;
 /// `None` if it can. `keeps_solutions` where solutions are kept, for derivatives and sweeps.
 pub fn resolution_fault(n: usize, settings: &Settings, keeps_solutions: bool) -> Option<String> {
-    // Bytes per voxel of the sampling: a number per sample, and its share and mask.
+    // Bytes per voxel of the sampling: a number per sample, and 16 beside them.
     let sampling = 8 * (SAMPLES_PER_VOXEL_EDGE as u64).pow(3) + 16;
     let each = bytes_per_voxel(settings, keeps_solutions).max(sampling) as f64;
     let free = memory::available().map(|m| m as f64);

@@ -1,4 +1,4 @@
-//! Crystals of a recipe: closed polyhedral meshes that a script builds step by step. This file finds the script
+//! Crystals of a recipe: polygon meshes that a script builds step by step. This file finds the script
 //! and its parameters, executes it and places the mesh; the language of scripts is elsewhere.
 
 use super::input_files::hash_text;

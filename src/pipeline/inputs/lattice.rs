@@ -51,7 +51,8 @@ fn add_beam(beam: &FileBeam, beams: &mut Vec<Beam>, rods: &mut Vec<Rod>) {
         is_round: is_flat.map(|f| !f),
     });
     for n in 0..2 {
-        // A cone that is round at both ends (`is_round`) still lacks the part of its thicker ball beyond the end.
+        // `is_round` gives an end the outer half of its ball. Of a whole ball the inner half sticks out of the
+        // cone where the cone narrows inward.
         // At the thinner end the cone contains the inner half of the ball.
         if beam.caps[n] == BeamCap::Sphere && beam.radii[n] > beam.radii[1 - n] {
             beams.push(Beam {

@@ -1,5 +1,5 @@
-//! Cells from samples over a whole period, by a direct transform: the coefficients of the cell's waves are those
-//! of the samples, without a fit to a surface.
+//! Cells from samples over a whole period, by a direct transform, or by least squares over the samples where the
+//! element is the period. No surface is made of them first.
 
 use super::source::{SourceFault, SourceReader, SourceRecord, has_extension, in_file};
 use crate::cell::{

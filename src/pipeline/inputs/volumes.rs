@@ -176,7 +176,7 @@ fn placement(similarity: &Similarity, factor: f64) -> Placement {
 fn has_voxels(solid: &LevelSet, recipe: &Recipe) -> bool {
     let h = recipe.scale().voxel_size;
     let width = recipe.sections().band.half_width.0;
-    // Files hold single precision.
+    // The half width follows from a background in single precision, hence its wider tolerance.
     (solid.voxel_size() - h).abs() <= 1e-9 * h && (solid.half_width() - width).abs() <= 1e-4
 }
 

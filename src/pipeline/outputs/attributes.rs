@@ -260,7 +260,8 @@ impl TilingAttributes<'_> {
 }
 
 /// Reference coordinates reduced by the symmetry of the element: equal for all numberings of its nodes. For tets
-/// and triangles the greatest barycentric coordinates, for others absolute coordinates in falling order.
+/// and triangles the greatest barycentric coordinates, for others absolute coordinates in falling order; heights
+/// of wedges and pyramids stand last.
 fn folded(shape: Element, xi: CellPoint<3>) -> [f64; 3] {
     let sort_descending = |v: &mut [f64]| v.sort_by(|a, b| b.total_cmp(a));
     let u = xi.0;

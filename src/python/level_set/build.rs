@@ -199,8 +199,8 @@ pub(crate) fn from_function(
     })?
 }
 
-/// Leaves of a lattice of distances `values`, z fastest, whose voxel (0, 0, 0) is the first value. Values are clamped to
-/// the band; voxels beyond the lattice are outside.
+/// Leaves of a lattice of distances `values`, z fastest, whose voxel (0, 0, 0) is the first value. Values are clamped
+/// to the band; voxels beyond the lattice are outside.
 fn dense(
     values: &[f32],
     [nx, ny, nz]: [usize; 3],

@@ -80,7 +80,7 @@ pub(in crate::recipe) fn section(
     Ok(())
 }
 
-/// Rules that need the other sections of a recipe.
+/// Rules of `[require]` in a recipe: those of the section itself, and those that need the other sections.
 pub(super) fn with_recipe(sections: &Sections, source: &Source) -> Checked {
     let Some(r) = &sections.require else {
         return Ok(());
