@@ -1,4 +1,5 @@
-//! `druse cell info`, `eval`, `plot`, `homogenize`, `library` and `implicit`.
+//! `druse cell info`, `eval`, `plot`, `homogenize`, `library` and `implicit`: the first two are here, the others
+//! in files of their names. Points and lengths are in the cell's reference coordinates.
 
 use super::cell_text::{describe, facts, read};
 use super::context::Session;

@@ -1,4 +1,5 @@
-//! The context of one invocation: output style, progress, colour and treatment of warnings.
+//! The context of one invocation: output style, progress, colour and treatment of warnings. Results go to stdout,
+//! everything else to stderr; a session is also the progress that the library reports to and cancels by.
 
 use super::failure::Failure;
 use super::progress::{Display, Style};

@@ -1,4 +1,5 @@
-//! `druse eval RECIPE --points p.csv`: the tiled field at world points.
+//! `druse eval RECIPE --points p.csv`: the tiled field at world points, as a table or an archive of arrays.
+//! Operations of the recipe are not part of that field.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -34,7 +35,8 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Values of a recipe's tiled field at points, as a table or in a file.
+/// Values of a recipe's tiled field at points, as a table or in a file. The extension of the output decides its
+/// format.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let recipe = Recipe::read(&p.recipe, &p.set)?;
     p.output.as_ref().map_or(Ok(()), require_writable)?;
@@ -125,7 +127,7 @@ fn csv(cells: &[String], points: &[[f64; 3]], found: &[FieldSample]) -> String {
     text
 }
 
-/// Writes named arrays as numpy's `savez` does.
+/// Writes named arrays of little-endian numbers as numpy's `savez` does: a zip of `.npy` files, rows by point.
 fn npz(
     path: &Path,
     cells: &[String],

@@ -1,4 +1,5 @@
-//! Excerpts of a user's file in error messages, cut to a fixed length.
+//! Excerpts of a user's file in error messages, cut to a fixed length: a line of a file may have megabytes.
+//! Columns are in characters.
 
 use std::borrow::Cow;
 use std::fmt::Write;
@@ -48,7 +49,8 @@ pub(super) fn short(message: &str) -> String {
     format!("{head} ... {end}")
 }
 
-/// A text whose numbers of very many digits have an exponent instead, as in 1e308.
+/// A text whose numbers of more than `MAX_DIGITS` digits have an exponent instead, as in 1e308; unchanged without
+/// such a number.
 pub(super) fn short_numbers(text: &str) -> Cow<'_, str> {
     let mut out = String::new();
     let mut kept = 0;

@@ -1,4 +1,5 @@
-//! `druse fit INPUT -o X.cell`, and `druse fit --target`.
+//! `druse fit INPUT -o X.cell`, and `druse fit --target`: a cell from a source or by its properties. The flags are
+//! the keys of a recipe's cell; other commands make cells of inputs by the functions here.
 
 use super::cell_text::stem;
 use super::context::Session;

@@ -1,4 +1,5 @@
 //! `druse grade RECIPE --results r.frd --field S -o field.vtu`: a new grading from results of the recipe's deck.
+//! The recipe is not changed; it reads the written field in its next run.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -142,7 +143,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
-/// The new grading in words; lengths in the recipe's unit.
+/// The new grading in words; lengths in the recipe's unit, measures in that of the results.
 fn describe(r: &GradeReport, unit: LengthUnit) -> String {
     let measure = match r.rule {
         GradeRule::Stress => "stress in the solid",
@@ -175,7 +176,8 @@ fn describe(r: &GradeReport, unit: LengthUnit) -> String {
     )
 }
 
-/// A stress in newtons per square of the deck's unit, from "120MPa"; a bare number is in the deck's units.
+/// A stress in newtons per square of the deck's unit, from "120MPa"; a bare number is in the deck's units. The
+/// error is text for the user.
 fn limit(text: &str, unit: LengthUnit) -> Result<f64, String> {
     let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let suffix = &text[number.len()..];

@@ -182,7 +182,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     })
 }
 
-/// The settings of the flags, checked.
+/// The settings of the flags; values out of range, and flags that exclude each other, are errors of usage.
 fn settings(p: &Parameters) -> Result<Settings, Failure> {
     let refuse = |flag: &str, found: f64, expected: &str| {
         Failure::usage(format!("{flag}: found {found}; expected {expected}"))
@@ -324,7 +324,8 @@ fn check_band_limit(
     }
 }
 
-/// The properties of one cell on the requested grid and on one half as fine, and the files of them.
+/// The properties of one cell on the requested grid and on one half as fine, as the answer and in the files that
+/// the flags name.
 fn one(
     p: &Parameters,
     source: &CellPeriod,

@@ -1,4 +1,5 @@
-//! `druse cell implicit`: a cell repeated in space as a 3MF with an implicit function instead of triangles.
+//! `druse cell implicit`: a cell repeated in space as a 3MF with an implicit function instead of triangles. Only
+//! programs that read the implicit extension show it; the domain (a box or a mesh) bounds the part.
 
 use super::context::Session;
 use super::failure::Failure;

@@ -143,7 +143,7 @@ pub(super) fn unit_of(info: &FileInfo) -> String {
     stated.or_else(of_grid).unwrap_or_else(|| "m".into())
 }
 
-/// The grids of an OpenVDB file, as lines.
+/// The grids of an OpenVDB file, as lines: their class, voxels, boxes and tags, in the file's unit.
 fn vdb_screen(path: &Path, info: &FileInfo) -> String {
     let unit = unit_of(info);
     let mut text = format!(

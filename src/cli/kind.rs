@@ -1,4 +1,4 @@
-//! The kind of a file, by its extension.
+//! The kind of a file, by its extension alone: no content is read. Commands name the kinds that they take.
 
 use super::failure::Failure;
 use crate::io::ReadError;

@@ -1,4 +1,4 @@
-//! `druse man`: the manual pages, made from the grammar of the command line.
+//! `druse man`: the manual pages, made from the grammar of the command line, one for each command and subcommand.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -16,7 +16,7 @@ pub(super) struct Parameters {
     out: Option<PathBuf>,
 }
 
-/// Writes the manual pages of all commands.
+/// Writes the manual pages of all commands into a folder, or prints the main page without one.
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
     let Some(directory) = &p.out else {
         let page = String::from_utf8_lossy(&page(grammar())).into_owned();

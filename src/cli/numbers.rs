@@ -1,4 +1,5 @@
-//! Numbers as the terminal shows and reads them: counts and sizes.
+//! Numbers as the terminal shows and reads them: counts and sizes of memory. Sizes are powers of 1024 in both
+//! directions.
 
 /// A count with separated thousands.
 pub(super) fn grouped(n: u64) -> String {

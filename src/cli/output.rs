@@ -1,4 +1,5 @@
-//! The result of a command: text, JSON object and exit code.
+//! The result of a command: text, JSON object and exit code. Commands return it and do not print; exactly one of
+//! text and object goes to stdout.
 
 use super::context::Session;
 use super::terminal;

@@ -46,7 +46,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Plans the bricks or frames of a recipe and writes job files for queue systems.
+/// Plans the bricks or frames of a recipe and writes the plan and job files for queue systems beside it.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output.extension().is_none_or(|e| e != "json") {
         return Err(Failure::usage(format!(

@@ -169,7 +169,8 @@ pub(super) fn png(
     Ok(solid.render(&view, tools)?.png()?)
 }
 
-/// The solid of a file, as a level set.
+/// The solid of a file, as a level set: read, or made on about `PREVIEW_RESOLUTION` voxels along the longest side.
+/// Notes of readers are shown.
 fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<LevelSet, Failure> {
     use FileKind::{Mesh, Scaffold, Vdb};
     Ok(

@@ -1,4 +1,4 @@
-//! Progress on stderr: a bar, lines of text or JSON.
+//! Progress on stderr: a bar, lines of text or JSON. Any thread may report; a stage replaces the one before.
 
 use super::terminal;
 use clap::ValueEnum;

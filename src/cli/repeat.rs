@@ -1,4 +1,5 @@
-//! `druse run FILE.vdb`: repeats the run that wrote a file, and compares the content hashes.
+//! `druse run FILE.vdb`: repeats the run that wrote a file, and compares the content hashes. The recipe comes with
+//! the file and is not trusted: its outputs stay within one folder.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -134,7 +135,8 @@ impl Origin {
     }
 }
 
-/// The verdict: whether an output has the content hash that the file records.
+/// The verdict: whether an output of the repeated run has the content hash that the file records. It passes only
+/// then; `keeps_outputs` lists the files that stay.
 fn compared(path: &Path, origin: &Origin, report: &Report, keeps_outputs: bool) -> Answer {
     let volumes = report.outputs.iter().filter(|o| o.content_hash.is_some());
     let volumes: Vec<_> = volumes.collect();

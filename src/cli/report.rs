@@ -33,7 +33,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Writes the page of a run's report.
+/// Writes the page of a run's report. Any JSON without the keys of a report is refused.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output.extension().is_none_or(|e| e != "html") {
         let found = p.output.display();

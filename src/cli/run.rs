@@ -1,4 +1,5 @@
-//! `druse run RECIPE`, and `druse run PLAN --brick N`. `druse run FILE.vdb` is in `repeat`.
+//! `druse run RECIPE`, and `druse run PLAN --brick N`; `druse run FILE.vdb` is in `repeat`, plans of sequences are
+//! in `sequence_plan`. Requirements that are not met give the exit code 1 after all files are written.
 
 use super::context::Session;
 use super::failure::Failure;

@@ -1,4 +1,5 @@
-//! `druse schema`: the recipe's JSON schema, or its reference for people.
+//! `druse schema`: the recipe's JSON schema, or its reference for people. Both are made from the types of the
+//! recipe's keys.
 
 use super::context::Session;
 use super::failure::Failure;

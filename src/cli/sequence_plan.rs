@@ -172,7 +172,8 @@ struct Opened {
 }
 
 impl Opened {
-    /// Opens the plan of a sequence and checks that its files lie beside it.
+    /// Opens the plan of a sequence, and checks that it has items, that its files lie beside it, and that its
+    /// overrides send no output elsewhere: a plan may come from another machine.
     fn new(path: &Path, options: RunOptions) -> Result<Self, Failure> {
         let plan = read(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
@@ -270,7 +271,8 @@ pub(super) fn make_items(p: &super::run::Parameters, session: &Session) -> Resul
     Ok(Answer::new(text, json!({ "made": made, "left": left })).verdict(passed))
 }
 
-/// `druse merge PLAN` on the plan of a sequence: merges frames in bricks and writes the scenes.
+/// `druse merge PLAN` on the plan of a sequence: merges frames in bricks and writes the scenes. Frames that are
+/// complete are left as they are.
 pub(super) fn merge(
     path: &Path,
     options: RunOptions,

@@ -173,7 +173,8 @@ impl Server {
         session.note("open that address in a browser; Ctrl-C ends");
     }
 
-    /// Answers requests one by one, until an answer is the last one or a signal arrives.
+    /// Answers requests one by one with `answer`, until an answer is the last one or a signal arrives, which is a
+    /// failure. Connections are read on threads of their own.
     pub fn serve(
         self,
         session: &Session,
@@ -222,7 +223,7 @@ fn token() -> std::io::Result<String> {
     Ok(format!("{:032x}", u128::from_be_bytes(bits)))
 }
 
-/// Accepts connections until the server is closed.
+/// Accepts connections until the server is closed, each on a thread of its own; `requests` takes what they read.
 fn accept(
     listener: &TcpListener,
     guard: &Arc<Guard>,
@@ -258,7 +259,8 @@ fn accept(
     }
 }
 
-/// Reads the request of a connection and writes the answer.
+/// Reads the request of a connection, waits for its answer and writes it. Errors of the connection end it without
+/// a trace: the client is gone.
 fn converse(mut stream: TcpStream, guard: &Guard, requests: &SyncSender<Waiting>) {
     let _ = stream.set_nodelay(true);
     let _ = stream.set_write_timeout(Some(WRITE_TIME));

@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
 
-/// A mesh and its beams, as text and as an object, and whether they bound a solid without repair.
+/// A mesh and its beams, as text and as an object, and whether they bound a solid without repair. `report` is that
+/// of the mesh.
 pub(super) fn solid_screen(
     path: &Path,
     solid: &SolidFile,

@@ -233,7 +233,7 @@ fn label(axes: &[Axis], values: &[String]) -> String {
     pairs.join(" ")
 }
 
-/// The combinations with their estimates.
+/// Lists the combinations with their estimates and the sum of their times; nothing is run.
 fn dry_run(
     p: &Parameters,
     axes: &[Axis],

@@ -139,7 +139,8 @@ impl Draft {
         Ok(Recipe::parse(&self.sections.to_string(), &[])?)
     }
 
-    /// Parses and runs the draft. Returns the report and a line for each file.
+    /// Parses and runs the draft like a recipe, without requirements and walls. Shows its warnings and returns the
+    /// report and a line for each file.
     pub fn run(
         mut self,
         session: &Session,

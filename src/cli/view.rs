@@ -91,7 +91,7 @@ fn triangle_count(text: &str) -> Result<usize, String> {
         .ok_or_else(|| "expected a number of triangles from 1k to 4M, as in 400k".to_owned())
 }
 
-/// Writes the page of a file, or serves it live without an output.
+/// Writes the page of a file, or serves it live without an output. With `--dry-run` only a prediction is shown.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let is_html = |path: &PathBuf| {
         path.extension()

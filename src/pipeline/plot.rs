@@ -309,7 +309,8 @@ fn truncated<const D: usize>(
         .collect()
 }
 
-/// Draws the error over the number of coefficients, both on logarithmic axes.
+/// Draws the error over the number of coefficients, both on logarithmic axes; `against_source` only chooses the
+/// label. Fewer than two points give a line of text instead.
 fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     let (left, top) = (MARGIN + 70, HEADER + SLICE + 3 * MARGIN + 34);
     let (width, height) = (2 * SLICE - 100, CHART - 78);

@@ -236,7 +236,8 @@ fn probe_sheets(
     Ok(points.par_iter().map(sample_at).collect())
 }
 
-/// Fitted cells at points: phi is the value of the field, `distance` that of the solid. World units.
+/// Fitted cells at points in the recipe's unit: phi is the value of the field, `distance` that of the solid within
+/// the band, world units. The gradient is NaN where an element's map has no inverse.
 fn probe_cells<C: CellField>(
     tiling: &CellTiling,
     cells: &ElementContent<'_, C>,

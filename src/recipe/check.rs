@@ -122,7 +122,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
     })
 }
 
-/// Rules of keys that describe struts or plates, or hold a formula.
+/// Rules of keys that describe struts or plates, or hold a formula. `key` is the cell's place, as in `cell.strut`.
 fn parts(sections: &Sections, cell: &CellSection, key: &str, source: &Source) -> Checked {
     // Files of struts may hold plates as well.
     let is_strut_file = |f: &Option<FileRef>| {

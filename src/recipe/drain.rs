@@ -1,4 +1,5 @@
-//! `drain`: the operation that drills channels from cavities to the outside.
+//! `drain`: the keys of the operation that drills channels from cavities to the outside. The search is in `vdb`,
+//! the drilling in the pipeline.
 
 use super::brief::short;
 use super::quantity::{Finite, Size};

@@ -70,7 +70,8 @@ pub struct Hybrid {
 }
 
 impl CellSection {
-    /// The hybrid that the section describes, if other cells are its source.
+    /// The hybrid that the section describes, if other cells are its source; `None` for other sources. Of several
+    /// such keys the first in a fixed order counts; the check refuses them.
     pub fn hybrid(&self) -> Option<Hybrid> {
         // An average has weights; the other ways name cells alone.
         if let Some(shares) = &self.average {
@@ -188,7 +189,7 @@ impl Hybrid {
 
 const ENVIRONMENT: &str = "environment goes with minkowski_sum or minkowski_difference";
 
-/// Errors of the hybrids of a palette: the name of the cell and the reason.
+/// The first error of the hybrids of a palette: the name of the cell and the reason.
 pub(super) fn check(cells: &BTreeMap<String, CellSection>) -> Result<(), (String, String)> {
     for (name, section) in cells {
         let wrong = |reason: String| Err((name.clone(), reason));

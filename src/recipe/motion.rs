@@ -1,4 +1,5 @@
-//! `[scaffold.motion]`: how the nodes of a scaffold move from frame to frame.
+//! `[scaffold.motion]`: how the nodes of a scaffold move from frame to frame. Only the keys; which go together is
+//! checked in `check/motion.rs`.
 
 use super::file::FileRef;
 use schemars::JsonSchema;

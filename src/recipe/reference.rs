@@ -1,4 +1,5 @@
-//! The recipe reference as Markdown, written from the JSON schema, so that both say the same.
+//! The recipe reference as Markdown, written from the JSON schema, so that both agree. Texts are the doc comments
+//! of the recipe's types.
 
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;

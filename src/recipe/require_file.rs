@@ -1,4 +1,5 @@
-//! A file of requirements for `druse check`: a recipe, or only its `unit`, `[build]` and `[require]`.
+//! A file of requirements for `druse check`: a recipe, or only its `unit`, `[build]` and `[require]`. Rules that
+//! need other sections of a recipe are not checked.
 
 use super::build::BuildSection;
 use super::error::RecipeError;

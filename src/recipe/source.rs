@@ -170,7 +170,8 @@ impl Source {
             .find(|&n| position >= self.override_start(n))
     }
 
-    /// Reads text and overrides into `T`, and records where each key stands.
+    /// Reads text and overrides into `T`, and records where each key stands. Frame tokens are replaced on the way;
+    /// the texts with tokens are kept.
     pub(super) fn deserialize<T: DeserializeOwned>(&mut self) -> Result<T, RecipeError> {
         let (text, overrides) = (self.text.clone(), self.overrides.clone());
         // Each override is parsed as `v=VALUE` behind spaces, so that its span is the virtual one; "v=" takes the

@@ -147,7 +147,7 @@ impl CellSection {
     }
 }
 
-/// What is wrong with targets of a palette: the cell's name, the key and the reason.
+/// What is wrong with the first faulty target of a palette: the cell's name, the key and the reason.
 pub(super) fn check(
     cells: &BTreeMap<String, CellSection>,
 ) -> Result<(), (String, &'static str, String)> {

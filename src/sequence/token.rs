@@ -145,7 +145,8 @@ pub fn without_token(text: &str) -> String {
     out
 }
 
-/// The frames of a series of files that exist, rising. `template` is a path whose file name has a token.
+/// The frames of a series of files that exist, rising. `template` is a path whose file name has a token; without
+/// one there are none. A folder that cannot be read has no files.
 pub fn frames_on_disk(template: &Path) -> Vec<i32> {
     let name = template
         .file_name()

@@ -55,7 +55,8 @@ impl PeriodResults<'_> {
         all
     }
 
-    /// A table of every number: quantity, row, column, value; of derivatives also the coefficient.
+    /// A table of every number as CSV: quantity, row, column, value; of derivatives also the coefficient. Row and
+    /// column are empty for scalars.
     pub fn csv(&self) -> String {
         let mut text = "quantity,i,j,value\n".to_owned();
         let fine = self.fine();

@@ -22,7 +22,8 @@ pub(super) struct Limit {
     pub is_met: bool,
 }
 
-/// A histogram of the report; `None` if the report has none. `label` names the axis.
+/// A histogram of the report as SVG, with a line at `limit`; `None` if the report has none or no samples. `label`
+/// names the axis.
 pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Option<String> {
     let floats =
         |v: &Value| -> Option<Vec<f64>> { v.as_array()?.iter().map(Value::as_f64).collect() };
@@ -111,7 +112,8 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
     Some(svg)
 }
 
-/// Named curves over a common abscissa; ordinates start at 0. `None` without a positive ordinate.
+/// Named curves over a common abscissa as SVG; ordinates start at 0. `None` without a positive ordinate or with a
+/// single abscissa.
 pub(super) fn curves(list: &[(&str, Vec<[f64; 2]>)], label: &str) -> Option<String> {
     let points = || list.iter().flat_map(|c| &c.1);
     let highest = points().fold(0.0f64, |a, p| a.max(p[1]));

@@ -1,4 +1,5 @@
-//! Reading one request from a connection, within limits.
+//! Reading one request from a connection, within limits of size and time. Only what the pages send is understood:
+//! GET and POST of HTTP 1 with a short body of text.
 
 use super::Refused;
 use std::io::Read;
@@ -77,7 +78,8 @@ fn is_timeout(e: &std::io::Error) -> bool {
     matches!(e.kind(), TimedOut | WouldBlock)
 }
 
-/// Reads the request of a connection, checks who sends it, and reads its body.
+/// Reads the request of a connection, checks who sends it, and reads its body. The refusal has the status and text
+/// of the answer.
 pub(super) fn read_request(stream: &mut TcpStream, guard: &Guard) -> Result<Request, Refusal> {
     let mut reader = TimedReader {
         stream,

@@ -24,7 +24,8 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// The rows of a file that are complete; none if there is no file.
+    /// The rows of a file that are complete; none if there is no file. A table of other keys is an error, so that
+    /// it is not replaced.
     pub fn read(path: &Path, keys: Vec<String>) -> Result<Self, Failure> {
         let mut table = Self {
             keys,

@@ -1,4 +1,6 @@
-//! The part of a recipe in steps of finer voxels: a first picture soon, up to the recipe's own voxels where they are few.
+//! The part of a recipe in steps of finer voxels: a first picture soon, up to the recipe's own voxels where they
+//! are few. Each step is a run without files; coarse steps leave out operations that need fine voxels. The full
+//! run with all files is here too.
 
 use super::elements::Elements;
 use super::load;
@@ -59,7 +61,8 @@ struct Step {
     left_out: String,
 }
 
-/// Computes the part of a changed recipe and publishes each step.
+/// Computes the part of a changed recipe and publishes each step, then the estimate of the full run, then wall
+/// thickness. A cancellation or a failure keeps what is published.
 pub(super) fn show(
     work: &Work,
     text: &RecipeText,

@@ -127,7 +127,7 @@ fn slice(work: &Work, sent: &str) -> Result<Reply, Refused> {
     Ok(Reply::bytes(sampled.slice(sent)?))
 }
 
-/// Starts the full run, unless one is in progress.
+/// Starts the full run of the changed recipe on a thread of its own, unless one is in progress, which is refused.
 fn run<'scope, 'a: 'scope>(
     work: &'scope Work<'a>,
     scope: &'scope Scope<'scope, '_>,

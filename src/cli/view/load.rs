@@ -427,7 +427,8 @@ pub(super) fn scaffold_scene(p: &Parameters, own: Elements, warnings: &[String])
     }
 }
 
-/// The scene of a cell: one element in fine voxels and a block of elements in coarse ones.
+/// The scene of a cell: one element in fine voxels and a block of elements in coarse ones, in reference lengths. A
+/// cell of the ball has no block.
 fn cell_scene(
     p: &Parameters,
     cell: &Cell,

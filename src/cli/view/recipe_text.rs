@@ -88,7 +88,7 @@ pub(super) struct RecipeText {
 }
 
 impl RecipeText {
-    /// Reads a valid recipe.
+    /// Reads a valid recipe, and finds the places of the values and operations that controls can change.
     pub fn open(path: &Path) -> Result<Self, Failure> {
         let recipe = Recipe::read(path, &[])?;
         let text = recipe.source().text();

@@ -1,4 +1,5 @@
-//! Slices of a grid: values on planes across an axis.
+//! Slices of a grid: values on planes across an axis, in the unit that the page shows. Values are interpolated
+//! between voxels; nothing is meshed.
 
 use crate::cli::failure::Failure;
 use crate::cli::server::{Refused, headed};

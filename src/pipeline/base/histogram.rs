@@ -1,4 +1,5 @@
-//! Histogram of wall thicknesses or of gaps, for the report.
+//! Histogram of wall thicknesses or of gaps, for the report: counts in equal bins, in the recipe's unit. Counts
+//! are samples and not areas.
 
 use serde::Serialize;
 

@@ -1,4 +1,5 @@
-//! Warnings of a run and their codes.
+//! Warnings of a run and their codes, which are stable: scripts and the reference name them. A strict run makes an
+//! error of the first.
 
 use serde::Serialize;
 

@@ -1,4 +1,5 @@
-//! Finite-element decks of a solid in bricks: each brick adds the solid in its own voxels.
+//! Finite-element decks of a solid in bricks: each brick adds the solid in its own voxels. The deck equals that of
+//! a run in memory; only its cubes must fit there.
 
 use super::BrickRun;
 use super::assemble::part;

@@ -1,4 +1,5 @@
-//! The passes of a run in bricks, and the halo of each: how far its operations reach.
+//! The passes of a run in bricks, and the halo of each: how far its operations reach. A halo that is too small
+//! would give wrong voxels at the borders of bricks, so that every reach is an upper bound.
 
 use super::voxels::{HALO_MARGIN, SURFACE_POINT_REACH, whole_leaves};
 use crate::band::SurfacePoints;

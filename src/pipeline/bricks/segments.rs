@@ -1,4 +1,5 @@
-//! The components of a solid in bricks, each as a separate solid.
+//! The components of a solid in bricks, each as a separate solid: its own bricks and leaf files beside those of
+//! the whole.
 
 use super::assemble::part;
 use super::halo::{coarser_copies, removal_halo};

@@ -1,4 +1,5 @@
-//! A solid on disk: its leaves and the bricks that contain them.
+//! A solid on disk: its leaves and the bricks that contain them. Bricks are cubes of whole blocks of 128^3 voxels
+//! at multiples of their edge; they do not overlap.
 
 use super::BrickRun;
 use super::plan::BrickPlan;

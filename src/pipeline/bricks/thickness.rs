@@ -1,4 +1,5 @@
-//! The local thickness of a solid in bricks, measured brick by brick with a halo.
+//! The local thickness of a solid in bricks, measured brick by brick with a halo; the measure itself is that of
+//! runs in memory, with the same result.
 
 use super::BrickRun;
 use super::assemble::part;

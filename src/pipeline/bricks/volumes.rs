@@ -1,4 +1,5 @@
-//! `.vdb` files of a solid in bricks: its level set, fog and attributes, streamed grid by grid.
+//! `.vdb` files of a solid in bricks: its level set, fog and attributes, streamed grid by grid from disk. The
+//! files are those of a run in memory, with the same content hash.
 
 use super::BrickRun;
 use super::halo::{coarser_copies, needs_segments};
@@ -122,7 +123,8 @@ impl<'a> Volumes<'a> {
         }
     }
 
-    /// Writes one file: the named level sets, and the fog and attributes among `words`.
+    /// Writes one file: the level sets `surfaces` by their names, and the fog and attributes among `words`; a
+    /// scene beside it on request. Returns the entries of the report.
     fn write_one(
         &self,
         output: &Output,

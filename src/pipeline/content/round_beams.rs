@@ -231,7 +231,8 @@ fn symmetrised(
 }
 
 impl RoundBeams {
-    /// Maps the cells' struts and plates through all elements and sizes them.
+    /// Maps the cells' struts and plates through all elements and sizes them. `section` is the tiling's, whose
+    /// thickness `spatial` evaluates; notes on graphs become warnings of `files`.
     pub fn load(
         files: &mut InputFiles,
         tiling: &CellTiling,

@@ -55,7 +55,8 @@ pub(crate) const ATTRIBUTE_BYTES: f64 = 4.0 * 1_048_576.0;
 pub(crate) const STORED_BLOCK_BYTES: f64 = 1300.0;
 pub(crate) const STORED_LEAF_BYTES: f64 = 16.0;
 
-/// Copies of the leaves and nanoseconds per active voxel of an operation on them.
+/// Copies of the leaves and nanoseconds per active voxel of an operation on voxels `on`, from measured runs. Rates
+/// of moves grow with the distance in half voxels.
 pub(super) fn operation(op: &Op, on: Voxels) -> (f64, f64) {
     let voxels = |size: &Size| size.resolve(on.scale) / on.scale.voxel_size;
     let moved = |size: &Size| 200.0 * (2.0 * voxels(size)).max(1.0);

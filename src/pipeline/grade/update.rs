@@ -105,7 +105,8 @@ impl Grading<'_> {
         all.map(|(f, v)| f * v).sum()
     }
 
-    /// Means of the measure within the radius of a cone, weighted by volume.
+    /// Means of the measure around each element, weighted by volume and by a cone, whose weight falls from
+    /// `radius` (recipe units) at the centre to 0 at that distance.
     fn filtered(&self, radius: f64) -> Vec<f64> {
         let centres = centres(self.elements);
         // Cubes as wide as the radius: all neighbours of an element lie in its cube and the 26 around it.

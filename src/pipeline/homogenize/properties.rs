@@ -296,7 +296,7 @@ pub fn period_warnings(
     all
 }
 
-/// A description of phases that are disconnected or missing.
+/// A description of phases that are disconnected or missing; `None` where solid and void go on along all axes.
 fn disconnected(period: &Period, found: &Properties) -> Option<String> {
     // The axes along which a phase does not connect the period to its images; planar cells have two.
     let axes = |percolates: [bool; 3]| -> Vec<&str> {

@@ -380,7 +380,8 @@ fn location_word(at: FieldAt) -> &'static str {
     }
 }
 
-/// The field that a recipe names: the only one of its name, or of its name at points or cells.
+/// The field of `fields` that a recipe names: the only one of its name, or of its name at points or cells. Errors
+/// list the known fields and the nearest name.
 fn find_field<'a>(
     path: &Path,
     fields: &'a [DataField],

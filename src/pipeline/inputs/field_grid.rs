@@ -30,7 +30,8 @@ pub(crate) struct FieldGrid {
 pub(crate) type Missing = (f64, [i32; 3]);
 
 impl FieldGrid {
-    /// Reads a grid by its name.
+    /// Reads a grid of the file `path` by its name, in a child process if there is one. `file` has its unit and
+    /// frame.
     pub fn read(
         files: &InputFiles,
         file: &FileFrame,
@@ -131,7 +132,8 @@ impl FieldGrid {
         values.into_iter().map(f64::from).collect()
     }
 
-    /// The value of the nearest voxel that has one; the first of equally near voxels.
+    /// The value of the nearest voxel that has one, within `MAX_SEARCH_RADIUS`; the first of equally near voxels.
+    /// `None` without any.
     fn nearest_value(&self, voxel: Coord) -> Option<f64> {
         // Shells of growing cubes, each sorted by distance. A corner of one shell may be farther than a
         // face of the next; the shell decides.

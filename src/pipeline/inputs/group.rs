@@ -1,4 +1,5 @@
-//! Files of symmetry groups: generators in crystallographic notation.
+//! Files of symmetry groups: generators in crystallographic notation, one a line, with an optional name and
+//! lattice. Whether they generate a finite group is checked where the group is made.
 
 use crate::io::{Place, ReadError};
 use crate::symmetry::GroupText;

@@ -137,7 +137,8 @@ impl FileNodes<'_> {
         deformed(recipe, section, pose, nodes)
     }
 
-    /// The points of a cache in the order of the nodes.
+    /// The points of a cache, which has all nodes of the file in the order of their numbers, in the order of this
+    /// scaffold's nodes.
     fn in_order(&self, points: &[Vec3], path: &Path) -> Result<Vec<Vec3>, ReadError> {
         let all = self.nodes.len() + self.unused;
         if points.len() != all {
@@ -168,7 +169,8 @@ impl FileNodes<'_> {
         Ok(ordered.collect())
     }
 
-    /// The vectors of a point field, in the file's unit, or per second.
+    /// The vectors of the point field `name`, one for each node, in the file's unit, or per second. `path` is the
+    /// file that an error names.
     fn vectors(&self, name: &str, path: &Path) -> Result<Vec<Vec3>, ReadError> {
         let is_vector = |f: &&DataField| f.at == FieldAt::Points && f.components == 3;
         let mut fields = self.fields.iter().filter(is_vector);
@@ -423,7 +425,8 @@ pub(crate) fn nearest_text(frames: &[i32], frame: i32) -> String {
     }
 }
 
-/// Refuses a scaffold `there` in a pose whose elements are not those of the run's frame, `here`.
+/// Refuses a scaffold `there` in a pose whose elements or node numbers are not those of the run's frame, `here`:
+/// differences of places would be meaningless. The error shows the first element that differs.
 fn check_connectivity(
     recipe: &Recipe,
     here: NumberedScaffold,

@@ -163,7 +163,8 @@ fn cache_key(recipe: &Recipe, section: &ScaffoldSection) -> Option<(String, Stri
     Some(("scaffold".into(), key))
 }
 
-/// The scaffold of a section in a pose, with its elements divided as the section wants them.
+/// The scaffold of a section in a pose (its nodes at a frame), with its elements divided as the section wants
+/// them. It is not validated.
 fn divided_scaffold(
     files: &mut InputFiles,
     section: &ScaffoldSection,
@@ -444,7 +445,8 @@ fn crystal_shell(
     })
 }
 
-/// Removes elements whose Jacobian changes its sign or vanishes, with a warning.
+/// Removes elements whose Jacobian changes its sign or vanishes, with a warning; the others keep their numbers and
+/// groups.
 fn without_inverted(
     files: &mut InputFiles,
     source: SourceScaffold,
@@ -490,7 +492,8 @@ fn without_inverted(
     Ok(source.divided(Divided { scaffold, parents }))
 }
 
-/// Refuses invalid scaffolds and warns of defects.
+/// Refuses scaffolds with folded, degenerate or overlapping elements, warns of other defects, and returns the
+/// report's entry. `path` is the file that an error names.
 fn validate(
     files: &mut InputFiles,
     scaffold: &Scaffold,

@@ -1,4 +1,5 @@
-//! Grids of OpenVDB files that a run reads: operands, masks, and the initial solid.
+//! Grids of OpenVDB files that a run reads: operands, masks, and the initial solid. Files are read in a child
+//! process where the options have one, because a damaged file can crash OpenVDB.
 
 use super::input_files::InputFiles;
 use crate::frame::{Aabb, LengthUnit, Vec3};

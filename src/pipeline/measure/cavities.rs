@@ -62,7 +62,7 @@ impl CavitiesReport {
         self
     }
 
-    /// Lines of text; lengths are in `unit`.
+    /// Lines of text for the terminal; lengths are in `unit`.
     pub fn text(&self, unit: LengthUnit) -> String {
         let number = short_number;
         if self.count == 0 {

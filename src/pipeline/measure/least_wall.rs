@@ -140,7 +140,8 @@ pub(crate) fn sample_walls(
     })
 }
 
-/// The balls that touch a mesh at some of its vertices.
+/// The balls that touch a mesh at the vertices `samples`, in their order, with radii up to `max_radius`, world
+/// units.
 pub(crate) fn balls(
     mesh: &TriMesh,
     samples: &[u32],

@@ -167,7 +167,8 @@ pub fn judge_mesh(
     judge_file(file, report, unit, f64::NAN)
 }
 
-/// Judges the measures of a file, which are in the file's unit.
+/// Judges the measures of a file, which are in the file's unit `unit` with voxels of `voxel_size`. Verdicts are in
+/// the unit of the requirements.
 fn judge_file(
     file: &RequireFile,
     mut report: SolidReport,
@@ -217,7 +218,8 @@ struct Judge {
 }
 
 impl Judge {
-    /// Judges the measures of the solid.
+    /// Judges the measures of the solid, requirement by requirement in a fixed order; each verdict is added to the
+    /// list, with a hint where it is not met.
     fn solid(&mut self, r: &RequireSection, solid: &SolidReport) {
         if let Some(least) = r.least_wall {
             // No wall up to the limit in bricks: it is thicker than that.
@@ -364,7 +366,7 @@ impl Judge {
         });
     }
 
-    /// Judges the layers of the build.
+    /// Judges the layers of the build: numbers of islands and cups, and the area of overhangs.
     fn build(&mut self, r: &RequireSection, build: &BuildReport) {
         for (name, most, found, list) in [
             ("islands", r.islands, build.islands, &build.island_list),

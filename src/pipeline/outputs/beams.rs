@@ -1,4 +1,5 @@
-//! The struts of a graph over a scaffold as a beam lattice for a file, without voxels or triangles.
+//! The struts of a graph over a scaffold as a beam lattice for a file, without voxels or triangles. Operations of
+//! the recipe, cuts and plates are not part of it.
 
 use crate::beams::Beams;
 use crate::frame::{CellPoint, Vec3};

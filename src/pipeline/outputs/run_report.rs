@@ -1,4 +1,5 @@
-//! The end of a run: verdicts on the finished solid, and the report.
+//! The end of a run: verdicts on the finished solid, and the report. All ways of running end here, in memory, in
+//! bricks, and decks without a solid.
 
 use super::output_targets::Targets;
 use super::{deck, macro_deck};

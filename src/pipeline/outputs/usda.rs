@@ -1,4 +1,5 @@
 //! USD scenes beside `.vdb` files: one Volume whose fields are the grids of a file, or of one file per frame.
+//! Scenes hold no values; they name the files, in their folder.
 
 use crate::frame::{Aabb, LengthUnit};
 use crate::recipe::GridWord;

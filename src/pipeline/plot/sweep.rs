@@ -1,4 +1,5 @@
-//! Plots of curves over the volume fraction.
+//! Plots of curves over a common abscissa, as the volume fraction or the height of layers, with a legend and a
+//! grid.
 
 use super::canvas::{Canvas, GRID_COLOUR, TEXT_COLOUR};
 use crate::vdb::Image;

@@ -14,7 +14,8 @@ use crate::recipe::source::Source;
 /// Voxels along the period of a homogenised cell.
 const DECK_RESOLUTIONS: std::ops::RangeInclusive<u32> = 8..=256;
 
-/// Rules of all `[[output]]` sections.
+/// Rules of all `[[output]]` sections: one file each with a name of its own and an extension of its kind, and only
+/// keys of that kind.
 pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
     let mut seen = Vec::new();
     for (n, output) in sections.output.iter().enumerate() {

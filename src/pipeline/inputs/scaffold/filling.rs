@@ -1,4 +1,5 @@
-//! Meshes filled with tets: what the tets leave of the mesh, and whether they hold together.
+//! Meshes filled with tets: what the tets leave of the mesh, and whether they form as few components as it has.
+//! The tets themselves are made by `Scaffold::filled`.
 
 use crate::frame::{Vec3, place_figures};
 use crate::mesh::{MeshSolid, TriMesh, mesh_components};

@@ -1,4 +1,5 @@
-//! Scaffolds that are made: boxes, and fillings of meshes.
+//! Scaffolds that are made: boxes, and fillings of meshes by cubes. Lengths are resolved to the recipe's unit
+//! here.
 
 use super::moved;
 use crate::frame::{Aabb, Vec3};
