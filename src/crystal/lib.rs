@@ -2,6 +2,7 @@
 //!
 //! - [`polymesh`]: polygon meshes, extrusions in tiers, face groups, remeshing, and scripts of such steps.
 //!
-//! No item here knows files or OpenVDB. The items have their public names in the crate `druse`.
+//! No item here knows files or OpenVDB. Lengths are in the unit of the model, which is not converted. The items have
+//! their public names in the crate `druse`.
 
 pub mod polymesh;

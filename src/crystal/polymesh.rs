@@ -71,6 +71,7 @@ const MAX_CORNERS: u64 = 1 << 27;
 
 /// The faces of a mesh: loops of vertex numbers in one array.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// Vertex numbers of all loops, one loop after the other.
 pub struct Faces {
     corners: Vec<u32>,
     /// Where each face begins in `corners`, and the end of the last.
@@ -107,7 +108,7 @@ impl Faces {
         self.len() == 0
     }
 
-    /// The loop of face `f`.
+    /// The loop of face `f`, from its start vertex. Panics where there is no such face, as all access by number does.
     pub fn get(&self, f: usize) -> &[u32] {
         &self.corners[self.span(f)]
     }
@@ -226,12 +227,13 @@ impl PolyMesh {
         self.twins.len()
     }
 
-    /// Euler characteristic V - E + F: 2 for each component, less 2 for each handle.
+    /// Euler characteristic V - E + F: 2 for each component, less 2 for each handle. The mesh may have several
+    /// components.
     pub fn euler(&self) -> i64 {
         self.vertex_count() as i64 - self.edge_count() as i64 + self.face_count() as i64
     }
 
-    /// The greatest group in use.
+    /// The greatest group in use; a mesh has a face, so that it is at least 1.
     pub fn greatest_group(&self) -> u32 {
         self.groups.iter().copied().max().unwrap_or(0)
     }
@@ -261,7 +263,8 @@ impl PolyMesh {
         self
     }
 
-    /// The same mesh with every vertex moved by an orientation-preserving map.
+    /// The same mesh with every vertex moved by an orientation-preserving map. This is not checked: a mirror
+    /// image has its faces inside out.
     ///
     /// # Errors
     /// [`PolyError::NotFinite`] where the map gives no finite point.
@@ -319,7 +322,7 @@ impl PolyMesh {
             .unwrap_or_else(|e| unreachable!("a flipped mesh is invalid: {e}"))
     }
 
-    /// The corner of the opposite half-edge.
+    /// The corner of the opposite half-edge, which runs the other way along the edge of `corner` in the face beyond it.
     pub(crate) fn twin(&self, corner: usize) -> usize {
         self.twins[corner] as usize
     }

@@ -7,8 +7,8 @@
 //! flow on a staggered grid. [`by_coefficients`] gives derivatives by the coefficients of a cell.
 //!
 //! Voxels that the surface cuts have moduli mixed arithmetically by the share of solid (Voigt), which on lattices
-//! is as accurate as laminates (Lucarini, Cobian, Voitus and Segurado 2021). Where interfaces are wider than a voxel an arithmetic mean overestimates stiffness: [`sharpened`]
-//! shares keep all bounds.
+//! is as accurate as laminates (Lucarini, Cobian, Voitus and Segurado 2021). Where interfaces are wider than a
+//! voxel an arithmetic mean overestimates stiffness: [`sharpened`] shares keep all bounds.
 //!
 //! Conventions: Voigt order 11 22 33 23 13 12 with engineering shear; moduli in the unit of those given;
 //! permeability in squares of the period's edge. The same bytes come out at any number of threads.
@@ -150,7 +150,8 @@ pub enum HomogenizeError {
     Cancelled(#[from] Cancelled),
 }
 
-/// Checks that shares belong to this grid and lie between 0 and 1.
+/// Checks that there is one share for each voxel of the grid, each between 0 and 1; `HomogenizeError::Grid` names
+/// the first fault. NaN is refused too.
 fn check_shares(grid: Grid, shares: &[f64]) -> Result<(), HomogenizeError> {
     if shares.len() != grid.voxels() {
         return Err(HomogenizeError::Grid(format!(

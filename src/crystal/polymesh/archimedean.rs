@@ -1,9 +1,12 @@
 //! The Archimedean solids, made from Platonic ones, and the names of both.
+//!
+//! Each solid is an operator (truncate, rectify, ...) on a Platonic solid. Names are compared without case, spaces and
+//! signs, and have synonyms; the canonical name is that of scripts.
 
 use super::kind::{Kind, Operator};
 use super::{PolyMesh, operator, seed};
 
-/// Name, Platonic solid, kind of extrusion that makes its faces, operator.
+/// Name, Platonic solid, kind of extrusion that makes the faces of that solid, operator.
 const TABLE: [(&str, &str, Kind, Operator); 13] = {
     use Kind::{Cubical, Dodecahedral, Icosahedral, Octahedral, Tetrahedral};
     use Operator::{Cantellate, Omnitruncate, Rectify, Snub, Truncate};
@@ -108,7 +111,7 @@ fn normal_form(name: &str) -> String {
     letters.replace("rhombo", "rhombi")
 }
 
-/// All names of solids, each with its canonical name.
+/// All names of solids, each with its canonical name: canonical names first.
 fn all() -> impl Iterator<Item = (&'static str, &'static str)> {
     let own = seed::PLATONIC_SOLIDS.into_iter().chain(names());
     let others = SYNONYMS
@@ -117,8 +120,9 @@ fn all() -> impl Iterator<Item = (&'static str, &'static str)> {
     own.map(|n| (n, n)).chain(others)
 }
 
-/// The canonical name of a solid, from any of its names in any spelling.
+/// The canonical name of a solid, from any of its names in any spelling; `None` for other words.
 pub(super) fn canonical(name: &str) -> Option<&'static str> {
+    // Digits and signs are no part of a name, though the normal form would drop them.
     let is_name = |c: char| c.is_ascii_alphabetic() || matches!(c, '_' | '-' | ' ');
     if !name.chars().all(is_name) {
         return None;
@@ -129,7 +133,8 @@ pub(super) fn canonical(name: &str) -> Option<&'static str> {
         .map(|n| n.1)
 }
 
-/// The solid with the name most similar to a word, if any is similar.
+/// The canonical name of the solid with the name most similar to a word; `None` where no name is within one edit and
+/// one more per five letters.
 pub(super) fn nearest(name: &str) -> Option<&'static str> {
     let target = normal_form(name);
     all()
@@ -145,7 +150,8 @@ pub(super) fn nearest(name: &str) -> Option<&'static str> {
         .map(|n| n.2)
 }
 
-/// An Archimedean solid centred on the origin.
+/// An Archimedean solid centred on the origin with edges of this length, all faces in group 1; `None` for a name that
+/// is not canonical or an edge that makes no finite mesh.
 pub(super) fn solid(name: &str, edge: f64) -> Option<PolyMesh> {
     let (_, platonic, kind, operator) = TABLE.iter().find(|row| row.0 == name)?;
     let mesh = operator::on_solid(*operator, *kind, &seed::platonic(platonic, 1.0)?);

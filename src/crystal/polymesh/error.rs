@@ -1,4 +1,5 @@
-//! Errors of polygon meshes and of extrusions.
+//! Errors of polygon meshes and of extrusions: what was found, where, and what is expected. Messages are fragments
+//! that follow the name of a file or step.
 
 /// Why vertices and loops do not make a closed oriented 2-manifold. Numbers count from 0.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

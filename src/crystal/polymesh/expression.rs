@@ -1,7 +1,9 @@
 //! Numeric and logical expressions of scripts and selections.
 //!
-//! `or`, `and`, `not` (also `|`, `&`, `!`), comparisons, `+ - * /`, `^`, brackets, functions. Angles are in
-//! degrees, as everywhere in scripts: `acos(1/3)` is 70.53.
+//! `or`, `and`, `not` (also `||`, `&&`, `!`, `|`, `&`), comparisons, `+ - * /`, `^`, brackets, functions, from the
+//! loosest to the tightest; `^` groups to the right and `not` covers a comparison. Angles are in degrees, as everywhere
+//! in scripts: `acos(1/3)` is 70.53. Both sides of `or` and `and` have to be conditions. Dividing by 0 is no error
+//! here: the result is infinite or not a number, and the caller checks it.
 
 /// The value of an expression.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +25,7 @@ type Parsed<T> = Result<T, ExpressionError>;
 #[derive(Clone, Debug)]
 pub(super) struct Expression(Node);
 
+/// A parsed expression; numbers are byte positions in the text, for messages.
 #[derive(Clone, Debug)]
 enum Node {
     Number(f64),
@@ -36,10 +39,12 @@ enum Node {
 /// Maximum nesting depth; it bounds the recursion.
 const MAX_DEPTH: usize = 100;
 
-/// Gives the value of a name and its arguments; `None` as arguments means no brackets.
+/// Gives the value of a name of the caller and its arguments; `None` as arguments means no brackets, `None` as result
+/// that the caller has no such name.
 pub(super) type Names<'a> = &'a dyn Fn(&str, Option<&[f64]>) -> Option<Value>;
 
 impl Expression {
+    /// Parses the whole text; the error names the first position that does not continue an expression.
     pub fn parse(text: &str) -> Parsed<Self> {
         let mut parser = Parser {
             text,
@@ -65,7 +70,7 @@ impl Expression {
         self.0.number(names)
     }
 
-    /// Its logical value.
+    /// Its logical value; an error where it is a number. The position is then the start of the text.
     pub fn truth(&self, names: Names) -> Parsed<bool> {
         match self.value(names)? {
             Value::Truth(t) => Ok(t),
@@ -92,6 +97,7 @@ struct Parser<'a> {
     depth: usize,
 }
 
+/// An error at the present position.
 impl<'a> Parser<'a> {
     fn fault(&self, message: impl Into<String>) -> ExpressionError {
         ExpressionError {
@@ -104,11 +110,13 @@ impl<'a> Parser<'a> {
         &self.text[self.at..]
     }
 
+    /// Skips white space.
     fn blank(&mut self) {
         self.at += self.rest().len() - self.rest().trim_start().len();
     }
 
-    /// Consumes an operator or word if it comes next.
+    /// Consumes an operator or word if it comes next, after white space. A word is not taken from the front of a longer
+    /// name.
     fn take(&mut self, sign: &str) -> bool {
         self.blank();
         let word = sign.chars().all(char::is_alphabetic);
@@ -122,6 +130,8 @@ impl<'a> Parser<'a> {
         true
     }
 
+    /// Reads the operators of one level of precedence, counting the nesting depth. Each pair of brackets passes all
+    /// levels, one for `power` and one more, hence the factor of the limit.
     fn level(&mut self, level: usize) -> Parsed<Node> {
         self.depth += 1;
         if self.depth > MAX_DEPTH * (LEVELS.len() + 2) {
@@ -137,6 +147,7 @@ impl<'a> Parser<'a> {
         let Some(signs) = LEVELS.get(level) else {
             return self.power();
         };
+        // `not` stands before a comparison, the third row of the table: not a == b is not (a == b).
         if level == 2 && (self.take("not") || (!self.rest().starts_with("!=") && self.take("!"))) {
             let at = self.at;
             return Ok(Node::Not(at, Box::new(self.level(2)?)));
@@ -153,6 +164,7 @@ impl<'a> Parser<'a> {
         }
     }
 
+    /// Reads a negation, or an atom with an optional power. -a^b is -(a^b), and a^-b is allowed.
     fn power(&mut self) -> Parsed<Node> {
         self.blank();
         let at = self.at;
@@ -230,6 +242,7 @@ impl<'a> Parser<'a> {
     }
 }
 
+// Each of these gives the value of a node, or the error at its position.
 impl Node {
     fn number(&self, names: Names) -> Parsed<f64> {
         match self.value(names)? {
@@ -245,6 +258,7 @@ impl Node {
         }
     }
 
+    /// An error at this node; plain numbers keep no position.
     fn fault(&self, message: String) -> ExpressionError {
         let at = match self {
             Self::Number(_) => 0,
@@ -290,6 +304,7 @@ impl Node {
     }
 }
 
+/// A comparison or an arithmetic operator on two numbers; `^` is the last case.
 fn both(sign: &str, a: f64, b: f64) -> Value {
     match sign {
         "==" => Value::Truth(a == b),
@@ -306,7 +321,8 @@ fn both(sign: &str, a: f64, b: f64) -> Value {
     }
 }
 
-/// A constant or function that every expression knows; angles are in degrees.
+/// A constant or function that every expression knows; angles are in degrees. `None` for other names and for other
+/// numbers of arguments. `log` is natural, `mod` is never negative for positive divisors, `atan` takes (y, x) too.
 fn built_in(name: &str, arguments: Option<&[f64]>) -> Option<Value> {
     let number = match (name, arguments) {
         ("pi", None) => std::f64::consts::PI,

@@ -118,7 +118,8 @@ impl Extrusion {
         Ok(extruded)
     }
 
-    /// Corners of the result of a number of iterations.
+    /// Corners of the whole mesh after so many iterations (`rounds`), so that a result that is too large is refused
+    /// before it is made. Saturates instead of overflowing.
     pub(super) fn corners(&self, mesh: &PolyMesh, chosen: &[bool], rounds: usize) -> u64 {
         let faces = chosen.iter().enumerate().filter(|(_, c)| **c);
         // Each iteration takes a polygon, then its top of as many corners, and puts a cap there.
@@ -132,8 +133,9 @@ impl Extrusion {
 
     /// Corners of the new faces over a polygon of `n` corners.
     ///
-    /// The kind makes g n of them. An operator is applied to the closed solid, whose C = m + g m corners lie on C / 2
-    /// edges: faces, edges and vertices give those of its image, without the image of the base.
+    /// The kind makes g n of them. An operator is applied to the closed solid over a polygon of m corners: m = n / 2
+    /// for truncate and omnitruncate, else n. The C = m + g m corners of that solid lie on C / 2 edges. Its faces,
+    /// edges and vertices give those of its image, without the image of the base.
     pub(super) fn cap_corners(&self, n: u64) -> u64 {
         let g = self.kind.cap_corners() as u64;
         match self.operator {
@@ -178,7 +180,8 @@ impl Extrusion {
         Ok(())
     }
 
-    /// Builds the mesh of one iteration from the faces that are `chosen`; messages go to `notes`.
+    /// Builds the mesh of one iteration from the faces that are `chosen`; messages go to `notes`. The result's own list
+    /// of notes stays empty: the caller fills it.
     fn extrude_once(
         &self,
         mesh: &PolyMesh,
@@ -237,9 +240,11 @@ impl Extrusion {
         })
     }
 
-    /// The new vertices and faces over one polygon.
+    /// The new vertices and faces over one polygon; observations go to `diagnostics`. The error is a reason without
+    /// the number of the face.
     fn cap(&self, points: Vec<Vec3>, diagnostics: &mut Diagnostics) -> Result<Cap, String> {
         let base = Polygon::new(points)?;
+        // A base counts as planar up to a millionth of its mean edge.
         if base.max_plane_distance() > 1e-6 * base.mean_edge {
             diagnostics.nonplanar_bases += 1;
         }
@@ -252,8 +257,8 @@ impl Extrusion {
         }
     }
 
-    /// The cap of the kind without an operator.
-    /// `delta` is the dihedral angle between the base and a side, in radians.
+    /// The cap of the kind without an operator. `delta` is the dihedral angle between the base and a side, in radians.
+    /// The top face, if any, comes first. The error is a reason without the number of the face.
     pub(super) fn kind_cap(
         &self,
         base: &Polygon,
@@ -300,7 +305,7 @@ impl Extrusion {
             }
             faces.push(loops);
         }
-        // Each row of the table gives the sides of one edge, as rings with a shift along the base.
+        // Each row of the table gives the sides of one edge, as corners (ring, shift along the base).
         for alternating in row.rows {
             for i in 0..n as i32 {
                 for side in *alternating {
@@ -334,7 +339,8 @@ pub(super) struct Diagnostics {
 }
 
 impl Diagnostics {
-    /// Adds a note for each irregularity of the extrusion of `sources` faces, once each.
+    /// Adds a note for each irregularity of the extrusion of `sources` faces to `notes`, unless an earlier iteration
+    /// has added the same text.
     fn report(&self, extrusion: &Extrusion, sources: usize, notes: &mut Vec<String>) {
         let mut note = |text: String| {
             if !notes.contains(&text) {
@@ -348,6 +354,7 @@ impl Diagnostics {
                 self.nonplanar_bases
             ));
         }
+        // Below this share of an edge the deviation is rounding error.
         if self.max_top_deviation > 1e-9 {
             note(format!(
                 "{name}: a top is not planar (off by {:.1e} of its edge); level = true makes it planar",

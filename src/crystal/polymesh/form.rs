@@ -38,7 +38,7 @@ const GROUPS: [(&str, &[&str]); 32] = [
     ("-43m", &["z,x,y", "y,-x,-z"]), ("m-3m", &["z,x,y", "-y,x,z", "-x,-y,-z"]),
 ];
 
-/// The rows of the groups on hexagonal axes.
+/// The rows of the trigonal and hexagonal groups, whose operators refer to hexagonal axes.
 const HEXAGONAL_ROWS: std::ops::Range<usize> = 15..27;
 
 /// The trigonal groups on rhombohedral axes.
@@ -79,6 +79,7 @@ const SCHOENFLIES_SYMBOLS: [(&str, &str); 34] = [
 /// [`FormError::Unknown`].
 pub fn cartesian_group(name: &str) -> Result<Vec<Vec<Mat3>>, FormError> {
     let symbol = SCHOENFLIES_SYMBOLS.iter().find(|row| row.0 == name);
+    // A symbol that is not Schoenflies' is taken as Hermann-Mauguin's.
     let symbol = symbol.map_or(name, |row| row.1);
     let hexagonal = lattice_vectors([1.0; 3], [90.0, 90.0, 120.0]).unwrap_or_else(Mat3::identity);
     let row = GROUPS.iter().position(|row| row.0 == symbol);
@@ -98,6 +99,7 @@ pub fn cartesian_group(name: &str) -> Result<Vec<Vec<Mat3>>, FormError> {
     let rows = standing.into_iter().chain(diagonal);
     let orientations: Vec<Vec<Mat3>> = rows
         .map(|(generators, axes)| {
+            // The axes have an inverse, so that the identity is not reached.
             let inverse = axes.try_inverse().unwrap_or_else(Mat3::identity);
             let group = generated(symbol, generators);
             let matrix = |o: &Operator<3>| axes * operator_matrix(o) * inverse;
@@ -117,7 +119,7 @@ pub fn cartesian_group(name: &str) -> Result<Vec<Vec<Mat3>>, FormError> {
     Ok(orientations)
 }
 
-/// The point group of a row of the tables.
+/// The point group that the operators of a row of the tables generate. Rows are valid; a test builds all of them.
 fn generated(name: &str, generators: &[&str]) -> PointGroup<3> {
     let operators: Vec<Operator<3>> = generators
         .iter()
@@ -213,8 +215,9 @@ pub struct Form {
 }
 
 impl Form {
-    /// A crystal without planes, of a lattice system with its lengths and angles (degrees) and a point group
-    /// by symbol; without one, the holohedry.
+    /// A crystal without planes, of a lattice system (a name of [`SYSTEMS`]) with lengths and angles (degrees) by name,
+    /// and a point group by Hermann-Mauguin symbol; without one, the holohedry. Lengths that are left out are 1, or
+    /// those that the system ties to a given one; angles are 90 degrees, or 120 for gamma of hexagonal axes.
     ///
     /// # Errors
     /// [`FormError`] names the argument that does not fit.
@@ -268,6 +271,7 @@ impl Form {
             "tetragonal" | "hexagonal" => lengths[1] = lengths[0],
             _ => {}
         }
+        // Without c the cell is as high as it is wide.
         if matches!(system, "tetragonal" | "hexagonal") && !given("c") {
             lengths[2] = lengths[0];
         }
@@ -285,6 +289,7 @@ impl Form {
             .find(|row| row.0 == system)
             .map_or("1", |r| r.1);
         let name = group.unwrap_or(holohedry);
+        // Rhombohedral axes take their own rows, and the groups 1 and -1, which are the same on all axes.
         let rows: Vec<&(&str, &[&str])> = match system {
             "rhombohedral" => RHOMBOHEDRAL_GROUPS.iter().chain(&GROUPS[..2]).collect(),
             _ => GROUPS.iter().collect(),
@@ -333,7 +338,8 @@ impl Form {
         Ok(())
     }
 
-    /// Moves a form outward by a distance, or inward by a negative one; its planes keep their directions.
+    /// Moves the form that `hkl` belongs to outward by a distance, or inward by a negative one; its planes keep their
+    /// directions. Of several such forms the first moves.
     ///
     /// # Errors
     /// [`FormError::NoForm`], [`FormError::Distance`].
@@ -360,8 +366,8 @@ impl Form {
         images.map(|o| o.apply_to_frequency(hkl)).collect()
     }
 
-    /// Whether another form has the same planes as form `n` at the same or a smaller distance, so that form `n`
-    /// has no face of its own.
+    /// Whether another form has the same planes as form `n` (its number in `planes`) at the same or a smaller distance,
+    /// so that form `n` has no face of its own.
     pub fn repeats(&self, n: usize) -> bool {
         let (own, distance) = self.planes[n];
         let orbit = self.orbit(own);
@@ -369,11 +375,13 @@ impl Form {
         others.any(|(_, (hkl, other))| orbit.contains(hkl) && *other <= distance)
     }
 
-    /// The polyhedron; the faces of each form are one group, in the order of the forms.
+    /// The polyhedron; the faces of form number n, from 0, are group n + 1. A form that others cut off entirely has no
+    /// face.
     ///
     /// # Errors
     /// [`FormError::Open`], [`FormError::TooMany`].
     pub fn mesh(&self) -> Result<PolyMesh, FormError> {
+        // Columns of the inverse transpose are a*, b*, c*. The lattice is invertible, as `new` checks.
         let reciprocal = self
             .lattice
             .try_inverse()
@@ -393,6 +401,7 @@ impl Form {
                 }
             }
         }
+        // Corners come from all triples of planes against all planes: the limit bounds a cost of the fourth power.
         if planes.len() > 400 {
             return Err(FormError::TooMany(planes.len()));
         }
@@ -400,13 +409,15 @@ impl Form {
     }
 }
 
-/// Lattice vectors as columns, from lengths and angles: a along x, b in the plane of x and y.
+/// Lattice vectors as columns, from lengths and angles in degrees: a along x, b in the plane of x and y, z of c
+/// positive. `None` where three such angles close no cell of positive volume.
 fn lattice_vectors(lengths: [f64; 3], angles: [f64; 3]) -> Option<Mat3> {
-    // Right angles are exact.
+    // Right angles and those of hexagonal axes are exact.
     let cosine = angles.map(|a| if a == 90.0 { 0.0 } else { a.to_radians().cos() });
     let cosine = [0, 1, 2].map(|k| if angles[k] == 120.0 { -0.5 } else { cosine[k] });
     let sine = (1.0 - cosine[2] * cosine[2]).sqrt();
     let cy = (cosine[0] - cosine[1] * cosine[2]) / sine;
+    // The square of the height of c over its length.
     let cz = 1.0 - cosine[1] * cosine[1] - cy * cy;
     if cz <= 1e-12 {
         return None;
@@ -417,8 +428,10 @@ fn lattice_vectors(lengths: [f64; 3], angles: [f64; 3]) -> Option<Mat3> {
     Some(Mat3::from_columns(&[a, b, c]))
 }
 
-/// The polyhedron of points with n.x <= d for all planes.
+/// The polyhedron of points with n.x <= d for all planes (n, d, group), all d > 0. Each corner belongs to the faces of
+/// all planes through it; tolerances are shares of the greatest distance.
 fn convex(planes: &[(Vec3, f64, u32)]) -> Result<PolyMesh, FormError> {
+    // Corners closer than ten times `close` are one corner, where more than three planes meet.
     let size = planes.iter().map(|p| p.1).fold(0.0, f64::max);
     let close = 1e-9 * size;
     let mut points: Vec<Vec3> = Vec::new();

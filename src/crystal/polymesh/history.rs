@@ -1,4 +1,6 @@
 //! Undo and redo: the models before and after each step, shared and not copied.
+//!
+//! A new step drops the undone ones. Beyond the limit the oldest steps are forgotten; their model remains as the start.
 
 use super::PolyMesh;
 use super::form::Form;
@@ -56,7 +58,7 @@ impl History {
         self.at = self.entries.len();
     }
 
-    /// Goes back one step and returns its text; `None` at the beginning of the history.
+    /// Goes back one step and returns the text of the step that it undoes; `None` at the beginning of the history.
     pub fn undo(&mut self) -> Option<&str> {
         self.at = self.at.checked_sub(1)?;
         Some(&self.entries[self.at].0)

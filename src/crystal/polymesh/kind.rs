@@ -63,7 +63,7 @@ pub(super) struct Row {
     pub name: &'static str,
     /// Corners of the regular solid's faces.
     pub corners: usize,
-    /// Cosine of the regular solid's dihedral angle: numerator, and square of the denominator.
+    /// Cosine of the regular solid's dihedral angle: (numerator, square of the denominator).
     cosine: (f64, f64),
     /// One rule per tier.
     pub tiers: &'static [TierRule],
@@ -91,7 +91,7 @@ const fn ring(first: usize) -> Ring {
     }
 }
 
-/// One ring of a pair that alternates (left, right) in two blocks of n.
+/// One ring of a pair whose vertices alternate in two blocks of n: `offset` 0 is the left one, 1 the right one.
 const fn half(first: usize, offset: usize) -> Ring {
     Ring {
         first,
@@ -149,6 +149,7 @@ impl Kind {
         all
     };
 
+    // The table has the order of the enumeration.
     pub(super) fn row(self) -> &'static Row {
         &TABLE[self as usize]
     }
@@ -179,7 +180,7 @@ impl Kind {
         (over / square.sqrt()).acos()
     }
 
-    /// The dihedral angle in radians on a polygon of `n` corners.
+    /// The dihedral angle in radians, by choice, on a polygon of `n` corners.
     ///
     /// `Auto` gives equilateral pyramids acos(cot(pi/n)/sqrt 3) for n up to 5 and uniform antiprisms
     /// acos(-tan(pi/2n)/sqrt 3) for any n; elsewhere it is the regular solid's.
@@ -202,7 +203,7 @@ impl Kind {
         sides.map(|side| side.len()).sum::<usize>() + usize::from(row.top.is_some())
     }
 
-    /// Numbers of new vertices and of new faces on a polygon of `n` corners.
+    /// Numbers of new vertices and of new faces on a polygon of `n` corners, without an operator.
     pub fn counts(self, n: usize) -> (usize, usize) {
         let row = self.row();
         let vertices = row.rings.iter().map(|r| match r.stride {
@@ -236,7 +237,7 @@ impl Operator {
     }
 }
 
-/// All names of extrusions in scripts.
+/// All names of extrusions in scripts: the kinds, then each operator on the five kinds of Platonic solids.
 pub fn names() -> Vec<String> {
     let mut names: Vec<String> = Kind::ALL.iter().map(|k| k.name().to_owned()).collect();
     for (_, prefix) in Operator::ALL {
@@ -245,7 +246,8 @@ pub fn names() -> Vec<String> {
     names
 }
 
-/// The kind and operator of an extrusion's name.
+/// The kind and operator of an extrusion's name; `None` for other words, and for an operator on one of the last two
+/// kinds, which are results of operators themselves.
 pub fn from_name(name: &str) -> Option<(Kind, Option<Operator>)> {
     if let Ok(kind) = Kind::from_str(name) {
         return Some((kind, None));

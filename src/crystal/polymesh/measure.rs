@@ -1,4 +1,7 @@
 //! Measures of a polygon mesh: counts, volume, area, planarity, edge lengths, groups.
+//!
+//! Faces that are not planar are cut into triangles about the mean of their corners; volume and area refer to these.
+//! Lengths are in the unit of the model. The volume of a mesh with its faces inside out is negative.
 
 use super::PolyMesh;
 use super::polygon::{doubled_area_vector, mean, unit};
@@ -72,8 +75,9 @@ impl PolyMesh {
         points.iter().map(off).fold(0.0, f64::max)
     }
 
-    /// Signed volume.
+    /// Signed volume: positive where faces are counter-clockwise seen from outside.
     pub fn volume(&self) -> f64 {
+        // Tetrahedra from the centre of the box, against rounding far from the origin.
         let o = self.bounds().centre().0;
         let face = |f: usize| {
             let points = self.points(f);
@@ -92,6 +96,7 @@ impl PolyMesh {
     }
 
     /// The component of each vertex, numbered from 0 in the order of first vertices, and the number of components.
+    /// Vertices are connected along edges.
     pub fn components(&self) -> (Vec<u32>, usize) {
         let mut piece = vec![u32::MAX; self.vertex_count()];
         let ring = super::topology::Ring::new(self);
@@ -117,7 +122,7 @@ impl PolyMesh {
         (piece, count as usize)
     }
 
-    /// All counts and measures.
+    /// All counts and measures. Of equally uneven faces the first is named; face 0 where all are planar.
     pub fn summary(&self) -> Summary {
         let mut lengths = (f64::INFINITY, 0.0f64);
         let mut sides = BTreeMap::new();
@@ -157,6 +162,7 @@ impl PolyMesh {
 /// Maximum number of printed rows of the table of groups.
 const MAX_GROUP_ROWS: usize = 24;
 
+/// A text of several lines without a last line break; groups beyond the limit are counted only.
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plural = if self.components == 1 { "" } else { "s" };

@@ -20,7 +20,8 @@ use super::{Faces, PolyMesh};
 use druse_geometry::frame::Vec3;
 use std::f64::consts::PI;
 
-/// The cap that `operator` makes on a base polygon.
+/// The cap that `operator` makes on a base polygon: the faces of the operated solid without the image of its base.
+/// Observations go to `diagnostics`. The error is a reason: a number of corners that does not suit, or parallel edges.
 pub(super) fn cap(
     extrusion: &Extrusion,
     operator: Operator,
@@ -36,6 +37,7 @@ pub(super) fn cap(
             extrusion.name()
         ));
     }
+    // Pairs of fewer than six corners give q fewer than three.
     if paired && n < 6 {
         return Err(format!(
             "found {n} corners; {} expects at least 6",
@@ -61,7 +63,8 @@ pub(super) fn cap(
     ))
 }
 
-/// Applies the operator to the regular solid whose faces the kind makes.
+/// Applies the operator to the regular solid whose faces the kind makes; all faces are in group 1. Points that no face
+/// uses are dropped.
 pub(super) fn on_solid(operator: Operator, kind: Kind, solid: &PolyMesh) -> PolyMesh {
     let rule = Rule::new(operator, kind, kind.regular_dihedral(), kind.corners())
         .unwrap_or_else(|e| unreachable!("a regular solid: {e}"));
@@ -95,7 +98,7 @@ fn closed(cap: &Cap, q: &Polygon) -> Result<PolyMesh, String> {
 /// An operator with its constants.
 struct Rule {
     operator: Operator,
-    /// Share of the cut, of the shrinking or of half an edge.
+    /// What the operator moves: the share of an edge that is cut, the factor about the centre, or half an edge's share.
     share: f64,
     /// Inward shift of omnitruncate, angle of snub.
     shift_or_angle: f64,
@@ -127,7 +130,8 @@ impl Rule {
         })
     }
 
-    /// The polygon whose image is the base; the pairs of paired operators begin at corner `start`.
+    /// The polygon q whose image is the base; the pairs of paired operators begin at corner `start` (0 or 1). The error
+    /// is a reason, where edges that have to meet are parallel.
     fn derived(&self, base: &Polygon, start: usize) -> Result<Vec<Vec3>, String> {
         let n = base.len();
         let at = |i: usize| base.points[i % n];
@@ -190,7 +194,7 @@ impl Rule {
     }
 
     /// Applies the operator to a closed solid: one or two points per half-edge, and new faces in the order of
-    /// old faces, edges, vertices.
+    /// old faces, edges, vertices. Image face f comes from old face f.
     fn apply(&self, solid: &PolyMesh) -> Image {
         let ring = Ring::new(solid);
         let count = ring.next.len();
@@ -297,13 +301,15 @@ impl Rule {
     }
 }
 
-/// The image of a solid: points, some of them unused, and faces; face 0 is the image of the base.
+/// The image of a solid: points, some of them unused, and faces. Where the solid is closed over a base, face 0 is the
+/// image of that base.
 struct Image {
     points: Vec<Vec3>,
     faces: Vec<Vec<u32>>,
 }
 
-/// Removes the image of the base and puts the corners of the base in its place.
+/// Removes the image of the base and puts the corners of the base in its place. `start` is the corner at which pairs
+/// begin; the numbers of base corners are those of a cap, below n.
 fn replace_base(
     image_mesh: &Image,
     base: &Polygon,
@@ -347,7 +353,7 @@ fn replace_base(
     }
 }
 
-/// A vector rotated about a unit axis.
+/// A vector rotated about a unit axis by an angle in radians, counter-clockwise (Rodrigues).
 fn rotated(v: Vec3, axis: Vec3, angle: f64) -> Vec3 {
     let along = axis * axis.dot(&v);
     let across = v - along;
@@ -362,7 +368,8 @@ struct Line {
     direction: Vec3,
 }
 
-/// The point nearest to two lines; `corner` is the number of the corner for messages.
+/// The point nearest to two lines; `corner` is the number of the corner for messages. The error states that the lines
+/// are parallel: the sine of their angle is below 1e-8.
 fn crossing(a: Line, b: Line, corner: usize) -> Result<Vec3, String> {
     // The feet a + s u and b + t v of the common normal u x v; their middle where the lines do not meet.
     let (u, v) = (a.direction.normalize(), b.direction.normalize());
@@ -379,8 +386,9 @@ fn crossing(a: Line, b: Line, corner: usize) -> Result<Vec3, String> {
     Ok(((a.point + s * u) + (b.point + t * v)) / 2.0)
 }
 
-/// The shrinking s and rotation theta of regular faces that make all edges of a snub solid equal; `p` is pi
-/// over the number of a face's corners. Two edges across a pair of faces have to equal the edge of a face.
+/// The shrinking s and rotation theta (radians) of regular faces that make all edges of a snub solid equal, for the
+/// dihedral angle `delta` in radians; `p` is pi over the number of a face's corners. Two edges across a pair of faces
+/// have to equal the edge of a face. The error states that Newton's method finds no such pair.
 fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
     // Two faces over the edge from (-1/2, 0, 0) to (1/2, 0, 0), the first in the plane z = 0 on y > 0.
     let radius = 0.5 / p.sin();
@@ -404,6 +412,8 @@ fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
         let edge = (b - a).norm_squared();
         [(a - e).norm_squared() - edge, (a - d).norm_squared() - edge]
     };
+    // Newton's method with a numerical Jacobian from the middle of the range; the solutions for regular solids are
+    // near it.
     let (mut s, mut theta) = (0.5, 0.25);
     for _ in 0..60 {
         let f = residual(s, theta);

@@ -23,6 +23,7 @@ const NO_FACE: u32 = u32::MAX;
 
 /// The colour of a group, red, green and blue from 0 to 1: hues a golden section apart.
 pub fn group_color(group: u32) -> [f64; 3] {
+    // HSV to RGB; the factor is the golden section's share, so that consecutive groups differ.
     let hue = 6.0 * (0.618034 * f64::from(group)).fract();
     let (saturation, value) = (0.65, 0.95);
     [5.0, 3.0, 1.0].map(|k: f64| {
@@ -43,7 +44,8 @@ pub struct DepthBuffer {
 }
 
 impl PolyMesh {
-    /// A picture on white, 4 bytes a pixel (red, green, blue, 255), rows from the top.
+    /// A picture on white, 4 bytes a pixel (red, green, blue, 255), rows from the top. The model fills the picture up
+    /// to a margin, seen in perspective from a fixed direction.
     ///
     /// # Errors
     /// As [`PolyMesh::triangulated`].
@@ -100,12 +102,14 @@ impl PolyMesh {
             .map(|k| axes[k] * LIGHT_DIRECTION[k])
             .sum::<Vec3>()
             .normalize();
+        // A share of ambient light, and the rest by the angle to the lamp.
         let colors = (0..self.face_count()).map(|f| {
             let shade = 0.38 + 0.62 * self.normal(f).dot(&light).max(0.0);
             group_color(self.groups()[f]).map(|c| 255.0 * c * shade)
         });
         let colors: Vec<[f64; 3]> = colors.collect();
         // The mean edge of a face, in samples: edges fade where faces are small.
+        // No ink below 6 samples an edge, then more up to 0.75.
         let mean = self.area().sqrt() * scale / (self.face_count() as f64).sqrt();
         let ink = ((mean - 6.0) / 40.0).clamp(0.0, 0.75);
         let pixels = samples.pixels(|n, face| {
@@ -119,7 +123,7 @@ impl PolyMesh {
 }
 
 impl DepthBuffer {
-    /// An empty picture of so many pixels, with `edge` samples along each edge of a pixel.
+    /// An empty picture of (width, height) pixels, with `edge` samples along each edge of a pixel.
     pub fn new([width, height]: [usize; 2], edge: usize) -> Self {
         let [columns, rows] = [width * edge, height * edge];
         Self {
@@ -131,7 +135,8 @@ impl DepthBuffer {
         }
     }
 
-    /// Draws a triangle of points (column and row of samples, nearness above 0); the nearer face wins.
+    /// Draws a triangle of points (column and row of samples, nearness above 0); the nearer face wins. Either
+    /// orientation is drawn; a triangle without area is not.
     pub fn fill(&mut self, [a, b, c]: [[f64; 3]; 3], face: u32) {
         // Twice the signed area of the triangle p, q, (x, y).
         let turn = |p: [f64; 3], q: [f64; 3], x: f64, y: f64| {
@@ -166,14 +171,15 @@ impl DepthBuffer {
         }
     }
 
-    /// Whether the sample to the right or below shows another face.
+    /// Whether the sample to the right or below sample `n` shows another face, or none.
     fn is_edge(&self, n: usize) -> bool {
         let (right, below) = (n + 1, n + self.columns);
         let differs = |m: usize| self.face.get(m).is_some_and(|&f| f != self.face[n]);
         (right % self.columns != 0 && differs(right)) || differs(below)
     }
 
-    /// Pixels, rows from the top, as means of the colours of their samples, by number and face.
+    /// Pixels, rows from the top, as means of the colours of their samples. `color` gets the number of a sample and its
+    /// face, `None` for the background.
     pub fn pixels(
         &self,
         color: impl Fn(usize, Option<usize>) -> [f64; 3],

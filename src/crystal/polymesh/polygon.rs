@@ -128,7 +128,7 @@ impl Polygon {
         unit(direction).ok_or_else(|| format!("corner {i} has no direction along its side planes"))
     }
 
-    /// The greatest distance of a corner from the mean plane: that through the mean of the corners with the normal.
+    /// The greatest distance of a corner from the mean plane, through the mean of the corners, with the normal.
     pub fn max_plane_distance(&self) -> f64 {
         let centre = mean(&self.points);
         let distance = |p: &Vec3| (p - centre).dot(&self.normal).abs();
@@ -157,8 +157,8 @@ impl EdgePlane {
     }
 }
 
-/// The unit direction of the intersection line of two planes, of its two senses the one away from both edges; the
-/// bisector of the directions away from them where the planes are parallel or undefined.
+/// The unit direction of the intersection line of two planes, in the sense that leads away from both edges. Where the
+/// planes are parallel or undefined it is the bisector of the directions away from them; `None` where these cancel.
 pub(super) fn intersection_direction(p: EdgePlane, q: EdgePlane) -> Option<Vec3> {
     let sum = p.away + q.away;
     let cross = p.normal.cross(&q.normal);

@@ -172,12 +172,12 @@ impl Remesh {
         self.row().parameters
     }
 
-    /// Corners of the result for each corner of the mesh, at most.
+    /// Corners of the result for each corner of the mesh, at most; the dual changes neither count.
     pub(super) fn growth(&self) -> u64 {
         self.row().growth
     }
 
-    /// The same, at least.
+    /// Corners of the result for each corner of the mesh, at least.
     pub(super) fn least_growth(&self) -> u64 {
         if self.row().is_exact {
             self.growth()
@@ -252,12 +252,14 @@ impl Remesh {
             scheme: self.name(),
             error,
         };
+        // Faces of the scheme itself know their old face.
         if !self.dual {
             // dual_X: the dual, the scheme, the dual again. Its faces come from no old face.
             let built = (self.row().rule)(&Old::new(mesh), &self.values).map_err(fault)?;
             let groups = self.groups(&built, mesh)?;
             return PolyMesh::new(built.vertices, built.faces, groups).map_err(fault);
         }
+        // dual_X: the dual, the scheme, the dual again. Its faces come from no old face.
         let mesh_of = |made: RuleResult| made.and_then(MeshBuilder::mesh).map_err(fault);
         let inner = mesh_of(face::dual(&Old::new(mesh), &[]))?;
         let middle = mesh_of((self.row().rule)(&Old::new(&inner), &self.values))?;
@@ -267,7 +269,7 @@ impl Remesh {
         PolyMesh::new(built.vertices, built.faces, groups).map_err(fault)
     }
 
-    /// The groups of the new faces, by the grouping of the scheme.
+    /// The groups of the new faces, by the grouping of the scheme; `NoParent` where it needs parents that are missing.
     fn groups(&self, built: &MeshBuilder, old: &PolyMesh) -> Result<Vec<u32>, RemeshError> {
         let greatest = old.greatest_group();
         let faces = built.classes.iter().zip(&built.parents);
@@ -307,7 +309,8 @@ impl fmt::Display for Remesh {
 /// The parent of a face that does not come from a single old face.
 const NO_PARENT: u32 = u32::MAX;
 
-/// The old mesh with its connectivity.
+/// The old mesh with its connectivity. A corner c stands for the half-edge from its vertex to the next vertex of its
+/// face, and counts through all faces.
 struct Old<'a> {
     mesh: &'a PolyMesh,
     ring: Ring<'a>,
@@ -336,11 +339,12 @@ impl<'a> Old<'a> {
         self.mesh.faces().span(f)
     }
 
+    /// The corner of the half-edge on the other side of the edge of corner `c`.
     fn twin(&self, c: usize) -> usize {
         self.mesh.twin(c)
     }
 
-    /// The first corner of every edge.
+    /// One corner of every edge, in the order of the edges.
     fn edge_corners(&self) -> impl Iterator<Item = usize> + '_ {
         self.ring.edges.iter().map(|&c| c as usize)
     }
@@ -351,6 +355,7 @@ impl<'a> Old<'a> {
         a + t * (b - a)
     }
 
+    /// The number of the edge of corner `c`.
     fn edge(&self, c: usize) -> u32 {
         self.ring.edge[c]
     }
@@ -366,6 +371,7 @@ impl<'a> Old<'a> {
             .flat_map(move |c| [self.along(c, t), self.along(self.twin(c), t)])
     }
 
+    /// The mean of the corners of each face, in order.
     fn centres(&self) -> impl Iterator<Item = Vec3> + '_ {
         (0..self.faces()).map(|f| self.mesh.centre(f))
     }
@@ -390,7 +396,7 @@ impl<'a> Old<'a> {
     }
 }
 
-/// The mesh under construction.
+/// The mesh under construction: for each face its class, from 1, and its parent, the old face that it comes from.
 struct MeshBuilder {
     vertices: Vec<Vec3>,
     faces: Faces,
@@ -420,6 +426,7 @@ impl MeshBuilder {
         first
     }
 
+    /// Appends a face of vertex numbers.
     fn face(&mut self, class: u8, parent: u32, face: impl IntoIterator<Item = u32>) {
         self.faces.push(face);
         self.classes.push(class);
@@ -439,4 +446,5 @@ impl MeshBuilder {
     }
 }
 
+/// What a rule of the table returns: a mesh whose topology is checked later, or why an intermediate mesh is invalid.
 type RuleResult = Result<MeshBuilder, PolyError>;

@@ -6,7 +6,7 @@
 
 use super::Isotropic;
 
-/// Lower and upper bounds.
+/// Lower and upper bounds, in the unit of the given moduli and conductivities.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Bounds {
     /// Of the bulk modulus; in the plane of lambda + mu.
@@ -17,7 +17,8 @@ pub struct Bounds {
     pub conductivity: [f64; 2],
 }
 
-/// The mean with a comparison value, which gives both bounds.
+/// The generalised mean 1 / sum(share / (value + comparison)) - comparison. With the comparison value of the stiffer
+/// phase it is the upper bound, with that of the softer phase the lower one. `share` is that of `values[0]`.
 fn compared(values: [f64; 2], share: f64, comparison: f64) -> f64 {
     if values == [0.0; 2] {
         return 0.0;
@@ -32,16 +33,20 @@ fn compared(values: [f64; 2], share: f64, comparison: f64) -> f64 {
     }
 }
 
+/// The lower and the upper bound: `compared` with the comparison values of both phases, in ascending order.
 fn both(values: [f64; 2], share: f64, comparison: impl Fn(usize) -> f64) -> [f64; 2] {
     let [a, b] = [0, 1].map(|n| compared(values, share, comparison(n)));
     [a.min(b), a.max(b)]
 }
 
 impl Bounds {
-    /// Bounds in space; `share` is that of the first material, `conductivities` are of both.
+    /// Bounds in space; `share` is the volume fraction of the first material, `conductivities` are of both, in the same
+    /// order.
     pub fn in_space(materials: [Isotropic; 2], conductivities: [f64; 2], share: f64) -> Self {
         let bulk = materials.map(Isotropic::bulk);
         let shear = materials.map(|m| m.mu);
+        // Comparison value of the shear modulus: g (9 k + 8 g) / (6 (k + 2 g)). It is 0 without shear stiffness, where
+        // k may be 0 as well.
         let zeta = |n: usize| {
             let (k, g) = (bulk[n], shear[n]);
             if g == 0.0 {
@@ -56,7 +61,7 @@ impl Bounds {
         }
     }
 
-    /// Bounds in the plane, plane strain.
+    /// Bounds in the plane, plane strain. Arguments as for [`Bounds::in_space`].
     pub fn in_plane(materials: [Isotropic; 2], conductivities: [f64; 2], share: f64) -> Self {
         let bulk = materials.map(|m| m.lambda + m.mu);
         let shear = materials.map(|m| m.mu);

@@ -13,11 +13,11 @@ const CHUNK_LENGTH: usize = 1 << 13;
 
 /// A symmetric positive system on periodic fields.
 pub(super) trait System {
-    /// K p.
+    /// q = K p, for the homogeneous problem (no load).
     fn apply(&self, p: &[f32], q: &mut [f64]);
-    /// The residual of a solution under the present load.
+    /// The residual r = f - K u of a solution under the present load f.
     fn residual(&self, u: &[f64], r: &mut [f64]);
-    /// An approximate inverse of K.
+    /// z = P r with P an approximate, symmetric inverse of K. Buffers of transforms change, hence `&mut`.
     fn precondition(&mut self, r: &[f64], z: &mut [f64]);
 }
 
@@ -39,7 +39,8 @@ impl Default for Control {
     }
 }
 
-/// Buffers that all load cases share.
+/// Buffers that all load cases share: the residual `r`, the vector `q` that holds z and then K p, and the search
+/// direction `p`. All have one value per component and voxel.
 pub(super) struct Workspace {
     r: Vec<f64>,
     q: Vec<f64>,
@@ -56,7 +57,8 @@ impl Workspace {
     }
 }
 
-/// The sum of products, chunk by chunk in a fixed order.
+/// The sum of products, chunk by chunk in a fixed order, so that it does not depend on the threads. Eight partial
+/// sums per chunk let the compiler vectorise.
 pub(super) fn dot<T: Copy + Into<f64> + Sync>(a: &[T], b: &[f64]) -> f64 {
     let parts: Vec<f64> = a
         .par_chunks(CHUNK_LENGTH)
@@ -83,7 +85,7 @@ pub(super) fn dot<T: Copy + Into<f64> + Sync>(a: &[T], b: &[f64]) -> f64 {
     parts.iter().sum()
 }
 
-/// y += factor x.
+/// y += factor x, in place.
 pub(super) fn add<T: Copy + Into<f64> + Sync>(y: &mut [f64], factor: f64, x: &[T]) {
     y.par_chunks_mut(CHUNK_LENGTH)
         .zip(x.par_chunks(CHUNK_LENGTH))
@@ -125,7 +127,13 @@ impl Begin {
     }
 }
 
-/// Solves for the present load, beginning at `u`; returns the number of iterations.
+/// Solves K u = f for the present load f of `system`, beginning at `u`, which is overwritten; returns the number of
+/// iterations. `begin` has to agree with `u`: with `Begin::Zero` it is all zeros. The contents of `space` do not
+/// matter.
+///
+/// # Errors
+/// `NotConverged` after `control.max_iterations`, or where a sum is not finite; `Cancelled`. `u` then holds the
+/// last iterate.
 pub(super) fn solve(
     system: &mut impl System,
     u: &mut [f64],
@@ -156,6 +164,7 @@ pub(super) fn solve(
         let first = *goal.get_or_insert(product);
         // sqrt(r.z / r0.z0): the residual in the norm of P, which measures strains.
         let residual = (product.max(0.0) / first).sqrt();
+        // Without a load the start solves the system; a product that rounding makes 0 or negative ends it too.
         if first <= 0.0 || product <= 0.0 || residual <= control.tolerance {
             return Ok(iteration);
         }
@@ -202,5 +211,6 @@ pub(super) fn solve(
         add(u, alpha, p);
         add(r, -alpha, q);
     }
+    // The last pass of the loop always returns, so that this line is not reached.
     Ok(control.max_iterations)
 }

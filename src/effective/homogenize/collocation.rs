@@ -17,6 +17,7 @@ pub(super) struct Collocation {
     transforms: [[Arc<dyn Fft<f64>>; 2]; 3],
 }
 
+// Fields lie layer by layer across x; within a layer one component after the other, each over y and z.
 impl Collocation {
     pub fn new(grid: Grid) -> Self {
         let mut planner = FftPlanner::<f64>::new();
@@ -34,7 +35,7 @@ impl Collocation {
         Frequencies::trigonometric(self.grid)
     }
 
-    /// Transforms along all axes, forward (0) or back (1).
+    /// Transforms along all axes in place, forward (`direction` 0) or back (1), without scaling.
     fn transform_in_place(&self, field: &mut [Complex64], direction: usize) {
         let counts = self.grid.counts();
         let strides = [counts[1] * counts[2], counts[2], 1];
@@ -57,19 +58,19 @@ impl Collocation {
         }
     }
 
-    /// The index of a place in an array over voxels.
+    /// The voxel (i, j, k) with the number `n`, z fastest.
     fn index(&self, n: usize) -> [usize; 3] {
         let [_, ny, nz] = self.grid.counts();
         [n / (ny * nz), n / nz % ny, n % nz]
     }
 
-    /// Place of a component at a voxel in a field.
+    /// Index of component `c` at voxel `n` in a field of so many components.
     fn place(&self, components: usize, c: usize, n: usize) -> usize {
         let layer = self.grid.layer();
         (n / layer * components + c) * layer + n % layer
     }
 
-    /// Gradients over all voxels: of each component along each axis.
+    /// Gradients over all voxels: field 3 c + a is the derivative of component c along axis a.
     fn gradients<const C: usize, T: Copy + Into<f64>>(&self, input: &[T]) -> Vec<Vec<f64>> {
         let count = self.grid.voxels();
         let mut all = Vec::with_capacity(3 * C);
@@ -77,6 +78,7 @@ impl Collocation {
             let value = |n| Complex64::new(input[self.place(C, c, n)].into(), 0.0);
             let mut spectrum: Vec<Complex64> = (0..count).map(value).collect();
             self.transform_in_place(&mut spectrum, 0);
+            // d/dx_a is the factor i q_a; 1 / count scales the pair of transforms.
             for a in 0..3 {
                 let derived = |(n, v): (usize, &Complex64)| {
                     v * Complex64::new(0.0, self.frequencies.at(self.index(n))[a] / count as f64)
@@ -89,7 +91,8 @@ impl Collocation {
         all
     }
 
-    /// Calls `visit` with each row of voxels and its gradients.
+    /// Calls `visit` with the first voxel of each row along z and the gradients of the row, one field after the other.
+    /// What `visit` writes replaces them.
     fn rows(&self, gradients: &mut [Vec<f64>], mut visit: impl FnMut(usize, &mut [f64])) {
         let nz = self.grid.counts()[2];
         let mut row = vec![0.0; gradients.len() * nz];
@@ -104,7 +107,8 @@ impl Collocation {
         }
     }
 
-    /// The transpose of the gradient, applied to `flux` of the gradient of `input`.
+    /// The transpose of the gradient, applied to `flux` of the gradient of `input`, into `output`. C is the number of
+    /// components: 1 for potentials, 3 for displacements.
     pub fn transform<const C: usize, T: Copy + Into<f64>>(
         &self,
         input: &[T],
@@ -134,7 +138,7 @@ impl Collocation {
         }
     }
 
-    /// Sums of `part` of the gradients over all voxels.
+    /// Sums over all rows what `part` returns for a row: it gets the row's first voxel and its gradients.
     pub fn sum<const C: usize, const M: usize, T: Copy + Into<f64>>(
         &self,
         input: &[T],

@@ -1,4 +1,8 @@
 //! Effective conductivity, thermal or electric: three unit gradients on a periodic two-phase medium.
+//!
+//! The potential fluctuation u is the unknown, div k (G + grad u) = 0 with the mean gradient G; the Green operator of
+//! the solid preconditions it. Conductivities are in the unit of those given, lengths in reference lengths. A void
+//! may have conductivity 0; the solid may not.
 
 use super::cg::{self, Begin, Control, System, Workspace};
 use super::derivative::{Derivative, Scheme};
@@ -22,13 +26,14 @@ pub struct Conduction<'a> {
     gradient: [f64; 3],
 }
 
-/// The results of the three load cases.
+/// The results of the load cases, one for each axis.
 pub struct Conductivity {
-    /// The effective conductivity.
+    /// The effective conductivity, in the unit of the given ones; columns of load cases that were not solved are 0.
     pub matrix: [[f64; 3]; 3],
     /// Iterations of each load case.
     pub iterations: [usize; 3],
-    /// Potentials of the load cases, where they were kept.
+    /// Potentials of the load cases, one value per voxel, z fastest; empty unless the solution began with given
+    /// ones.
     pub potentials: Vec<Vec<f64>>,
 }
 
@@ -48,6 +53,7 @@ impl<'a> Conduction<'a> {
         check_shares(grid, shares)?;
         // A solid that does not conduct leaves no finite medium; a void may conduct nothing.
         for (found, least) in [(solid, f64::MIN_POSITIVE), (void, 0.0)] {
+            // The message is the same for both; a void of 0 does not get it.
             if !(found.is_finite() && found >= least) {
                 return Err(HomogenizeError::Material {
                     what: "conductivity",
@@ -69,6 +75,8 @@ impl<'a> Conduction<'a> {
         })
     }
 
+    /// Writes sign k (G + grad u) over the potential gradients of a row: `first` is its first voxel, `gradient` is G,
+    /// and `rows` holds the derivatives along x, y, z one after the other.
     #[inline(always)]
     fn flux(&self, gradient: &[f64; 3], sign: f64, first: usize, rows: &mut [f64]) {
         let nz = rows.len() / 3;
@@ -82,8 +90,9 @@ impl<'a> Conduction<'a> {
         }
     }
 
-    /// Solves load cases: unit gradients along axes. `start` as for
-    /// [`Elasticity::solve`](super::Elasticity::solve).
+    /// Solves load cases: unit gradients along the axes that `loads` lists (0 to 2). `start` holds potentials to begin
+    /// with; those of another number of voxels count as absent, and all are given back in the result. With `None` each
+    /// load case begins with zero and its potential is dropped.
     ///
     /// # Errors
     /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
@@ -127,8 +136,8 @@ impl<'a> Conduction<'a> {
         Ok(found)
     }
 
-    /// The response to one mean gradient: the potential from that in `u` on, if it is of this grid, and the
-    /// mean flux.
+    /// The response to one mean gradient: the mean flux. `u` holds the potential to begin with, or anything of
+    /// another length to begin with zero, and holds the solution afterwards.
     ///
     /// # Errors
     /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
@@ -160,8 +169,8 @@ impl<'a> Conduction<'a> {
         sum.map(|s| s / self.grid.voxels() as f64)
     }
 
-    /// The energy density of that response by the share of solid in each voxel: the derivative of
-    /// `gradient . K gradient` times the number of voxels.
+    /// The energy density of a response `u` of [`Conduction::respond`], derived by the share of solid in each voxel:
+    /// (`k_solid` - `k_void`) |e|^2. It is the derivative of `gradient . K gradient` times the number of voxels.
     pub fn energy_sensitivity(&self, gradient: [f64; 3], u: &[f64]) -> Vec<f64> {
         let nz = self.grid.counts()[2];
         let found = Mutex::new(vec![0.0; self.shares.len()]);
@@ -174,6 +183,7 @@ impl<'a> Conduction<'a> {
                         difference * (e(0) * e(0) + e(1) * e(1) + e(2) * e(2))
                     })
                     .collect();
+                // Rows arrive from many threads. A lock fails only after a panic in another thread.
                 if let Ok(mut found) = found.lock() {
                     found[first..first + nz].copy_from_slice(&own);
                 }
@@ -218,6 +228,7 @@ impl<'a> Conduction<'a> {
         }
         let difference = self.solid - self.void;
         let found = found.into_inner().unwrap_or_default();
+        // The order 11 22 33 23 13 12 of Voigt's notation.
         let pairs = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)];
         chosen
             .into_iter()

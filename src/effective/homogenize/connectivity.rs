@@ -1,4 +1,7 @@
 //! Connectivity on the torus: whether a phase is one component and along which axes it percolates.
+//!
+//! Voxels are connected through faces only, and opposite sides of the grid are the same. A component percolates along
+//! an axis where a path in it returns to its start a whole number of periods further along that axis.
 
 use super::grid::Grid;
 use std::collections::BTreeSet;
@@ -17,13 +20,15 @@ pub struct Connectivity {
 }
 
 impl Connectivity {
-    /// The components of the voxels for which `belongs` is true.
+    /// The components of the voxels for which `belongs` is true; it gets the number of a voxel, z fastest. Without
+    /// such voxels all counts are 0.
     pub fn of(grid: Grid, belongs: impl Fn(usize) -> bool) -> Self {
         let counts = grid.counts();
         let strides = [counts[1] * counts[2], counts[2], 1];
         let total = grid.voxels();
         let mut found = Self::default();
-        // The period in which the search reached each voxel.
+        // The period in which the search reached each voxel, relative to its seed; saturating, since only differences
+        // from 0 matter.
         let mut reached: Vec<Option<[i16; 3]>> = vec![None; total];
         let mut largest = 0;
         let mut stack: Vec<usize> = Vec::new();
@@ -89,6 +94,7 @@ impl Connectivity {
                 found.percolates[axis] |= w[axis] != 0;
             }
         }
+        // A single layer is a phase without end along its axis: it percolates there as soon as it has voxels.
         for axis in 0..3 {
             found.percolates[axis] |= counts[axis] == 1 && found.voxels > 0;
         }

@@ -1,4 +1,7 @@
 //! The discretisation scheme of gradients: rotated or Fourier.
+//!
+//! Conductivity and elasticity need the gradient of a field, its transpose, and sums over gradients. This file passes
+//! each to the chosen scheme; the arithmetic is in `stencil.rs` (rotated) and `collocation.rs` (Fourier).
 
 use super::HomogenizeError;
 use super::collocation::Collocation;
@@ -22,6 +25,8 @@ pub(super) enum Derivative {
 }
 
 impl Derivative {
+    /// The scheme on a grid; `HomogenizeError::Grid` for the Fourier scheme on an even number of voxels, where the
+    /// highest frequency has no derivative.
     pub fn new(grid: Grid, scheme: Scheme) -> Result<Self, HomogenizeError> {
         match scheme {
             Scheme::Rotated => Ok(Self::Rotated(Stencil::new(grid))),
@@ -37,7 +42,8 @@ impl Derivative {
         }
     }
 
-    /// The transpose of the gradient, applied to `flux` of the gradient of `input`.
+    /// The transpose of the gradient, applied to `flux` of the gradient of `input`, into `output`. C is the number of
+    /// components. `flux` overwrites rows of gradients in place.
     pub fn transform<const C: usize, T: Copy + Into<f64> + Sync>(
         &self,
         input: &[T],
@@ -62,6 +68,7 @@ impl Derivative {
         }
     }
 
+    /// The frequencies i q of the scheme's derivative, for the Green operator.
     pub fn frequencies(&self) -> Frequencies {
         match self {
             Self::Rotated(s) => s.frequencies(),

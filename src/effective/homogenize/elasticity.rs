@@ -17,7 +17,8 @@ use druse_geometry::progress::Progress;
 /// Names of the load cases.
 pub const LOADS: [&str; 6] = ["11", "22", "33", "23", "13", "12"];
 
-/// The components of the displacement gradient in each Voigt strain; two for shear, which are added.
+/// The components of the displacement gradient in each Voigt strain; two for shear, which are added. Component
+/// 3 c + a is du_c/dx_a.
 const VOIGT_GRADIENTS: [[usize; 2]; 6] = [[0, 0], [4, 4], [8, 8], [5, 7], [2, 6], [1, 3]];
 
 /// The medium, its operators and buffers.
@@ -33,14 +34,14 @@ pub struct Elasticity<'a> {
     strain: [f64; 6],
 }
 
-/// The results of the six load cases.
+/// The results of the load cases, one for each Voigt strain.
 pub struct Stiffness {
-    /// The effective stiffness.
+    /// The effective stiffness, in the unit of the given moduli; columns of load cases that were not solved are 0.
     pub matrix: Voigt,
     /// Iterations of each load case.
     pub iterations: [usize; 6],
-    /// Displacements of the load cases, where they were kept: layer by layer across x, of
-    /// each the three components over y and z.
+    /// Displacements of the load cases, where they were kept: layer by layer across x, and in each layer the
+    /// three components, each over y and z.
     pub displacements: Vec<Vec<f64>>,
 }
 
@@ -72,14 +73,15 @@ impl<'a> Elasticity<'a> {
         })
     }
 
-    /// Bytes for each voxel that a solution takes; with kept displacements of all load cases.
+    /// Bytes for each voxel that a solution takes; `keeps`: whether those of all load cases are kept.
     pub fn bytes_per_voxel(keeps: bool) -> u64 {
         let fields = if keeps { 6 } else { 1 };
-        // Shares, displacements, residual, product, direction, two buffers of transforms.
+        // Shares, displacements, residual, product, direction (single precision), two buffers of transforms.
         8 + 24 * fields + 24 + 24 + 12 + Spectral::<3>::BYTES_PER_VOXEL + 1
     }
 
-    /// Stresses of a row of voxels in the place of its displacement gradients, under a mean strain.
+    /// Writes stresses over the displacement gradients of a row of voxels, under the mean strain `strain` (Voigt,
+    /// engineering shear). `first` is the row's first voxel; `rows` holds nine rows of equal length.
     #[inline(always)]
     fn stress(&self, strain: &[f64; 6], first: usize, rows: &mut [f64]) {
         let nz = rows.len() / 9;
@@ -115,7 +117,7 @@ impl<'a> Elasticity<'a> {
         }
     }
 
-    /// Mean stress under the present strain.
+    /// Mean stress over all voxels under the present strain, Voigt order; `u` are the displacements.
     fn mean_stress(&self, u: &[f64]) -> [f64; 6] {
         let strain = self.strain;
         let sum = self
@@ -183,8 +185,8 @@ impl<'a> Elasticity<'a> {
         Ok(found)
     }
 
-    /// The response to one mean strain (Voigt, engineering shear): displacements from those in `u` on, if
-    /// they are of this grid, and the mean stress.
+    /// The response to one mean strain (Voigt, engineering shear): the mean stress. `u` holds displacements to begin
+    /// with, or anything of another length to begin with zero, and holds the solution afterwards.
     ///
     /// # Errors
     /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
@@ -203,8 +205,8 @@ impl<'a> Elasticity<'a> {
         Ok(self.mean_stress(u))
     }
 
-    /// Twice the energy density of that response by the share of solid in each voxel:
-    /// `e : (C_solid - C_void) : e`, the derivative of `strain : C : strain` times the number of voxels.
+    /// Twice the energy density of a response `u` of [`Elasticity::respond`], derived by the share of solid in each
+    /// voxel: `e : (C_solid - C_void) : e`. It is the derivative of `strain : C : strain` times the number of voxels.
     pub fn energy_sensitivity(&self, strain: [f64; 6], u: &[f64]) -> Vec<f64> {
         let all: Vec<usize> = (0..self.shares.len()).collect();
         let gradients = self.gradients_at(u, &all, self.grid.counts()[2]);
@@ -267,11 +269,13 @@ impl<'a> Elasticity<'a> {
             .collect()
     }
 
-    /// Displacement gradients at some voxels, in ascending order.
+    /// Displacement gradients at the voxels `chosen`, which ascend; component 3 c + a is du_c/dx_a. `nz` is the number
+    /// of voxels of a row.
     fn gradients_at(&self, u: &[f64], chosen: &[usize], nz: usize) -> Vec<[f64; 9]> {
         let found = std::sync::Mutex::new(vec![[0.0; 9]; chosen.len()]);
         self.derivative
             .sum::<3, 1, f64>(u, &|first, rows: &mut [f64]| {
+                // The voxels of this row are one range of `chosen`. A lock fails only after a panic in another thread.
                 let from = chosen.partition_point(|n| *n < first);
                 let to = chosen.partition_point(|n| *n < first + nz);
                 if from < to

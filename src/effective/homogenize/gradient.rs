@@ -37,21 +37,24 @@ pub struct Derivatives {
 }
 
 /// Sensitivities to the shares of voxels, as [`Elasticity`](super::Elasticity) and
-/// [`Conduction`](super::Conduction) give them, of the same voxels in ascending order.
+/// [`Conduction`](super::Conduction) give them: times the number of voxels, of the same voxels in ascending order.
+/// Voxels that are left out count as insensitive.
 pub struct Sensitivities {
-    /// Of the stiffness.
+    /// Of the stiffness, in the order of [`PAIRS`](super::PAIRS).
     pub elastic: Vec<(usize, [f64; 21])>,
-    /// Of the conductivity.
+    /// Of the conductivity, in the order 11 22 33 23 13 12; may be empty.
     pub thermal: Vec<(usize, [f64; 6])>,
 }
 
-/// An orbit pair of a series.
+/// An orbit of a series: the frequencies that symmetry ties to one coefficient. It is self-paired where it holds -k
+/// with each k.
 struct Orbit {
     members: Vec<[i32; 3]>,
     is_self_paired: bool,
 }
 
-/// The functions that multiply the real parameters of a series.
+/// The functions that multiply the real parameters of a series. `bound` is the greatest |index|, `to_lattice` maps a
+/// reference point to lattice coordinates, and `parameters` lists index, "re" or "im", and value.
 struct Basis {
     orbits: Vec<Orbit>,
     bound: i32,
@@ -99,7 +102,7 @@ impl Basis {
         }
     }
 
-    /// Values of all functions at a point of the element.
+    /// Replaces `out` by the values of all functions at a point of the element, in the order of `parameters`.
     fn values(&self, p: CellPoint<3>, out: &mut Vec<f64>) {
         let u = (self.to_lattice)(p.0);
         let bound = self.bound;
@@ -133,7 +136,9 @@ impl Basis {
     }
 }
 
-/// Derivatives with respect to the level and to every real parameter of a cell that is one series.
+/// Derivatives with respect to the level, which comes first, and to every real parameter of a cell that is one series,
+/// in the order of its coefficients: the real part, then the imaginary part if the orbit has one. `samples` are those
+/// of `period` that `sensitivities` refer to.
 ///
 /// # Errors
 /// [`HomogenizeError::NoCoefficients`] for beams and for expressions of several series.
@@ -179,6 +184,7 @@ pub fn by_coefficients(
     Ok(all)
 }
 
+/// sum += factor own, for all outputs.
 fn add(sum: &mut [f64; OUTPUT_COUNT], factor: f64, own: &[f64; OUTPUT_COUNT]) {
     for (s, v) in sum.iter_mut().zip(own) {
         *s += factor * v;
@@ -217,7 +223,8 @@ fn derivatives(
     }
 }
 
-/// The sums over one layer of voxels: by every parameter, and by the level.
+/// The sums over layer `i` of voxels across x: by every parameter, and by the level. The grid has `ny` by `nz` voxels
+/// in a layer. Sums are not divided by the number of voxels.
 fn layer(
     period: &Period,
     samples: &Samples,
@@ -227,7 +234,8 @@ fn layer(
 ) -> (Vec<[f64; OUTPUT_COUNT]>, [f64; OUTPUT_COUNT]) {
     let counts = samples.counts();
     let parts = samples.parts([0; 3]).count() as f64;
-    // The derivatives with respect to the value of a sample.
+    // The derivatives with respect to the value of a sample, by the sample's indices. Slopes reach into the layers
+    // beside this one, which is why the key is a sample of the whole grid.
     let mut weights: BTreeMap<[usize; 3], [f64; OUTPUT_COUNT]> = BTreeMap::new();
     let mut by_level = [0.0; OUTPUT_COUNT];
     // Sensitivities are sorted by voxel: those of this layer are consecutive.

@@ -1,4 +1,4 @@
-//! Isotropic materials, and tensors of voxels that hold two of them.
+//! Isotropic materials by Lame's moduli, and their mixtures. Moduli are in any one unit; nothing here converts it.
 
 use super::HomogenizeError;
 use super::tensor::Voigt;
@@ -57,7 +57,8 @@ impl Isotropic {
         }
     }
 
-    /// The material whose in-plane law under plane strain is this one's under plane stress.
+    /// The material whose in-plane law under plane strain is this one's under plane stress: the law in the plane is the
+    /// same, the stress across it is not.
     #[must_use]
     pub fn plane_stress(self) -> Self {
         Self {
@@ -75,7 +76,7 @@ impl Isotropic {
         }
     }
 
-    /// The stiffness matrix, engineering shear.
+    /// The stiffness matrix in the Voigt order 11 22 33 23 13 12, engineering shear.
     pub fn stiffness(self) -> Voigt {
         let mut c = [[0.0; 6]; 6];
         for i in 0..3 {

@@ -1,4 +1,7 @@
 //! Periodic scaffolds of equal tets.
+//!
+//! A packing fills the unit cube around the origin and repeats with period 1 along each axis. Points are mapped into
+//! the tet that contains them by sorting coordinates, without a search.
 
 use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 
@@ -62,17 +65,20 @@ impl Packing {
         all
     }
 
-    /// Barycentric coordinates of a point of the cube around the origin in the tet that contains it, for a cell
-    /// that does not depend on the numbering of the vertices.
+    /// Barycentric coordinates of a point of the cube around the origin (each coordinate within 1/2) in the tet that
+    /// contains it. Their order follows the sorted coordinates, so that it serves only cells that do not depend on the
+    /// numbering of the vertices.
     pub(super) fn barycentric(self, p: Vec3) -> [f64; 4] {
         match self {
             Self::Bcc => {
+                // By symmetry the point lies in the tet of (0, 0, 0) and (1, 0, 0) with a >= b >= c.
                 let mut d = [p.x.abs(), p.y.abs(), p.z.abs()];
                 d.sort_by(f64::total_cmp);
                 let [c, b, a] = d;
                 [1.0 - a - b, a - b, b - c, b + c]
             }
             Self::Kuhn => {
+                // From the corner (-1/2, -1/2, -1/2): the tet of the order of the coordinates.
                 let mut d = [p.x + 0.5, p.y + 0.5, p.z + 0.5];
                 d.sort_by(f64::total_cmp);
                 let [c, b, a] = d;
@@ -88,13 +94,13 @@ impl Packing {
         CellPoint((0..4).map(|i| vertices[i] * weights[i]).sum())
     }
 
-    /// The greatest shrinkage of lengths from the reference tet to those of the packing.
+    /// The least factor by which lengths change from the reference tet to a tet of the packing.
     pub(crate) fn shrinkage(self) -> f64 {
         self.scales()[0]
     }
 
-    /// The map from the reference tet to one of the packing: its greatest shrinkage of lengths, and the
-    /// cube root of its determinant.
+    /// The map from the reference tet to one of the packing: the least factor on lengths (its smallest singular value),
+    /// and the cube root of its determinant, the mean factor. The edges of the reference tet are invertible.
     pub(super) fn scales(self) -> [f64; 2] {
         let edges = |v: &[Vec3]| Mat3::from_columns(&[v[1] - v[0], v[2] - v[0], v[3] - v[0]]);
         let reference = edges(&Element::Tet.vertices());

@@ -26,6 +26,7 @@ use std::collections::BTreeSet;
 const GROWTH: f64 = 0.5;
 
 /// The map from the reference element into the period.
+// Identity for a hex; a tet has one map for each tet of the packing.
 type Place = Box<dyn Fn(Vec3) -> Vec3>;
 
 /// The contents of a period.
@@ -43,6 +44,7 @@ pub struct Period {
 }
 
 impl Period {
+    /// Refuses elements that do not tile space periodically here: `HomogenizeError::Element`.
     fn check(element: Element) -> Result<(), HomogenizeError> {
         match element {
             Element::Hex | Element::Quad | Element::Tet => Ok(()),
@@ -71,11 +73,12 @@ impl Period {
         })
     }
 
-    /// The period of struts and plates in an element's reference coordinates, as round beams. In tets radii
-    /// are scaled with the cube root of the volume.
+    /// The period of struts and plates in an element's reference coordinates, as round beams. In tets radii are scaled
+    /// with the cube root of the volume; centre lines are mapped exactly.
     ///
     /// # Errors
-    /// [`HomogenizeError::Element`] for other elements than hex and tet, and where the period is empty.
+    /// [`HomogenizeError::Element`] for other elements than hex and tet; [`HomogenizeError::Grid`] where the period is
+    /// empty.
     pub fn of_skeleton(
         element: Element,
         skeleton: &Skeleton,
@@ -153,7 +156,7 @@ impl Period {
         }
     }
 
-    /// Smallest diameter of beams and plates before scaling, in periods.
+    /// Smallest diameter of beams and plates before scaling by volume fraction, in periods; `None` for cells.
     pub fn least_diameter(&self) -> Option<f64> {
         match &self.filling {
             PeriodField::Cell(_) => None,
@@ -225,7 +228,8 @@ impl Period {
         }
     }
 
-    /// Samples of the field on `n` voxels along the period, `fineness` along each edge of a voxel.
+    /// Samples of the field on `n` voxels along the period, `fineness` along each edge of a voxel. The level and the
+    /// solid side are those of the cell; beams are solid below level 0, their values being signed distances in periods.
     ///
     /// # Errors
     /// [`HomogenizeError::Grid`], [`HomogenizeError::Band`] where the cell has frequencies above the grid's
@@ -261,7 +265,7 @@ impl Period {
         Samples::new(grid, fineness, values, solid, level)
     }
 
-    /// Values of a cell at every sample.
+    /// Values of a cell at every sample, z fastest.
     fn direct(
         &self,
         cell: &Cell,
@@ -286,7 +290,8 @@ impl Period {
         Ok(values)
     }
 
-    /// Values of a cell with all symmetries of the cube; one of 48 equivalent samples is evaluated.
+    /// Values of a cell with all symmetries of the cube, `n` samples along each axis, z fastest; one of 48 equivalent
+    /// samples is evaluated.
     fn octahedral(
         &self,
         cell: &Cell,
@@ -328,7 +333,8 @@ impl Period {
     }
 }
 
-/// The place of a sample of a grid over the period.
+/// The place of sample `at` of a grid over the period, which is centred on the origin: the centre of its part; 0 along
+/// an axis with a single sample.
 pub(super) fn place(counts: [usize; 3], at: [usize; 3]) -> Vec3 {
     Vec3::from_fn(|a, _| {
         if counts[a] == 1 {
@@ -339,6 +345,7 @@ pub(super) fn place(counts: [usize; 3], at: [usize; 3]) -> Vec3 {
     })
 }
 
+/// `Cancelled` once the user has stopped, so that values left at 0 are not used.
 fn stopped(progress: &dyn Progress) -> Result<(), HomogenizeError> {
     if progress.cancelled() {
         Err(Cancelled.into())
@@ -347,7 +354,7 @@ fn stopped(progress: &dyn Progress) -> Result<(), HomogenizeError> {
     }
 }
 
-/// Distances to beams at every sample of a cube.
+/// Signed distances to beams at every sample of a cube, in periods, negative inside, z fastest.
 fn of_beams(
     beams: &Beams,
     counts: [usize; 3],
@@ -376,7 +383,8 @@ fn of_beams(
     Ok(layers.into_iter().flatten().map(f64::from).collect())
 }
 
-/// Parts of a period and parts of neighbours that reach into it, without duplicates.
+/// Parts of a period and parts of neighbours that reach into it, without duplicates. `known` holds the rounded corners
+/// and radius of each.
 struct Unique<const K: usize> {
     known: BTreeSet<Vec<i64>>,
     found: Vec<([Vec3; K], f64)>,
@@ -392,7 +400,8 @@ impl<const K: usize> Default for Unique<K> {
 }
 
 impl<const K: usize> Unique<K> {
-    /// Adds a part, and its images in neighbouring periods that reach into this one.
+    /// Adds a part, and its images in neighbouring periods that reach into this one. A part may lie up to two periods
+    /// away. Equal parts agree to 1e-7 in their corners, in any order, and to 1e-9 in their radius.
     fn add(&mut self, corners: &[Vec3; K], radius: f64) {
         let cube = Aabb::of([Vec3::repeat(-0.5), Vec3::repeat(0.5)]);
         let reach = cube.dilated(radius + GROWTH);

@@ -21,7 +21,8 @@ pub struct Samples {
     level: f64,
 }
 
-/// A share with its derivatives by the field's value, its slopes (per part) and the level.
+/// A share of solid, from 0 to 1, with its derivatives by the field's value, its slopes (the rise over one part along
+/// each axis) and the level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Share {
     pub value: f64,
@@ -30,8 +31,10 @@ pub(super) struct Share {
     pub by_level: f64,
 }
 
-/// The share of solid in a part.
+/// The share of solid in a part with this value at its centre and this slope (the rise over one part along each axis).
 pub(super) fn part(solid: Solid, level: f64, value: f64, slope: [f64; 3]) -> Share {
+    // The share below `level`, times `sign`. `rise` is the derivative of that level by the level of the solid, -1
+    // for the lower wall of a sheet.
     let one = |level: f64, sign: f64, rise: f64| {
         let (share, by_height, by_slope) = cube_share(level - value, slope);
         Share {
@@ -129,7 +132,7 @@ impl Samples {
         self.values[(i * ny + j) * nz + k]
     }
 
-    /// The neighbours of a sample along an axis, before and after.
+    /// The neighbours of a sample along an axis, before and after, across the periodic sides.
     pub(super) fn neighbours(&self, at: [usize; 3], axis: usize) -> [[usize; 3]; 2] {
         let n = self.counts()[axis];
         let moved = |by: usize| {
@@ -140,7 +143,7 @@ impl Samples {
         [moved(n - 1), moved(1)]
     }
 
-    /// Slopes at a sample, per part.
+    /// Slopes at a sample: the rise over one part along each axis, by central differences.
     pub(super) fn slope(&self, at: [usize; 3]) -> [f64; 3] {
         std::array::from_fn(|axis| {
             let [before, after] = self.neighbours(at, axis);
@@ -148,7 +151,7 @@ impl Samples {
         })
     }
 
-    /// The parts of a voxel.
+    /// The parts of a voxel, by their indices among all samples.
     pub(super) fn parts(&self, [i, j, k]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> + use<> {
         let f = self.fineness;
         let deep = if self.grid.is_planar() { 1 } else { f };
@@ -158,7 +161,7 @@ impl Samples {
         })
     }
 
-    /// The share of solid in each voxel.
+    /// The share of solid in each voxel, from 0 to 1, z fastest.
     pub fn shares(&self) -> Vec<f64> {
         let level = self.level;
         let [_, ny, nz] = self.grid.counts();
@@ -185,7 +188,8 @@ impl Samples {
         mean(&self.shares())
     }
 
-    /// The level at which the solid has a given share of the period, by Newton steps within a bisection.
+    /// The level at which the solid has a given share of the period, by Newton steps within a bisection; at most 60
+    /// steps, and then the last level. For a symmetric solid it is not negative.
     ///
     /// # Errors
     /// [`HomogenizeError::Fraction`] unless 0 < `fraction` < 1.
@@ -228,7 +232,7 @@ impl Samples {
         Ok(level)
     }
 
-    /// The share of solid at a level, and its derivative by the level.
+    /// The share of solid in the period at a level, and its derivative by the level.
     fn fraction_at(&self, level: f64) -> (f64, f64) {
         let [nx, ny, nz] = self.counts();
         let layers: Vec<[f64; 2]> = (0..nx)
@@ -249,9 +253,8 @@ impl Samples {
         (total(0), total(1))
     }
 
-    /// Area of the surface between solid and void over the volume of the period, per reference length, from
-    /// the rate at which the volume of the solid grows with the level: the integral of dS / |slope| times the
-    /// slope.
+    /// Area of the surface between solid and void over the volume of the period, per reference length. It is the rate
+    /// at which the share of solid grows with the level, which is the integral of dS / |slope|, times the slope.
     pub fn surface_per_volume(&self) -> f64 {
         let [nx, ny, nz] = self.grid.counts();
         let per_part = self.spacing_of_parts();
@@ -264,6 +267,8 @@ impl Samples {
                         let slope = self.slope(p);
                         let own = part(self.solid, self.level, self.value(p), slope);
                         let steep: f64 = (0..3).map(|a| (slope[a] / per_part[a]).powi(2)).sum();
+                        // The two walls of a sheet move alike with the level, but oppositely with the value, where they
+                        // would cancel.
                         let walls = if self.solid.is_symmetric() {
                             own.by_level
                         } else {
@@ -286,7 +291,7 @@ impl Samples {
     }
 }
 
-/// Samples along each axis of a grid.
+/// Samples along each axis of a grid; planar grids have one along z.
 pub(super) fn fine_counts(grid: Grid, fineness: usize) -> [usize; 3] {
     let [nx, ny, nz] = grid.counts();
     let deep = if grid.is_planar() { 1 } else { fineness };

@@ -1,11 +1,15 @@
 //! Schemes that put points at the corners within every face.
+//!
+//! The function of a scheme takes the old mesh and the values `p` of its parameters in the order of the table. V, E, F
+//! are the numbers of old vertices, edges and faces, with a prime those of the result. Corner c is the half-edge from
+//! its vertex to the next one of its face; old vertices keep their numbers where they remain.
 
 use super::weight::{doo_sabin as doo_sabin_weight, honeycomb, weighted};
 use super::{MeshBuilder, NO_PARENT, Old, RuleResult};
 use druse_geometry::frame::Vec3;
 
-/// One point per corner; makes faces, quads over edges and faces round vertices. Faces with two corners are
-/// left out.
+/// Takes one point per corner; makes faces, quads over edges and faces round vertices. Vertices of degree 2 get no
+/// face, which would have two corners.
 fn over(old: &Old, points: Vec<Vec3>) -> MeshBuilder {
     let mut s = MeshBuilder::new(points);
     s.inner_faces(old, 0);
@@ -26,6 +30,7 @@ fn over(old: &Old, points: Vec<Vec3>) -> MeshBuilder {
     s
 }
 
+/// One point per corner: the weighted mean of its face's corners with the own weight `own(n)` of an n-gon.
 fn by_weight(old: &Old, own: impl Fn(usize) -> f64) -> Vec<Vec3> {
     let faces = (0..old.faces()).map(|f| old.mesh.points(f));
     faces
@@ -38,12 +43,13 @@ pub(super) fn doo_sabin(old: &Old, _: &[f64]) -> RuleResult {
     Ok(over(old, by_weight(old, doo_sabin_weight)))
 }
 
-/// Doo and Sabin's rule with a given own weight.
+/// Doo and Sabin's rule with the given own weight p = (alpha).
 pub(super) fn corner_cutting(old: &Old, p: &[f64]) -> RuleResult {
     Ok(over(old, by_weight(old, |_| p[0])))
 }
 
-/// Doo and Sabin's topology, with every edge of a face moved inward by half the thickness (in the model's unit).
+/// Doo and Sabin's topology, with every edge of a face moved inward by half the thickness p = (thickness), in the
+/// model's unit. Straight corners have no such point: the mesh is then refused as not finite.
 pub(super) fn modified_corner_cutting(old: &Old, p: &[f64]) -> RuleResult {
     let point = |c: usize| {
         let v = old.ring.at(c);
@@ -55,6 +61,8 @@ pub(super) fn modified_corner_cutting(old: &Old, p: &[f64]) -> RuleResult {
     Ok(over(old, (0..old.corners()).map(point).collect()))
 }
 
+/// p = (tension, twist).
+///
 /// Old vertices and inner corners: inner faces, hexagons over edges. V' = V + 2E, E' = 4E, F' = F + E.
 ///
 /// Inner corners are weighted means of the points at `twist` along the edges. The own weight is that of a
@@ -72,6 +80,7 @@ pub(super) fn root4(old: &Old, p: &[f64]) -> RuleResult {
     for c in old.edge_corners() {
         let t = old.twin(c);
         let (x, y) = (old.ring.vertex(c) as u32, old.ring.vertex(t) as u32);
+        // Both inner points of the edge on either side, and its two ends.
         let [f, g] = [c, t].map(|c| [inner + c as u32, inner + old.ring.next[c]]);
         s.face(2, NO_PARENT, [x, g[1], g[0], y, f[1], f[0]]);
     }
@@ -106,7 +115,8 @@ pub(super) fn dual_twelve_six_four(old: &Old, p: &[f64]) -> RuleResult {
     Ok(s)
 }
 
-/// The dual of [`dual_twelve_six_four`] applied to the dual mesh. V' = V + E + F, E' = 6E, F' = 4E.
+/// The dual of [`dual_twelve_six_four`] applied to the dual mesh. V' = V + E + F, E' = 6E, F' = 4E. No face has a
+/// parent.
 pub(super) fn twelve_six_four(old: &Old, p: &[f64]) -> RuleResult {
     let inner = super::face::dual(old, &[])?.mesh()?;
     let middle = dual_twelve_six_four(&Old::new(&inner), p)?.mesh()?;
@@ -124,7 +134,7 @@ fn halved(old: &Old) -> RuleResult {
     Ok(s)
 }
 
-/// Edges split, then Doo and Sabin's rule without the faces of two corners.
+/// Edges split, then Doo and Sabin's rule, without the faces of two corners at the midpoints.
 /// V' = 4E, E' = 7E, F' = F + 2E + V.
 pub(super) fn doo_sabin_bc(old: &Old, _: &[f64]) -> RuleResult {
     let mesh = halved(old)?.mesh()?;
@@ -156,7 +166,8 @@ pub(super) fn doo_sabin_bc_new(old: &Old, _: &[f64]) -> RuleResult {
     Ok(s)
 }
 
-/// An inner face in every face, scaled about its centre and lifted. V' = V + 2E, E' = 5E, F' = F + 2E.
+/// An inner face in every face, scaled about its centre and lifted, p = (scale, height); the height is in mean edges of
+/// the face. V' = V + 2E, E' = 5E, F' = F + 2E.
 pub(super) fn loft(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = MeshBuilder::with_old_vertices(old);
     let mut points = Vec::with_capacity(old.corners());

@@ -1,10 +1,14 @@
 //! Domes: edges quartered, then seven rings after Doo and Sabin's rule, each scaled and lifted.
+//!
+//! `old` is the mesh with its connectivity; corner c is the half-edge from its vertex to the next one of its face.
+//! Faces of class 1 are the caps, those of class 2 the quads between rings.
 
 use super::weight::{doo_sabin, weighted};
 use super::{MeshBuilder, Old, RuleResult};
 use druse_geometry::frame::Vec3;
 
-/// Heights of the rings in mean edges of the face, and their scales.
+/// Rings from the base upward: lift above the ring below in mean edges of the face, and scale about the ring's centre.
+/// Doo and Sabin's rule shrinks a ring, which scales above 1 undo. The last ring closes the dome almost to a point.
 const RINGS: [(f64, f64); 7] = [
     (0.0, 1.6),
     (0.3, 1.7),
@@ -15,7 +19,7 @@ const RINGS: [(f64, f64); 7] = [
     (0.01, 0.01),
 ];
 
-/// A dome over every face, `p` = [height, scale]: V' = V + 59E, E' = 116E, F' = F + 56E.
+/// A dome over every face, `p` = (factor on heights, factor on scales): V' = V + 59E, E' = 116E, F' = F + 56E.
 pub(super) fn dome(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = MeshBuilder::with_old_vertices(old);
     let quarter = s.points(

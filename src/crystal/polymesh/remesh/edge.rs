@@ -1,4 +1,8 @@
 //! Schemes that put points on the edges only, and those that cut corners by them.
+//!
+//! The function of a scheme takes the old mesh and the values `p` of its parameters in the order of the table. V, E, F
+//! are the numbers of old vertices, edges and faces, with a prime those of the result. Corner c is the half-edge from
+//! its vertex to the next one of its face.
 
 use super::face::neighbours;
 use super::weight::{honeycomb as honeycomb_weight, weighted};
@@ -18,7 +22,7 @@ pub(super) fn simplest(old: &Old, _: &[f64]) -> RuleResult {
     Ok(s)
 }
 
-/// Corners cut off at a share of the edges. V' = 2E, E' = 3E, F' = F + V.
+/// Corners cut off at the share p = (offset) of each edge, from either end. V' = 2E, E' = 3E, F' = F + V.
 pub(super) fn vertex_truncation(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = MeshBuilder::new(old.edge_point_pairs(p[0]).collect());
     for f in 0..old.faces() {
@@ -50,7 +54,7 @@ pub(super) fn honeycomb(old: &Old, _: &[f64]) -> RuleResult {
 
 /// Midpoints joined in every face: triangles at the corners. V' = V + E, E' = 4E, F' = F + 2E.
 ///
-/// Old vertices move to `length` v + (1 - `length`) mean(middles around).
+/// Old vertices move to `length` v + (1 - `length`) mean(middles around), p = (length).
 pub(super) fn loop_style(old: &Old, p: &[f64]) -> RuleResult {
     let vertices = (0..old.vertices()).map(|v| {
         let point = old.mesh.vertices()[v];
@@ -63,6 +67,8 @@ pub(super) fn loop_style(old: &Old, p: &[f64]) -> RuleResult {
     Ok(s)
 }
 
+/// Adds n + 1 faces per n-gon: the inner face of midpoints (class 1) and a triangle at each corner (class 2).
+/// `middle` is the number of the first midpoint; midpoints have the order of edges.
 fn split(s: &mut MeshBuilder, old: &Old, middle: u32) {
     for f in 0..old.faces() {
         s.face(1, f as u32, old.span(f).map(|c| middle + old.edge(c)));
@@ -97,8 +103,8 @@ pub(super) fn loop_smooth(old: &Old, _: &[f64]) -> RuleResult {
 /// Two points an edge, an inner polygon in every face, quads between: a checkerboard.
 /// V' = V + 4E, E' = 9E, F' = F + 4E.
 ///
-/// The inner corner of v is v + t (before - v) + t (after - v). At a reflex corner the shift is reversed; at a
-/// straight corner it points inward, normal to the edge, by t times the mean edge length.
+/// The inner corner of v is v + t (before - v) + t (after - v), p = (t). At a reflex corner the shift is reversed; at
+/// a straight corner it points inward, normal to the edge, by t times the mean length of its two edges.
 pub(super) fn checkerboard(old: &Old, p: &[f64]) -> RuleResult {
     let t = p[0];
     let mut s = MeshBuilder::with_old_vertices(old);
@@ -113,6 +119,7 @@ pub(super) fn checkerboard(old: &Old, p: &[f64]) -> RuleResult {
             let back = old.ring.at(old.ring.prior(c)) - v;
             let turn = out.cross(&back).dot(&normal);
             let scale = out.norm() * back.norm();
+            // Straight: a sine below 1e-9 with edges that run apart.
             let shift = if turn.abs() <= 1e-9 * scale && out.dot(&back) < 0.0 {
                 let length = f64::midpoint(out.norm(), back.norm());
                 normal.cross(&(out - back)).normalize() * length
@@ -142,7 +149,7 @@ pub(super) fn checkerboard(old: &Old, p: &[f64]) -> RuleResult {
     Ok(s)
 }
 
-/// Midpoints, and the midpoints scaled about their mean, in every face: pentagons at the corners.
+/// Midpoints, and the midpoints scaled by p = (scale) about their mean, in every face: pentagons at the corners.
 /// V' = V + 3E, E' = 6E, F' = F + 2E.
 pub(super) fn pentagon_preserving(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = MeshBuilder::with_old_vertices(old);

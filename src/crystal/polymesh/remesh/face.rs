@@ -1,4 +1,8 @@
 //! Schemes that put a point in every face: duals, stellations, quads about corners.
+//!
+//! The function of a scheme takes the old mesh and the values `p` of its parameters in the order of the table. V, E, F
+//! are the numbers of old vertices, edges and faces, with a prime those of the result. Corner c is the half-edge from
+//! its vertex to the next one of its face; lifted points are in mean edges of their face.
 
 use super::{MeshBuilder, NO_PARENT, Old, RuleResult};
 use druse_geometry::frame::Vec3;
@@ -41,7 +45,7 @@ fn stellated(old: &Old, which: fn(usize) -> bool, height: f64) -> RuleResult {
     Ok(s)
 }
 
-/// Stellated twice, with the first apexes lifted. V' = V + F + 2E, E' = 9E, F' = 6E.
+/// Stellated twice, the first apexes lifted by p = (height), the second not. V' = V + F + 2E, E' = 9E, F' = 6E.
 pub(super) fn star(old: &Old, p: &[f64]) -> RuleResult {
     let first = stellate(old, p)?;
     let parents = first.parents.clone();
@@ -55,7 +59,7 @@ pub(super) fn star(old: &Old, p: &[f64]) -> RuleResult {
 
 /// Stellated, then every old edge flipped: triangles (a, `c_g`, `c_f`). V' = V + F, E' = 3E, F' = 2E.
 ///
-/// With `smooth` old vertices move to (1 - w) v + w mean(neighbours), w = (4 - 2 cos(2 pi/k))/9 (Kobbelt,
+/// With `smooth` (p above 1/2) old vertices move to (1 - w) v + w mean(neighbours), w = (4 - 2 cos(2 pi/k))/9 (Kobbelt,
 /// *sqrt(3)-subdivision*, 2000).
 pub(super) fn root3(old: &Old, p: &[f64]) -> RuleResult {
     let mut vertices = old.mesh.vertices().to_vec();
@@ -101,7 +105,7 @@ pub(super) fn double_stellate(old: &Old, p: &[f64]) -> RuleResult {
     edge_removal(&Old::new(&mesh), &[0.0])
 }
 
-/// The mean of the neighbours of a vertex, and their number.
+/// The mean of the neighbours of a vertex along its edges, and their number.
 pub(super) fn neighbours(old: &Old, v: usize) -> (Vec3, f64) {
     let mut sum = Vec3::zeros();
     let mut count = 0.0;
@@ -121,6 +125,8 @@ pub(super) fn linear(old: &Old, _: &[f64]) -> RuleResult {
     Ok(s)
 }
 
+/// Adds a quad (v, midpoint, centre, midpoint) at each corner; `middle` and `centre` are the numbers of the first
+/// midpoint and the first centre.
 fn quads(s: &mut MeshBuilder, old: &Old, middle: u32, centre: u32) {
     for c in 0..old.corners() {
         let f = old.ring.face[c];
@@ -180,7 +186,7 @@ pub(super) fn pentagonal(old: &Old, p: &[f64]) -> RuleResult {
     Ok(s)
 }
 
-/// [`pentagonal`], then every vertex moved to the mean of the centres of its faces.
+/// [`pentagonal`], then every vertex, old or new, moved to the mean of the centres of its faces.
 pub(super) fn cubic_pentagonal(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = pentagonal(old, p)?;
     let mesh = MeshBuilder {
@@ -205,7 +211,7 @@ pub(super) fn cubic_pentagonal(old: &Old, p: &[f64]) -> RuleResult {
 
 /// Midpoints joined in every face, with a pyramid on the inner polygon. V' = V + E + F, E' = 6E, F' = 4E.
 ///
-/// The height of the pyramid is `offset` sqrt(max(0, m^2 - a^2)), with m the mean distance of neighbouring
+/// The height of the pyramid is p = (offset) times sqrt(max(0, m^2 - a^2)), with m the mean distance of neighbouring
 /// midpoints and a half the mean distance from a midpoint to the opposite midpoint or corner.
 pub(super) fn fractal(old: &Old, p: &[f64]) -> RuleResult {
     let mut s = MeshBuilder::with_old_vertices(old);

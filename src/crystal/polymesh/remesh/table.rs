@@ -1,4 +1,6 @@
-//! The table of remeshing schemes.
+//! The table of remeshing schemes: names, parameters with their ranges, classes of new faces, growth, and the rule.
+//!
+//! A new scheme is one more row here and a function in `corner.rs`, `edge.rs`, `face.rs` or `dome.rs`.
 
 use super::{Old, OpenRange, Parameter, RuleResult, corner, dome, edge, face};
 
@@ -9,10 +11,11 @@ pub(super) struct Row {
     pub parameters: &'static [Parameter],
     /// Names of the classes of new faces.
     pub classes: &'static [&'static str],
-    /// Maximum number of new corners per old corner.
+    /// Maximum number of new corners per old corner; the size of a result is checked by it before the rule runs.
     pub growth: u64,
-    /// Whether all meshes grow so much.
+    /// Whether the result has exactly so many corners for all meshes.
     pub is_exact: bool,
+    /// Makes the new mesh of the old one and the values of the parameters, in the order of `parameters`.
     pub rule: fn(&Old, &[f64]) -> RuleResult,
 }
 

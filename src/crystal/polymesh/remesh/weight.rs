@@ -6,19 +6,20 @@
 use druse_geometry::frame::Vec3;
 use std::f64::consts::TAU;
 
-/// Doo and Sabin's own weight.
+/// Doo and Sabin's own weight of a corner of an `n`-gon.
 pub(super) fn doo_sabin(n: usize) -> f64 {
     0.25 + 5.0 / (4.0 * n as f64)
 }
 
-/// The own weight of the honeycomb scheme: sqrt(1/2) - 1/4 + 5/(4n).
+/// The own weight of the honeycomb scheme for an `n`-gon: sqrt(1/2) - 1/4 + 5/(4n).
 pub(super) fn honeycomb(n: usize) -> f64 {
     0.5f64.sqrt() - 0.5 + doo_sabin(n)
 }
 
-/// The weighted means of a polygon's points, one for each.
+/// The weighted means of a polygon's points, one for each, where a point has the weight `own` in its own mean.
 pub(super) fn weighted(points: &[Vec3], own: f64) -> Vec<Vec3> {
     let n = points.len();
+    // The weights of the other corners sum to 1 - own: sum over j of 3 + 2 cos is 3n - 5 without the corner itself.
     let share = (1.0 - own) / (3 * n - 5) as f64;
     let turn: Vec<(f64, f64)> = (0..n)
         .map(|j| (TAU * j as f64 / n as f64).sin_cos())
